@@ -12,7 +12,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
+from typing import get_type_hints
 
 import pdoc
 
@@ -29,6 +30,7 @@ def main(folder: str = "api") -> None:
     for package in map(importlib.import_module, PACKAGES):
         for thing in public_things(package):
             resolve_fields(thing)
+            take_over(thing)
     footer = f"locplan {locplan.__version__}"
     pdoc.render.configure(docformat="numpy", footer_text=footer)
     pdoc.pdoc(*PACKAGES, output_directory=Path(folder))
@@ -45,10 +47,12 @@ def public_things(package: ModuleType) -> Iterator[object]:
 
 
 def resolve_fields(thing: object) -> None:
-    """Let the signature of a dataclass hold the types of its fields, not their names.
+    """Let the signature of a dataclass or NamedTuple hold the types of its fields, not their names.
 
     pdoc looks a type up in the module of the class, also that of a field of another class.
     """
+    if inspect.isclass(thing) and hasattr(thing, "_fields"):  # a NamedTuple
+        thing.__new__.__annotations__ |= get_type_hints(thing)
     if not (inspect.isclass(thing) and dataclasses.is_dataclass(thing)):
         return
     signature = thing.__init__.__annotations__
@@ -58,6 +62,16 @@ def resolve_fields(thing: object) -> None:
             if isinstance(signature.get(field), str):
                 with suppress(NameError):  # a type for the checker only is shown by its name
                     signature[field] = eval(kind, dict(names))
+
+
+def take_over(thing: object) -> None:
+    """Let a class hold what it has from bases that have no page, such as `save` of results."""
+    for base in thing.__mro__[1:] if inspect.isclass(thing) else ():
+        for name, member in vars(base).items():
+            public_name = base.__module__.startswith("locplan._util.") and not name.startswith("_")
+            kept = isinstance(member, (FunctionType, classmethod, property))
+            if public_name and kept and inspect.getattr_static(thing, name) is member:
+                setattr(thing, name, member)
 
 
 if __name__ == "__main__":

@@ -8,27 +8,27 @@ from __future__ import annotations
 import sys
 
 import locplan
+from locplan.comparison import Execution, RandomQueries
 
 
 def main(folder: str = "comparison", seconds: float = 1.0, *maps: str) -> None:
     result = locplan.compare(
         maps or [locplan.maps.environments.make("two_corridors", resolution=0.1)],
         ["grid", "any-angle", "InformedRRTstar", "BITstar", "RRTConnect"],
-        queries=6,
-        least_distance=15.0,
+        RandomQueries(6, least_distance=15.0),
         weights=[0.0, 4.0],
         seeds=[1, 2],
-        time_limit=seconds,
+        execution=Execution(time_limit=seconds),
         configs={  # what if the lidar saw further?
             "6 m": locplan.Sad(range=6.0),
             "8 m": locplan.Sad(range=8.0),
         },
     )
-    print(result.table())
+    print(result.report())
     for name, answer in result.answers().items():
         print(f"{name}: {answer}")
-    for path in result.save(folder):
-        print(f"wrote {path}")
+    result.save(folder)
+    print(f"wrote {folder}")
 
 
 if __name__ == "__main__":

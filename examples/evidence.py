@@ -16,7 +16,7 @@ import numpy as np
 import locplan
 from locplan._util.intervals import Interval
 from locplan.field import SHORT_LIDAR
-from locplan.planners import alternatives, random_queries
+from locplan.planners import random_queries
 from locplan.robots import Amcl, Robot
 from locplan.simulation import (
     Drives,
@@ -25,7 +25,6 @@ from locplan.simulation import (
     evaluate,
     poses_along,
 )
-from locplan.simulation._scores import log_errors, selected
 
 OWN = Path(__file__).resolve().parent.parent / "maps"
 PRODUCT = {"laser_model_type": "likelihood_field_prob"}
@@ -47,10 +46,11 @@ ALTERNATIVES = 2
 """Least number of ways beside the shortest of a query that counts."""
 LEAST_DISTANCE, LONGEST_DISTANCE = 10.0, 80.0
 """Least distance from start to goal, and greatest length of the shortest path [m]."""
-DRIVES, CHOOSING = 32, 8
-"""Drives of each path, and those of the even worlds by which one is chosen; odd worlds judge."""
+DRIVES = 32
+"""Drives of each path that judge, in other worlds than those that chose."""
 WEIGHTS = (4.0, 8.0, 12.0)
-SHORTEST, CHOICE, HINDSIGHT = "shortest", "the simulated choice", "hindsight"
+SHORTEST, INFLATED = "shortest", "inflated"
+CHOICE, HINDSIGHT = "the simulated choice", "hindsight"
 
 
 def main(
@@ -85,36 +85,32 @@ class Driven:
     drives: Mapping[str, Drives]
     candidates: Sequence[str]
     """The names of the paths among which the simulated choice is made, the shortest first."""
-
-    def judged(self, name: str) -> np.ndarray:
-        """The mean squares of a path's drives in odd worlds, (drives,) [m^2]."""
-        return self.drives[name].mean_squares[1::2]
+    chosen: str
+    """The name of the path that it takes."""
 
     def rmse(self, name: str) -> float:
-        return float(np.sqrt(self.judged(name).mean()))
+        """The error of a typical drive [m]."""
+        return self.drives[name].typical_rmse.value
 
     def path_of(self, objective: str) -> str:
         """The path that an objective takes."""
         if objective == HINDSIGHT:
             return min(self.candidates, key=self.rmse)
-        if objective != CHOICE:
-            return objective
-        even = slice(0, 2 * CHOOSING, 2)
-        every = [self.drives[name] for name in self.candidates]
-        scores = [log_errors(d.distance, d.errors[even], "rmse", np.inf).mean() for d in every]
-        lost = [d.lost[even].mean() for d in every]
-        return self.candidates[selected(np.array(scores), np.array(lost), "rmse")[0]]
+        if objective == CHOICE:
+            return self.chosen
+        return objective if objective in self.drives else self.candidates[0]
 
     def changes(self, objective: str) -> Change:
         """What an objective's path changes against the shortest."""
         name, shortest = self.path_of(objective), self.candidates[0]
-        apart = 0.5 * np.log(self.judged(name) / self.judged(shortest))
-        spread = apart.std(ddof=1) / np.sqrt(len(apart))
-        clear = name != shortest and abs(apart.mean()) > 2.1 * spread
+        squares = [self.drives[path].mean_squares for path in (name, shortest)]
+        apart = 0.5 * np.log(squares[0] / squares[1])
+        deviation = apart.std(ddof=1) / np.sqrt(len(apart))
+        clear = name != shortest and abs(apart.mean()) > 2.1 * deviation
         return Change(
-            float(np.log(self.rmse(name) / self.rmse(shortest))),
+            float(apart.mean()),
             self.lengths[name] / self.lengths[shortest] - 1,
-            float(self.drives[name].lost[1::2].mean()),
+            float(self.drives[name].lost.mean()),
             better=bool(clear and apart.mean() < np.log(0.9)),
             worse=bool(clear and apart.mean() > -np.log(0.9)),
         )
@@ -125,7 +121,7 @@ class Change:
     """What the path of an objective changes against the shortest, on one query."""
 
     log_ratio: float
-    """The logarithm of the ratio of the RMSE over all judged drives."""
+    """The mean logarithm of the ratio of the RMSE of the drives."""
     longer: float
     """The share by which it is longer."""
     lost: float
@@ -148,27 +144,47 @@ def routes_of(grid: locplan.OccupancyGrid, count: int) -> Iterator[Driven]:
         costs = locplan.Costmap.from_field(grid, scan)
         taken = 0
         for query in queries:
-            found = alternatives(costs, query.start, query.goal)
+            known = Robot(lidar)
+            found = paths_of(locplan.choose(grid, *ends_of(query), known, costs=costs, drives=2))
             long = not found or next(iter(found.values())).length > LONGEST_DISTANCE
             if long or len(found) <= ALTERNATIVES or taken == QUERIES_TAKEN:
                 continue
             taken += 1
-            ends = query.start, query.goal
-            paths = {
-                **found,
-                **{f"`scan`, weight {w:g}": planned(costs, w, ends) for w in WEIGHTS},
-                "`sad`, weight 4": planned(sad, 4.0, ends),
+            others = {
+                **{f"`scan`, weight {w:g}": planned(costs, w, ends_of(query)) for w in WEIGHTS},
+                "`sad`, weight 4": planned(sad, 4.0, ends_of(query)),
             }
-            lines = [poses_along(path, grid) for path in paths.values()]
-            lengths = {name: path.length for name, path in paths.items()}
             for name, (amcl, own) in ROUTE_FILTERS.items():
                 if own is lidar:
-                    errors = Simulator(grid, robot=Robot(lidar, filter=amcl)).drive_together(
-                        lines, count
-                    )
-                    pairs = zip(paths, lines, errors, strict=True)
-                    drives = {path: Drives(line, each) for path, line, each in pairs}
-                    yield Driven(grid, name, lengths, drives, list(found))
+                    yield driven_by(Robot(lidar, filter=amcl), name, costs, query, others, count)
+
+
+def driven_by(
+    robot: Robot,
+    name: str,
+    costs: locplan.Costmap,
+    query: locplan.Query,
+    others: Mapping[str, locplan.Path],
+    count: int,
+) -> Driven:
+    """Choose a path with a filter, and drive all candidates and others afresh."""
+    choice = locplan.choose(costs.grid, *ends_of(query), robot, costs=costs, rival=None)
+    found = paths_of(choice)
+    paths = {**found, **others}
+    lines = [poses_along(path, costs.grid) for path in paths.values()]
+    errors = Simulator(costs.grid, robot).drive_together(lines, count)
+    triples = zip(paths, lines, errors, strict=True)
+    drives = {path: Drives(line, each) for path, line, each in triples}
+    lengths = {path: each.length for path, each in paths.items()}
+    return Driven(costs.grid, name, lengths, drives, list(found), choice.chosen.name)
+
+
+def ends_of(query: locplan.Query) -> tuple:
+    return query.start[:2], query.goal[:2]
+
+
+def paths_of(choice: locplan.Choice) -> dict[str, locplan.Path]:
+    return {each.name: each.path for each in choice.candidates}
 
 
 def planned(costs: locplan.Costmap, weight: float, ends: tuple) -> locplan.Path:
@@ -181,7 +197,7 @@ def routes_table(driven: Sequence[Driven]) -> str:
     """What each objective changes against the shortest path, for each filter."""
     objectives = [f"`scan`, weight {w:g}" for w in WEIGHTS]
     rows = []
-    for objective in [SHORTEST, "`sad`, weight 4", *objectives, CHOICE, HINDSIGHT]:
+    for objective in [SHORTEST, INFLATED, "`sad`, weight 4", *objectives, CHOICE, HINDSIGHT]:
         cells = [objective]
         for name in ROUTE_FILTERS:
             own = [each for each in driven if each.filter == name]
@@ -228,7 +244,7 @@ def maps_table(driven: Sequence[Driven]) -> str:
             changes = [each.changes(CHOICE) for each in here]
             shortest = [each.drives[each.candidates[0]] for each in here]
             median = np.median([each.median_error.value for each in shortest])
-            before = np.mean([each.lost[1::2].mean() for each in shortest])
+            before = np.mean([each.lost.mean() for each in shortest])
             after = np.mean([each.lost for each in changes])
             factor = np.exp(np.mean([each.log_ratio for each in changes]))
             cells.append(f"{median:.2f} m, {before:.0%} → {after:.0%}, x{factor:.2f}")

@@ -153,13 +153,13 @@ save_figure(locplan.plotting.path_figure(plan), 'path.png')
     Entry(
         "The shortest and the aware path",
         "The profile below shows where each path is degenerate.",
-        f"locplan plan {{map}} {QUERY} -o plan",
-        "plan/plan.png",
+        f"locplan plan {{map}} {QUERY} --drives 0 -o plan",
+        "plan/choice.png",
     ),
     Entry(
         "The best of a sampling-based planner over time",
         "Its J comes down towards any-angle's.",
-        f"locplan plan {{map}} {QUERY} --planner BITstar --time-limit 2 --no-verdict -o sampled",
+        f"locplan plan {{map}} {QUERY} --planner BITstar --time-limit 2 --drives 0 -o sampled",
         "sampled/history.png",
     ),
     Entry(
@@ -170,8 +170,8 @@ save_figure(locplan.plotting.path_figure(plan), 'path.png')
     ),
     Entry(
         "The simulated choice",
-        "Candidates are coloured by the error that AMCL had on them.",
-        f"locplan choose {{map}} {QUERY} -o chosen",
+        "The thick path is the one to take, the black one is the shortest.",
+        f"locplan plan {{map}} {QUERY} -o chosen",
         "chosen/choice.png",
     ),
     Entry(
@@ -211,7 +211,7 @@ save_figure(locplan.plotting.path_figure(plan), 'path.png')
         "marked/landmarks.png",
     ),
     Entry(
-        "Features that localization hangs on",
+        "Features that localization depends on",
         "Numbered walls and objects are those without which the robot's pose errs most.",
         "locplan features {map} --start {start} --goal {goal} --lidar {lidar} -o features",
         "features/features.png",

@@ -27,7 +27,7 @@ STOPS = ((7.0, 7.0), (39.0, 7.0), (39.0, 23.0), (20.5, 15.0))
 def main(folder: str = "recorded", map_file: str | None = None, file: str | None = None) -> None:
     grid = locplan.load_map(map_file or OFFICE)
     drive = read_drive(file) if file else simulated(grid)
-    print(drive.summary().table())
+    print(drive.report())
     print(fit_to_map(drive, grid).sentence)
 
     found = evaluate_drive(drive.every(max(1, len(drive) // 200)), grid)

@@ -6,12 +6,14 @@ from . import (
     field as field,
     landmarks as landmarks,
     maps as maps,
+    matching as matching,
     paper as paper,
     planners as planners,
     plotting as plotting,
     recordings as recordings,
     robots as robots,
     simulation as simulation,
+    testing as testing,
     twins as twins,
 )
 from .comparison import Comparison as Comparison, PlannerSpec as PlannerSpec, compare as compare
@@ -44,6 +46,7 @@ from .landmarks import (
     place_landmarks as place_landmarks,
 )
 from .maps import OccupancyGrid as OccupancyGrid, load_map as load_map, save_map as save_map
+from .matching import ScanDatabase as ScanDatabase
 from .planners import (
     CostToGo as CostToGo,
     ParetoFront as ParetoFront,
@@ -57,7 +60,6 @@ from .robots import Footprint as Footprint, Lidar as Lidar, Robot as Robot
 from .simulation import Choice as Choice, choose as choose, choose_many as choose_many
 from .twins import (
     Location as Location,
-    ScanDatabase as ScanDatabase,
     Twins as Twins,
     find_twins as find_twins,
     locate as locate,

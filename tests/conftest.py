@@ -56,7 +56,7 @@ def _undrawn(request, monkeypatch):
     """Pictures for files are made, but drawn only where a test is marked `draws`: it takes long."""
     if not request.node.get_closest_marker("draws"):
         monkeypatch.setattr("locplan.plotting._picture.Picture.savefig", save_undrawn)
-        drawn = "locplan.comparison.report._figures.svg_of"
+        drawn = "locplan.comparison._figures.svg_of"
         monkeypatch.setattr(drawn, lambda *_: "<svg/>")
 
 
@@ -113,7 +113,7 @@ class InlineWorkers:
 @pytest.fixture
 def inline_workers(monkeypatch):
     """Comparisons start no processes: for tests of what is compared, not of what runs it."""
-    monkeypatch.setattr("locplan.comparison._engine.Workers", InlineWorkers)
+    monkeypatch.setattr("locplan.comparison._comparing.Workers", InlineWorkers)
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from locplan.recordings import Recording
+from locplan.recordings import Recording, Topics, read_drive
 
 KINDS = ("mcap", "sqlite3", "ros1")
 SCAN, TF = "sensor_msgs/msg/LaserScan", "tf2_msgs/msg/TFMessage"
@@ -167,3 +167,10 @@ def write_drive(folder: Path, drive: Recording, kind: str, packed: str = "") -> 
                 bag.tf(time, bag.transform(time, "map", "odom", on(pose, back(reported))))
             bag.scan(time, lidar, drive.ranges[n])
     return path
+
+
+def read_with(path, **options):
+    """The drive in a log, with topics and frames among the options."""
+    names = [name for name in options if name in vars(Topics())]
+    topics = Topics(**{name: options.pop(name) for name in names})
+    return read_drive(path, topics=topics, **options)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from functools import cache
 
 from locplan.costs import Costmap
+from locplan.explorer import Opening
+from locplan.explorer._session import Session
 from locplan.explorer._view import View
 from locplan.field import CovarianceField, FieldConfig, Fisher, load_or_compute
 from locplan.maps import OccupancyGrid
@@ -28,3 +31,38 @@ def view(*, via=(), weight: float = 3.0, robot: Robot = ROBOT, **options) -> Vie
     grid, field = corridors()
     costs = Costmap.from_field(grid, field, weight=weight, **options)
     return View(grid, field, costs, robot, START, GOAL, tuple(via))
+
+
+WAY = {"start": list(START), "goal": list(GOAL), "via": [], "weight": 3.0}
+
+
+def session_of(with_field: bool = True, **opening) -> Session:
+    """A session with the corridors' field."""
+    grid, field = corridors()
+    session = Session(grid, Opening(field.config, **opening))
+    if with_field:
+        session.upkeep.begin(field).result(60)
+    return session
+
+
+def answered(session: Session, do: str, *, progress=lambda *_: None, **values):
+    """The answer to a question, through JSON as the page gets it."""
+    asked = json.loads(json.dumps(values))
+    told = session.answer(do, progress=progress, **asked)
+    return json.loads(json.dumps(told, allow_nan=False))
+
+
+class Ended(Exception):
+    """What the progress of a test raises."""
+
+
+def ending_after(calls: int):
+    """A progress callback that ends the work at a call, and the list of all calls."""
+    seen = []
+
+    def note(done: int, total: int, doing: str = "") -> None:
+        seen.append((done, total))
+        if len(seen) == calls:
+            raise Ended
+
+    return note, seen

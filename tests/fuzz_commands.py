@@ -124,7 +124,6 @@ USUAL = {
     "--limits": ("1e-4,1e-2",),
     "--magnify": ("1", "3"),
     "--max-e": ("0.5",),
-    "--max-labels": ("100", "10000"),
     "--memory": ("1", "2"),
     "--name": ("hall", "two_corridors"),
     "--older-than": ("0", "30"),
@@ -371,8 +370,8 @@ def prepare(folder: Path) -> None:
     (inputs / "broken.yaml").write_text("image: nowhere.pgm\n")
     (inputs / "empty").write_bytes(b"")
     (inputs / "noise.bin").write_bytes(random.Random(0).randbytes(200))
-    (inputs / "path.csv").write_text("x_m,y_m\n1.5,1.5\n9.5,2.5\n")
-    (inputs / "far.csv").write_text("x_m,y_m\n1.5,1.5\n1e12,1.5\n")
+    (inputs / "path.csv").write_text("x,y\n1.5,1.5\n9.5,2.5\n")
+    (inputs / "far.csv").write_text("x,y\n1.5,1.5\n1e12,1.5\n")
     (inputs / "params.yaml").write_text("amcl:\n  ros__parameters:\n    alpha1: 0.1\n")
     (inputs / "robot.yaml").write_text("robot: {lidar: turtlebot4, footprint: 0.1, margin: 0.0}\n")
     (inputs / "config.json").write_text('{"config": {"stride": 0.4}}\n')
@@ -470,7 +469,7 @@ def serve(folder: Path, answers: int) -> None:
         import_module(name)
     import locplan
     from locplan.cli import _application
-    from locplan.field import _cluster as cluster
+    from locplan.field import _compute as cluster
 
     _application.application()
     cluster.PATIENCE = 0.5

@@ -30,15 +30,13 @@ import yaml
 from drive_bags import KINDS, write_drive
 from PIL import Image
 
-from locplan.comparison._cases import read_movingai_map, read_scenarios
-from locplan.comparison._journal import Journal
-from locplan.comparison._specs import PlannerSpec
+from locplan._util.runs import Run
+from locplan.comparison import Journal, PlannerSpec, read_movingai_map, read_scenarios
 from locplan.costs import Costmap, Path as Route, path_metrics
 from locplan.errors import LocplanError
 from locplan.export import distribution
 from locplan.export._folders import _is_untouched_export
-from locplan.export._parameters import with_costmap
-from locplan.export._robots import Robot
+from locplan.export._parameters import Robot, with_costmap
 from locplan.field import (
     CovarianceField,
     FieldCache,
@@ -50,10 +48,10 @@ from locplan.field import (
     load_config,
 )
 from locplan.field._store import _Found, field_path
-from locplan.field._tiles import wanted_points
+from locplan.field._tiles import needed_points
 from locplan.field._zarr import attributes, write
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map, save_map, source_files
-from locplan.planners import read_queries
+from locplan.planners import Plan, plan, read_queries
 from locplan.recordings import Recording, read_drive
 from locplan.robots import Lidar, read_amcl, read_parameters
 
@@ -470,6 +468,34 @@ def read_path(folder: Path) -> None:
     path_metrics(COSTS, path)
 
 
+def saved_files(folder: Path) -> None:
+    """A costmap, a plan and a run, as they are saved."""
+    COSTS.save(folder / "costs.npz")
+    ends = [GRID.cell_to_world(*np.argwhere(GRID.free)[0].tolist())] * 2
+    made = plan(COSTS, *ends, planner=lambda *query: Route(query[1:]))
+    made.write(folder / "plan.json")
+    Run("pareto", {"map": "a.yaml", "start": "1,2"}, frozenset({"map"})).write(folder, folder)
+
+
+def read_costs(folder: Path) -> None:
+    costs = Costmap.load(folder / "costs.npz")
+    repr(costs)
+    path_metrics(costs, Route([[1.0, -1.5], [2.0, -1.5]]))
+
+
+def read_plan(folder: Path) -> None:
+    made = Plan.load(folder / "plan.json")
+    repr(made)
+    json.dumps(made.summary(), allow_nan=False)
+    made.report()
+
+
+def read_run(folder: Path) -> None:
+    run = Run.read(folder / "run.yaml")
+    assert all(isinstance(word, str) for word in run.words())
+    run.changes(run)
+
+
 def read_settings(folder: Path) -> None:
     config = load_config(folder / "config.json")
     repr(config)
@@ -499,7 +525,7 @@ def field_files(folder: Path) -> None:
 def made_field() -> CovarianceField:
     """A field of values that are made up, which no kernel has to be compiled for."""
     values = tiles.nothing_known(GRID, SMALL)
-    values["covariance"][tiles.missing_points(values, GRID, SMALL)] = 0.01 * np.eye(2)
+    values["covariance"][needed_points(GRID, SMALL)] = 0.01 * np.eye(2)
     return CovarianceField.of(values, GRID, SMALL)
 
 
@@ -520,7 +546,7 @@ def read_cache(folder: Path) -> None:
     assert any(entry.about.get("map_name") == "room" for entry in found)
     json.dumps(FieldCache(folder, found, 10**9).summary())
     assert FieldCache(folder, found, 10**9).table().count("\n") >= 3
-    wanted = wanted_points(GRID, SMALL)
+    wanted = needed_points(GRID, SMALL)
     about = attributes(GRID, SMALL)
     known = _Found.at(field_path(GRID, SMALL, folder), about, GRID, SMALL, wanted)
     assert len(known.complaint) < MAX_LINE
@@ -601,8 +627,8 @@ def read_changed_drive(folder: Path) -> None:
 
 def use_drive(drive: Recording) -> None:
     repr(drive)
-    drive.summary().table()
-    json.dumps(drive.summary().to_json(), allow_nan=False)
+    drive.report()
+    json.dumps(drive.summary(), allow_nan=False)
     drive.ends()
 
 
@@ -623,12 +649,15 @@ READERS = {
     "PNG": Reader(pictures, "*.png", read_pictures, PNG, 15),
     "BMP": Reader(pictures, "*.bmp", read_pictures, ANY, 5),
     "path": Reader(
-        lines("path.csv", "x_m,y_m,heading_rad\n1.2,-1.5,0.1\n1.7,-1.5,0.2\n2.0,-1.4,3.1\n"),
+        lines("path.csv", "x,y,heading\n1.2,-1.5,0.1\n1.7,-1.5,0.2\n2.0,-1.4,3.1\n"),
         "path.csv",
         read_path,
         share=15,
     ),
     "settings": Reader(settings_files, "?.json", read_any_settings, JSON, 20),
+    "costmap": Reader(saved_files, "costs.npz", read_costs, ANY, 5),
+    "plan": Reader(saved_files, "plan.json", read_plan, JSON, 10),
+    "run": Reader(saved_files, "run.yaml", read_run, YAML, 10),
     "field": Reader(field_files, "f.zarr/**/*", read_field, JSON, 2),
     "cache": Reader(cache_files, "0*.zarr/**/*", read_cache, JSON, 1, may_refuse=False),
     "cached field": Reader(

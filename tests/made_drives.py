@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from locplan import Lidar
+from locplan.maps import own_axes
 from locplan.recordings import Recording
 from locplan.robots import Disturbances, Robot
 from locplan.simulation import Simulator
@@ -22,12 +23,12 @@ def recorded(grid, line, *, lidar=LIDAR, disturbances=None, seed=1, odometry=Non
     `odometry` replaces the simulated one, (n, 3).
     """
     from locplan._kernels.drives import odometry_along
-    from locplan._kernels.measured import measured_ends
+    from locplan._kernels.lidar import measured_ends
 
     disturbances = dataclasses.replace(disturbances or Disturbances(), worlds=1)
     simulator = Simulator(grid, robot=Robot(lidar, disturbances=disturbances), seed=seed, threads=1)
     random = np.random.default_rng(seed)
-    own = simulator.on_grid(line)
+    own = own_axes(simulator.grid, line)
     if odometry is None:
         odometry = odometry_along(random, own, simulator.arguments.odometry)
     beams = simulator.arguments.lidar._replace(angles=lidar.angles)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from locplan.comparison._runs import Run, Task
+from locplan.comparison import Run, Task
 
 
 def made_up(

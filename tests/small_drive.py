@@ -47,4 +47,4 @@ if __name__ == "__main__":
     drive = made()
     drive.save(FILE)
     print(drive, f"{FILE.stat().st_size:,} bytes")
-    print(drive.summary().table())
+    print(drive.report())

@@ -8,10 +8,16 @@ import pytest
 from conftest import random_rooms
 
 from locplan._kernels.information import DONE, STOP, information
-from locplan._kernels.lidar import FRACTION, Lidar, move_ends, scan_ends
-from locplan._kernels.measured import BeamDisturbances, measured_ends
+from locplan._kernels.lidar import (
+    FRACTION,
+    BeamDisturbances,
+    Lidar,
+    measured_ends,
+    move_ends,
+    scan_ends,
+)
 from locplan._kernels.rays import cast, empty_squares
-from locplan.field._surfaces import surface_normals
+from locplan.field import surface_normals
 from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Lidar as Settings
 

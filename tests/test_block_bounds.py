@@ -7,10 +7,8 @@ from conftest import random_rooms
 from numba import njit
 from test_sad import mismatch_counts
 
-from locplan._kernels import bounds, saturating
-from locplan._kernels.simd import zero_shorts
-from locplan.field import Exponential, InverseSquare, OffsetLattice, Sad, SearchWindow
-from locplan.field._estimator import MapPart
+from locplan._kernels import bounds, simd
+from locplan.field import Exponential, InverseSquare, MapPart, OffsetLattice, Sad, SearchWindow
 from locplan.field.estimators._sad_blocks import disc_blocks, kept_lines, scaled
 from locplan.field.estimators._sad_tiles import Due, Layout
 from locplan.field.templates import disc
@@ -131,7 +129,7 @@ def test_covariances_are_those_of_all_offsets(resolution, reach, tau):
     window = SearchWindow(half_width=1.0, half_rotation_deg=20.0)
     estimator = Sad(range=reach, window=window, weights=Exponential(tau))
     limit = estimator.negligible(resolution)
-    assert (limit > saturating.GREATEST) == (resolution == 0.02 or tau > 1)
+    assert (limit > simd.MAX_SHORT) == (resolution == 0.02 or tau > 1)
     rows, cols = np.array([200, 40, 207]), np.array([180, 370, 111])
     part = MapPart.whole(cells, rows, cols, resolution)
     compare_covariances(estimator, part)
@@ -176,16 +174,16 @@ def test_limits_are_scaled_into_sixteen_bits():
     assert scaled(10**9) == (10**9 >> 14, 14)
     for greatest in (2**16, 2**20 - 1, 2**20, 123456789):
         limit, shift = scaled(greatest)
-        assert limit < saturating.GREATEST
+        assert limit < simd.MAX_SHORT
         assert limit << shift <= greatest < (limit + 1) << shift
 
 
 @njit
 def lanes_of_distances(counts, values, shift, limit):
-    total = zero_shorts()
+    total = simd.zero_shorts()
     for value in values:
-        total = saturating.add_distances(total, counts, 3, value, shift)
-    return saturating.lanes_within(total, limit)
+        total = simd.add_distances(total, counts, 3, value, shift)
+    return simd.lanes_within(total, limit)
 
 
 @pytest.mark.parametrize("shift", [0, 3])
@@ -195,7 +193,7 @@ def test_sums_of_distances_stay_at_the_greatest(shift, number):
     counts = rng.integers(0, 2**16, 40).astype(np.uint16)
     values = rng.integers(0, 2**16, number).astype(np.uint16)
     distances = np.abs(counts[3:35].astype(int) - values[:, None].astype(int)) >> shift
-    sums = np.minimum(distances.sum(axis=0), saturating.GREATEST)
+    sums = np.minimum(distances.sum(axis=0), simd.MAX_SHORT)
     for limit in (0, int(np.median(sums)) - 1, int(np.median(sums)), 65534):
         found = lanes_of_distances(counts, values, shift, limit)
         assert [found >> lane & 1 for lane in range(64)] == [*(sums <= limit), *[0] * 32]

@@ -10,8 +10,7 @@ from conftest import drawn, refused
 import locplan
 from locplan import FieldConfig, LocplanError, Sad, Scan, compare, covariance_field, save_map
 from locplan._util import machine
-from locplan.comparison._journal import Journal
-from locplan.comparison._runs import Run, Task
+from locplan.comparison import Execution, Journal, RandomQueries, Run, Task
 from locplan.errors import ConfigError
 from locplan.field import SearchWindow
 from locplan.field._lattice import standing_cells
@@ -54,12 +53,12 @@ CALLS = [
     (lambda: simulate(GRID, {"a": np.array(ENDS)}, seed=-1), "seed must be a whole number"),
     (lambda: evaluate([GRID], seed=10**20), "seed must be a whole number"),
     (lambda: evaluate([GRID], scans=10**6), "scans must be a whole number in 0..100000"),
-    (lambda: compare(GRID, workers=4), r"workers must be at most 3 \(1 GB of this machine's"),
+    (lambda: Execution(workers=4), r"workers must be at most 3 \(1 GB of this machine's"),
     (lambda: compare(GRID, queries=10_001), "random queries must be a whole number in 1..10000"),
-    (lambda: compare(GRID, query_seed=-1), "the seed of random queries"),
+    (lambda: RandomQueries(seed=-1), "the seed of random queries"),
     (lambda: compare(GRID, seeds=range(1, 1002)), "at most 1,000 seeds"),
     (lambda: compare(GRID, seeds=[10**20]), "each seed must be a whole number in 1..4294967295"),
-    (lambda: compare(GRID, memory=1e10), "take 10 GB of memory, and this machine has 1 GB"),
+    (lambda: Execution(memory=1e10), "take 10 GB of memory, and this machine has 1 GB"),
     (lambda: Ompl("RRT", seed=2**32).check(), "seed must be a whole number in 1..4294967295"),
     (lambda: Amcl(max_particles=10**9), "max_particles must be a whole number in 1..1000000"),
     (lambda: Disturbances(worlds=10**9), "worlds must be a whole number in 1..1000"),

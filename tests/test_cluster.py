@@ -20,7 +20,7 @@ from locplan.field import (
     FieldConfig,
     Sad,
     SearchWindow,
-    _cluster as cluster,
+    _compute as cluster,
     _store as store,
     covariance_field,
 )

@@ -13,8 +13,7 @@ from conftest import changed, random_rooms
 
 import locplan
 from locplan import save_map
-from locplan.comparison import PlannerSpec, _engine
-from locplan.comparison._cases import named_configs
+from locplan.comparison import Execution, PlannerSpec, RandomQueries
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import FieldConfig, Fisher, Sad
@@ -23,6 +22,8 @@ from locplan.planners import Found, Query, options_of, with_options
 from locplan.robots import Amcl, Lidar, ParameterWarning, Robot
 
 QUICK = FieldConfig(Sad(range=1.0), stride=0.4)
+ONE = Execution(workers=1)
+SMALL = Robot(footprint=0.1, margin=0.0)
 
 
 def rooms(name="rooms", seed=6):
@@ -41,14 +42,12 @@ def compared():
     return locplan.compare(
         [rooms("one"), rooms("two", 9)],
         ["grid", "any-angle", "RRTConnect:iterations=400", detour],
-        5,
+        RandomQueries(5, least_distance=3.0),
+        SMALL,
         weights=[0.0, 4.0],
         seeds=[1, 2],
         configs={"1 m": QUICK, "2 m": changed(QUICK, range=2.0)},
-        time_limit=0.2,
-        least_distance=3.0,
-        robot_radius=0.1,
-        workers=2,
+        execution=Execution(workers=2, time_limit=0.2),
     )
 
 
@@ -62,12 +61,12 @@ def test_every_combination_is_run_once(compared):
 
 def test_queries_are_the_same_for_all_settings_and_far_enough_apart(compared):
     for name in ("one", "two"):
-        first, second = (compared.sources[name, label].queries for label in ("1 m", "2 m"))
+        first, second = (compared.cases[name, label].queries for label in ("1 m", "2 m"))
         assert first == second
         assert min(math.dist(query.start, query.goal) for query in first) >= 3.0
 
 
-def test_any_angle_is_the_baseline_and_grid_is_dearer(compared):
+def test_any_angle_is_the_baseline_and_grid_costs_more(compared):
     assert compared.baseline == "any-angle"
     costs = [
         contrast
@@ -81,6 +80,7 @@ def test_any_angle_is_the_baseline_and_grid_is_dearer(compared):
     answer = compared.answers()["one"]
     assert "At weight 4, 1 m: grid: " in answer
     assert "At weight 4, 2 m: " in answer
+    assert answer.count("grid: ") == 2
     pooled = compared.contrasts(pooled=True)
     assert {contrast.setting.map for contrast in pooled} == {None}
     assert max(contrast.pairs for contrast in pooled) == 10
@@ -131,8 +131,8 @@ def test_a_planner_cannot_change_what_any_path_is_measured_on():
             return Found(replacer(costs, start, goal))
 
     planners = [writer, replacer, Vandal(), honest, "grid"]
-    settings = {"weights": [4.0], "configs": QUICK, "workers": 1, "least_distance": 2.0}
-    runs = locplan.compare(rooms(), planners, 3, **settings, baseline="grid").runs
+    settings = {"weights": [4.0], "configs": QUICK, "execution": ONE, "baseline": "grid"}
+    runs = locplan.compare(rooms(), planners, RandomQueries(3, 2.0), **settings).runs
     by_query = {}
     for run in runs:
         assert run.status == "solved", run.note
@@ -157,12 +157,13 @@ def test_what_a_function_has_closed_over_decides_its_paths(tmp_path):
 
         return mine
 
-    settings = {"weights": [4.0], "configs": QUICK, "workers": 1, "least_distance": 2.0}
-    settings |= {"journal": tmp_path / "runs.jsonl", "resume": True, "baseline": "mine"}
+    execution = Execution(workers=1, journal=tmp_path / "runs.jsonl", resume=True)
+    settings = {"weights": [4.0], "configs": QUICK, "execution": execution}
+    two = RandomQueries(2, least_distance=2.0)
     for count, factor in ((2, 0.0), (2, 0.0), (4, 8.0)):
-        locplan.compare(rooms(), [planner_with(factor)], 2, **settings)
+        locplan.compare(rooms(), planner_with(factor), two, **settings)
         assert len((tmp_path / "runs.jsonl").read_text().splitlines()) == 1 + count
-    locplan.compare(rooms(), [planner_with(8.0)], 2, robot_radius=0.15, **settings)
+    locplan.compare(rooms(), planner_with(8.0), two, SMALL, **settings)
     assert len((tmp_path / "runs.jsonl").read_text().splitlines()) == 1 + 6
 
 
@@ -174,11 +175,11 @@ def test_what_ended_by_chance_is_made_anew(tmp_path):
             pass
         return locplan.plan(costs, start, goal)
 
-    settings = {"configs": QUICK, "workers": 1, "least_distance": 2.0, "baseline": "napping"}
-    settings |= {"journal": tmp_path / "runs.jsonl", "resume": True}
-    (first,) = locplan.compare(rooms(), [napping], 1, patience=0.3, **settings).runs
+    execution = Execution(workers=1, journal=tmp_path / "runs.jsonl", resume=True)
+    one, hasty = RandomQueries(1, least_distance=2.0), dataclasses.replace(execution, patience=0.3)
+    (first,) = locplan.compare(rooms(), napping, one, configs=QUICK, execution=hasty).runs
     awake.touch()
-    (again,) = locplan.compare(rooms(), [napping], 1, **settings).runs
+    (again,) = locplan.compare(rooms(), napping, one, configs=QUICK, execution=execution).runs
     assert (first.status, again.status) == ("hung", "solved")
 
 
@@ -188,44 +189,45 @@ def test_odd_histories_and_notes_do_no_harm(tmp_path):
         found = locplan.plan(costs, start, goal)
         return dataclasses.replace(found, history=((0.1, math.inf), (0.2, 9.0)), note=b"\xff")
 
-    settings = {"configs": QUICK, "workers": 1, "least_distance": 2.0, "baseline": "odd"}
-    (run,) = locplan.compare(rooms(), [odd], 1, journal=tmp_path / "r.jsonl", **settings).runs
+    execution = Execution(workers=1, journal=tmp_path / "r.jsonl")
+    one = RandomQueries(1, least_distance=2.0)
+    (run,) = locplan.compare(rooms(), odd, one, configs=QUICK, execution=execution).runs
     assert (run.status, run.history) == ("solved", ((0.2, 9.0),))
 
 
 @pytest.mark.usefixtures("inline_workers")
 def test_random_queries_have_headings_for_those_who_need_them():
     planners = ["grid", "RRTConnect:space=SE2,iterations=300"]
-    settings = {"weights": [0.0], "configs": QUICK, "workers": 1, "least_distance": 2.0}
-    found = locplan.compare(rooms(), planners, 2, **settings)
+    settings = {"weights": [0.0], "configs": QUICK, "execution": ONE}
+    found = locplan.compare(rooms(), planners, RandomQueries(2, 2.0), **settings)
     assert {run.status for run in found.runs if run.task.planner == "grid"} == {"solved"}
-    assert all(len(query.start) == 3 for query in next(iter(found.sources.values())).queries)
+    assert all(len(query.start) == 3 for query in next(iter(found.cases.values())).queries)
 
 
 @pytest.mark.usefixtures("inline_workers")
 def test_the_limit_of_memory_stands_in_the_logs_in_megabytes(tmp_path):
-    settings = {"configs": QUICK, "workers": 1, "memory": 2e9, "weights": [0.0]}
-    locplan.compare(rooms(), ["grid"], 1, **settings).save(tmp_path)
+    execution = Execution(workers=1, memory=2e9)
+    locplan.compare(rooms(), "grid", 1, configs=QUICK, execution=execution).save(tmp_path)
     (log,) = (tmp_path / "ompl_logs").glob("*.log")
     assert "2000.0 MB per run" in log.read_text()
 
 
 @pytest.mark.draws
 def test_all_files_are_written(compared, tmp_path, monkeypatch):
-    monkeypatch.setattr("locplan.comparison._result.FRONT_TIME", 600.0)
-    written = compared.save(tmp_path / "out", command="locplan compare")
-    assert all(path.exists() for path in written)
+    monkeypatch.setattr("locplan.comparison._pictures.FRONT_TIME", 600.0)
+    dataclasses.replace(compared, command="locplan compare").save(tmp_path / "out")
+    assert {path.name for path in (tmp_path / "out").iterdir()} >= {*compared.files.names}
     with (tmp_path / "out" / "runs.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(compared.runs)
-    assert float(rows[0]["cost"]) == compared.runs[0].measures["cost"]
+    assert float(rows[0]["cost"]) == pytest.approx(compared.runs[0].measures["cost"], rel=1e-8)
     about = json.loads((tmp_path / "out" / "comparison.json").read_text())
     assert about["locplan"] == locplan.__version__
     cases = {(case["map"], case["field"]): case for case in about["cases"]}
     assert cases["two", "2 m"]["config"]["estimator"]["range"] == 2.0
     assert cases["one", "1 m"]["robot_radius"] == 0.1
     assert cases["one", "1 m"]["queries"][0]["start"] == list(
-        compared.sources["one", "1 m"].queries[0].start
+        compared.cases["one", "1 m"].queries[0].start
     )
     assert about["planners"]["RRTConnect:iterations=400"] == ["RRTConnect", {"iterations": 400}]
     assert len(about["summaries"]) == 2 * 2 * 2 * 4
@@ -261,17 +263,18 @@ def test_all_files_are_written(compared, tmp_path, monkeypatch):
     assert len(list((tmp_path / "out" / "ompl_logs").glob("*.log"))) == 2 * 2 * 2 * 5
     pandas = pytest.importorskip("pandas")
     assert isinstance(compared.to_frame(), pandas.DataFrame)
-    assert ": the baseline\n" in compared.table()
+    assert ": the baseline\n" in compared.report()
 
 
 @pytest.mark.usefixtures("inline_workers")
 def test_a_costmap_of_ones_own_is_compared_without_e(tmp_path):
     grid = rooms()
     own = Costmap.from_density(grid, np.where(grid.free, 2.0, np.inf))
-    found = locplan.compare({"mine": own}, ["grid"], 2, least_distance=1.0)
+    found = locplan.compare({"mine": own}, "grid", RandomQueries(2, least_distance=1.0))
     assert {run.task.config for run in found.runs} == {"own cost"}
     assert all(math.isnan(run.measures["integrated_e"]) for run in found.runs)
-    assert (tmp_path / "out" / "report.html") in found.save(tmp_path / "out")
+    found.save(tmp_path / "out")
+    assert "1 map or field without pictures" in (tmp_path / "out" / "report.html").read_text()
 
 
 @pytest.mark.usefixtures("inline_workers")
@@ -279,10 +282,10 @@ def test_each_estimator_has_its_own_weight_and_criterion(monkeypatch):
     monkeypatch.setattr(Fisher, "weight", 8.0)
     monkeypatch.setattr(Fisher, "criterion", "position_std")
     configs = {"sad": QUICK, "fisher": FieldConfig(Fisher(Lidar(range=1.0)), stride=0.5)}
-    settings = {"configs": configs, "least_distance": 2.0, "robot_radius": 0.1, "workers": 1}
-    found = locplan.compare(rooms(), ["grid", "any-angle"], 1, **settings)
+    one = RandomQueries(1, least_distance=2.0)
+    found = locplan.compare(rooms(), ["grid", "any-angle"], one, SMALL, configs=configs)
     assert {(run.task.config, run.task.weight) for run in found.runs} == {("sad", 4), ("fisher", 8)}
-    about = found.to_json()
+    about = found.summary()
     assert about["weights"] == [4.0, 8.0]
     assert [case["criterion"] for case in about["cases"]] == ["e", "position_std"]
     assert "At weight 4, sad: grid" in found.answers()["rooms"]
@@ -290,11 +293,24 @@ def test_each_estimator_has_its_own_weight_and_criterion(monkeypatch):
 
 
 @pytest.mark.usefixtures("inline_workers")
+def test_random_queries_differ_by_seed():
+    costs = {"mine": Costmap.blank(rooms())}
+    first, again, other = (
+        locplan.compare(costs, "grid", RandomQueries(2, 2.0, seed))
+        .cases["mine", "own cost"]
+        .queries
+        for seed in (1, 1, 2)
+    )
+    assert first == again
+    assert {*first}.isdisjoint(other)
+
+
+@pytest.mark.usefixtures("inline_workers")
 def test_queries_come_in_every_form(tmp_path):
     ends = ((2.5, -0.5), (6.0, 3.0))
     (tmp_path / "q.csv").write_text("name,start_x,start_y,goal_x,goal_y\nthere,2.5,-0.5,6.0,3.0\n")
     room = OccupancyGrid(np.full((60, 90), FREE), 0.1, (2.0, -1.0, 0.0), name="room")
-    settings = {"weights": [0.0], "configs": QUICK, "workers": 1}
+    settings = {"weights": 0.0, "configs": QUICK}
     lengths = {
         round(locplan.compare(room, ["grid"], queries, **settings).runs[0].measures["length"], 9)
         for queries in (
@@ -322,11 +338,8 @@ def test_queries_come_in_every_form(tmp_path):
         ({"weights": []}, "at least one weight"),
         ({"baseline": "RRT"}, "none of the planners"),
         ({"configs": {}}, "configs must be"),
-        ({"least_distance": 500.0}, "no two positions"),
-        ({"workers": 0}, "workers must be"),
-        ({"workers": 1.5}, "workers must be"),
-        ({"memory": math.nan}, "memory must be"),
-        ({"memory": "2GB"}, "memory must be"),
+        ({"queries": RandomQueries(least_distance=500.0)}, "no two positions"),
+        ({"robot": "robot.yaml"}, "robot must be a Robot"),
         ({"seeds": 3}, "seeds must be several whole numbers"),
         ({"configs": [QUICK]}, "configs must be"),
         ({"seeds": [0]}, "each seed must be a whole number"),
@@ -335,11 +348,26 @@ def test_queries_come_in_every_form(tmp_path):
         ({"planners": ["BITstar:settings=3,settings.range=3"]}, "one by one"),
     ],
 )
-def test_wrong_input_is_told_before_the_first_run(changes, message):
+def test_wrong_input_is_refused_before_the_first_run(changes, message):
     given = {"maps": rooms(), "planners": ["grid"], "queries": 2, "configs": QUICK} | changes
     with pytest.raises(LocplanError, match=message) as fault:
         locplan.compare(**given)
     assert "\n" not in str(fault.value)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"workers": 0}, "workers must be"),
+        ({"workers": 1.5}, "workers must be"),
+        ({"memory": math.nan}, "memory must be"),
+        ({"memory": "2GB"}, "memory must be"),
+        ({"patience": 0.0}, "patience must be"),
+    ],
+)
+def test_an_execution_that_cannot_be_is_refused(settings, message):
+    with pytest.raises(ConfigError, match=message):
+        Execution(**settings)
 
 
 def test_a_time_limit_is_for_those_who_take_one():
@@ -357,11 +385,6 @@ def test_a_time_limit_is_for_those_who_take_one():
     assert options_of(limited.planner) == {"time_limit": 0.7}
     with pytest.raises(ConfigError):
         PlannerSpec.of("BITstar").with_time_limit(-1.0)
-
-
-def test_settings_have_labels():
-    assert list(named_configs(None)) == ["sad, 6 m"]
-    assert list(named_configs({"a": QUICK})) == ["a"]
 
 
 @pytest.mark.usefixtures("inline_workers")
@@ -422,7 +445,7 @@ def nav2(tmp_path):
 def test_the_simulated_choice_is_compared_as_a_planner(corridors, nav2):
     text = f"simulated choice: drives=2, minimise=lost, robot={nav2}"
     found = locplan.compare(
-        corridors, ["any-angle", text], [CORRIDOR], seeds=[1, 2], workers=1, weights=[8.0]
+        corridors, ["any-angle", text], [CORRIDOR], seeds=[1, 2], weights=8.0, execution=ONE
     )
     label = f"simulated choice:drives=2,minimise=lost,robot={nav2}"
     runs = [run for run in found.runs if run.task.planner == label]
@@ -436,6 +459,7 @@ def test_the_simulated_choice_is_compared_as_a_planner(corridors, nav2):
             costs=corridors,
             drives=2,
             minimise="lost",
+            rival=None,
             seed=run.task.seed,
         )
         np.testing.assert_array_equal(run.xy, choice.path.xy)
@@ -448,7 +472,8 @@ def test_the_simulated_choice_takes_the_costmap_its_options_and_one_thread(
 ):
     asked = []
 
-    def choose(*_, **options):
+    def choose(grid, start, goal, robot, **options):
+        assert robot == Robot(LIDAR, filter=Amcl(alpha1=0.05, max_particles=500))
         asked.append(options)
         return types.SimpleNamespace(path=None, status="unreachable")
 
@@ -459,14 +484,13 @@ def test_the_simulated_choice_takes_the_costmap_its_options_and_one_thread(
     assert plan.status == "unreachable"
     assert [options["threads"] for options in asked] == [1]
     assert asked[0]["costs"] is corridors
-    assert asked[0]["robot"] == Robot(filter=Amcl(alpha1=0.05, max_particles=500))
     assert {(each["seed"], each["price"], each["longest"]) for each in asked} == {(5, 3, 1.2)}
     assert PlannerSpec.of("simulated choice:seed=7").seeds([4, 5]) == (7,)
     here = spec.plan(corridors, CORRIDOR.start, CORRIDOR.start, 1)
     assert here.path.length == 0
 
 
-def test_what_of_a_file_is_not_simulated_is_told_once(nav2):
+def test_what_of_a_file_is_not_simulated_is_said_once(nav2):
     nav2.write_text(nav2.read_text() + "    recovery_alpha_fast: 0.1\n")
     with pytest.warns(ParameterWarning, match="not simulated: recovery_alpha_fast"):
         spec = PlannerSpec.of(f"simulated choice:robot={nav2}")
@@ -487,7 +511,7 @@ def test_the_simulated_choice_is_read_once_and_sent_as_it_is(nav2):
         ("drives=1", "drives"),
         ("minimise=all", "minimise"),
         ("longest=0.5", "longest"),
-        ("price=0", "price"),
+        ("price=-1", "price"),
         ("seed=-1", "seed"),
         ("lidar=tim571", "lidar"),
         ("robot=missing.yaml", "missing.yaml"),
@@ -501,15 +525,47 @@ def test_options_of_the_simulated_choice_are_checked_before_the_first_run(option
     assert message in str(error.value)
 
 
-def test_comparisons_tell_all_planners_that_they_know():
+def test_comparisons_name_all_planners_that_they_know():
     with pytest.raises(ConfigError, match=r"must be one of grid, .*, simulated choice, not 'no'"):
         PlannerSpec.of("no")
 
 
-def test_runs_of_another_lidar_are_made_anew(corridors):
+@pytest.mark.usefixtures("inline_workers")
+def test_runs_of_another_lidar_are_made_anew(corridors, tmp_path):
     other = dataclasses.replace(LIDAR, range_sigma=0.05)
     config = dataclasses.replace(corridors.settings.config, estimator=Fisher(other))
     settings = dataclasses.replace(corridors.settings, config=config)
     renamed = dataclasses.replace(corridors, settings=settings)
-    assert _engine._content(renamed) != _engine._content(corridors)
-    assert _engine._content(corridors) == _engine._content(corridors.copy())
+    journal = tmp_path / "runs.jsonl"
+    execution = Execution(journal=journal, resume=True)
+    for costs, count in ((corridors, 1), (corridors.copy(), 1), (renamed, 2)):
+        locplan.compare({"it": costs}, "grid", [CORRIDOR], execution=execution)
+        assert len(journal.read_text().splitlines()) == 1 + count
+
+
+@pytest.mark.usefixtures("inline_workers")
+def test_the_robot_decides_the_fields_and_is_driven(monkeypatch, tmp_path):
+    """Its lidar is that of the fields where these have several."""
+    asked = []
+
+    def choose(grid, start, goal, robot, **_):
+        asked.append(robot)
+        return types.SimpleNamespace(path=None, status="unreachable")
+
+    monkeypatch.setattr("locplan.simulation.choice._planner.choose", choose)
+    robot = Robot(LIDAR, footprint=0.1, margin=0.0, filter=Amcl(alpha1=0.05))
+    grid, ends = rooms(), [((2.5, -0.5), (4.0, -0.5))]
+    found = locplan.compare(grid, "simulated choice", ends, robot)
+    assert {run.task.config for run in found.runs} == {"fused, 4 m"}
+    assert {case.robot_radius for case in found.cases.values()} == {0.1}
+    assert asked[-1] == robot
+    assert found.summary()["robot"]["filter"]["alpha1"] == 0.05
+    own = tmp_path / "other.yaml"
+    Robot(footprint=0.3).save(own)
+    locplan.compare(grid, f"simulated choice:robot={own}", ends, robot)
+    assert asked[-1].footprint == 0.3
+    asked.clear()
+    shorter = dataclasses.replace(LIDAR, range=2.0)
+    configs = {str(each.range): FieldConfig(Fisher(each), stride=1.0) for each in (LIDAR, shorter)}
+    locplan.compare(grid, "simulated choice", ends, robot, configs=configs)
+    assert {each.lidar for each in asked} >= {LIDAR, shorter}

@@ -102,7 +102,7 @@ def test_a_filter_far_worse_than_single_scans_is_to_be_tuned():
     assert second(failed=0.0).endswith("single scans fail (RMSE above 0.25 m) at no place.")
     both = second(failed=0.2)
     assert both.startswith("Tune the filter first")
-    assert "at 20 % of the places: avoid these with `locplan choose`, or add landmarks" in both
+    assert "at 20 % of the places: avoid these with `locplan plan`, or add landmarks" in both
 
 
 def test_a_tuned_filter_avoids_the_places_where_scans_fail():
@@ -116,7 +116,7 @@ def test_a_tuned_filter_where_scans_match_compares_paths():
     said = second(tracking_median=0.03)
     assert said.startswith("The filter is about as good as single scans")
     assert "10.0 % of the drives were lost" in said
-    assert "`locplan choose`" in said
+    assert "`locplan plan`" in said
     assert "tune" not in said
 
 

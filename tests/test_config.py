@@ -15,9 +15,9 @@ from locplan.field import (
     Sad,
     Scan,
     SearchWindow,
+    config_of,
+    estimator_class,
 )
-from locplan.field._config import config_of
-from locplan.field._registry import estimator_class
 from locplan.robots import Lidar
 
 

@@ -17,7 +17,6 @@ import locplan
 from locplan.costs import DEGENERATE, Costmap
 from locplan.errors import ConfigError, FieldError
 from locplan.export import degenerate_areas, save_degenerate_areas
-from locplan.export._area_files import geojson_of
 from locplan.export._areas import half_free
 from locplan.export._autoware import without_holes
 from locplan.export._outlines import meeting, rings_of, signed_area, thinned, untangled
@@ -323,7 +322,7 @@ def test_geojson_is_wound_and_closed_as_rfc_7946_has_it(tmp_path):
     costs, field = made_up(cells)
     (area,) = save_degenerate_areas(tmp_path / "out", costs, field, threshold=0.0, frame="lab")
     read = json.loads((tmp_path / "out" / "areas.geojson").read_text())
-    assert (read["type"], read["frame"]) == ("FeatureCollection", "lab")
+    assert read["type"] == "FeatureCollection"
     (feature,) = read["features"]
     assert feature["geometry"]["type"] == "Polygon"
     outer, hole = map(np.array, feature["geometry"]["coordinates"])
@@ -332,28 +331,29 @@ def test_geojson_is_wound_and_closed_as_rfc_7946_has_it(tmp_path):
     assert signed_area(outer[:-1]) == pytest.approx(20.0)
     assert signed_area(hole[:-1]) == pytest.approx(-1.0)
     about = feature["properties"]
-    assert about["area_m2"] == pytest.approx(19.0)
+    assert about["frame"] == "lab"
+    assert about["area"] == pytest.approx(19.0)
     assert np.shape(about["covariance"]) == (3, 3)
     known = field.covariance[field.evaluated]
     deviations = np.sqrt(np.linalg.eigvalsh(known[:, :2, :2])[:, 1])
-    assert about["position_std_m"] == pytest.approx(np.median(deviations))
-    assert about["position_std_worst_m"] == pytest.approx(deviations.max())
-    assert about["heading_std_rad"] == pytest.approx(0.05)
+    assert about["position_std"] == pytest.approx(np.median(deviations))
+    assert about["worst_position_std"] == pytest.approx(deviations.max())
+    assert about["heading_std"] == pytest.approx(0.05)
     information = np.linalg.inv(known).mean(axis=0)
     np.testing.assert_allclose(about["covariance"], np.linalg.inv(information), rtol=1e-6)
-    assert about["direction_rad"] == pytest.approx(0.0)
-    assert area.direction == about["direction_rad"]
+    assert about["direction"] == pytest.approx(0.0)
+    assert area.direction == about["direction"]
 
 
-def test_areas_without_rotation_have_no_heading():
+def test_areas_without_rotation_have_no_heading(tmp_path):
     grid = drawn(*["." * 30] * 20, resolution=0.2)
     window = SearchWindow(half_rotation_deg=0)
     covariance = np.tile(np.diag([0.04, 0.3]), (20, 30, 1, 1))
     field = CovarianceField(covariance, grid, FieldConfig(Sad(window=window)))
-    (area,) = degenerate_areas(Costmap.from_field(grid, field), field)
+    (area,) = save_degenerate_areas(tmp_path / "out", Costmap.from_field(grid, field), field)
     assert math.isnan(area.heading_std)
-    (feature,) = geojson_of([area])["features"]
-    assert feature["properties"]["heading_std_rad"] is None
+    (feature,) = json.loads((tmp_path / "out" / "areas.geojson").read_text())["features"]
+    assert feature["properties"]["heading_std"] is None
     assert abs(area.direction) == pytest.approx(math.pi / 2)
     assert area.covariance.shape == (2, 2)
 

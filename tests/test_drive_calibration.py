@@ -15,14 +15,13 @@ from small_drive import FILE, MAP
 from locplan import Costmap, Fused, load_config, load_map, plan, save_map
 from locplan._kernels.drives import odometry_along
 from locplan._kernels.particles import move
-from locplan._util.poses import moved
+from locplan._util.blocks import blocks_along, draws_of, intervals, mean_interval
+from locplan._util.poses import moved, way_between
 from locplan.cli import main
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import environments
-from locplan.recordings import Recording, calibrate_drive
-from locplan.recordings._blocks import blocks_along, draws_of, intervals, mean_interval
-from locplan.recordings._odometry_noise import _moved, as_disturbances, odometry_noise
-from locplan.recordings._scan_noise import _in_runs, scan_noise
+from locplan.recordings import Recording, calibrate_drive, odometry_noise, scan_noise
+from locplan.recordings._scan_noise import _in_runs
 from locplan.robots import Amcl, Disturbances, Odometry, Robot
 from locplan.simulation import Simulator, poses_along
 
@@ -87,7 +86,7 @@ def test_drifts_of_odometry_are_found(grid, winding):
 
 def test_biases_of_odometry_are_found(grid, winding, few_resamples):
     odometry = winding.copy()
-    steps = _moved(winding, np.arange(len(winding) - 1), np.arange(1, len(winding)))
+    steps = way_between(winding[:-1], winding[1:])
     for n, (ahead, aside, turn) in enumerate(steps):
         x, y, heading = odometry[n]
         cos, sin = math.cos(heading), math.sin(heading)
@@ -117,7 +116,7 @@ def test_the_alphas_of_amcls_own_model_are_found(grid, winding, few_resamples):
     true = Amcl(alpha1=0.05, alpha2=0.02, alpha3=0.04, alpha4=0.03, update_min_d=0.01)
     settings = Simulator(grid, robot=Robot(filter=true)).arguments.filter
     random, poses = np.random.default_rng(2), [np.zeros(3)]
-    steps = _moved(winding, np.arange(len(winding) - 1), np.arange(1, len(winding)))
+    steps = way_between(winding[:-1], winding[1:])
     for ahead, aside, turn in steps:
         particle = poses[-1][:, None].copy()
         # Odometry in the particle's own axes, as AMCL applies it.
@@ -268,7 +267,7 @@ def test_the_disturbances_are_those_that_were_found(calibrated):
     assert calibrated.robot.odometry.heading_drift_deg == Odometry.heading_drift_deg
     assert "which are not written" in " ".join(odometry.notes)
     turned = dataclasses.replace(odometry, turned=7.0)
-    assert as_disturbances(turned)["heading_drift_deg"] == odometry.heading_drift_deg.value
+    assert turned.settings()["heading_drift_deg"] == odometry.heading_drift_deg.value
     assert calibrated.robot.disturbances.boundary_noise == Disturbances.boundary_noise
     assert calibrated.robot.filter == Amcl(max_particles=900)
     sigma = calibrated.scans.range_sigma.value

@@ -18,7 +18,6 @@ from locplan.recordings._tracks import Tracks
 from locplan.recordings._tuning import RecordedBench, _stretches
 from locplan.robots import Amcl, Disturbances, Robot, read_amcl
 from locplan.simulation import poses_along, tuning_figure
-from locplan.simulation.tuning._reports import tuning_table
 
 FEW = {"min_particles": 60, "max_particles": 120}
 POOR = Amcl(**FEW, alpha1=1.0, alpha2=1.0, alpha3=1.0, alpha4=1.0)
@@ -54,7 +53,7 @@ def test_a_drive_on_the_bench_is_the_replay_of_its_stretch(grid, drive):
     stretch = slice(100, 140)
     still = Amcl(**FEW, alpha1=0.0, alpha2=0.0, alpha3=0.0, alpha4=0.0)
     robot = Robot(filter=still, disturbances=Disturbances(start_sigma=0.0, start_sigma_deg=0.0))
-    bench = RecordedBench(Tracks(drive, grid), [stretch], robot, 3, seed=1, threads=1)
+    bench = RecordedBench(grid, Tracks(drive, grid), [stretch], robot, 3, seed=1, threads=1)
     bench.drive([still], 1, 3)
     # Without noise all particles are one, whatever the random numbers.
     alone = replay(drive[stretch], grid, robot, runs=2)
@@ -89,7 +88,7 @@ def test_poor_settings_are_bettered_on_stretches_that_nothing_was_chosen_on(tune
 
 
 def test_reports_speak_of_the_drive(tuned):
-    text = tuning_table(tuned)
+    text = tuned.report()
     assert "on 5 stretches of the drive, 2 replays each" in text
     assert "random paths" not in text
     assert "it was not chosen on" in tuned.conclusion
@@ -104,9 +103,9 @@ def test_search_and_judgement_have_other_stretches(monkeypatch, grid, drive):
     seen = []
     made = RecordedBench.__init__
 
-    def noted(self, tracks, stretches, *others, **named):
+    def noted(self, where, tracks, stretches, *others, **named):
         seen.append(stretches)
-        made(self, tracks, stretches, *others, **named)
+        made(self, where, tracks, stretches, *others, **named)
 
     monkeypatch.setattr(RecordedBench, "__init__", noted)
     tune_on_drive(

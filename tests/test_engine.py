@@ -29,10 +29,7 @@ from bad_planners import (
     trespass,
 )
 
-from locplan.comparison._engine import Job, run_all
-from locplan.comparison._journal import Journal
-from locplan.comparison._specs import PlannerSpec
-from locplan.comparison._workers import Workers
+from locplan.comparison import Execution, Journal, PlannerSpec, compare
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
@@ -51,8 +48,11 @@ def room(*, door: bool = True) -> Costmap:
     return dataclasses.replace(costs, u=u, e=u / 10, weight=1.0)
 
 
-def job(**changes) -> Job:
-    return dataclasses.replace(Job("room", "made up", room(), QUERIES), **changes)
+def made(planners, queries=QUERIES, *, costs=None, weights=None, seeds=(1,), **execution):
+    """The runs of a comparison in a room."""
+    settings = {"weights": weights, "seeds": seeds, "execution": Execution(**execution)}
+    maps = {"room": room() if costs is None else costs}
+    return list(compare(maps, planners, queries, **settings).runs)
 
 
 def alive(pid: int) -> bool:
@@ -82,7 +82,7 @@ def by_planner(runs):
     }
 
 
-def told(run):
+def untimed(run):
     """What does not depend on the clock."""
     return run.task, run.status, run.xy, dict(run.measures)
 
@@ -90,9 +90,9 @@ def told(run):
 def test_every_failure_costs_one_run(capfd):
     bad = [crash, leave, hog, fail, refuse, depart, boast, trespass, stray, print_something]
     ticks = []
-    runs = run_all(
-        [job(queries=QUERIES[:1])],
+    runs = made(
         ["grid", *bad, "any-angle"],
+        QUERIES[:1],
         workers=2,
         memory=2e8,
         progress=lambda *tick: ticks.append(tick),
@@ -122,14 +122,16 @@ def test_every_failure_costs_one_run(capfd):
 
 
 def test_whoever_gives_no_answer_is_ended():
-    runs = run_all([job(queries=QUERIES[:1])], [spin, sleep], workers=2, patience=0.5)
+    runs = made([spin, sleep], QUERIES[:1], workers=2, patience=0.5)
     assert [run.status for run in runs] == ["hung", "hung"]
     assert {run.note for run in runs} == {"gave no answer within 0.5 s and was ended"}
     assert all(run.wall_seconds >= 0.5 for run in runs)
+    statuses = [run.status for run in made([spin, "grid"], QUERIES[:1], workers=1, patience=0.5)]
+    assert statuses == ["hung", "solved"]
 
 
 def test_runs_are_measured_on_the_costmap_of_their_weight():
-    runs = run_all([job()], ["grid", "any-angle"], weights=[0, 5], workers=1)
+    runs = made(["grid", "any-angle"], weights=[0, 5], workers=1)
     order = [(run.task.weight, run.task.query, run.task.planner) for run in runs]
     assert order == [
         (weight, query.name, planner)
@@ -151,7 +153,7 @@ def test_runs_are_measured_on_the_costmap_of_their_weight():
 
 @pytest.mark.usefixtures("inline_workers")
 def test_without_a_way_there_is_a_result():
-    runs = run_all([job(costs=room(door=False))], ["grid", "RRTstar:iterations=100"], workers=1)
+    runs = made(["grid", "RRTstar:iterations=100"], costs=room(door=False))
     assert {run.status for run in runs} == {"unreachable"}
     assert all("no path joins" in run.note for run in runs)
 
@@ -164,7 +166,7 @@ def test_seeds_are_for_those_who_take_them(tmp_path):
         "RRTstar:iterations=200,seed=9",
         PlannerSpec("mine", FunctionPlanner(counting, {"folder": str(tmp_path)})),
     ]
-    found = by_planner(run_all([job()], planners, seeds=[3, 4], workers=1))
+    found = by_planner(made(planners, seeds=[3, 4]))
     seeds = {label: sorted({run.task.seed for run in some}) for label, some in found.items()}
     assert list(seeds.values()).count([3, 4]) == 2
     assert seeds["grid"] == [0]
@@ -173,8 +175,8 @@ def test_seeds_are_for_those_who_take_them(tmp_path):
 
 def test_seeded_runs_are_the_same_wherever_they_are_made():
     planners = ["RRTstar:iterations=400", "BITstar:iterations=3000", "PRMstar:iterations=100"]
-    one, two = (run_all([job()], planners, seeds=[5, 7], workers=workers) for workers in (1, 2))
-    assert list(map(told, one)) == list(map(told, two))
+    one, two = (made(planners, seeds=[5, 7], workers=workers) for workers in (1, 2))
+    assert list(map(untimed, one)) == list(map(untimed, two))
     for planner in (planners[0], planners[2]):  # which solve them
         xy = {(run.task.query, run.xy) for run in one if run.task.planner == planner}
         assert len(xy) == 4
@@ -184,7 +186,7 @@ def test_functions_that_cannot_be_imported_are_sent():
     def local(costs, start, goal, *, bend=bool):
         return plan(costs, start, goal)
 
-    assert {run.status for run in run_all([job()], [local], workers=1)} == {"solved"}
+    assert {run.status for run in made(local, workers=1)} == {"solved"}
 
 
 def test_prepare_is_called_before_anything_is_timed(tmp_path):
@@ -196,7 +198,7 @@ def test_prepare_is_called_before_anything_is_timed(tmp_path):
         learner.ready = True
 
     learner.prepare = prepare
-    assert {run.status for run in run_all([job()], [learner], workers=1)} == {"solved"}
+    assert {run.status for run in made(learner, workers=1)} == {"solved"}
 
 
 def test_a_planner_that_cannot_be_sent_is_an_error():
@@ -209,7 +211,7 @@ def test_a_planner_that_cannot_be_sent_is_an_error():
             return plan(costs, start, goal)
 
     with pytest.raises(LocplanError, match="cannot be sent to a worker process"):
-        run_all([job()], [locked], workers=1)
+        made(locked, workers=1)
 
 
 def test_a_planner_whose_preparation_fails_is_an_error():
@@ -218,7 +220,7 @@ def test_a_planner_whose_preparation_fails_is_an_error():
 
     broken.prepare = lambda: 1 / 0
     with pytest.raises(LocplanError, match="ZeroDivisionError"):
-        run_all([job()], [broken], workers=1)
+        made(broken, workers=1)
 
 
 def test_preparation_that_crashes_ends_the_comparison():
@@ -227,7 +229,7 @@ def test_preparation_that_crashes_ends_the_comparison():
 
     broken.prepare = lambda: os._exit(1)
     with pytest.raises(LocplanError, match="before they are ready"):
-        run_all([job()], [broken], workers=1)
+        made(broken, workers=1)
 
 
 def test_a_worker_killed_from_outside_costs_one_run(tmp_path):
@@ -240,7 +242,7 @@ def test_a_worker_killed_from_outside_costs_one_run(tmp_path):
 
     queries = [dataclasses.replace(QUERIES[0], name=str(n)) for n in range(6)]
     lazy = PlannerSpec("lazy", FunctionPlanner(first_waits, {"folder": str(tmp_path)}))
-    runs = run_all([job(queries=queries)], [lazy], workers=2, progress=kill)
+    runs = made(lazy, queries, workers=2, progress=kill)
     statuses = [run.status for run in runs]
     assert statuses.count("crashed") == len(killed) == 1
     assert statuses.count("solved") == 5
@@ -253,46 +255,46 @@ def test_what_is_done_is_not_done_again(tmp_path):
     calls.mkdir()
     mine = PlannerSpec("mine", FunctionPlanner(counting, {"folder": str(calls)}))
 
-    def made(resume=True, **changes):
+    def added(resume=True, **changes):
         before = len(list(calls.iterdir()))
-        arguments = {"weights": [1.0], "seeds": [1, 2]} | changes
-        runs = run_all([job()], [mine, fail], journal=file, resume=resume, workers=1, **arguments)
+        arguments = {"weights": [1.0], "seeds": [1, 2], "journal": file} | changes
+        runs = made([mine, fail], resume=resume, **arguments)
         return runs, len(list(calls.iterdir())) - before
 
-    first, count = made(resume=False)
+    first, count = added(resume=False)
     assert count == 4
-    again, count = made()
+    again, count = added()
     assert count == 0
     assert again == first
-    more, count = made(seeds=[1, 2, 3])
+    more, count = added(seeds=[1, 2, 3])
     assert count == 2
     assert [run for run in more if run.task.seed < 3] == first
-    assert made(weights=[2.0])[1] == 4
+    assert added(weights=[2.0])[1] == 4
     with pytest.raises(LocplanError, match="holds 14 runs; go on with them by --resume"):
-        made(resume=False)
+        added(resume=False)
     # Another map or query of the same name is no other's result.
     other = dataclasses.replace(room(), u=room().u / 2)
-    run_all([job(costs=other)], [mine], journal=file, resume=True, weights=[1.0], workers=1)
+    made(mine, costs=other, journal=file, resume=True, weights=[1.0])
     assert len(list(calls.iterdir())) == 4 + 2 + 4 + 2
 
 
 @pytest.mark.usefixtures("inline_workers")
 def test_a_torn_journal_loses_its_last_line(tmp_path):
     file = tmp_path / "runs.jsonl"
-    first = run_all([job()], ["grid", "any-angle"], journal=file, workers=1)
+    first = made(["grid", "any-angle"], journal=file)
     whole = file.read_bytes()
     lines = whole.splitlines(keepends=True)
     for kept in range(len(whole)):
         file.write_bytes(whole[:kept])
         with Journal(file, resume=True) as journal:
-            found = [told(run) for run in journal.runs.values()]
+            found = [untimed(run) for run in journal.runs.values()]
         finished = max(0, whole[:kept].count(b"\n") - 1)
-        assert found == [told(run) for run in first[:finished]]
+        assert found == [untimed(run) for run in first[:finished]]
         assert file.read_bytes() == b"".join(lines[: 1 + finished])
     for kept in (len(whole) - 40, 9):
         file.write_bytes(whole[:kept])
-        again = run_all([job()], ["grid", "any-angle"], journal=file, resume=True, workers=1)
-        assert [told(run) for run in again] == [told(run) for run in first]
+        again = made(["grid", "any-angle"], journal=file, resume=True)
+        assert [untimed(run) for run in again] == [untimed(run) for run in first]
         assert len(file.read_bytes().splitlines()) == len(lines)
         assert all(json.loads(line) for line in file.read_text().splitlines())
 
@@ -302,15 +304,15 @@ def test_other_files_are_no_journals(tmp_path):
     file = tmp_path / "notes.txt"
     file.write_text("dear diary\n")
     with pytest.raises(LocplanError, match="is no journal"):
-        run_all([job()], ["grid"], journal=file, resume=True)
+        made("grid", journal=file, resume=True)
     assert file.read_text() == "dear diary\n"
     with pytest.raises(LocplanError, match="is a file, not a folder"):
-        run_all([job()], ["grid"], journal=file / "such.jsonl")
-    run_all([job()], ["grid"], journal=tmp_path / "runs.jsonl", workers=1)
+        made("grid", journal=file / "such.jsonl")
+    made("grid", journal=tmp_path / "runs.jsonl")
     with (tmp_path / "runs.jsonl").open("a") as journal:
         journal.write("{}\n")
     with pytest.raises(LocplanError, match="line 4 is damaged"):
-        run_all([job()], ["grid"], journal=tmp_path / "runs.jsonl", resume=True)
+        made("grid", journal=tmp_path / "runs.jsonl", resume=True)
 
 
 def test_a_journal_has_one_writer(tmp_path):
@@ -329,7 +331,7 @@ from bad_planners import slow, spawning, spin
 from test_engine import *
 signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored
 naps = PlannerSpec("nap", FunctionPlanner({planner}, {{"folder": {folder!r}}}))
-run_all([job()], [naps, spin], workers=2, journal={folder!r} + ".jsonl")
+made([naps, spin], workers=2, journal={folder!r} + ".jsonl")
 """
 
 
@@ -377,28 +379,26 @@ def test_an_end_leaves_no_processes(tmp_path, ending, planner):
     assert comes_true(lambda: not any(map(alive, workers)))
 
 
-def test_wrong_input_is_told_before_any_run(tmp_path):
+def test_wrong_input_is_refused_before_any_run(tmp_path):
     def refused(**changes):
-        arguments = {"jobs": [job()], "planners": ["grid"], "workers": 1} | changes
         with pytest.raises(LocplanError) as caught:
-            run_all(**arguments)
+            made(**{"planners": ["grid"]} | changes)
         assert "\n" not in str(caught.value)
         return str(caught.value)
 
     in_wall = Query("wall", (8.5, 1.5), (1.5, 1.5))
-    assert refused(jobs=[job(queries=[in_wall])]).startswith(
+    assert refused(queries=[in_wall]).startswith(
         "map 'room', query 'wall': start 8.5,1.5 lies in a wall"
     )
     assert "heading" in refused(planners=["RRTstar:space=SE2"])
     assert "there twice" in refused(planners=["grid", "grid"])
-    assert "there twice" in refused(jobs=[job(), job()])
     assert "one seed" in refused(seeds=[])
     assert "one weight" in refused(weights=[1, 1.0])
     assert "workers" in refused(workers=0)
-    assert "name of its own" in refused(jobs=[job(queries=QUERIES + QUERIES)])
+    assert "name of its own" in refused(queries=QUERIES + QUERIES)
     assert "weight" in refused(weights=[-1.0])
-    blank = job(costs=Costmap.blank(room().grid, robot_radius=0.0))
-    assert "no field" in refused(jobs=[blank], weights=[4.0])
+    blank = Costmap.blank(room().grid, robot_radius=0.0)
+    assert "no field" in refused(costs=blank, weights=[4.0])
     assert "at least one planner" in refused(planners=[])
 
 
@@ -441,20 +441,13 @@ def test_time_limits_and_spaces_are_known():
 @pytest.mark.usefixtures("inline_workers")
 def test_headings_are_for_planners_that_have_them():
     posed = [Query("posed", (1.5, 1.5, 0.0), (14.5, 10.5, math.pi / 2))]
-    runs = run_all(
-        [job(queries=posed)], ["grid", "RRTConnect:space=SE2,iterations=20000"], workers=1
-    )
+    runs = made(["grid", "RRTConnect:space=SE2,iterations=20000"], posed)
     assert {run.status for run in runs} == {"solved"}
 
 
 @pytest.mark.usefixtures("inline_workers")
 def test_a_costmap_without_a_field_has_the_weight_zero():
     blank = Costmap.blank(room().grid, robot_radius=0.0)
-    (run,) = run_all([job(costs=blank, queries=QUERIES[:1])], ["grid"], weights=[0], workers=1)
+    (run,) = made("grid", QUERIES[:1], costs=blank, weights=[0])
     assert run.measures["cost"] == pytest.approx(run.measures["length"])
     assert math.isnan(run.measures["integrated_u"])
-
-
-def test_nothing_to_do_is_done_at_once():
-    with Workers([PlannerSpec.of("grid")], 1) as workers:
-        assert list(workers.run([])) == []

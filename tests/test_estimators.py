@@ -16,6 +16,7 @@ from locplan.costs import Costmap, Path, path_metrics, profile
 from locplan.costs._degeneracy import HeadingLayers
 from locplan.errors import ConfigError
 from locplan.field import (
+    NORMAL_REACH,
     CovarianceField,
     Estimator,
     FieldConfig,
@@ -27,11 +28,12 @@ from locplan.field import (
     SearchWindow,
     covariance_field,
     load_or_compute,
+    mean_information,
     scalar,
+    surface_normals,
 )
-from locplan.field._covariance import mean_information, rotated
+from locplan.field._covariance import rotated
 from locplan.field._lattice import standing_cells
-from locplan.field._surfaces import NORMAL_REACH, surface_normals
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.planners import plan
 from locplan.planners.ompl._motions import Motions

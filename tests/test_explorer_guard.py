@@ -277,7 +277,7 @@ def test_too_long_messages_close_the_socket(server):
 
 
 def test_pages_are_bounded(server, monkeypatch):
-    monkeypatch.setattr("locplan.explorer._server.MOST_PAGES", 2)
+    monkeypatch.setattr("locplan.explorer._server.MAX_PAGES", 2)
     with linked(server) as one, linked(server) as other:
         Page(one), Page(other)
         with pytest.raises(InvalidStatus):

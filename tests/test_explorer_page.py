@@ -164,7 +164,7 @@ def test_a_simulation_is_cancelled_while_the_page_goes_on(visit):
     seen = visit()
     seen.unfold("simulate-group")
     assert seen.text("#robot").startswith("lidar, 6 m, 360°; radius 0.2 m")
-    seen.page.locator("#drives-each").select_option("100")
+    seen.page.locator("#drives-each").select_option("128")
     seen.page.locator("#simulate").click()
     task = seen.wait('#tasks [data-kind="simulate"]')
     painted = seen.value("painted")
@@ -213,14 +213,15 @@ def test_intervals_and_verdicts_read_as_people_speak(browser, server):
     other = {"name": "b", "label": "b", "error_m": [0.2, 0.0304, 2.1], "lost": [0.5, 0.2, 0.8]}
     third = {"name": "c", "label": "c", "error_m": [1.5, 1.2, 2.1], "lost": None}
     candidates = [driven | each for each in (first, other, third)]
-    pole = {"poses": [[20.0, 8.0, 0.0]], "tool": "pole", "size": [0.2]}
+    pole = {"object": {"kind": "Pole", "diameter": 0.2}}
+    pole["landmarks"] = [{"x": 20.0, "y": 8.0, "heading": 0.0}]
     context = browser.new_context(
         viewport={"width": 1200, "height": 800}, permissions=["clipboard-read", "clipboard-write"]
     )
     seen = Seen(context.new_page())
     answers = {
         "simulate": {"verdict": "no matter", "chosen": "a", "candidates": candidates},
-        "landmarks": pole | {"verdict": "not shown to help", "helps": False},
+        "landmarks": pole | {"verdict": "not shown to help", "verification": {"helps": False}},
     }
     seen.answer(answers)
     seen.open(server.address)
@@ -238,13 +239,13 @@ def test_intervals_and_verdicts_read_as_people_speak(browser, server):
     seen.page.locator("#export-to").select_option("path")
     which = seen.page.locator("#export-which", has_text="aware path at weight 8, ")
     which.filter(has_text="recommends another").wait_for()
-    for wanted, said in (("choose", "chooses once more"), ("plan", re.compile(r"copied\.$"))):
+    for wanted, said in (("simulated", "chooses once more"), ("plan", re.compile(r"copied\.$"))):
         seen.page.locator("#copy-shell").click()
         seen.page.locator("#toast", has_text=said).wait_for()
         told = seen.page.evaluate("() => navigator.clipboard.readText()")
-        assert f"\nlocplan {wanted} " in told
-        assert ("--drives 20 --output chosen" in told) == (wanted == "choose")
-        if wanted == "choose":
+        assert "\nlocplan plan " in told
+        assert ("--drives 64 --output chosen" in told) == (wanted == "simulated")
+        if wanted == "simulated":
             weight = seen.page.locator("#weight").input_value()
             seen.page.locator("#weight").fill("900")
             which.wait_for(state="detached")
@@ -276,7 +277,7 @@ def test_intervals_and_verdicts_read_as_people_speak(browser, server):
     seen.unfold("landmarks-group")
     take = seen.page.locator("#landmarks-accept")
     for helps, is_main in ((False, False), (True, True), (None, True)):
-        answers["landmarks"] |= {"helps": helps, "verdict": f"helps: {helps}"}
+        answers["landmarks"] |= {"verification": {"helps": helps}, "verdict": f"helps: {helps}"}
         seen.page.locator("#landmarks-find").click()
         seen.page.locator("#landmarks-verdict", has_text=f"elps: {helps}").wait_for()
         assert ("main" in take.get_attribute("class").split()) == is_main
@@ -291,7 +292,7 @@ def test_intervals_and_verdicts_read_as_people_speak(browser, server):
 def test_a_simulation_tells_its_verdict_and_draws_bands(visit):
     seen = visit()
     seen.unfold("simulate-group")
-    seen.page.locator("#drives-each").select_option("10")
+    seen.page.locator("#drives-each").select_option("16")
     seen.page.locator("#simulate").click()
     seen.page.locator("#simulated-verdict", has_text="drives").wait_for(timeout=60_000)
     assert seen.page.locator("#candidates tbody tr, #candidates > tr").count() >= 2

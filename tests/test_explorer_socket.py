@@ -170,7 +170,7 @@ def test_a_page_that_goes_ends_its_work(server, held):
 
 
 def test_too_many_waiting_questions_are_refused(page, held, monkeypatch):
-    monkeypatch.setattr("locplan.explorer._socket.MOST_WAITING", 3)
+    monkeypatch.setattr("locplan.explorer._socket.MAX_WAITING", 3)
     _, let_go = held
     numbers = [page.send("each") for _ in range(4)]
     assert "too many" in page.wait(numbers[3])["error"]
@@ -246,7 +246,7 @@ def test_states_come_in_their_order(page, server, monkeypatch):
             last_came.set()
         return {"number": number}
 
-    monkeypatch.setattr("locplan.explorer._socket.state", numbered)
+    monkeypatch.setattr("locplan.explorer._state.state", numbered)
     seen = []
     for _ in range(3):
         server.session.tell({"event": "state"})

@@ -21,13 +21,16 @@ from locplan import export, load_map, save_map
 from locplan._util.public import field_docs
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import LocplanError
-from locplan.export import _registry as registry
-from locplan.export._distros import DistroWarning
-from locplan.export._names import Distro
-from locplan.export._nav2 import ParametersChanged
-from locplan.export._robots import RobotWarning
+from locplan.export import (
+    DistroWarning,
+    ParametersChanged,
+    RobotWarning,
+    YawWarning,
+    _registry as registry,
+)
+from locplan.export._distros import Distro
 from locplan.export._travel_costs import PLANNERS, planner_named, values_for
-from locplan.export._value_maps import YawWarning, write_values
+from locplan.export._value_maps import write_values
 from locplan.field import FieldConfig, Sad, SearchWindow, covariance_field, load_or_compute
 from locplan.maps import FREE, OccupancyGrid, environments
 from locplan.planners import plan
@@ -131,7 +134,7 @@ def test_where_a_planner_saturates_is_said(tmp_path, costs):
     heavy = costs.with_weight(10.0)
     excess = 10.0 * heavy.u[heavy.grid.free]
     k = float(np.median(excess))
-    conversion = export.nav2_keepout(tmp_path / "mask", heavy, planner="smac2d", param=k)
+    conversion = export.nav2_keepout(tmp_path / "mask", heavy, planner="smac2d", planner_param=k)
     assert conversion.greatest == pytest.approx(k * 251 / 252)
     above = excess > conversion.greatest
     assert conversion.saturated_share == pytest.approx(above.mean())
@@ -406,10 +409,10 @@ def test_values_are_the_nearest_of_all(costs):
     ("settings", "message"),
     [
         ({"planner": "teb"}, "must be one of smac2d"),
-        ({"planner": "navfn", "param": 2.0}, "no parameter"),
-        ({"param": 0.0}, "must be a positive number"),
-        ({"param": math.nan}, "must be a positive number"),
-        ({"param": math.inf}, "must be a positive number"),
+        ({"planner": "navfn", "planner_param": 2.0}, "no parameter"),
+        ({"planner_param": 0.0}, "must be a positive number"),
+        ({"planner_param": math.nan}, "must be a positive number"),
+        ({"planner_param": math.inf}, "must be a positive number"),
         ({"distro": "foxy"}, "distro must be one of"),
     ],
 )
@@ -859,7 +862,7 @@ def test_a_path_is_a_message_that_ros_takes(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "x,y\n1,2", "x_m,y_m", "x_m,y_m\n1", "x_m,y_m\n1,nan", "x_m,y_m\na,b", "\x00"]
+    "text", ["", "x_m,y_m\n1,2", "x,y", "x,y\n1", "x,y\n1,nan", "x,y\na,b", "\x00"]
 )
 def test_files_that_hold_no_path_are_refused(tmp_path, text):
     (tmp_path / "p.csv").write_text(text)
@@ -882,7 +885,7 @@ def test_a_field_as_a_table_has_each_point_where_it_lies(tmp_path, rotation):
     assert len(rows) == field.evaluated.sum()
     for row in rows:
         about = dict(zip(columns, row, strict=True))
-        expected = field.at(about["x_m"], about["y_m"])
+        expected = field.at(about["x"], about["y"])
         names = ("x", "y", "heading")[: len(expected)]
         for i, one in enumerate(names):
             for j, other in enumerate(names[i:], start=i):
@@ -890,7 +893,7 @@ def test_a_field_as_a_table_has_each_point_where_it_lies(tmp_path, rotation):
                     expected[i, j], rel=1e-6, abs=1e-9
                 )
         assert about["e"] == pytest.approx(math.sqrt(np.linalg.det(expected)), rel=1e-6)
-        assert about["major_std_m"] >= about["minor_std_m"]
+        assert about["position_std"] >= about["minor_position_std"]
 
 
 @pytest.mark.draws
@@ -987,4 +990,4 @@ def test_a_file_in_the_way_is_replaced_with_force_only(run, tmp_path):
     code, out, _ = run(*ask, "--force")
     assert code == 0
     assert "6 m assumed" in " ".join(out.split())
-    assert (tmp_path / "mine.csv").read_text().startswith("x_m,")
+    assert (tmp_path / "mine.csv").read_text().startswith("x,")

@@ -16,19 +16,20 @@ from locplan.field import (
     FieldConfig,
     Fisher,
     Fused,
+    MapPart,
     Sad,
     Scan,
     SearchWindow,
     _tiles as tiles,
+    config_of,
     covariance_field,
     log_euclidean_mean,
     position_axes,
+    sampled_covariances,
     scalar,
 )
-from locplan.field._config import config_of
-from locplan.field._estimator import MapPart
 from locplan.field._lattice import evaluated_points, stride_cells
-from locplan.field._samples import MIN_CLEARANCE, sampled_covariances
+from locplan.field._summary import MIN_CLEARANCE
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid, environments
 from locplan.robots import Lidar
 
@@ -250,8 +251,9 @@ def test_an_interrupted_field_stops_its_threads(monkeypatch):
     interrupted = threading.Event()
 
     def interrupt(done, total):
-        interrupted.set()
-        raise KeyboardInterrupt
+        if done:
+            interrupted.set()
+            raise KeyboardInterrupt
 
     controls, turns = [], itertools.count()
     compute = Sad.covariances

@@ -47,5 +47,5 @@ def test_the_lowest_versions_that_are_declared_work(tmp_path):
     run(python, "-m", "pip", "install", "-q", *floors())
     ends = ("--start", "2,3", "--goal", "38,3", "--lidar", "turtlebot4")
     run(python, "-m", "locplan", "plan", "maps/two_corridors.yaml", *ends, "-o", tmp_path / "out")
-    assert (tmp_path / "out" / "plan.png").stat().st_size > 10_000
+    assert (tmp_path / "out" / "choice.png").stat().st_size > 10_000
     run(python, "-c", USE)

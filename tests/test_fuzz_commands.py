@@ -8,7 +8,7 @@ import sys
 import fuzz_commands
 import pytest
 
-from locplan.cli._application import COMMANDS
+from locplan.cli import COMMANDS
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="it reads Linux's /proc")
 
@@ -55,6 +55,7 @@ def around(stdin=None, stdout=None, stderr=None, out=None, file_size=None, **var
 
 def test_lines_run_in_their_surroundings():
     field = ["field", "in/room.yaml", "-o", "out/result.zarr", "--estimator", "sad"]
+    drawn = ["plot", "in/room.yaml", "-o", "out/result.pdf"]
     served = fuzz_commands.Served()
     try:
         for line, where, code, words in (
@@ -64,6 +65,7 @@ def test_lines_run_in_their_surroundings():
             (["info", "in/absent"], around(stderr="full"), "2", ""),
             (["maps"], around(stdin="closed", stderr="full"), "1", ""),
             (["maps"], around(file_size=0), "2", "File too large"),
+            (drawn, around(file_size=5000), "2", "cannot be written"),
             (field, around(out="in/empty"), "2", "out"),
         ):
             answer = served.run(line, where)

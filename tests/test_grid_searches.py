@@ -11,15 +11,13 @@ from conftest import SHARED_DATA
 from test_movingai import map_of, read_map, read_scenarios, scenario_files
 
 import locplan
-from locplan._kernels import scale as scales, search
-from locplan.comparison import compare
+from locplan._kernels import search, ways
+from locplan.comparison import Execution, RandomQueries, compare
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import Sad, covariance_field
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Found, pareto_front, plan
 from locplan.planners._grid import GUIDED_CONTRAST
-from locplan.planners._summary import front_summary, front_table, plans_summary, plans_table
 
 
 def noisy(shape, seed, *, blocked=0.25, greatest=9.0) -> Costmap:
@@ -45,7 +43,7 @@ def searched(costs: Costmap, cutting: bool, *, guided=False, goal=True) -> searc
     """A search from the first cell, to the last one if there shall be a goal."""
     half, columns = search.bordered_half(costs.density, 1), costs.grid.shape[1] + 2
     ends = columns + 1, half.size - columns - 2 if goal else -1
-    return search.search(*(half, columns, *ends, cutting), scales.scale_of(half), guided=guided)
+    return search.search(*(half, columns, *ends, cutting), search.scale_of(half), guided=guided)
 
 
 def costs_from_corner(costs: Costmap, cutting: bool) -> np.ndarray:
@@ -84,7 +82,7 @@ def test_of_equal_paths_all_searches_take_the_same():
         density[rng.random(density.shape) < rng.uniform(0, 0.4)] = np.inf
         cells = rng.integers(20, size=(2, 2))
         density[tuple(cells.T)] = 1.0
-        half, scale = search.bordered_half(density, 1), scales.Scale(1.0, 2.0, 1.5)
+        half, scale = search.bordered_half(density, 1), search.Scale(1.0, 2.0, 1.5)
         source, goal = ((cells + 1) @ (22, 1)).tolist()
         found = [
             search.search(half, 22, source, goal, False, scale, guided=guided)
@@ -92,7 +90,7 @@ def test_of_equal_paths_all_searches_take_the_same():
         ]
         if np.isfinite(found[0].cost[goal]):
             solved += 1
-            paths = [search.trace(half, 22, one.cost, goal, False) for one in found]
+            paths = [ways.trace(half, 22, one.cost, goal, False) for one in found]
             np.testing.assert_array_equal(*paths)
     assert solved > 1200
 
@@ -132,7 +130,7 @@ def test_scenarios_have_their_optimal_lengths(guided):
     for path in scenario_files()[::2]:
         density = read_map(map_of(path))
         half, columns = search.bordered_half(density, 1), density.shape[1] + 2
-        scale = scales.scale_of(half)
+        scale = search.scale_of(half)
         for start, goal, optimal in read_scenarios(path):
             source, target = ((row + 1) * columns + col + 1 for row, col in (start, goal))
             found = search.search(half, columns, source, target, False, scale, guided=guided)
@@ -174,7 +172,7 @@ def test_costs_do_not_depend_on_the_queue(change, guided, monkeypatch):
     expected = naive.shortest_costs(costs.density, (0, 0), False)
     plain = searched(costs, False, guided=guided)
     for name, value in change.items():
-        monkeypatch.setattr(scales if name == "WIDTH_TO_MEAN" else search, name, value)
+        monkeypatch.setattr(search, name, value)
     np.testing.assert_allclose(costs_from_corner(costs, False), expected, rtol=1e-12)
     again = searched(costs, False, guided=guided)
     last = -costs.grid.shape[1] - 4
@@ -194,23 +192,19 @@ def test_a_wall_that_costs_much_is_crossed(costly):
 def test_a_search_without_time_is_unfinished(monkeypatch):
     monkeypatch.setattr(search, "STRETCH", 10)
     half = search.bordered_half(np.ones((30, 30)), 1)
-    arguments = half, 32, 33, -1, False, scales.scale_of(half)
+    arguments = half, 32, 33, -1, False, search.scale_of(half)
     assert search.search(*arguments).finished
     short = search.search(*arguments, until=0.0)
     assert not short.finished
     assert short.expanded < 900
 
 
-def test_expansions_stand_in_tables_and_json():
+def test_expansions_stand_in_json():
     costs = costs_of(np.ones((9, 9)))
-    field = covariance_field(costs.grid, Sad(range=3.0))
     made = {name: plan(costs, *corners(costs), planner=name) for name in ("grid", "any-angle")}
-    about = json.loads(json.dumps(plans_summary(made)))
+    about = {name: json.loads(json.dumps(each.summary())) for name, each in made.items()}
     assert about["grid"]["expanded"] == made["grid"].expanded > 0
     assert about["any-angle"]["expanded"] is None
-    (row,) = [line for line in plans_table(made, field).splitlines() if "expanded" in line]
-    assert str(made["grid"].expanded) in row.split()
-    assert "expanded" not in plans_table({"one": made["any-angle"]}, field)
 
 
 def test_expansions_are_summed_over_waypoints():
@@ -224,16 +218,14 @@ def test_expansions_are_summed_over_waypoints():
 
 def test_expansions_stand_in_the_runs_of_a_comparison(tmp_path):
     costs = costs_of(np.ones((12, 12)))
-    settings = {"weights": [0.0], "workers": 1, "least_distance": 3.0}
-    journal = tmp_path / "runs.jsonl"
+    execution = Execution(workers=1, journal=tmp_path / "runs.jsonl", resume=True)
     planners = ["astar", "dijkstra", "any-angle"]
-    found = compare({"mine": costs}, planners, 2, journal=journal, **settings)
-    again = compare({"mine": costs}, planners, 2, journal=journal, resume=True, **settings)
-    assert sorted(run.row()["expanded"] for run in found.runs if run.expanded)
+    queries = RandomQueries(2, least_distance=3.0)
+    found = compare({"mine": costs}, planners, queries, execution=execution)
+    again = compare({"mine": costs}, planners, queries, execution=execution)
     for run, read in zip(found.runs, again.runs, strict=True):
         assert read.expanded == run.expanded
         assert (run.expanded is None) == (run.task.planner == "any-angle")
-        assert (run.row()["expanded"] == run.expanded) == (run.expanded is not None)
 
 
 def test_a_number_of_expansions_is_whole():
@@ -254,8 +246,8 @@ def test_a_front_without_time_for_its_ends_says_so(monkeypatch):
     assert front.status == "timeout"
     assert len(front) == 0
     assert "no path was found within" in repr(front)
-    assert front_table(front, "m² rad").startswith("timeout: no path was found within")
-    about = json.loads(json.dumps(front_summary(front), allow_nan=False))
+    assert front.report().startswith("timeout: no path was found within")
+    about = json.loads(json.dumps(front.summary(), allow_nan=False))
     assert (about["status"], about["epsilon"]) == ("timeout", None)
     with pytest.raises(ConfigError, match="raise time_limit"):
         front.plan(0)

@@ -15,8 +15,7 @@ import yaml
 from conftest import drawn, refused
 from hostile_files import GRID, OPEN, RUN, SMALL, cache_files, made_field
 
-from locplan.comparison._cases import read_movingai_map, read_scenarios
-from locplan.comparison._journal import Journal
+from locplan.comparison import Journal, read_movingai_map, read_scenarios
 from locplan.errors import ConfigError, FieldError, LocplanError, MapError
 from locplan.export._folders import _is_untouched_export
 from locplan.field import (

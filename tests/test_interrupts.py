@@ -235,11 +235,14 @@ def stops() -> list:
     each = [
         ("locplan.field.Sad.covariances", ("field", "-o", "out.zarr", "--picture", "out.png")),
         (
-            "locplan.comparison._workers.Workers._wait",
+            "locplan.comparison._workers.Workers.run",
             ("compare", "--least-distance", "2", "-o", "out"),
         ),
         ("locplan.field._zarr.write", ("field", "-o", "out.zarr")),
-        ("locplan.simulation.Simulator.arguments", ("choose", *ENDS, "-o", "out")),
+        (
+            "locplan.simulation.Simulator.arguments",
+            ("plan", *ENDS, "--no-field", "--lidar", "rplidar-a1", "-o", "out"),
+        ),
         ("locplan.plotting._picture.Picture.savefig", ("plot", "-o", "out.png")),
         ("locplan.field.Sad.covariances", ("calibrate", "--places", "10", "-o", "out.json")),
         ("locplan.field.Sad.prepare", ("export", "--to", "nav2-keepout", "-o", "out")),

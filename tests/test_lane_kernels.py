@@ -15,7 +15,7 @@ from test_route_kernels import (
     to_world,
 )
 
-from locplan._kernels import lanes as kernels
+from locplan._kernels import route as kernels
 
 COUNTS = (1, 2, 3, 5, 9, 12, 14, 14)
 

@@ -17,8 +17,7 @@ from test_route_graph import rooms
 
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError, PoseError
-from locplan.export import RouteGraph, lif, roadmap, to_lif, with_stations
-from locplan.export._value_maps import YawWarning
+from locplan.export import RouteGraph, YawWarning, lif, roadmap, to_lif, with_stations
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Station
 

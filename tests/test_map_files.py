@@ -21,12 +21,12 @@ from locplan.maps import (
     FREE,
     OCCUPIED,
     UNKNOWN,
+    MapWarning,
     OccupancyGrid,
-    _pixels as pixels,
+    _source as pixels,
     load_map,
     save_map,
 )
-from locplan.maps._files import MapWarning
 from locplan.maps._yaml import MAX_YAML_BYTES
 
 F, U, X = FREE, UNKNOWN, OCCUPIED
@@ -304,7 +304,7 @@ def test_what_is_no_map_yaml_is_refused(tmp_path, content, phrase):
 
 
 def test_half_as_many_pixels_are_read_of_images_with_several_bytes_each(tmp_path, monkeypatch):
-    monkeypatch.setattr("locplan.maps._pixels.MAX_PIXELS", 100)
+    monkeypatch.setattr("locplan.maps._source.MAX_PIXELS", 100)
     for mode, size in (("L", (10, 10)), ("RGB", (10, 5))):
         Image.new(mode, size).save(tmp_path / "a.png")
         assert load_map(write_yaml(tmp_path, image="a.png")).shape == size[::-1]

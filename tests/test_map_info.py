@@ -91,7 +91,7 @@ def test_specks_are_summed_up():
     assert len(info.rooms) == 1
     assert info.specks == 6
     assert info.specks_area == pytest.approx(12 * 0.09)
-    assert "6 specks" in info.table()
+    assert "6 specks" in info.report()
 
 
 def test_places_are_far_apart_by_the_way_and_not_by_the_crow():
@@ -152,8 +152,8 @@ def test_a_map_of_one_cell(level, tmp_path):
     assert info.places == info.pairs == ()
     assert len(info.rooms) == (level == FREE)
     assert info.warnings
-    json.dumps(info.to_json(), allow_nan=False)
-    assert "1 x 1 cells" in info.table()
+    json.dumps(info.summary(), allow_nan=False)
+    assert "1 x 1 cells" in info.report()
     plotting.save_figure(plotting.info_figure(info), tmp_path / "one.png")
 
 
@@ -161,7 +161,7 @@ def test_a_map_without_free_cells(tmp_path):
     info = describe_map(drawn("####", "#  #", "####"))
     assert info.rooms == info.pairs == ()
     assert any("no cell is free" in warning for warning in info.warnings)
-    assert "no room for a robot of radius 0.25 m" in info.table()
+    assert "no room for a robot of radius 0.25 m" in info.report()
     plotting.save_figure(plotting.info_figure(info), tmp_path / "none.png")
 
 
@@ -310,12 +310,11 @@ def test_the_command_prints_a_table_or_json_and_draws(run, tmp_path):
     assert command.endswith("--lidar turtlebot4 --set footprint=0.3 --set margin=0")
     code, out, _ = run("info", file, "--json")
     about = json.loads(out)
-    assert about["pairs"][0]["distance_m"] > 7
+    assert about["pairs"][0]["distance"] > 7
     assert "--set" not in about["pairs"][0]["command"]
-    code, out, _ = run(*shlex.split(command)[1:], "--set", "range=1")
+    code, out, _ = run(*shlex.split(command)[1:], "--set", "range=1", "--drives", 8, "--json")
     assert code == 0
-    assert "fused, turtlebot4, 1 m" in out
-    assert "same path as the shortest" in out
+    assert json.loads(out)["robot"]["lidar"]["range"] == 1
 
 
 def test_what_misleads_is_told_once(run, tmp_path):
@@ -336,7 +335,7 @@ def test_wrong_pictures_and_radii_are_refused(run, tmp_path):
 
 def test_the_table_sums_up_many_rooms(monkeypatch):
     monkeypatch.setattr(_map_info, "LISTED", 1)
-    text = describe_map(drawn(*TWO_ROOMS), robot_radius=0.0).table()
+    text = describe_map(drawn(*TWO_ROOMS), robot_radius=0.0).report()
     assert "1 more" in text
     assert "12.0 m²" in text
 
@@ -353,7 +352,7 @@ def test_real_maps_are_described(real_maps, names):
         costs = Costmap.blank(info.grid)
         for place in info.places:
             assert costs.cell_of((place.x, place.y))
-        assert info.table()
+        assert info.report()
         said[file.parent.name] = " ".join(info.warnings)
     assert "lower free_thresh to 0.196" in said["nav2_depot"]
     assert "dark grey pixels are read as unknown" in said["willow_garage_0.10"]

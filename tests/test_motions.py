@@ -9,7 +9,7 @@ from conftest import drawn
 from naive import arc_crossings as naive_arc_crossings, motion_cost as naive_motion_cost
 from ompl import base
 
-from locplan._kernels import arcs, curves, motions, search
+from locplan._kernels import curves, motions, search
 from locplan.costs import Costmap, path_metrics
 from locplan.errors import ConfigError, PoseError
 from locplan.maps import FREE, OccupancyGrid
@@ -46,7 +46,7 @@ def test_curves_lead_to_their_ends_and_none_of_ompls_is_shorter(name, extent):
         turns, lengths = SHORTEST[name](*start, *end)
         reached = tuple(start)
         for turn, length in zip(turns, lengths, strict=True):
-            reached = arcs.moved(*reached, turn, length, 1.0)
+            reached = curves.moved(*reached, turn, length, 1.0)
         assert reached[:2] == pytest.approx(end[:2], abs=1e-9)
         assert math.remainder(reached[2] - end[2], 2 * math.pi) == pytest.approx(0, abs=1e-9)
         for one, pose in ((state, start), (other, end)):
@@ -74,7 +74,7 @@ def test_arcs_cross_the_borders_that_tiny_steps_find(seed):
     center_x, center_y, radius = *rng.uniform(-5, 5, 2), rng.uniform(0.3, 9)
     low = rng.uniform(-7, 7)
     high = low + rng.uniform(0.1, 2 * math.pi)
-    angles = arcs.arc_crossings(center_x, center_y, radius, low, high)
+    angles = curves.arc_crossings(center_x, center_y, radius, low, high)
     assert angles[0] == low
     assert angles[-1] == high
     assert (np.diff(angles) >= 0).all()

@@ -12,7 +12,7 @@ from locplan import export, paper, plotting, simulation
 from locplan._util.tables import table
 from locplan.maps import OccupancyGrid
 from locplan.planners import pareto_front
-from locplan.plotting._picture import Picture
+from locplan.plotting import Picture
 
 NAMES = ("[red]$x$\\", "a$b$c", "$\\frac{", "x^2_3\\", "r\udcffm", "\U0001f600\x1b[1m", "[red]")
 

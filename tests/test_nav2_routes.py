@@ -16,13 +16,12 @@ from scipy.sparse.csgraph import dijkstra
 from locplan import export, load_or_compute, save_map
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError
-from locplan.export._distros import DistroWarning
+from locplan.export import DistroWarning, YawWarning
 from locplan.export._joined_ways import Lines, joined, straightened
 from locplan.export._messages import topics_of
 from locplan.export._recommended import followed_costs
-from locplan.export._value_maps import YawWarning
 from locplan.field import FieldConfig
-from locplan.maps import OccupancyGrid, environments
+from locplan.maps import FREE, OccupancyGrid, environments
 from locplan.planners import plan
 
 STATIONS = {"dock": (2.0, 3.0), "gate": (38.0, 3.0), "desk": (5.0, 10.0), "shelf": (36.0, 12.0)}
@@ -210,7 +209,7 @@ def test_a_folder_holds_graph_bag_and_table(tmp_path, costs, paths):
         np.testing.assert_allclose(goal["geometry"]["coordinates"], paths[name].xy[-1], atol=0.02)
         assert rows[name]["topic"] == f"/locplan/path/{name.replace(' ', '_')}"
         total = sum(costs_of[one + 1, other + 1] for one, other in pairwise(way))
-        assert float(rows[name]["cost_m"]) == pytest.approx(total, abs=1e-3)
+        assert float(rows[name]["cost"]) == pytest.approx(total, abs=1e-3)
     types = get_typestore(Stores.ROS2_HUMBLE)
     with Reader(tmp_path / "routes" / "routes.mcap") as bag:
         kinds = {c.topic: c.msgtype for c in bag.connections}
@@ -282,8 +281,8 @@ def test_the_command_drives_stations_and_says_what_is_missing(run, tmp_path):
 def test_given_paths_are_checked_before_queries_are_driven(run, tmp_path, monkeypatch):
     save_map(drawn(*["." * 40] * 12, resolution=0.25), tmp_path / "hall.yaml")
     (tmp_path / "stations.csv").write_text("name,x,y\na,1,1\nb,9,1\n")
-    (tmp_path / "a to b.csv").write_text("x_m,y_m\n1,1\n9,1\n")
-    (tmp_path / "round.csv").write_text("x_m,y_m\n1,1\n9,1\n1,1\n")
+    (tmp_path / "a to b.csv").write_text("x,y\n1,1\n9,1\n")
+    (tmp_path / "round.csv").write_text("x,y\n1,1\n9,1\n1,1\n")
 
     def drive(*_, **__):
         raise AssertionError("driven")
@@ -294,3 +293,14 @@ def test_given_paths_are_checked_before_queries_are_driven(run, tmp_path, monkey
     assert "path round ends where it starts" in refused(run(*ask, tmp_path / "round.csv"))
     said = refused(run(*ask, tmp_path / "a to b.csv"))
     assert "a path and a query are both named a to b" in said
+
+
+def test_a_path_along_an_edge_is_exported_in_single_precision():
+    density = np.ones((16, 60))
+    density[8:] = np.inf
+    costs = Costmap.from_density(OccupancyGrid(np.full((16, 60), FREE, np.uint8), 0.1), density)
+    y = 0.8 - 1e-9
+    assert float(np.float32(y)) > 0.8  # in a blocked cell
+    along = Path(np.array([[0.35, y], [3.0, y], [5.05, y]]))
+    ways = export.recommended_ways(costs, {"along": along})
+    assert ways.graph.cost.sum() / 2 == pytest.approx(along.length, rel=1e-3)

@@ -154,7 +154,7 @@ def test_a_larger_template_gives_no_greater_e(preset):
 def test_claims_can_fail():
     maps = paper.maps_of_places(resolution=0.1)
     everywhere = dict.fromkeys(maps, maps["hall"])  # the places of another map: walls and floor
-    assert min(paper.shares_of_claims(everywhere, Sad(), spread=0).values()) == 0
+    assert min(paper.shares_of_claims(everywhere, Sad(), around=0).values()) == 0
 
 
 def test_mismatch_at_a_place_is_least_where_it_is():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import random_rooms
 
-from locplan._kernels import drives, matches, measured, particles, shares as shares_kernels
+from locplan._kernels import drives, lidar as lidars, matches, particles
 from locplan._kernels.rays import empty_squares
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import DIFFERENTIAL, OMNIDIRECTIONAL, Amcl, Disturbances, Lidar, Robot
@@ -143,9 +143,9 @@ def test_the_first_share_above_a_value_is_found_from_anywhere():
     for value in values:
         expected = min(np.searchsorted(shares, value, side="right"), 39)
         for near in range(40):
-            assert shares_kernels.first_above(value, shares, near) == expected
+            assert particles.first_above(value, shares, near) == expected
     expected = np.searchsorted(shares * 40, np.arange(41) * shares[-1], side="right")
-    np.testing.assert_array_equal(shares_kernels.guide_of(shares), np.minimum(expected, 39))
+    np.testing.assert_array_equal(particles.guide_of(shares), np.minimum(expected, 39))
 
 
 def test_particles_are_drawn_as_often_as_they_weigh():
@@ -169,7 +169,7 @@ def test_measured_beams_end_where_the_plain_loop_says(occlusion):
         pose = np.array([12.3, 13.7, 0.7 * seed])
         random = np.random.default_rng(seed)
         lidar, of_beams = here.arguments.lidar, here.arguments.disturbances
-        measured.measured_ends(random, squares, RESOLUTION, pose, lidar, of_beams, ends)
+        lidars.measured_ends(random, squares, RESOLUTION, pose, lidar, of_beams, ends)
         expected = naive.measured_ends(
             np.random.default_rng(seed),
             grid.cells,
@@ -192,7 +192,7 @@ def test_outliers_and_occlusions_come_as_often_as_asked():
     for _ in range(2000):
         pose = np.array([45.0, 45.0, 0.0])
         disturbances = here.arguments.disturbances
-        measured.measured_ends(random, squares, RESOLUTION, pose, lidar, disturbances, ends)
+        lidars.measured_ends(random, squares, RESOLUTION, pose, lidar, disturbances, ends)
         at = np.hypot(*ends.T) * RESOLUTION
         returned += np.isfinite(at).mean() / 2000
         values, counts = np.unique(at[np.isfinite(at)].round(9), return_counts=True)
@@ -269,7 +269,11 @@ def test_a_whole_drive_is_that_of_the_plain_loop(amcl):
     drives.drive(
         np.random.default_rng(6),
         truth,
-        empty_squares(world.cells == OCCUPIED),
+        drives.World(
+            empty_squares(world.cells == OCCUPIED),
+            RESOLUTION,
+            truth[:, [1, 0, 2]] / (RESOLUTION, RESOLUTION, 1),
+        ),
         here.arguments.scores,
         here.arguments.lidar,
         here.arguments.disturbances,

@@ -3,7 +3,7 @@ import pytest
 from conftest import drawn, few_of
 
 from locplan._util.reading import MAX_BYTES
-from locplan.comparison._journal import Journal
+from locplan.comparison import Journal
 from locplan.costs import Costmap, Path, path_cost, path_metrics
 from locplan.errors import LocplanError
 from locplan.field import CovarianceField, load_config
@@ -85,7 +85,7 @@ def test_no_path_takes_endless_steps():
 
 
 @pytest.mark.parametrize(
-    "text", ["", "x_m,y_m\n", "x_m,y_m\n1e12,0\n", "x_m,y_m\n1\n", "x_m,y_m\n" + "9" * 400 + ",0"]
+    "text", ["", "x,y\n", "x,y\n1e12,0\n", "x,y\n1\n", "x,y\n" + "9" * 400 + ",0"]
 )
 def test_files_without_a_path_are_refused(tmp_path, text):
     (tmp_path / "p.csv").write_text(text)

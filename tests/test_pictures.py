@@ -11,12 +11,11 @@ from PIL import Image
 
 from locplan import Sad, covariance_field, plotting
 from locplan.costs import Costmap
-from locplan.field import FieldConfig
-from locplan.field._samples import values_at
+from locplan.field import FieldConfig, values_at
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from locplan.plotting import _cells
-from locplan.plotting._maps import FIELD_COLOURS, field_bar
-from locplan.plotting._picture import Picture
+from locplan.plotting import Picture, _cells
+from locplan.plotting._maps import field_bar
+from locplan.plotting.style import FIELD_COLOURS
 
 pytestmark = pytest.mark.draws
 

@@ -11,13 +11,14 @@ from skimage.graph import MCP_Geometric
 from toy_planner import ToyPlanner
 
 from locplan._kernels import search
-from locplan.comparison import compare
+from locplan.comparison import Execution, RandomQueries, compare
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError, LocplanError, PoseError
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import (
     PLANNERS,
     AnyAngle,
+    Entry,
     Found,
     GridPlanner,
     Ompl,
@@ -29,7 +30,6 @@ from locplan.planners import (
     plan_field,
     planner_for,
 )
-from locplan.planners._registry import Entry
 
 
 def random_density(shape, seed, *, blocked=0.25, greatest=9.0):
@@ -277,8 +277,8 @@ def test_a_planner_is_added_by_a_file_and_a_line(monkeypatch):
     with pytest.raises(ConfigError, match="rows_first must be"):
         planner_for("toy", {"rows_first": 3})
     planners = ["toy:rows_first=true", ToyPlanner(rows_first=True, seed=7), "grid"]
-    settings = {"weights": [0.0], "seeds": [1, 2], "workers": 1, "least_distance": 3.0}
-    runs = compare({"mine": costs}, planners, 2, **settings).runs
+    queries, execution = RandomQueries(2, least_distance=3.0), Execution(workers=1)
+    runs = compare({"mine": costs}, planners, queries, seeds=[1, 2], execution=execution).runs
     assert {run.status for run in runs} == {"solved"}
     seeds = {}
     for run in runs:

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import locplan
-from locplan.comparison import compare
-from locplan.comparison._journal import Journal
+from locplan.comparison import Execution, Journal, compare
 from locplan.errors import LocplanError
 from locplan.maps import FREE, OccupancyGrid
 
@@ -86,10 +85,10 @@ def test_without_cloudpickle_only_ones_own_planners_are_refused(monkeypatch):
 
     monkeypatch.setitem(sys.modules, "cloudpickle", None)
     given = {"room": blank()}, [ENDS]
-    (run,) = compare(given[0], ["grid"], given[1], weights=[0.0], workers=1).runs
+    (run,) = compare(given[0], "grid", given[1], execution=Execution(workers=1)).runs
     assert run.status == "solved"
     with pytest.raises(LocplanError, match=r"pip install 'locplan\[functions\]'"):
-        compare(given[0], [mine], given[1], weights=[0.0], workers=1)
+        compare(given[0], mine, given[1])
 
 
 def command(folder, *arguments, env=(), before=None, **streams):

@@ -9,8 +9,15 @@ from PIL import Image
 from locplan import paper, plotting
 from locplan.costs import Costmap
 from locplan.errors import LocplanError
-from locplan.field import FieldConfig, Sad, Scan, SearchWindow, covariance_field, position_axes
-from locplan.field._samples import sampled_covariances
+from locplan.field import (
+    FieldConfig,
+    Sad,
+    Scan,
+    SearchWindow,
+    covariance_field,
+    position_axes,
+    sampled_covariances,
+)
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Plan, pareto_front, plan
 from locplan.robots import Lidar
@@ -178,3 +185,18 @@ def test_fields_of_several_estimators_are_drawn_on_one_scale():
     ((low, high),) = scales
     assert low == pytest.approx(min(least))
     assert high == pytest.approx(max(greatest))
+
+
+def test_a_script_draws_what_the_command_draws(field):
+    configs = [FieldConfig(Sad(range=reach)) for reach in (1.0, 1.5)]
+
+    def compute(grid, config):
+        return covariance_field(grid, config)
+
+    figure = plotting.figure_of(field.grid, "ellipses", configs, compute=compute, spacing=3.0)
+    titles = [axes.get_title() for axes in figure.axes]
+    assert titles == [f"rooms: {each.summary}" for each in configs]
+    xy, _ = sampled_covariances(field, 3.0)
+    assert len(figure.axes[0].collections[1].get_offsets()) == len(xy)
+    with pytest.raises(LocplanError, match="an option of the figure e must be one of limits"):
+        plotting.figure_of(field.grid, "e", configs, compute=None, spacing=3.0)

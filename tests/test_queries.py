@@ -7,7 +7,7 @@ import pytest
 from conftest import SHARED_DATA
 
 from locplan._util.tables import write_rows
-from locplan.comparison._cases import read_movingai_map, read_scenarios
+from locplan.comparison import read_movingai_map, read_scenarios
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid

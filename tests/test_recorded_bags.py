@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import SHARED_DATA, few_of
-from drive_bags import BEGIN, KINDS, back, on, times_of, write_drive, writing
+from drive_bags import BEGIN, KINDS, back, on, read_with, times_of, write_drive, writing
 from small_drive import FILE
 
 from locplan.errors import LocplanError, RecordingError
@@ -228,14 +228,14 @@ def poses_only(folder, *topics, scan="/scan"):
 )
 def test_poses_come_from_topics_where_tf_tells_none(tmp_path, topics, options, found):
     path, wanted = poses_only(tmp_path, *topics)
-    read = read_drive(path, **options)
+    read = read_with(path, **options)
     assert read.source.poses == found
     poses = wanted.odometry if "odom" in found else wanted.poses
     np.testing.assert_allclose(read.poses[:, :2], poses[:, :2], atol=1e-9)
     assert (read.odometry is None) == ("/odom" not in topics or found == "/odom")
     assert "there is no TF: the lidar is taken to be at the robot's centre" in read.source.notes[0]
     assert (read.lidar.mount_x, read.lidar.mount_y) == (0.0, 0.0)
-    mounted = read_drive(path, **options, mount=(0.2, 0.0, math.radians(30.0)))
+    mounted = read_with(path, **options, mount=(0.2, 0.0, math.radians(30.0)))
     assert mounted.lidar.mount_x == 0.2
     assert mounted.lidar.mount_yaw_deg == pytest.approx(30.0, abs=1e-4)
 
@@ -271,13 +271,13 @@ def test_several_topics_are_named(tmp_path):
         RecordingError, match="poses on /a/mocap and /b/mocap; choose one with pose"
     ):
         read_drive(path)
-    assert read_drive(path, pose_topic="/b/mocap").source.poses == "/b/mocap"
+    assert read_with(path, pose_topic="/b/mocap").source.poses == "/b/mocap"
     with pytest.raises(
         RecordingError, match="no poses on /c; topics for pose_topic= are: /a/mocap"
     ):
-        read_drive(path, pose_topic="/c")
+        read_with(path, pose_topic="/c")
     with pytest.raises(RecordingError, match="no scans on /c; scan_topic= can be: /scan"):
-        read_drive(path, scan_topic="/c")
+        read_with(path, scan_topic="/c")
     with writing(tmp_path, "ros1") as (path, bag):
         for topic in ("/front", "/rear"):
             bag.scan(BEGIN, LIDAR, np.ones(7), topic=topic)
@@ -293,7 +293,7 @@ def test_missing_things_are_told(tmp_path):
         with writing(tmp_path, kind) as (path, bag):
             write(bag)
         with pytest.raises(RecordingError, match=words):
-            read_drive(path, **options)
+            read_with(path, **options)
 
     def with_frames(*frames, base="base_link"):
         def write(bag):
@@ -409,7 +409,7 @@ def test_frames_and_topics_of_a_robot_with_a_name_are_found(tmp_path):
                     topic=f"/{name}/tf",
                 )
                 bag.scan(time, LIDAR, ranges, topic=f"/{name}/scan", frame=f"/{name}/laser")
-    read = read_drive(path, scan_topic="/r2/scan")
+    read = read_with(path, scan_topic="/r2/scan")
     assert (read.source.base_frame, read.source.lidar_frame) == ("r2/base_link", "r2/laser")
     np.testing.assert_allclose(read.poses[:, 0], wanted.poses[:, 0] + 50.0)
     assert read.lidar.mount_x == pytest.approx(0.2)
@@ -444,7 +444,7 @@ def test_progress_counts_messages_in_two_passes(tmp_path):
 
 
 def test_transforms_that_no_pose_needs_are_left_out():
-    from locplan.recordings._frames import IDENTITY, FrameTree
+    from locplan._util.frames import IDENTITY, FrameTree
     from locplan.recordings._options import Options
     from locplan.recordings._places import leave_out_others
 
@@ -463,7 +463,7 @@ def test_transforms_that_no_pose_needs_are_left_out():
 
 def test_memory_is_taken_by_what_is_kept(tmp_path):
     """Of the moving transforms two samples a scan are kept, however many were recorded."""
-    from locplan.recordings._frames import IDENTITY, Track
+    from locplan._util.frames import IDENTITY, Track
 
     track = Track([1.0, 2.0, 3.0])
     for n in range(4000):
@@ -473,7 +473,7 @@ def test_memory_is_taken_by_what_is_kept(tmp_path):
 
 
 def test_samples_that_arrive_late_are_used():
-    from locplan.recordings._frames import IDENTITY, Track
+    from locplan._util.frames import IDENTITY, Track
 
     times = [1.0, 2.0, 3.0, 4.0]
     samples = [0.5, 0.9, 1.2, 1.95, 2.1, 2.9, 3.3, 3.6, 4.2]
@@ -486,7 +486,7 @@ def test_samples_that_arrive_late_are_used():
 
 
 def test_a_quaternion_and_its_negative_are_the_same_turn():
-    from locplan.recordings._frames import Track, in_plane
+    from locplan._util.frames import Track, in_plane
 
     track = Track([1.0])
     for time, yaw, sign in ((0.9, 0.4, 1.0), (1.1, 0.6, -1.0)):
@@ -496,7 +496,7 @@ def test_a_quaternion_and_its_negative_are_the_same_turn():
 
 
 def test_a_transform_and_its_inverse_cancel():
-    from locplan.recordings._frames import composed, in_plane, inverse
+    from locplan._util.frames import composed, in_plane, inverse
 
     random = np.random.default_rng(2)
     pose = np.concatenate([random.normal(size=(9, 3)), random.normal(size=(9, 4))], axis=1)

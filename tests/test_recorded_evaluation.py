@@ -17,16 +17,14 @@ from small_drive import FILE, MAP
 
 from locplan import Lidar, Scan, load_map
 from locplan._kernels import likelihood, posterior
-from locplan._kernels.likelihood import TOP
-from locplan._kernels.offsets import make_lattice
-from locplan._kernels.recorded import recorded_posteriors
+from locplan._kernels.likelihood import TOP, make_lattice
+from locplan._kernels.matches import recorded_posteriors
 from locplan.errors import ConfigError, RecordingError
 from locplan.field import FieldConfig, SearchWindow
 from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.recordings import DriveEvaluation, Recording, drive_figure, evaluate_drive, match_scans
-from locplan.recordings._reports import drive_table, write_drive
-from locplan.recordings._verdict import _axis, _worst_block
+from locplan.recordings._agreement import _axis, _worst_block
 
 CARMEN = SHARED_DATA / "carmen"
 
@@ -222,17 +220,18 @@ def test_scans_far_from_each_other_are_dots(office, drive):
 
 @pytest.mark.draws
 def test_results_are_written(tmp_path, found):
-    written = write_drive(DriveEvaluation.files.into(tmp_path / "out"), found)
-    assert [file.name for file in written] == list(DriveEvaluation.files.names)
+    found.save(tmp_path / "out")
+    names = {each.name for each in (tmp_path / "out").glob("[!.]*")}
+    assert names == {*DriveEvaluation.files.names}
     about = json.loads((tmp_path / "out" / "drive.json").read_text())
     assert about["compared"] == found.compared.sum()
     assert set(about["estimators"]) == {"sad", "fisher", "scan", "fused"}
     with open(tmp_path / "out" / "scans.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(found.matches)
-    std = [float(row["major_std_m"]) for row in rows]
+    std = [float(row["major_std"]) for row in rows]
     np.testing.assert_allclose(std, found.matches.position_std, rtol=1e-6)
-    assert "rank" in drive_table(found)
+    assert "rank" in found.report()
 
 
 def reference():

@@ -12,11 +12,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import SHARED_DATA
+from drive_bags import read_with
 from small_drive import FILE, made
 
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.recordings import Recording, read_drive
-from locplan.robots import Lidar
+from locplan.robots import Kinematics, Lidar, Robot
 
 LIDAR = Lidar(range=8.0, least_range=0.2, field_of_view_deg=180.0, beams=5, mount_x=0.1)
 NAMES = ("aces", "csail", "fhw", "intel", "orebro", "seattle")
@@ -157,7 +158,7 @@ def test_npz_loses_nothing_where_ranges_are_no_whole_millimetres(tmp_path):
     assert np.load(tmp_path / "whole.npz")["ranges"].dtype == np.uint16
 
 
-CSV = "# lidar: range=8.0\nx_m,y_m,heading_rad,range_0_m,range_1_m\n1,2,0.5,3.5,\n1,2,0.5,3,nan\n"
+CSV = "# lidar: range=8.0\nx,y,heading,range_0,range_1\n1,2,0.5,3.5,\n1,2,0.5,3,nan\n"
 
 
 @pytest.mark.parametrize(
@@ -166,8 +167,8 @@ CSV = "# lidar: range=8.0\nx_m,y_m,heading_rad,range_0_m,range_1_m\n1,2,0.5,3.5,
         ("1,2,0.5,3.5,\n", "1,2,0.5,3.5\n", "line 3 has 4 columns and must have 5"),
         ("1,2,0.5,3.5,\n", "1,nan,0.5,3.5,\n", "line 3, column 2: time, pose and odometry must be"),
         ("3.5", "far", "line 3 has a cell that is no number"),
-        ("x_m", "x", "line 2 must name the columns"),
-        ("range_1_m", "range_2_m", "line 2: column 'range_2_m' must be range_1_m"),
+        ("x,", "east,", "line 2 must name the columns"),
+        ("range_1", "range_2", "line 2: column 'range_2' must be range_1"),
         ("range=8.0", "reach=8.0", "its lidar has no 'reach'; known are field_of_view_deg"),
         ("range=8.0", "range", "line 1: 'range' must be NAME=VALUE"),
         ("range=8.0", "range=-1", "range must be a positive number"),
@@ -232,7 +233,7 @@ def test_options_are_checked(tmp_path, options, words):
     path = tmp_path / "a.csv"
     path.write_text(CSV)
     with pytest.raises(ConfigError, match=words):
-        read_drive(path, **options)
+        read_with(path, **options)
 
 
 def test_unknown_files_are_refused(tmp_path):
@@ -247,15 +248,14 @@ def test_unknown_files_are_refused(tmp_path):
         drive().save(tmp_path / "a.bag")
 
 
-def test_summary_is_told_as_a_table_and_as_json():
-    summary = drive().summary()
-    assert (summary.scans, summary.beams, summary.seconds) == (6, 5, 2.5)
-    assert (summary.length, summary.spacing) == (2.5, 0.5)
-    assert summary.turned == pytest.approx(4.0)
-    assert summary.returns == pytest.approx(29 / 30)
-    assert "2.5 m, 2.5 s" in summary.table()
-    assert json.loads(json.dumps(summary.to_json()))["scans"] == 6
-    assert "no times" in drive(times=False, odometry=False).summary().table()
+def test_a_drive_has_a_report_and_a_summary():
+    about = json.loads(json.dumps(drive().summary(), allow_nan=False))
+    assert (about["scans"], about["beams"], about["seconds"]) == (6, 5, 2.5)
+    assert (about["length"], about["spacing"]) == (2.5, 0.5)
+    assert about["turned"] == pytest.approx(4.0)
+    assert about["returns"] == pytest.approx(29 / 30)
+    assert "2.5 m, 2.5 s" in drive().report()
+    assert "no times" in drive(times=False, odometry=False).report()
 
 
 def flaser(pose, robot=None, stamp=0.0, ranges=(1.0, 2.0, 50.0, 50.0)) -> str:
@@ -428,3 +428,25 @@ def test_times_in_csv_lose_nothing(tmp_path):
     drive = Recording(np.ones((3, 2)), Lidar(range=4.0, beams=2), np.zeros((3, 3)), times)
     drive.save(tmp_path / "drive.csv")
     np.testing.assert_array_equal(Recording.load(tmp_path / "drive.csv").times, times)
+
+
+def test_the_robot_of_a_drive_has_its_lidar_and_moves_as_it_did():
+    lidar = Lidar(range=10.0, field_of_view_deg=180.0, beams=3)
+    ahead = np.column_stack([np.arange(6) * 0.3, np.zeros(6), np.zeros(6)])
+    ahead[:, 0] = 0.0, 0.3, 0.3, 0.3, 0.3, 0.6  # it stands most of the time
+    ranges, times = np.full((6, 3), 2.0), np.arange(6) / 2
+    robot = Recording(ranges, lidar, ahead, times, ahead).robot()
+    assert robot.lidar == lidar
+    assert robot.kinematics == Kinematics(speed=0.6)
+    aside = ahead[:, [1, 0, 2]]
+    assert Recording(ranges, lidar, aside, times, aside).robot().kinematics.drive == (
+        "omnidirectional"
+    )
+    turning = np.column_stack([aside[:, :2], np.arange(6.0)])
+    assert Recording(ranges, lidar, turning, times, turning).robot().kinematics.drive == (
+        "differential"
+    )
+    known = Robot(footprint=0.4, kinematics=Kinematics(speed=1.5))
+    own = Recording(ranges, lidar, aside, times, aside).robot(known)
+    assert (own.footprint, own.kinematics) == (0.4, known.kinematics)
+    assert Recording(ranges, lidar, ahead).robot().kinematics == Kinematics()

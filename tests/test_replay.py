@@ -16,12 +16,9 @@ from locplan import Costmap, Lidar, OccupancyGrid, plan, save_map
 from locplan._kernels import drives
 from locplan.cli import main
 from locplan.errors import ConfigError, RecordingError
-from locplan.maps import FREE, OCCUPIED, environments
+from locplan.maps import FREE, OCCUPIED, environments, own_axes
 from locplan.recordings import Recording, replay, replay_figure
-from locplan.recordings._replay import ELLIPSE
-from locplan.recordings._reports import replay_table
-from locplan.recordings._tracks import Tracks
-from locplan.robots import Amcl, Disturbances, Robot
+from locplan.robots import Amcl, Disturbances, Robot, compared_ends
 from locplan.simulation import Simulator, poses_along
 
 RESOLUTION = 0.1
@@ -99,7 +96,7 @@ def test_the_filter_gets_the_beams_of_the_scans_that_it_gets_in_simulation(grid,
     lidar = dataclasses.replace(LIDAR, range_sigma=1e-6)
     amcl = Amcl(laser_model_type=model, max_beams=30, laser_max_range=6.0, laser_min_range=2.5)
     drive = recorded(grid, line[:20], lidar=lidar, disturbances=quiet)
-    ends = Tracks(drive, grid).ends(amcl)
+    ends = compared_ends(amcl, drive.lidar, drive.ranges) / RESOLUTION
     here = Simulator(grid, robot=Robot(lidar, filter=amcl, disturbances=quiet))
     expected = naive_ends(here, line[:20])
     assert ends == pytest.approx(expected, abs=1e-4, nan_ok=True)
@@ -108,10 +105,10 @@ def test_the_filter_gets_the_beams_of_the_scans_that_it_gets_in_simulation(grid,
 
 def naive_ends(here, line):
     """Ends of the beams that the simulated filter gets at some poses [cells]."""
-    from locplan._kernels.measured import measured_ends
+    from locplan._kernels.lidar import measured_ends
 
     found = np.empty((len(line), len(here.arguments.lidar.angles), 2))
-    for n, (x, y, heading) in enumerate(here.on_grid(line) / (RESOLUTION, RESOLUTION, 1)):
+    for n, (x, y, heading) in enumerate(own_axes(here.grid, line) / (RESOLUTION, RESOLUTION, 1)):
         measured_ends(
             np.random.default_rng(0),
             here.worlds[0],
@@ -174,7 +171,7 @@ def test_consistency_is_that_of_the_squares(replayed):
     squares = np.einsum("rni,rnij,rnj->rn", errors, np.linalg.inv(covariances), errors)
     assert replayed.squares[:, at] == pytest.approx(squares, rel=1e-3)
     found = replayed.consistency
-    assert found.within.value == pytest.approx((squares < ELLIPSE).mean())
+    assert found.within.value == pytest.approx((squares < -2 * math.log(0.05)).mean())
     assert found.wider == pytest.approx(math.sqrt(np.median(squares) / (2 * math.log(2))), rel=1e-3)
 
 
@@ -202,9 +199,9 @@ def test_a_filter_that_hardly_resamples_is_not_judged(grid, drive):
         drive, grid, robot=Robot(filter=dataclasses.replace(SHARP, resample_interval=9999)), runs=2
     )
     assert none.consistency.updates == 0
-    assert none.summary()["consistency"]["filter_std_m"] is None
-    assert "nan" not in replay_table(none)
-    assert "95% ellipse" not in replay_table(none)
+    assert none.summary()["consistency"]["filter_std"] is None
+    assert "nan" not in none.report()
+    assert "95% ellipse" not in none.report()
     assert len(replay_figure(none).axes) == 2
 
 

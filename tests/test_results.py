@@ -16,9 +16,9 @@ from locplan._util.results import (
     digest_of,
     interrupts_put_off,
 )
+from locplan._util.tables import rounded_up
 from locplan.errors import LocplanError
 from locplan.maps import find_maps, load_map, save_map
-from locplan.planners._summary import _up
 from locplan.simulation import check_calibration
 
 ENDS = ("--start", "1,3", "--goal", "4,3")
@@ -254,12 +254,12 @@ def test_a_plan_that_is_interrupted_while_it_draws_leaves_its_folder_as_it_was(
     plan, out = [*PLAN, room, "-o", tmp_path / "out"], tmp_path / "out"
     assert run(*plan)[0] == 0
     before = {each: each.read_bytes() for each in out.iterdir()}
-    assert {each.name for each in before} > {"plan.png", "shortest.csv", MANIFEST}
+    assert {each.name for each in before} > {"choice.png", "chosen.csv", MANIFEST}
 
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(plotting, "plan_figure", interrupted)
+    monkeypatch.setattr(plotting.Picture, "savefig", interrupted)
     assert run(*plan, "--weight", "9")[0] == 130
     assert {each: each.read_bytes() for each in out.iterdir()} == before
 
@@ -268,7 +268,7 @@ def test_a_plan_that_is_interrupted_while_it_draws_leaves_its_folder_as_it_was(
     ("command", "name"),
     [
         ((*PLAN, "ROOM", "-o", "OUT", "--planner", "BITstar"), "history.png"),
-        ((*PLAN, "ROOM", "-o", "OUT"), "shortest.csv"),
+        ((*PLAN, "ROOM", "-o", "OUT"), "chosen.csv"),
         (("pareto", *ENDS, "ROOM", "-o", "OUT"), "front.csv"),
         (("simulate", *ENDS, "--drives", "2", "ROOM", "-o", "OUT"), "errors.csv"),
         (("simulate", "--random", "2", "--drives", "2", "ROOM", "-o", "OUT"), "01-room.png"),
@@ -358,7 +358,7 @@ def test_a_comparison_begins_anew_by_force(run, room, tmp_path):
 
 def test_a_front_in_a_table_has_integrals_that_serve_as_budgets():
     for value in (4.17538, 7.3791, 0.00012344, 9999.6, 3.0, 0.0):
-        assert value <= float(_up(value)) <= value * 1.002
+        assert value <= float(rounded_up(value)) <= value * 1.002
 
 
 def folder_of(path):

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from locplan.cli._application import NOT_IN_METRES
+from locplan.costs import Path
 from locplan.errors import ConfigError
-from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map, save_map
 from locplan.recordings import Recording
-from locplan.robots import Lidar, Robot
+from locplan.robots import Footprint, Lidar, Robot
 
 OUTLINE = '"[[0.5, 0.3], [0.5, -.3], [-0.5, -0.3], [-0.5, 0.3]]"'
 AMCL = "amcl: {ros__parameters: {alpha1: 0.1}}\n"
@@ -77,9 +78,8 @@ SAID = "robot: tim571, 25 m, 270°; radius 0.5 m, margin 0.01 m; AMCL's alpha1 0
 @pytest.mark.parametrize(
     ("command", "options", "stopped_by"),
     [
-        ("plan", ENDS, "locplan.planners.check_ends"),
         ("pareto", ENDS, "locplan.planners.check_ends"),
-        ("choose", ENDS, "locplan.simulation.choice._choose.check_way"),
+        ("plan", ENDS, "locplan.simulation.choice._choose.check_ends"),
         ("simulate", ENDS, "locplan.planners.check_ends"),
         ("simulate", ("--random", "2"), "locplan.planners.random_queries"),
         ("tune", (), "locplan.simulation.tune"),
@@ -127,10 +127,15 @@ def test_plan_keeps_the_outline_of_the_robot(run, hall):
     assert code == 0, err
     assert err == "robot: no lidar named; 4 corners, margin 0.01 m; Nav2's defaults\n"
     about = json.loads(out)
-    assert len(about["shortest"]["footprint"]) == 4
+    assert len(about["robot"]["footprint"]) == 4
+    outline = Footprint(about["robot"]["footprint"])
+    paths = [Path(each["xy"]) for each in about["candidates"]]
+    grid = load_map(hall / "m.yaml")
+    assert paths
+    assert not any(outline.first_collision(grid, path) for path in paths)
     code, out, err = run(*asked, "--budget", "20")  # which keeps no outline
     assert code == 0, err
-    assert json.loads(out)["shortest"]["footprint"] is None
+    assert json.loads(out)["settings"]["budget"] == 20
     assert "as the circle of" in err
 
 
@@ -154,7 +159,7 @@ def test_later_files_and_options_win(run, hall):
 def test_a_robots_file_is_not_written_over(run, hall):
     before = (hall / "nav2.yaml").read_text()
     ends = "--path", hall / "p.csv", "--to", "path"
-    (hall / "p.csv").write_text("x_m,y_m\n0.75,0.75\n7.5,0.75\n")
+    (hall / "p.csv").write_text("x,y\n0.75,0.75\n7.5,0.75\n")
     given = "--robot", hall / "nav2.yaml", "-o", hall / "nav2.yaml", "--force", "--disc", "1"
     code, _, err = run("export", hall / "m.yaml", *ends, *given)
     assert code == 2

@@ -8,8 +8,7 @@ import pytest
 from conftest import few_of, random_rooms
 
 from locplan._kernels import bitplanes, sad as kernel
-from locplan.field import Exponential, InverseSquare, OffsetLattice, Sad, SearchWindow
-from locplan.field._estimator import MapPart
+from locplan.field import Exponential, InverseSquare, MapPart, OffsetLattice, Sad, SearchWindow
 from locplan.field.estimators import _sad as sad
 from locplan.field.estimators._sad_tiles import Layout, template_radius
 from locplan.field.templates import cells_at, disc, local_map

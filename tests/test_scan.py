@@ -11,13 +11,20 @@ import pytest
 from conftest import corridor, few_of, random_rooms
 from scipy import ndimage, stats
 
-from locplan._kernels import likelihood, offsets as window_offsets, posterior as scan
+from locplan._kernels import likelihood, posterior as scan
 from locplan._kernels.lidar import Lidar, scan_ends
 from locplan._kernels.likelihood import TOP
 from locplan._kernels.rays import empty_squares
-from locplan.field import FieldConfig, MapPart, OffsetLattice, Sad, Scan, SearchWindow
-from locplan.field._surfaces import wall_cells
-from locplan.field.estimators._scan import likelihood_field
+from locplan.field import (
+    FieldConfig,
+    MapPart,
+    OffsetLattice,
+    Sad,
+    Scan,
+    SearchWindow,
+    likelihood_field,
+    wall_cells,
+)
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
 from locplan.robots import Lidar as Settings
 
@@ -45,33 +52,35 @@ def scans(levels, rows, cols, angles, reach):
 def run(levels, resolution, window, rows, cols, ends, *, temperature=TEMPERATURE, **of_field):
     """Posteriors of the scans with ends (n, beam, 2)."""
     field = likelihood_field(levels, resolution, window.step_cells, window.half_steps, **of_field)
-    lattice = window_offsets.make_lattice(window.half_steps, window.angles)
-    weights = window_offsets.make_weights(temperature * field.nats, ends.shape[1] * TOP)
+    lattice = likelihood.make_lattice(window.half_steps, window.angles)
+    weights = likelihood.make_weights(temperature * field.nats, ends.shape[1] * TOP)
     shape = len(rows), 1
     result = scan.Posteriors(
         np.empty((*shape, 3)), np.empty((*shape, 3, 3)), np.empty(shape), np.empty(shape)
     )
+    costs = np.empty_like(lattice.empty)
     for n, at in enumerate(zip(rows, cols, strict=True)):
+        moments = result.mean[n, 0], result.covariance[n, 0]
         result.entropy[n, 0], result.ambiguity[n, 0] = scan.posterior_of(
-            field, lattice, weights, *at, ends[n], result.mean[n, 0], result.covariance[n, 0]
+            field, lattice, weights, *at, ends[n], costs, *moments
         )
     return result
 
 
 def kernel_costs(field, window, row, col, ends):
     """Costs of one scan, (theta, dy, dx)."""
-    lattice = window_offsets.make_lattice(window.half_steps, window.angles)
+    lattice = likelihood.make_lattice(window.half_steps, window.angles)
     costs = lattice.empty.copy()
     scan.score(field, lattice, row, col, ends, costs)
     planes = costs.reshape(len(window.angles), -1, lattice.width)
-    assert (planes[:, lattice.offsets :] >= window_offsets.NOWHERE).all()
-    assert (planes[:, :, lattice.offsets :] >= window_offsets.NOWHERE).all()
+    assert (planes[:, lattice.offsets :] >= likelihood.NOWHERE).all()
+    assert (planes[:, :, lattice.offsets :] >= likelihood.NOWHERE).all()
     return planes[:, : lattice.offsets, : lattice.offsets]
 
 
 def lattice_costs(values, half_steps):
     """Costs (theta, dy, dx) as the kernel has them, with the lattice they belong to."""
-    lattice = window_offsets.make_lattice(half_steps, np.zeros(len(values)))
+    lattice = likelihood.make_lattice(half_steps, np.zeros(len(values)))
     costs = lattice.empty.copy()
     costs.reshape(len(values), -1, lattice.width)[:, : lattice.offsets, : lattice.offsets] = values
     return lattice, costs
@@ -174,7 +183,7 @@ def test_moments_equal_the_plain_loops(temperature, headings, half_steps):
     values[0, 0, 0] = 8_000_000  # 2,000 beams without a match
     lattice, costs = lattice_costs(values, half_steps)
     nats = temperature * -math.log(Z_RAND) / TOP
-    weights = window_offsets.make_weights(nats, 8_190_000)
+    weights = likelihood.make_weights(nats, 8_190_000)
     mode = np.zeros(costs.size // 64 + 1, np.uint64)
     mean, covariance = np.empty(3), np.empty((3, 3))
     entropy, outside = scan.moments(lattice, weights, costs, mode, mean, covariance)

@@ -14,19 +14,19 @@ from conftest import corridor
 
 import locplan
 from locplan import FieldConfig, Lidar, LocplanError, OccupancyGrid, Path
+from locplan._kernels.likelihood import make_lattice
 from locplan._kernels.matches import match
-from locplan._kernels.offsets import make_lattice
 from locplan._util.intervals import of_geometric_mean, of_mean, of_median, of_rms
-from locplan.field import SHORT_LIDAR, Exponential, Sad, Scan
-from locplan.field.estimators._scan import likelihood_field
+from locplan.field import SHORT_LIDAR, Exponential, Sad, Scan, likelihood_field
 from locplan.maps import FREE, OCCUPIED, environments
-from locplan.planners import Query
-from locplan.planners._plan import AWARE, SHORTEST
+from locplan.planners import AWARE, SHORTEST, Query
 from locplan.robots import OMNIDIRECTIONAL, Amcl, Disturbances, Robot, read_amcl
 from locplan.simulation import (
     LOST,
     Drives,
+    Route,
     Routes,
+    RoutesOnMaps,
     Simulator,
     choose_points,
     measure,
@@ -37,8 +37,6 @@ from locplan.simulation import (
     simulation_figure,
 )
 from locplan.simulation._motion import approaches
-from locplan.simulation._reports import routes_table
-from locplan.simulation._routes import COLUMNS, Route
 
 QUIET = {
     "boundary_noise": 0.0,
@@ -263,8 +261,8 @@ def test_lost_drives_and_their_intervals(two_corridors):
     assert drives.median_error.value == np.median(drives.position_error)
     assert drives.median_error.low < drives.median_error.value < drives.median_error.high
     about = drives.summary()
-    assert about["median_error_m"] == list(drives.median_error)
-    assert about["kept_rmse_m"] == list(drives.kept_rmse)
+    assert about["median_error"] == list(drives.median_error)
+    assert about["kept_rmse"] == list(drives.kept_rmse)
     assert drives.profile().shape == (len(drives.poses), 9)
     assert rmse_ratio(drives, drives) == pytest.approx((1, 1, 1))
 
@@ -290,7 +288,7 @@ def test_where_all_drives_are_lost_none_is_left_to_tell_of():
     drives = Drives(poses, errors)
     assert drives.lost.all()
     assert np.isnan(drives.kept_rmse).all()
-    assert drives.summary()["kept_rmse_m"] == [None] * 3
+    assert drives.summary()["kept_rmse"] == [None] * 3
     assert drives.median_error == (0.0, 0.0, 0.0)
     errors[:2, 4, 1] = 0.5  # two are too few for an interval
     kept = Drives(poses, errors).kept_rmse
@@ -319,15 +317,15 @@ def test_the_aware_path_is_followed_better_in_the_hall():
     routes = at_places("hall", ("start", "goal"), 10)
     assert routes.routes[0].summary["rmse_ratio"][2] < 0.7
     assert routes.verdict == "too few queries"
-    (row,) = (dict(zip(COLUMNS, row, strict=True)) for row in routes.rows())
+    (row,) = routes.table().records()
     both = routes.routes[0].summary["paths"]
     for name, path in (("shortest", SHORTEST), ("aware", AWARE)):
-        assert row[f"median_error_{name}_m"] == both[path]["median_error_m"][0]
+        assert row[f"median_error_{name}"] == both[path]["median_error"][0]
         assert row[f"lost_{name}"] == both[path]["lost_rate"][0]
-        kept = both[path]["kept_rmse_m"][0]  # none if all drives are lost
-        assert row[f"kept_rmse_{name}_m"] == pytest.approx(kept or math.nan, nan_ok=True)
-        assert row[f"rmse_{name}_m"] == both[path]["rmse_m"][0]
-    assert routes.summary()["median_error_m"] == pytest.approx(routes.routes[0].median)
+        kept = both[path]["kept_rmse"][0]  # none if all drives are lost
+        assert row[f"kept_rmse_{name}"] == kept
+        assert row[f"rmse_{name}"] == both[path]["rmse"][0]
+    assert routes.summary()["median_error"] == pytest.approx(routes.routes[0].median_error)
     json.dumps(routes.summary(), allow_nan=False)
 
 
@@ -342,9 +340,9 @@ def test_queries_whose_drives_were_all_lost_are_left_out_of_the_rmse_of_those_ke
     assert Routes(grid, [*routes, lost], {}).kept_rmse == pytest.approx((0.4, 0.2))
     only = Routes(grid, [lost], {})
     assert np.isnan(only.kept_rmse).all()
-    assert only.summary()["kept_rmse_m"] == [None, None]
+    assert only.summary()["kept_rmse"] == [None, None]
     monkeypatch.setenv("COLUMNS", "110")
-    table = routes_table([only])
+    table = RoutesOnMaps((only,)).report()
     assert "- -> -" in table
     assert "100% -> 0%" in table
 

@@ -11,11 +11,27 @@ from made_up import failed, made_up, solved
 from scipy import stats
 
 from locplan._util.intervals import of_geometric_mean, of_mean, of_rms, wilson
-from locplan.comparison._pairs import KINDS, contrasts
-from locplan.comparison._result import comparison_table, contrast_json, rows_of
-from locplan.comparison._runs import MEASURES, Task, to_frame, write_table
-from locplan.comparison._statistics import convergence, summaries
+from locplan.comparison import MEASURES, Comparison, Task
 from locplan.errors import LocplanError
+
+ABOUT = {"began": "2025-03-04T05:06:07"}
+
+
+def contrasts(runs, baseline, pooled=False):
+    return Comparison(tuple(runs), baseline, {}).contrasts(pooled=pooled)
+
+
+def summaries(runs):
+    return Comparison(tuple(runs), "", {}).summaries()
+
+
+def convergence(runs, baseline, pooled=False):
+    return Comparison(tuple(runs), baseline, {}).convergence(pooled=pooled)
+
+
+def rows_of(runs, baseline):
+    table = Comparison(tuple(runs), baseline, {}).table()
+    return {row["planner"]: row for row in table.records()}
 
 
 def pair(ours, theirs, measure="cost"):
@@ -92,12 +108,11 @@ def test_a_bad_planner_changes_no_other_planners_row():
     late = lambda run: run.task.planner == "bad" and run.task.query != "q3"  # noqa: E731
     runs = [failed(run.task) if late(run) else run for run in runs]
     without = [run for run in runs if run.task.planner != "bad"]
-    cases = [("rooms", "6 m")]
-    rows = {row["planner"]: row for row in rows_of(runs, "base", cases)}
-    assert [rows["mine"]] == [r for r in rows_of(without, "base", cases) if r["planner"] == "mine"]
+    rows = rows_of(runs, "base")
+    assert rows["mine"] == rows_of(without, "base")["mine"]
     costs = {(r.task.planner, r.task.query): r.measures["cost"] for r in runs if r.measures}
     assert (rows["mine"]["pairs"], rows["bad"]["pairs"]) == (12, 1)
-    assert rows["bad"]["measures"]["cost"][0] == costs["bad", "q3"]
+    assert rows["bad"]["cost"] == costs["bad", "q3"]
     assert rows["bad"]["baseline_cost"] == costs["base", "q3"]
 
 
@@ -109,15 +124,12 @@ def test_a_rows_medians_ratio_and_verdict_are_of_the_same_values():
         for planner, costs in seeds.items()
         for seed, cost in enumerate(costs)
     ]
-    rows = rows_of(runs, "base", [("rooms", "6 m")])
-    text = comparison_table(rows)
-    assert "mine 100% 5 0.95 28.5 30 1.425 0.03" in " ".join(text.split())
+    text = Comparison(tuple(runs), "base", {}).report()
+    assert "mine 100% 5 0.950 28.50 30.00 1.43 0.030" in " ".join(text.split())
     assert "\nmine: 5 % cheaper than base [5, 5]\n" in text
-    row = rows[1]
-    assert (row["planner"], row["pairs"]) == ("mine", 5)
-    assert (row["measures"]["cost"][0], row["baseline_cost"]) == (28.5, 30.0)
-    cost = the(contrasts(runs, "base"), planner="mine", measure="cost")
-    found = contrast_json(cost)
+    row = rows_of(runs, "base")["mine"]
+    assert (row["pairs"], row["cost"], row["baseline_cost"]) == (5, 28.5, 30.0)
+    found = the(contrasts(runs, "base"), planner="mine", measure="cost").summary()
     assert (found["pairs"], found["median"], found["baseline_median"]) == (5, 28.5, 30.0)
     assert row["ratio"] == found["value"] == pytest.approx(0.95)
 
@@ -125,7 +137,7 @@ def test_a_rows_medians_ratio_and_verdict_are_of_the_same_values():
 def test_a_planner_takes_one_line_of_80_columns(monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     runs = made_up({"any-angle": 1.0, "simulated choice": 0.98765}, maps=("rooms",))
-    lines = comparison_table(rows_of(runs, "any-angle", [("rooms", "6 m")])).splitlines()
+    lines = Comparison(tuple(runs), "any-angle", {}).report().splitlines()
     head, rows = 2, 2
     assert len([line for line in lines if line.startswith("  ")]) == head + rows
 
@@ -214,11 +226,16 @@ def test_the_interval_covers_the_truth():
     """2000 comparisons of 10 queries with 3 seeds; bootstraps cover 90 %."""
     rng = np.random.default_rng(11)
     queries = -0.04 + rng.normal(0, 0.05, (2000, 10, 1)) + rng.normal(0, 0.03, (2000, 10, 3))
-    logs = np.median(queries, axis=2)
-    covered = [
-        low <= np.exp(-0.04) <= high
-        for _, low, high in (_cost_estimate(np.exp(each)) for each in logs)
+    costs = np.exp(np.median(queries, axis=2))
+    planners = [("base", np.ones_like(costs)), ("mine", costs)]
+    runs = [
+        solved(Task(str(trial), "6 m", str(query), 4.0, planner, 0), cost)
+        for planner, values in planners
+        for (trial, query), cost in np.ndenumerate(values)
     ]
+    found = [c for c in contrasts(runs, "base") if (c.planner, c.measure) == ("mine", "cost")]
+    assert len(found) == 2000
+    covered = [each.estimate.low <= np.exp(-0.04) <= each.estimate.high for each in found]
     assert 0.935 < np.mean(covered) < 0.965
 
 
@@ -231,12 +248,6 @@ def test_percentile_bootstraps_cover_less():
         means = np.take_along_axis(logs[:, None], drawn, axis=2).mean(axis=2)
         low, high = np.quantile(means, (0.025, 0.975), axis=1)
         assert 0.75 < np.mean((low <= -0.04) & (high >= -0.04)) < most
-
-
-def _cost_estimate(ratios):
-    from locplan.comparison._pairs import RATIO, _estimate
-
-    return _estimate(RATIO, ratios, np.ones(len(ratios)), np.zeros(len(ratios), int))
 
 
 def test_success_counts_queries_not_seeds():
@@ -305,40 +316,30 @@ def test_every_measure_of_nine_hundred_runs_is_compared():
     assert summaries(runs)
     found = contrasts(runs, "base") + contrasts(runs, "base", pooled=True)
     assert len(found) == 6 * 5 * len(MEASURES)
-    assert set(KINDS) == set(MEASURES)
     assert all(each.sentence for each in found if each.planner != "base")
 
 
 def test_tables(tmp_path):
     runs = [*made_up({"base": 1.0}, queries=3), failed(Task("ü, ß", "6 m", "q", 4.0, "base", 0))]
-    with write_table(runs, tmp_path / "runs.csv").open(encoding="utf-8", newline="") as file:
+    runs += made_up({"=1+1": -1.0}, queries=1, maps=("@x",))
+    runs.append(replace(runs[0], task=replace(runs[0].task, seed=2**32 - 1, map="\udcff")))
+    Comparison(tuple(runs), "base", {}, ABOUT).save(tmp_path / "out")
+    with (tmp_path / "out" / "runs.csv").open(encoding="utf-8", newline="") as file:
         read = list(csv.DictReader(file))
-    assert [float(row["cost"]) for row in read[:-1]] == [run.measures["cost"] for run in runs[:-1]]
-    assert (read[-1]["map"], read[-1]["cost"]) == ("ü, ß", "")
-    (run,) = made_up({"=1+1": -1.0}, queries=1, maps=("@x",))
-    row = write_table([run], tmp_path / "formulas.csv").read_text().splitlines()[1]
-    assert row.startswith("'@x,6 m,q0,4.0,'=1+1,")
-    assert ",-1" in row
-    assert write_table([], tmp_path / "none.csv").read_text().startswith("map,config,query")
-    with pytest.raises(LocplanError, match="must end in"):
-        write_table(runs, tmp_path / "runs.txt")
+    costs = [run.measures["cost"] for run in runs[:6]]
+    assert [float(row["cost"]) for row in read[:6]] == pytest.approx(costs, rel=1e-8)
+    assert (read[6]["map"], read[6]["cost"]) == ("ü, ß", "")
+    assert (read[7]["map"], read[7]["planner"], read[7]["cost"][0]) == ("'@x", "'=1+1", "-")
+    assert (read[8]["map"], int(read[8]["seed"])) == ("?", 2**32 - 1)
 
 
 def test_frames_and_parquet(tmp_path):
     pandas = pytest.importorskip("pandas")
     runs = [*made_up({"base": 1.0}, queries=3), failed(Task("rooms", "6 m", "q", 4.0, "base", 0))]
-    frame = to_frame(runs)
+    comparison = Comparison(tuple(runs), "base", {}, ABOUT)
+    frame = comparison.to_frame()
     assert frame.groupby("status").size()["solved"] == 6
-    assert list(to_frame([]).columns) == list(frame.columns)
     pytest.importorskip("pyarrow")
-    read = pandas.read_parquet(write_table(runs, tmp_path / "runs.parquet"))
-    assert (read["cost"].dropna() == frame["cost"].dropna()).all()
-    assert len(pandas.read_parquet(write_table([], tmp_path / "none.parquet"))) == 0
-
-
-def test_what_is_missing_is_said(tmp_path, monkeypatch):
-    monkeypatch.setattr("locplan._util.extras.find_spec", lambda _: None)
-    with pytest.raises(LocplanError, match="a data frame needs pandas: pip install"):
-        to_frame([])
-    with pytest.raises(LocplanError, match=r"runs.parquet needs pyarrow"):
-        write_table([], tmp_path / "runs.parquet")
+    comparison.save(tmp_path / "out")
+    read = pandas.read_parquet(tmp_path / "out" / "runs.parquet")
+    pandas.testing.assert_frame_equal(read, frame)

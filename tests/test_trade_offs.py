@@ -116,7 +116,7 @@ def front_through(length, integral) -> ParetoFront:
     ends = {"start": (0.5, 0.5), "goal": (0.5, 0.5)}
     told = {"objective": "u", "epsilon": 0.0, "labels": 0, "solve_time": 0.0}
     cells = tuple(np.zeros((1, 2), int) for _ in length)
-    return ParetoFront(costs=costs, length=length, integral=integral, _cells=cells, **ends, **told)
+    return ParetoFront(costs=costs, length=length, integral=integral, cells=cells, **ends, **told)
 
 
 @pytest.mark.parametrize(

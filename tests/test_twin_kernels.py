@@ -14,12 +14,11 @@ from locplan._kernels import scan_losses as losses, shortlist as lists
 from locplan._kernels.lidar import Lidar as Beams
 from locplan._kernels.rays import empty_squares
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.matching import TURNS, Matching, ends_of, find_modes, losses_at, make_database
 from locplan.robots import Lidar
-from locplan.twins import Matching
-from locplan.twins._database import CAP, make_database
-from locplan.twins._matching import TURNS
-from locplan.twins._modes import ends_of, find_modes, losses_at
 
+CAP = 8
+"""Difference from which on a beam costs no more."""
 FARTHEST = 40
 """Cells that an end may move before its bound is 0."""
 

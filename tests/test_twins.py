@@ -15,16 +15,10 @@ from scipy.ndimage import affine_transform
 
 import locplan
 from locplan import Lidar, LocplanError, ScanDatabase, find_twins
-from locplan._util.intervals import wilson
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, save_map
+from locplan.matching import Matching, find_all_modes, find_modes, make_database, places_every
 from locplan.robots import Disturbances, Robot
-from locplan.twins import LAYERS, Matching, _database, _find, _loss_tables, twins_figure
-from locplan.twins._database import make_database, places_every, reachable
-from locplan.twins._figures import place_figure
-from locplan.twins._loss_tables import loss_tables
-from locplan.twins._modes import find_all_modes, find_modes
-from locplan.twins._starts import best_starts
-from locplan.twins._trials import area_under_curve
+from locplan.twins import LAYERS, GlobalMatches, twins_figure
 
 LIDAR = Lidar(range=8.0)
 QUIET = Disturbances(boundary_noise=0.0, outliers=0.0, occlusion=0.0, worlds=1)
@@ -290,7 +284,7 @@ def test_a_place_in_a_small_region_is_found_with_a_database_too():
 
 def test_layers_are_those_of_the_nearest_place(equal_rooms):
     layer = equal_rooms.layer("elsewhere")
-    fits = reachable(equal_rooms.grid, 0.25)
+    fits = ScanDatabase(equal_rooms.grid, LIDAR, 0.25).everywhere.fits
     assert np.isfinite(layer[fits]).all()
     assert np.isnan(layer[~equal_rooms.grid.free]).all()
     n = equal_rooms.nearest(*equal_rooms.places[7])
@@ -318,12 +312,19 @@ def test_a_layer_of_a_stride_has_the_values_of_every_so_many_th_cell(equal_rooms
     assert np.isfinite(own).any()
 
 
-def test_starts_are_the_safest_places_apart():
+def test_starts_are_the_safest_places_apart(equal_rooms):
     places = np.array([[x, 0.0] for x in range(10)], float)
     excess = np.array([9.0, 9, 9, 1, 20, 8, 8, 8, 7, 7])
-    starts = best_starts(places, excess, np.exp(-excess), 3, 1.0, 2.0)
+    row = dataclasses.replace(
+        equal_rooms,
+        places=places,
+        spacing=1.0,
+        values={"excess": excess[:, None], "elsewhere": np.exp(-excess)[:, None]},
+    )
+    starts = row.best_starts(3, apart=2.0)
     assert [start.x for start in starts] == [0.0, 5.0, 7.0]  # 20 stands beside 1
     assert [start.excess for start in starts] == [9.0, 8.0, 7.0]
+    assert starts[0].elsewhere == math.exp(-9)
 
 
 def test_rooms_that_differ_are_safe_to_start_in():
@@ -366,28 +367,32 @@ def test_nats_are_those_of_noisy_matches_with_the_fitted_number_of_beams(beams, 
 
     Twins of these maps are nearly equal, so that more beams would be right, too.
     """
-    share, failed = [], []
+    every = []
     for name in ("warehouse", "office"):
         grid = locplan.maps.environments.make(name, resolution=0.05)
         lidar = Lidar.preset("rplidar-a1")
         found = find_twins(grid, robot=Robot(lidar), spacing=1.2, global_effective_beams=beams)
-        matches = found.verify(1200, seed=7)
-        share.append(matches.elsewhere)
-        failed.append(matches.failed)
-    said, happened = np.concatenate(share), np.concatenate(failed)
+        every.append(found.verify(1200, seed=7))
+    names = [field.name for field in dataclasses.fields(GlobalMatches)]
+    arrays = [np.concatenate([getattr(each, name) for each in every]) for name in names]
+    said = np.concatenate([each.elsewhere for each in every])
     apart = []
     for low, high in itertools.pairwise((0.0, 0.02, 0.15, 0.45, 0.75, 1.01)):
         own = (said >= low) & (said < high)
         if own.sum() < 20:
             continue
-        around = wilson(float(happened[own].mean()), int(own.sum()))
+        around = GlobalMatches(*(each[own] for each in arrays)).failure_rate
         apart.append(max(around.low - said[own].mean(), said[own].mean() - around.high))
     assert (max(apart) < 0.06) == holds
 
 
 def test_the_area_under_the_curve_counts_pairs():
     scores, positive = np.array([3.0, 1.0, 2.0, 2.0]), np.array([True, False, True, False])
-    assert area_under_curve(scores, positive) == pytest.approx((2 + 1.5) / 4)
+    poses = np.zeros((4, 3))
+    matched = np.where(positive[:, None], 5.0, 0.0) * np.ones(3)
+    made = GlobalMatches(poses, matched, scores, scores, positive)
+    assert made.failed.tolist() == positive.tolist()
+    assert made.auc == pytest.approx((2 + 1.5) / 4)
 
 
 def test_places_lie_one_in_each_square_where_the_robot_fits():
@@ -398,7 +403,7 @@ def test_places_lie_one_in_each_square_where_the_robot_fits():
 
 def test_places_do_not_depend_on_the_strips_that_are_looked_through(monkeypatch):
     fits = np.random.default_rng(4).random((61, 47)) < 0.3
-    monkeypatch.setattr(_database, "BAND", 10**6)
+    monkeypatch.setattr("locplan.matching._database.BAND", 10**6)
     whole = places_every(0.5, fits, 0.1)
     expected = {}  # the cell next to the middle of each square, the first one in order of rows
     for row, col in np.argwhere(fits).tolist():
@@ -406,20 +411,20 @@ def test_places_do_not_depend_on_the_strips_that_are_looked_through(monkeypatch)
         square = expected.setdefault((row // 5, col // 5), (aside, row, col))
         expected[row // 5, col // 5] = min(square, (aside, row, col))
     assert whole.tolist() == [[c + 0.5, r + 0.5] for _, (_, r, c) in sorted(expected.items())]
-    monkeypatch.setattr(_database, "BAND", 600)
+    monkeypatch.setattr("locplan.matching._database.BAND", 600)
     np.testing.assert_array_equal(places_every(0.5, fits, 0.1), whole)
 
 
 @pytest.mark.parametrize("band", [1, 1000, 10**6])
 @pytest.mark.parametrize("settings", [{}, {"sigma_hit": 0.02}, {"z_rand": 0.6, "sigma_hit": 0.3}])
 def test_losses_in_strips_are_those_of_the_whole_map(monkeypatch, band, settings):
-    monkeypatch.setattr(_loss_tables, "BAND", band)
+    monkeypatch.setattr("locplan.matching._matching.BAND", band)
     cells = np.where(np.random.default_rng(5).random((70, 40)) < 0.004, OCCUPIED, FREE)
     grid = OccupancyGrid(cells.astype(np.uint8), 0.05)
-    matching, told = Matching(lidar=LIDAR, **settings), []
-    made = loss_tables(grid, matching, grid.free, lambda *step: told.append(step))
-    assert told == sorted(told)
-    assert told[-1] == (made.height, made.height)
+    matching, steps = Matching(lidar=LIDAR, **settings), []
+    made = make_database(grid, matching, progress=lambda *step: steps.append(step)).tables
+    assert steps == sorted(steps)
+    assert steps[-1][0] == steps[-1][1]
     expected = naive.loss_tables(
         grid.cells == OCCUPIED, 0.05, matching.sigmas(0.05), matching.z_rand, made.margin
     )
@@ -455,10 +460,12 @@ def test_specks_of_free_space_are_not_reachable_unless_asked_for():
     cells = np.full((60, 60), UNKNOWN, np.uint8)
     cells[2:40, 2:40] = FREE
     cells[50:58, 50:58] = FREE
-    grid = OccupancyGrid(cells, 0.1)
-    assert not reachable(grid, 0.0)[54, 54]
-    assert reachable(grid, 0.0, [(54, 54)])[54, 54]
-    assert reachable(grid, 0.0)[20, 20]
+    cells[0] = OCCUPIED
+    grid, matching = OccupancyGrid(cells, 0.1), Matching(lidar=LIDAR, robot_radius=0.0)
+    fits = make_database(grid, matching).fits
+    assert not fits[54, 54]
+    assert fits[20, 20]
+    assert make_database(grid, matching, [(54, 54)]).fits[54, 54]
 
 
 @pytest.mark.parametrize(
@@ -501,9 +508,8 @@ def test_a_database_serves_many_searches(monkeypatch):
     database = ScanDatabase(grid, LIDAR, 0.15)
     assert not database.everywhere.fits[grid.world_to_cell(*closet)]
     made = []
-    monkeypatch.setattr(
-        _find, "make_database", lambda *given: made.append(given) or make_database(*given)
-    )
+    making = "locplan.twins._find.make_database"
+    monkeypatch.setattr(making, lambda *given: made.append(given) or make_database(*given))
     for each, twins in zip(asked, expected, strict=True):
         found = find_twins(grid, robot, database=database, **each)
         np.testing.assert_array_equal(found.places, twins.places)
@@ -616,12 +622,13 @@ def test_the_figure_joins_places_with_their_twins(equal_rooms):
 
 
 def test_the_figure_of_a_place_numbers_its_twins(equal_rooms):
-    axes = place_figure(equal_rooms, 3).axes[0]
+    alone = find_twins(equal_rooms.grid, robot=Robot(LIDAR), places=equal_rooms.places[3:4])
+    axes = alone.figure().axes[0]
     assert {text.get_text() for text in axes.texts} == {
-        str(n) for n, _ in enumerate(equal_rooms.of(3), 1)
+        str(n) for n, _ in enumerate(alone.of(0), 1)
     }
     ends = {tuple(line.get_xydata()[-1]) for line in axes.lines}
-    assert ends == {(x, y) for x, y, *_ in equal_rooms.of(3)} | {tuple(equal_rooms.places[3])}
+    assert ends == {(x, y) for x, y, *_ in alone.of(0)} | {tuple(alone.places[0])}
     assert "50% of the posterior" in axes.get_title(loc="left")
 
 

@@ -11,21 +11,26 @@ from locplan.costs import Costmap, Path
 from locplan.field import FieldConfig
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.planners import Query, plan
-from locplan.plotting._cells import field_cells
-from locplan.plotting._maps import SOLID, limits_of, map_axes, shades
-from locplan.plotting._picture import (
-    MOST,
+from locplan.plotting import (
     Picture,
-    RoundNumbers,
+    draw_inset,
     make_logarithmic,
+    map_around,
+    map_axes,
+    zoomed_to,
+)
+from locplan.plotting._cells import field_cells
+from locplan.plotting._maps import SOLID, limits_of, shades
+from locplan.plotting._picture import (
+    MAX_TICKS,
+    RoundNumbers,
     round_numbers,
     weak_spots,
 )
-from locplan.plotting._views import cut, draw_inset, map_around, zoomed_to
+from locplan.plotting._views import cut
 from locplan.robots import Lidar, Robot
-from locplan.simulation import Routes, queries_figure
+from locplan.simulation import Route, Routes, queries_figure
 from locplan.simulation._figures import PANEL_POINTS, _beside
-from locplan.simulation._routes import Route
 
 pytestmark = pytest.mark.draws
 
@@ -203,7 +208,7 @@ def test_ellipses_and_headings_stay_within_the_axes():
 )
 def test_scales_have_some_round_numbers_and_not_too_many(ends):
     found = round_numbers(*ends)
-    assert 3 <= len(found) <= MOST
+    assert 3 <= len(found) <= MAX_TICKS
     assert (np.diff(found) > 0).all()
     assert (found >= ends[0] * (1 - 1e-6)).all()
     assert (found <= ends[1] * (1 + 1e-6)).all()

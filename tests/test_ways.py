@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from locplan._kernels import ways
-from locplan._kernels.scale import scale_of
-from locplan._kernels.search import bordered_half, search, trace
+from locplan._kernels.search import bordered_half, scale_of, search
+from locplan._kernels.ways import trace
 
 SIZE = 22
 

@@ -27,7 +27,11 @@ def at_once(monkeypatch):
 
 @pytest.mark.parametrize("terminal", [True, False])
 def test_a_terminal_shows_what_is_done(at_once, monkeypatch, capsys, terminal):
-    monkeypatch.setenv("FORCE_COLOR" if terminal else "NO_COLOR", "1")
+    if terminal:
+        monkeypatch.setenv("FORCE_COLOR", "1")
+    else:
+        monkeypatch.delenv("FORCE_COLOR", raising=False)
+        monkeypatch.setattr(threading, "Timer", None)  # none is made
     with module.working("drawing"):
         pass
     out, err = capsys.readouterr()

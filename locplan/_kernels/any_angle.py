@@ -14,10 +14,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from locplan._kernels.rays import segment_cost
+from locplan._kernels.search import put, range_of
 
-MAX_BUCKETS = 1 << 14
-_UNUSED, _USED, _WAITING = 0, 1, 2
-"""Indices of the pool of entries: first one free again, number ever used, number that wait."""
 TIE = 1e-13
 """Relative difference up to which costs count as equal."""
 
@@ -144,50 +142,37 @@ def cheapest_moves(
     move_to = np.full(half.size, -1, np.int8)
     done = np.zeros(half.size, np.uint8)
     cost[start] = 0.0
-    longest = 0.0
-    for move in range(len(lengths)):
-        length = 0.0
-        for k in range(lengths.shape[1]):
-            length += lengths[move, k]
-        longest = max(longest, length)
-    per_cost, buckets = bucket_scale(half, longest / 2)
+    per_cost, buckets = bucket_scale(half, lengths)
     if not buckets:
         return nothing  # the costs differ too much for buckets
     mask = np.uint64(buckets - 1)
     heads = np.full(buckets, -1, np.int32)
     cells, following = np.empty(4096, np.uint32), np.empty(4096, np.int32)
-    pool = np.array([-1, 1, 1])
+    unused, used, waiting = -1, 1, 1
     cells[0], following[0], heads[0] = start, -1, 0
     lowest = 0
-    while pool[2] and lowest <= cost[goal] * per_cost:
+    while waiting and lowest <= cost[goal] * per_cost:
         slot = np.uint64(lowest) & mask
         while heads[slot] >= 0:
             entry = heads[slot]
-            heads[slot], following[entry] = following[entry], pool[0]
-            pool[0] = entry
-            pool[2] -= 1
+            heads[slot], following[entry], unused = following[entry], unused, entry
+            waiting -= 1
             cell = np.int64(cells[entry])
             if done[cell]:
                 continue
             done[cell] = 1
-            if pool[1] + len(offsets) > cells.size:
+            if used + len(offsets) > cells.size:
                 cells = np.concatenate((cells, np.empty_like(cells)))
                 following = np.concatenate((following, np.empty_like(following)))
             here = cost[cell]
             for move in range(len(offsets)):
                 other = cell + offsets[move]
-                reached = here
-                for k in range(crossed.shape[1]):
-                    if lengths[move, k] > 0:
-                        reached += lengths[move, k] * half[cell + crossed[move, k]]
-                if not reached < cost[other]:
-                    continue
-                for k in range(touched.shape[1]):
-                    reached += 0.0 if half[cell + touched[move, k]] < np.inf else np.inf
-                if reached < cost[other]:
+                reached = _reached(half, cell, here, crossed[move], lengths[move])
+                if reached < cost[other] and not _touches(half, cell, touched[move]):
                     cost[other], done[other], move_to[other] = reached, 0, move
                     bucket = np.uint64(reached * per_cost) & mask
-                    enqueue(other, bucket, heads, cells, following, pool)
+                    unused, used = put(other, bucket, heads, cells, following, unused, used)
+                    waiting += 1
         lowest += 1
     if cost[goal] == np.inf:
         return nothing
@@ -197,36 +182,41 @@ def cheapest_moves(
     return np.array(path[::-1])
 
 
-@njit(nogil=True, cache=True)
-def bucket_scale(half: NDArray[np.float64], longest: float) -> tuple[float, int]:
-    """Buckets per cost, and their number, a power of two (0: too many), for steps to `longest`."""
-    cheapest, costliest = np.inf, 0.0
-    for value in half:
-        if value < np.inf:
-            cheapest, costliest = min(cheapest, 2 * value), max(costliest, 2 * value)
-    if cheapest * MAX_BUCKETS <= longest * costliest:
-        return 0.0, 0
-    buckets = 2
-    while buckets < longest * costliest / cheapest + 2:
-        buckets *= 2
-    return 1.0 / cheapest, buckets
+@njit(inline="always")
+def _reached(
+    half: NDArray[np.float64],
+    cell: int,
+    cost: float,
+    crossed: NDArray[Any],
+    lengths: NDArray[Any],
+) -> float:
+    """Cost at the end of a move from a cell with this cost, over the cells that it crosses."""
+    for k in range(crossed.size):
+        if lengths[k] > 0:
+            cost += lengths[k] * half[cell + crossed[k]]
+    return cost
 
 
 @njit(inline="always")
-def enqueue(
-    cell: int,
-    bucket: int,
-    heads: NDArray[Any],
-    cells: NDArray[Any],
-    following: NDArray[Any],
-    pool: NDArray[Any],
-) -> None:
-    """Put a cell into a bucket."""
-    entry = pool[_UNUSED]
-    if entry >= 0:
-        pool[_UNUSED] = following[entry]
-    else:
-        entry = pool[_USED]
-        pool[_USED] += 1
-    cells[entry], following[entry], heads[bucket] = cell, heads[bucket], entry
-    pool[_WAITING] += 1
+def _touches(half: NDArray[np.float64], cell: int, touched: NDArray[Any]) -> bool:
+    """Whether a move from a cell touches a blocked one."""
+    blocked = False
+    for k in range(touched.size):
+        blocked |= half[cell + touched[k]] == np.inf
+    return blocked
+
+
+@njit(nogil=True, cache=True)
+def bucket_scale(half: NDArray[np.float64], lengths: NDArray[np.float64]) -> tuple[float, int]:
+    """Buckets per cost, and their number, a power of two (0: too many), for moves of `lengths`."""
+    longest = 0.0
+    for move in range(len(lengths)):
+        longest = max(longest, lengths[move].sum())
+    cheapest, costliest, _, _ = range_of(half)
+    # More buckets than this would take longer to visit than to sort their cells.
+    if 2 * cheapest * (1 << 14) <= longest * costliest:
+        return 0.0, 0
+    buckets = 2
+    while buckets < longest / 2 * costliest / cheapest + 2:
+        buckets *= 2
+    return 0.5 / cheapest, buckets

@@ -17,11 +17,7 @@ from numpy.typing import NDArray
 
 from locplan._kernels.bitplanes import PLANES
 from locplan._kernels.sad import DONE, STOP
-from locplan._kernels.saturating import add_distances, lanes_within
-from locplan._kernels.simd import SHORTS, zero_shorts
-
-PATIENCE = 16
-"""Number of blocks that are added before the limit is looked at."""
+from locplan._kernels.simd import SHORTS, add_distances, lanes_within, zero_shorts
 
 
 class Blocks(NamedTuple):
@@ -125,7 +121,6 @@ def keep_lines(
         ``control[DONE]`` grows by `due` on the way; nothing is done once ``control[STOP]`` is set.
     """
     sums, table_rows = table.reshape(-1), table.shape[2]
-    plane_size = sums.size // PLANES
     offsets = kept.shape[1]
     free = np.empty(blocks.corners.size, np.uint16)
     occupied = np.empty(blocks.corners.size, np.uint16)
@@ -134,52 +129,92 @@ def keep_lines(
     for n in range(len(kept)):
         if control[STOP]:
             return
-        rest, asked = rests[n], True
+        asked = True
         for i in range(offsets):
             kept[n, i] = True
         for size in range(blocks.edges.size):
             if not asked:
                 break
-            asked = False
-            first, last = blocks.starts[size], blocks.starts[size + 1]
-            up = blocks.edges[size]
-            across = up * table_rows
-            # Blocks in which the template is unknown differ least, and come last.
-            front, back = first, last
-            for b in range(first, last):
-                at = corners[n] + blocks.corners[b]
-                some = sums[at + across + up] - sums[at + across] - sums[at + up] + sums[at]
-                at += plane_size
-                more = sums[at + across + up] - sums[at + across] - sums[at + up] + sums[at]
-                if np.uint16(some | more) != 0:
-                    to = front
-                    front += 1
-                else:
-                    back -= 1
-                    to = back
-                free[to], occupied[to], places[to] = some, more, blocks.addresses[rest, b]
-            for i in range(offsets):
-                if not kept[n, i]:
-                    continue
-                kept[n, i] = False
-                line = addresses[n] + i * blocks.line_stride
-                for group in range(0, offsets, SHORTS):
-                    within = np.uint64(0xFFFF_FFFF)
-                    if offsets - group < SHORTS:
-                        within >>= np.uint64(SHORTS - offsets + group)
-                    total = zero_shorts()
-                    start = first
-                    while start < last and within != 0:
-                        stop = min(start + PATIENCE, last)
-                        for b in range(start, stop):
-                            here = line + group + places[b]
-                            total = add_distances(total, blocks.counts, here, free[b], shift)
-                            here += blocks.plane_stride
-                            total = add_distances(total, blocks.counts, here, occupied[b], shift)
-                        start = stop
-                        within &= lanes_within(total, limit)
-                    if within != 0:
-                        kept[n, i] = asked = True
-                        break
+            read_template(
+                blocks, size, rests[n], sums, table_rows, corners[n], free, occupied, places
+            )
+            asked = reject_lines(
+                blocks, size, addresses[n], limit, shift, free, occupied, places, kept[n]
+            )
         if control.size > DONE:
             control[DONE] = done + due * (n + 1) // len(kept)
+
+
+@njit(inline="always")
+def read_template(
+    blocks: Blocks,
+    size: int,
+    rest: int,
+    sums: NDArray[np.uint16],
+    table_rows: int,
+    corner: int,
+    free: NDArray[np.uint16],
+    occupied: NDArray[np.uint16],
+    places: NDArray[np.int64],
+) -> None:
+    """Write the numbers of a template's cells in the blocks of one edge, and the blocks' places."""
+    up, plane_size = blocks.edges[size], sums.size // PLANES
+    corners, addresses = blocks.corners, blocks.addresses
+    across = up * table_rows
+    # Blocks in which the template is unknown differ least, and come last: most lines are rejected
+    # before they are reached.
+    front, back = blocks.starts[size], blocks.starts[size + 1]
+    for b in range(blocks.starts[size], blocks.starts[size + 1]):
+        at = corner + corners[b]
+        some = sums[at + across + up] - sums[at + across] - sums[at + up] + sums[at]
+        at += plane_size
+        more = sums[at + across + up] - sums[at + across] - sums[at + up] + sums[at]
+        if np.uint16(some | more) != 0:
+            to = front
+            front += 1
+        else:
+            back -= 1
+            to = back
+        free[to], occupied[to], places[to] = some, more, addresses[rest, b]
+
+
+@njit(inline="always")
+def reject_lines(
+    blocks: Blocks,
+    size: int,
+    address: int,
+    limit: int,
+    shift: int,
+    free: NDArray[np.uint16],
+    occupied: NDArray[np.uint16],
+    places: NDArray[np.int64],
+    kept: NDArray[np.bool_],
+) -> bool:
+    """Take the marks off lines without an offset up to the limit; return whether any is left."""
+    counts, line_stride, plane_stride = blocks.counts, blocks.line_stride, blocks.plane_stride
+    first, last, offsets = blocks.starts[size], blocks.starts[size + 1], kept.size
+    asked = False
+    for i in range(offsets):
+        if not kept[i]:
+            continue
+        kept[i] = False
+        line = address + i * line_stride
+        for group in range(0, offsets, SHORTS):
+            within = np.uint64(0xFFFF_FFFF)
+            if offsets - group < SHORTS:
+                within >>= np.uint64(SHORTS - offsets + group)
+            total = zero_shorts()
+            start = first
+            while start < last and within != 0:
+                # The limit is looked at once for so many blocks: each look waits for the sums.
+                stop = min(start + 16, last)
+                for b in range(start, stop):
+                    here = line + group + places[b]
+                    total = add_distances(total, counts, here, free[b], shift)
+                    total = add_distances(total, counts, here + plane_stride, occupied[b], shift)
+                start = stop
+                within &= lanes_within(total, limit)
+            if within != 0:
+                kept[i] = asked = True
+                break
+    return asked

@@ -7,7 +7,7 @@ from typing import Any
 
 
 def are_cached(*kernels: Any) -> bool:
-    """Whether numba's cache holds kernels, for any types; True where that cannot be told."""
+    """Whether numba's cache holds kernels, for any types; True where that is not known."""
     try:
         return all(kernel._cache._cache_file._load_index() for kernel in kernels)
     except Exception:  # numba does not compile, has changed, or cannot read or write its cache
@@ -15,7 +15,7 @@ def are_cached(*kernels: Any) -> bool:
 
 
 def is_compiling() -> bool:
-    """Whether another thread compiles a kernel just now; False where that cannot be told."""
+    """Whether another thread compiles a kernel just now; False where that is not known."""
     try:
         lock = sys.modules["numba.core.compiler_lock"].global_compiler_lock._lock
     except (KeyError, AttributeError):  # nothing has imported numba yet

@@ -1,6 +1,6 @@
 """What a robot sees where parts of a map are away, and how far parts that were moved pull it.
 
-Rays, hits, sums and covariances are those of `landmarks` and `way_covariances`.
+Rays, hits, sums and covariances are those of `landmarks` and `objectives`.
 """
 
 from __future__ import annotations
@@ -9,8 +9,20 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels.landmarks import NORMAL_X, NORMAL_Y, RANGE, TT, TURN, XT, XX, XY, YT, YY, Rays
-from locplan._kernels.rays import cast
+from locplan._kernels.landmarks import (
+    NORMAL_X,
+    NORMAL_Y,
+    RANGE,
+    TT,
+    TURN,
+    XT,
+    XX,
+    XY,
+    YT,
+    YY,
+    Rays,
+    write_hit,
+)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -21,7 +33,7 @@ def look(
     silent: NDArray[np.bool_],
     resolution: float,
     rays: Rays,
-    wanted: NDArray[np.int64],
+    asked: NDArray[np.int64],
     hits: NDArray[np.float32],
     cells: NDArray[np.int64],
 ) -> None:
@@ -34,31 +46,17 @@ def look(
     labels : (H, W) array
         Number of the feature that a cell belongs to, or -1.
     silent : (m,) array of bool
-        Features that stop rays and tell nothing.
-    wanted : (k,) array
+        Features that stop rays without a return.
+    asked : (k,) array
         The rays: pose * beams + beam. A cell is row * W + col.
     """
-    for k in range(wanted.size):
-        n, b = wanted[k] // rays.beams, wanted[k] % rays.beams
-        x, y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
-        bearing = rays.first[n] + b * rays.step
-        dx, dy = np.cos(bearing), np.sin(bearing)
-        at, row, col = cast(squares, y / resolution, x / resolution, dy, dx, rays.most / resolution)
-        at *= resolution
-        hit = hits[k]
-        hit[NORMAL_X] = hit[NORMAL_Y] = hit[TURN] = 0.0
+    for k in range(asked.size):
+        n, b = asked[k] // rays.beams, asked[k] % rays.beams
+        row, col, counts = write_hit(squares, normals, resolution, rays, n, b, hits[k])
         cells[k] = row * labels.shape[1] + col if row >= 0 else -1
-        if not 0 < at < np.inf or at < rays.least:
-            hit[RANGE] = at if at < rays.least else np.inf
-            continue
-        label = labels[row, col]
-        if label >= 0 and silent[label]:
-            hit[RANGE] = np.inf
-            continue
-        nx, ny = np.float64(normals[row, col, 1]), np.float64(normals[row, col, 0])
-        hx, hy = rays.levers[n, 0] + at * dx, rays.levers[n, 1] + at * dy
-        hit[RANGE], hit[NORMAL_X], hit[NORMAL_Y] = at, nx, ny
-        hit[TURN] = hx * ny - hy * nx
+        if counts and labels[row, col] >= 0 and silent[labels[row, col]]:
+            hits[k, RANGE] = np.inf
+            hits[k, NORMAL_X] = hits[k, NORMAL_Y] = hits[k, TURN] = 0.0
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -81,9 +79,9 @@ def biases(
     information : (n, 6) array
         Information I of all rays [xx, xy, yy, xt, yt, tt].
     after : (n, 6) array
-        Covariance P after each look around; see `way_covariances.covariances`.
+        Covariance P after each look around; see `objectives.covariances`.
     poses, routes
-        See `way_covariances.covariances`.
+        See `objectives.covariances`.
     """
     result = np.zeros((len(poses), 3, 2))
     e, rest = np.zeros((3, 2)), np.zeros((3, 2))

@@ -60,24 +60,39 @@ def hits_of_map(
 ) -> None:
     """Fill the hits (n, beams, 4) of the poses from `begin` to `end` on a map."""
     for n in range(begin, end):
-        x, y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
         for b in range(rays.beams):
-            bearing = rays.first[n] + b * rays.step
-            dx, dy = np.cos(bearing), np.sin(bearing)
-            at, row, col = cast(
-                squares, y / resolution, x / resolution, dy, dx, rays.most / resolution
-            )
-            at *= resolution
-            hit = hits[n, b]
-            if not 0 < at < np.inf or at < rays.least:
-                # Nothing is seen behind a wall that is too near.
-                hit[RANGE] = at if at < rays.least else np.inf
-                hit[NORMAL_X] = hit[NORMAL_Y] = hit[TURN] = 0.0
-                continue
-            nx, ny = np.float64(normals[row, col, 1]), np.float64(normals[row, col, 0])
-            hx, hy = rays.levers[n, 0] + at * dx, rays.levers[n, 1] + at * dy
-            hit[RANGE], hit[NORMAL_X], hit[NORMAL_Y] = at, nx, ny
-            hit[TURN] = hx * ny - hy * nx
+            write_hit(squares, normals, resolution, rays, n, b, hits[n, b])
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def write_hit(
+    squares: NDArray[np.uint8],
+    normals: NDArray[np.float32],
+    resolution: float,
+    rays: Rays,
+    n: int,
+    b: int,
+    hit: NDArray[np.float32],
+) -> tuple[int, int, bool]:
+    """Write the hit (4,) of a ray on a map; return the cell that it meets, and whether it counts.
+
+    The cell is -1, -1 where the ray meets none.
+    """
+    x, y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
+    bearing = rays.first[n] + b * rays.step
+    dx, dy = np.cos(bearing), np.sin(bearing)
+    at, row, col = cast(squares, y / resolution, x / resolution, dy, dx, rays.most / resolution)
+    at *= resolution
+    if not 0 < at < np.inf or at < rays.least:
+        # Nothing is seen behind a wall that is too near.
+        hit[RANGE] = at if at < rays.least else np.inf
+        hit[NORMAL_X] = hit[NORMAL_Y] = hit[TURN] = 0.0
+        return row, col, False
+    nx, ny = np.float64(normals[row, col, 1]), np.float64(normals[row, col, 0])
+    hx, hy = rays.levers[n, 0] + at * dx, rays.levers[n, 1] + at * dy
+    hit[RANGE], hit[NORMAL_X], hit[NORMAL_Y] = at, nx, ny
+    hit[TURN] = hx * ny - hy * nx
+    return row, col, True
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -1,4 +1,4 @@
-"""Matching of single scans: the most likely pose in the search window, without a filter."""
+"""Matching of single scans, simulated or recorded, over the search window without a filter."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels.lidar import Lidar
-from locplan._kernels.likelihood import LikelihoodField
-from locplan._kernels.measured import BeamDisturbances, measured_ends
-from locplan._kernels.offsets import NOWHERE, Lattice
-from locplan._kernels.posterior import score
+from locplan._kernels.lidar import BeamDisturbances, Lidar, measured_ends
+from locplan._kernels.likelihood import NOWHERE, TOP, Lattice, LikelihoodField, make_weights
+from locplan._kernels.posterior import posterior_of, score
 
 
 @njit(nogil=True, cache=True)
@@ -92,3 +90,55 @@ def match(
         errors[n, 0] = col + 0.5 + dx * field.step - pose[1]
         errors[n, 1] = row + 0.5 + dy * field.step - pose[0]
         errors[n, 2] = angles[heading] + aside
+
+
+@njit(nogil=True, cache=True)
+def recorded_posteriors(
+    field: LikelihoodField,
+    lattice: Lattice,
+    cells: NDArray[np.int64],
+    ends: NDArray[np.float64],
+    effective_beams: float,
+    mean: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    best: NDArray[np.int64],
+    summary: NDArray[np.float64],
+) -> None:
+    """Write the posteriors of n scans over the offsets from their poses into arrays.
+
+    Parameters
+    ----------
+    field, lattice
+        Likelihood field of the map, and offsets of the search window.
+    cells : (n, 2) array
+        Row and column of the robot's cell at each scan.
+    ends : (n, beam, 2) array
+        Ends of the beams, columns and rows from that cell's centre [cells], in the map's axes; NaN
+        without a return.
+    effective_beams : float
+        Number of independent beams that tell as much as all.
+    mean : (n, 3) array
+        Filled with the mean of (dx, dy, theta) in steps of the lattice.
+    covariance : (n, 3, 3) array
+        Filled with the covariance about it.
+    best : (n, 3) array
+        Filled with the most probable offset in steps.
+    summary : (n, 3) array
+        Filled with entropy [nat], ambiguity, and the log-likelihood a return at the best offset.
+    """
+    beams = ends.shape[1]
+    weights = make_weights(min(1.0, effective_beams / beams) * field.nats, beams * TOP)
+    rows, half_headings = lattice.plane // lattice.width, (lattice.cos.size - 1) // 2
+    costs = np.empty_like(lattice.empty)
+    for n in range(len(cells)):
+        row, col = cells[n, 0], cells[n, 1]
+        summary[n, 0], summary[n, 1] = posterior_of(
+            field, lattice, weights, row, col, ends[n], costs, mean[n], covariance[n]
+        )
+        at = np.argmin(costs)
+        line, left = at // lattice.width, at % lattice.width
+        best[n, 0] = left - lattice.half_steps
+        best[n, 1] = line % rows - lattice.half_steps
+        best[n, 2] = line // rows - half_headings
+        returns = np.sum(~np.isnan(ends[n, :, 0]))
+        summary[n, 2] = -field.nats * costs[at] / max(returns, 1)

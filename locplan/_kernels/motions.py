@@ -14,8 +14,19 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels.arcs import arc, arc_crossings, closer, moved
-from locplan._kernels.curves import DUBINS, PIECES, QUARTER, STRAIGHT, TURN, dubins, reeds_shepp
+from locplan._kernels.curves import (
+    DUBINS,
+    PIECES,
+    QUARTER,
+    STRAIGHT,
+    TURN,
+    arc,
+    arc_crossings,
+    closer,
+    dubins,
+    moved,
+    reeds_shepp,
+)
 from locplan._kernels.rays import TOUCH, segment_cost
 
 FINEST = 0.02

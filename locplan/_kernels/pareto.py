@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels.search import SQRT2
+from locplan._kernels.search import COLUMNS, LENGTHS, ROWS
 
 SCALE = 1 << 34
 """Units of cost per cell; floats hold the sums exactly over 370,000 cells at this rate."""
@@ -87,100 +87,132 @@ def search(
     solutions : (m,) array of int32
         Receives the labels that reached the goal; the search pauses when it is full.
     """
+    state, begun = labels.state, 0
+    state[STATUS] = FINISHED
+    while True:
+        if state[IN_HEAP] == 0:
+            if state[WAITING] == 0:
+                return np.inf
+            _open_bucket(labels, goal, first_to_go, second_to_go)
+            continue
+        begun = _expand_heap(
+            labels,
+            half,
+            columns,
+            goal,
+            first_to_go,
+            second_to_go,
+            both_to_go,
+            multiplier,
+            most,
+            corner_cutting,
+            begun,
+            expansions,
+            solutions,
+        )
+        if state[STATUS] != FINISHED:
+            return labels.heap_first[0]
+
+
+@njit(nogil=True, cache=True)
+def _open_bucket(
+    labels: Labels, goal: int, first_to_go: NDArray[Any], second_to_go: NDArray[Any]
+) -> None:
+    """Move the labels of the lowest bucket that has any into the heap, and free those dominated."""
+    state, heads, following = labels.state, labels.heads, labels.following
+    heap, heap_first, heap_second = labels.heap, labels.heap_first, labels.heap_second
+    while heads[state[LOWEST] % BUCKETS] < 0:
+        state[LOWEST] += 1
+    slot = state[LOWEST] % BUCKETS
+    label = heads[slot]
+    heads[slot] = -1
+    while label >= 0:
+        after, cell = following[label], labels.cell[label]
+        state[WAITING] -= 1
+        bound = labels.second[label] + second_to_go[cell]
+        if not _is_open(labels.second[label], bound, labels.least[cell], labels.least[goal]):
+            following[label], state[UNUSED] = state[UNUSED], label
+        else:
+            bound_first = labels.first[label] + first_to_go[cell]
+            _push(state, heap, heap_first, heap_second, label, bound_first, bound)
+        label = after
+
+
+@njit(nogil=True, cache=True)
+def _expand_heap(
+    labels: Labels,
+    half: NDArray[np.float64],
+    columns: int,
+    goal: int,
+    first_to_go: NDArray[np.float64],
+    second_to_go: NDArray[np.float64],
+    both_to_go: NDArray[np.float64],
+    multiplier: float,
+    most: float,
+    corner_cutting: bool,
+    begun: int,
+    expansions: int,
+    solutions: NDArray[np.int32],
+) -> int:
+    """Expand the heap's labels, or so many of them that `expansions` have begun; return how many.
+
+    The other arguments are those of `search`.
+    """
+    # All arrays have local names: numba counts references to those that are passed on.
     state, cells, first, second = labels.state, labels.cell, labels.first, labels.second
     parents, following, heads = labels.parent, labels.following, labels.heads
     heap, heap_first, heap_second = labels.heap, labels.heap_first, labels.heap_second
     least = labels.least
-    straight, diagonal = float(SCALE), np.ceil(SQRT2 * SCALE)
-    per_cost = BUCKETS_A_CELL / SCALE
-    begun = 0
-    while True:
-        if state[IN_HEAP] == 0:
-            if state[WAITING] == 0:
-                state[STATUS] = FINISHED
-                return np.inf
-            while heads[state[LOWEST] % BUCKETS] < 0:
-                state[LOWEST] += 1
-            slot = state[LOWEST] % BUCKETS
-            label = heads[slot]
-            heads[slot] = -1
-            while label >= 0:
-                after = following[label]
-                cell = cells[label]
-                state[WAITING] -= 1
-                bound = second[label] + second_to_go[cell]
-                if second[label] >= least[cell] or bound >= least[goal]:
-                    following[label], state[UNUSED] = state[UNUSED], label
-                else:
-                    _push(
-                        state,
-                        heap,
-                        heap_first,
-                        heap_second,
-                        label,
-                        first[label] + first_to_go[cell],
-                        bound,
-                    )
-                label = after
-            continue
+    corner = np.nan if corner_cutting else np.inf  # nothing equals NaN
+    while state[IN_HEAP]:
         if begun == expansions or state[SOLUTIONS] == solutions.size:
             state[STATUS] = PAUSED
-            return heap_first[0]
+            break
         if state[USED] + 8 > cells.size:
             state[STATUS] = OUT_OF_LABELS
-            return heap_first[0]
+            break
         label, bound = heap[0], heap_second[0]
         _pop(state, heap, heap_first, heap_second)
         cell = cells[label]
-        if second[label] >= least[cell] or bound >= least[goal]:
+        if not _is_open(second[label], bound, least[cell], least[goal]):
             following[label], state[UNUSED] = state[UNUSED], label
             continue
+        # First costs only grow from here on: no later label is better in both than this one.
         least[cell] = second[label]
         if cell == goal:
             solutions[state[SOLUTIONS]] = label
             state[SOLUTIONS] += 1
             continue
         begun += 1
-        for vertical in (-columns, 0, columns):
-            for horizontal in (-1, 0, 1):
-                other = cell + vertical + horizontal
-                if half[other] == np.inf or other == cell:
-                    continue
-                new_first = first[label] + straight
-                new_second = second[label] + half[cell] + half[other]
-                if vertical != 0 and horizontal != 0:
-                    beside = half[cell + vertical] + half[cell + horizontal]
-                    if beside == np.inf and not corner_cutting:
-                        continue
-                    new_first = first[label] + diagonal
-                    new_second = second[label] + np.ceil(SQRT2 * (half[cell] + half[other]))
-                if new_second >= least[other]:
-                    continue
-                bound = new_second + second_to_go[other]
-                if bound >= least[goal]:
-                    continue
-                if new_first + multiplier * new_second + both_to_go[other] > most:
-                    continue
-                if state[UNUSED] >= 0:
-                    new = state[UNUSED]
-                    state[UNUSED] = following[new]
-                else:
-                    new = state[USED]
-                    state[USED] += 1
-                cells[new], first[new], second[new], parents[new] = (
-                    other,
-                    new_first,
-                    new_second,
-                    label,
-                )
-                bound_first = new_first + first_to_go[other]
-                bucket = int(bound_first * per_cost)
-                if bucket <= state[LOWEST]:
-                    _push(state, heap, heap_first, heap_second, new, bound_first, bound)
-                else:
-                    slot = bucket % BUCKETS
-                    following[new], heads[slot] = heads[slot], new
-                    state[WAITING] += 1
+        for n in range(8):
+            beside, aside = cell + ROWS[n] * columns, cell + COLUMNS[n]
+            other, length = beside + COLUMNS[n], LENGTHS[n]
+            new_first = first[label] + np.ceil(length * SCALE)
+            new_second = second[label] + np.ceil(length * (half[cell] + half[other]))
+            # A blocked cell's least second cost is infinite, as that of its step.
+            if new_second >= least[other] or half[beside] + half[aside] == corner:
+                continue
+            bound = new_second + second_to_go[other]
+            both = new_first + multiplier * new_second + both_to_go[other]
+            if bound >= least[goal] or both > most:
+                continue
+            new = state[UNUSED]
+            if new >= 0:
+                state[UNUSED] = following[new]
+            else:
+                new = state[USED]
+                state[USED] += 1
+            cells[new], parents[new] = other, label
+            first[new], second[new] = new_first, new_second
+            bound_first = new_first + first_to_go[other]
+            bucket = int(bound_first * (BUCKETS_A_CELL / SCALE))
+            if bucket <= state[LOWEST]:
+                _push(state, heap, heap_first, heap_second, new, bound_first, bound)
+            else:
+                slot = bucket % BUCKETS
+                following[new], heads[slot] = heads[slot], new
+                state[WAITING] += 1
+    return begun
 
 
 @njit(nogil=True, cache=True)
@@ -193,6 +225,18 @@ def path_of(labels: Labels, label: int) -> NDArray[Any]:
     for n in range(count - 1, -1, -1):
         cells[n], at = labels.cell[at], labels.parent[at]
     return cells
+
+
+@njit(inline="always")
+def _is_open(second: float, bound: float, least: float, least_at_goal: float) -> bool:
+    """Whether no path that was found is better than one with this second cost and bound on it."""
+    return second < least and bound < least_at_goal
+
+
+@njit(inline="always")
+def _comes_before(first: float, second: float, other_first: float, other_second: float) -> bool:
+    """Whether a label leaves the heap before another, by the bounds on both costs."""
+    return first < other_first or (first == other_first and second < other_second)
 
 
 @njit(inline="always")
@@ -209,15 +253,10 @@ def _push(
     state[IN_HEAP] += 1
     while at > 0:
         above = (at - 1) // 2
-        if heap_first[above] < first or (
-            heap_first[above] == first and heap_second[above] <= second
-        ):
+        if not _comes_before(first, second, heap_first[above], heap_second[above]):
             break
-        heap[at], heap_first[at], heap_second[at] = (
-            heap[above],
-            heap_first[above],
-            heap_second[above],
-        )
+        heap[at], heap_first[at] = heap[above], heap_first[above]
+        heap_second[at] = heap_second[above]
         at = above
     heap[at], heap_first[at], heap_second[at] = label, first, second
 
@@ -232,22 +271,13 @@ def _pop(
     at = 0
     while 2 * at + 1 < last:
         below = 2 * at + 1
-        if below + 1 < last and (
-            heap_first[below + 1] < heap_first[below]
-            or (
-                heap_first[below + 1] == heap_first[below]
-                and heap_second[below + 1] < heap_second[below]
-            )
+        if below + 1 < last and _comes_before(
+            heap_first[below + 1], heap_second[below + 1], heap_first[below], heap_second[below]
         ):
             below += 1
-        if first < heap_first[below] or (
-            first == heap_first[below] and second <= heap_second[below]
-        ):
+        if not _comes_before(heap_first[below], heap_second[below], first, second):
             break
-        heap[at], heap_first[at], heap_second[at] = (
-            heap[below],
-            heap_first[below],
-            heap_second[below],
-        )
+        heap[at], heap_first[at] = heap[below], heap_first[below]
+        heap_second[at] = heap_second[below]
         at = below
     heap[at], heap_first[at], heap_second[at] = label, first, second

@@ -15,8 +15,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels.shares import first_above, guide_of
-
 BIN = 0.5
 """Edge of the bins in which particles are counted and clustered [m]."""
 BIN_HEADING = 10 * np.pi / 180
@@ -26,6 +24,30 @@ STILL = 0.01
 FREE = -1
 EXTENT = 1 << 20
 """Number of bins on either side of zero along each axis."""
+
+
+@njit(nogil=True, cache=True)
+def guide_of(shares: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Index of the first share above each of n + 1 equal steps from 0 to the last share."""
+    count = len(shares)
+    guide = np.full(count + 1, count - 1)
+    step = 0
+    for n in range(count):
+        while step <= count and step * shares[-1] < shares[n] * count:
+            guide[step] = n
+            step += 1
+    return guide
+
+
+@njit(nogil=True, cache=True)
+def first_above(value: float, shares: NDArray[np.float64], near: int) -> int:
+    """Index of the first share above a value, or the last index, found from an index nearby."""
+    at = near
+    while at > 0 and shares[at - 1] > value:
+        at -= 1
+    while at < len(shares) - 1 and shares[at] <= value:
+        at += 1
+    return at
 
 
 class Filter(NamedTuple):
@@ -258,18 +280,10 @@ def weigh(
     count: int,
     weights: NDArray[np.float64],
 ) -> None:
-    """Multiply each particle's weight by how well the ends of its beams fit the map.
+    """Multiply the weights (n,) of the first `count` particles (3, n) by how beams fit the map.
 
-    Parameters
-    ----------
-    scores : BeamScores
-        Scores of beams on the map.
-    ends : (beam, 2) array
-        Ends ahead and to the left of the robot [cells]; NaN, which is ignored, without a return.
-    poses : (3, n) array
-        Poses of the particles, of which the first `count` are used.
-    weights : (n,) array
-        Weights, changed and scaled to add up to 1; if no particle fits, they become equal.
+    `ends` (beam, 2) are ahead and to the left of the robot [cells]; NaN, without a return, is
+    ignored. The weights are scaled to add up to 1; if no particle fits, they become equal.
     """
     returned = ends[~np.isnan(ends[:, 0])]
     ahead, left = returned[:, 0].copy(), returned[:, 1].copy()

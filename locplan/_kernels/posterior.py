@@ -16,8 +16,16 @@ from numba import njit
 from numpy.typing import NDArray
 
 from locplan._kernels.lidar import Lidar, move_ends, scan_ends
-from locplan._kernels.likelihood import GROUP, TOP, LikelihoodField
-from locplan._kernels.offsets import FINE, NOWHERE, Lattice, Weights, make_weights
+from locplan._kernels.likelihood import (
+    FINE,
+    GROUP,
+    NOWHERE,
+    TOP,
+    Lattice,
+    LikelihoodField,
+    Weights,
+    make_weights,
+)
 from locplan._kernels.simd import SHORTS, add_shorts, add_shorts_to, lanes_at_most, zero_shorts
 
 STOP, DONE = 0, 1
@@ -235,11 +243,13 @@ def posterior_of(
     row: int,
     col: int,
     ends: NDArray[np.float64],
+    costs: NDArray[np.uint32],
     mean: NDArray[np.float64],
     covariance: NDArray[np.float64],
 ) -> tuple[float, float]:
-    """`moments` of the scan whose beams end at `ends` (beam, 2), see `score`."""
-    costs = lattice.empty.copy()
+    """`moments` of the scan whose beams end at `ends` (beam, 2); its `costs` are as of `score`."""
+    for k in range(costs.size):
+        costs[k] = lattice.empty[k]
     score(field, lattice, row, col, ends, costs)
     words = costs.size // WORD + 2 * (lattice.plane // WORD + 2)
     excess = -np.log(CONNECTED) / weights.nats
@@ -293,7 +303,7 @@ def scan_posteriors(
         np.full(shape, np.nan),
     )
     weights = make_weights(temperature * field.nats, lidar.angles.size * TOP)
-    ends = np.empty((lidar.angles.size, 2))
+    ends, costs = np.empty((lidar.angles.size, 2)), np.empty_like(lattice.empty)
     for n in range(rows.size):
         if control[STOP]:
             break
@@ -308,6 +318,7 @@ def scan_posteriors(
                 rows[n],
                 cols[n],
                 ends,
+                costs,
                 result.mean[n, m],
                 result.covariance[n, m],
             )

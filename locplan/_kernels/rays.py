@@ -38,6 +38,19 @@ def _crossing(position: float, cell: int, delta: float) -> float:
     return np.inf
 
 
+@njit(inline="always")
+def _edge_offset(
+    row_in_cell: float, col_in_cell: float, drow: float, dcol: float, columns: int
+) -> int:
+    """Offset of the other cell where a line runs along the edge between two, else 0."""
+    offset = 0
+    if drow == 0 and row_in_cell == 0:
+        offset = -columns
+    elif dcol == 0 and col_in_cell == 0:
+        offset = -1
+    return offset
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def segment_cost(
     half: NDArray[np.float64],
@@ -61,12 +74,7 @@ def segment_cost(
     row_step = columns if drow > 0 else -columns
     col_step = 1 if dcol > 0 else -1
     cell = row * columns + col
-    touched = 0  # offset of the other cell where the line runs along an edge between two
-    if not corner_cutting:
-        if drow == 0 and row0 == row:
-            touched = -columns
-        elif dcol == 0 and col0 == col:
-            touched = -1
+    touched = 0 if corner_cutting else _edge_offset(row0 - row, col0 - col, drow, dcol, columns)
     row_at, col_at = _crossing(row0, row, drow), _crossing(col0, col, dcol)
     row_share, col_share = abs(1 / drow), abs(1 / dcol)
     rows_crossed = cols_crossed = 0
@@ -78,7 +86,9 @@ def segment_cost(
         if leave - at > touch:
             total += (leave - at) * half[cell]
             at = leave
-        if leave >= 1.0 or total == np.inf or (touched and half[cell + touched] == np.inf):
+        if touched and half[cell + touched] == np.inf:
+            return np.inf
+        if leave >= 1.0 or total == np.inf:
             break
         at_corner = abs(row_at - col_at) <= touch and not corner_cutting
         if at_corner and half[cell + row_step] + half[cell + col_step] == np.inf:
@@ -91,8 +101,6 @@ def segment_cost(
             cell += col_step
             cols_crossed += 1
             col_at = first_col_at + cols_crossed * col_share
-    if touched and half[cell + touched] == np.inf:
-        return np.inf
     return 2 * total * length
 
 

@@ -151,14 +151,8 @@ def tile_covariances(
     and the whole disc counts. ``control[DONE]`` grows by `due` on the way; once another thread
     sets ``control[STOP]`` the rest is left as it is.
     """
-    # One function, since LLVM optimises a function anew within each one that calls it.
-    words, below, disc_sums = tile.words, tile.below, tile.disc_sums
-    cells, headings, offsets = len(tile.rests), len(kept), tile.offsets
+    cells, offsets = len(tile.rests), tile.offsets
     done = control[DONE] if control.size > DONE else 0
-    squares, addresses, run_starts, run_ends, bounds, ones, signs, _, _ = template
-    # Where both are listed, |T xor M| is |T| - |T and M| + |N and M|, with N within the mask.
-    factor = 1 if len(masks) else 2
-    line_size = counts.size // (offsets * headings)
     for cell in range(cells):
         if control[STOP]:
             break
@@ -178,45 +172,69 @@ def tile_covariances(
             tile.square_col,
             tile.plane,
         )
-        for i in range(offsets):
-            base = tile.places[cell] + i * tile.line
-            free = np.uint64(tile.sum_places[cell] + i * tile.sum_line)
-            occupied = free + np.uint64(tile.sum_plane)
-            for k in range(headings):
-                if not lines[k, i]:
-                    continue
-                line = (i * headings + k) * line_size
-                for group in range(0, line_size, GROUP):
-                    at = base + group
-                    for side in range(2):
-                        a = b = c = zeros()
-                        for n in range(bounds[k, side, 0], bounds[k, side, 1]):
-                            word, here = squares[n], at + addresses[n]
-                            a = add_matches(a, word, words, here)
-                            b = add_matches(b, word, words, here + 8)
-                            c = add_matches(c, word, words, here + 16)
-                        for n in range(bounds[k, side, 2], bounds[k, side, 3]):
-                            here, there = at + run_starts[n], at + run_ends[n]
-                            a = add_difference(a, below, there, here)
-                            b = add_difference(b, below, there + 8, here + 8)
-                            c = add_difference(c, below, there + 16, here + 16)
-                        to = line + group
-                        if side == 0:
-                            store_negative(a, counts, to)
-                            store_negative(b, counts, to + 8)
-                            store_negative(c, counts, to + 16)
-                        else:
-                            add_to(counts, to, a)
-                            add_to(counts, to + 8, b)
-                            add_to(counts, to + 16, c)
-                free_sign, occupied_sign, total = signs[k, 0], signs[k, 1], ones[k]
-                for v in range(np.uint64(offsets)):
-                    differing = free_sign * disc_sums[free + v] + total
-                    differing += occupied_sign * disc_sums[occupied + v]
-                    counts[np.uint64(line) + v] = differing + factor * counts[np.uint64(line) + v]
+        # Where both are listed, |T xor M| is |T| - |T and M| + |N and M|, with N within the mask.
+        count_lines(tile, template, cell, lines, counts, 1 if len(masks) else 2)
         write_covariance(counts, weight_of_count, offset_places, offsets, lines, result[cell])
         if control.size > DONE:
             control[DONE] = done + due * (cell + 1) // cells
+
+
+# Inlined, since LLVM optimises a function anew within each one that calls it.
+@njit(inline="always")
+def count_lines(
+    tile: Tile,
+    template: Template,
+    cell: int,
+    lines: NDArray[np.bool_],
+    counts: NDArray[np.int64],
+    factor: int,
+) -> None:
+    """Write S / 127 of a cell's lines (theta, dx) into `counts`.
+
+    Of what is listed a difference ``|N and M| - |T and M|`` remains, which counts `factor` times.
+    """
+    # All arrays have local names: numba counts references to those that are passed on.
+    words, below, disc_sums = tile.words, tile.below, tile.disc_sums
+    squares, addresses, run_starts, run_ends, bounds, ones, signs, _, _ = template
+    offsets, headings = tile.offsets, len(lines)
+    line_size = counts.size // (offsets * headings)
+    for i in range(offsets):
+        base = tile.places[cell] + i * tile.line
+        free = np.uint64(tile.sum_places[cell] + i * tile.sum_line)
+        occupied = free + np.uint64(tile.sum_plane)
+        for k in range(headings):
+            if not lines[k, i]:
+                continue
+            line = (i * headings + k) * line_size
+            for group in range(0, line_size, GROUP):
+                at = base + group
+                for side in range(2):
+                    # Three vectors at once: the loads of one wait while the others are counted.
+                    a = b = c = zeros()
+                    for n in range(bounds[k, side, 0], bounds[k, side, 1]):
+                        word, here = squares[n], at + addresses[n]
+                        a = add_matches(a, word, words, here)
+                        b = add_matches(b, word, words, here + 8)
+                        c = add_matches(c, word, words, here + 16)
+                    for n in range(bounds[k, side, 2], bounds[k, side, 3]):
+                        here, there = at + run_starts[n], at + run_ends[n]
+                        a = add_difference(a, below, there, here)
+                        b = add_difference(b, below, there + 8, here + 8)
+                        c = add_difference(c, below, there + 16, here + 16)
+                    to = line + group
+                    if side == 0:
+                        store_negative(a, counts, to)
+                        store_negative(b, counts, to + 8)
+                        store_negative(c, counts, to + 16)
+                    else:
+                        add_to(counts, to, a)
+                        add_to(counts, to + 8, b)
+                        add_to(counts, to + 16, c)
+            free_sign, occupied_sign, total = signs[k, 0], signs[k, 1], ones[k]
+            for v in range(np.uint64(offsets)):
+                differing = free_sign * disc_sums[free + v] + total
+                differing += occupied_sign * disc_sums[occupied + v]
+                counts[np.uint64(line) + v] = differing + factor * counts[np.uint64(line) + v]
 
 
 def empty_scratch(

@@ -20,6 +20,8 @@ PARTS = 256
 """Parts of a cell to which an end is rounded, so that sums are whole numbers."""
 ROUNDS = 24
 """Greatest number of rounds of the search with one step."""
+LATTICES = 6
+"""Greatest number of times that a pose moves to a better one of the lattice around it."""
 
 
 class LossTables(NamedTuple):
@@ -203,51 +205,62 @@ def modes(
     apart, turned : float
         Distance [cells] and angle [rad] below which two modes are one.
     """
-    count, levels = len(starts), len(tables.corners)
+    count, last = len(starts), len(tables.corners) - 1
     poses, losses = starts.copy(), np.full(count, np.inf)
-    coarse = np.empty(count)
     few = np.ascontiguousarray(ends[:, ::2])
     factor = ends.shape[1] / few.shape[1]
     for n in range(count):
-        coarse[n] = np.inf
         if fits(tables, poses[n, 0], poses[n, 1]):
-            loss = loss_at(tables, 0, few, poses[n, 0], poses[n, 1], poses[n, 2])
-            coarse[n] = factor * loss
-    least, least_away = np.inf, 0.0 if np.isnan(home[0]) else np.inf
-    for n in np.argsort(coarse, kind="mergesort"):
-        if coarse[n] > least + enough + slack and coarse[n] > least_away + slack:
-            break
-        if coarse[n] < np.inf:
-            losses[n] = factor * refine(tables, 0, few, lever, poses[n])
-            least = min(least, losses[n])
-            if np.hypot(poses[n, 0] - home[0], poses[n, 1] - home[1]) > away:
-                least_away = min(least_away, losses[n])
-    for level in range(1, levels):
-        order = np.argsort(losses, kind="mergesort")
-        order = order[: int((losses < np.inf).sum())]
-        order = unlike(poses, order, apart / 2, turned / 2)
-        coarse[:] = losses
-        losses[:] = np.inf
-        least, least_away = np.inf, 0.0 if np.isnan(home[0]) else np.inf
-        for n in order:
-            if coarse[n] > least + enough and coarse[n] > least_away:
-                break
-            if level < levels - 1:
-                losses[n] = factor * refine(tables, level, few, lever, poses[n])
-            else:
-                losses[n] = refine(tables, level, ends, lever, poses[n])
-            least = min(least, losses[n])
-            if np.hypot(poses[n, 0] - home[0], poses[n, 1] - home[1]) > away:
-                least_away = min(least_away, losses[n])
-    order = np.argsort(losses, kind="mergesort")
-    order = order[: int((losses < np.inf).sum())]
-    kept = unlike(poses, order, apart, turned)
+            losses[n] = factor * loss_at(tables, 0, few, poses[n, 0], poses[n, 1], poses[n, 2])
+    place = home[0], home[1], away
+    order = _ascending(losses)
+    _refine_all(tables, 0, few, factor, lever, order, enough, slack, place, poses, losses)
+    for level in range(1, last + 1):
+        order = unlike(poses, _ascending(losses), apart / 2, turned / 2)
+        of, scaled = (few, factor) if level < last else (ends, 1.0)
+        _refine_all(tables, level, of, scaled, lever, order, enough, 0.0, place, poses, losses)
+    kept = unlike(poses, _ascending(losses), apart, turned)
     poses, losses = poses[kept], losses[kept]
     for n in range(len(kept)):
         if losses[n] <= losses[0] + enough:
             losses[n] = polish(tables, ends, lever, poses[n])
     order = np.argsort(losses, kind="mergesort")
     return poses[order], losses[order]
+
+
+@njit(nogil=True, cache=True)
+def _ascending(losses: NDArray[np.float64]) -> NDArray[Any]:
+    """Indices of the finite losses, the least first."""
+    return np.argsort(losses, kind="mergesort")[: int((losses < np.inf).sum())]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _refine_all(
+    tables: LossTables,
+    level: int,
+    ends: NDArray[np.float32],
+    factor: float,
+    lever: float,
+    order: NDArray[np.int64],
+    enough: float,
+    slack: float,
+    home: tuple[float, float, float],
+    poses: NDArray[np.float64],
+    losses: NDArray[np.float64],
+) -> None:
+    """Refine poses in the order of their losses; those given up get infinite ones, see `modes`."""
+    before = losses.copy()
+    losses[:] = np.inf
+    x, y, away = home
+    least, least_away = np.inf, 0.0 if np.isnan(x) else np.inf
+    for n in order:
+        # The rest of the order is worse: refined, too, it would neither be the best nor near it.
+        if before[n] > least + enough + slack and before[n] > least_away + slack:
+            break
+        losses[n] = factor * refine(tables, level, ends, lever, poses[n])
+        least = min(least, losses[n])
+        if np.hypot(poses[n, 0] - x, poses[n, 1] - y) > away:
+            least_away = min(least_away, losses[n])
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -294,3 +307,44 @@ def joined_modes(
                 waiting[end] = n
                 end += 1
     return joined
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def settle(
+    tables: LossTables,
+    ends: NDArray[np.float32],
+    lever: float,
+    half_steps: int,
+    step: float,
+    half_turns: int,
+    turn: float,
+    pose: NDArray[np.float64],
+) -> float:
+    """Move a pose (3,) to the least loss of all offsets on a lattice about it, refined; return it.
+
+    The lattice has so many steps [cells] to each side in x and y, and so many turns [rad]. That is
+    repeated about the pose that was found, as long as the lattice has a lower loss, which is the
+    loss at the least deviation. The robot fits at all positions but perhaps the first. For
+    `tables`, `ends` and `lever` see `refine`.
+    """
+    last = len(tables.corners) - 1
+    best = refine(tables, last, ends, lever, pose)
+    found = np.empty(3)
+    for _ in range(LATTICES):
+        least = best
+        for k in range(-half_turns, half_turns + 1):
+            heading = pose[2] + k * turn
+            for j in range(-half_steps, half_steps + 1):
+                y = pose[1] + j * step
+                for i in range(-half_steps, half_steps + 1):
+                    x = pose[0] + i * step
+                    if fits(tables, x, y):
+                        loss = loss_at(tables, last, ends, x, y, heading)
+                        if loss < least:
+                            least = loss
+                            found[0], found[1], found[2] = x, y, heading
+        if least >= best:
+            break
+        pose[:] = found
+        best = refine(tables, last, ends, lever, pose)
+    return best

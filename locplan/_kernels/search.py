@@ -23,7 +23,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels.scale import Scale, scale_of
 from locplan._kernels.simd import prefetch
 
 MAX_BUCKETS = 1 << 16
@@ -31,6 +30,12 @@ MAX_BUCKETS = 1 << 16
 SQRT2 = np.sqrt(2.0)
 MOVES = ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (-1, 1), (1, -1), (1, 1))
 """The steps to the neighbours, as rows and columns."""
+ROWS = (-1, -1, -1, 0, 0, 1, 1, 1)
+COLUMNS = (-1, 0, 1, -1, 1, -1, 0, 1)
+"""The same in the order of rows and columns, in which `locplan._kernels.ways.trace` takes the first
+of those that cost the same; a byte that holds steps has a bit for each."""
+LENGTHS = (SQRT2, 1.0, SQRT2, 1.0, 1.0, SQRT2, 1.0, SQRT2)
+_LENGTHS = (1.0,) * 4 + (SQRT2,) * 4
 TIE = 1e-10
 """Share by which rounding may set paths of one cost apart."""
 AHEAD = 2
@@ -41,6 +46,42 @@ STRETCH = 1 << 20
 """Number of expansions between two looks at the clock, and two calls of a check."""
 _UNUSED, _USED, _WAITING, _LOWEST, _EXPANDED, _LEFT = range(6)
 _FINISHED, _OUT_OF_ROOM, _PAUSED = range(3)
+WIDTH_TO_MEAN, WIDTH_TO_MAX = 2.0**-10, 2.0**-26
+"""Least width of a bucket, as shares of the mean and the greatest density: of a high contrast
+little lies below, and few empty buckets are visited. With 2^-14 of the mean in place of 2^-10, the
+search for the least integral of u takes 1.3 times as long at 4000 x 4000 cells."""
+
+
+class Scale(NamedTuple):
+    """What a search needs to know of a map's costs."""
+
+    cheapest: float  # least density
+    costliest: float  # greatest density of a free cell
+    mean: float  # mean density of the free cells
+
+    @property
+    def width(self) -> float:
+        """The width of a bucket [density x cells]."""
+        least = max(WIDTH_TO_MEAN * self.mean, WIDTH_TO_MAX * self.costliest)
+        return max(self.cheapest, least) or 1.0
+
+
+def scale_of(half: NDArray[np.float64]) -> Scale:
+    """The scale of the costs of a bordered grid."""
+    cheapest, costliest, total, free = range_of(half)
+    return Scale(2 * cheapest, 2 * costliest, 2 * total / free) if free else Scale(0.0, 0.0, 0.0)
+
+
+@njit(nogil=True, cache=True)
+def range_of(half: NDArray[np.float64]) -> tuple[float, float, float, int]:
+    """Least, greatest and sum of the values of free cells, and the number of free cells."""
+    least, greatest, total, free = np.inf, 0.0, 0.0, 0
+    for value in half:
+        if value < np.inf:
+            least, greatest = min(least, value), max(greatest, value)
+            total += value
+            free += 1
+    return least, greatest, total, free
 
 
 class Queue(NamedTuple):
@@ -49,14 +90,10 @@ class Queue(NamedTuple):
     state: NDArray[np.int64]
     """First entry free again, number of entries ever used, number that wait, lowest bucket,
     number of cells expanded, and number of cells left of that bucket."""
-    heads: NDArray[np.int32]
-    """First entry of each bucket."""
-    cells: NDArray[np.uint32]
-    """Cell of each entry."""
-    following: NDArray[np.int32]
-    """Next entry in the same bucket, or in the chain of free entries."""
-    batch: NDArray[np.uint32]
-    """Cells that were taken out of the lowest bucket; the last one is the next."""
+    heads: NDArray[np.int32]  # first entry of each bucket
+    cells: NDArray[np.uint32]  # cell of each entry
+    following: NDArray[np.int32]  # next entry in the same bucket, or in the chain of free entries
+    batch: NDArray[np.uint32]  # cells taken out of the lowest bucket; the last one is the next
 
 
 class Searched(NamedTuple):
@@ -179,83 +216,99 @@ def expand(
     """
     state, heads, batch = queue.state, queue.heads, queue.batch
     cells, following = queue.cells, queue.following
-    unused, used, waiting = state[_UNUSED], state[_USED], state[_WAITING]
-    lowest, expanded, left = state[_LOWEST], state[_EXPANDED], state[_LEFT]
-    pausing, mask = expanded + expansions, heads.size - 1
-    one, width, end = np.uint64(1), np.uint64(columns), np.uint64(goal)
-    goal_row, goal_col, enough = 0, 0, np.inf
+    mask, enough = heads.size - 1, np.inf
+    pausing = state[_EXPANDED] + expansions
     if goal >= 0:
-        goal_row, goal_col = goal // columns, goal % columns
         enough = abs(cost[goal]) * (1 + TIE)
-    status = _FINISHED
     while True:
-        if left == 0:
-            if waiting == 0 or lowest > enough * per_cost:
-                break
-            slot = lowest & mask
-            entry = heads[slot]
+        if state[_LEFT] == 0:
+            lowest = state[_LOWEST]
+            if state[_WAITING] == 0 or lowest > enough * per_cost:
+                return _FINISHED
+            entry, left = heads[lowest & mask], 0
             if entry < 0:
-                lowest += 1
+                state[_LOWEST] += 1
                 continue
-            if expanded >= pausing:
-                status = _PAUSED
-                break
-            # A bucket's newest cell is its first, and will be the last of the batch.
+            if state[_EXPANDED] >= pausing:
+                return _PAUSED
+            # A bucket's newest cell is its first, and will be the last of the batch: cells leave
+            # in the order in which they came, so that few are expanded anew.
             while entry >= 0 and left < batch.size:
                 batch[left] = cells[entry]
                 left += 1
                 after = following[entry]
-                following[entry], unused = unused, entry
+                following[entry], state[_UNUSED] = state[_UNUSED], entry
                 entry = after
-            heads[slot] = entry
-            waiting -= left
-        if used + 8 > cells.size:
-            status = _OUT_OF_ROOM
-            break
+            heads[lowest & mask], state[_LEFT] = entry, left
+            state[_WAITING] -= left
+        enough = expand_batch(
+            queue, half, cost, columns, goal, corner_cutting, per_cost, rate, enough
+        )
+        if state[_LEFT]:
+            return _OUT_OF_ROOM
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def expand_batch(
+    queue: Queue,
+    half: NDArray[np.float64],
+    cost: NDArray[np.float64],
+    columns: int,
+    goal: int,
+    corner_cutting: bool,
+    per_cost: float,
+    rate: float,
+    enough: float,
+) -> float:
+    """Expand the cells of the batch while there is room; return the cost at which to end.
+
+    That was `enough`, and falls where the goal is reached. The others are those of `expand`.
+    """
+    # All arrays have local names: numba counts references to those that are passed on.
+    state, heads, batch = queue.state, queue.heads, queue.batch
+    cells, following = queue.cells, queue.following
+    unused, used, waiting = state[_UNUSED], state[_USED], state[_WAITING]
+    lowest, expanded, left = state[_LOWEST], state[_EXPANDED], state[_LEFT]
+    # Unsigned, which numba need not check for counting from the end.
+    one, width, end, mask = np.uint64(1), np.uint64(columns), np.uint64(goal), heads.size - 1
+    goal_row, goal_col = goal // columns, goal % columns
+    corner = np.nan if corner_cutting else np.inf  # nothing equals NaN
+    while left and used + 8 <= cells.size:
         left -= 1
         cell, coming = np.uint64(batch[left]), np.int64(batch[max(left - AHEAD, 0)])
         for aside in (-columns, 0, columns):
             prefetch(cost, coming + aside)
             prefetch(half, coming + aside)
         here = cost[cell]
-        if here < 0:
+        if here < 0:  # it was expanded since it was put into this bucket
             continue
         row, col, total = 0, 0, here
         if rate > 0:
-            row, col = int(cell // width), int(cell % width)
-            total += octile(row - goal_row, col - goal_col, rate)
+            row, col = int(cell // width) - goal_row, int(cell % width) - goal_col
+            total += octile(row, col, rate)
         if total >= enough:
             continue
         bucket = np.int64(total * per_cost)
         if bucket > lowest:  # it waited in the last bucket that there was
-            unused, used = put(
-                cell, min(bucket, lowest + mask) & mask, heads, cells, following, unused, used
-            )
+            slot = min(bucket, lowest + mask) & mask
+            unused, used = put(cell, slot, heads, cells, following, unused, used)
             waiting += 1
             continue
-        cost[cell] = -here
+        cost[cell], own = -here, half[cell]
         expanded += 1
-        own, south, north = half[cell], cell - width, cell + width
+        south, north, west, east = cell - width, cell + width, cell - one, cell + one
+        others = south, north, west, east, south - one, south + one, north - one, north + one
+        # The two cells beside a diagonal step, whose corner it may cut.
+        besides = cell, cell, cell, cell, south, south, north, north
+        asides = cell, cell, cell, cell, west, east, west, east
         for n in range(8):
-            diagonal = n > 3
-            if diagonal:
-                beside = south if n < 6 else north
-                straight = cell - one if n % 2 == 0 else cell + one
-                other = beside + straight - cell
-                reached = here + SQRT2 * (own + half[other])
-            else:
-                other = (south, north, cell - one, cell + one)[n]
-                reached = here + (own + half[other])
-            if not reached < abs(cost[other]):
-                continue
-            if diagonal and not (
-                corner_cutting or (half[beside] < np.inf and half[straight] < np.inf)
-            ):
+            other = others[n]
+            reached = here + _LENGTHS[n] * (own + half[other])
+            if not reached < abs(cost[other]) or half[besides[n]] + half[asides[n]] == corner:
                 continue
             total = reached
             if rate > 0:
-                vertical, horizontal = MOVES[n]
-                total += octile(row + vertical - goal_row, col + horizontal - goal_col, rate)
+                total += octile(row + MOVES[n][0], col + MOVES[n][1], rate)
             if total >= enough:
                 continue
             if other == end:
@@ -265,8 +318,8 @@ def expand(
             unused, used = put(other, bucket & mask, heads, cells, following, unused, used)
             waiting += 1
     state[_UNUSED], state[_USED], state[_WAITING] = unused, used, waiting
-    state[_LOWEST], state[_EXPANDED], state[_LEFT] = lowest, expanded, left
-    return status
+    state[_EXPANDED], state[_LEFT] = expanded, left
+    return enough
 
 
 @njit(inline="always")
@@ -295,36 +348,3 @@ def put(
         used += 1
     cells[entry], following[entry], heads[slot] = cell, heads[slot], entry
     return unused, used
-
-
-@njit(nogil=True, cache=True)
-def trace(
-    half: NDArray[np.float64],
-    columns: int,
-    cost: NDArray[np.float64],
-    goal: int,
-    corner_cutting: bool,
-) -> NDArray[Any]:
-    """Cells from the search's start to `goal`; each is on the cheapest way to the next.
-
-    Of cells through which the way costs the same, the first one is taken.
-    """
-    cells = [goal]
-    while abs(cost[cells[-1]]) > 0:
-        cell, least, before = cells[-1], np.inf, -1
-        for vertical in (-columns, 0, columns):
-            for horizontal in (-1, 0, 1):
-                other = cell + vertical + horizontal
-                if half[other] == np.inf or other == cell:
-                    continue
-                length = 1.0
-                if vertical != 0 and horizontal != 0:
-                    length = SQRT2
-                    beside = half[cell + vertical] + half[cell + horizontal]
-                    if beside == np.inf and not corner_cutting:
-                        continue
-                through = abs(cost[other]) + length * (half[cell] + half[other])
-                if through < least:
-                    least, before = through, other
-        cells.append(before)
-    return np.array(cells[::-1])

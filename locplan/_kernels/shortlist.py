@@ -14,15 +14,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from locplan._kernels.lidar import Lidar, lever, scan_ends
-from locplan._kernels.octets import (
-    GREATEST,
+from locplan._kernels.simd import (
+    MAX_OCTET,
     OCTETS,
     add_gaps,
     add_octets_to,
     lanes_below,
+    lowest_bit,
     zero_octets,
 )
-from locplan._kernels.simd import lowest_bit
 
 TURNS = 96
 """Number of beams all round, and of the turns that are tried; a multiple of `TOGETHER`."""
@@ -64,7 +64,7 @@ def score_block(
     The scores of turns at which none of the places is below `limit` may be less than they are, but
     not below it.
     """
-    stretch = GREATEST // most
+    stretch = MAX_OCTET // most
     cap, bound = np.uint8(most), np.uint16(limit)
     scores[:] = 0
     for turn in range(0, TURNS, TOGETHER):

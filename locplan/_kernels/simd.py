@@ -1,13 +1,14 @@
-"""Vectors of eight 64-bit words for numba: load, store, and the population count of an AND.
+"""Vectors of unsigned whole numbers for numba, and what the kernels do with them.
 
 numba's loop vectoriser does not arrange a sparse list of template words with vertical offsets in
-the lanes. These few intrinsics carry an LLVM vector as a numba value, so that the loop around
-them stays plain Python; LLVM lowers `ctpop` to what the processor has (AVX-512, AVX2, NEON).
-So does its hint that memory will be read soon, `prefetch`.
+the lanes. An `operation` here carries an LLVM vector as a numba value, so that the loop around it
+stays plain Python; LLVM lowers `ctpop` and the saturating sums to what the processor has (AVX-512,
+AVX2, NEON). So does its hint that memory will be read soon, `prefetch`.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -15,240 +16,253 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic, models, register_model
 
+LANES, SHORTS, OCTETS = 8, 32, 64
+"""Numbers in a vector of 64, 16 and 8 bits each: all are 512 bits."""
+MAX_SHORT, MAX_OCTET = 2**16 - 1, 2**8 - 1
+"""Greatest numbers in lanes of 16 bits, where `add_distances` stays, and of 8, which wrap."""
+ARRAY = None
+"""An argument that is an array of any kind of numbers, of which the body gets a pointer."""
 _READ, _KEEP, _DATA = 0, 3, 1
 """Arguments of LLVM's `prefetch`: for reading, kept in all caches, data and not code."""
-LANES = 8
-_VECTOR = ir.VectorType(ir.IntType(64), LANES)
 
 
-class _U64x8(types.Type):
-    def __init__(self) -> None:
-        super().__init__(name="u64x8")
+class Vector(types.Type):
+    """numba's type of a vector."""
+
+    def __init__(self, bits: int, lanes: int) -> None:
+        self.llvm = ir.VectorType(ir.IntType(bits), lanes)
+        super().__init__(name=f"u{bits}x{lanes}")
 
 
-_u64x8 = _U64x8()
+@register_model(Vector)
+class VectorModel(models.PrimitiveModel):
+    """How numba holds a vector: as LLVM does."""
 
-
-@register_model(_U64x8)
-class _U64x8Model(models.PrimitiveModel):
     def __init__(self, dmm: Any, fe_type: Any) -> None:
-        super().__init__(dmm, fe_type, _VECTOR)
+        super().__init__(dmm, fe_type, fe_type.llvm)
 
 
-def _pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any, to: Any) -> Any:
-    data = context.make_array(array_type)(context, builder, array).data
-    return builder.bitcast(builder.gep(data, [index]), to.as_pointer())
+_WORDS, _SHORTS, _OCTETS = Vector(64, LANES), Vector(16, SHORTS), Vector(8, OCTETS)
+_WORD, _INDEX = types.uint64, types.intp
 
 
-def _popcount(builder: Any, value: Any) -> Any:
-    kind = "v8i64" if value.type == _VECTOR else "i64"
-    function_type = ir.FunctionType(value.type, [value.type])
-    function = builder.module.declare_intrinsic(f"llvm.ctpop.{kind}", fnty=function_type)
-    return builder.call(function, [value])
+def operation(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Make a function for kernels of one that builds its code by LLVM's builder."""
+
+    def made(body: Callable[..., Any]) -> Any:
+        @functools.wraps(body)
+        def typed(_: Any, *given: Any) -> Any:
+            def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+                values = [
+                    context.make_array(kind)(context, builder, value).data
+                    if isinstance(kind, types.Array)
+                    else value
+                    for kind, value in zip(signature.args, args, strict=True)
+                ]
+                built = body(builder, *values)
+                return context.get_dummy_value() if built is None else built
+
+            own = [kind or each for kind, each in zip(kinds, given, strict=True)]
+            return result(*own), codegen
+
+        return intrinsic(typed)
+
+    return made
 
 
-def _splat(builder: Any, word: Any) -> Any:
-    lane = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), word, ir.IntType(32)(0))
-    first = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-    return builder.shuffle_vector(lane, ir.Constant(_VECTOR, ir.Undefined), first)
+def _place(builder: Any, array: Any, index: Any, kind: Any) -> tuple[Any, int]:
+    """Pointer to what begins at an index of an array, and how it is aligned: as the array is."""
+    pointer = builder.bitcast(builder.gep(array, [index]), kind.as_pointer())
+    return pointer, array.type.pointee.width // 8
 
 
-@intrinsic
-def zeros(typingctx: Any) -> Any:
-    """Eight zeros."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return ir.Constant(_VECTOR, [0] * LANES)
-
-    return _u64x8(), codegen
+def _load(builder: Any, array: Any, index: Any, kind: Any) -> Any:
+    pointer, align = _place(builder, array, index, kind)
+    return builder.load(pointer, align=align)
 
 
-@intrinsic
-def add_matches(typingctx: Any, counts: Any, word: Any, words: Any, index: Any) -> Any:
+def _store(builder: Any, value: Any, array: Any, index: Any) -> None:
+    pointer, align = _place(builder, array, index, value.type)
+    builder.store(value, pointer, align=align)
+
+
+def _splat(builder: Any, value: Any, kind: Any) -> Any:
+    """A vector with one number in all lanes."""
+    undefined = ir.Constant(kind, ir.Undefined)
+    lane = builder.insert_element(undefined, value, ir.IntType(32)(0))
+    first = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
+    return builder.shuffle_vector(lane, undefined, first)
+
+
+def _call(builder: Any, name: str, *values: Any) -> Any:
+    """LLVM's own function of a name, whose values are all of one kind."""
+    kind = values[0].type
+    suffix = f"v{kind.count}i{kind.element.width}" if isinstance(kind, ir.VectorType) else kind
+    function_type = ir.FunctionType(kind, [kind] * len(values))
+    function = builder.module.declare_intrinsic(f"llvm.{name}.{suffix}", fnty=function_type)
+    return builder.call(function, values)
+
+
+def _lanes(builder: Any, predicate: str, values: Any, limits: Any) -> Any:
+    """A word with a bit for each lane of `values` that is so to `limits`."""
+    chosen = builder.icmp_unsigned(predicate, values, limits)
+    return builder.zext(builder.bitcast(chosen, ir.IntType(values.type.count)), ir.IntType(64))
+
+
+def _min(builder: Any, a: Any, b: Any) -> Any:
+    return builder.select(builder.icmp_unsigned("<", a, b), a, b)
+
+
+def _zeros(vector: Vector) -> Any:
+    """A function for a vector of zeros."""
+
+    def zeros(builder: Any) -> Any:
+        return ir.Constant(vector.llvm, [0] * vector.llvm.count)
+
+    return operation(vector)(zeros)
+
+
+zeros, zero_shorts, zero_octets = _zeros(_WORDS), _zeros(_SHORTS), _zeros(_OCTETS)
+
+
+@operation(_WORDS, _WORDS, _WORD, ARRAY, _INDEX)
+def add_matches(builder: Any, counts: Any, word: Any, words: Any, index: Any) -> Any:
     """``counts + popcount(word & words[index : index + 8])``, lane by lane."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        counts_value, word_value, array, start = args
-        pointer = _pointer(context, builder, signature.args[2], array, start, _VECTOR)
-        window = builder.load(pointer, align=8)
-        both = builder.and_(_splat(builder, word_value), window)
-        return builder.add(counts_value, _popcount(builder, both))
-
-    return _u64x8(_u64x8, types.uint64, words, types.intp), codegen
+    both = builder.and_(
+        _splat(builder, word, _WORDS.llvm), _load(builder, words, index, _WORDS.llvm)
+    )
+    return builder.add(counts, _call(builder, "ctpop", both))
 
 
-@intrinsic
-def add_difference(typingctx: Any, counts: Any, values: Any, index: Any, less: Any) -> Any:
+@operation(_WORDS, _WORDS, ARRAY, _INDEX, _INDEX)
+def add_difference(builder: Any, counts: Any, values: Any, index: Any, less: Any) -> Any:
     """``counts + values[index : index + 8] - values[less : less + 8]`` of an array of int64."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        counts_value, array, at, less_at = args
-        plus = _pointer(context, builder, signature.args[1], array, at, _VECTOR)
-        minus = _pointer(context, builder, signature.args[1], array, less_at, _VECTOR)
-        total = builder.add(counts_value, builder.load(plus, align=8))
-        return builder.sub(total, builder.load(minus, align=8))
-
-    return _u64x8(_u64x8, values, types.intp, types.intp), codegen
+    total = builder.add(counts, _load(builder, values, index, _WORDS.llvm))
+    return builder.sub(total, _load(builder, values, less, _WORDS.llvm))
 
 
-@intrinsic
-def store_negative(typingctx: Any, a: Any, target: Any, index: Any) -> Any:
+@operation(types.void, _WORDS, ARRAY, _INDEX)
+def store_negative(builder: Any, a: Any, target: Any, index: Any) -> None:
     """``target[index : index + 8] = -a`` for an array of int64."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        pointer = _pointer(context, builder, signature.args[1], args[1], args[2], _VECTOR)
-        builder.store(builder.neg(args[0]), pointer, align=8)
-        return context.get_dummy_value()
-
-    return types.void(_u64x8, target, types.intp), codegen
+    _store(builder, builder.neg(a), target, index)
 
 
-@intrinsic
-def add_to(typingctx: Any, target: Any, index: Any, a: Any) -> Any:
-    """``target[index : index + 8] += a`` for an array of int64."""
+def _adding(vector: Vector, bits: int) -> Any:
+    """A function that adds a vector to an array of numbers of so many bits."""
+    wide = ir.VectorType(ir.IntType(bits), vector.llvm.count)
 
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        pointer = _pointer(context, builder, signature.args[0], args[0], args[1], _VECTOR)
-        builder.store(builder.add(builder.load(pointer, align=8), args[2]), pointer, align=8)
-        return context.get_dummy_value()
+    def add_to(builder: Any, target: Any, index: Any, total: Any) -> None:
+        sums = builder.add(_load(builder, target, index, wide), builder.zext(total, wide))
+        _store(builder, sums, target, index)
 
-    return types.void(target, types.intp, _u64x8), codegen
+    return operation(types.void, ARRAY, _INDEX, vector)(add_to)
 
 
-@intrinsic
-def popcount(typingctx: Any, word: Any) -> Any:
+add_to = _adding(_WORDS, 64)
+"""``target[index : index + 8] += total`` for an array of int64."""
+add_shorts_to = _adding(_SHORTS, 32)
+"""``target[index : index + 32] += total`` for an array of uint32."""
+add_octets_to = _adding(_OCTETS, 16)
+"""``target[index : index + 64] += total`` for an array of uint16."""
+
+
+@operation(types.int64, _WORD)
+def popcount(builder: Any, word: Any) -> Any:
     """Number of ones in a 64-bit word."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return _popcount(builder, args[0])
-
-    return types.int64(types.uint64), codegen
+    return _call(builder, "ctpop", word)
 
 
-@intrinsic
-def load_word(typingctx: Any, octets: Any, index: Any) -> Any:
-    """The 64-bit word at ``octets[index : index + 8]`` (any alignment) of an array of uint8."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        word = ir.IntType(64)
-        pointer = _pointer(context, builder, signature.args[0], args[0], args[1], word)
-        return builder.load(pointer, align=1)
-
-    return types.uint64(octets, types.intp), codegen
-
-
-@intrinsic
-def lowest_bit(typingctx: Any, word: Any) -> Any:
+@operation(types.int64, _WORD)
+def lowest_bit(builder: Any, word: Any) -> Any:
     """Number of the lowest bit that is set in a 64-bit word, which must not be 0."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.cttz(args[0], ir.IntType(1)(1))
-
-    return types.int64(types.uint64), codegen
+    return builder.cttz(word, ir.IntType(1)(1))
 
 
-def _lanes_where(predicate: str, against: int) -> Callable[..., Any]:
-    def lanes(typingctx: Any, octets: Any, at: Any, flip: Any, masks: Any, first: Any) -> Any:
-        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            words_at = _pointer(context, builder, signature.args[0], args[0], args[1], _VECTOR)
-            masks_at = _pointer(context, builder, signature.args[3], args[3], args[4], _VECTOR)
-            words = builder.xor(builder.load(words_at, align=1), _splat(builder, args[2]))
-            words = builder.and_(words, builder.load(masks_at, align=8))
-            constant = ir.Constant(_VECTOR, [against] * LANES)
-            chosen = builder.icmp_unsigned(predicate, words, constant)
-            return builder.zext(builder.bitcast(chosen, ir.IntType(LANES)), ir.IntType(64))
-
-        return types.uint64(octets, types.intp, types.uint64, masks, types.intp), codegen
-
-    return lanes
+@operation(_WORD, ARRAY, _INDEX)
+def load_word(builder: Any, octets: Any, index: Any) -> Any:
+    """The 64-bit word at ``octets[index : index + 8]`` (any alignment) of an array of uint8."""
+    return _load(builder, octets, index, ir.IntType(64))
 
 
-set_lanes = intrinsic(_lanes_where("!=", 0))
+def _lanes_where(predicate: str, against: int) -> Any:
+    def lanes(builder: Any, octets: Any, at: Any, flip: Any, masks: Any, first: Any) -> Any:
+        words = _load(builder, octets, at, _WORDS.llvm)
+        words = builder.xor(words, _splat(builder, flip, _WORDS.llvm))
+        words = builder.and_(words, _load(builder, masks, first, _WORDS.llvm))
+        return _lanes(builder, predicate, words, ir.Constant(_WORDS.llvm, [against] * LANES))
+
+    return operation(_WORD, ARRAY, _INDEX, _WORD, ARRAY, _INDEX)(lanes)
+
+
+set_lanes = _lanes_where("!=", 0)
 """``set_lanes(octets, at, flip, masks, first)``: one bit for each of the eight words from byte
 `at` on of an array of uint8 for which ``(word ^ flip) & masks[first:]`` is not zero."""
-full_lanes = intrinsic(_lanes_where("==", 2**64 - 1))
+full_lanes = _lanes_where("==", 2**64 - 1)
 """Variant of `set_lanes` with one bit for each word for which that value is all ones."""
 
 
-SHORTS = 32
-_SHORTS = ir.VectorType(ir.IntType(16), SHORTS)
-_SUMS = ir.VectorType(ir.IntType(32), SHORTS)
-
-
-class _U16x32(types.Type):
-    def __init__(self) -> None:
-        super().__init__(name="u16x32")
-
-
-_u16x32 = _U16x32()
-
-
-@register_model(_U16x32)
-class _U16x32Model(models.PrimitiveModel):
-    def __init__(self, dmm: Any, fe_type: Any) -> None:
-        super().__init__(dmm, fe_type, _SHORTS)
-
-
-@intrinsic
-def zero_shorts(typingctx: Any) -> Any:
-    """Thirty-two zeros."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return ir.Constant(_SHORTS, [0] * SHORTS)
-
-    return _u16x32(), codegen
-
-
-@intrinsic
-def add_shorts(typingctx: Any, total: Any, values: Any, index: Any) -> Any:
+@operation(_SHORTS, _SHORTS, ARRAY, _INDEX)
+def add_shorts(builder: Any, total: Any, values: Any, index: Any) -> Any:
     """``total + values[index : index + 32]`` of an array of uint16, lane by lane."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        pointer = _pointer(context, builder, signature.args[1], args[1], args[2], _SHORTS)
-        return builder.add(args[0], builder.load(pointer, align=2))
-
-    return _u16x32(_u16x32, values, types.intp), codegen
+    return builder.add(total, _load(builder, values, index, _SHORTS.llvm))
 
 
-@intrinsic
-def add_shorts_to(typingctx: Any, target: Any, index: Any, total: Any) -> Any:
-    """``target[index : index + 32] += total`` for an array of uint32."""
+@operation(_SHORTS, _SHORTS, ARRAY, _INDEX, types.uint16, types.uint16)
+def add_distances(builder: Any, total: Any, counts: Any, index: Any, value: Any, shift: Any) -> Any:
+    """``total + (abs(counts[index : index + 32] - value) >> shift)``, lane by lane, saturating.
 
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        pointer = _pointer(context, builder, signature.args[0], args[0], args[1], _SUMS)
-        sums = builder.add(builder.load(pointer, align=4), builder.zext(args[2], _SUMS))
-        builder.store(sums, pointer, align=4)
-        return context.get_dummy_value()
-
-    return types.void(target, types.intp, _u16x32), codegen
-
-
-@intrinsic
-def lanes_at_most(typingctx: Any, values: Any, index: Any, limit: Any) -> Any:
-    """One bit for each of ``values[index : index + 32]`` of an array of uint32 up to `limit`."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        pointer = _pointer(context, builder, signature.args[0], args[0], args[1], _SUMS)
-        undefined, first = ir.Constant(_SUMS, ir.Undefined), ir.IntType(32)(0)
-        lane = builder.insert_element(undefined, args[2], first)
-        limits = builder.shuffle_vector(lane, undefined, ir.Constant(_SUMS, [0] * SHORTS))
-        chosen = builder.icmp_unsigned("<=", builder.load(pointer, align=4), limits)
-        return builder.zext(builder.bitcast(chosen, ir.IntType(SHORTS)), ir.IntType(64))
-
-    return types.uint64(values, types.intp, types.uint32), codegen
+    A sum that reaches `MAX_SHORT` stays there, so that "more than a limit" is right however much
+    is added.
+    """
+    there = _load(builder, counts, index, _SHORTS.llvm)
+    here = _splat(builder, value, _SHORTS.llvm)
+    above, below = _call(builder, "usub.sat", there, here), _call(builder, "usub.sat", here, there)
+    distances = builder.lshr(builder.or_(above, below), _splat(builder, shift, _SHORTS.llvm))
+    return _call(builder, "uadd.sat", total, distances)
 
 
-@intrinsic
-def prefetch(typingctx: Any, array: Any, index: Any) -> Any:
+@operation(_WORD, _SHORTS, types.uint16)
+def lanes_within(builder: Any, total: Any, limit: Any) -> Any:
+    """One bit for each lane of `total` that is at most `limit`."""
+    return _lanes(builder, "<=", total, _splat(builder, limit, _SHORTS.llvm))
+
+
+@operation(_OCTETS, _OCTETS, ARRAY, _INDEX, types.uint8, types.uint8)
+def add_gaps(builder: Any, total: Any, codes: Any, index: Any, code: Any, most: Any) -> Any:
+    """``total + min(gap, most)``, the gaps from ``codes[index : index + 64]`` to one code.
+
+    Codes are counted modulo 256, so that a gap is the shorter way round. The caller sees to it
+    that no sum passes `MAX_OCTET`.
+    """
+    there = _load(builder, codes, index, _OCTETS.llvm)
+    here = _splat(builder, code, _OCTETS.llvm)
+    gap = _min(builder, builder.sub(there, here), builder.sub(here, there))
+    return builder.add(total, _min(builder, gap, _splat(builder, most, _OCTETS.llvm)))
+
+
+def _comparing(predicate: str, bits: int, lanes: int) -> Any:
+    vector = ir.VectorType(ir.IntType(bits), lanes)
+
+    def compared(builder: Any, values: Any, index: Any, limit: Any) -> Any:
+        limits = _splat(builder, limit, vector)
+        return _lanes(builder, predicate, _load(builder, values, index, vector), limits)
+
+    return operation(_WORD, ARRAY, _INDEX, types.Integer.from_bitwidth(bits, False))(compared)
+
+
+lanes_at_most = _comparing("<=", 32, SHORTS)
+"""``lanes_at_most(values, index, limit)``: one bit for each of ``values[index : index + 32]`` of an
+array of uint32 up to `limit`."""
+lanes_below = _comparing("<", 16, OCTETS)
+"""``lanes_below(values, index, limit)``: one bit for each of ``values[index : index + 64]`` of an
+array of uint16 below `limit`."""
+
+
+@operation(types.void, ARRAY, _INDEX)
+def prefetch(builder: Any, array: Any, index: Any) -> None:
     """Ask for the line of memory that holds ``array[index]``; any index does no harm."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        data = context.make_array(signature.args[0])(context, builder, args[0]).data
-        byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
-        function_type = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
-        function = builder.module.declare_intrinsic("llvm.prefetch", [byte], function_type)
-        address = builder.bitcast(builder.gep(data, [args[1]]), byte)
-        builder.call(function, [address, *map(word, (_READ, _KEEP, _DATA))])
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp), codegen
+    byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
+    function_type = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
+    function = builder.module.declare_intrinsic("llvm.prefetch", [byte], function_type)
+    address = builder.bitcast(builder.gep(array, [index]), byte)
+    builder.call(function, [address, *map(word, (_READ, _KEEP, _DATA))])

@@ -19,6 +19,8 @@ from locplan._kernels.bitplanes import ALL, PLANES, SQUARE
 from locplan._kernels.simd import LANES, full_lanes, load_word, lowest_bit, popcount, set_lanes
 
 BITS = 64
+FLIPS = (np.uint64(0), ALL)
+"""What makes the squares of T, and of N, of those of T."""
 RUN_COST = 2
 """A run takes about as long to compare as this many squares."""
 
@@ -123,73 +125,133 @@ def list_templates(
     `plane_octets`. A square's address in the window is ``row_addresses[row] + col * col_stride``,
     plus `plane_stride` for the second plane.
     """
-    # All in one function with local names: numba counts references to arrays passed on.
-    squares, addresses, run_starts, run_ends, bounds, all_ones, signs, partly, full = template
-    cols, rows, masked = disc.cols, disc.rows, len(masks) > 0
-    chunks = -(-rows // BITS)
+    bounds, all_ones, signs, masked = template.bounds, template.ones, template.signs, len(masks) > 0
     square = run = 0
     for k in range(corners.size):
-        wanted = False
-        for i in range(kept.shape[1]):
-            wanted |= kept[k, i]
-        if not wanted:
+        if not is_any(kept[k]):
             continue
         mask = masks[k] if masked else disc.words
 
         for plane in range(PLANES):
-            less_work = 0  # by T than by N
-            for side in range(2):
-                work = 0
-                flip = ALL if side else np.uint64(0)
-                for chunk in range(cols * chunks):
-                    j, first = chunk // chunks, chunk % chunks * BITS
-                    at = corners[k] + plane * plane_octets + SQUARE * (j * strip_rows + first)
-                    some, whole = np.uint64(0), np.uint64(0)
-                    for i in range(0, min(BITS, rows - first), LANES):
-                        here, place = at + SQUARE * i, j * rows + first + i
-                        shift = np.uint64(i)
-                        some |= set_lanes(octets, here, flip, mask, place) << shift
-                        whole |= full_lanes(octets, here, flip, mask, place) << shift
-                    partly[plane, side, chunk], full[plane, side, chunk] = some & ~whole, whole
-                    work += popcount(some & ~whole)
-                    work += RUN_COST * popcount(whole & ~(whole << np.uint64(1)))
-                less_work += work if side else -work
-            signs[k, plane] = 0 if masked else 1 if less_work >= 0 else -1
+            corner = corners[k] + plane * plane_octets
+            by_t = sort_squares(template, octets, corner, strip_rows, disc, mask, plane, 0)
+            by_n = sort_squares(template, octets, corner, strip_rows, disc, mask, plane, 1)
+            signs[k, plane] = 0 if masked else 1 if by_t <= by_n else -1
 
         all_ones[k] = 0
         for side in range(2):
             bounds[k, side, 0], bounds[k, side, 2] = square, run
-            flip = ALL if side else np.uint64(0)
             for plane in range(PLANES):
                 if signs[k, plane] == 2 * side - 1:
                     continue
-                ones = 0
-                for chunk in range(cols * chunks):
-                    j, first = chunk // chunks, chunk % chunks * BITS
-                    at = corners[k] + plane * plane_octets + SQUARE * (j * strip_rows + first)
-                    column = j * col_stride + plane * plane_stride
-                    some = partly[plane, side, chunk]
-                    while some:
-                        i = lowest_bit(some)
-                        word = load_word(octets, at + SQUARE * i) ^ flip
-                        word &= mask[j * rows + first + i]
-                        squares[square] = word
-                        addresses[square] = column + row_addresses[first + i]
-                        ones += popcount(word)
-                        square += 1
-                        some &= some - np.uint64(1)
-                    whole = full[plane, side, chunk]
-                    while whole:  # a run ends below the first square that is not full
-                        start = lowest_bit(whole)
-                        above = ~(whole >> np.uint64(start))
-                        length = lowest_bit(above) if above else BITS - start
-                        run_starts[run] = column + row_addresses[first + start]
-                        run_ends[run] = column + row_addresses[first + start + length]
-                        ones += SQUARE * SQUARE * length
-                        run += 1
-                        whole &= whole + (np.uint64(1) << np.uint64(start))
+                corner, place = corners[k] + plane * plane_octets, plane * plane_stride
+                square, run, ones = list_squares(
+                    template,
+                    octets,
+                    corner,
+                    strip_rows,
+                    disc,
+                    mask,
+                    plane,
+                    side,
+                    row_addresses,
+                    place,
+                    col_stride,
+                    square,
+                    run,
+                )
                 if signs[k, plane] < 0:
                     all_ones[k] += disc.cells - ones
                 elif side == 0:
                     all_ones[k] += ones
             bounds[k, side, 1], bounds[k, side, 3] = square, run
+
+
+# These are inlined, since LLVM optimises a function anew within each one that calls it. Arrays have
+# local names in them: numba counts references to those that are passed on.
+@njit(inline="always")
+def is_any(marks: NDArray[np.bool_]) -> bool:
+    """Whether any mark is set."""
+    found = False
+    for mark in marks:
+        found |= mark
+    return found
+
+
+@njit(inline="always")
+def sort_squares(
+    template: Template,
+    octets: NDArray[np.uint8],
+    corner: int,
+    strip_rows: int,
+    disc: Disc,
+    mask: NDArray[np.uint64],
+    plane: int,
+    side: int,
+) -> int:
+    """Mark the squares that T, or N, has partly or in full, and return the work to compare them."""
+    rows, work, flip = disc.rows, 0, FLIPS[side]
+    partly, full = template.partly, template.full
+    chunks = -(-rows // BITS)
+    for chunk in range(disc.cols * chunks):
+        j, first = chunk // chunks, chunk % chunks * BITS
+        at = corner + SQUARE * (j * strip_rows + first)
+        some, whole = np.uint64(0), np.uint64(0)
+        for i in range(0, min(BITS, rows - first), LANES):
+            here, place = at + SQUARE * i, j * rows + first + i
+            shift = np.uint64(i)
+            some |= set_lanes(octets, here, flip, mask, place) << shift
+            whole |= full_lanes(octets, here, flip, mask, place) << shift
+        partly[plane, side, chunk], full[plane, side, chunk] = some & ~whole, whole
+        work += popcount(some & ~whole)
+        work += RUN_COST * popcount(whole & ~(whole << np.uint64(1)))
+    return work
+
+
+@njit(inline="always")
+def list_squares(
+    template: Template,
+    octets: NDArray[np.uint8],
+    corner: int,
+    strip_rows: int,
+    disc: Disc,
+    mask: NDArray[np.uint64],
+    plane: int,
+    side: int,
+    row_addresses: NDArray[np.int64],
+    place: int,
+    col_stride: int,
+    square: int,
+    run: int,
+) -> tuple[int, int, int]:
+    """List what `sort_squares` marked of a plane, from a square and a run on.
+
+    Returns the square and the run that follow, and the number of cells set in all of them.
+    """
+    squares, addresses, run_starts, run_ends, _, _, _, partly, full = template
+    rows, flip, ones = disc.rows, FLIPS[side], 0
+    chunks = -(-rows // BITS)
+    for chunk in range(disc.cols * chunks):
+        j, first = chunk // chunks, chunk % chunks * BITS
+        at, column = corner + SQUARE * (j * strip_rows + first), place + j * col_stride
+        some = partly[plane, side, chunk]
+        while some:
+            i = lowest_bit(some)
+            word = (load_word(octets, at + SQUARE * i) ^ flip) & mask[j * rows + first + i]
+            squares[square] = word
+            addresses[square] = column + row_addresses[first + i]
+            ones += popcount(word)
+            square += 1
+            some &= some - np.uint64(1)
+        whole = full[plane, side, chunk]
+        while whole:  # a run ends below the first square that is not full
+            start = lowest_bit(whole)
+            above = ~(whole >> np.uint64(start))
+            length = lowest_bit(above) if above else BITS - start
+            run_starts[run] = column + row_addresses[first + start]
+            run_ends[run] = column + row_addresses[first + start + length]
+            ones += SQUARE * SQUARE * length
+            run += 1
+            # The sum carries over the run into the bit above it, which was 0 before.
+            whole &= whole + (np.uint64(1) << np.uint64(start))
+    return square, run, ones

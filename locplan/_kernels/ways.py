@@ -10,13 +10,13 @@ Grids are flat with a blocked border and hold half of each cell's density, see
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels.search import SQRT2, TIE
+from locplan._kernels.search import COLUMNS, LENGTHS, ROWS, SQRT2, TIE
 
 EPSILON = 2.0**-53
 """Greatest relative error of a sum of two numbers."""
@@ -25,10 +25,6 @@ ROOM = 256
 PAGE = 6
 IN_PAGE = (1 << PAGE) - 1
 """A cell's place stands in a page of 2^6 cells of a row; a path needs few pages of a map."""
-_ROWS = (-1, -1, -1, 0, 0, 1, 1, 1)
-_COLUMNS = (-1, 0, 1, -1, 1, -1, 0, 1)
-"""The steps to the neighbours by bit, in the order in which `locplan._kernels.search.trace` takes
-the first one of those that cost the same."""
 
 
 def tolerance_of(cost: NDArray[np.float64], cheapest: float) -> float:
@@ -68,10 +64,10 @@ def steps_back(
         here, own = cost[first : first + count], half[first : first + count]
         found = steps[first : first + count]
         for n in range(8):  # one plain loop over a row for each step: it runs in vectors
-            beside, aside = first + _ROWS[n] * columns, first + _COLUMNS[n]
-            at, bit = beside + _COLUMNS[n], np.uint8(1 << n)
+            beside, aside = first + ROWS[n] * columns, first + COLUMNS[n]
+            at, bit = beside + COLUMNS[n], np.uint8(1 << n)
             there, theirs = cost[at : at + count], half[at : at + count]
-            if _ROWS[n] == 0 or _COLUMNS[n] == 0:
+            if ROWS[n] == 0 or COLUMNS[n] == 0:
                 for k in range(count):
                     through = abs(there[k]) + (own[k] + theirs[k])
                     most = abs(here[k]) + tolerance
@@ -83,6 +79,44 @@ def steps_back(
                 most, free = abs(here[k]) + tolerance, one[k] + other[k] < np.inf
                 found[k] |= bit * np.uint8((through <= most) & (through < np.inf) & free)
     return steps
+
+
+@njit(nogil=True, cache=True)
+def trace(
+    half: NDArray[np.float64],
+    columns: int,
+    cost: NDArray[np.float64],
+    goal: int,
+    corner_cutting: bool,
+) -> NDArray[Any]:
+    """Cells from a search's start to `goal`; each is on the cheapest way to the next.
+
+    Of cells through which the way costs the same, the first one is taken.
+    """
+    corner = np.nan if corner_cutting else np.inf  # nothing equals NaN
+    cells = [goal]
+    while abs(cost[cells[-1]]) > 0:
+        cell, least, before = cells[-1], np.inf, -1
+        for n in range(8):
+            other = cell + ROWS[n] * columns + COLUMNS[n]
+            if half[cell + ROWS[n] * columns] + half[cell + COLUMNS[n]] == corner:
+                continue
+            through = abs(cost[other]) + LENGTHS[n] * (half[cell] + half[other])
+            if through < least:
+                least, before = through, other
+        cells.append(before)
+    return np.array(cells[::-1])
+
+
+class Found(NamedTuple):
+    """The few cells on cheapest paths, numbered as they were found."""
+
+    cells: NDArray[np.int64]
+    """The cells; the first one is the tip."""
+    table: NDArray[np.int32]
+    """Page of each 2^6 cells of the map; page 0 is empty."""
+    pages: NDArray[np.int32]
+    """Number of each cell and 1, or 0."""
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -100,7 +134,32 @@ def cheapest_cells(
     takes. It leads from `root` to `tip` if `from_root`, else from `tip` to `root`. `steps` are
     those of `steps_back`, and lead from `tip` to `root`.
     """
-    table, pages = np.zeros((half.size >> PAGE) + 1, np.int32), np.zeros(ROOM << PAGE, np.int32)
+    found, waits = _find(half.size, columns, steps, tip)
+    order = _ordered(found, waits, columns, steps)
+    start, goal = (root, tip) if from_root else (tip, root)
+    cost = _summed(half, columns, steps, found, order, start, from_root)
+    # As `trace`, but costs are known of few cells.
+    path = [goal]
+    while path[-1] != start and len(path) < cost.size:
+        cell, least, before = path[-1], np.inf, -1
+        for n in range(8):
+            other = cell + ROWS[n] * columns + COLUMNS[n]
+            place = place_of(found, other)
+            free = half[cell + ROWS[n] * columns] + half[cell + COLUMNS[n]] < np.inf
+            if place >= 0 and free:
+                through = cost[place] + LENGTHS[n] * (half[cell] + half[other])
+                if through < least:
+                    least, before = through, other
+        path.append(before)
+    return np.array(path[::-1])
+
+
+@njit(nogil=True, cache=True)
+def _find(
+    size: int, columns: int, steps: NDArray[np.uint8], tip: int
+) -> tuple[Found, NDArray[np.int8]]:
+    """The cells that steps lead to from `tip`, and the number of steps to each."""
+    table, pages = np.zeros((size >> PAGE) + 1, np.int32), np.zeros(ROOM << PAGE, np.int32)
     cells, waits = np.empty(ROOM, np.int64), np.zeros(ROOM, np.int8)
     table[tip >> PAGE], opened = 1, 2
     pages[(1 << PAGE) + (tip & IN_PAGE)] = 1
@@ -115,71 +174,75 @@ def cheapest_cells(
         bits = steps[cell]
         for n in range(8):
             if bits >> n & 1:
-                other = cell + _ROWS[n] * columns + _COLUMNS[n]
-                place = place_of(table, pages, other)
-                if place < 0:
-                    if table[other >> PAGE] == 0:
-                        table[other >> PAGE] = opened
-                        opened += 1
-                    cells[used], place = other, used
+                other = cell + ROWS[n] * columns + COLUMNS[n]
+                if table[other >> PAGE] == 0:
+                    table[other >> PAGE] = opened
+                    opened += 1
+                at_page = (table[other >> PAGE] << PAGE) + (other & IN_PAGE)
+                if pages[at_page] == 0:
+                    cells[used] = other
                     used += 1
-                    pages[(table[other >> PAGE] << PAGE) + (other & IN_PAGE)] = used
-                waits[place] += 1
+                    pages[at_page] = used
+                waits[pages[at_page] - 1] += 1
         at += 1
-    # Each cell after all those from which a step leads to it; the last one is the root.
-    order = np.empty(used, np.int64)
+    return Found(cells[:used], table, pages), waits
+
+
+@njit(nogil=True, cache=True)
+def _ordered(
+    found: Found, waits: NDArray[np.int8], columns: int, steps: NDArray[np.uint8]
+) -> NDArray[np.int64]:
+    """Places of cells, each after all those from which a step leads to it; the last is the root."""
+    order = np.empty(found.cells.size, np.int64)
     order[0], done, at = 0, 1, 0
     while at < done:
-        cell = cells[order[at]]
+        cell = found.cells[order[at]]
         bits = steps[cell]
         for n in range(8):
             if bits >> n & 1:
-                place = place_of(table, pages, cell + _ROWS[n] * columns + _COLUMNS[n])
+                place = place_of(found, cell + ROWS[n] * columns + COLUMNS[n])
                 waits[place] -= 1
                 if waits[place] == 0:
                     order[done] = place
                     done += 1
         at += 1
+    return order
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _summed(
+    half: NDArray[np.float64],
+    columns: int,
+    steps: NDArray[np.uint8],
+    found: Found,
+    order: NDArray[np.int64],
+    start: int,
+    from_root: bool,
+) -> NDArray[np.float64]:
+    """Costs from `start`, summed up in the order in which a search from there does."""
+    # Sums of floats depend on their order: only so are they those of the planner's own search.
+    used = order.size
     cost = np.empty(used)
     for k in range(used):
         cost[k] = np.inf
-    start, goal = (root, tip) if from_root else (tip, root)
-    cost[place_of(table, pages, start)] = 0.0
+    cost[place_of(found, start)] = 0.0
     for at in range(used):
         k = order[used - 1 - at] if from_root else order[at]
-        cell = cells[k]
+        cell = found.cells[k]
         bits = steps[cell]
         for n in range(8):
             if bits >> n & 1:
-                other = cell + _ROWS[n] * columns + _COLUMNS[n]
-                length = SQRT2 if _ROWS[n] and _COLUMNS[n] else 1.0
-                step, m = length * (half[cell] + half[other]), place_of(table, pages, other)
+                other = cell + ROWS[n] * columns + COLUMNS[n]
+                step, m = LENGTHS[n] * (half[cell] + half[other]), place_of(found, other)
                 if from_root:
                     cost[k] = min(cost[k], cost[m] + step)
                 else:
                     cost[m] = min(cost[m], cost[k] + step)
-    path = [goal]
-    while path[-1] != start and len(path) < used:
-        cell, least, before = path[-1], np.inf, -1
-        for n in range(8):
-            beside, aside = cell + _ROWS[n] * columns, cell + _COLUMNS[n]
-            other = beside + _COLUMNS[n]
-            place = place_of(table, pages, other)
-            if place < 0:
-                continue
-            length = 1.0
-            if _ROWS[n] and _COLUMNS[n]:
-                length = SQRT2
-                if half[beside] + half[aside] == np.inf:
-                    continue
-            through = cost[place] + length * (half[cell] + half[other])
-            if through < least:
-                least, before = through, other
-        path.append(before)
-    return np.array(path[::-1])
+    return cost
 
 
 @njit(inline="always")
-def place_of(table: NDArray[np.int32], pages: NDArray[np.int32], cell: int) -> int:
-    """Place of a cell among those that were found, -1 if it is not: page 0 is empty."""
-    return int(pages[(table[cell >> PAGE] << PAGE) + (cell & IN_PAGE)]) - 1
+def place_of(found: Found, cell: int) -> int:
+    """Place of a cell among those that were found, -1 if it is not."""
+    page = found.table[cell >> PAGE]
+    return int(found.pages[(page << PAGE) + (cell & IN_PAGE)]) - 1

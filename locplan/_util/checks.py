@@ -13,7 +13,7 @@ from typing import Any, TypeGuard, cast
 
 from locplan.errors import ConfigError, LocplanError, PoseError
 
-GREATEST = 1e12
+MAX_AMOUNT = 1e12
 """Greatest amount of a setting; with more, its powers and products would not be finite."""
 RESOLUTIONS = (0.001, 10.0)
 """Least and greatest edge of a cell [m]; beyond, the number is hardly in metres."""
@@ -24,8 +24,8 @@ FARTHEST = 1e8
 
 
 def number(name: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
-    """Return a finite number within limits, and up to `GREATEST`, as a float."""
-    if is_number(value) and low <= float(value) <= high and abs(value) <= GREATEST:
+    """Return a finite number within limits, and up to `MAX_AMOUNT`, as a float."""
+    if is_number(value) and low <= float(value) <= high and abs(value) <= MAX_AMOUNT:
         return float(value)
     limits = "a number"
     if math.isfinite(low):
@@ -34,14 +34,14 @@ def number(name: str, value: object, low: float = -math.inf, high: float = math.
 
 
 def positive(name: str, value: object, unit: str = "") -> float:
-    """Return a number above 0, and up to `GREATEST`, as a float.
+    """Return a number above 0, and up to `MAX_AMOUNT`, as a float.
 
     `unit` is its unit in the error message. Nearly 0, whose reciprocal is too great, is refused.
     """
-    if is_number(value) and 1 / GREATEST <= value <= GREATEST:
+    if is_number(value) and 1 / MAX_AMOUNT <= value <= MAX_AMOUNT:
         return float(value)
     what = f"a positive number of {unit}" if unit else "positive"
-    least = f" of at least {1 / GREATEST:g}" if is_number(value) and 0 < value < 1 else ""
+    least = f" of at least {1 / MAX_AMOUNT:g}" if is_number(value) and 0 < value < 1 else ""
     raise ConfigError(f"{name} must be {what}{least}{_most(value)}, not {shown(value)}")
 
 
@@ -138,7 +138,7 @@ _SHORT = _Short()
 
 def _most(value: object) -> str:
     """The words for a number that is too great."""
-    return f" and at most {GREATEST:g}" if is_number(value) and abs(value) > GREATEST else ""
+    return f" and at most {MAX_AMOUNT:g}" if is_number(value) and abs(value) > MAX_AMOUNT else ""
 
 
 class Settings:
@@ -150,7 +150,7 @@ class Settings:
             value = getattr(self, each.name)
             made = each.default_factory
             default = each.default if made is dataclasses.MISSING else made()
-            if value != default:
+            if hasattr(value, "shape") or value != default:  # arrays have no one truth
                 shown_fields.append(f"{each.name}={value!r}")
         return f"{type(self).__name__}({', '.join(shown_fields)})"
 
@@ -176,6 +176,17 @@ def is_number(value: object) -> TypeGuard[float]:
         return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
     except OverflowError:
         return False
+
+
+def finite_numbers(values: Any) -> tuple[float, ...]:
+    """Finite numbers as floats, or an empty tuple if any value is something else."""
+    import numpy as np
+
+    try:
+        numbers = tuple(float(v) for v in np.atleast_1d(np.asarray(values, dtype=np.float64)))
+    except (TypeError, ValueError, OverflowError):
+        return ()
+    return numbers if all(map(math.isfinite, numbers)) else ()
 
 
 def is_whole(value: object) -> TypeGuard[int]:

@@ -14,6 +14,7 @@ import hashlib
 import importlib.util
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from itertools import chain
 from pathlib import Path
 from types import CodeType, FunctionType, MappingProxyType, ModuleType
 from typing import Any
@@ -110,19 +111,17 @@ class _Walk:
             # Each by itself, whatever the order and the numbers of those met before.
             self._add_all(sorted(_Walk(self._own).digest(each) for each in value))
         elif kind in (dict, MappingProxyType):
-            self._add_all([each for pair in value.items() for each in pair])
+            self._add_all(list(chain.from_iterable(value.items())))
         elif kind is CodeType:
             self._add_all([getattr(value, name) for name in _CODE])
         elif kind is FunctionType:
             self._add_function(value)
         elif isinstance(value, type):
             self._add_class(value)
-        elif kind in (staticmethod, classmethod):
-            self.add(value.__func__)
+        elif kind in (staticmethod, classmethod, functools.cached_property):
+            self.add(value.func if kind is functools.cached_property else value.__func__)
         elif kind is property:
             self._add_all([value.fget, value.fset, value.fdel])
-        elif kind is functools.cached_property:
-            self.add(value.func)
         elif _package(kind.__module__) == "numba" and (compiled := _compiled(value)):
             self._add_all([compiled, getattr(value, "targetoptions", None)])
         else:

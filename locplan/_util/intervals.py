@@ -83,3 +83,12 @@ def of_rms(squares: NDArray[np.float64], others: NDArray[np.float64] | None = No
     half = (pseudo.high - pseudo.low) / 2
     low, high = np.exp((whole - half) / 2), np.exp((whole + half) / 2)
     return Interval(float(np.exp(whole / 2)), float(low), float(high))
+
+
+def of_resamples(value: float, samples: NDArray[np.float64]) -> Interval:
+    """A value with the 2.5 and 97.5 % quantiles of its resamples; NaN where none is finite."""
+    known = samples[np.isfinite(samples)]
+    if not len(known):
+        return Interval(value, np.nan, np.nan)
+    low, high = np.quantile(known, (0.025, 0.975)).tolist()
+    return Interval(value, low, high)

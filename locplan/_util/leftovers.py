@@ -71,15 +71,15 @@ def remove(temporary: str) -> None:
 
 
 class Leftovers:
-    """What a process has told of its temporary folders, for another one that outlives it."""
+    """What a process has said of its temporary folders, for another one that outlives it."""
 
     def __init__(self) -> None:
         self._known: dict[str, None] = {}
         self._rest = b""
 
-    def hear(self, told: bytes) -> None:
+    def hear(self, said: bytes) -> None:
         """Take what came through the pipe."""
-        *words, self._rest = (self._rest + told).split(b"\0")
+        *words, self._rest = (self._rest + said).split(b"\0")
         keep = len(words) - len(words) % _FIELDS
         self._rest = b"\0".join([*words[keep:], self._rest])
         for n in range(0, keep, _FIELDS):

@@ -15,8 +15,6 @@ WORKER_BYTES = 300_000_000
 """Memory that a worker process takes at least, with its libraries [bytes]."""
 PARTS = 0.8
 """Share of the memory that a computation may take."""
-UNKNOWN_MEMORY = 8_000_000_000
-"""Memory that is assumed where the system does not tell it [bytes]."""
 
 
 def usable_cores() -> int:
@@ -31,7 +29,7 @@ def usable_memory() -> int:
     try:
         every = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):  # Windows
-        every = UNKNOWN_MEMORY
+        every = 8_000_000_000
     return int(PARTS * every)
 
 

@@ -6,14 +6,17 @@ import io
 from importlib import import_module
 from typing import Any, ClassVar
 
-DPI = 80
-
 
 class Pictured:
     """An object with a figure, which is its display in a notebook."""
 
     _drawn_by: ClassVar[str]
     """Module and function that make the figure, by name: the object's package draws nothing."""
+
+    @property
+    def drawable(self) -> bool:
+        """Whether there is anything to draw."""
+        return True
 
     def figure(self, *about: Any, **options: Any) -> Any:
         """The figure of matplotlib that shows it.
@@ -26,7 +29,7 @@ class Pictured:
         return called(self._drawn_by, self, *about, **options)
 
     def _repr_png_(self) -> bytes | None:
-        return png_of(self.figure())
+        return png_of(self.figure()) if self.drawable else None
 
 
 def called(function: str, *arguments: Any, **options: Any) -> Any:
@@ -35,7 +38,7 @@ def called(function: str, *arguments: Any, **options: Any) -> Any:
     return getattr(import_module(module), name)(*arguments, **options)
 
 
-def png_of(figure: object, dpi: int = DPI) -> bytes:
+def png_of(figure: object, dpi: int = 80) -> bytes:
     """PNG image of a figure of matplotlib."""
     written = io.BytesIO()
     save = getattr(figure, "savefig")  # noqa: B009 - matplotlib is not imported for its type

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from locplan._util.reading import read_bytes
 from locplan.errors import MapError
@@ -34,6 +35,26 @@ def compose(file: Path, content: bytes, remedy: str) -> yaml.Node | None:
         mark = getattr(error, "problem_mark", None)
         fault = "is not YAML in UTF-8" + (f", see line {mark.line + 1}" if mark else "")
         raise fault_of(file, fault, remedy) from error
+
+
+def document(file: Path, content: bytes, remedy: str) -> Any:
+    """Values of a file's YAML of locplan's own; None if it holds none, or others."""
+    import yaml
+
+    node = compose(file, content, remedy)
+    try:
+        # Aliases are not expanded: a node that comes again is one object.
+        return yaml.SafeLoader("").construct_document(node) if node else None
+    except Exception:  # a value that is none of its tag fails in as many ways as there are tags
+        return None
+
+
+def dumped(content: Mapping[str, Any], **style: Any) -> str:
+    """Text of values in their order, as YAML."""
+    import yaml
+
+    text: str = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=100, **style)
+    return text
 
 
 def _depth(content: bytes) -> int:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 from locplan._kernels.compilation import is_compiling
@@ -35,10 +37,31 @@ def progress_bar(
 
 
 @contextmanager
+def later_progress_bar(label: str, unit: str) -> Iterator[ProgressCallback]:
+    """A `progress_bar` that begins with the first step: others may be shown before."""
+    with ExitStack() as shown:
+        begun: list[ProgressCallback] = []
+
+        def step(done: int, total: int) -> None:
+            if not begun:
+                begun.append(shown.enter_context(progress_bar(label, unit)))
+            begun[0](done, total)
+
+        yield step
+
+
+@contextmanager
 def shown_after(
     patience: float, show: Callable[[], None], close: Callable[[], None]
 ) -> Iterator[None]:
-    """Call `show` once the work has taken `patience` seconds, and `close` when it ends."""
+    """Call `show` once the work has taken `patience` seconds, and `close` when it ends.
+
+    Where standard error is no terminal neither is called.
+    """
+    # Asked here, and as rich does: its import takes a quarter of a second.
+    if not (sys.stderr.isatty() or os.environ.get("FORCE_COLOR")):
+        yield
+        return
     timer = threading.Timer(patience, show)
     timer.daemon = True
     timer.start()

@@ -22,7 +22,6 @@ WRAPPED: dict[str, Any] = {
     "subsequent_indent": "    ",
     "break_on_hyphens": False,
 }
-PARAMETERS = re.compile(r"^Parameters\n---", re.MULTILINE)
 
 
 def attach(
@@ -33,7 +32,7 @@ def attach(
 
     def found(name: str) -> Any:
         thing = get(name)
-        tell_fields(thing)
+        document_fields(thing)
         return thing
 
     return found, names, public
@@ -71,7 +70,7 @@ class WithFields:
         self.text = text
 
     def __get__(self, _: object, kind: type) -> str:
-        if PARAMETERS.search(self.text):
+        if re.search(r"^Parameters\n---", self.text, re.MULTILINE):
             return self.text
         docs, lines = field_docs(kind), []
         for name, type_ in _types_of(kind).items():
@@ -83,14 +82,14 @@ class WithFields:
         return "\n\n".join([about, "\n".join(["Parameters", "-" * 10, *lines]), *sections])
 
 
-def tell_fields(thing: object) -> None:
-    """Let the help of a class tell its fields; nothing happens where there are none."""
+def document_fields(thing: object) -> None:
+    """Add the fields of a class to its help; nothing happens where there are none."""
     if isinstance(thing, type) and _types_of(thing):
         text = vars(thing)["__doc__"]
         if isinstance(text, str):
-            told: Any = WithFields(inspect.cleandoc(text))
+            documented: Any = WithFields(inspect.cleandoc(text))
             # help() asks no descriptor where the class has a metaclass of its own.
-            thing.__doc__ = told if type(thing) is type else told.__get__(None, thing)
+            thing.__doc__ = documented if type(thing) is type else documented.__get__(None, thing)
 
 
 def _types_of(kind: type) -> dict[str, str]:

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.intervals import Interval
+from locplan._util.intervals import Interval, of_resamples
 
 Array = NDArray[np.float64]
-WORST = 0.2
-"""The share of the places that AUC has to find."""
 RESAMPLES = 1000
 
 
@@ -72,9 +70,9 @@ def rank(values: Sequence[Array], errors: Sequence[Array], drawn: Resamples) -> 
     )
     means = (within_drawn * drawn.maps).sum(axis=1) / drawn.maps.sum(axis=1)
     return Rank(
-        _interval(spearman(every, every_error), _spearmans(every, every_error, weights)),
-        _interval(float(within.mean()), means),
-        _interval(auc(every, every_error), _aucs(every, every_error, weights)),
+        of_resamples(spearman(every, every_error), _spearmans(every, every_error, weights)),
+        of_resamples(float(within.mean()), means),
+        of_resamples(auc(every, every_error), _aucs(every, every_error, weights)),
     )
 
 
@@ -84,7 +82,7 @@ def spearman(values: Array, errors: Array) -> float:
 
 
 def auc(values: Array, errors: Array) -> float:
-    """Area under the ROC curve of finding the worst errors, by Mann and Whitney; ties count half.
+    """Area under the ROC curve of finding the worst fifth, by Mann and Whitney; ties count half.
 
     Examples
     --------
@@ -116,7 +114,7 @@ def _spearmans(values: Array, errors: Array, weights: Array) -> Array:
 
 def _aucs(values: Array, errors: Array, weights: Array) -> Array:
     """AUC for each row of weights (m, n), (m,); the worst places are the same in all rows."""
-    bad = errors >= np.quantile(errors, 1 - WORST, method="higher")
+    bad = errors >= np.quantile(errors, 0.8, method="higher")
     ranks = (weights * _ranks(values, weights))[:, bad].sum(axis=1)
     count, others = weights[:, bad].sum(axis=1), weights[:, ~bad].sum(axis=1)
     pairs = count * others
@@ -127,8 +125,3 @@ def _aucs(values: Array, errors: Array, weights: Array) -> Array:
 def _draws(random: np.random.Generator, count: int) -> Array:
     """Number of times that each of `count` items is drawn, (RESAMPLES, count)."""
     return random.multinomial(count, np.full(count, 1 / count), RESAMPLES).astype(float)
-
-
-def _interval(value: float, spread: Array) -> Interval:
-    low, high = np.quantile(spread, (0.025, 0.975)).tolist()
-    return Interval(value, low, high)

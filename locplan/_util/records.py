@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -12,13 +11,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import file_path
 from locplan._util.extras import needed
 from locplan._util.files import replacing
+from locplan._util.geojson import closed, collection, feature, write_geojson
 from locplan._util.notebook import Pictured, called
 from locplan._util.results import Results
+from locplan._util.saved import Stored
 from locplan._util.tables import csv_cell, finite, table, write_json
 
 if TYPE_CHECKING:
@@ -87,6 +88,8 @@ class Column:
         return f"{middle} [{', '.join(ends)}]" if known else str(middle)
 
 
+Outline = tuple[NDArray[np.float64], ...]
+"""A polygon's corners, and those of its holes, (n, 2) each [m]."""
 POSITION: tuple[Column, ...] = Column("x", "m", "x"), Column("y", "m", "y")
 POSE: tuple[Column, ...] = (*POSITION, Column("heading", "rad", "heading", 0, "deg"))
 """Columns of poses in the world, and of positions."""
@@ -149,6 +152,11 @@ class Table:
         rows = [[self.columns[n].text(row[n]) for n in shown] for row in self.rows[:first]]
         return table(heads, rows, width=width)
 
+    def turned(self) -> list[list[str]]:
+        """Heading and values of each column for people, a row each: few records side by side."""
+        shown = [(n, column) for n, column in enumerate(self.columns) if column.title is not None]
+        return [[each.heading, *(each.text(row[n]) for row in self.rows)] for n, each in shown]
+
     def records(self) -> list[dict[str, Any]]:
         """The rows by the names of their columns, fit for JSON; null is what is not known."""
         return [finite(dict(zip(self.names, row, strict=True))) for row in self._values()]
@@ -161,7 +169,7 @@ class Table:
             writer.writerows([csv_cell(_plain(each)) for each in row] for row in self._values())
 
     def write_geojson(
-        self, file: Path, outlines: Iterable[ArrayLike], *, frame: str = "map"
+        self, file: Path, outlines: Iterable[ArrayLike | Outline], *, frame: str = "map"
     ) -> None:
         """Write each row with its outline, as a whole or not at all.
 
@@ -169,23 +177,19 @@ class Table:
         ----------
         file : path
             The file, whose name is that of the collection.
-        outlines : iterable of (n, 2) array
-            Corners of a polygon for each row [m], the last one not the first one again.
+        outlines : iterable of (n, 2) array, or of tuple of such arrays
+            Corners of a polygon for each row [m], the last one not the first one again; of a tuple
+            the further ones are its holes.
         frame : str, default "map"
             The frame of the corners, which each feature names.
         """
-        rings = (np.asarray(each).round(4).tolist() for each in outlines)
         features = [
-            {
-                "type": "Feature",
-                "properties": about | {"frame": frame},
-                "geometry": {"type": "Polygon", "coordinates": [[*ring, ring[0]]]},
-            }
-            for about, ring in zip(self.records(), rings, strict=True)
+            feature("Polygon", closed(*(each if isinstance(each, tuple) else [each])), about)
+            for about, each in zip(self.records(), outlines, strict=True)
         ]
-        about = {"type": "FeatureCollection", "name": file.stem, "features": features}
-        with replacing(file) as temporary:
-            temporary.write_text(json.dumps(about, allow_nan=False) + "\n", encoding="utf-8")
+        for each in features:
+            each["properties"]["frame"] = frame
+        write_geojson(file, collection(file.stem, features))
 
     def to_frame(self) -> pandas.DataFrame:
         """A data frame of pandas; a LocplanError if it is not installed."""
@@ -279,9 +283,13 @@ class Result(Reported, Pictured):
         kind = self.files.kind
         target = self.files.into(file_path("a folder of results", folder), force=force)
         with target.writing() as new:
-            write_json(new / f"{kind}.json", self.summary(*about))
+            if isinstance(self, Stored) and self.suffix == ".json":
+                self.write(new / f"{kind}.json")
+            else:
+                write_json(new / f"{kind}.json", self.summary(*about))
             picture = {"dpi": FILE_DPI, "bbox_inches": "tight", "pad_inches": 0.1}
-            self.figure(*about).savefig(new / f"{kind}.png", **picture)
+            if self.drawable:
+                self.figure(*about).savefig(new / f"{kind}.png", **picture)
             self._write(new, *about)
 
     def _write(self, folder: Path, *about: Any) -> None:
@@ -289,7 +297,7 @@ class Result(Reported, Pictured):
         raise NotImplementedError
 
 
-def _plain(value: float | str) -> str:
-    if isinstance(value, str):
+def _plain(value: float | str) -> float | str:
+    if isinstance(value, (str, int)):  # all digits of a seed count
         return value
     return f"{value:.9g}" if math.isfinite(value) else ""

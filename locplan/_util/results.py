@@ -18,6 +18,7 @@ from locplan._util.checks import is_file_name
 from locplan._util.files import check_folder, check_no_input, errors_in_one_line
 from locplan._util.leftovers import remove_abandoned, temporary_folder
 from locplan._util.reading import opened, parsed_json, read_text
+from locplan._util.runs import write_run
 from locplan.errors import LocplanError
 
 MANIFEST = ".locplan.json"
@@ -74,6 +75,7 @@ class ResultFolder:
                 yield new
             except LocplanError as error:  # it names the file's last place
                 raise type(error)(str(error).replace(str(new), str(self.folder))) from None
+            write_run(new, self.folder)
             known, written = self._known(), _digests(new)
             for name, digest in written.items():
                 self._check_way(name, known, digest)

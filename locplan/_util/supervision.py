@@ -46,7 +46,7 @@ def supervised(work: Callable[[], None]) -> int:
 
     passed_on = {each for each in PASSED_ON if signal.getsignal(each) != signal.SIG_IGN}
     woken, wake = os.pipe()
-    heard, told = os.pipe()
+    heard, said = os.pipe()
     os.set_blocking(wake, False)
     first = os.getpid()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, passed_on)
@@ -54,8 +54,8 @@ def supervised(work: Callable[[], None]) -> int:
     if not process:
         for descriptor in (woken, wake, heard):
             os.close(descriptor)
-        _work(work, told, first, signal.SIGINT in passed_on, before)
-    os.close(told)
+        _work(work, said, first, signal.SIGINT in passed_on, before)
+    os.close(said)
     for each in (*passed_on, signal.SIGCHLD):
         signal.signal(each, _ignore)  # the pipe tells of it
     signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
@@ -65,7 +65,7 @@ def supervised(work: Callable[[], None]) -> int:
     for each in passed_on:
         signal.signal(each, signal.SIG_IGN)
     leftovers.remove()
-    return _told(asked, os.waitstatus_to_exitcode(status))
+    return _exit_code(asked, os.waitstatus_to_exitcode(status))
 
 
 def end_if_supervised(code: int = INTERRUPTED) -> None:
@@ -90,7 +90,7 @@ def end_with_parent(parent: int) -> None:
 
 
 def _work(
-    work: Callable[[], None], told: int, parent: int, interruptible: bool, mask: set[Any]
+    work: Callable[[], None], said: int, parent: int, interruptible: bool, mask: set[Any]
 ) -> None:
     """Do the work in the second process, and end it."""
     from locplan._util import leftovers
@@ -98,7 +98,7 @@ def _work(
     global _supervised
     _supervised = True
     try:
-        leftovers.tell(told)
+        leftovers.tell(said)
         if interruptible:
             signal.signal(signal.SIGINT, _interrupt)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
@@ -121,9 +121,9 @@ def _watch(process: int, woken: int, heard: int, leftovers: Leftovers) -> tuple[
         left = None if deadline is None else max(0.0, deadline - time.monotonic())
         ready = select.select(pipes, [], [], left)[0]
         if heard in ready:
-            told = os.read(heard, 1 << 16)
-            leftovers.hear(told)
-            if not told:
+            said = os.read(heard, 1 << 16)
+            leftovers.hear(said)
+            if not said:
                 pipes.remove(heard)
         if woken in ready:
             for number in set(os.read(woken, 1 << 10)) - {signal.SIGCHLD}:
@@ -133,9 +133,9 @@ def _watch(process: int, woken: int, heard: int, leftovers: Leftovers) -> tuple[
         ended, status = os.waitpid(process, os.WNOHANG)
         if ended:
             while heard in pipes and select.select([heard], [], [], 0)[0]:
-                told = os.read(heard, 1 << 16)
-                leftovers.hear(told)
-                if not told:
+                said = os.read(heard, 1 << 16)
+                leftovers.hear(said)
+                if not said:
                     break
             return asked, status
         if deadline is not None and time.monotonic() >= deadline:
@@ -143,7 +143,7 @@ def _watch(process: int, woken: int, heard: int, leftovers: Leftovers) -> tuple[
             deadline = None
 
 
-def _told(asked: int | None, code: int) -> int:
+def _exit_code(asked: int | None, code: int) -> int:
     """The exit code of the first process, after it has said in one line how the second ended."""
     if asked is not None and os.isatty(2):
         os.write(2, b"\r\x1b[2K\x1b[?25h")  # the bar goes, and the cursor that it hid comes back

@@ -116,6 +116,15 @@ def wrapped(lines: Sequence[str]) -> list[str]:
     return [part for line in lines for part in textwrap.wrap(line, width)]
 
 
+def rounded_up(value: float) -> str:
+    """A number of four digits that is not below the value, so that it serves as a budget."""
+    text = f"{value:.4g}"
+    if float(text) < value:
+        step = 10.0 ** (math.floor(math.log10(value)) - 3)
+        text = f"{float(text) + step:.4g}"
+    return text
+
+
 def in_bytes(size: float) -> str:
     """Text of a size [bytes], such as 1.5 GB."""
     for unit in ("B", "kB", "MB", "GB"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cyclopts import App, Parameter
+from cyclopts import App, Group, Parameter
 
 from locplan import __version__
 from locplan._util.supervision import INTERRUPTED
@@ -14,29 +14,30 @@ EXPLAINED = (
     f" wrong input, {NOT_IN_METRES} where calibrate finds that deviations cannot be in metres, and"
     f" {INTERRUPTED} after Ctrl-C."
 )
-COMMANDS = (
-    "cache",
-    "calibrate",
-    "choose",
-    "compare",
-    "completion",
-    "evaluate",
-    "explore",
-    "export",
-    "features",
-    "field",
-    "info",
-    "landmarks",
-    "locate",
-    "maps",
-    "pareto",
-    "plan",
-    "plot",
-    "simulate",
-    "tune",
-    "twins",
-)
-"""Each command is the `app` of the module of its name beside this one."""
+HEADINGS = "Start", "Plan", "Localize", "The site", "Hand over", "Upkeep"
+COMMANDS = {
+    "explore": "Start",
+    "info": "Start",
+    "plan": "Plan",
+    "pareto": "Plan",
+    "compare": "Plan",
+    "tune": "Localize",
+    "simulate": "Localize",
+    "evaluate": "Localize",
+    "calibrate": "Localize",
+    "locate": "Localize",
+    "landmarks": "The site",
+    "features": "The site",
+    "twins": "The site",
+    "export": "Hand over",
+    "plot": "Hand over",
+    "field": "Upkeep",
+    "cache": "Upkeep",
+    "maps": "Upkeep",
+    "run": "Upkeep",
+    "completion": "Upkeep",
+}
+"""The heading of each command in the help; it is the `app` of the module of its name."""
 
 
 def application(*names: str) -> App:
@@ -59,7 +60,13 @@ def application(*names: str) -> App:
         print_error=False,
         result_action="return_value",
     )
-    for name in names or COMMANDS:
-        app.command(f"locplan.cli._{name}:app", name=name)
-        _ = app[name]  # imported now, so that the help knows its first sentence
+    headings = {name: Group(name, sort_key=n) for n, name in enumerate(HEADINGS)}
+    for n, name in enumerate(COMMANDS):
+        if name in (names or COMMANDS):
+            app.command(f"locplan.cli._{name}:app", name=name)
+            # It is imported now, so that the help knows its first sentence.
+            app[name].group, app[name].sort_key = headings[COMMANDS[name]], n
+    flags = (Group("Help", sort_key=len(headings)),)
+    for flag in (*app.help_flags, *app.version_flags):
+        app[flag].group = flags
     return app

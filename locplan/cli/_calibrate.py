@@ -67,20 +67,17 @@ def calibrate(
     check_calibration(output, force=force)
     recorded.check()
     if recorded.drive:
-        unread: dict[str, object] = {"error": error, "fit_tau": fit_tau or None}
-        unread |= {"places": None if at.places == AtPlaces.places else at.places}
-        given = {name: value for name, value in vars(at).items() if name != "places"}
-        refuse("with --drive", **unread, **given)
+        _refuse_with_drive(at, error, fit_tau)
         return _from_drive(maps, recorded, robot_options, options, threads, output, force, json)
     error = error or "tracking"
-    unread = {"scans": at.scans} if error == "tracking" else {"drives": at.drives}
-    refuse(f"with --error {error}", **unread)
+    unread = "scans" if error == "tracking" else "drives"
+    refuse(f"with --error {error}", **{unread: getattr(at, unread)})
     robot, config = options.simulated(robot_options)
     with progress_bar("driving", "drives") as progress:
         measured = measure_maps(
             [load_map(file) for file in find_maps(*maps)],
             robot,
-            **given_of(at) | ({"scans": 0} if error == "tracking" else {"drives": 0}),
+            **given_of(at) | {unread: 0},
             seed=seed,
             threads=threads,
             progress=progress,
@@ -93,6 +90,13 @@ def calibrate(
         written = result.save(output, robot, force=force)
     show(json, result.summary(), result.report(), *written)
     return 0 if result.in_metres else NOT_IN_METRES
+
+
+def _refuse_with_drive(at: AtPlaces, error: str | None, fit_tau: bool) -> None:
+    """Raise a ConfigError if an option of simulations was given."""
+    places = None if at.places == AtPlaces.places else at.places
+    own = {"error": error, "fit_tau": fit_tau or None, "places": places}
+    refuse("with --drive", **own, scans=at.scans, drives=at.drives)
 
 
 def _from_drive(
@@ -112,7 +116,7 @@ def _from_drive(
 
     grid, recording = recorded.on_map(maps)
     config = options.of_drive(recording.lidar)
-    robot = robot_options.on_drive(recording.lidar, replayed=False)
+    robot = robot_options.on_drive(recording, replayed=False)
     with progress_bar("calibrating", "") as progress:
         result = calibrate_drive(
             recording, grid, config, robot=robot, threads=threads, progress=progress

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shlex
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -57,6 +58,16 @@ class Queries:
     ranges: Annotated[str | None, Parameter(metavar="R1,R2")] = None
     """Ranges of the lidar, for each of which the planners are compared, in metres."""
 
+    def drawn(self) -> dict[str, Any]:
+        """The settings of random queries that were given; they exclude a file of queries."""
+        own = {"least_distance": self.least_distance, "seed": self.seed}
+        if self.queries is not None:
+            if self.random is not None:
+                raise ConfigError("--random and --queries exclude one another")
+            refuse("with --queries", **own)
+        given = {"count": self.random, **own}
+        return {name: value for name, value in given.items() if value is not None}
+
 
 @option_group(groups.COMPUTING)
 class Running:
@@ -102,35 +113,28 @@ def compare(
     json: Json = False,
 ) -> None:
     """Run planners side by side, and report which one is best, where and by how much."""
-    from locplan import comparison
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
+    from locplan.comparison import (
+        PLANNERS,
+        Comparison,
+        Execution,
+        RandomQueries,
+        compare as run_all,
+        specs_of,
+    )
 
-    if asked.random is not None and asked.queries is not None:
-        raise ConfigError("--random and --queries exclude one another")
-    if asked.queries is not None:
-        refuse("with --queries", least_distance=asked.least_distance, seed=asked.seed)
+    drawn = asked.drawn()
+    queries = asked.queries or RandomQueries(**drawn)
     robot, made = options.to_configs(robot_options, asked.ranges)
-    configs = {f"{each.estimator.name}, {each.estimator.reach:g} m": each for each in made}
-    comparison.specs_of(compared.planner or comparison.PLANNERS)
-    comparison.check_result_folder(output, force=force)
+    specs_of(compared.planner or PLANNERS)
+    Comparison.files.into(output, force=force)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # and clean up
 
     with progress_bar("runs", "runs") as progress:
-        result = comparison.compare(
-            maps,
-            compared.planner or comparison.PLANNERS,
-            asked.queries or asked.random or 10,
-            weights=weight or None,
-            seeds=range(1, compared.seeds + 1),
-            configs=configs,
-            robot_radius=robot.radius,
-            criterion=criterion,
-            time_limit=compared.time_limit,
-            least_distance=5.0 if asked.least_distance is None else asked.least_distance,
-            query_seed=1 if asked.seed is None else asked.seed,
-            baseline=compared.baseline,
+        execution = Execution(
             workers=running.workers,
+            time_limit=compared.time_limit,
             memory=None if running.memory is None else running.memory * 1e9,
             patience=running.patience,
             journal=output / JOURNAL,
@@ -139,6 +143,19 @@ def compare(
             field_of=computing.field,
             progress=progress,
         )
+        result = run_all(
+            maps,
+            compared.planner or PLANNERS,
+            queries,
+            robot,
+            configs={f"{each.estimator.name}, {each.estimator.reach:g} m": each for each in made},
+            weights=weight or None,
+            criterion=criterion,
+            seeds=range(1, compared.seeds + 1),
+            baseline=compared.baseline,
+            execution=execution,
+        )
+    result = dataclasses.replace(result, command=shlex.join(["locplan", *sys.argv[1:]]))
     with working("writing the report"):
-        written = result.save(output, force=force, command=shlex.join(["locplan", *sys.argv[1:]]))
-    show(json, result.to_json(), result.table(), *written)
+        result.save(output, force=force)
+    show(json, result.summary(), result.report(), output)

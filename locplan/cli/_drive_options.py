@@ -66,17 +66,17 @@ class DriveOptions:
             If the file cannot be read, or holds no drive.
         """
         from locplan._util.progress import progress_bar
-        from locplan.recordings import read_drive
+        from locplan.recordings import Topics, read_drive
 
         self.check()
         if self.drive is None:
             raise ConfigError("name a recorded drive with --drive")
-        names = ("every", "scan_topic", "pose_topic", "odom_topic", "map_frame", "base_frame")
-        given = {name: value for name, value in given_of(self).items() if name in names}
+        given = {name: value for name, value in given_of(self).items() if name in vars(Topics())}
         with progress_bar(f"reading {self.drive.name}", "messages") as progress:
             recording = read_drive(
                 self.drive,
-                **given,
+                every=self.every or 1,
+                topics=Topics(**given),
                 range_limits=self._limits,
                 mount=self._move("mount"),
                 progress=progress,

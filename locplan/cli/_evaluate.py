@@ -13,16 +13,15 @@ from locplan.cli._groups import (
     INPUT,
     AtPlaces,
     DriveSeed,
-    Folder,
-    Force,
-    Json,
+    FilterMap,
     MapFiles,
     command,
 )
 from locplan.cli._kinds import given_of
 from locplan.cli._options import Threads
+from locplan.cli._output import Output
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import refuse, show
+from locplan.cli._values import load_filter_map, refuse
 
 app = command(
     "evaluate",
@@ -48,11 +47,10 @@ def evaluate(
     recorded: DriveOptions = DriveOptions(),
     at: AtPlaces = AtPlaces(),
     robot_options: RobotOptions = RobotOptions(),
+    filter_map: FilterMap = None,
     seed: DriveSeed = 1,
     threads: Threads = None,
-    output: Folder = None,
-    force: Force = False,
-    json: Json = False,
+    out: Output = Output(),
 ) -> None:
     """Tell how well each field predicts where a robot is badly localized on your maps.
 
@@ -63,10 +61,10 @@ def evaluate(
         own = {name: value or None for name, value in vars(robot_options).items()}
         places = {name: each for name, each in vars(at).items() if each != getattr(AtPlaces, name)}
         refuse("with --drive", **own, **places, seed=None if seed == 1 else seed)
-        _evaluate_drive(maps, recorded, config, threads, output, force=force, json=json)
+        refuse("with --drive", filter_map=filter_map)
+        _evaluate_drive(maps, recorded, config, threads, out)
         return
     from locplan._util.progress import progress_bar
-    from locplan._util.working import working
     from locplan.field import equipped
     from locplan.maps import find_maps, load_map
     from locplan.simulation import LARGEST_DISC, Evaluation, evaluate as measured
@@ -74,22 +72,21 @@ def evaluate(
     refuse("without --drive", config=config)
     robot = equipped(robot_options.load())
     robot_options.warn(robot)
-    if output:
-        Evaluation.files.into(output, force=force)
+    out.check(Evaluation.files)
+    grids = [load_map(file) for file in find_maps(*maps)]
+    filters = load_filter_map(filter_map, grids)
     with progress_bar("driving", "drives") as progress:
         result = measured(
-            [load_map(file) for file in find_maps(*maps)],
+            grids,
             robot,
+            filter_map=filters,
             **given_of(at),
             disc=min(robot.known_lidar.range, LARGEST_DISC),
             seed=seed,
             threads=threads,
             progress=progress,
         )
-    if output:
-        with working("writing the results"):
-            result.save(output, force=force)
-    show(json, result.summary(), result.report(), output)
+    out.finish(result)
 
 
 def _evaluate_drive(
@@ -97,19 +94,14 @@ def _evaluate_drive(
     recorded: DriveOptions,
     config: Path | None,
     threads: int | None,
-    output: Path | None,
-    *,
-    force: bool,
-    json: bool,
+    out: Output,
 ) -> None:
     """Compare the fields with the scans of a recorded drive."""
     from locplan._util.progress import progress_bar
-    from locplan._util.working import working
     from locplan.field import load_config
     from locplan.recordings import DriveEvaluation, estimators_for, evaluate_drive
 
-    if output:
-        DriveEvaluation.files.into(output, force=force)
+    out.check(DriveEvaluation.files)
     own = {"config": load_config(config).estimator} if config else {}
     grid, drive = recorded.on_map(maps)
     estimators = estimators_for(drive.lidar) | own
@@ -117,7 +109,4 @@ def _evaluate_drive(
         found = evaluate_drive(
             drive, grid, estimators=estimators, threads=threads, progress=progress
         )
-    if output:
-        with working("writing the results"):
-            found.save(output, force=force)
-    show(json, found.summary(), found.report(), output)
+    out.finish(found)

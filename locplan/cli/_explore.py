@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -21,6 +21,9 @@ from locplan.cli._groups import (
 from locplan.cli._options import CacheDir, CostOptions, FieldOptions, Threads
 from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import load, two_numbers
+
+if TYPE_CHECKING:
+    from locplan.explorer import Explorer
 
 NEXT = {
     False: "the page opens in your browser, or open the address above; Ctrl-C ends it",
@@ -119,10 +122,15 @@ def explore(
         page = opened(grid, opening, port=port)
     with page:
         try:
-            print(page.address, flush=True)
-            print(f"locplan: {NEXT[no_browser]}", file=sys.stderr, flush=True)
-            if not no_browser:
-                page.open()
-            page.wait()
+            _show(page, no_browser)
         except KeyboardInterrupt:  # the usual end of this command
             end_if_supervised(0)
+
+
+def _show(page: Explorer, no_browser: bool) -> None:
+    """Say where the page is, and serve it until Ctrl-C."""
+    print(page.address, flush=True)
+    print(f"locplan: {NEXT[no_browser]}", file=sys.stderr, flush=True)
+    if not no_browser:
+        page.open()
+    page.wait()

@@ -31,7 +31,10 @@ PATHS = [name for name, each in FORMATS.items() if each.paths != "none"]
 WITH_PATHS = f"({', '.join(PATHS)})"
 FORMAT = Group("Format", sort_key=2)
 if TYPE_CHECKING:
+    from locplan.costs import Costmap, Path as Route
+
     FormatOptions = Any
+    Ends = tuple[tuple[float, float], tuple[float, float]]
 else:
     FormatOptions = joint_options(OPTIONS, FORMAT, but=("params",))  # a file of the robot
 
@@ -48,7 +51,7 @@ def export(
     path: Annotated[
         tuple[Path, ...],
         INPUT,
-        Parameter(metavar="CSV", help=f"Path to export (x_m,y_m) {WITH_PATHS}."),
+        Parameter(metavar="CSV", help=f"Path to export (x,y) {WITH_PATHS}."),
     ] = (),
     start: Annotated[
         Text | None,
@@ -72,14 +75,12 @@ def export(
     """Write cost maps, route graphs, bags and paths for navigation stacks, or plain files."""
     from locplan._util.tables import table
     from locplan._util.working import working
-    from locplan.planners import plan
 
     format = FORMATS[to]
     for option, value in (("--path", path), ("--start", start), ("--goal", goal)):
         if value:
             check_has(option, "--to", to, PATHS)
-    if (start is None) != (goal is None):
-        raise ConfigError("--start and --goal belong together")
+    ends = _ends(start, goal)
     robot, config = options.with_robot(robot_options)
     chosen = options_of(OPTIONS, to, "--to", own, params=robot_options.nav2_file())
     costs.check(config)
@@ -87,20 +88,35 @@ def export(
     target = output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
     format.check_target(target, force=force)
     paths = read_paths(path)
-    ends = start and goal and (two_numbers("start", start), two_numbers("goal", goal))
-    if format.paths == "one" and len(paths) + bool(ends) != 1:
+    count = len(paths) + bool(ends)
+    if format.paths == "one" and count != 1:
         raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal")
-    format.check(chosen, len(paths) + bool(ends))
+    format.check(chosen, count)
     field = computing.field(grid, config)
     costmap = costs.costmap(grid, field, robot)
     if ends:
-        found = plan(costmap, *ends)
-        if found.path is None:
-            reason = found.note or found.status
-            raise ConfigError(f"no path leads from --start to --goal: {reason}")
-        paths["aware"] = found.path
-    with nullcontext() if format.tells else working(f"writing {target.name}"):
+        paths["aware"] = _planned(costmap, ends)
+    with nullcontext() if format.shows_progress else working(f"writing {target.name}"):
         summary = format.write(target, ExportJob(costmap, field, paths, robot=robot), chosen)
     about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
     rows = [("map", grid.name), ("format", to), ("field", config.estimator.summary), *summary.rows]
     show(json, about, table([], rows), target)
+
+
+def _ends(start: str | None, goal: str | None) -> Ends | None:
+    """The ends of a path that is planned, if they are given."""
+    if start is None or goal is None:
+        if start != goal:
+            raise ConfigError("--start and --goal belong together")
+        return None
+    return two_numbers("start", start), two_numbers("goal", goal)
+
+
+def _planned(costs: Costmap, ends: Ends) -> Route:
+    """The path between two ends; a ConfigError if there is none."""
+    from locplan.planners import plan
+
+    found = plan(costs, *ends)
+    if found.path is None:
+        raise ConfigError(f"no path leads from --start to --goal: {found.note or found.status}")
+    return found.path

@@ -1,8 +1,7 @@
-"""The command that tells which features of a map localization hangs on."""
+"""The command that finds the features of a map that localization depends on."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -11,17 +10,15 @@ from locplan.cli._groups import (
     GENERAL,
     Count,
     DriveSeed,
-    Force,
-    Json,
     MapFile,
     command,
     option_group,
-    results,
 )
 from locplan.cli._options import Threads
+from locplan.cli._output import Output
 from locplan.cli._robot_options import RobotOptions
 from locplan.cli._route_options import RouteOptions
-from locplan.cli._values import load, show
+from locplan.cli._values import load
 
 app = command(
     "features",
@@ -40,8 +37,6 @@ class Taking:
     """Length of the pieces of walls, in metres; about 1 by default."""
     largest: float = 4.0
     """Greatest extent of an object, in metres; 4 by default."""
-    gap: float = 0.1
-    """Greatest distance between parts of an object, in metres; 0.1 by default."""
     shift: float = 0.3
     """Distance by which features are moved to see the error, in metres; 0.3 by default."""
     drives: Annotated[int, Parameter()] = 100
@@ -58,20 +53,14 @@ def features(
     robot_options: RobotOptions = RobotOptions(),
     seed: DriveSeed = 1,
     threads: Threads = None,
-    output: Annotated[
-        Path | None,
-        results("Folder for the features (CSV, GeoJSON, JSON) and a picture."),
-    ] = None,
-    force: Force = False,
-    json: Json = False,
+    out: Output = Output(),
 ) -> None:
-    """Tell which pillars, shelves and corners localization on your routes hangs on.
+    """Find the pillars, shelves and corners that localization on your routes depends on.
 
     Drives with your own filter, in a world that lacks the worst of them, say whether it is so.
     """
     from locplan import landmarks as core
     from locplan._util.progress import progress_bar
-    from locplan._util.working import working
     from locplan.field import equipped
     from locplan.simulation import check_drives
 
@@ -80,8 +69,7 @@ def features(
     robot = equipped(robot_options.load())
     robot_options.warn(robot)
     grid = load(map_file)
-    if output:
-        core.KeyFeatures.files.into(output, force=force)
+    out.check(core.KeyFeatures.files)
     with progress_bar("taking features away", "features") as progress:
         found = core.key_features(
             grid,
@@ -90,7 +78,6 @@ def features(
             count=taking.count,
             piece=taking.piece,
             largest=taking.largest,
-            gap=taking.gap,
             shift=taking.shift,
             progress=progress,
         )
@@ -98,7 +85,4 @@ def features(
     if drives and found.together:
         with progress_bar("verifying by drives", "drives") as progress:
             driven = found.verify(drives, seed=seed, threads=threads, progress=progress)
-    if output:
-        with working("writing the features"):
-            found.save(output, driven, force=force)
-    show(json, found.summary(driven), found.report(driven), output)
+    out.finish(found, driven)

@@ -45,7 +45,7 @@ def field(
     with computing.of(config) as compute:
         if len(jobs) == 1:
             summary = FieldSummary.of(jobs[0].run(compute))
-            show(json, summary.to_json(), summary.table(), output, picture)
+            show(json, summary.summary(), summary.table(), output, picture)
             return 0
         runs = list(run_field_jobs(jobs, compute))
     failed = [run for run in runs if run.error]

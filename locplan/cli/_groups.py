@@ -31,6 +31,7 @@ SIMULATION = Group("Simulation", sort_key=5)
 FIELD = Group("Field", sort_key=6)
 COMPUTING = Group("Computing", sort_key=7)
 OUTPUT = Group("Output", sort_key=8)
+OUTPUT_OPTION = "--output"
 
 
 def _keep(_: object, files: Path | Sequence[Path] | None) -> None:
@@ -38,10 +39,10 @@ def _keep(_: object, files: Path | Sequence[Path] | None) -> None:
         keep_input(file)
 
 
-def _keep_maps(_: object, maps: Path | Sequence[Path]) -> None:
+def _keep_maps(_: object, maps: Path | Sequence[Path] | None) -> None:
     from locplan.maps import source_files
 
-    for path in [maps] if isinstance(maps, Path) else maps:
+    for path in [maps] if isinstance(maps, Path) else maps or ():
         _keep(None, source_files(path))
 
 
@@ -55,6 +56,15 @@ MapFiles = Annotated[
     list[Path],
     MAP_INPUT,
     Parameter(help="Maps: map_server YAML files, or folders of them."),
+]
+FilterMap = Annotated[
+    Path | None,
+    Parameter(
+        group=ROBOT,
+        validator=_keep_maps,
+        metavar="MAP",
+        help="Map of the robot's filter, in the same frame, where it is not the one driven in.",
+    ),
 ]
 Text = Annotated[str, Parameter(allow_leading_hyphen=True)]
 """A text that may begin with a minus sign, such as -2,3."""
@@ -75,7 +85,7 @@ Force = Annotated[
 
 def results(what: str) -> Parameter:
     """The option that says where results go."""
-    return Parameter(name=("--output", "-o"), group=OUTPUT, help=what)
+    return Parameter(name=(OUTPUT_OPTION, "-o"), group=OUTPUT, help=what)
 
 
 def command(name: str, *examples: str) -> App:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -11,17 +10,19 @@ from locplan.cli._groups import (
     GENERAL,
     Count,
     DriveSeed,
-    Force,
-    Json,
     MapFile,
     command,
     option_group,
-    results,
 )
 from locplan.cli._options import Threads
+from locplan.cli._output import Output
 from locplan.cli._robot_options import RobotOptions
 from locplan.cli._route_options import RouteOptions
-from locplan.cli._values import load, numbers, position, show
+from locplan.cli._values import load, numbers, position
+
+if TYPE_CHECKING:
+    from locplan.landmarks import Sites
+    from locplan.maps import OccupancyGrid
 
 app = command(
     "landmarks",
@@ -47,7 +48,7 @@ class Placing:
     """Places that are tried: along walls, in the open, or both, by default both."""
     spacing: float = 0.5
     """Distance between places along walls, in metres; 0.5 by default."""
-    margin: float = 0.2
+    clearance: float = 0.2
     """Distance of routes and passages from the objects besides the robot's radius, in metres; 0.2
     by default."""
     keep_out: Annotated[
@@ -64,6 +65,28 @@ class Placing:
     """Number of placements that are driven first, of which the best is taken; 4 by default, and 1
     without drives. Along routes the first two are by the two objectives."""
 
+    def sites(self) -> Sites:
+        """Where the objects may stand."""
+        from locplan.landmarks import Sites
+
+        keep_out = [numbers("keep-out", text, 4) for text in self.keep_out]
+        return Sites(
+            where=self.where,
+            spacing=self.spacing,
+            clearance=self.clearance,
+            keep_out=keep_out or None,
+            existing=[position("existing", text) for text in self.existing],
+        )
+
+    def served(self, grid: OccupancyGrid) -> dict[str, Any]:
+        """The region that the objects serve, if one is named."""
+        import numpy as np
+
+        rectangles = [numbers("region", text, 4) for text in self.region if text != "all"]
+        if not self.region:
+            return {}
+        return {"region": np.ones(grid.shape, bool) if "all" in self.region else rectangles}
+
 
 @app.default
 def landmarks(
@@ -75,53 +98,35 @@ def landmarks(
     robot_options: RobotOptions = RobotOptions(),
     seed: DriveSeed = 1,
     threads: Threads = None,
-    output: Annotated[
-        Path | None,
-        results(
-            "Folder for the places (CSV, GeoJSON), the map with the objects, a picture and tables."
-        ),
-    ] = None,
-    force: Force = False,
-    json: Json = False,
+    out: Output = Output(),
 ) -> None:
     """Propose places for poles or boxes that keep the robot from getting lost on its ways.
 
     Drives with your own filter, before, after and with random places, say whether they help.
     """
-    import numpy as np
-
     from locplan import landmarks as core
     from locplan._util.progress import progress_bar
-    from locplan._util.working import working
     from locplan.field import equipped
     from locplan.simulation import check_drives
 
     drives = placing.drives
-    driven = routes.given(region=placing.region)
+    ways = routes.given(region=placing.region)
     kind = core.parsed_object(placing.object)
     check_drives(drives, or_none=True)
     robot = equipped(robot_options.load())
     robot_options.warn(robot)
-    existing = [position("existing", text) for text in placing.existing]
-    keep_out = [numbers("keep-out", text, 4) for text in placing.keep_out]
-    region = [numbers("region", text, 4) for text in placing.region if text != "all"]
+    sites = placing.sites()
     grid = load(map_file)
-    if placing.region:
-        driven = {"region": np.ones(grid.shape, bool) if "all" in placing.region else region}
-    if output:
-        core.Landmarks.files.into(output, force=force)
+    ways |= placing.served(grid)
+    out.check(core.Landmarks.files)
     with progress_bar("placing landmarks", "steps") as progress:
         made = core.place_landmarks(
             grid,
             kind,
             placing.count,
-            **driven,
+            **ways,
             robot=robot,
-            margin=placing.margin,
-            where=placing.where,
-            spacing=placing.spacing,
-            keep_out=keep_out or None,
-            existing=existing,
+            sites=sites,
             threads=threads,
             progress=progress,
         )
@@ -133,7 +138,4 @@ def landmarks(
     if drives:
         with progress_bar("verifying by drives", "drives") as progress:
             verification = made.verify(drives, seed=seed, threads=threads, progress=progress)
-    if output:
-        with working("writing the landmarks"):
-            made.save(output, verification, force=force)
-    show(json, made.summary(verification), made.report(verification), output)
+    out.finish(made, verification)

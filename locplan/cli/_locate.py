@@ -14,15 +14,13 @@ from locplan.cli._groups import (
     GENERAL,
     INPUT,
     Count,
-    Folder,
-    Force,
-    Json,
     MapFile,
     command,
     option_group,
 )
 from locplan.cli._options import Threads
-from locplan.cli._values import load, refuse, show
+from locplan.cli._output import Output
+from locplan.cli._values import load, refuse
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -75,13 +73,11 @@ class LocateOptions:
     """Where the robot is looked for."""
 
     near_path: Annotated[Path | None, INPUT, Parameter(metavar="CSV")] = None
-    """Path (x_m,y_m) near which places are looked at; by default all are."""
+    """Path (x,y) near which places are looked at; by default all are."""
     within: float | None = None
     """Greatest distance of these from the path, in metres; 3 by default."""
     count: Count | None = None
     """Greatest number of places that are kept; 10 by default."""
-    clearance: float | None = None
-    """Distance of the robot's centre from walls, in metres; 0.1 by default."""
 
     def to_arguments(self) -> dict[str, Any]:
         """The arguments of `locate_drive`, without those that are by default."""
@@ -97,10 +93,6 @@ class LocateOptions:
             return given
         return given | {"near": Route.load(self.near_path)}
 
-    def of_database(self) -> dict[str, float]:
-        """The clearance, unless it is by default."""
-        return {} if self.clearance is None else {"clearance": self.clearance}
-
 
 @app.default
 def locate(
@@ -111,9 +103,7 @@ def locate(
     which: ScanOptions = ScanOptions(),
     options: LocateOptions = LocateOptions(),
     threads: Threads = None,
-    output: Folder = None,
-    force: Force = False,
-    json: Json = False,
+    out: Output = Output(),
 ) -> None:
     """Find where on the map the scans of a drive were taken, without their recorded poses.
 
@@ -121,7 +111,8 @@ def locate(
     """
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
-    from locplan.twins import LocatedDrive, ScanDatabase, locate_drive
+    from locplan.matching import ScanDatabase
+    from locplan.twins import LocatedDrive, locate_drive
 
     if recorded.drive is None:
         raise ConfigError("name a recorded drive with --drive")
@@ -131,17 +122,13 @@ def locate(
         refuse("with --at", every=recorded.every)
     recorded.check()
     arguments = options.to_arguments()
-    if output:
-        LocatedDrive.files.into(output, force=force)
+    out.check(LocatedDrive.files)
     grid, drive = load(map_file), which.chosen(recorded.read())
     with working("looking around at all places of the map"):
-        database = ScanDatabase(grid, drive.lidar, **options.of_database())
+        database = ScanDatabase(grid, drive.lidar)
         _ = database.everywhere
     with progress_bar("locating scans", "scans") as progress:
         found = locate_drive(
             drive, grid, **arguments, database=database, threads=threads, progress=progress
         )
-    if output:
-        with working("writing the results"):
-            found.save(output, force=force)
-    show(json, found.summary(), found.report(), output)
+    out.finish(found)

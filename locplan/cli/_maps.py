@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from locplan.cli._groups import GENERAL, Force, command, option_group
+from locplan.cli._groups import GENERAL, Force, command, option_group, results
 from locplan.cli._values import say_written
 
 app = command("maps", "maps maps --name two_corridors --resolution 0.1")
@@ -26,25 +27,22 @@ class MapOptions:
 
 @app.default
 def maps(
-    folder: Path = Path("maps"), *, options: MapOptions = MapOptions(), force: Force = False
+    output: Annotated[Path, results("Folder of the maps; maps by default.")] = Path("maps"),
+    *,
+    options: MapOptions = MapOptions(),
+    force: Force = False,
 ) -> None:
-    """Write the generated maps as PGM and YAML.
-
-    Parameters
-    ----------
-    folder
-        Folder of the maps; maps by default.
-    """
+    """Write the generated maps as PGM and YAML."""
     from locplan._util.results import ResultFolder
     from locplan.maps import environments, save_map
 
     noise, seed = options.boundary_noise, options.seed
     names = options.name or environments.names()
     ending = f"_noise{noise:g}_seed{seed}" if noise else ""
-    with ResultFolder(folder, "maps", force).writing(others_stay=True) as new:
+    with ResultFolder(output, "maps", force).writing(others_stay=True) as new:
         for name in names:
             grid = environments.make(
                 name, resolution=options.resolution, boundary_noise=noise, seed=seed
             )
             save_map(grid, new / f"{name}{ending}.yaml")
-    say_written(*(folder / f"{name}{ending}.yaml" for name in names))
+    say_written(*(output / f"{name}{ending}.yaml" for name in names))

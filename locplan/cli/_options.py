@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
@@ -19,7 +19,7 @@ from locplan.cli._groups import COMPUTING, COSTS, FIELD, INPUT, option_group
 from locplan.cli._kinds import check_has, field_names, given_of
 from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import numbers
-from locplan.errors import ConfigError, FieldError
+from locplan.errors import ConfigError
 from locplan.field import ESTIMATORS
 
 if TYPE_CHECKING:
@@ -89,8 +89,8 @@ class FieldOptions:
     template: Literal["disc", "visible"] | None = None
     """Template of sad: the paper's disc, or the part of it seen from its centre."""
     stride: float | None = None
-    """Spacing of the evaluated cells, in metres; 0.2 by default. plan and choose take twice as much
-    away from their paths, where a lidar is simulated."""
+    """Spacing of the evaluated cells, in metres; 0.2 by default. where it is not given and a
+    lidar is simulated, plan takes twice as much away from its paths."""
 
     def with_robot(self, given: RobotOptions) -> tuple[Robot, FieldConfig]:
         """The robot, which has the lidar of the file of settings if no other, and the settings."""
@@ -128,13 +128,6 @@ class FieldOptions:
             return robot, [config]
         return robot, [_reaching(config, reach) for reach in numbers("ranges", ranges)]
 
-    def is_fine_near_paths(self, config: FieldConfig) -> bool:
-        """Whether a field on which paths are planned need only be fine near these.
-
-        It need where a lidar is simulated, which takes long, and no spacing was given.
-        """
-        return config.estimator.casts_rays and self.stride is None and self.config is None
-
     def _read(self) -> FieldConfig | None:
         """The settings in the file, if one was given."""
         from locplan.field import load_config
@@ -161,11 +154,17 @@ class FieldOptions:
         others = {name: given.pop(name) for name in ("stride", "headings") if name in given}
         if kind.casts_rays:
             return FieldConfig(kind.of(lidar or _assumed()), **others)
-        made = kind.paper() if given.pop("preset", None) == "paper" else kind()
-        if "disc" in given:
-            given["range"] = given.pop("disc")
-        made = made.with_lidar(lidar) if lidar else made
-        return FieldConfig(dataclasses.replace(made, **given), **others)
+        return FieldConfig(_with_template(kind, lidar, given), **others)
+
+
+def _with_template(kind: Any, lidar: Lidar | None, given: dict[str, Any]) -> Estimator:
+    """The estimator that compares a template with the map, of the options given."""
+    made = kind.paper() if given.pop("preset", None) == "paper" else kind()
+    if "disc" in given:
+        given["range"] = given.pop("disc")
+    made = made.with_lidar(lidar) if lidar else made
+    changed: Estimator = dataclasses.replace(made, **given)
+    return changed
 
 
 def _flag(name: str) -> str:
@@ -229,8 +228,13 @@ class Computing:
     cache_dir: CacheDir = None
 
     @contextmanager
-    def of(self, config: FieldConfig) -> Iterator[Compute]:
-        """The function that gives the field of a map: read, or computed here or on a cluster."""
+    def of(
+        self, config: FieldConfig, *, whole: bool = False, then: Callable[[], None] = lambda: None
+    ) -> Iterator[Compute]:
+        """The function that gives the field of a map: read, or computed here or on a cluster.
+
+        It has the whole field even where some points are asked for, if so, and calls `then` last.
+        """
         from locplan._util.progress import progress_bar
         from locplan.field import executor_of, load_or_compute
 
@@ -244,7 +248,7 @@ class Computing:
                     field = load_or_compute(
                         grid,
                         config,
-                        points=points,
+                        points=None if whole else points,
                         cache_dir=self.cache_dir,
                         threads=self.threads,
                         executor=executor,
@@ -252,18 +256,10 @@ class Computing:
                     )
                 took = time.perf_counter() - started
                 LOG.info("field of %s: %.1f s, %s", grid.name, took, config)
+                then()
                 return field
 
             yield compute
-
-    def begun(self, grid: OccupancyGrid, config: FieldConfig, *, in_part: bool) -> bool:
-        """Whether the cache has a part of a field, with `in_part` of one of some points."""
-        from locplan.field import field_path
-
-        try:
-            return field_path(grid, config, self.cache_dir, in_part=in_part).exists()
-        except FieldError:  # it is not cached, as will be said
-            return False
 
     def field(self, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
         """The field of one map."""

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from locplan.cli._groups import (
     GENERAL,
-    Force,
-    Json,
     MapFile,
     Text,
     command,
     option_group,
-    results,
 )
 from locplan.cli._options import Computing, FieldOptions
+from locplan.cli._output import Output
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import load, position, show
+from locplan.cli._values import load, position
 
 app = command("pareto", "pareto lab.yaml --start 2,3 --goal 38,3 -o front")
 
@@ -36,8 +33,6 @@ class Search:
     """Second objective: the degenerate metres (u, by default), or the integral of e."""
     time_limit: float = 30.0
     """Time of the search, in seconds, exact or not; 30 by default."""
-    max_labels: int = 20_000_000
-    """Number of partial paths kept, of 48 bytes each; 20 million by default."""
 
 
 @app.default
@@ -49,12 +44,7 @@ def pareto(
     robot_options: RobotOptions = RobotOptions(),
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
-    output: Annotated[
-        Path | None,
-        results("Folder for front.png, front.csv, front.json and knee.csv."),
-    ] = None,
-    force: Force = False,
-    json: Json = False,
+    out: Output = Output(),
 ) -> None:
     """Find all best trade-offs between length and localizability, and where they bend.
 
@@ -63,16 +53,14 @@ def pareto(
     from locplan import planners
     from locplan._util.working import working
     from locplan.costs import Costmap
-    from locplan.export import FRONT_FILES, write_front
     from locplan.field import about_field
-    from locplan.planners import check_front_limits, front_summary, front_table
 
     ends = position("start", search.start), position("goal", search.goal)
-    check_front_limits(search.objective, search.time_limit, search.max_labels)
+    planners.check_front_limits(search.objective, search.time_limit)
     grid = load(map_file)
     robot, config = options.with_robot(robot_options)
     planners.check_ends(Costmap.blank(grid, robot_radius=robot.radius), *ends)
-    folder = FRONT_FILES.into(output, force=force) if output else None
+    out.check(planners.ParetoFront.files)
     field = computing.field(grid, config)
     with working("searching the front"):
         front = planners.pareto_front(
@@ -80,10 +68,7 @@ def pareto(
             *ends,
             objective=search.objective,
             time_limit=search.time_limit,
-            max_labels=search.max_labels,
         )
-    if folder:
-        with working("writing the front"):
-            write_front(folder, front, field)
-    table = f"{front_table(front, field.e_unit)}\n{about_field(field)}"
-    show(json, front_summary(front), table, output)
+    out.finish(front)
+    if not out.json:
+        print(about_field(field))

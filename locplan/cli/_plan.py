@@ -1,28 +1,25 @@
-"""The command that plans a path."""
+"""The command that chooses the path to take."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from locplan.cli import _groups as groups
-from locplan.cli._groups import Force, Json, MapFile, Seed, Text, option_group, results
+from locplan.cli._groups import FilterMap, MapFile, Seed, Text, option_group
 from locplan.cli._kinds import given_of
 from locplan.cli._options import Computing, CostOptions, FieldOptions
+from locplan.cli._output import Output
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import load, position, settings_of, show
+from locplan.cli._values import load, load_filter_map, position, read_paths, refuse, settings_of
+from locplan.errors import ConfigError
 from locplan.planners import names
 
 if TYPE_CHECKING:
-    from locplan.costs import Costmap
-    from locplan.field import CovarianceField, FieldConfig
-    from locplan.maps import OccupancyGrid
-    from locplan.planners import Plan, Planner
+    from locplan.planners import Planner
 
 app = groups.command(
     "plan",
@@ -35,8 +32,8 @@ app = groups.command(
 class PlannerOptions:
     """The planner and its own options, which have the planner's defaults if they are not given."""
 
-    planner: Annotated[str | None, Parameter(choices=names())] = None
-    """Planner; any-angle by default, grid with a budget. grid searches with astar or dijkstra,
+    planner: Annotated[tuple[str, ...], Parameter(choices=names())] = ()
+    """Planner whose path is a candidate, too; repeatable. grid searches with astar or dijkstra,
     whichever is quicker on the map; those with capitals are OMPL's."""
     accuracy: Literal["normal", "high"] | None = None
     """Accuracy of any-angle's paths; normal by default."""
@@ -59,12 +56,21 @@ class PlannerOptions:
     setting: Annotated[tuple[str, ...], Parameter(metavar="NAME=VALUE")] = ()
     """Setting of OMPL's own, such as range=2.0; repeatable."""
 
-    def given(self) -> dict[str, Any]:
-        """The options of the planner that were given."""
+    def made(self, **limits: Any) -> dict[str, Planner]:
+        """The planners by name, with the options that were given."""
+        from locplan.planners import DEFAULT, planner_for, takes
+
         given = given_of(self)
         given.pop("planner", None)
         settings = settings_of(given.pop("setting"), "setting", "range=2.0")
-        return {**given, "settings": settings} if settings else given
+        given |= {"settings": settings} if settings else {}
+        seed = given.pop("seed", None)  # that of the drives, too
+        made = {}
+        for name in dict.fromkeys(self.planner or ((DEFAULT,) if given else ())):
+            own = {"seed": seed} if seed is not None and takes(planner_for(name), "seed") else {}
+            planner_for(name, given | own, **limits)  # refuses limits that it does not keep
+            made[name] = planner_for(name, given | own)
+        return made
 
 
 AS_CIRCLE = "with a budget the robot counts as the circle of {:.3g} m within its outline"
@@ -80,10 +86,61 @@ class Query:
     """Goal of the path, x,y in metres, and the heading in degrees where the space has one."""
     via: Annotated[tuple[Text, ...], Parameter(metavar="X,Y[,DEG]", allow_leading_hyphen=True)] = ()
     """Place to visit on the way, x,y in metres; repeatable."""
+    path: Annotated[tuple[Path, ...], groups.INPUT, Parameter(metavar="CSV")] = ()
+    """Further candidate (CSV of positions); repeatable."""
+    front: Annotated[bool, Parameter(name="--front")] = False
+    """Take up to 5 paths of the Pareto front of length against degeneracy as candidates, too."""
     max_e: float | None = None
-    """Greatest e of the cells that the path enters, in m² rad."""
+    """Greatest e of the cells that a path enters, in m² rad."""
     budget: float | None = None
-    """Greatest ∫u ds of the path, in metres; the shortest such path is planned."""
+    """Greatest ∫u ds of a path, in metres."""
+    longest: float | None = None
+    """Greatest length of a candidate, in lengths of the shortest path; 1.5 by default."""
+
+    def limits(self) -> dict[str, Any]:
+        """What binds the paths of planners."""
+        via = [position("via", xy) for xy in self.via]
+        return {"via": via, "max_e": self.max_e, "budget": self.budget}
+
+    def settings(self) -> dict[str, Any]:
+        """The settings of the choice that were given."""
+        longest = {} if self.longest is None else {"longest": self.longest}
+        return {**self.limits(), **longest, "front": self.front}
+
+    def candidates(self, made: dict[str, Planner]) -> dict[str, Any]:
+        """The paths in files, and the planners that were made."""
+        paths = read_paths(self.path)
+        for name in made.keys() & paths.keys():
+            raise ConfigError(f"a --path file has the name of a --planner, {name}; rename it")
+        return {**paths, **made}
+
+
+@option_group(groups.SIMULATION)
+class Driving:
+    """What decides among candidates, which are driven where the lidar is known."""
+
+    drives: int | None = None
+    """Greatest number of confirming drives of a path; 64 by default, 0 drives and recommends
+    none."""
+    bold: Annotated[bool, Parameter(name="--bold")] = False
+    """Take a path that is only probably better, too."""
+    minimise: Literal["rmse", "lost", "goal-error", "heading"] | None = None
+    """Error that decides: RMSE of the position (by default), that of the last metre, that of the
+    heading, or first of all the number of lost drives."""
+    price: float | None = None
+    """Price of the length in the race: so much of its logarithm counts as error; 0.3 by default."""
+    driving_time: float | None = None
+    """Time after which no further round of confirming drives begins, in seconds."""
+    no_field: Annotated[bool, Parameter(name="--no-field")] = False
+    """Decide without the aware paths, which need a field of the map."""
+
+    def settings(self) -> dict[str, Any]:
+        """The settings of the choice that were given."""
+        given = given_of(self)
+        del given["no_field"]
+        if "driving_time" in given:
+            given["time_limit"] = given.pop("driving_time")
+        return given
 
 
 @app.default
@@ -93,152 +150,55 @@ def plan(
     *,
     query: Query,
     robot_options: RobotOptions = RobotOptions(),
+    filter_map: FilterMap = None,
     planning: PlannerOptions = PlannerOptions(),
-    no_verdict: Annotated[
-        bool,
-        Parameter(
-            group=groups.SIMULATION,
-            help="Drive and recommend no path; paths are driven where the lidar is known.",
-        ),
-    ] = False,
+    driving: Driving = Driving(),
     costs: CostOptions = CostOptions(),
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
-    output: Annotated[
-        Path | None,
-        results("Folder for the paths (CSV), plan.json and plan.png."),
-    ] = None,
-    force: Force = False,
-    json: Json = False,
+    out: Output = Output(),
 ) -> None:
-    """Plan a path that the robot can localize on, beside the shortest one.
+    """Choose the path to take, along which the robot can localize.
 
-    Where the lidar is known, both paths are driven in simulation, and one of them is recommended.
+    Where the lidar is known, candidates are driven in simulation until one is shown to be better
+    than the shortest path. Elsewhere the localizability-aware path is planned beside it.
     """
-    from locplan import planners
-    from locplan._util.progress import progress_bar
-    from locplan._util.working import working
+    from locplan._util.progress import later_progress_bar
     from locplan.costs import Costmap
-    from locplan.export import PLAN_FILES, write_plans
-    from locplan.field import about_field
-    from locplan.planners import plans_summary, plans_table, prepared_beside
+    from locplan.simulation import Choice, choose, drives_prepared_beside
 
-    start, goal = position("start", query.start), position("goal", query.goal)
-    stops = [position("via", xy) for xy in query.via]
     robot, config = options.with_robot(robot_options)
-    limits: dict[str, Any] = {"max_e": query.max_e, "budget": query.budget, "via": stops}
-    limits["footprint"] = robot.outline if query.budget is None else None
-    if robot.outline and query.budget is not None:
-        print(AS_CIRCLE.format(robot.outline.inscribed_radius), file=sys.stderr)
-    given = planning.given()
-    driven = robot.lidar is not None and not no_verdict
-    why_not = "not both paths were found"
+    driven = robot.lidar is not None and driving.drives != 0
     if driven:
         robot_options.warn(robot)
-        if not planners.takes(planners.planner_for(planning.planner, **limits), "seed"):
-            given.pop("seed", None)  # it is that of the drives alone
-    else:
-        unnamed = "name the lidar (--lidar) to drive them"
-        why_not = unnamed if robot.lidar is None else "the paths are not driven"
-    planner = planners.planner_for(planning.planner, given, **limits)
-    grid = load(map_file)
-    blank = Costmap.blank(grid, robot_radius=robot.radius)
-    planners.check_ends(blank, start, goal, stops, space=planning.space or "R2")
-    del blank  # saves memory on a large map
+    if robot.outline and query.budget is not None:
+        print(AS_CIRCLE.format(robot.outline.inscribed_radius), file=sys.stderr)
+    if driving.no_field:
+        unread = {"max_e": query.max_e, "budget": query.budget, "front": query.front or None}
+        refuse("with --no-field", **vars(options), **vars(costs), **unread)
     costs.check(config)
-    history = ["history.png"] if planners.takes(planner, "progress") else []
-    folder = PLAN_FILES.into(output, *history, force=force) if output else None
-    asked = {"start": start, "goal": goal, "planner": planning.planner, **limits, **given}
-    near_paths = options.is_fine_near_paths(config)
-    compiling = not computing.begun(grid, config, in_part=near_paths)
-    driving: AbstractContextManager[Callable[[], None]] = nullcontext(lambda: None)
-    if driven:
-        from locplan.simulation import drives_prepared_beside
-
-        driving = drives_prepared_beside(needed=compiling)
-    with prepared_beside(planner, needed=compiling) as ready, driving as drivable:
-        field, (costmap, plans) = _planned(
+    candidates = query.candidates(planning.made(**query.limits()))
+    out.check(Choice.files, "history.png")
+    grid = load(map_file)
+    with (
+        drives_prepared_beside(needed=driven) as drivable,
+        computing.of(config, whole=options.stride is not None, then=drivable) as compute,
+        later_progress_bar("driving the candidates", "drives") as progress,
+    ):
+        choice = choose(
             grid,
-            config,
-            planner,
-            asked,
-            near_paths=near_paths,
-            costmap_of=lambda field: costs.costmap(grid, field, robot),
-            computing=computing,
-            ready=ready,
+            position("start", query.start),
+            position("goal", query.goal),
+            robot,
+            costs=Costmap.blank(grid, robot_radius=robot.radius) if driving.no_field else config,
+            candidates=candidates,
+            compute=compute,
+            seed=given_of(planning).get("seed", 1),
+            threads=computing.threads,
+            progress=progress,
+            filter_map=load_filter_map(filter_map, [grid]),
+            **query.settings(),
+            **driving.settings(),
+            **given_of(costs),
         )
-        drivable()
-    found = None
-    if driven:
-        from locplan.simulation import verdict
-
-        with progress_bar("simulating", "drives") as progress:
-            found = verdict(
-                costmap,
-                plans,
-                robot,
-                seed=1 if planning.seed is None else planning.seed,
-                threads=computing.threads,
-                progress=progress,
-            )
-    said = found.text if found else f"nothing is recommended: {why_not}"
-    if folder:
-        with working("writing the paths"):
-            write_plans(folder, costmap, field, plans, found, said)
-    lines = [plans_table(plans, field), about_field(field)]
-    if not costmap.has_weak_spots:
-        lines.append("no weak spot for this lidar: u is 0 all over the map")
-    about = plans_summary(plans) | {"verdict": found.summary() if found else None}
-    show(json, about, "\n".join([*lines, said]), output)
-
-
-def _planned(
-    grid: OccupancyGrid,
-    config: FieldConfig,
-    planner: Planner,
-    asked: dict[str, Any],
-    *,
-    near_paths: bool,
-    costmap_of: Callable[[CovarianceField], Costmap],
-    computing: Computing,
-    ready: Callable[[], None],
-) -> tuple[CovarianceField, tuple[Costmap, dict[str, Plan]]]:
-    """The field, which need only be fine near the paths where that is so, and the plans on it."""
-    from locplan import planners
-    from locplan._util.progress import in_turn, progress_bar
-    from locplan._util.working import working
-
-    slow, draft = planners.takes(planner, "progress"), asked
-    if slow:  # the default planner finds where the field must be fine
-        draft = {name: asked[name] for name in ("max_e", "budget", "footprint")}
-        draft |= {"start": asked["start"][:2], "goal": asked["goal"][:2]}
-        draft["via"] = [xy[:2] for xy in asked["via"]]
-
-    def planned(field: CovarianceField, request: dict[str, Any]) -> tuple[Costmap, dict[str, Plan]]:
-        costmap = costmap_of(field)
-        return costmap, planners.plan_beside_shortest(costmap, **request)
-
-    def drafted(field: CovarianceField) -> tuple[Costmap, dict[str, Plan]]:
-        ready()
-        with working("planning"):
-            return planned(field, draft)
-
-    with computing.of(config) as compute:
-        if near_paths:
-            field, found = planners.planned_near_paths(
-                grid,
-                config,
-                lambda points: compute(grid, points),
-                drafted,
-                lambda found: [plan.path for plan in found[1].values() if plan.path],
-            )
-        else:
-            field = compute(grid)
-    if slow or not near_paths:
-        ready()
-        untimed = "iterations" in asked and "time_limit" not in asked
-        with progress_bar(planner.name, "iterations" if untimed else "") as progress:
-            if slow:
-                asked["progress"] = in_turn(progress, 2 * (len(asked["via"]) + 1))
-            found = planned(field, asked)
-    return field, found
+    out.finish(choice)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -15,12 +15,27 @@ from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import load, say_written, two_numbers
 from locplan.errors import ConfigError
 
+if TYPE_CHECKING:
+    from locplan.field import FieldConfig
+
 app = command(
     "plot",
     "plot lab.yaml -o heading.png --scalar heading_std",
     "plot lab.yaml -o ellipses.png --figure ellipses --ranges 6,8",
     "plot lab.yaml -o models.png --figure models --at 2,3 --axis theta",
 )
+
+
+READ = {
+    "field": ("scalar",),
+    "e": ("ranges", "limits"),
+    "ellipses": ("ranges", "spacing", "magnify"),
+    "distribution": ("at",),
+    "models": ("at", "axis"),
+}
+"""The options that each figure reads."""
+OF_PLACE = ("distribution", "models")
+"""Figures of a place."""
 
 
 @option_group(GENERAL)
@@ -45,15 +60,19 @@ class FigureOptions:
     axis: Literal["x", "y", "theta"] | None = None
     """Axis along which the models are drawn; x by default."""
 
-
-READ = {
-    "field": ("scalar",),
-    "e": ("ranges", "limits"),
-    "ellipses": ("ranges", "spacing", "magnify"),
-    "distribution": ("at",),
-    "models": ("at", "axis"),
-}
-"""The options that each figure reads."""
+    def own(self) -> dict[str, Any]:
+        """Arguments of the figure's function."""
+        given = given_of(self)
+        figure = given.pop("figure")
+        for name in given:
+            check_has(
+                f"--{name}", "--figure", figure, [each for each in READ if name in READ[each]]
+            )
+        given.pop("ranges", None)
+        given |= {n: two_numbers(n, given[n]) for n in ("at", "limits") if n in given}
+        if figure in OF_PLACE and "at" not in given:
+            raise ConfigError(f"--figure {figure} needs --at X,Y")
+        return {"axis": "x"} | given if figure == "models" else given
 
 
 @app.default
@@ -71,49 +90,22 @@ def plot(
     from locplan import paper, plotting
     from locplan._util.files import PICTURES, check_target
     from locplan._util.working import working
-    from locplan.field import SCALARS
-    from locplan.paper.template_matching import along_axis, mismatch
 
-    given = given_of(shown)
-    figure, scalar = given.pop("figure"), given.get("scalar")
-    for name in given:
-        check_has(f"--{name}", "--figure", figure, [each for each in READ if name in READ[each]])
     _, configs = options.to_configs(robot_options, shown.ranges)
-    estimator: Any = configs[0].estimator
-    at_a_place = figure in ("distribution", "models")
-    known = [*SCALARS, *(layer.name for layer in estimator.layers)]
-    if scalar is not None and scalar not in known:
-        more = "" if estimator.layers else "; ambiguity and entropy are of scan and fused"
-        raise ConfigError(f"--scalar must be one of {', '.join(known)}, not {scalar!r}{more}")
-    if at_a_place and estimator.name != "sad":
-        raise ConfigError(f"--figure {figure} is of --estimator sad")
+    given = shown.own()
     check_target(output, *PICTURES)
-    place = two_numbers("at", shown.at) if shown.at else None
-    colours = two_numbers("limits", shown.limits) if shown.limits else None
-    if colours and colours[0] >= colours[1]:
-        raise ConfigError(f"--limits must rise, not {shown.limits!r}")
-    if at_a_place and place is None:
-        raise ConfigError(f"--figure {figure} needs --at X,Y")
-    grid, axis = load(map_file), shown.axis or "x"
-    if at_a_place and place:
-        x, y = place
-        title = f"{grid.name} at {x:g}, {y:g} m, range {estimator.range:g} m"
-        if figure == "models":
-            lines = along_axis(grid, *place, axis, estimator)
-            drawn = paper.models_figure(*lines, axis, title)
-        else:
-            window = estimator.lattice(grid.resolution)
-            drawn = paper.distribution_figure({title: mismatch(grid, *place, estimator)}, window)
+    grid = load(map_file)
+    if shown.figure in OF_PLACE:
+        drawn = paper.place_figure(grid, estimator=_sad(shown.figure, configs[0]), **given)
     else:
-        fields = {f"{grid.name}: {c.summary}": computing.field(grid, c) for c in configs}
-        if figure == "e":
-            drawn = plotting.e_figure(fields, colours)
-        elif figure == "ellipses":
-            drawn = plotting.ellipses_figure(
-                fields, **{k: v for k, v in given.items() if k != "ranges"}
-            )
-        else:
-            drawn = plotting.field_figure(next(iter(fields.values())), scalar)
+        drawn = plotting.figure_of(grid, shown.figure, configs, compute=computing.field, **given)
     with working("drawing"):
         plotting.save_figure(drawn, output)
     say_written(output)
+
+
+def _sad(figure: str, config: FieldConfig) -> Any:
+    """The estimator of the settings, if it is one with a template."""
+    if config.estimator.name != "sad":
+        raise ConfigError(f"--figure {figure} is of --estimator sad")
+    return config.estimator

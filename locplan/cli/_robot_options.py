@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from locplan._util.files import keep_input
+from locplan._util.runs import note_robot
 from locplan.cli._groups import ROBOT, option_group
 from locplan.cli._kinds import field_names
 from locplan.cli._values import refuse, settings_of
@@ -20,6 +21,7 @@ from locplan.errors import ConfigError, LocplanError, one_line
 from locplan.robots import PRESETS
 
 if TYPE_CHECKING:
+    from locplan.recordings import Recording
     from locplan.robots import Lidar, Robot
 
 BEYOND = 10.0
@@ -66,12 +68,13 @@ class RobotOptions:
                 f"--set range must be in metres; the data sheet of {self.lidar} names"
                 f" {PRESETS[self.lidar].range:g}, not {robot.known_lidar.range:g}"
             )
+        note_robot(robot.title, robot.digest)
         if self.robot:
             print(one_line(f"robot: {robot.title}"), file=sys.stderr)
         return robot
 
-    def on_drive(self, lidar: Lidar, *, replayed: bool = True) -> Robot:
-        """The robot of a recorded drive, whose lidar it has.
+    def on_drive(self, recording: Recording, *, replayed: bool = True) -> Robot:
+        """The robot of a recorded drive, whose lidar and speed it has.
 
         Raises
         ------
@@ -82,7 +85,7 @@ class RobotOptions:
         from locplan.robots import Disturbances, Lidar, Odometry
 
         refuse("with --drive, whose lidar is taken", lidar=self.lidar)
-        robot = self.load(lidar, recorded=True)
+        robot = recording.robot(self.load(recording.lidar, recorded=True))
         own = [Lidar, *([Odometry, Disturbances] if replayed else [])]
         names = {name for kind in own for name in field_names(kind)} - {*START}
         for name in (text.partition("=")[0] for text in self.set):

@@ -21,7 +21,7 @@ class RouteOptions:
     goal: Annotated[Text | None, Parameter(metavar="X,Y")] = None
     """Goal of this path, x,y in metres."""
     path: Annotated[tuple[Path, ...], INPUT, Parameter(metavar="CSV")] = ()
-    """Path of the robot (x_m,y_m); repeatable."""
+    """Path of the robot (x,y); repeatable."""
     places: Annotated[Path | None, INPUT, Parameter(metavar="CSV")] = None
     """Places (name,x,y) between all of which the robot drives."""
 
@@ -35,16 +35,23 @@ class RouteOptions:
         """
         from locplan.planners import read_stations
 
-        own = bool(self.path), bool(self.start or self.goal), self.places is not None
-        given = [*own, *map(bool, others.values())]
-        if given.count(True) != 1 or bool(self.start) != bool(self.goal):
-            *names, last = "--path", "--start with --goal", "--places", *(f"--{o}" for o in others)
-            raise ConfigError(f"give one of {', '.join(names)}, and {last}")
+        ends = [*filter(None, (self.start, self.goal))]
+        _check_one(
+            {"--path": self.path, "--start with --goal": ends, "--places": self.places}, others
+        )
+        if len(ends) == 1:
+            raise ConfigError("--start and --goal belong together")
         if self.path:
             return {"paths": read_paths(self.path)}
         if self.places:
             return {"places": {s.name: (s.x, s.y) for s in read_stations(self.places)}}
-        if self.start and self.goal:
-            ends = two_numbers("start", self.start), two_numbers("goal", self.goal)
-            return {"places": {"start": ends[0], "goal": ends[1]}}
-        return {}
+        places = zip(("start", "goal"), ends, strict=False)
+        return {"places": {n: two_numbers(n, xy) for n, xy in places}} if ends else {}
+
+
+def _check_one(own: dict[str, Any], others: dict[str, Any]) -> None:
+    """Raise a ConfigError unless just one of the options was given."""
+    every = own | {f"--{name}": each for name, each in others.items()}
+    if sum(map(bool, every.values())) != 1:
+        *names, last = every
+        raise ConfigError(f"give one of {', '.join(names)}, and {last}")

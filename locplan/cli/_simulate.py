@@ -13,9 +13,7 @@ from locplan.cli._groups import (
     GENERAL,
     INPUT,
     DriveSeed,
-    Folder,
-    Force,
-    Json,
+    FilterMap,
     MapFiles,
     Pair,
     Text,
@@ -23,13 +21,15 @@ from locplan.cli._groups import (
     option_group,
 )
 from locplan.cli._options import Computing, CostOptions, FieldOptions
+from locplan.cli._output import Output
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import read_paths, refuse, show, two_numbers
+from locplan.cli._values import load_filter_map, read_paths, refuse, show, two_numbers
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
     from locplan.costs import Costmap
     from locplan.maps import OccupancyGrid
+    from locplan.recordings import Recording
     from locplan.robots import Robot
 
 app = command(
@@ -53,7 +53,7 @@ class Driven:
     """The paths that are driven, and how often."""
 
     path: Annotated[tuple[Path, ...], INPUT, Parameter(metavar="CSV")] = ()
-    """Path that is driven (x_m,y_m), as plan wrote it; repeatable."""
+    """Path that is driven (x,y), as plan wrote it; repeatable."""
     start: Annotated[Text | None, Parameter(metavar="X,Y")] = None
     """Start of the shortest and the aware path, x,y in metres."""
     goal: Annotated[Text | None, Parameter(metavar="X,Y")] = None
@@ -82,6 +82,17 @@ class Driven:
         else:
             check_random(self.random, seed, self.least)
 
+    def maps(self, maps: list[Path]) -> list[Path]:
+        """The files of the maps; a ConfigError if there are several, and one path."""
+        from locplan.maps import find_maps
+
+        files = find_maps(*maps)
+        if self.random is None and len(files) > 1:
+            raise ConfigError(
+                f"one path is of one map: name one of these {len(files)}, or give --random"
+            )
+        return files
+
 
 @app.default
 def simulate(
@@ -91,28 +102,30 @@ def simulate(
     driven: Driven = Driven(),
     recorded: DriveOptions = DriveOptions(),
     robot_options: RobotOptions = RobotOptions(),
+    filter_map: FilterMap = None,
     seed: DriveSeed = 1,
     costs: CostOptions = CostOptions(),
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
-    output: Folder = None,
-    force: Force = False,
-    json: Json = False,
+    out: Output = Output(),
 ) -> None:
     """Drive paths with AMCL in simulated worlds: its error, and how often it is lost (> 1 m).
 
     With --drive, AMCL runs on the odometry and the scans of a recorded drive instead, and its
     errors are those against the recorded poses.
     """
-    from locplan.maps import find_maps, load_map
+    from locplan.maps import load_map
+    from locplan.recordings import Replay
 
     recorded.check()
-    every = {"seed": seed, "threads": computing.threads}
+    every: dict[str, Any] = {"seed": seed, "threads": computing.threads}
     if recorded.drive:
-        unread = {name: value or None for name, value in vars(driven).items() if name != "drives"}
-        refuse("with --drive", **unread, **vars(costs), **vars(options))
-        refuse("with --drive", scheduler=computing.scheduler, cache_dir=computing.cache_dir)
-        _replay(recorded, maps, driven.drives, robot_options, every, output, force, json)
+        _refuse_plans(driven, costs, options, computing)
+        out.check(Replay.files)
+        grid, recording = recorded.on_map(maps)
+        every["filter_map"] = load_filter_map(filter_map, [grid])
+        every |= {"runs": driven.drives} if driven.drives else {}
+        _replay(grid, recording, robot_options, every, out)
         return
     driven.check(seed)
     if driven.path:
@@ -121,21 +134,26 @@ def simulate(
     robot, config = options.simulated(robot_options)
     costs.check(config)
     every["drives"] = driven.drives or DRIVES
-    files = find_maps(*maps)
-    if driven.random is None and len(files) > 1:
-        raise ConfigError(
-            f"one path is of one map: name one of these {len(files)}, or give --random"
-        )
-    grids = [load_map(file) for file in files]
+    grids = [load_map(file) for file in driven.maps(maps)]
+    every["filter_map"] = load_filter_map(filter_map, grids)
     with computing.of(config) as compute:
 
         def costmap_of(grid: OccupancyGrid) -> Costmap:
             return costs.costmap(grid, compute(grid), robot)
 
         if driven.random is None:
-            _along_paths(grids[0], driven, robot, costmap_of, every, output, force, json)
+            _along_paths(grids[0], driven, robot, costmap_of, every, out)
         else:
-            _at_random(grids, driven, robot, costmap_of, every, output, force, json)
+            _at_random(grids, driven, robot, costmap_of, every, out)
+
+
+def _refuse_plans(
+    driven: Driven, costs: CostOptions, options: FieldOptions, computing: Computing
+) -> None:
+    """Raise a ConfigError if an option of planned paths was given."""
+    unread = {name: value or None for name, value in vars(driven).items() if name != "drives"}
+    refuse("with --drive", **unread, **vars(costs), **vars(options))
+    refuse("with --drive", scheduler=computing.scheduler, cache_dir=computing.cache_dir)
 
 
 def _along_paths(
@@ -144,19 +162,15 @@ def _along_paths(
     robot: Robot,
     costmap_of: Callable[[OccupancyGrid], Costmap],
     every: dict[str, Any],
-    output: Path | None,
-    force: bool,
-    json: bool,
+    out: Output,
 ) -> None:
     """Drive the paths that were given, or the shortest and the aware one between two places."""
     from locplan import planners
     from locplan._util.progress import progress_bar
-    from locplan._util.working import working
     from locplan.costs import Costmap
     from locplan.simulation import Simulation, simulate as drive
 
-    if output:
-        Simulation.files.into(output, force=force)
+    out.check(Simulation.files)
     paths, costmap = read_paths(driven.path), None
     if driven.start and driven.goal:
         ends = two_numbers("start", driven.start), two_numbers("goal", driven.goal)
@@ -165,14 +179,11 @@ def _along_paths(
         plans = planners.plan_beside_shortest(costmap, *ends)
         paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
     if not paths:
-        show(json, {"status": "unreachable"}, "unreachable: no path leads to the goal")
+        show(out.json, {"status": "unreachable"}, "unreachable: no path leads to the goal")
         return
     with progress_bar("simulating", "drives") as progress:
         result = drive(grid, paths, robot, costs=costmap, progress=progress, **every)
-    if output:
-        with working("writing the results"):
-            result.save(output, force=force)
-    show(json, result.summary(), result.report(), output)
+    out.finish(result)
 
 
 def _at_random(
@@ -181,19 +192,14 @@ def _at_random(
     robot: Robot,
     costmap_of: Callable[[OccupancyGrid], Costmap],
     every: dict[str, Any],
-    output: Path | None,
-    force: bool,
-    json: bool,
+    out: Output,
 ) -> None:
     """Drive both paths of random queries on each map."""
     from locplan._util.progress import progress_bar
-    from locplan._util.working import working
     from locplan.planners import random_queries
     from locplan.simulation import RoutesOnMaps, simulate_queries
 
-    if output:
-        pictures = RoutesOnMaps.pictures([grid.name for grid in grids])
-        RoutesOnMaps.files.into(output, *pictures, force=force)
+    out.check(RoutesOnMaps.files, *RoutesOnMaps.pictures([grid.name for grid in grids]))
     found = []
     for grid in grids:
         costmap = costmap_of(grid)
@@ -203,37 +209,22 @@ def _at_random(
         with progress_bar(f"simulating in {grid.name}", "drives") as progress:
             found.append(simulate_queries(costmap, queries, robot, progress=progress, **every))
     result = RoutesOnMaps(tuple(found))
-    if output:
-        with working("writing the results"):
-            result.save(output, force=force)
-    show(json, result.summary(), result.report(), output)
+    out.finish(result)
 
 
 def _replay(
-    recorded: DriveOptions,
-    maps: list[Path],
-    runs: int | None,
+    grid: OccupancyGrid,
+    recording: Recording,
     robot_options: RobotOptions,
     every: dict[str, Any],
-    output: Path | None,
-    force: bool,
-    json: bool,
+    out: Output,
 ) -> None:
     """Run AMCL on a recorded drive, and tell its errors against the recorded poses."""
     from locplan._util.progress import progress_bar
-    from locplan._util.working import working
-    from locplan.recordings import Replay, replay
+    from locplan.recordings import replay
 
-    if output:
-        Replay.files.into(output, force=force)
-    if runs:
-        every["runs"] = runs
-    grid, recording = recorded.on_map(maps)
-    robot = robot_options.on_drive(recording.lidar)
+    robot = robot_options.on_drive(recording)
     robot_options.warn(robot)
     with progress_bar("replaying", "runs") as progress:
         result = replay(recording, grid, robot, progress=progress, **every)
-    if output:
-        with working("writing the results"):
-            result.save(output, force=force)
-    show(json, result.summary(), result.report(), output)
+    out.finish(result)

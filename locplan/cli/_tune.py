@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
@@ -12,17 +11,16 @@ from locplan.cli._drive_options import DriveOptions
 from locplan.cli._groups import (
     GENERAL,
     DriveSeed,
-    Force,
-    Json,
+    FilterMap,
     MapFile,
     Pair,
     command,
     option_group,
-    results,
 )
 from locplan.cli._options import Threads
+from locplan.cli._output import Output
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import load, refuse, show
+from locplan.cli._values import load, load_filter_map, refuse
 
 app = command(
     "tune",
@@ -51,14 +49,10 @@ def tune(
     amount: Amount = Amount(),
     recorded: DriveOptions = DriveOptions(),
     robot_options: RobotOptions = RobotOptions(),
+    filter_map: FilterMap = None,
     seed: DriveSeed = 1,
     threads: Threads = None,
-    output: Annotated[
-        Path | None,
-        results("Folder for nav2_params.yaml, tuning.json and tuning.png."),
-    ] = None,
-    force: Force = False,
-    json: Json = False,
+    out: Output = Output(),
 ) -> None:
     """Find settings of AMCL that localize your robot better, and write them as Nav2's parameters.
 
@@ -75,16 +69,14 @@ def tune(
     This takes some three minutes on two cores, and more with more particles.
     """
     from locplan._util.progress import progress_bar
-    from locplan._util.working import working
     from locplan.recordings import tune_on_drive
     from locplan.robots import read_parameters
     from locplan.simulation import Tuning, check_tunable, tune as search
 
     recorded.check()
-    if output:
-        Tuning.files.into(output, force=force)
+    out.check(Tuning.files)
     params = robot_options.nav2_file("amcl")
-    if output:
+    if out.output:
         check_tunable(params)
     every: dict[str, Any] = {"drives": amount.drives, "seed": seed, "threads": threads}
     every["others"] = read_parameters(params).of("amcl")
@@ -92,16 +84,15 @@ def tune(
     if recorded.drive:
         refuse("with --drive", paths=amount.paths)
         grid, recording = recorded.on_map([map_file])
-        robot = robot_options.on_drive(recording.lidar)
+        every["filter_map"] = load_filter_map(filter_map, [grid])
+        robot = robot_options.on_drive(recording)
         with progress_bar(f"tuning on {recorded.drive.name}", "") as progress:
             result = tune_on_drive(recording, grid, robot, progress=progress, **every)
     else:
         robot, grid = robot_options.load(), load(map_file)
+        every["filter_map"] = load_filter_map(filter_map, [grid])
         if amount.paths:
             every["paths"] = amount.paths
         with progress_bar(f"tuning in {grid.name}", "") as progress:
             result = search(grid, robot, progress=progress, **every)
-    if output:
-        with working("writing the results"):
-            result.save(output, params, force=force)
-    show(json, {**result.summary(), "conclusion": result.conclusion}, result.report(), output)
+    out.finish(result, saved=(params,))

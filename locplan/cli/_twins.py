@@ -1,8 +1,7 @@
-"""The command that tells which places of a map a robot can be mistaken for."""
+"""The command that finds the places of a map that a robot can be mistaken for."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
@@ -11,19 +10,17 @@ from locplan.cli._groups import (
     FIELD,
     GENERAL,
     Count,
-    Force,
-    Json,
     MapFile,
     Seed,
     Text,
     command,
     option_group,
-    results,
 )
 from locplan.cli._kinds import given_of
 from locplan.cli._options import Threads
+from locplan.cli._output import Output
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import load, refuse, show, two_numbers
+from locplan.cli._values import load, refuse, two_numbers
 
 app = command(
     "twins",
@@ -48,17 +45,27 @@ class Asked:
     seed: Seed | None = None
     """Seed of these scans; 1 by default."""
 
+    def places(self) -> dict[str, Any]:
+        """The places that are compared; a ConfigError if an option is not read."""
+        from locplan._util.checks import whole
+
+        if self.matches:
+            whole("--matches", self.matches, 2, 100_000)
+        else:
+            refuse("without --matches", seed=self.seed)
+        if self.at is None:
+            return {} if self.spacing is None else {"spacing": self.spacing}
+        refuse("with --at", starts=self.starts, spacing=self.spacing, matches=self.matches or None)
+        return {"places": [two_numbers("at", self.at)]}
+
 
 @option_group(FIELD)
 class Compared:
     """How scans are compared."""
 
     global_effective_beams: float | None = None
-    """Number of independent beams that tell as much as all together; 36 by default. It is fitted
+    """Number of independent beams that count as much as all together; 36 by default. It is fitted
     to global matches, and not the number of scan."""
-    count_missing: bool = False
-    """Count beams without a return against places where they would meet a wall in range; AMCL
-    ignores such beams."""
 
 
 @app.default
@@ -70,37 +77,19 @@ def twins(
     robot_options: RobotOptions = RobotOptions(),
     compared: Compared = Compared(),
     threads: Threads = None,
-    output: Annotated[
-        Path | None,
-        results("Folder for the layers (CSV, NPZ), symmetries, starts and a picture."),
-    ] = None,
-    force: Force = False,
-    json: Json = False,
+    out: Output = Output(),
 ) -> None:
     """Find places that look alike to the lidar, the map's symmetries, and where to start the robot.
 
     It is about matching single scans with the whole map. AMCL's own global localization, which
-    spreads particles and drives, is not foreseen well.
+    scatters particles and drives, is not foreseen well.
     """
     from locplan import twins as core
-    from locplan._util.checks import whole
     from locplan._util.progress import progress_bar
-    from locplan._util.working import working
 
-    options: dict[str, Any] = given_of(compared)
-    if asked.spacing is not None:
-        options["spacing"] = asked.spacing
-    if asked.at is not None:
-        refuse("with --at", starts=asked.starts, spacing=asked.spacing)
-        refuse("with --at", matches=asked.matches or None)
-        options["places"] = [two_numbers("at", asked.at)]
-    if asked.matches:
-        whole("--matches", asked.matches, 2, 100_000)
-    else:
-        refuse("without --matches", seed=asked.seed)
+    options = {**given_of(compared), **asked.places()}
     robot = robot_options.load()
-    if output:
-        core.Twins.files.into(output, force=force)
+    out.check(core.Twins.files)
     grid = load(map_file)
     with progress_bar("looking for twins", "poses") as progress:
         found = core.find_twins(
@@ -110,14 +99,10 @@ def twins(
             progress=progress,
             **options,
         )
-    most = () if asked.starts is None else (asked.starts,)
-    starts = [] if asked.at else found.best_starts(*most)
+    starts = [] if asked.at else found.best_starts(*filter(None, [asked.starts]))
     matches = None
     if asked.matches:
-        seed = 1 if asked.seed is None else asked.seed
         with progress_bar("matching scans", "scans") as progress:
+            seed = 1 if asked.seed is None else asked.seed
             matches = found.verify(asked.matches, seed=seed, threads=threads, progress=progress)
-    if output:
-        with working("writing the twins"):
-            found.save(output, starts, matches, force=force)
-    show(json, found.summary(starts, matches), found.report(starts, matches), output)
+    out.finish(found, starts, matches)

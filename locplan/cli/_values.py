@@ -6,10 +6,11 @@ import json
 import math
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from locplan._util.checks import GREATEST, printable, shown
+from locplan._util.checks import MAX_AMOUNT, printable, shown
 from locplan._util.reading import parsed_json
 from locplan.errors import ConfigError, LocplanError, one_line
 
@@ -23,6 +24,19 @@ def load(map_file: Path) -> OccupancyGrid:
     from locplan.maps import load_map
 
     return load_map(map_file)
+
+
+def load_filter_map(
+    filter_map: Path | None, grids: Sequence[OccupancyGrid]
+) -> OccupancyGrid | None:
+    """The map of a robot's filter, where it was named; it is of one map that is driven in."""
+    from locplan.simulation import check_filter_map, check_of_one_map
+
+    if filter_map is None:
+        return None
+    grid = load(filter_map)
+    check_of_one_map(grid, grids)
+    return check_filter_map(grid, grids[0])
 
 
 def read_paths(files: Sequence[Path]) -> dict[str, Route]:
@@ -51,15 +65,13 @@ def position(name: str, text: str) -> tuple[float, ...]:
 
 def numbers(name: str, text: str, count: int | None = None) -> tuple[float, ...]:
     """The numbers of an option, with commas between them."""
-    try:
-        values = tuple(float(v) for v in text.split(","))
-    except ValueError:
-        values = ()
-    fit = all(abs(value) <= GREATEST for value in values)  # False for NaN, too
-    if not values or not fit or len(values) != (count or len(values)):
-        wanted = f"{count} numbers" if count else "numbers"
-        raise LocplanError(f"--{name} must be {wanted} with commas between, not {shown(text)}")
-    return values
+    with suppress(ValueError):
+        values = tuple(map(float, text.split(",")))
+        fit = all(abs(value) <= MAX_AMOUNT for value in values)  # False for NaN, too
+        if fit and count in (None, len(values)):
+            return values
+    few = f"{count} numbers" if count else "numbers"
+    raise LocplanError(f"--{name} must be {few} with commas between, not {shown(text)}")
 
 
 def two_numbers(name: str, text: str) -> tuple[float, float]:

@@ -1,61 +1,117 @@
-"""Comparing planners, in one call."""
+"""Comparing planners, in one call: maps x settings x weights x queries x planners x seeds."""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import math
 import os
 import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
-from numbers import Real
+from pathlib import Path
 from typing import Any
 
 from locplan import __version__
-from locplan._util.checks import is_whole, shown
-from locplan._util.machine import check_workers, usable_cores
+from locplan._util.checks import instance, is_whole, positive, shown, whole
+from locplan._util.leftovers import temporary_folder
+from locplan._util.machine import check_memory, check_workers, usable_cores
 from locplan._util.progress import ProgressCallback
-from locplan.comparison._cases import Source, named_configs, read_map
-from locplan.comparison._engine import Job, checked_seeds, run_all
-from locplan.comparison._result import Comparison
+from locplan.comparison._journal import Journal
+from locplan.comparison._movingai import read_map, read_scenarios
+from locplan.comparison._orders import orders_of, runs_of
+from locplan.comparison._result import Case, Comparison
 from locplan.comparison._specs import PlannerSpec, specs_of
-from locplan.comparison._workers import PATIENCE
-from locplan.comparison.report._data import Case
-from locplan.costs import ROBOT_RADIUS, Costmap, named_maps
+from locplan.comparison._worker import Order, put_costmap
+from locplan.comparison._workers import Workers, check_platform
+from locplan.costs import Costmap, check_weight, named_maps
 from locplan.errors import ConfigError
-from locplan.field import CovarianceField, Estimator, FieldConfig, load_or_compute
+from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, config_of, load_or_compute
 from locplan.maps import OccupancyGrid
-from locplan.planners import DEFAULT, AnyPlanner, Planner, Query, check_random
+from locplan.planners import (
+    DEFAULT,
+    MAX_SEED,
+    AnyPlanner,
+    Planner,
+    Query,
+    check_random,
+    queries_of,
+)
+from locplan.robots import Robot
 
-BASELINE = DEFAULT
-"""The planner that the others are compared with by default, if it is there."""
 PLANNERS = ("grid", DEFAULT)
 """The planners that are compared by default."""
-PACKAGES = ("numpy", "numba", "scipy", "ompl")
+MAX_SEEDS = 1000
+"""Greatest number of seeds."""
+MAX_SCENARIOS = 100
+"""Greatest number of queries from a MovingAI file, which may hold fifteen thousand."""
+
+
+@dataclass(frozen=True)
+class RandomQueries:
+    """Queries that are drawn at random, the same for all settings of a map's fields."""
+
+    count: int = 10
+    """Number of queries a map, 1 to 10,000. Intervals are over the queries: more narrow these."""
+    least_distance: float = 5.0
+    """Least straight distance between start and goal [m], >= 0. Lower it on a small map."""
+    seed: int = 1
+    """Seed of the random numbers, >= 0."""
+
+    def __post_init__(self) -> None:
+        check_random(self.count, self.seed, self.least_distance)
+
+
+@dataclass(frozen=True)
+class Execution:
+    """How the runs of a comparison are made; but for its limits it changes no result."""
+
+    workers: int | None = None
+    """Number of processes at once; by default the number of cores. Fewer disturb each other's
+    planning times less."""
+    time_limit: float | None = None
+    """Time limit of planners that take one and have none of their own [s], above 0; by default
+    OMPL's have 5."""
+    memory: float | None = None
+    """Memory of a run [bytes], on Linux; by default the workers share 80 % of the machine's."""
+    patience: float = 300.0
+    """Time after which a planner without a time limit is ended [s], above 0. A planner with a limit
+    is ended after twice that limit and 10 s."""
+    journal: str | os.PathLike[str] | None = None
+    """File that every run is written to as soon as it is done; by default there is none."""
+    resume: bool = False
+    """True lets the journal hold runs already. Their tasks are not run again, except for those that
+    crashed, hung or took too much memory."""
+    anew: bool = False
+    """True forgets the runs in the journal."""
+    field_of: Callable[[OccupancyGrid, FieldConfig], CovarianceField] = load_or_compute
+    """Function ``f(grid, config)`` that makes or reads the field of a map."""
+    progress: ProgressCallback | None = None
+    """Called with (done, total) runs."""
+
+    def __post_init__(self) -> None:
+        check_workers(self.workers)
+        positive("patience", self.patience, "s")
+        if self.memory is not None:
+            positive("memory", self.memory, "bytes")
+            check_memory("runs of so much memory", self.memory, "set less")
 
 
 def compare(
     maps: Any,
     planners: AnyPlanner | PlannerSpec | Sequence[AnyPlanner | PlannerSpec] = PLANNERS,
     queries: Any = 10,
+    robot: Robot | None = None,
     *,
-    weights: Sequence[float] | None = None,
-    seeds: Iterable[int] = (1,),
     configs: FieldConfig | Estimator | Mapping[str, FieldConfig | Estimator] | None = None,
-    robot_radius: float = ROBOT_RADIUS,
+    weights: Sequence[float] | float | None = None,
     criterion: str | None = None,
-    time_limit: float | None = None,
-    least_distance: float = 5.0,
-    query_seed: int = 1,
+    seeds: Iterable[int] = (1,),
     baseline: str | None = None,
-    workers: int | None = None,
-    memory: float | None = None,
-    patience: float = PATIENCE,
-    journal: str | os.PathLike[str] | None = None,
-    resume: bool = False,
-    anew: bool = False,
-    field_of: Callable[[OccupancyGrid, FieldConfig], CovarianceField] = load_or_compute,
-    progress: ProgressCallback | None = None,
+    execution: Execution | None = None,
 ) -> Comparison:
     """Run every planner on every query of every map, in worker processes.
 
@@ -67,55 +123,33 @@ def compare(
         Each map is a map_server YAML file, an OccupancyGrid or a Costmap; a mapping names them.
     planners : sequence, or one of them, default ("grid", "any-angle")
         Names with options, such as "BITstar:time_limit=2"; "simulated choice", which drives each
-        candidate path with the lidar of the field, and takes drives, minimise, price, longest and
-        params (a parameter file of Nav2) as options; functions ``f(costs, start, goal,
-        **options)`` that return a `Path`, each with a costmap of its own; objects such as
+        candidate path with the robot, and takes drives, minimise, price, longest and robot (a file
+        of another robot) as options; functions ``f(costs, start, goal, **options)`` that return a
+        `Path`, each with a costmap of its own; objects such as
         ``planners.Ompl("BITstar", time_limit=2)``; or `PlannerSpec`.
-    queries : int, path, sequence, or mapping of them by map, default 10
+    queries : int, RandomQueries, path, sequence, or mapping of them by map, default 10
         Number of random queries, 1 to 10,000 a map; a CSV file of name, start_x, start_y, goal_x,
         goal_y [m], or a MovingAI .scen file (100 of its queries); `Query` objects, or (start, goal)
         pairs [m]. Intervals are over the queries: more of them narrow these.
-    weights : sequence of float, optional
+    robot : Robot, optional
+        The robot, whose radius the costmaps have; by default 0.25 m. A Costmap has its own. A
+        simulated choice drives it, with the lidar of the field where fields of several lidars are
+        compared.
+    configs : FieldConfig or Estimator, or mapping of them by label, optional
+        Settings of the fields: the comparison is made for each of them; by default `Fused` for the
+        robot's lidar, or `Sad()` where that is not known.
+    weights : float or sequence of float, optional
         Metres of detour accepted per degenerate metre, >= 0; each estimator's own by default. Give
         several to see how the planners trade length.
+    criterion : str, optional
+        Scalar that u is made of, see `Costmap.from_field`; the estimator's own by default.
     seeds : iterable of int, default (1,)
         Seeds of planners with random numbers, each 1 to 2^32 - 1; the others run once. Give several
         where a planner's paths scatter.
-    configs : FieldConfig or Estimator, or mapping of them by label, optional
-        Settings of the fields: the comparison is made for each of them; `Sad()` by default.
-    robot_radius : float, default 0.25
-        Radius of the robot [m], >= 0; a Costmap has its own.
-    criterion : str, optional
-        Scalar that u is made of, see `Costmap.from_field`; the estimator's own by default.
-    time_limit : float, optional
-        Time limit of planners that take one and have none of their own [s], above 0; by default
-        OMPL's have 5.
-    least_distance : float, default 5.0
-        Least straight distance between start and goal of random queries [m], >= 0. Lower it on a
-        small map.
-    query_seed : int, default 1
-        Seed of the random queries, >= 0.
     baseline : str, optional
         Label of the planner to compare with; by default any-angle if it is there, else the first.
-    workers : int, optional
-        Number of processes at once; by default the number of cores. Fewer disturb each
-        other's planning times less.
-    memory : float, optional
-        Memory of a run [bytes], on Linux; by default the workers share 80 % of the machine's.
-    patience : float, default 300.0
-        Time after which a planner without a time limit is ended [s], above 0. A planner with a
-        limit is ended after twice that limit and 10 s.
-    journal : path, optional
-        File that every run is written to as soon as it is done; by default there is none.
-    anew : bool, default False
-        True forgets the runs in the journal.
-    resume : bool, default False
-        True lets the journal hold runs already. Their tasks are not run again, except for those
-        that crashed, hung or took too much memory.
-    field_of : callable, default `load_or_compute`
-        Function ``f(grid, config)`` that makes or reads the field of a map.
-    progress : callable, optional
-        Called with (done, total) runs.
+    execution : Execution, optional
+        Number of workers, limits of time and memory, and the journal.
 
     Returns
     -------
@@ -127,73 +161,173 @@ def compare(
     LocplanError
         If anything is wrong with the input, before the first run.
     """
+    check_platform()
+    execution = execution or Execution()
+    if robot is not None:
+        instance("robot", robot, Robot)
+    queries = RandomQueries(queries) if is_whole(queries) else queries
+    asked = [float(weights)] if isinstance(weights, (int, float)) else weights
+    if asked is not None:
+        _check_each_once("weight", asked)
+    seeds = _checked_seeds(seeds)
+    _check_each_once("seed", seeds)
+    fields = named_configs(configs, robot)
+    specs = _specs(planners, _driven(robot, fields), execution.time_limit)
+    baseline = _checked_baseline(baseline, [spec.label for spec in specs])
+    began = datetime.now(UTC).astimezone()
+    with (
+        _journal(execution) as journal,
+        temporary_folder() as folder,
+        _workers(execution, specs, folder) as workers,
+    ):
+        cases: list[Case] = []
+        orders: list[Order] = []
+        headed = any(spec.planner.space != "R2" for spec in specs)
+        radius = (robot or Robot()).radius
+        for case, costs in _cases(maps, fields, queries, radius, criterion, headed, execution):
+            home = folder / str(len(cases))
+            put_costmap(costs, home)  # they may be many: no more than one is in memory here
+            orders += orders_of(case, costs, home, specs, _weights(asked, case, costs), seeds)
+            cases.append(case)
+        runs = runs_of(orders, specs, workers, journal, execution.progress)
+    about = _about(execution, specs, began) | {
+        "weights": list(dict.fromkeys(run.task.weight for run in runs)),
+        "seeds": seeds,
+        "random_queries": (
+            dataclasses.asdict(queries) if isinstance(queries, RandomQueries) else None
+        ),
+        "robot": robot and robot.summary(),
+    }
+    return Comparison(tuple(runs), baseline, {case.key: case for case in cases}, about)
+
+
+def _journal(execution: Execution) -> AbstractContextManager[Journal | None]:
+    if execution.journal is None:
+        return nullcontext()
+    return Journal(execution.journal, resume=execution.resume, anew=execution.anew)
+
+
+def _workers(execution: Execution, specs: Sequence[PlannerSpec], scratch: Path) -> Workers:
+    limits: Any = {name: getattr(execution, name) for name in ("memory", "patience")}
+    return Workers(specs, check_workers(execution.workers), **limits, scratch=scratch)
+
+
+def _about(execution: Execution, specs: Sequence[PlannerSpec], began: datetime) -> dict[str, Any]:
+    """Versions, the machine, the planners and the limits, fit for JSON."""
+    limits = {name: getattr(execution, name) for name in ("time_limit", "memory", "patience")}
+    return {
+        "locplan": __version__,
+        "python": platform.python_version(),
+        **{name: version(name) for name in ("numpy", "numba", "scipy", "ompl")},
+        "machine": f"{platform.machine()}, {usable_cores()} cores",
+        "workers": execution.workers or usable_cores(),
+        "began": began.isoformat(timespec="seconds"),
+        "planners": {spec.label: spec.identity() for spec in specs},
+        **limits,
+    }
+
+
+def named_configs(
+    configs: FieldConfig | Estimator | Mapping[str, FieldConfig | Estimator] | None,
+    robot: Robot | None = None,
+) -> dict[str, FieldConfig]:
+    """The settings of fields by label."""
+    if configs is None and robot is not None and robot.lidar is not None:
+        configs = Fused.of(robot.lidar)
+    if configs is None or isinstance(configs, (FieldConfig, Estimator)):
+        config = config_of(configs)
+        return {f"{config.estimator.name}, {config.estimator.reach:g} m": config}
+    if not isinstance(configs, Mapping) or not configs:
+        raise ConfigError("configs must be a FieldConfig, or a mapping of labels to them")
+    return {label: config_of(config) for label, config in configs.items()}
+
+
+def _driven(robot: Robot | None, fields: Mapping[str, FieldConfig]) -> Robot | None:
+    """The robot that is simulated: its lidar is left to the fields where these differ in it."""
+    lidars = {getattr(config.estimator, "lidar", None) for config in fields.values()}
+    if robot is None or lidars <= {robot.lidar, None}:
+        return robot
+    return dataclasses.replace(robot, lidar=None)
+
+
+def _specs(planners: Any, robot: Robot | None, time_limit: float | None) -> list[PlannerSpec]:
     if isinstance(planners, (str, Planner, PlannerSpec)) or callable(planners):
         planners = [planners]
-    weights = [float(weights)] if isinstance(weights, Real) else weights
-    check_workers(workers)
-    check_random(queries if is_whole(queries) else 1, query_seed, least_distance)
-    seeds = checked_seeds(seeds)
-    specs = [spec.with_time_limit(time_limit) for spec in specs_of(planners)]
-    labels = [spec.label for spec in specs]
+    return [spec.with_time_limit(time_limit).with_robot(robot) for spec in specs_of(planners)]
+
+
+def _checked_baseline(baseline: str | None, labels: Sequence[str]) -> str:
     if baseline is None:
-        baseline = BASELINE if BASELINE in labels else labels[0]
+        return DEFAULT if DEFAULT in labels else labels[0]
     if baseline not in labels:
         raise ConfigError(f"baseline {shown(baseline)} is none of the planners {', '.join(labels)}")
-    sources: dict[Case, Source] = {}
-    began = datetime.now(UTC).astimezone()
+    return baseline
 
-    def jobs() -> Iterator[Job]:
-        """One job for each map and settings; a map's queries are the same in all settings."""
-        headed = any(spec.planner.space != "R2" for spec in specs)
-        for name, given in named_maps(maps, read_map).items():
-            own, grid = (given, given.grid) if isinstance(given, Costmap) else (None, given)
-            if isinstance(queries, Mapping) and name not in queries:
-                raise ConfigError(f"there are no queries for map {shown(name)}")
-            wanted = queries[name] if isinstance(queries, Mapping) else queries
-            asked: tuple[Query, ...] = ()
-            radius = robot_radius if own is None else own.robot_radius
-            settings = {"own cost": None} if own else named_configs(configs)
-            for label, config in settings.items():
-                case = name, label
-                scalar = criterion or config.estimator.criterion if config else None
-                source = Source(case, grid, config, own, radius, scalar, asked, field_of)
-                costs, _ = source.costmap()
-                if not asked:
-                    asked = source.find_queries(costs, wanted, least_distance, query_seed, headed)
-                sources[case] = dataclasses.replace(source, queries=asked)
-                yield Job(name, label, costs, asked)
 
-    runs = run_all(
-        jobs(),
-        specs,
-        weights=weights,
-        seeds=seeds,
-        workers=workers,
-        memory=memory,
-        patience=patience,
-        journal=journal,
-        resume=resume,
-        anew=anew,
-        progress=progress,
-    )
-    return Comparison(
-        tuple(runs),
-        baseline,
-        sources,
-        {
-            "locplan": __version__,
-            "python": platform.python_version(),
-            **{name: version(name) for name in PACKAGES},
-            "machine": f"{platform.machine()}, {usable_cores()} cores",
-            "workers": workers or usable_cores(),
-            "began": began.isoformat(timespec="seconds"),
-            "planners": {spec.label: spec.identity() for spec in specs},
-            "weights": list(dict.fromkeys(run.task.weight for run in runs)),
-            "seeds": seeds,
-            "time_limit": time_limit,
-            "memory": memory,
-            "patience": patience,
-            "random_queries": {"least_distance": least_distance, "seed": query_seed},
-            "cases": [source.to_json() for source in sources.values()],
-        },
-    )
+def _checked_seeds(seeds: Iterable[int]) -> list[int]:
+    try:
+        first = list(itertools.islice(seeds, MAX_SEEDS + 1))
+    except TypeError:
+        raise ConfigError(f"seeds must be several whole numbers, not {shown(seeds)}") from None
+    if len(first) > MAX_SEEDS:
+        raise ConfigError(f"a comparison has at most {MAX_SEEDS:,} seeds")
+    return [whole("each seed", seed, 1, MAX_SEED) for seed in first]
+
+
+def _check_each_once(name: str, values: Sequence[float]) -> None:
+    """Raise a ConfigError if there are no values, or one of them twice."""
+    if not values or len(set(values)) < len(values):
+        raise ConfigError(f"a comparison needs at least one {name}, and none of them twice")
+
+
+def _cases(
+    maps: Any,
+    fields: Mapping[str, FieldConfig],
+    queries: Any,
+    radius: float,
+    criterion: str | None,
+    headed: bool,
+    execution: Execution,
+) -> Iterator[tuple[Case, Costmap]]:
+    """A case for each map and settings, with its costmap; all cases of a map have its queries."""
+    for name, given in named_maps(maps, read_map).items():
+        if isinstance(queries, Mapping) and name not in queries:
+            raise ConfigError(f"there are no queries for map {shown(name)}")
+        asked = queries[name] if isinstance(queries, Mapping) else queries
+        found: tuple[Query, ...] = ()
+        if isinstance(given, Costmap):
+            cases = [Case(name, "own cost", given.grid, given.robot_radius, own=given)]
+        else:
+            kinds = {
+                label: (config, criterion or config.estimator.criterion)
+                for label, config in fields.items()
+            }
+            cases = [
+                Case(name, label, given, radius, *kind, field_of=execution.field_of)
+                for label, kind in kinds.items()
+            ]
+        for case in cases:
+            costs, _ = case.costmap()
+            found = found or _queries(asked, costs, headed)
+            yield dataclasses.replace(case, queries=found), costs
+
+
+def _queries(asked: Any, costs: Costmap, headed: bool) -> tuple[Query, ...]:
+    """Queries from a number, a file or a sequence, see `compare`."""
+    asked = RandomQueries(asked) if is_whole(asked) else asked
+    if isinstance(asked, RandomQueries):
+        return queries_of(costs, asked.count, asked.least_distance, asked.seed, headed)
+    if isinstance(asked, (str, os.PathLike)) and Path(asked).suffix == ".scen":
+        return tuple(read_scenarios(asked, costs.grid, count=MAX_SCENARIOS))
+    return queries_of(costs, asked, 0.0, 1, headed)
+
+
+def _weights(weights: Sequence[float] | None, case: Case, costs: Costmap) -> list[float]:
+    """The weights of a case, checked; by default the costmap's own."""
+    own = 0.0 if math.isnan(costs.weight) else costs.weight
+    asked = [own] if weights is None else [float(weight) for weight in weights]
+    for weight in asked:
+        check_weight(weight)
+    if any(asked) and math.isnan(costs.weight):
+        raise ConfigError(f"map {shown(case.map)} has no field, so that its only weight is 0")
+    return asked

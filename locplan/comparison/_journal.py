@@ -28,7 +28,21 @@ class Journal:
 
     Each run stands beside the digest of everything that decided it. Where maps, settings or
     planners have changed since, or others were added, only unchanged runs are taken from the
-    journal. Unless it is resumed, or begun `anew`, there may be no runs in it.
+    journal.
+
+    Parameters
+    ----------
+    file : path
+        The file, which need not exist.
+    resume : bool, default False
+        True lets the file hold runs, which are `runs` then.
+    anew : bool, default False
+        True forgets the runs in the file.
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be written, is no journal, or holds runs and may not.
     """
 
     def __init__(
@@ -75,7 +89,15 @@ class Journal:
                     self.path.parent.rmdir()
 
     def add(self, run: Run, digest: str) -> None:
-        """Append a run with its digest; numbers that are not finite become null."""
+        """Append a run with its digest; numbers that are not finite become null.
+
+        Parameters
+        ----------
+        run : Run
+            The run.
+        digest : str
+            Digest of everything that decided it.
+        """
         self._append({"digest": digest, **finite(asdict(run))})
         self.runs[run.task, digest] = run
 

@@ -52,7 +52,6 @@ def write_ompl_logs(
     baseline: str | None = None,
     time_limit: float = math.nan,
     memory_limit: float = math.nan,
-    settings: Mapping[str, str] | None = None,
     started: datetime | None = None,
 ) -> list[Path]:
     """Write one log for every map, configuration, weight and query into a folder.
@@ -63,14 +62,30 @@ def write_ompl_logs(
     Planner Arena's progress page fails on parameters with one value.
 
     The folder is made for them. ``ompl_benchmark_statistics -d arena.db
-    FOLDER/*.log`` makes the database, and replaces an `arena.db` that is there. The relative cost
-    is J divided by the `baseline` planner's of the same query. The limits of a run [s, MB] are
-    unknown if NaN. `settings` are texts by the planner's label.
+    FOLDER/*.log`` makes the database, and replaces an `arena.db` that is there.
+
+    Parameters
+    ----------
+    runs : iterable of Run
+        The runs, at least one.
+    folder : path
+        The folder, which must not exist.
+    baseline : str, optional
+        Label of the planner by whose J of the same query the relative cost is divided.
+    time_limit, memory_limit : float, default nan
+        The limits of a run [s, MB]; NaN where they are not known.
+    started : datetime, optional
+        When the runs began; now by default.
+
+    Raises
+    ------
+    LocplanError
+        If there are no runs.
     """
     ordered = sorted(runs, key=lambda run: run.task)
     if not ordered:
         raise LocplanError("there are no runs to write a log of")
-    logs = _logs(ordered, baseline, (time_limit, memory_limit), settings or {}, started)
+    logs = _logs(ordered, baseline, (time_limit, memory_limit), started)
     folder = Path(folder)
     folder.mkdir()
     for name, lines in logs.items():
@@ -83,7 +98,6 @@ def _logs(
     runs: Sequence[Run],
     baseline: str | None,
     limits: tuple[float, float],
-    settings: Mapping[str, str],
     started: datetime | None,
 ) -> dict[str, list[str]]:
     """The lines of each log, by file name."""
@@ -94,7 +108,7 @@ def _logs(
     for (setting, query), group in groupby(runs, query_of):
         taken = list(group)
         lines = _preamble(taken, query if queries[setting] > 1 else None, moment, limits)
-        lines += _planners(taken, costs.get((setting, query), math.nan), settings)
+        lines += _planners(taken, costs.get((setting, query), math.nan))
         logs[f"{len(logs):04d}.log"] = lines
     return logs
 
@@ -130,13 +144,11 @@ def _preamble(
     ]
 
 
-def _planners(runs: Sequence[Run], reference: float, settings: Mapping[str, str]) -> list[str]:
+def _planners(runs: Sequence[Run], reference: float) -> list[str]:
     groups = [list(group) for _, group in groupby(runs, lambda run: run.task.planner)]
     lines = [f"{len(groups)} planners"]
     for group in groups:
-        planner = group[0].task.planner
-        common = [f"settings = {_line(settings[planner])}"] if planner in settings else []
-        lines += [_line(planner), f"{len(common)} common properties", *common]
+        lines += [_line(group[0].task.planner), "0 common properties"]
         records = [_properties(run, reference) for run in group]
         lines += [f"{len(records[0])} properties for each run", *records[0], f"{len(group)} runs"]
         lines += ["".join(f"{_number(v)}; " for v in record.values()) for record in records]

@@ -1,52 +1,41 @@
-"""The tasks of a comparison and their runs: one record each, and tables of them.
-
-Tables are CSV, Parquet, and data frames of pandas.
-"""
+"""The tasks of a comparison and their runs, and the columns of a table of runs."""
 
 from __future__ import annotations
 
-import csv
-import importlib
-import os
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, TypeVar
 
-from locplan._util.extras import needed
-from locplan._util.files import check_target, replacing
-from locplan._util.tables import csv_cell
+from locplan._util.records import Column
 from locplan.costs import DEGENERATE
 
-if TYPE_CHECKING:
-    import pandas
-
+K = TypeVar("K")
+T = TypeVar("T")
 STATUSES = (
-    "solved",
-    "unreachable",
-    "infeasible",
-    "timeout",
-    "not found",
-    "error",
-    "crashed",
-    "hung",
-    "out of memory",
+    *("solved", "unreachable", "infeasible", "timeout", "not found"),
+    *("error", "crashed", "hung", "out of memory"),
 )
 """Outcomes of a run: the first five are the planner's own, the others are failures."""
 
-MEASURES: Mapping[str, tuple[str, str]] = {
-    "length": ("length", "m"),
-    "cost": ("cost J", "m"),
-    "integrated_u": ("degenerate, ∫u ds", "m"),
-    "integrated_e": ("∫e ds", "m² rad m"),
-    "max_e": ("max e", "m² rad"),
-    "degenerate_share": (f"share with u > {DEGENERATE:g}", ""),
-    "longest_degenerate": (f"longest with u > {DEGENERATE:g}", "m"),
-    "clearance": ("least clearance", "m"),
-    "turning": ("turning", "rad"),
-    "seconds": ("planning time", "s"),
+MEASURES: Mapping[str, Column] = {
+    column.name: column
+    for column in (
+        Column("length", "m", "length"),
+        Column("cost", "m", "cost J"),
+        Column("integrated_u", "m", "degenerate, ∫u ds"),
+        Column("integrated_e", "m² rad m", "∫e ds"),
+        Column("max_e", "m² rad", "max e"),
+        Column("degenerate_share", "", f"share with u > {DEGENERATE:g}"),
+        Column("longest_degenerate", "m", f"longest with u > {DEGENERATE:g}"),
+        Column("clearance", "m", "least clearance"),
+        Column("turning", "rad", "turning"),
+        Column("seconds", "s", "planning time"),
+    )
 }
-"""The measures of a solved run: label and unit by name."""
+"""The measures of a solved run by name, with title and unit."""
 
 
 @dataclass(frozen=True, order=True)
@@ -80,8 +69,7 @@ class Run:
     wall_seconds: float
     """Time from the start of the order to its result [s]."""
     measures: Mapping[str, float] = field(default_factory=dict)
-    """The measures by their names in `MEASURES`, which tells their units, except "seconds"; none
-    without a path."""
+    """The measures by their names in `MEASURES`, except "seconds"; none without a path."""
     history: tuple[tuple[float, float], ...] = ()
     """Times since an anytime planner began [s], each with its best J until then [m]; none for
     others."""
@@ -92,57 +80,42 @@ class Run:
     expanded: int | None = None
     """Number of cells that a grid planner expanded; None for other planners."""
 
-    def row(self) -> dict[str, Any]:
-        """The run as one flat record, for tables; unknown measures are NaN."""
-        about = asdict(self.task) | {"status": self.status, "seconds": self.seconds}
-        about |= {"wall_seconds": self.wall_seconds, "note": self.note}
-        about["expanded"] = float("nan") if self.expanded is None else self.expanded
-        measures = (name for name in MEASURES if name != "seconds")
-        return about | {name: self.measures.get(name, float("nan")) for name in measures}
+    def measure(self, name: str) -> float:
+        """A measure; NaN where it is not known.
+
+        Parameters
+        ----------
+        name : str
+            One of `MEASURES`.
+        """
+        return self.seconds if name == "seconds" else self.measures.get(name, math.nan)
 
 
-def write_table(runs: Iterable[Run], target: str | os.PathLike[str]) -> Path:
-    """Write one row for every run to a .csv file, or to a .parquet file if pyarrow is installed.
-
-    In CSV, numbers are written so that they read back the same, and unknown ones are empty; a text
-    that a spreadsheet would take for a formula gets an apostrophe.
-    """
-    path = Path(target)
-    check_target(path, ".csv", ".parquet")
-    write = _write_parquet if path.suffix.lower() == ".parquet" else _write_csv
-    write([run.row() for run in runs], path)
-    return path
+def _cell(name: str, run: Run) -> float | str:
+    """What stands in a column; signs that UTF-8 does not have are question marks."""
+    if name in MEASURES:
+        return run.measure(name)
+    value: Any = getattr(run.task if name in TASK else run, name)
+    if value is None:
+        return math.nan
+    return value.encode("utf-8", "replace").decode() if isinstance(value, str) else value
 
 
-def to_frame(runs: Iterable[Run]) -> pandas.DataFrame:
-    """A data frame with one row for every run; a LocplanError if pandas is not installed."""
-    needed("pandas", "tables", "a data frame")
-    import pandas
-
-    return pandas.DataFrame([run.row() for run in runs], columns=_columns())
-
-
-def _columns() -> list[str]:
-    """The heads of the columns, which a table without rows has, too."""
-    return list(Run(Task("", "", "", 0.0, "", 0), "", 0.0, 0.0).row())
-
-
-def _write_csv(records: list[dict[str, Any]], path: Path) -> None:
-    with (
-        replacing(path) as temporary,
-        temporary.open("w", encoding="utf-8", errors="replace", newline="") as file,
-    ):
-        table = csv.DictWriter(file, _columns(), lineterminator="\n")
-        table.writeheader()
-        table.writerows({key: csv_cell(value) for key, value in row.items()} for row in records)
+TASK = tuple(each.name for each in dataclasses.fields(Task))
+RUN_COLUMNS = tuple(
+    Column(name, "s" if name == "wall_seconds" else "", value=partial(_cell, name))
+    for name in (*TASK, "status", "seconds", "wall_seconds", "note", "expanded")
+) + tuple(
+    dataclasses.replace(column, value=partial(_cell, name))
+    for name, column in MEASURES.items()
+    if name != "seconds"
+)
+"""The columns of a table with a row for each run."""
 
 
-def _write_parquet(records: list[dict[str, Any]], path: Path) -> None:
-    needed("pyarrow", "tables", path.name)
-    arrow = importlib.import_module("pyarrow")
-    parquet = importlib.import_module("pyarrow.parquet")
-    texts = ("map", "config", "query", "planner", "status", "note")
-    types = dict.fromkeys(texts, arrow.string()) | {"seed": arrow.int64()}
-    schema = arrow.schema([(name, types.get(name, arrow.float64())) for name in _columns()])
-    with replacing(path) as temporary, temporary.open("wb") as file:  # of any name, also no UTF-8
-        parquet.write_table(arrow.Table.from_pylist(records, schema), file)
+def grouped(records: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
+    """The records by a key, in the order in which the keys come first."""
+    groups: dict[K, list[T]] = {}
+    for record in records:
+        groups.setdefault(key(record), []).append(record)
+    return groups

@@ -34,6 +34,7 @@ from locplan.planners import (
     takes,
     with_options,
 )
+from locplan.robots import Robot
 
 FURTHER = {
     "simulated choice": Entry(
@@ -89,19 +90,32 @@ class PlannerSpec:
         return cls(f"{made.name}:{options}" if options else made.name, made)
 
     def with_time_limit(self, limit: float | None) -> PlannerSpec:
-        """The spec with a time limit, if the planner takes one and has none of its own.
+        """The spec with a time limit, if the planner takes one and has no end of its own.
 
         Parameters
         ----------
         limit : float or None
             Time after which a planner ends [s], above 0; None changes nothing.
         """
-        own = {"time_limit", "iterations"} & set(options_of(self.planner))
-        if limit is None or own or not takes(self.planner, "time_limit"):
+        ends = "iterations" in options_of(self.planner)
+        return self if ends else self._with("time_limit", limit)
+
+    def with_robot(self, robot: Robot | None) -> PlannerSpec:
+        """The spec with a robot, if the planner drives one and has none of its own.
+
+        Parameters
+        ----------
+        robot : Robot or None
+            The robot; None changes nothing.
+        """
+        return self._with("robot", robot)
+
+    def _with(self, option: str, value: Any) -> PlannerSpec:
+        if value is None or option in options_of(self.planner) or not takes(self.planner, option):
             return self
-        limited = with_options(self.planner, time_limit=limit)
-        limited.check()
-        return dataclasses.replace(self, planner=limited)
+        changed = with_options(self.planner, **{option: value})
+        changed.check()
+        return dataclasses.replace(self, planner=changed)
 
     @property
     def guarded(self) -> bool:
@@ -248,8 +262,7 @@ def _options(text: str, parts: Sequence[str]) -> dict[str, Any]:
 
 def _plain(option: Any) -> Any:
     """The value of an option, fit for JSON."""
-    about = dataclasses.is_dataclass(option) and not isinstance(option, type)
-    return dataclasses.asdict(option) if about else option
+    return option.summary() if isinstance(option, Robot) else option
 
 
 def _value(text: str) -> Any:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval, wilson
-from locplan.comparison._runs import MEASURES, Run
+from locplan._util.tables import finite
+from locplan.comparison._runs import MEASURES, Run, grouped
 
 MOMENTS = 60
 """Number of moments on the common grid of times."""
@@ -58,6 +59,15 @@ class Summary:
     measures: Mapping[str, Quartiles]
     """Median and quartiles over the solved runs, by the names of `MEASURES`."""
 
+    def summary(self) -> dict[str, Any]:
+        """The statistics, fit for JSON."""
+        return {
+            **self.setting._asdict(),
+            **{name: getattr(self, name) for name in ("planner", "runs", "solved")},
+            "success": finite(self.success._asdict()),
+            "measures": {name: finite(each._asdict()) for name, each in self.measures.items()},
+        }
+
 
 def summaries(runs: Iterable[Run], pooled: bool = False) -> list[Summary]:
     """Success, medians and quartiles for every map, configuration, weight and planner.
@@ -66,7 +76,7 @@ def summaries(runs: Iterable[Run], pooled: bool = False) -> list[Summary]:
     as there are queries: the seeds of a query mostly succeed or fail together. With runs as trials
     it held the truth in 77-87 % of simulated cases, with queries in 97-99 %.
     """
-    return [_summary(*key, group) for key, group in grouped(runs, pooled).items()]
+    return [_summary(*key, group) for key, group in by_planner(runs, pooled).items()]
 
 
 Medians = dict[tuple[str, str], Array]
@@ -75,15 +85,12 @@ Medians = dict[tuple[str, str], Array]
 
 def query_medians(runs: Iterable[Run], pooled: bool = False) -> dict[tuple[Setting, str], Medians]:
     """The medians over seeds of the solved runs of each query, by setting and planner."""
-    return {key: _medians(group) for key, group in grouped(runs, pooled).items()}
+    return {key: _medians(group) for key, group in by_planner(runs, pooled).items()}
 
 
-def grouped(runs: Iterable[Run], pooled: bool) -> dict[tuple[Setting, str], list[Run]]:
+def by_planner(runs: Iterable[Run], pooled: bool) -> dict[tuple[Setting, str], list[Run]]:
     """The runs by setting and planner."""
-    groups: dict[tuple[Setting, str], list[Run]] = {}
-    for run in runs:
-        groups.setdefault((setting_of(run, pooled), run.task.planner), []).append(run)
-    return groups
+    return grouped(runs, lambda run: (setting_of(run, pooled), run.task.planner))
 
 
 def setting_of(run: Run, pooled: bool = False) -> Setting:
@@ -99,25 +106,23 @@ def query_of(run: Run) -> Query:
     return setting_of(run), run.task.query
 
 
-def _values(run: Run) -> list[float]:
-    """The measures of a run, in the order of `MEASURES`."""
-    known = {**run.measures, "seconds": run.seconds}
-    return [known.get(name, np.nan) for name in MEASURES]
-
-
-def _finite(rows: Sequence[Sequence[float]]) -> Array:
+def _values(runs: Sequence[Run]) -> Array:
+    """The measures of some runs, a row each, in the order of `MEASURES`; NaN if not finite."""
+    rows = [[run.measure(name) for name in MEASURES] for run in runs]
     values = np.array(rows, float).reshape(-1, len(MEASURES))
     return np.where(np.isfinite(values), values, np.nan)
 
 
+def _by_query(runs: Iterable[Run]) -> Iterable[tuple[tuple[str, str], list[Run]]]:
+    return grouped(runs, lambda run: (run.task.map, run.task.query)).items()
+
+
 def _summary(setting: Setting, planner: str, runs: Sequence[Run]) -> Summary:
     solved = [run for run in runs if run.status == "solved"]
-    by_query: dict[tuple[str, str], list[bool]] = {}
-    for run in runs:
-        by_query.setdefault((run.task.map, run.task.query), []).append(run.status == "solved")
-    success = wilson(float(np.mean([np.mean(each) for each in by_query.values()])), len(by_query))
-    columns = _finite([_values(run) for run in solved]).T
-    measures = {name: quartiles(column) for name, column in zip(MEASURES, columns, strict=True)}
+    shares = [np.mean([run.status == "solved" for run in own]) for _, own in _by_query(runs)]
+    success = wilson(float(np.mean(shares)), len(shares))
+    columns = zip(MEASURES, _values(solved).T, strict=True)
+    measures = {name: quartiles(column) for name, column in columns}
     return Summary(setting, planner, len(runs), len(solved), success, measures)
 
 
@@ -131,11 +136,8 @@ def quartiles(values: Array) -> Quartiles:
 
 
 def _medians(runs: Sequence[Run]) -> Medians:
-    solved: dict[tuple[str, str], list[list[float]]] = {}
-    for run in runs:
-        if run.status == "solved":
-            solved.setdefault((run.task.map, run.task.query), []).append(_values(run))
-    return {query: _columnwise_median(_finite(rows)) for query, rows in solved.items()}
+    solved = (run for run in runs if run.status == "solved")
+    return {query: _columnwise_median(_values(own)) for query, own in _by_query(solved)}
 
 
 def _columnwise_median(values: Array) -> Array:
@@ -153,8 +155,11 @@ class Convergence:
     """
 
     setting: Setting
+    """The map, the field's settings and the weight of the runs."""
     planner: str
+    """The planner's label."""
     baseline: str
+    """The label of the planner that it is compared with."""
     times: Array
     """Logarithmic times, common to all planners [s]."""
     median: Array
@@ -179,7 +184,7 @@ def convergence(runs: Iterable[Run], baseline: str, pooled: bool = False) -> lis
     moments = [max(time, 1e-4) for run in known if run.history for time, _ in best_so_far(run)]
     times = np.geomspace(min(moments), max(moments), MOMENTS) if moments else np.empty(0)
     curves = []
-    for (setting, planner), group in grouped(known, pooled).items():
+    for (setting, planner), group in by_planner(known, pooled).items():
         if not any(run.history for run in group):
             continue
         costs = np.array([_costs_at(run, times) for run in group])

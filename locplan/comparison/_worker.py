@@ -1,25 +1,29 @@
-"""The program of a worker process: it waits for orders, plans, and answers."""
+"""The program of a worker process: it waits for orders, plans, and answers.
+
+Its costmaps are shared by all processes: one file for each array, mapped into memory.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+import mmap
 import os
 import pickle
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
 
 from locplan._util.supervision import end_with_parent
-from locplan.comparison import _shared_costmaps as shared_costmaps
 from locplan.comparison._runs import MEASURES, Run, Task
 from locplan.comparison._specs import PlannerSpec
-from locplan.costs import Path as Route
+from locplan.costs import Costmap, Path as Route
 from locplan.errors import LocplanError
 from locplan.planners import Plan, Position
 
@@ -68,7 +72,7 @@ def main(descriptor: int, parent: int) -> None:
 
 def perform(planner: PlannerSpec, order: Order, memory: float) -> Run:
     """Make one run within a limit of memory [bytes]; an exception of the planner is a result."""
-    costs = shared_costmaps.weighted(order.costs, order.task.weight)
+    costs = weighted_costmap(order.costs, order.task.weight)
     began = time.perf_counter()
     try:
         with limited_memory(memory):
@@ -95,7 +99,7 @@ def run_of(task: Task, result: Plan) -> Run:
     )
     if path is None:
         return run
-    names = (name for name in MEASURES if name not in ("seconds", "turning"))
+    names = [name for name in MEASURES if name not in ("seconds", "turning")]
     known = {name: float(getattr(result.metrics, name, math.nan)) for name in names}
     history = ((float(at), float(cost)) for at, cost in result.history)
     return dataclasses.replace(
@@ -153,3 +157,39 @@ def _received(handed: bytes) -> list[PlannerSpec]:
     for planner in planners:
         planner.planner.prepare()
     return planners
+
+
+def put_costmap(costs: Costmap, folder: Path) -> None:
+    """Write a costmap into a new folder, each of its arrays to a file of its own."""
+    # Paths are measured with these: made once for all, and in no planner's time.
+    _ = costs.grid.clearance, costs.u_of_heading
+    buffers: list[pickle.PickleBuffer] = []
+    about = pickle.dumps(costs, protocol=5, buffer_callback=buffers.append)
+    try:
+        folder.mkdir()
+        for n, buffer in enumerate(buffers):
+            (folder / f"{n}.raw").write_bytes(buffer.raw())
+        (folder / "about.pickle").write_bytes(about)
+    except OSError as error:
+        why = error.strerror or error
+        raise LocplanError(f"{folder}: cannot be written ({why}); TMPDIR names another") from None
+
+
+@lru_cache(maxsize=1)
+def read_costmap(folder: Path) -> Costmap:
+    """Read a costmap, whose read-only arrays all processes share in memory; the last is kept."""
+    buffers = []
+    for n in range(len(list(folder.glob("*.raw")))):
+        with (folder / f"{n}.raw").open("rb") as file:
+            buffers.append(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+    costs: Costmap = pickle.loads((folder / "about.pickle").read_bytes(), buffers=buffers)
+    return costs
+
+
+@lru_cache(maxsize=1)
+def weighted_costmap(folder: Path, weight: float) -> Costmap:
+    """The costmap with a weight, which is 0 for one without a field; the last one is kept."""
+    costs = read_costmap(folder)
+    if math.isnan(costs.weight) and weight == 0:
+        return costs
+    return costs if costs.weight == weight else costs.with_weight(weight)

@@ -1,5 +1,7 @@
 """Worker processes: a planner that crashes, hangs or takes all memory costs one run.
 
+The pools of concurrent.futures, joblib and loky break as a whole when a process dies, and end no
+single task that hangs. So each thread of a ThreadPoolExecutor waits here for a process of its own.
 Workers are new interpreters, not forks: they have none of the locks and threads of the caller's
 process (OpenCV's, a progress bar's, a notebook's), and a script needs no guard against being
 imported again. Functions are sent by value where they cannot be imported.
@@ -13,12 +15,14 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
-from collections import deque
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 from locplan._util.machine import usable_memory
 from locplan.comparison import _worker as worker_module
@@ -27,8 +31,6 @@ from locplan.comparison._specs import PlannerSpec
 from locplan.comparison._worker import READY, Order
 from locplan.errors import LocplanError
 
-PATIENCE = 300.0
-"""Time after which a planner without a time limit counts as hung by default [s]."""
 GRACE = 10.0
 """Time that a planner may take beyond twice its time limit [s]."""
 STARTING = 600.0
@@ -53,8 +55,8 @@ class Workers:
     """Processes that run planners; a context manager that ends them all.
 
     At most `count` processes run at once; `memory` [bytes] and `patience` [s] are those of
-    `locplan.compare`. The folder `scratch` takes the temporary files of planners, which processes
-    that are killed leave behind.
+    `Execution`. The folder `scratch` takes the temporary files of planners, which processes that
+    are killed leave behind.
     """
 
     def __init__(
@@ -62,85 +64,69 @@ class Workers:
         planners: Sequence[PlannerSpec],
         count: int,
         *,
-        memory: float | None = None,
-        patience: float = PATIENCE,
-        scratch: Path | None = None,
+        memory: float | None,
+        patience: float,
+        scratch: Path,
     ) -> None:
-        self._scratch = scratch
-        self._planners, self._count, self._patience = planners, count, patience
-        if memory is None:  # a fair share, so that the machine has some left
-            memory = usable_memory() / count
-        self._memory = memory
-        self._workers: list[_Worker] = []
-        self._failed_starts = 0
-        remedy = "put it into a module"
-        try:
-            from cloudpickle import dumps
-        except ModuleNotFoundError:  # then all are locplan's, see PlannerSpec.check_library
-            from pickle import dumps
-
-            remedy = "pip install 'locplan[functions]'"
-        try:
-            self._handed = dumps(list(planners))
-        except Exception as error:  # pickling fails in many ways
-            raise LocplanError(
-                f"a planner cannot be sent to a worker process ({error}); {remedy}"
-            ) from None
+        self._planners, self._patience = planners, patience
+        # A fair share by default, so that the machine has some left.
+        self._memory = usable_memory() / count if memory is None else memory
+        self._handed, self._scratch = _pickled(planners), scratch
+        self._count, self._threads = count, ThreadPoolExecutor(count)
+        self._lock, self._closed = threading.Lock(), False
+        self._started: list[_Worker] = []
+        self._idle: list[_Worker] = []
 
     def __enter__(self) -> Workers:
-        self._start(self._count)  # while they load, the caller makes orders
+        self._idle = [self._start() for _ in range(self._count)]  # they load meanwhile
         return self
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
-        for worker in self._workers:
+        with self._lock:  # from now on no thread starts another one
+            self._closed = True
+        for worker in self._started:
             worker.end()
-        self._workers = []
+        self._threads.shutdown(cancel_futures=True)
 
     def run(self, orders: Sequence[Order]) -> Iterator[Run]:
         """Start the runs in this order as workers become free, and yield each when it is done."""
-        waiting, remaining = deque(orders), len(orders)
-        while remaining:
-            self._start(min(self._count, remaining))
-            for worker in self._workers:
-                if worker.idle and waiting and worker.take(waiting[0], self._limit(waiting[0])):
-                    waiting.popleft()
-            self._wait()
-            for worker in list(self._workers):
-                if run := worker.listen():
-                    remaining -= 1
-                    yield run
-                if worker.gone:
-                    self._workers.remove(worker)
-                    worker.end()
-                    self._note_start(worker)
+        for made in as_completed([self._threads.submit(self._made, order) for order in orders]):
+            yield made.result()
 
-    def _start(self, wanted: int) -> None:
-        for _ in range(wanted - len(self._workers)):
-            self._workers.append(_Worker(self._handed, self._memory, self._scratch))
-
-    def _limit(self, order: Order) -> float:
+    def _made(self, order: Order) -> Run:
+        worker = self._ready()
         own = self._planners[order.planner].time_limit
-        return self._patience if own is None else 2 * own + GRACE
+        run = worker.run(order, self._patience if own is None else 2 * own + GRACE)
+        if worker.alive:
+            self._idle.append(worker)
+        return run
 
-    def _wait(self) -> None:
-        now = time.perf_counter()
-        first = min((worker.deadline - now for worker in self._workers), default=0.0)
-        wait([worker.connection for worker in self._workers], max(0.0, min(first, _LOOK_EVERY)))
+    def _ready(self) -> _Worker:
+        """A worker that waits for an order."""
+        for _ in range(ATTEMPTS):
+            try:
+                worker = self._idle.pop()
+            except IndexError:
+                worker = self._start()
+            if worker.is_ready():
+                return worker
+        raise LocplanError(
+            "worker processes end before they are ready; the reason is on standard error"
+        )
 
-    def _note_start(self, gone: _Worker) -> None:
-        self._failed_starts = 0 if gone.started else self._failed_starts + 1
-        if gone.refusal:
-            raise LocplanError(f"a planner cannot be used in a worker process: {gone.refusal}")
-        if self._failed_starts >= ATTEMPTS:
-            raise LocplanError(
-                "worker processes end before they are ready; the reason is on standard error"
-            )
+    def _start(self) -> _Worker:
+        with self._lock:
+            if self._closed:
+                raise LocplanError("the comparison has ended")
+            worker = _Worker(self._handed, self._memory, self._scratch)
+            self._started.append(worker)
+        return worker
 
 
 class _Worker:
-    """A process and its present order."""
+    """A process that runs one planner at a time."""
 
-    def __init__(self, handed: bytes, memory: float, scratch: Path | None) -> None:
+    def __init__(self, handed: bytes, memory: float, scratch: Path) -> None:
         ours, theirs = socket.socketpair()
         with theirs:
             command = (
@@ -153,86 +139,92 @@ class _Worker:
                 stdin=subprocess.DEVNULL,
                 stdout=2,  # the caller's output has nothing that a planner prints
                 pass_fds=[theirs.fileno()],
-                env={**os.environ, **_ONE_THREAD, **({"TMPDIR": str(scratch)} if scratch else {})},
+                env={**os.environ, **_ONE_THREAD, "TMPDIR": str(scratch)},
                 start_new_session=True,
             )
-        self.connection = Connection(ours.detach())
-        self.started = self.gone = False
-        self.refusal = ""
-        self.deadline = time.perf_counter() + STARTING
-        self._order: Order | None = None
-        self._handed_at, self._limit = 0.0, STARTING
+        self._connection, self._greeted = Connection(ours.detach()), False
         with suppress(OSError):  # a process that has ended already is noticed later
-            self.connection.send(memory)
-            self.connection.send_bytes(handed)
+            self._connection.send(memory)
+            self._connection.send_bytes(handed)
 
     @property
-    def idle(self) -> bool:
-        """Whether the process waits for an order."""
-        return self.started and self._order is None and not self.gone
+    def alive(self) -> bool:
+        """Whether the process has not ended."""
+        return self._process.poll() is None
 
-    def take(self, order: Order, limit: float) -> bool:
-        """Send an order that counts as hung after the limit [s]; return whether it arrived."""
-        self._handed_at = time.perf_counter()
-        try:
-            self.connection.send(order)
-        except OSError:
-            self.gone = True
-            return False
-        self._order, self._limit = order, limit
-        self.deadline = self._handed_at + limit
-        return True
+    def is_ready(self) -> bool:
+        """Wait until the process takes orders; False if it ends instead.
 
-    def listen(self) -> Run | None:
-        """The run of the present order, if it is known by now."""
-        ended = self._process.poll() is not None
-        try:
-            if self.connection.poll():
-                return self._answered(self.connection.recv())
-        except (EOFError, OSError):
-            ended = True
-        if ended:
-            self.gone = True
-            return self._failed("crashed", self._exit_reason())
-        if time.perf_counter() >= self.deadline:
-            self.gone = True
-            return self._failed("hung", f"gave no answer within {self._limit:g} s and was ended")
-        return None
+        A LocplanError says which planner it cannot use.
+        """
+        if not self._greeted:
+            said = self._answer(STARTING)
+            if said is None:
+                self.end()
+            elif said != READY:
+                raise LocplanError(f"a planner cannot be used in a worker process: {said}")
+            self._greeted = True
+        return self.alive
+
+    def run(self, order: Order, limit: float) -> Run:
+        """Send an order, and wait for its run, up to the limit [s]."""
+        began = time.perf_counter()
+        with suppress(OSError):  # it ends, as its answer will show
+            self._connection.send(order)
+        run: Run | None = self._answer(limit)
+        wall = time.perf_counter() - began
+        if run is None:
+            status, note = self._failure(wall, limit)
+            run = Run(order.task, status, wall, wall, note=note)
+        if run.status in ("crashed", "hung", "out of memory"):
+            self.end()  # nobody knows how much memory one has left that ran out of it
+        return dataclasses.replace(run, wall_seconds=wall)
 
     def end(self) -> None:
         """Kill the process, with all processes that it has started."""
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
-        self.connection.close()
 
-    def _answered(self, message: Run | str) -> Run | None:
-        self.deadline = float("inf")
-        if isinstance(message, str):
-            self.started = message == READY
-            self.refusal = "" if self.started else message
-            self.gone = not self.started
-            return None
-        self._order = None
-        self.gone = message.status == "out of memory"  # nobody knows how much memory it has left
-        return self._timed(message)
+    def _answer(self, limit: float) -> Any:
+        """The next message; None if the process ends, or sends none within the limit [s]."""
+        deadline = time.perf_counter() + limit
+        with suppress(EOFError, OSError):
+            while (left := deadline - time.perf_counter()) > 0:
+                alive = self.alive  # asked first: it may send and end meanwhile
+                if self._connection.poll(min(left, _LOOK_EVERY) if alive else 0):
+                    return self._connection.recv()
+                if not alive:
+                    break
+        return None
 
-    def _failed(self, status: str, note: str) -> Run | None:
-        if self._order is None:
-            return None
-        return self._timed(Run(self._order.task, status, 0.0, 0.0, note=note), failed=True)
-
-    def _timed(self, run: Run, *, failed: bool = False) -> Run:
-        wall = time.perf_counter() - self._handed_at
-        return dataclasses.replace(run, wall_seconds=wall, seconds=wall if failed else run.seconds)
-
-    def _exit_reason(self) -> str:
+    def _failure(self, wall: float, limit: float) -> tuple[str, str]:
+        """Status and note of a run that has no answer after some time [s]."""
+        if wall >= limit and self.alive:
+            return "hung", f"gave no answer within {limit:g} s and was ended"
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(1.0)
         code = self._process.returncode
         if code is None:
-            return "its process closed the connection"
+            return "crashed", "its process closed the connection"
         if code >= 0:
-            return f"its process ended with exit code {code}"
-        reason = f"its process was ended by {signal.Signals(-code).name}"
-        return reason + (", from outside or for want of memory" if -code == signal.SIGKILL else "")
+            return "crashed", f"its process ended with exit code {code}"
+        doubt = ", from outside or for want of memory" if -code == signal.SIGKILL else ""
+        return "crashed", f"its process was ended by {signal.Signals(-code).name}{doubt}"
+
+
+def _pickled(planners: Sequence[PlannerSpec]) -> bytes:
+    """The planners as they are sent to workers."""
+    remedy = "put it into a module"
+    try:
+        from cloudpickle import dumps
+    except ModuleNotFoundError:  # then all are locplan's, see PlannerSpec.check_library
+        from pickle import dumps
+
+        remedy = "pip install 'locplan[functions]'"
+    try:
+        return bytes(dumps(list(planners)))
+    except Exception as error:  # pickling fails in many ways
+        raise LocplanError(
+            f"a planner cannot be sent to a worker process ({error}); {remedy}"
+        ) from None

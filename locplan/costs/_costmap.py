@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import instance, number, one_of
 from locplan._util.notebook import Pictured
+from locplan._util.saved import Saved
 from locplan.costs._degeneracy import (
     LAWS,
     MAX_DENSITY,
@@ -39,13 +40,14 @@ LAYERS = ("density", "u", "e")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Costmap(Pictured):
+class Costmap(Pictured, Saved):
     """Cost of travel for every cell: J(path) = integral of density ds.
 
     It is made by `from_field`, `from_density` or `blank`. Its arrays are read-only; arrays that are
     given read-only are kept, others are copied.
     """
 
+    kind: ClassVar[str] = "costmap"
     _drawn_by: ClassVar[str] = "locplan.plotting:costmap_figure"
 
     grid: OccupancyGrid
@@ -199,11 +201,6 @@ class Costmap(Pictured):
             The map.
         robot_radius : float, default 0.25
             Distance to an occupied cell below which a cell's centre is blocked [m], >= 0.
-
-        Raises
-        ------
-        ConfigError
-            If the radius is negative or not finite.
         """
         check_grid(grid)
         return cls.from_density(grid, np.ones(grid.shape), robot_radius=robot_radius)
@@ -231,6 +228,13 @@ class Costmap(Pictured):
     def unblocked_density(self) -> NDArray[np.float64]:
         """`density` also where only the robot's radius blocks a cell, if there is a field."""
         return self.density if math.isnan(self.weight) else density_of(self.u, self.weight)
+
+    @property
+    def e_unit(self) -> str:
+        """Unit of e, without the angle where poses have no heading."""
+        estimator = self.settings and self.settings.config.estimator
+        flat = estimator and estimator.lattice(self.grid.resolution).dimension == 2
+        return "m²" if flat else "m² rad"
 
     def with_weight(self, weight: float) -> Costmap:
         """Copy of the costmap with the density of another weight.
@@ -309,12 +313,7 @@ class Costmap(Pictured):
         Parameters
         ----------
         robot_radius : float
-            The radius [m], at least the costmap's own.
-
-        Raises
-        ------
-        ConfigError
-            If the radius is smaller than the costmap's: blocked cells cannot be freed again.
+            The radius [m], at least the costmap's own: blocked cells cannot be freed again.
         """
         number("robot_radius", robot_radius, 0, MAX_DENSITY)
         if robot_radius < self.robot_radius:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, Literal
@@ -106,6 +106,24 @@ class HeadingLayers:
         """u and e, (n, H, W) each, read-only."""
         u, e = (np.array(layer, np.float32) for layer in self.read())
         return sealed(u), sealed(e)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, HeadingLayers):
+            return NotImplemented
+        pairs = zip(self.both, other.both, strict=True)
+        return self is other or all(np.array_equal(*pair, equal_nan=True) for pair in pairs)
+
+    def __hash__(self) -> int:
+        return 0  # the costmaps that have them differ in more
+
+    def to_json(self) -> dict[str, NDArray[np.float32]]:
+        """Both layers by name."""
+        return dict(zip(("u", "e"), self.both, strict=True))
+
+    @classmethod
+    def from_json(cls, layers: Mapping[str, NDArray[np.float32]]) -> HeadingLayers:
+        """Layers of what `to_json` gave."""
+        return cls(lambda: (layers["u"], layers["e"]))
 
     def __getstate__(self) -> dict[str, Any]:
         # What has been read needs no field any more, which is large.

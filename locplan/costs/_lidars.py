@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from locplan._util.progress import ProgressCallback, in_turn
-from locplan._util.tables import table
+from locplan._util.records import Column, Table
 from locplan.costs._costmap import ROBOT_RADIUS, Costmap
 from locplan.costs._metrics import DEGENERATE
 from locplan.field import FieldConfig, Fused, load_or_compute
@@ -18,6 +17,15 @@ from locplan.robots import Lidar
 
 STRIDE = 0.4
 """Spacing of the evaluated cells, which is enough for shares of an area [m]."""
+
+
+COLUMNS = (
+    Column("title", title="lidar", value=lambda each: each.lidar.title),
+    Column("lidar", value=lambda each: each.lidar.model),
+    Column("range", "m", value=lambda each: each.lidar.range),
+    Column("degenerate_share", title=f"floor with u > {DEGENERATE:g}", digits=0, people="%"),
+)
+"""Columns of a table of lidars."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +37,6 @@ class LidarShare:
     degenerate_share: float
     """Share of the floor, where the robot can stand, with u above 0.5, 0..1; NaN without floor."""
 
-    def to_json(self) -> dict[str, Any]:
-        """The share, fit for JSON."""
-        share = None if np.isnan(self.degenerate_share) else self.degenerate_share
-        about = {"lidar": self.lidar.model, "range_m": self.lidar.range}
-        return {**about, "degenerate_share": share}
-
 
 def compare_lidars(
     grid: OccupancyGrid,
@@ -43,7 +45,7 @@ def compare_lidars(
     robot_radius: float = ROBOT_RADIUS,
     progress: ProgressCallback | None = None,
 ) -> list[LidarShare]:
-    """Tell for each lidar how much of a map is degenerate by `Fused`.
+    """Find for each lidar how much of a map is degenerate by `Fused`.
 
     Parameters
     ----------
@@ -66,28 +68,23 @@ def compare_lidars(
     LocplanError
         If an argument is out of its range.
     """
-    shares, told = [], in_turn(progress, len(lidars)) if progress else None
+    shares, each_in_turn = [], in_turn(progress, len(lidars)) if progress else None
     for lidar in lidars:
-        field = load_or_compute(grid, FieldConfig(Fused.of(lidar), stride=STRIDE), progress=told)
+        field = load_or_compute(
+            grid, FieldConfig(Fused.of(lidar), stride=STRIDE), progress=each_in_turn
+        )
         costs = Costmap.from_field(grid, field, robot_radius=robot_radius)
         u = costs.u[np.isfinite(costs.density)]
         shares.append(LidarShare(lidar, float(np.mean(u > DEGENERATE)) if u.size else np.nan))
     return shares
 
 
-def lidars_table(shares: Sequence[LidarShare]) -> str:
-    """Show lidars side by side, for people.
+def lidars_table(shares: Sequence[LidarShare]) -> Table:
+    """Table of lidars side by side.
 
     Parameters
     ----------
     shares : sequence of LidarShare
         What `compare_lidars` returned.
     """
-    rows = [
-        [
-            each.lidar.title,
-            "–" if np.isnan(each.degenerate_share) else f"{each.degenerate_share:.0%}",
-        ]
-        for each in shares
-    ]
-    return table(["lidar", f"floor with u > {DEGENERATE:g}"], rows)
+    return Table.of(COLUMNS, shares)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.saved import Valued
 from locplan.costs._costmap import Costmap
 from locplan.costs._path import Path
 from locplan.errors import LocplanError
@@ -20,8 +21,8 @@ MAX_CROSSED = 10**7
 """Greatest length of a path that is measured [cells]."""
 
 
-@dataclass(frozen=True, repr=False)
-class PathMetrics:
+@dataclass(frozen=True, eq=False, repr=False)
+class PathMetrics(Valued):
     """Metrics of a path, by the exact line integral over the map's cells.
 
     Metrics that depend on a field are NaN for a costmap without one.

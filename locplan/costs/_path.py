@@ -14,9 +14,12 @@ from numpy.typing import DTypeLike, NDArray
 from locplan._util.checks import FARTHEST, file_path, positive
 from locplan._util.files import check_target
 from locplan._util.reading import read_text
+from locplan._util.saved import Valued
 from locplan._util.tables import write_csv
 from locplan.errors import LocplanError
 
+COLUMNS = ("x", "y", "heading")
+"""Columns of a path's file [m, m, rad]."""
 MAX_HEADING = 1e6
 """Greatest heading, turns included [rad]."""
 MAX_POSITIONS = 10**7
@@ -24,7 +27,7 @@ MAX_POSITIONS = 10**7
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Path:
+class Path(Valued):
     """A polyline in the world.
 
     Parameters
@@ -92,9 +95,7 @@ class Path:
         return self.xy if self.heading is None else np.column_stack([self.xy, self.heading])
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write x_m, y_m, and heading_rad if there are headings, as CSV with a row per position.
-
-        Positions are rounded to the micrometre.
+        """Write x, y, and heading if there are headings, as CSV with a row for each position.
 
         Parameters
         ----------
@@ -108,9 +109,8 @@ class Path:
         """
         file = file_path("a path file", path)
         check_target(file, ".csv")
-        columns = [*self.xy.T] if self.heading is None else [*self.xy.T, self.heading]
-        header = ",".join(("x_m", "y_m", "heading_rad")[: len(columns)])
-        write_csv(file, np.column_stack(columns), header)
+        # The shortest text of just this number: `load` gives the path back as it was.
+        write_csv(file, self.poses, ",".join(COLUMNS[: self.poses.shape[1]]), "%s")
 
     @classmethod
     def joined(cls, paths: Sequence[Path]) -> Path:
@@ -129,7 +129,7 @@ class Path:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Path:
-        """Read a path from a CSV file whose header names x_m, y_m and perhaps heading_rad.
+        """Read a path from a CSV file whose header names x, y and perhaps heading.
 
         Parameters
         ----------
@@ -142,20 +142,23 @@ class Path:
             If the file cannot be read, or does not hold a path.
         """
         file = file_path("a path file", path)
-        try:
-            lines = read_text(file).splitlines()
-            columns = [name.strip() for name in lines[0].split(",")]
-            rows = np.array(
-                [[float(v) for v in each.split(",")] for each in lines[1:] if each.strip()]
+        names, *lines = read_text(file).splitlines() or [""]
+        columns = [name.strip() for name in names.split(",")]
+        if "x_m" in columns:
+            raise LocplanError(
+                f"{file}: names its columns x_m, y_m, as an older locplan did; name them x, y,"
+                " and heading_rad heading"
             )
-            xy = rows[:, [columns.index("x_m"), columns.index("y_m")]]
-            heading = rows[:, columns.index("heading_rad")] if "heading_rad" in columns else None
+        used = COLUMNS if "heading" in columns else COLUMNS[:2]
+        try:
+            rows = [[float(v) for v in each.split(",")] for each in lines if each.strip()]
+            poses = np.array(rows)[:, [columns.index(name) for name in used]]
         except (ValueError, IndexError):
             raise LocplanError(
-                f"{file}: is no path; its first line must name x_m,y_m, and numbers follow"
+                f"{file}: is no path; its first line must name x,y, and numbers follow"
             ) from None
         try:
-            return cls(xy, heading)
+            return cls(poses[:, :2], poses[:, 2] if "heading" in columns else None)
         except LocplanError as error:
             raise LocplanError(f"{file}: {error}") from None
 

@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from locplan.explorer._cancelling import Cancel
-from locplan.explorer._session import Session
-from locplan.explorer._wire import Ask
+from locplan._util.tables import finite
+from locplan.explorer._wire import Ask, Cancel
+
+if TYPE_CHECKING:
+    from locplan.explorer._session import Session
 
 
 @dataclass(frozen=True)
 class Work:
-    """What an answer that takes long hears and tells while it is made."""
+    """Progress and end of an answer that takes long."""
 
     progress: Callable[..., None]
-    """Function of (done, total) or (done, total, doing) that tells the page; it raises `Cancelled`
-    once the question was taken back."""
+    """Function of (done, total) or (done, total, doing) that shows it on the page; it raises
+    `Cancelled` once the question was taken back."""
     cancel: Cancel
     """The token that says so."""
 
 
-Handler = Callable[[Session, Ask, Work], dict[str, Any]]
+Handler = Callable[["Session", Ask, Work], dict[str, Any]]
 """Function that answers a question; what it returns is fit for JSON."""
 
 
@@ -38,7 +40,7 @@ class Entry:
     each: bool = False
     """True if each question is answered; otherwise the newest one waiting wins."""
     slow: str = ""
-    """Module and function that tell whether a question is to be answered in a lane of its own."""
+    """Module and function that say whether a question is to be answered in a lane of its own."""
 
     def load(self) -> Handler:
         """The function that answers."""
@@ -76,3 +78,14 @@ ASKS: dict[str, Entry] = {
     "reproduce": Entry("locplan.explorer._reproduce:reproduce", "look"),
 }
 """All kinds of questions by name; "cancel" {of} is answered by the socket itself."""
+
+
+def answer(
+    session: Session,
+    do: str,
+    values: Mapping[str, Any],
+    progress: Callable[..., None] = lambda *_: None,
+) -> dict[str, Any]:
+    """The answer to a question, fit for JSON; what `progress` raises ends the work."""
+    found = ASKS[do].load()(session, Ask(do, 0, values), Work(progress, Cancel()))
+    return finite(found)

@@ -7,17 +7,16 @@ from concurrent.futures import CancelledError
 from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import MAX_RANGE
-from locplan.explorer._cancelling import Cancelled
 from locplan.explorer._session import Session
 from locplan.explorer._upkeep import Upkeep
-from locplan.explorer._wire import Ask
+from locplan.explorer._wire import Ask, Cancelled
 from locplan.field import ESTIMATORS, FieldConfig, estimator_class
 from locplan.robots import PRESETS, Lidar
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
 
-MOST_HEADINGS = 36
+MAX_HEADINGS = 36
 """Greatest number of headings that the page can ask for."""
 
 
@@ -33,7 +32,7 @@ def config_of(session: Session, ask: Ask) -> FieldConfig:
     name = ask.one_of("estimator", ESTIMATORS, now.estimator.name)
     preset = ask.one_of("lidar", PRESETS)
     reach = ask.number("range", 0.1, MAX_RANGE)
-    headings = ask.whole("headings", 0, MOST_HEADINGS, 0) or 0
+    headings = ask.whole("headings", 0, MAX_HEADINGS, 0) or 0
     lidar = Lidar.preset(preset) if preset else _present_lidar(session, ask)
     kind: Any = estimator_class(name or now.estimator.name)
     same = kind is type(now.estimator)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import number
+from locplan._util.files import make_folder
 from locplan._util.windows import window_around
 from locplan.errors import ConfigError
 from locplan.explorer._session import Session
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 TOOLS = ("wall", "erase", "pole", "box")
 MAX_STROKES, MAX_POINTS = 500, 5000
-GREATEST_WIDTH = 20.0
+MAX_WIDTH = 20.0
 """Greatest breadth of a stroke [m]."""
 MAX_UNDO = 200
 """Greatest number of edits that can be undone."""
@@ -80,7 +81,7 @@ class Stroke:
             raise ConfigError("a stroke needs a tool and at least one point")
         given = ask.values.get("width")
         both = given if isinstance(given, list) and len(given) == 2 else [given, given]
-        length, breadth = (number("width", each, 0.001, GREATEST_WIDTH) for each in both)
+        length, breadth = (number("width", each, 0.001, MAX_WIDTH) for each in both)
         turn = ask.number("heading", -1e3, 1e3, 0.0) or 0.0
         return cls(tool, tuple(points), (length, breadth), turn)
 
@@ -111,24 +112,22 @@ def last_ones(patches: list[Patch]) -> list[Patch]:
 def undo(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     """Take the last change back."""
     with session.changing:
-        history = session.history
-        if not history.before:
-            raise ConfigError("there is no edit to undo")
-        patch = history.before.pop()
-        history.undone.append(patch)
-        _apply(session, patch, patch.before)
-    return {"changed": [patch.limits(session.grid)]}
+        return _step(session, session.history.before, session.history.undone, "undo")
 
 
 def redo(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     """Make the last change again that was undone."""
     with session.changing:
-        history = session.history
-        if not history.undone:
-            raise ConfigError("there is no edit to redo")
-        patch = history.undone.pop()
-        history.before.append(patch)
-        _apply(session, patch, patch.after)
+        return _step(session, session.history.undone, session.history.before, "redo")
+
+
+def _step(session: Session, taken: list[Any], given: list[Any], do: str) -> dict[str, Any]:
+    """Move the last change from one list of changes to the other, and apply it."""
+    if not taken:
+        raise ConfigError(f"there is no edit to {do}")
+    patch = taken.pop()
+    given.append(patch)
+    _apply(session, patch, patch.before if do == "undo" else patch.after)
     return {"changed": [patch.limits(session.grid)]}
 
 
@@ -146,11 +145,7 @@ def save(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
         for file in (target, target.with_suffix(".pgm")):
             if os.path.lexists(file) and not session.force and target not in session.written:
                 raise ConfigError(f"{file.name} is there already; choose another name")
-        try:
-            session.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            reason = error.strerror or error
-            raise ConfigError(f"{session.folder} cannot be made ({reason})") from None
+        make_folder(session.folder)
         grid = session.grid
         save_map(grid, target)
         session.saved, session.saved_as = grid, str(target)

@@ -6,18 +6,15 @@ import dataclasses
 import itertools
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import positive
 from locplan._util.poses import Numbers
-from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.errors import ConfigError
-from locplan.explorer._view import View, given, rounded
+from locplan.explorer._view import View, rounded
 from locplan.planners import ParetoFront, pareto_front
 
 if TYPE_CHECKING:
@@ -27,139 +24,67 @@ if TYPE_CHECKING:
 
 SECONDS, SECONDS_PER_CELL = 5.0, 1e-6
 """Time limit of a front by default, for all legs together [s], and how it grows with the map."""
-LONGEST_SECONDS = 60.0
-"""Greatest time limit that can be asked for [s]."""
+MIN_SECONDS, MAX_SECONDS = 0.1, 60.0
+"""Limits of the time limit that can be asked for [s]."""
 SHOWN = 60
 """Greatest number of points that are shown; a front can have thousands."""
 PAIRS = 4_000_000
 """Greatest number of pairs of points of two legs that are added up."""
 
 
-@dataclass(frozen=True, eq=False)
-class FrontPoint:
-    """A path of the front."""
-
-    length: float
-    """Length of the path [m]."""
-    degenerate: float
-    """Integral of u along the path [m]."""
-    weight: float | None
-    """A weight at which no path of the front costs less; None if there is no such weight."""
-    xy: Numbers
-    """Positions along the path in the world, (n, 2) [m]."""
-
-
-@dataclass(frozen=True, eq=False)
-class Front:
-    """Points of a Pareto front, by rising length. Paths lead over the grid's 8 neighbours."""
-
-    points: tuple[FrontPoint, ...]
-    """The points that are shown."""
-    knee: int | None
-    """Index of the point at the front's knee, see `ParetoFront.knee`; None without points."""
-    paths: int
-    """Number of paths of the whole front."""
-    epsilon: float
-    """No path is shorter and less degenerate than by this share; 0 where the front is exact."""
-    status: str
-    """The status is "solved", or says why there is no path."""
-
-    @property
-    def complete(self) -> bool:
-        """Whether the front is exact: neither time nor memory ended the search."""
-        return self.status == "solved" and self.epsilon == 0
-
-    def summary(self) -> dict[str, object]:
-        """The front, fit for JSON."""
-        about: dict[str, object] = {
-            "points": [
-                {
-                    "length": each.length,
-                    "degenerate": each.degenerate,
-                    "weight": each.weight,
-                    "xy": rounded(each.xy),
-                }
-                for each in self.points
-            ],
-            "knee": self.knee,
-            "paths": self.paths,
-            "epsilon": self.epsilon,
-            "complete": self.complete,
-            "status": self.status,
-        }
-        return finite(about)
-
-
-def front_of(
-    view: View,
-    *,
-    time_limit: float = SECONDS,
-    progress: ProgressCallback | None = None,
-) -> Front:
-    """The Pareto front of a way, leg by leg.
+def front(session: Session, ask: Ask, work: Work) -> dict[str, object]:
+    """Answer the ask for the Pareto front of the way shown, by rising length.
 
     The front through waypoints is what is best of all sums of its legs' paths, which is exact where
     the legs' fronts are. The search has no progress within a leg: one that is cancelled ends with
     its leg, at the time limit at the latest.
-
-    Parameters
-    ----------
-    view : View
-        The way; its weight does not matter.
-    time_limit : float
-        Time for all legs together [s]; more than 60 counts as 60. The greatest error that a search
-        cut short can have is told.
-    progress : callable, optional
-        Called with (done, total) legs; what it raises ends the work.
-
-    Raises
-    ------
-    LocplanError
-        If the robot cannot stand at an end, or the time limit is out of its range.
     """
-    limit = min(positive("time_limit", time_limit, "s"), LONGEST_SECONDS)
-    told = progress or (lambda done, total: None)
+    view = session.view(ask)
+    usual = min(SECONDS + SECONDS_PER_CELL * view.grid.cells.size, MAX_SECONDS)
+    limit = ask.number("time_limit", MIN_SECONDS, MAX_SECONDS, usual)
+    legs = _fronts_of(view, limit, work)
+    length, integral, chosen, thinned = _summed(legs)
+    epsilon = max(leg.epsilon for leg in legs) or (np.inf if thinned else 0.0)
+    # Its knee is that of the lengths and integrals alone.
+    knee = dataclasses.replace(legs[0], length=length, integral=integral, cells=()).knee
+    weights = _weights_of(length, integral)
+    shown = _thinned(length, integral, np.isfinite(weights), knee).tolist()
+    points = [
+        {
+            "length": float(length[n]),
+            "degenerate": float(integral[n]),
+            "weight": float(weights[n]),
+            "xy": rounded(_joined(legs, chosen[n])),
+        }
+        for n in shown
+    ]
+    return finite(
+        {
+            "points": points,
+            "knee": shown.index(knee),
+            "paths": len(length),
+            "epsilon": epsilon,
+            "complete": epsilon == 0,
+        }
+    )
+
+
+def _fronts_of(view: View, seconds: float, work: Work) -> list[ParetoFront]:
+    """The front of each leg, for all of which there is some time [s]."""
     legs: list[ParetoFront] = []
-    left = limit
-    told(0, len(view.legs))
+    left, count = seconds, len(view.legs)
+    work.progress(0, count)
     for n, (start, goal) in enumerate(view.legs):
         began = time.perf_counter()
-        leg = pareto_front(view.costs, start, goal, time_limit=left / (len(view.legs) - n))
+        leg = pareto_front(view.costs, start, goal, time_limit=left / (count - n))
         left = max(left - (time.perf_counter() - began), 1e-3)
-        told(n + 1, len(view.legs))
+        work.progress(n + 1, count)
+        if leg.status == "timeout":
+            raise ConfigError(f"no path was found within {seconds:.3g} s; ask for places closer by")
         if not len(leg):
-            return Front((), None, 0, float("inf"), leg.status)
+            raise ConfigError("no path joins start and goal; move one of them")
         legs.append(leg)
-    length, integral, chosen, thinned = _summed(legs)
-    epsilon = max(leg.epsilon for leg in legs)
-    # Its knee is that of the lengths and integrals alone.
-    whole = dataclasses.replace(legs[0], length=length, integral=integral, _cells=())
-    weights = weights_of(length, integral)
-    shown = spread(length, integral, np.isfinite(weights), whole.knee)
-    points = tuple(
-        FrontPoint(
-            float(length[n]),
-            float(integral[n]),
-            float(weights[n]) if np.isfinite(weights[n]) else None,
-            _joined(legs, chosen[n]),
-        )
-        for n in shown.tolist()
-    )
-    knee = shown.tolist().index(whole.knee)
-    return Front(points, knee, len(length), epsilon or (np.inf if thinned else 0.0), "solved")
-
-
-def front(session: Session, ask: Ask, work: Work) -> dict[str, object]:
-    """Answer the ask for the front of the way shown."""
-    view = session.view(ask)
-    usual = min(SECONDS + SECONDS_PER_CELL * view.grid.cells.size, LONGEST_SECONDS)
-    seconds = given(ask.number("time_limit", 0.1, LONGEST_SECONDS), usual)
-    found = front_of(view, time_limit=seconds, progress=work.progress)
-    if found.status == "timeout":
-        raise ConfigError(f"no path was found within {seconds:.3g} s; ask for places closer by")
-    if not found.points:
-        raise ConfigError("no path joins start and goal; move one of them")
-    return found.summary()
+    return legs
 
 
 def _summed(legs: Sequence[ParetoFront]) -> tuple[Numbers, Numbers, NDArray[np.int64], bool]:
@@ -178,14 +103,14 @@ def _summed(legs: Sequence[ParetoFront]) -> tuple[Numbers, Numbers, NDArray[np.i
             length, integral, chosen = length[kept], integral[kept], chosen[kept]
         sums = (length[:, None] + leg.length[own]).ravel()
         others = (integral[:, None] + leg.integral[own]).ravel()
-        best = undominated(sums, others)
+        best = _undominated(sums, others)
         before, last = np.divmod(best, len(own))
         length, integral = sums[best], others[best]
         chosen = np.column_stack([chosen[before], own[last]])
     return length, integral, chosen, thinned
 
 
-def undominated(length: Numbers, integral: Numbers) -> NDArray[np.int64]:
+def _undominated(length: Numbers, integral: Numbers) -> NDArray[np.int64]:
     """Indices of the pairs that no other one is at most as long and degenerate as, by length."""
     order = np.lexsort((integral, length))
     least = np.minimum.accumulate(integral[order])
@@ -194,7 +119,7 @@ def undominated(length: Numbers, integral: Numbers) -> NDArray[np.int64]:
     return kept
 
 
-def weights_of(length: Numbers, integral: Numbers) -> Numbers:
+def _weights_of(length: Numbers, integral: Numbers) -> Numbers:
     """A weight at which each point is the cheapest, (n,); NaN if there is none.
 
     Points are given by rising length and falling integral; those on the lower hull have weights.
@@ -222,7 +147,7 @@ def _slope(length: Numbers, integral: Numbers, one: int, other: int) -> float:
     return float((length[other] - length[one]) / (integral[one] - integral[other]))
 
 
-def spread(
+def _thinned(
     length: Numbers, integral: Numbers, preferred: NDArray[np.bool_], knee: int
 ) -> NDArray[np.int64]:
     """Indices of at most `SHOWN` points, evenly along the front: both ends and the knee always.

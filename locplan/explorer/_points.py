@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,58 +19,32 @@ if TYPE_CHECKING:
 
 
 FAR = 5.0
-"""Greatest clearance that is told [m]."""
+"""Largest clearance that is shown [m]."""
 
 
-@dataclass(frozen=True)
-class PointAnswer:
-    """The uncertainty of a pose match at a place; NaN where nothing is known."""
-
-    x: float
-    """World x [m]."""
-    y: float
-    """World y [m]."""
-    known: bool = False
-    """Whether there is a covariance."""
-    axes: tuple[float, float] = (math.nan, math.nan)
-    """Standard deviations along the axes of the error ellipse, the greater first [cm]."""
-    angle: float = math.nan
-    """Direction of the first axis in the world, counter-clockwise from x [rad]."""
-    heading_deg: float = math.nan
-    """Standard deviation of the heading [deg]."""
-    u: float = math.nan
-    """Degeneracy, 0..1."""
-    e: float = math.nan
-    """e [m^2 rad]."""
-    clearance: float = math.nan
-    """Distance to the nearest occupied cell, up to 5 m [m]."""
-
-
-def point_answer(session: Session, x: float, y: float) -> PointAnswer:
-    """What the session's field knows about a position [m]."""
+def at(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
+    """Answer what the field knows about a place: its error ellipse, with axes [cm] and angle."""
+    x, y = (number(name, ask.values.get(name), -FARTHEST, FARTHEST) for name in ("x", "y"))
     scene = session.scene
     grid = scene.costs.grid
+    about: dict[str, Any] = {"x": x, "y": y, "known": False, "clearance": None}
     cell = grid.world_to_cell(x, y)
     if not grid.contains(*cell):
-        return PointAnswer(x, y)
-    clearance = clearance_at(grid, *cell)
-    if scene.field is None:
-        return PointAnswer(x, y, clearance=clearance)
-    covariance = scene.field.at(x, y)
+        return about
+    about["clearance"] = clearance_at(grid, *cell)
+    covariance = np.array(np.nan) if scene.field is None else scene.field.at(x, y)
     if np.isnan(covariance).any():
-        return PointAnswer(x, y, clearance=clearance)
+        return finite(about)
     major, minor, angle = (float(value) for value in position_axes(covariance))
-    return PointAnswer(
-        x,
-        y,
-        True,
-        (100 * major, 100 * minor),
-        angle,
-        math.degrees(float(scalar(covariance, "heading_std"))),
-        float(scene.costs.u[cell]),
-        float(scalar(covariance, "e")),
-        clearance,
-    )
+    known = {
+        "known": True,
+        "axes": [100 * major, 100 * minor],
+        "angle": angle,
+        "heading_deg": math.degrees(float(scalar(covariance, "heading_std"))),
+        "u": float(scene.costs.u[cell]),
+        "e": float(scalar(covariance, "e")),
+    }
+    return finite(about | known)
 
 
 def clearance_at(grid: OccupancyGrid, row: int, col: int) -> float:
@@ -92,9 +65,3 @@ def clearance_at(grid: OccupancyGrid, row: int, col: int) -> float:
     down, aside = np.maximum(2 * np.abs([rows + top - row, cols + left - col]) - 1, 0)
     near = math.sqrt(int((down * down + aside * aside).min())) * (grid.resolution / 2)
     return near if near <= FAR else math.nan
-
-
-def at(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
-    """Answer what is known about a place."""
-    x, y = (number(name, ask.values.get(name), -FARTHEST, FARTHEST) for name in ("x", "y"))
-    return finite(asdict(point_answer(session, x, y)))

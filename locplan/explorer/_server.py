@@ -23,7 +23,6 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._guard import App, Guard
 from locplan.explorer._session import Session
 from locplan.explorer._socket import Lanes, Link
-from locplan.explorer._state import about
 from locplan.explorer._textures import cells_of, packed
 from locplan.explorer._wire import MAX_MESSAGE
 
@@ -38,7 +37,7 @@ KINDS = {
     ".svg": "image/svg+xml",
 }
 """Kinds of the files that the page is made of."""
-MOST_PAGES = 20
+MAX_PAGES = 20
 """Greatest number of pages that are open at once."""
 FOREVER = "private, max-age=31536000, immutable"
 PLACEHOLDER = "<!doctype html><title>locplan</title><p>The page is missing.</p>"
@@ -139,7 +138,7 @@ class Server:
         return Response(content, headers=headers, media_type=KINDS[files[name].suffix])
 
     def _about(self, request: Request) -> Response:
-        return JSONResponse(about(self.session))
+        return JSONResponse(self.session.about())
 
     def _cells(self, request: Request) -> Response:
         digest = request.path_params["digest"]
@@ -172,10 +171,10 @@ class Server:
         from locplan.explorer._drives import drive_json
 
         try:
-            told: Any = drive_json(self.session, number)
+            shown: Any = drive_json(self.session, number)
         except LocplanError as error:
             return JSONResponse({"error": str(error)}, status_code=409)
-        return Response(json.dumps(told, allow_nan=False), media_type="application/json")
+        return Response(json.dumps(shown, allow_nan=False), media_type="application/json")
 
     async def _download(self, request: Request) -> Response:
         found = self.session.download(request.path_params["key"])
@@ -191,7 +190,7 @@ class Server:
         return Response(found.content, headers=headers, media_type=found.media_type)
 
     async def _socket(self, socket: WebSocket) -> None:
-        if len(self.session.listeners) >= MOST_PAGES:
+        if len(self.session.listeners) >= MAX_PAGES:
             await socket.close(1013, "too many pages are open")
             return
         await Link(self.session, self.lanes, socket).run()

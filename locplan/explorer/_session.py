@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from locplan._util.notebook import called
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
 from locplan.explorer._scene import Busy, Download, Opening, Scene
@@ -31,7 +32,7 @@ KEPT_BYTES = 520e6
 from two ends, drafts, and a search that is made."""
 KEPT_FILES = 80e6
 """Bytes of textures and files to download that are kept."""
-GREATEST_WEIGHT = 1000.0
+MAX_WEIGHT = 1000.0
 """Greatest weight that the page can ask for."""
 Listener = Callable[[dict[str, Any]], None]
 """Function that takes an event, fit for JSON."""
@@ -173,7 +174,7 @@ class Session:
 
     def weight_of(self, ask: Ask) -> float:
         """The weight of a question."""
-        given = ask.number("weight", 0.0, GREATEST_WEIGHT)
+        given = ask.number("weight", 0.0, MAX_WEIGHT)
         return self.default_weight if given is None else given
 
     def stops(self, ask: Ask, scene: Scene | None = None) -> list[Position]:
@@ -187,7 +188,8 @@ class Session:
         costs = self.costs(self.weight_of(ask), scene)
         assert scene.field is not None
         start, *via, goal = self.stops(ask, scene)
-        return View(costs.grid, scene.field, costs, self.robot, start, goal, tuple(via))
+        shown = costs.grid, scene.field, costs, self.robot
+        return View(*shown, start, goal, tuple(via), scene.whole)
 
     def textures(self, digest: str) -> Mapping[str, Texture] | None:
         """The layers of a digest: of the scene, of one shortly before, or of the look-alikes.
@@ -237,3 +239,21 @@ class Session:
     def make_room(self) -> None:
         """Drop what is kept of a scene that is replaced next: the new costmap needs the room."""
         self.kept.forget(lambda key: False)
+
+    def about(self) -> dict[str, Any]:
+        """The map, and what can be chosen and done, fit for JSON."""
+        return dict(called("locplan.explorer._state:about", self))
+
+    def state(self) -> dict[str, Any]:
+        """The field, the layers, the ends and the work in the background, fit for JSON."""
+        return dict(called("locplan.explorer._state:state", self))
+
+    def answer(
+        self, do: str, *, progress: Callable[..., None] = lambda *_: None, **values: Any
+    ) -> dict[str, Any]:
+        """The answer to a question as the page gets it, fit for JSON.
+
+        `progress` is called with (done, total), and perhaps what is done; what it raises ends the
+        work. A value out of its range is a LocplanError.
+        """
+        return dict(called("locplan.explorer._asks:answer", self, do, values, progress))

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._exporting import plain_name
 from locplan.explorer._plans import plan
-from locplan.explorer._state import about, state
 from locplan.explorer._textures import cells_of
 from locplan.explorer._wire import Ask
 
@@ -68,7 +67,7 @@ class SharedPage:
 
 
 def shared_page(
-    told: Mapping[str, Any],
+    about: Mapping[str, Any],
     shown: Mapping[str, Any],
     cells: NDArray[np.uint8],
     layers: Mapping[str, NDArray[np.uint8]],
@@ -81,8 +80,8 @@ def shared_page(
 
     Parameters
     ----------
-    told, shown : mapping
-        What the program and the map are, and what is shown, as the server tells them.
+    about, shown : mapping
+        What the program and the map are, and what is shown, as the server sends them.
     cells : (H, W) array of uint8
         Classes of the map's cells, row 0 on top.
     layers : mapping of str to (h, w) array of uint8
@@ -92,8 +91,8 @@ def shared_page(
     view : mapping, optional
         What the page wants to find again: layer, colours, zoom.
     """
-    lasting = {name: value for name, value in told.items() if name not in LIVE}
-    lasting |= {name: type(told[name])() for name in LIVE if name in told}
+    lasting = {name: value for name, value in about.items() if name not in LIVE}
+    lasting |= {name: type(about[name])() for name in LIVE if name in about}
     data = {
         "about": lasting,
         "state": {**shown, "busy": None},
@@ -103,7 +102,7 @@ def shared_page(
         "view": dict(view or {}),
     }
     field = shown.get("field") or {}
-    parts = [told.get("map", {}).get("name") or "map", field.get("estimator"), "locplan"]
+    parts = [about.get("map", {}).get("name") or "map", field.get("estimator"), "locplan"]
     title = " · ".join(str(part) for part in parts if part)
     return SharedPage(title, one_page(title, data).encode())
 
@@ -119,8 +118,8 @@ def share(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     answer = plan(session, way, work) if way.has("start") and way.has("goal") else None
     work.progress(1, 2, "packing")
     page = shared_page(
-        about(session),
-        state(session),
+        session.about(),
+        session.state(),
         cells_of(session.grid.cells),
         {name: each.texels for name, each in textures.items()},
         answer,

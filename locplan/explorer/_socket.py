@@ -16,12 +16,10 @@ from locplan._util.checks import whole
 from locplan._util.tables import finite
 from locplan.errors import LocplanError, one_line
 from locplan.explorer._asks import ASKS, Work
-from locplan.explorer._cancelling import Cancel, Cancelled
 from locplan.explorer._session import Session
-from locplan.explorer._state import state
-from locplan.explorer._wire import MAX_ID, Ask, Unanswerable, read_ask
+from locplan.explorer._wire import MAX_ID, Ask, Cancel, Cancelled, Unanswerable, read_ask
 
-MOST_WAITING = 100
+MAX_WAITING = 100
 """Greatest number of questions of one socket that wait for their answers."""
 LANES = ("look", "plan", "slow", "edit", "work", "long", "drive")
 """Kinds of work; each has a thread, so that none waits for another kind."""
@@ -85,7 +83,7 @@ class Link:
             if ask.do == CANCEL:
                 await self._send(self._cancelled(ask))
                 return
-            if len(self._under_way) >= MOST_WAITING:
+            if len(self._under_way) >= MAX_WAITING:
                 raise Unanswerable("too many questions wait; ask again later", ask.id)
             if ask.id in self._under_way:
                 raise Unanswerable("a question with this id is under way", ask.id)
@@ -114,18 +112,18 @@ class Link:
         work = Work(self._progress(ask.id, overtaken), overtaken)
         try:
             lane = self._lanes[entry.lane_of(self._session, ask)]
-            told = await self._loop.run_in_executor(lane, self._work, ask, work)
+            answer = await self._loop.run_in_executor(lane, self._work, ask, work)
         except Cancelled:
-            told = {"cancelled": True} if cancel.cancelled else {"stale": True}
+            answer = {"cancelled": True} if cancel.cancelled else {"stale": True}
         except LocplanError as error:
-            told = {"error": str(error)}
+            answer = {"error": str(error)}
         except MemoryError:
-            told = {"error": "the memory does not suffice; ask for less"}
+            answer = {"error": "the memory does not suffice; ask for less"}
         except Exception as error:  # a fault of ours must not end the page
-            told = {"error": one_line(f"{ask.do} failed: {type(error).__name__}: {error}")}
+            answer = {"error": one_line(f"{ask.do} failed: {type(error).__name__}: {error}")}
         finally:
             del self._under_way[ask.id]
-        await self._send({"re": ask.id, **told})
+        await self._send({"re": ask.id, **answer})
 
     def _work(self, ask: Ask, work: Work) -> dict[str, Any]:
         work.cancel.check()
@@ -134,10 +132,10 @@ class Link:
     def _progress(self, number: int, cancel: Cancel) -> Any:
         def progress(done: int, total: int, doing: str = "") -> None:
             cancel.check()
-            told: dict[str, Any] = {"progress": number, "done": int(done), "total": int(total)}
+            answer: dict[str, Any] = {"progress": number, "done": int(done), "total": int(total)}
             if doing:
-                told["doing"] = doing
-            self._loop.call_soon_threadsafe(self._post, told)
+                answer["doing"] = doing
+            self._loop.call_soon_threadsafe(self._post, answer)
 
         return progress
 
@@ -146,11 +144,11 @@ class Link:
         with suppress(RuntimeError):  # the server has ended
             self._loop.call_soon_threadsafe(self._post, event)
 
-    def _post(self, told: dict[str, Any]) -> None:
-        if told.get("event") == "state":
+    def _post(self, message: dict[str, Any]) -> None:
+        if message.get("event") == "state":
             self._changed.set()
         else:
-            self._begin(self._send(told))
+            self._begin(self._send(message))
 
     async def _tell_states(self) -> None:
         """Send the session's state whenever it has changed, one after the other.
@@ -160,8 +158,8 @@ class Link:
         while True:
             await self._changed.wait()
             self._changed.clear()
-            told = await self._loop.run_in_executor(None, state, self._session)
-            await self._send({"event": "state", **told})
+            answer = await self._loop.run_in_executor(None, self._session.state)
+            await self._send({"event": "state", **answer})
 
     def _begin(self, work: Coroutine[Any, Any, None]) -> None:
         """Begin a task of this page, which ends with it."""
@@ -169,8 +167,8 @@ class Link:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _send(self, told: dict[str, Any]) -> None:
-        text = _text(told)
+    async def _send(self, answer: dict[str, Any]) -> None:
+        text = _text(answer)
         async with self._sending:
             with suppress(WebSocketDisconnect, RuntimeError):  # the page has gone
                 await self._socket.send_text(text)
@@ -189,9 +187,9 @@ class _Overtaken(Cancel):
         return self._given.cancelled or self._newest.get(self._kind, self._turn) != self._turn
 
 
-def _text(told: dict[str, Any]) -> str:
+def _text(answer: dict[str, Any]) -> str:
     """A message as JSON; null stands for NaN and infinity."""
     try:
-        return json.dumps(told, allow_nan=False, separators=(",", ":"))
+        return json.dumps(answer, allow_nan=False, separators=(",", ":"))
     except ValueError:
-        return json.dumps(finite(told), allow_nan=False, separators=(",", ":"))
+        return json.dumps(finite(answer), allow_nan=False, separators=(",", ":"))

@@ -1,4 +1,4 @@
-"""What the page is told of a session: what it is about, and how it stands."""
+"""What the page gets to know of a session: what it is about, and how it stands."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 from locplan import __version__
 from locplan._util.tables import finite
 from locplan.explorer._scene import Scene
-from locplan.explorer._session import GREATEST_WEIGHT, Session
+from locplan.explorer._session import MAX_WEIGHT, Session
 from locplan.field import ESTIMATORS, estimator_class
 from locplan.robots import PRESETS, Preset
 
@@ -42,7 +42,7 @@ def about(session: Session) -> dict[str, Any]:
         "distros": list(DISTRIBUTIONS),
         "can": {"export": writes, "save": writes, "twins": True, "landmarks": True},
         "drives": [each.about() for each in session.drives],
-        "max_weight": GREATEST_WEIGHT,
+        "max_weight": MAX_WEIGHT,
     }
 
 

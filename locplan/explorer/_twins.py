@@ -6,18 +6,17 @@ Those of all places are a layer beside those of the field.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from locplan._util.checks import FARTHEST
-from locplan._util.tables import finite
 from locplan.errors import ConfigError
 from locplan.explorer._snap import snapped
 from locplan.explorer._textures import Texture
+from locplan.matching import ScanDatabase
 from locplan.robots import Robot
-from locplan.twins import PLACE_HEADINGS, PLACE_SPACING, ScanDatabase, Twins, find_twins
+from locplan.twins import PLACE_HEADINGS, PLACE_SPACING, Twins, find_twins
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
 TWINS = "twins"
 """Name of the layer."""
-MOST_EXCESS = 12.0
+MAX_EXCESS = 12.0
 """Excess from which on all places count as the same [nats]; a likelihood of 6e-6."""
 SECONDS = 40.0
 """Processor time that all comparisons may take by the estimate [s]."""
@@ -38,68 +37,6 @@ ALIKE = 3.0
 """Excess up to which a pose counts as a look-alike [nats]; a likelihood of a twentieth."""
 BYTES_A_CELL = 20
 """Bytes that a database takes for each cell of the map, about."""
-
-
-@dataclass(frozen=True)
-class LookAlike:
-    """A pose that the robot can be mistaken for."""
-
-    x: float
-    """World x [m]."""
-    y: float
-    """World y [m]."""
-    heading: float
-    """Heading there [rad]."""
-    excess: float
-    """By how much it explains the scan worse [nats]; below 0 it explains it better."""
-
-
-@dataclass(frozen=True)
-class LookAlikes:
-    """What one place can be mistaken for by a single scan."""
-
-    place: tuple[float, float]
-    """World x and y of the place [m]."""
-    excess: float
-    """Least excess of any pose more than 2 m away [nats]; infinite if there is none."""
-    share: float
-    """Share of the posterior more than 2 m away."""
-    modes: int
-    """Number of look-alike poses more than 2 m away."""
-    stretch: float
-    """Distance that a match can slide along the place, as in a corridor [m]."""
-    twins: tuple[LookAlike, ...]
-    """The best of the look-alikes, the one with the least excess first."""
-
-    @classmethod
-    def of(cls, found: Twins) -> LookAlikes:
-        """The look-alikes of the first place that was searched for twins."""
-        alike = [each for each in found.of(0) if each.excess <= ALIKE]
-        x, y = found.places[0].tolist()
-        return cls(
-            (x, y),
-            float(found.excess[0]),
-            float(found.elsewhere[0]),
-            int(found.modes[0]),
-            float(found.stretch[0]),
-            tuple(LookAlike(each.x, each.y, each.heading, float(each.excess)) for each in alike),
-        )
-
-    def summary(self) -> dict[str, object]:
-        """The look-alikes, fit for JSON."""
-        about: dict[str, object] = {
-            "x": self.place[0],
-            "y": self.place[1],
-            "excess": self.excess,
-            "share": self.share,
-            "modes": self.modes,
-            "stretch": self.stretch,
-            "twins": [
-                {**vars(each), "likelihood": math.exp(-max(each.excess, 0.0))}
-                for each in self.twins
-            ],
-        }
-        return finite(about)
 
 
 def twins(session: Session, ask: Ask, work: Work) -> dict[str, object]:
@@ -114,7 +51,9 @@ def twins(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     found = find_twins(
         database.grid, robot, places=[place], database=database, progress=work.progress
     )
-    return LookAlikes.of(found).summary()
+    at: Any = found.summary(starts=())["at"]
+    alike = [each for each in at["twins"] if each["excess"] <= ALIKE]
+    return {**at, "twins": alike}
 
 
 def database_of(session: Session, robot: Robot, work: Work) -> ScanDatabase:
@@ -135,29 +74,13 @@ def database_of(session: Session, robot: Robot, work: Work) -> ScanDatabase:
     )
 
 
-def affordable_spacing(area: float, compared: int, headings: int) -> float:
-    """Distance of places [m] at which the search takes no longer than it may.
-
-    Parameters
-    ----------
-    area : float
-        Area that the robot can stand on [m^2].
-    compared : int
-        Number of places that each pose is compared with.
-    headings : int
-        Number of headings at each place.
-    """
-    poses = SECONDS / (POSE_SECONDS + PLACE_SECONDS * compared)
-    least = math.sqrt(area * headings / poses)
-    return max(PLACE_SPACING, math.ceil(10 * least) / 10)
-
-
 def spacing_of(database: ScanDatabase) -> float:
     """The usual distance of places [m], or a greater one where that would take too long."""
     every, cell = database.everywhere, database.grid.resolution
     headings = 1 if database.lidar.sees_alike_in_all_headings else PLACE_HEADINGS
-    spacing = affordable_spacing(float(every.fits.sum()) * cell**2, len(every.positions), headings)
-    return max(spacing, cell)
+    poses = SECONDS / (POSE_SECONDS + PLACE_SECONDS * len(every.positions))
+    spacing = math.sqrt(float(every.fits.sum()) * cell**2 * headings / poses)
+    return max(PLACE_SPACING, math.ceil(10 * spacing) / 10, cell)
 
 
 def texture_of(found: Twins, stride: int, digest: str) -> Texture:
@@ -170,11 +93,11 @@ def texture_of(found: Twins, stride: int, digest: str) -> Texture:
         1.0,
         1,
         False,
-        (MOST_EXCESS, 0.0),
-        np.clip(excess, 0.0, MOST_EXCESS),
+        (MAX_EXCESS, 0.0),
+        np.clip(excess, 0.0, MAX_EXCESS),
         "How much worse the best other place explains a scan than the right one. At 0 both explain"
         f" it equally well, at {ALIKE:g} nats the other is {math.exp(-ALIKE):.0%} as likely;"
-        f" {MOST_EXCESS:g} also stands for more. Places are {found.spacing:g} m apart.",
+        f" {MAX_EXCESS:g} also stands for more. Places are {found.spacing:g} m apart.",
         digest,
     )
 

@@ -15,8 +15,8 @@ from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback
 from locplan.costs import CellWindow, Costmap, changed_window, joined_windows
 from locplan.errors import one_line
-from locplan.explorer._cancelling import Cancel, Cancelled
 from locplan.explorer._scene import Busy, Opening, Scene
+from locplan.explorer._wire import Cancel, Cancelled
 from locplan.field import (
     CovarianceField,
     FieldConfig,
@@ -205,12 +205,12 @@ class Upkeep:
         config, threads = known.config, check_threads(self.session.opening.threads)
         before = known.grid
         fresh = fresh & untouched_points(before, grid, config)
-        wanted = config.lattice_points(grid)
+        evaluated = config.lattice_points(grid)
         values = {name: array.copy() for name, array in known.values.items()}
         for array in values.values():
-            array[~wanted] = np.nan
-        unknown = wanted & ~known.evaluated
-        due = wanted & ~fresh
+            array[~evaluated] = np.nan
+        unknown = evaluated & ~known.evaluated
+        due = evaluated & ~fresh
         if not due.any():
             yield CovarianceField.of(values, grid, config), fresh, True
             return

@@ -5,9 +5,10 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
@@ -16,9 +17,8 @@ from locplan.maps import OccupancyGrid
 from locplan.planners import AWARE, SHORTEST, Plan, Position, plan_beside_shortest
 from locplan.robots import Robot
 
-T = TypeVar("T")
-MOST_DRIVES = 100
-"""Greatest number of drives of each path that the page can ask for."""
+MAX_DRIVES = 256
+"""Greatest number of confirming drives that the page can ask for."""
 STEPS = 400
 """Greatest number of steps of a profile along a path."""
 DECIMALS = 3
@@ -43,6 +43,8 @@ class View:
     """Position of the goal in the world [m]."""
     via: tuple[Position, ...] = ()
     """Positions to visit on the way, in this order [m]."""
+    whole: bool = True
+    """False while some values of the field are those from before an edit."""
 
     def __repr__(self) -> str:
         (x0, y0), (x1, y1) = self.start[:2], self.goal[:2]
@@ -52,6 +54,26 @@ class View:
     def legs(self) -> list[tuple[Position, Position]]:
         """Both ends of each leg of the way."""
         return list(itertools.pairwise([self.start, *self.via, self.goal]))
+
+    @property
+    def cost_settings(self) -> dict[str, Any]:
+        """Weight of the costmap, and its criterion unless that is the estimator's own."""
+        settings, own = self.costs.settings, self.field.config.estimator.criterion
+        criterion = settings.criterion if settings else own
+        return {"weight": float(self.costs.weight)} | (
+            {"criterion": criterion} if criterion != own else {}
+        )
+
+    def field_at(
+        self, grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
+    ) -> CovarianceField:
+        """The field with values at some lattice points (h, w) alone, as if computed for these."""
+        if points is None:
+            return self.field
+        values = {name: array.copy() for name, array in self.field.values.items()}
+        for array in values.values():
+            array[~points] = np.nan
+        return CovarianceField.of(values, grid, self.field.config)
 
     def plans(self) -> Mapping[str, Plan]:
         """The localizability-aware plan and the shortest one, by the library's planner."""
@@ -64,11 +86,6 @@ class View:
         if aware is None or shortest is None:
             raise ConfigError("no path joins start and goal; move one of them")
         return aware, shortest
-
-
-def given(value: T | None, default: T) -> T:
-    """What was given, or the default."""
-    return default if value is None else value
 
 
 def rounded(xy: object) -> list[list[float]]:

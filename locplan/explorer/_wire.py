@@ -1,13 +1,15 @@
-"""Questions of the page: messages of JSON, of which every value is checked when it is read."""
+"""Questions of the page, of which every value is checked when it is read, and taking them back."""
 
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, NoReturn, overload
 
 from locplan._util.checks import is_number, number, one_of, position, printable, shown, whole
+from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError, LocplanError
 
 MAX_MESSAGE = 200_000
@@ -167,3 +169,53 @@ def _refuse(constant: str) -> NoReturn:
 
 def _is_pair(value: object) -> bool:
     return isinstance(value, list) and len(value) == 2 and all(map(is_number, value))
+
+
+class Cancelled(Exception):
+    """Long work was cancelled; it is no error of the user's, and never reaches one."""
+
+
+class Cancel:
+    """A token that one thread sets and the thread of the long work looks at.
+
+    The library knows one honest way to end early: its progress callback raises. So work ends at its
+    next progress call, and no sooner: what goes before the first one, such as a search, runs out.
+
+    Examples
+    --------
+    >>> token = Cancel()
+    >>> watched = token.watching(lambda done, total: print(done, "of", total))
+    >>> watched(1, 8)
+    1 of 8
+    >>> token.cancel()
+    >>> watched(2, 8)
+    Traceback (most recent call last):
+    locplan.explorer._wire.Cancelled
+    """
+
+    def __init__(self) -> None:
+        self._set = threading.Event()
+
+    def cancel(self) -> None:
+        """Ask the work to end; may be called from any thread, and more than once."""
+        self._set.set()
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether the work was asked to end."""
+        return self._set.is_set()
+
+    def check(self) -> None:
+        """Raise `Cancelled` if the work was asked to end."""
+        if self.cancelled:
+            raise Cancelled
+
+    def watching(self, progress: ProgressCallback | None = None) -> ProgressCallback:
+        """A progress callback that raises `Cancelled`, and else hands on to `progress`."""
+
+        def update(done: int, total: int) -> None:
+            self.check()
+            if progress:
+                progress(done, total)
+
+        return update

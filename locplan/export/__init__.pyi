@@ -11,26 +11,26 @@ from ._batch import (
 from ._distros import (
     DISTRIBUTIONS as DISTRIBUTIONS,
     Distribution as Distribution,
+    DistroWarning as DistroWarning,
     distribution as distribution,
 )
 from ._figures import routes_figure as routes_figure, values_figure as values_figure
-from ._geojson import route_graph as route_graph, to_geojson as to_geojson
+from ._geojson import (
+    nav2_routes as nav2_routes,
+    route_graph as route_graph,
+    to_geojson as to_geojson,
+)
 from ._layer import layer as layer
 from ._lif import lif as lif, to_lif as to_lif, with_stations as with_stations
 from ._nav2 import (
+    ParametersChanged as ParametersChanged,
     keepout_mask as keepout_mask,
     nav2_keepout as nav2_keepout,
     nav2_speed as nav2_speed,
     nav2_static as nav2_static,
 )
-from ._nav2_routes import nav2_routes as nav2_routes
+from ._parameters import RobotWarning as RobotWarning
 from ._plain_files import field as field, path as path
-from ._plan_folders import (
-    FRONT_FILES as FRONT_FILES,
-    PLAN_FILES as PLAN_FILES,
-    write_front as write_front,
-    write_plans as write_plans,
-)
 from ._recommended import RecommendedWays as RecommendedWays, recommended_ways as recommended_ways
 from ._registry import (
     ExportJob as ExportJob,
@@ -38,7 +38,6 @@ from ._registry import (
     Format as Format,
     formats as formats,
 )
-from ._roadmap import roadmap as roadmap
-from ._route_graphs import RouteGraph as RouteGraph
+from ._roadmap import RouteGraph as RouteGraph, roadmap as roadmap
 from ._travel_costs import Conversion as Conversion
-from ._value_maps import percent as percent, ros_map as ros_map
+from ._value_maps import YawWarning as YawWarning, percent as percent, ros_map as ros_map

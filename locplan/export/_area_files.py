@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from locplan._util.tables import finite
+from locplan._util.records import Column, Table
 from locplan.costs import Costmap, about_costs, costs_caption
 from locplan.export._areas import MIN_AREA, DegenerateArea, degenerate_areas, half_free
 from locplan.export._autoware import lanelet2_of, parameters_of
-from locplan.export._folders import export_folder
+from locplan.export._folders import PREVIEW, export_folder
 from locplan.export._registry import ExportSummary
-from locplan.export._value_maps import PREVIEW
 from locplan.field import CovarianceField
 
 AREAS = "areas.geojson"
 LANELET2 = "degenerate_areas.osm"
 PARAMETERS = "environment_adaptor.param.yaml"
+COLUMNS = (
+    Column("name"),
+    Column("area", "m^2"),
+    Column("u_mean"),
+    Column("u_max"),
+    Column("position_std", "m"),
+    Column("worst_position_std", "m"),
+    Column("minor_position_std", "m"),
+    Column("heading_std", "rad"),
+    Column("worst_heading_std", "rad"),
+    Column("direction", "rad"),
+    Column("agreement"),
+    Column("covariance", value=lambda area: area.covariance.tolist()),
+)
+"""What a file says of each area."""
 
 
 def save_degenerate_areas(
@@ -54,8 +64,7 @@ def save_degenerate_areas(
     LocplanError
         If the folder cannot be written, or no areas can be made, see `degenerate_areas`.
     """
-    from locplan.export import _area_figures
-    from locplan.plotting import save_figure
+    from locplan.export import _figures
 
     areas = degenerate_areas(costs, field, threshold=threshold, min_area=min_area)
     least = half_free(costs, field) if threshold is None else threshold
@@ -65,13 +74,12 @@ def save_degenerate_areas(
     with export_folder(
         Path(folder), f"Degenerate areas of {name}", about, _readme(areas, least, frame)
     ) as temporary:
-        text = json.dumps(geojson_of(areas, frame), indent=1, allow_nan=False)
-        (temporary / AREAS).write_text(text + "\n", encoding="utf-8")
+        outlines = [(area.outline, *area.holes) for area in areas]
+        Table.of(COLUMNS, areas).write_geojson(temporary / AREAS, outlines, frame=frame)
         (temporary / LANELET2).write_text(lanelet2_of(areas), encoding="utf-8")
         (temporary / PARAMETERS).write_text(parameters_of(areas), encoding="utf-8")
         title = f"{name}: {said(areas)}, u ≥ {least:.2g}{costs_caption(costs)}"
-        figure = _area_figures.areas_figure(costs.grid, areas, title)
-        save_figure(figure, temporary / PREVIEW, dpi=110)
+        _figures.save_preview(temporary, _figures.areas_figure(costs.grid, areas, title))
     return areas
 
 
@@ -96,50 +104,10 @@ def summary_of(
     rows = [("degenerate areas", found if areas else f"none with u ≥ {least:.2g}")]
     if areas:
         first = areas[0]
-        values |= {"largest": first.name, "largest_area_m2": first.area}
+        values |= {"largest": first.name, "largest_area": first.area}
         deviation = f"{100 * first.position_std:.0f} cm"
         rows.append(("largest", f"{first.name}: {first.area:.1f} m², std. deviation {deviation}"))
     return ExportSummary(values, tuple(rows))
-
-
-def geojson_of(areas: Sequence[DegenerateArea], frame: str = "map") -> dict[str, Any]:
-    """The areas as a FeatureCollection, wound as RFC 7946 has it; coordinates in metres."""
-    return {
-        "type": "FeatureCollection",
-        "name": "degenerate areas",
-        "frame": frame,
-        "features": [_feature(area) for area in areas],
-    }
-
-
-def _feature(area: DegenerateArea) -> dict[str, Any]:
-    properties = {
-        "name": area.name,
-        "area_m2": area.area,
-        "u_mean": area.u_mean,
-        "u_max": area.u_max,
-        "position_std_m": area.position_std,
-        "position_std_worst_m": area.worst_position_std,
-        "position_std_minor_m": area.minor_position_std,
-        "heading_std_rad": area.heading_std,
-        "heading_std_worst_rad": area.worst_heading_std,
-        "direction_rad": area.direction,
-        "direction_agreement": area.agreement,
-        "covariance": area.covariance.tolist(),
-    }
-    rings = [_closed(corners) for corners in (area.outline, *area.holes)]
-    return {
-        "type": "Feature",
-        "id": area.name,
-        "properties": finite(properties),
-        "geometry": {"type": "Polygon", "coordinates": rings},
-    }
-
-
-def _closed(corners: NDArray[np.float64]) -> list[list[float]]:
-    """Corners to a tenth of a millimetre, with the first one once more at the end."""
-    rounded: list[list[float]] = np.round(np.concatenate([corners, corners[:1]]), 4).tolist()
-    return rounded
 
 
 def _readme(areas: Sequence[DegenerateArea], least: float, frame: str) -> list[str]:
@@ -150,9 +118,9 @@ def _readme(areas: Sequence[DegenerateArea], least: float, frame: str) -> list[s
         found,
         "",
         f"- {AREAS}: polygons in metres of the frame {frame}, not in degrees. In QGIS, drag it onto"
-        " a project without a coordinate reference system. position_std_m and heading_std_rad are"
-        " medians; direction_rad is the line along which the position is uncertain, and"
-        " direction_agreement says if that holds in all of the area (1) or not (0); covariance"
+        " a project without a coordinate reference system. position_std [m] and heading_std [rad]"
+        " are medians; direction [rad] is the line along which the position is uncertain, and"
+        " agreement says if that holds in all of the area (1) or not (0); covariance"
         " [m, m, rad] is that of the mean information.",
         f"- {LANELET2}: the areas for Autoware's environment_adaptor, a node that is in no release"
         " yet: polygons of type degenerate_area, to be merged into your vector map. They stand in"

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from locplan._util.checks import instance, number
 from locplan.costs import DEGENERATE, Costmap, check_costs
 from locplan.errors import FieldError
+from locplan.export._folders import check_has_field
 from locplan.export._outlines import QUARTERS, Ring, rings_of, signed_area, thinned, untangled
-from locplan.export._value_maps import check_has_field
 from locplan.field import CovarianceField, mean_information, position_axes, scalar
 from locplan.maps import OccupancyGrid
 
@@ -161,7 +161,7 @@ def degenerate_areas(
                 float(sizes[label]),
                 float(u.mean()),
                 float(u.max()),
-                **_spread_of(covariance),
+                **_deviations_of(covariance),
             )
         )
     return tuple(areas)
@@ -175,7 +175,7 @@ def check_areas(threshold: float | None, min_area: float) -> None:
 
 
 def half_free(costs: Costmap, field: CovarianceField) -> float:
-    """Half of the u of a place that tells nothing along one line, and all across it.
+    """Half of the u of a place that is featureless along one line, and well marked across it.
 
     Such a place is a corridor without features. Its u is 1 by the deviation of the position, and
     less by e, to which the position across and the heading count as well. On a logarithmic scale
@@ -254,7 +254,7 @@ def _read(field: CovarianceField, cells: NDArray[np.int64]) -> NDArray[np.float6
     return np.asarray(read[np.isfinite(read).all(axis=(1, 2))])
 
 
-def _spread_of(covariance: NDArray[np.float64]) -> dict[str, Any]:
+def _deviations_of(covariance: NDArray[np.float64]) -> dict[str, Any]:
     """What the covariances of places (n, d, d) say of their area: fields of `DegenerateArea`."""
     major, minor, direction = position_axes(covariance)
     heading = scalar(covariance, "heading_std")

@@ -19,7 +19,7 @@ from locplan.maps import OccupancyGrid, find_maps, load_map, name_of
 
 @dataclass(frozen=True)
 class FieldJob:
-    """A map, and the files of its field and its picture, if they are wanted."""
+    """A map, and the files of its field and its picture, if they are to be written."""
 
     map_file: Path
     """The map's file."""
@@ -139,7 +139,7 @@ class FieldRun:
 
     def to_json(self) -> dict[str, Any]:
         """The run, fit for JSON."""
-        about = self.summary.to_json() if self.summary else {"map": name_of(self.file)}
+        about = self.summary.summary() if self.summary else {"map": name_of(self.file)}
         done = {"error": self.error, "seconds": round(self.seconds, 3)}
         return {"file": str(self.file)} | about | done
 

@@ -11,6 +11,12 @@ from typing import Any, Literal
 from locplan._util.checks import one_of
 from locplan._util.plain_yaml import ROS_BOOLEANS, ROS_NUMBER
 
+Distro = Literal["humble", "jazzy", "kilted", "lyrical", "rolling"]
+"""A distribution of ROS 2."""
+NavPlannerName = Literal["smac2d", "smac-hybrid", "navfn", "thetastar"]
+"""A planner of Nav2."""
+
+
 BRINGUP = "ros2 launch nav2_bringup bringup_launch.py map:=MAP.yaml params_file:=PARAMS.yaml"
 LAUNCH = "localizability.launch.xml"
 SERVERS = "servers.yaml"

@@ -1,29 +1,33 @@
-"""Figures of exports: the values of a mask, route graphs, and layers with their legends."""
+"""Figures of exports: masks, areas, route graphs, and layers with their legends."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from functools import partial
-from pathlib import Path
+from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.path import Path
 from matplotlib.ticker import FuncFormatter
+from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap, costs_caption
-from locplan.export._route_graphs import RouteGraph
+from locplan.export._areas import DegenerateArea
+from locplan.export._autoware import AGREES
+from locplan.export._folders import PREVIEW
+from locplan.export._roadmap import RouteGraph
 from locplan.field import CovarianceField
 from locplan.maps import UNKNOWN, OccupancyGrid
 from locplan.plotting import (
-    FIELD_COLOURS,
-    LIGHT_MAP_COLOURS,
     Picture,
     draw_cells,
     draw_map,
@@ -31,6 +35,8 @@ from locplan.plotting import (
     label_plainly,
     map_axes,
     map_size,
+    save_figure,
+    style,
 )
 
 _ROWS = 256
@@ -38,11 +44,16 @@ EDGE_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.2, 1.0, 256)))
 """Colours of edges, the costly ones dark; all of them can be told from white."""
 WIDTH = 0.07
 """Width of an edge as a share of the median length, both as drawn; nodes are twice as wide."""
-LEAST_SCALE = 25.0
+MIN_SCALE = 25.0
 """Least end of the scale of a mask's values, which ends at the greatest of them."""
 LONGEST = 1000
 """Longest side of a picture [cells]; cells of larger maps are merged, and walls and the greatest
 values stay."""
+
+
+def save_preview(folder: FilePath, figure: Figure, dpi: int = style.PREVIEW_DPI) -> None:
+    """Write the picture of an export into its folder."""
+    save_figure(figure, folder / PREVIEW, dpi=dpi)
 
 
 def values_figure(
@@ -65,12 +76,11 @@ def values_figure(
         much is given up.
     """
     grid, shown = _shrunk(grid, values)
-    figure = Picture(figsize=map_size(grid), layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = map_axes(grid)
     draw_map(axes, grid)
     if (shown >= 0).any():
-        known, norm = np.ma.masked_less(shown, 0), Normalize(0.0, max(LEAST_SCALE, shown.max()))
-        image = draw_cells(axes, grid, known, cmap=FIELD_COLOURS, norm=norm)
+        known, norm = np.ma.masked_less(shown, 0), Normalize(0.0, max(MIN_SCALE, shown.max()))
+        image = draw_cells(axes, grid, known, cmap=style.FIELD_COLOURS, norm=norm)
         bar = figure.colorbar(image, ax=axes, label=label, shrink=0.9)
         if falling:
             bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 - value:.0f}"))
@@ -92,7 +102,7 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
     """
     figure, axes = map_axes(costs.grid)
     draw_map(axes, costs.grid)
-    axes.images[0].set_cmap(LIGHT_MAP_COLOURS)
+    axes.images[0].set_cmap(style.LIGHT_MAP_COLOURS)
     per_metre = graph.cost / graph.length
     order = np.argsort(per_metre, kind="stable")  # the costliest on top
     width, _ = map_size(costs.grid)
@@ -135,11 +145,13 @@ def norm_of(field: CovarianceField, name: str, values: NDArray[np.float64]) -> N
     ends = np.array(field.anchors(name))
     if np.isfinite(values).any():
         ends = np.array([np.nanmin(values), np.nanmax(values)])
-    low, high = _ends(field_norm(field, name, factor * ends))
-    return LogNorm(low / factor, high / factor)
+    norm = field_norm(field, name, factor * ends)
+    assert norm.vmin is not None
+    assert norm.vmax is not None
+    return LogNorm(norm.vmin / factor, norm.vmax / factor)
 
 
-def write_coloured(file: Path, values: NDArray[np.float64], norm: Normalize) -> None:
+def write_coloured(file: FilePath, values: NDArray[np.float64], norm: Normalize) -> None:
     """Write values (H, W) as coloured cells, the highest row first, transparent where NaN."""
     from PIL import Image
 
@@ -147,7 +159,7 @@ def write_coloured(file: Path, values: NDArray[np.float64], norm: Normalize) -> 
     for first in range(0, len(values), _ROWS):
         some = values[::-1][first : first + _ROWS]
         known = np.isfinite(some)
-        colours[first : first + _ROWS][known] = FIELD_COLOURS(
+        colours[first : first + _ROWS][known] = style.FIELD_COLOURS(
             np.asarray(norm(some[known])), bytes=True
         )
     Image.fromarray(colours, "RGBA").save(file, "png", compress_level=3)
@@ -170,7 +182,7 @@ def legend_figure(
     rows = figure.subplots(len(norms), 1, squeeze=False)[:, 0]
     for axes, (name, norm) in zip(rows, norms.items(), strict=True):
         shown = field.quantity(name)
-        colours = ScalarMappable(norm, FIELD_COLOURS)
+        colours = ScalarMappable(norm, style.FIELD_COLOURS)
         bar = figure.colorbar(colours, cax=axes, orientation="horizontal").ax
         bar.set_box_aspect(0.06)
         bar.set_xlabel(f"{name} [{units[name]}] in files")
@@ -184,7 +196,59 @@ def legend_figure(
     return figure
 
 
-def _ends(norm: Normalize) -> tuple[float, float]:
-    assert norm.vmin is not None
-    assert norm.vmax is not None
-    return norm.vmin, norm.vmax
+EDGE = "#a0522d"
+"""Colour of the areas' outlines."""
+ARM = 0.02
+"""Half the length of the lines that show directions, as a share of the map's longer side."""
+NAMED = 25
+"""Greatest number of areas that are named in a picture, the largest first."""
+
+
+def areas_figure(grid: OccupancyGrid, areas: Sequence[DegenerateArea], title: str) -> Figure:
+    """A figure of areas with their names, and the line along which each is uncertain.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+    areas : sequence of DegenerateArea
+        They are named where no name of a larger one stands.
+    title : str
+    """
+    figure, axes = map_axes(grid)
+    draw_map(axes, grid)
+    shapes = [_path(area) for area in areas]
+    faces = PathCollection(
+        shapes, facecolors=style.ORANGE, edgecolors=EDGE, alpha=0.75, linewidths=1.0
+    )
+    axes.add_collection(faces, autolim=False)
+    longest = ARM * max(*np.ptp([axes.get_xlim(), axes.get_ylim()], axis=1))
+    lines = []
+    for area in areas:
+        if area.agreement >= AGREES:
+            size = min(longest, 0.4 * math.sqrt(area.area))
+            arm = size * np.array([np.cos(area.direction), np.sin(area.direction)])
+            lines.append([area.middle - arm, area.middle + arm])
+    axes.add_collection(LineCollection(lines, colors="black", linewidths=2.0), autolim=False)
+    taken: list[Bbox] = []
+    metre = 72 * (map_size(grid)[0] - 2.0) / np.ptp(axes.get_xlim())  # in points, nearly
+    for area in areas:
+        label = f"{area.name}: {100 * area.position_std:.0f} cm"
+        x, y = metre * np.array(area.middle)
+        box = Bbox.from_extents(x - 2.6 * len(label), y, x + 2.6 * len(label), y + 12)
+        if len(taken) < NAMED and not any(box.overlaps(other) for other in taken):
+            taken.append(box)
+            text = axes.annotate(
+                label, area.middle, (0, 4), textcoords="offset points", ha="center", fontsize=8
+            )
+            text.set_path_effects(style.outline(2.5))
+    below = "name: median position std. deviation; line: its direction"
+    axes.set_title(f"{title}\n{below}" if areas else title, fontsize="medium")
+    return figure
+
+
+def _path(area: DegenerateArea) -> Path:
+    """An area with its holes as a path of matplotlib."""
+    rings = [area.outline, *area.holes]
+    corners = [np.concatenate([ring, ring[:1]]) for ring in rings]
+    codes = [[Path.MOVETO, *[Path.LINETO] * (len(ring) - 1), Path.CLOSEPOLY] for ring in rings]
+    return Path(np.concatenate(corners), np.concatenate(codes))

@@ -8,14 +8,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from locplan._util.files import check_folder_target, replacing_folder
 from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_text
 from locplan._util.results import digest_of
+from locplan._util.runs import write_run
 from locplan.costs import Costmap
-from locplan.errors import LocplanError
+from locplan.errors import ConfigError, LocplanError
 
 ABOUT = "export.json"
 README = "README.md"
+PREVIEW = "preview.png"
 
 
 def check_export_folder(target: Path) -> None:
@@ -35,9 +39,16 @@ def export_folder(
     with replacing_folder(target, None, _is_untouched_export) as folder:
         yield folder
         (folder / README).write_text("\n".join([f"# {title}", "", *readme]) + "\n", "utf-8")
+        write_run(folder, target)
         files = {file.name: digest_of(file) for file in sorted(folder.iterdir())}
         text = json.dumps({**about, "files": files}, indent=2, allow_nan=False)
         (folder / ABOUT).write_text(text + "\n", "utf-8")
+
+
+def check_has_field(costs: Costmap) -> None:
+    """Raise a ConfigError unless the costmap knows how degenerate its cells are."""
+    if np.isnan(costs.u).all() and np.isfinite(costs.density).any():
+        raise ConfigError("this export needs a costmap made of a field (Costmap.from_field)")
 
 
 def about_map(costs: Costmap) -> list[str]:

@@ -1,25 +1,38 @@
-"""Route graphs as the GeoJSON that Nav2's route server reads."""
+"""Route graphs as the GeoJSON that Nav2's route server reads, of lanes or of recommended ways."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
-from pathlib import Path
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 
+from locplan._util.geojson import collection, feature, write_geojson
 from locplan._util.progress import ProgressCallback, parts, scaled
-from locplan.costs import Costmap, about_costs
+from locplan._util.records import Column, Table
+from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError
+from locplan.export._bags import bag
 from locplan.export._distros import SERVERS, Server, distribution, lines_on_serving, write_servers
-from locplan.export._folders import about_map, export_folder
-from locplan.export._roadmap import roadmap
-from locplan.export._route_graphs import RouteGraph
-from locplan.export._value_maps import PREVIEW, without_yaw
+from locplan.export._folders import PREVIEW, about_map, export_folder
+from locplan.export._messages import topics_of
+from locplan.export._recommended import RecommendedWays, recommended_ways
+from locplan.export._roadmap import RouteGraph, roadmap
+from locplan.export._value_maps import where_unturned, without_yaw
+from locplan.maps import OccupancyGrid
 
 GRAPH = "graph.geojson"
+BAG = "routes.mcap"
+TABLE = "routes.csv"
+COLUMNS = (
+    *(Column("query"), Column("start_id"), Column("goal_id")),
+    *(Column("cost", "m"), Column("followed"), Column("topic")),
+)
+"""What the table says of each query."""
 MAX_ID = 65535
 """Greatest id of a node or an edge: Nav2's messages have 16 bits for it."""
 SHARES = 90, 10
@@ -59,8 +72,7 @@ def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
             f" a spacing {1.1 * math.sqrt(ids / MAX_ID):.2g} times as large should do"
         )
     xy = graph.nodes.tolist()
-    features: list[tuple[str, Any, dict[str, Any]]]
-    features = [("Point", at, {"id": n, "frame": frame}) for n, at in enumerate(xy, start=1)]
+    features = [feature("Point", at, {"id": n, "frame": frame}) for n, at in enumerate(xy, 1)]
     names = ("length", "integrated_e", "integrated_u", "penalty")
     values = np.column_stack([getattr(graph, name) for name in names]).tolist()
     for (i, j), cost, row in zip(graph.edges.tolist(), graph.cost.tolist(), values, strict=True):
@@ -68,20 +80,13 @@ def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
         for start, end in ((i, j), (j, i))[: 1 if graph.directed else 2]:
             about = {"id": len(features) + 1, "startid": start + 1, "endid": end + 1}
             about |= {"cost": cost, "overridable": True, "metadata": metadata}
-            features.append(("LineString", [xy[start], xy[end]], about))
-    return {
-        "type": "FeatureCollection",
-        "name": "graph",
-        "crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3857"}},
-        "features": [
-            {"type": "Feature", "properties": about, "geometry": {"type": kind, "coordinates": at}}
-            for kind, at, about in features
-        ],
-    }
+            features.append(feature("LineString", [xy[start], xy[end]], about))
+    crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3857"}}
+    return collection("graph", features, crs=crs)
 
 
 def route_graph(
-    folder: str | Path,
+    folder: str | FilePath,
     costs: Costmap,
     *,
     spacing: float = 2.0,
@@ -89,7 +94,7 @@ def route_graph(
     distro: str = "jazzy",
     progress: ProgressCallback | None = None,
 ) -> RouteGraph:
-    """Write lanes for Nav2's route server, with the scorers that make it charge J.
+    """Write lanes for Nav2's route server, with the scorers that make its costs J.
 
     Parameters
     ----------
@@ -118,15 +123,11 @@ def route_graph(
     LocplanError
         If the folder cannot be written, or no graph can be made, see `roadmap` and `to_geojson`.
     """
-    from locplan.export import _figures
-    from locplan.plotting import save_figure
-
     runs = distribution(distro)
     runs.warn()
     given, costs = costs, dataclasses.replace(costs, grid=without_yaw(costs.grid))
     laying, writing = parts(progress, SHARES)
     graph = roadmap(costs, spacing=spacing, progress=scaled(laying, SHARES[0]))
-    text = json.dumps(to_geojson(graph, frame), allow_nan=False)
     name = costs.grid.name or "a map"
     readme = [
         f"- {GRAPH}: lanes of {len(graph.nodes)} nodes and {len(graph.edges)} edges both ways, each"
@@ -137,21 +138,30 @@ def route_graph(
         *about_map(given),
     ]
     about = {"kind": "route-graph", "spacing": spacing, "distro": distro} | about_costs(costs)
-    with export_folder(Path(folder), f"Route graph of {name}", about, readme) as temporary:
-        (temporary / GRAPH).write_text(text + "\n", encoding="utf-8")
-        title = f"{name}: {len(graph.nodes)} nodes, {len(graph.edges)} edges each way"
-        figure = _figures.routes_figure(costs, graph, title)
-        save_figure(figure, temporary / PREVIEW, dpi=110)
+    title = f"{name}: {len(graph.nodes)} nodes, {len(graph.edges)} edges each way"
+    with export_folder(FilePath(folder), f"Route graph of {name}", about, readme) as temporary:
+        weight = None if np.isnan(costs.weight) else costs.weight
+        _write_graph(temporary, costs, graph, frame, title, weight)
         writing(SHARES[1] - 1, SHARES[1])
-        write_route_server(temporary, None if np.isnan(costs.weight) else costs.weight)
     return graph
 
 
-def write_route_server(folder: Path, weight: float | None) -> None:
-    """Write the server of a folder's graph; its costs are those of the edges.
+def _write_graph(
+    folder: FilePath,
+    costs: Costmap,
+    graph: RouteGraph,
+    frame: str,
+    title: str,
+    weight: float | None = None,
+) -> None:
+    """Write a graph with its picture and its server, whose costs are those of the edges.
 
     With a weight they are made of `integrated_u`, so that the weight can be changed later.
     """
+    from locplan.export import _figures
+
+    write_geojson(folder / GRAPH, to_geojson(graph, frame))
+    _figures.save_preview(folder, _figures.routes_figure(costs, graph, title))
     files = {"graph_filepath": GRAPH}
     server = Server("nav2_route", "route_server", "route_server", _route_server(weight), files)
     write_servers(folder, [server], "lifecycle_manager_localizability_routes")
@@ -172,3 +182,91 @@ def _route_server(weight: float | None) -> dict[str, Any]:
         "DynamicEdgesScorer": {"plugin": "nav2_route::DynamicEdgesScorer"},
         "smooth_corners": False,  # arcs would leave the edges, which were checked
     }
+
+
+def nav2_routes(
+    folder: str | FilePath,
+    costs: Costmap,
+    paths: Mapping[str, Path],
+    *,
+    frame: str = "map",
+    distro: str = "jazzy",
+) -> RecommendedWays:
+    """Write recommended paths as a route graph that Nav2's server follows, and into a bag.
+
+    The graph's edges are the paths, joined where they run side by side, and its costs make each
+    path the cheapest route between its ends, as far as the paths do not contradict one another.
+
+    Parameters
+    ----------
+    folder : path
+        The folder; one that holds such an export without changes is replaced.
+    costs : Costmap
+        The costs of travel; the map's yaw is left out, as Nav2 ignores it.
+    paths : dict of Path
+        The recommended path of each query by its name, such as those of `choose_many`.
+    frame : str, default "map"
+        Frame of the nodes and of the paths.
+    distro : str, default "jazzy"
+        The distribution of ROS 2, as for `nav2_keepout`.
+
+    Returns
+    -------
+    RecommendedWays
+        The graph, each query's way on it, and the queries for which it is the cheapest route.
+
+    Raises
+    ------
+    LocplanError
+        If the package mcap is missing, the folder cannot be written, or a path does not lie in the
+        map's free space.
+    """
+    runs = distribution(distro)
+    runs.warn()
+    grid = costs.grid
+    unturned = dataclasses.replace(costs, grid=without_yaw(grid))
+    if grid.origin[2]:
+        paths = {name: _unturned(grid, path) for name, path in paths.items()}
+    ways = recommended_ways(unturned, paths)
+    graph = ways.graph
+    name = grid.name or "a map"
+    readme = [
+        f"- {GRAPH}: the ways of {len(ways.ways)} queries, {len(graph.edges)} directed edges"
+        f" between {len(graph.nodes)} nodes; the route server takes the recommended way of"
+        f" {len(ways.followed)} of them ({ways.changed} edges do not cost J for that).",
+        f"- {TABLE}: the nodes of each query's start and goal, for ComputeRoute by ids;"
+        f" {BAG}: its path (nav_msgs/Path on its topic); {PREVIEW}; export.json: the input.",
+        f"- {SERVERS}: the route server with the scorers that add up to these costs.",
+        *lines_on_serving(runs, GRAPH),
+        *about_map(costs),
+    ]
+    if ways.contradicted:
+        readme.append(
+            f"- Other routes are cheaper for {', '.join(ways.contradicted)}, whose ways contradict"
+            " others: ask for these by places on the way, one after the other, or send the paths."
+        )
+    about = {"kind": "nav2-routes", "distro": distro, "changed_edges": ways.changed}
+    about |= {"queries": list(ways.ways), "followed": list(ways.followed)} | about_costs(costs)
+    with export_folder(FilePath(folder), f"Routes on {name}", about, readme) as temporary:
+        count = len(ways.ways)
+        title = f"{name}: recommended ways of {count} quer{'y' if count == 1 else 'ies'}"
+        _write_graph(temporary, unturned, graph, frame, title)
+        bag(temporary / BAG, unturned.grid, paths=paths, frame=frame)
+        _table(ways, topics_of(paths)).write_csv(temporary / TABLE)
+    return ways
+
+
+def _unturned(grid: OccupancyGrid, path: Path) -> Path:
+    """A path on the map without its yaw."""
+    heading = None if path.heading is None else path.heading - grid.origin[2]
+    return Path(where_unturned(grid, path.xy), heading)
+
+
+def _table(ways: RecommendedWays, topics: Mapping[str, str]) -> Table:
+    """A row for each query, with the ids of its ends in the graph's file and its topic."""
+    matrix, rows = ways.graph.matrix, []
+    for name, way in ways.ways.items():
+        cost = float(sum(matrix[one, other] for one, other in pairwise(way)))
+        followed = "yes" if name in ways.followed else "no"
+        rows.append((name, way[0] + 1, way[-1] + 1, round(cost, 3), followed, topics[name]))
+    return Table(COLUMNS, tuple(rows))

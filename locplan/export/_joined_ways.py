@@ -26,7 +26,7 @@ SPACING = 0.5
 """Greatest distance of the positions at which a way can join a lane [m]."""
 LINK = 3.0
 """Greatest length of a line by which a way joins a lane [m]."""
-DEARER = 1.1
+COSTLIER = 1.1
 """Greatest cost of a way over the lanes of others, as a multiple of its own."""
 STRAIGHTER = 1.001
 """Greatest cost of a straight line, as a multiple of the two that it replaces."""
@@ -40,9 +40,13 @@ Ways = dict[str, list[int]]
 
 
 class Lines:
-    """The costs of straight lines on a map, also of those that graze blocked cells."""
+    """The costs of straight lines on a map, also of those that graze blocked cells.
 
-    def __init__(self, costs: Costmap) -> None:
+    A line is free, too, if it is a step `aside` [cells].
+    """
+
+    def __init__(self, costs: Costmap, aside: float = 0.0) -> None:
+        self.aside = aside * costs.grid.resolution
         grid, passable = costs.grid, np.isfinite(costs.density)
         x, y, yaw = grid.origin
         self.resolution = grid.resolution
@@ -57,6 +61,17 @@ class Lines:
     def costs(self, xy: Positions, pairs: Pairs) -> NDArray[np.float64]:
         """J of the lines between pairs of positions [m]; infinite through what is blocked."""
         within = line_costs(self.blocked, self.columns, self.frame, xy, pairs)
+        if self.aside:
+            beyond = np.flatnonzero(within > GRAZED)
+            ends = xy[pairs[beyond]]
+            along = ends[:, 1] - ends[:, 0]
+            length = np.maximum(np.hypot(*along.T), 1e-9)[:, None]
+            aside = self.aside * along[:, ::-1] * (1, -1) / length
+            own = np.arange(2 * len(beyond)).reshape(-1, 2)
+            for moved in (ends - aside[:, None], ends + aside[:, None]):
+                beside = moved.reshape(-1, 2), own
+                found = line_costs(self.blocked, self.columns, self.frame, *beside)
+                within[beyond] = np.minimum(within[beyond], found)
         price = line_costs(self.price, self.columns, self.frame, xy, pairs)
         return np.where(within <= GRAZED, price * self.resolution, np.inf)
 
@@ -85,7 +100,7 @@ def joined(lines: Lines, paths: Mapping[str, Path]) -> tuple[Positions, Ways]:
     ways: Ways = {}
     for name in sorted(paths, key=lambda name: -paths[name].length):
         lanes = np.array([two for way in ways.values() for two in pairwise(way)], int)
-        nodes, way = _with_lane(lines, nodes, lanes.reshape(-1, 2), _divided(paths[name]))
+        nodes, way = _with_lane(lines, nodes, lanes.reshape(-1, 2), divided(paths[name]))
         for other in ways.values():
             way = _between_same(lines, nodes, way, other)
         ways[name] = way
@@ -104,7 +119,7 @@ def _between_same(
         return way
     (a, b), (i, j) = ([each.index(common[k]) for k in (0, -1)] for each in (way, list(other)))
     own, theirs = way[a : b + 1], list(other[i : j + 1] if i < j else other[j : i + 1][::-1])
-    limit = DEARER * lines.along(nodes[own]).sum()
+    limit = COSTLIER * lines.along(nodes[own]).sum()
     if own == theirs or lines.along(nodes[theirs]).sum() > limit or apart(nodes, own, theirs):
         return way
     return _without_loops(way[:a] + theirs + way[b + 1 :])
@@ -170,14 +185,14 @@ def _with_lane(
         way.append(int(before[way[-1]]))
     way.reverse()
     own = _without_loops(of_own.tolist())
-    if lines.along(both[way]).sum() > DEARER * lines.along(both[own]).sum():
+    if lines.along(both[way]).sum() > COSTLIER * lines.along(both[own]).sum():
         way = own
     added = sorted(node for node in way if node >= old)
     number = {node: old + n for n, node in enumerate(added)}
     return np.concatenate([nodes, both[added]]), [number.get(node, node) for node in way]
 
 
-def _divided(path: Path) -> Positions:
+def divided(path: Path) -> Positions:
     """The corners of a path, and positions between them, in the single precision of Nav2."""
     between = np.arange(0.0, path.length, SPACING)
     at = np.union1d(path.distance, between)

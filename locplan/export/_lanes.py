@@ -1,6 +1,6 @@
 """Lanes over the free space: few, long and straight lines that routes cost little more over.
 
-Lanes are drawn from a fine net. Places that are well spread over it are joined by the cheapest
+Lanes are drawn from a fine net. Places all over it are joined by the cheapest
 routes, the farthest ones first; what is no lane yet costs a little more, so that routes take the
 lanes there are. Lanes are added to where free space sees none, and where a gap between two makes a
 long detour. At last lines that others nearly replace are left out, close nodes are merged, bends
@@ -20,8 +20,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
-from locplan._kernels.lanes import sights, spanner, uncrossed
-from locplan._kernels.route import line_cost, line_costs
+from locplan._kernels.route import line_cost, line_costs, sights, spanner, uncrossed
 from locplan._util.progress import ProgressCallback
 from locplan.export._net import MERGED, Net, Space, merged, relaxed, spanned, symmetric
 
@@ -91,9 +90,9 @@ def _with_spurs(
     within: float,
 ) -> Net:
     """The net with lines to ends that are seen by points which see no node."""
-    blind = np.ones(len(points), np.bool_)
-    blind[sights(*space, points, drawn.xy, within, 1)[:, 0]] = False
-    added = _most_seen(sights(*space, points[blind], ends, within, len(ends)))
+    unseen = np.ones(len(points), np.bool_)
+    unseen[sights(*space, points, drawn.xy, within, 1)[:, 0]] = False
+    added = _most_seen(sights(*space, points[unseen], ends, within, len(ends)))
     count = len(drawn.xy)
     xy = np.vstack([drawn.xy, ends[added]])
     lines = sights(*space, ends[added], drawn.xy, within, count)
@@ -204,8 +203,8 @@ def _routes(
         long = over[places] > detour * away[places] * (1 + 1e-9)
         far = places[long & np.isfinite(away[places])]
         if len(far):
-            dear = weighted.matrix(np.where(chosen, net.cost, share * net.cost))
-            _, before = dijkstra(dear, indices=start, return_predecessors=True, limit=2 * limit)
+            costlier = weighted.matrix(np.where(chosen, net.cost, share * net.cost))
+            _, before = dijkstra(costlier, indices=start, return_predecessors=True, limit=2 * limit)
             chosen[weighted.back(before, far)] = True
     _, piece = connected_components(graph, directed=False)
     of_edge = piece[net.edges[:, 0]]
@@ -222,9 +221,9 @@ def _look_everywhere(
     """Add lanes to nodes that are seen by points which see no node of a lane, by most first."""
     weighted = _Weighted(net)
     on = np.unique(net.edges[chosen])
-    blind = np.ones(len(points), np.bool_)
-    blind[sights(*space, points, net.xy[on], within, 1)[:, 0]] = False
-    seen = sights(*space, points[blind], net.xy, within, len(net.xy))
+    unseen = np.ones(len(points), np.bool_)
+    unseen[sights(*space, points, net.xy[on], within, 1)[:, 0]] = False
+    seen = sights(*space, points[unseen], net.xy, within, len(net.xy))
     _, before, _ = dijkstra(
         weighted.matrix(net.cost), indices=on, min_only=True, return_predecessors=True
     )
@@ -286,6 +285,11 @@ def _straightened(space: Space, net: Net, view: View, longest: float) -> Net:
         for end in (one, other):
             if len(joined[end]) == 2:
                 heapq.heappush(lines, line(end))
+    return net._replace(**_lines_of(joined))
+
+
+def _lines_of(joined: list[dict[int, float]]) -> dict[str, NDArray[Any]]:
+    """The edges and the cost of each, from the nodes that each node is joined to."""
     ends = [(i, j, cost) for i, to in enumerate(joined) for j, cost in sorted(to.items()) if i < j]
     edges = np.array([(i, j) for i, j, _ in ends], np.int64).reshape(-1, 2)
-    return Net(net.xy, edges, np.array([cost for *_, cost in ends]))
+    return {"edges": edges, "cost": np.array([cost for *_, cost in ends])}

@@ -75,7 +75,7 @@ def layer(folder: str | Path, field: CovarianceField, *, frame: str = "map") -> 
             figures.write_coloured(temporary / f"{name}.png", values, norms[name])
             for suffix in (".tfw", ".pgw"):
                 (temporary / name).with_suffix(suffix).write_text(world_file(grid), "ascii")
-        save_figure(figures.legend_figure(field, norms, UNITS), temporary / LEGEND, dpi=130)
+        save_figure(figures.legend_figure(field, norms, UNITS), temporary / LEGEND)
         _write_bag(temporary / BAG, field, names, frame)
 
 
@@ -130,8 +130,7 @@ def quantiles(field: CovarianceField) -> ExportSummary:
         shown = field.quantity(name)
         if known.size:
             median, most = float(np.median(known)), float(known.max())
-            unit = UNITS[name]
-            values |= {f"{name}_median_{unit}": median, f"{name}_max_{unit}": most}
+            values |= {f"{name}_median": median, f"{name}_max": most}
             texts = [f"{shown.factor * value:.3g} {shown.unit}" for value in (median, most)]
             rows.append((shown.label, f"median {texts[0]}, at most {texts[1]}"))
         else:

@@ -22,8 +22,7 @@ from locplan._util.checks import positive
 from locplan._util.files import check_target, replacing
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
-from locplan.export._roadmap import roadmap
-from locplan.export._route_graphs import RouteGraph, space_of
+from locplan.export._roadmap import RouteGraph, roadmap, space_of
 from locplan.export._value_maps import where_unturned, without_yaw
 from locplan.planners import Station
 

@@ -17,7 +17,7 @@ from locplan.field import CovarianceField, position_axes, sampled_covariances, s
 from locplan.maps import OCCUPIED, OccupancyGrid
 
 SHARP, DEGENERATE = np.array([0.0, 0.45, 0.7, 0.7]), np.array([0.84, 0.37, 0.0, 0.7])
-"""Blue and vermilion, which the colour-blind tell apart, for the least and greatest deviation."""
+"""Blue and vermilion, which colour-blind people distinguish, of small and large deviations."""
 _CYLINDER, _LINE_LIST = 3, 5
 _FLOAT32 = 7
 _THICKNESS = 0.02

@@ -23,21 +23,19 @@ from locplan.export._distros import (
     write_servers,
     write_yaml,
 )
-from locplan.export._folders import export_folder
-from locplan.export._mask_readme import (
+from locplan.export._folders import PREVIEW, check_has_field, export_folder
+from locplan.export._parameters import (
+    STATIC_LAYERS,
+    Robot,
+    added_parameters,
+    changed_parameters,
     mask_readme,
     needs_of_layer,
     needs_of_planner,
     needs_of_speed,
-)
-from locplan.export._parameters import (
-    STATIC_LAYERS,
-    added_parameters,
-    changed_parameters,
     with_costmap,
     with_planner,
 )
-from locplan.export._robots import Robot
 from locplan.export._travel_costs import Conversion, planner_named, values_for
 from locplan.robots import Nav2Parameters
 
@@ -63,11 +61,11 @@ def nav2_keepout(
     costs: Costmap,
     *,
     planner: str | None = None,
-    param: float | None = None,
+    planner_param: float | None = None,
     distro: str = "jazzy",
     params: str | Path | None = None,
 ) -> Conversion:
-    """Write a mask for Nav2's KeepoutFilter that makes a planner charge the costmap's J.
+    """Write a mask for Nav2's KeepoutFilter that makes a planner's costs the costmap's J.
 
     Parameters
     ----------
@@ -81,7 +79,7 @@ def nav2_keepout(
     planner : str, optional
         "smac2d", "smac-hybrid", "navfn" or "thetastar": the one that the robot runs. By default
         the first of these that `params` has, or "smac2d".
-    param : float, optional
+    planner_param : float, optional
         The planner's own parameter, above 0: cost_travel_multiplier, cost_penalty or
         w_traversal_cost. Give it where the robot's must stay. By default it is such that u = 1
         just fits, whatever the map. "navfn" has none.
@@ -103,7 +101,7 @@ def nav2_keepout(
     LocplanError
         If the folder cannot be written, or a setting is out of its range.
     """
-    return _write_charged(folder, "keepout", costs, planner, param, distro, params)
+    return _write_charged(folder, "keepout", costs, planner, planner_param, distro, params)
 
 
 def nav2_static(
@@ -111,11 +109,11 @@ def nav2_static(
     costs: Costmap,
     *,
     planner: str | None = None,
-    param: float | None = None,
+    planner_param: float | None = None,
     distro: str = "jazzy",
     params: str | Path | None = None,
 ) -> Conversion:
-    """Write a map for a second StaticLayer that makes a planner charge the costmap's J.
+    """Write a map for a second StaticLayer that makes a planner's costs the costmap's J.
 
     The result and the errors are those of `nav2_keepout`. In Nav2 `trinary_costmap` (false),
     `use_maximum` (true) and `lethal_cost_threshold` (100) hold for all static layers of a costmap,
@@ -123,10 +121,10 @@ def nav2_static(
 
     Parameters
     ----------
-    folder, costs, planner, param, distro, params
+    folder, costs, planner, planner_param, distro, params
         See `nav2_keepout`.
     """
-    return _write_charged(folder, "static", costs, planner, param, distro, params)
+    return _write_charged(folder, "static", costs, planner, planner_param, distro, params)
 
 
 def nav2_speed(
@@ -175,9 +173,13 @@ def nav2_speed(
 
 
 def keepout_mask(
-    costs: Costmap, *, planner: str = "smac2d", param: float | None = None, static: bool = False
+    costs: Costmap,
+    *,
+    planner: str = "smac2d",
+    planner_param: float | None = None,
+    static: bool = False,
 ) -> tuple[NDArray[np.int8], Conversion]:
-    """The values of a mask that make a planner charge J, (H, W): 0..99, or -1 to change nothing.
+    """The values of a mask that make a planner's costs J, (H, W): 0..99, or -1 to change nothing.
 
     Every free cell whose u is known has a value, or where a density of one's own is finite. Free
     cells that are blocked farther from walls than the robot's radius, as by `blocked_where`, have
@@ -185,7 +187,7 @@ def keepout_mask(
 
     Parameters
     ----------
-    costs, param
+    costs, planner_param
         See `nav2_keepout`.
     planner : str, default "smac2d"
         "smac2d", "smac-hybrid", "navfn" or "thetastar".
@@ -214,7 +216,9 @@ def keepout_mask(
     if np.isnan(greatest):
         greatest = float(costs.density[passable].max()) - 1
     density = costs.unblocked_density
-    values, conversion = values_for(density, planner_named(planner), greatest, param, static=static)
+    values, conversion = values_for(
+        density, planner_named(planner), greatest, planner_param, static=static
+    )
     values[~passable & costs.grid.free & ~costs.grid.closer_than(costs.robot_radius - 1e-9)] = (
         LETHAL
     )
@@ -227,7 +231,7 @@ def speed_mask(costs: Costmap, slowest: float) -> NDArray[np.int8]:
     Arguments and errors are those of `nav2_speed`.
     """
     check_slowest(slowest)
-    value_maps.check_has_field(costs)
+    check_has_field(costs)
     known = ~np.isnan(costs.u)
     if not known.any():
         raise ConfigError("u is not known in any cell of the map, so a mask would be empty")
@@ -250,14 +254,17 @@ def _write_charged(
     kind: str,
     costs: Costmap,
     planner: str | None,
-    param: float | None,
+    planner_param: float | None,
     distro: str,
     params: str | Path | None,
 ) -> Conversion:
-    """Write the mask of a filter or a layer that makes a planner charge J."""
+    """Write the mask of a filter or a layer that makes a planner's costs J."""
     robot = Robot.of(params, distro)
     values, conversion = keepout_mask(
-        costs, planner=planner or robot.planner, param=param, static=kind == "static"
+        costs,
+        planner=planner or robot.planner,
+        planner_param=planner_param,
+        static=kind == "static",
     )
     merged, called = with_planner(robot, with_costmap(robot, kind), conversion)
     robot.warn(robot.of_planner(called))
@@ -289,9 +296,7 @@ def _write(
     if robot.file and changed:
         text = f"{PARAMS} has other values than {robot.file.name}: {'; '.join(changed)}"
         warnings.warn(ParametersChanged(text), stacklevel=4)
-    readme = mask_readme(
-        costs, robot, needs, added, changed, params=PARAMS, preview=value_maps.PREVIEW
-    )
+    readme = mask_readme(costs, robot, needs, added, changed, params=PARAMS, preview=PREVIEW)
     about = {**about, "distro": robot.distribution.name, "changed_parameters": changed}
     base = f"localizability_{kind}"
     parameters = {"topic_name": f"/{base}_mask", "frame_id": "map"}

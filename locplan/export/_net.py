@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from locplan._kernels.lanes import spanner, uncrossed
-from locplan._kernels.route import cover, line_costs, moved, owners, usage
+from locplan._kernels.route import cover, line_costs, moved, owners, spanner, uncrossed, usage
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap
 

@@ -54,9 +54,9 @@ def rings_of(mask: NDArray[np.bool_]) -> list[Ring]:
     after = np.empty(len(code), np.int64)
     turns = {}
     for turn in (3, 0, 1):  # a left turn, which stays at the same cell, comes last and wins
-        wanted = 4 * end + (direction + turn) % 4
-        found = np.minimum(np.searchsorted(code, wanted), len(code) - 1)
-        turns[turn] = code[found] == wanted
+        following = 4 * end + (direction + turn) % 4
+        found = np.minimum(np.searchsorted(code, following), len(code) - 1)
+        turns[turn] = code[found] == following
         after[turns[turn]] = found[turns[turn]]
     corner = QUARTERS * (np.column_stack([end % width, end // width]) - 1)
     away = _STEPS[(direction + 1) % 4] - _STEPS[direction]

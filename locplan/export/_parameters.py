@@ -1,18 +1,117 @@
-"""Nav2's parameters: ours alone, or merged into a robot's own."""
+"""Nav2's parameters: a robot's own with ours, and what a README.md says of them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from locplan._util.plain_yaml import scalar_text
-from locplan.export._robots import SPEED_TOPIC, Robot
-from locplan.export._travel_costs import Conversion
+from locplan.costs import Costmap
+from locplan.export._distros import BRINGUP, LAUNCH, SERVERS, Distribution, distribution
+from locplan.export._folders import about_map
+from locplan.export._travel_costs import NO_LIMIT, PLANNERS, Conversion
 from locplan.robots import (
     GLOBAL_COSTMAP,
+    LOCAL_COSTMAP,
     PLANNER_SERVER,
     Nav2Parameters,
+    read_parameters,
 )
+
+PLANNER = "smac2d"
+"""The planner of Nav2 that a mask is for where the robot's own is not known."""
+SPEED_TOPIC = "/speed_limit"
+"""Topic of the limits that the controller server obeys."""
+
+
+class RobotWarning(UserWarning):
+    """A robot's own parameters do not go with an export."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot's own parameters of Nav2, into which ours are merged."""
+
+    distribution: Distribution
+    """The distribution of ROS 2 that it runs."""
+    file: Path | None
+    """The file of its parameters, if there is one."""
+    parameters: Nav2Parameters
+    """The parameters in the file; none without a file."""
+
+    @classmethod
+    def of(cls, params: str | Path | None, distro: str) -> Robot:
+        """Read the file and warn of the distribution's faults; a LocplanError where it cannot."""
+        robot = cls(distribution(distro), Path(params) if params else None, read_parameters(params))
+        robot.distribution.warn()
+        robot.warn(robot._misspelt())
+        return robot
+
+    @property
+    def planners(self) -> dict[str, str]:
+        """The plugin of each of its planners by name, as it is written from Jazzy on."""
+        return {name: plugin.replace("/", "::") for name, plugin in self._plugins().items()}
+
+    @property
+    def planner(self) -> str:
+        """Its first planner of those that a mask can be for, as `PLANNERS` names it."""
+        known = {each.plugin: name for name, each in PLANNERS.items()}
+        return next((known[each] for each in self.planners.values() if each in known), PLANNER)
+
+    def warn(self, notes: Iterator[str]) -> None:
+        """Warn of what does not go together."""
+        for note in notes:
+            name = self.file.name if self.file else ""
+            warnings.warn(RobotWarning(f"{name}: {note}"), stacklevel=4)
+
+    def of_planner(self, called: str) -> Iterator[str]:
+        """That ours stands beside its own planners."""
+        others = [f"{name} ({plugin})" for name, plugin in self.planners.items() if name != called]
+        if others and called not in self.planners:
+            yield (
+                f"its planners are {', '.join(others)}; {called} is added for the mask, and plans"
+                " only where the behaviour tree names it (planner_id), or take another --planner"
+            )
+
+    def of_speed(self, own: str) -> Iterator[str]:
+        """That another speed filter limits the same robot."""
+        for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
+            for name, value in self.parameters.of(costmap).items():
+                layer, _, last = name.rpartition(".")
+                if last == "plugin" and layer != own and str(value).endswith("SpeedFilter"):
+                    yield (
+                        f"{costmap.partition('/')[0]} has a speed filter, {layer}; both publish"
+                        " limits, and the one that came last counts: merge the masks, or leave one"
+                        " out"
+                    )
+
+    def of_radius(self, radius: float) -> Iterator[str]:
+        """That it is larger than the robot that lanes were made for."""
+        own = self.parameters.of(GLOBAL_COSTMAP).get("robot_radius")
+        if isinstance(own, (int, float)) and own > radius + 1e-9 and math.isfinite(own):
+            yield (
+                f"its robot_radius is {own:g} m, but the ways are for {radius:g} m; give"
+                f" --set footprint={own:g}"
+            )
+
+    def _misspelt(self) -> Iterator[str]:
+        """That its planners are written as in another distribution."""
+        for name, plugin in self._plugins().items():
+            if "/" in plugin and not self.distribution.slashes:
+                yield f"{name} is {plugin}, as in humble; give --distro humble if that runs there"
+            elif "::" in plugin and self.distribution.slashes:
+                yield f"{name} is {plugin}, as from jazzy on, but humble has / for ::"
+
+    def _plugins(self) -> dict[str, str]:
+        """The plugin of each of its planners by name, as the file has it."""
+        server = self.parameters.of(PLANNER_SERVER)
+        names = self.parameters.names(PLANNER_SERVER, "planner_plugins")
+        return {name: str(server.get(f"{name}.plugin", "")) for name in names}
+
 
 OWN_PLANNER = "Localizability"
 """Name of our planner beside a robot's own."""
@@ -124,3 +223,71 @@ def added_parameters(theirs: Any, merged: Any, name: str = "") -> Iterator[str]:
 def _inner(name: str, key: str) -> str:
     """The name of a parameter within another one; nodes' own levels are left out."""
     return name if key in ("ros__parameters", name) else f"{name}.{key}".strip(".")
+
+
+def mask_readme(
+    costs: Costmap,
+    robot: Robot,
+    needs: Sequence[str],
+    added: Sequence[str],
+    changed: Sequence[str],
+    *,
+    params: str,
+    preview: str,
+) -> list[str]:
+    """Lines on the files, the commands, the needs of a mask, and the parameters that are ours."""
+    own = f"all of {robot.file.name} (but its comments), with ours" if robot.file else "ours alone"
+    merging = "" if robot.file else "; merge them into the robot's own, as `--robot` does"
+    file = f"$PWD/{params}" if robot.file else "PARAMS.yaml"
+    lines = [
+        f"- mask.yaml, mask.pgm: the mask of {costs.grid.name or 'the map'} (grey 0-100 as it"
+        f" is, not 0-255); {SERVERS} and {LAUNCH} publish it.",
+        f"- {params}: Nav2's parameters, {own}{merging}; {preview}; export.json: the input.",
+        f"- `ros2 launch ./{LAUNCH}` (in this folder)",
+        f"- `{BRINGUP.replace('PARAMS.yaml', file)}`",
+        *needs,
+        f"- Another mask goes beside this one with `locplan export ... --robot {params}`.",
+        *about_map(costs),
+    ]
+    if robot.file and changed:
+        lines += ["", f"{params} has other values than {robot.file.name} here:", ""]
+        lines += [f"- {each}" for each in changed]
+    if robot.file and added:
+        lines += ["", f"{params} has these beside:", "", *(f"- {each}" for each in added)]
+    return lines
+
+
+def needs_of_planner(conversion: Conversion, called: str) -> list[str]:
+    """Lines that say which parameters of a planner a mask needs, and why."""
+    planner = conversion.planner
+    lines = [
+        f"- All planners of Nav2 charge the mask, but only `{called}` so that J comes out: name it"
+        " as the planner_id in the behaviour tree (ComputePathToPose), or by a PlannerSelector."
+    ]
+    if planner.parameter:
+        lines.append(
+            f"- The mask changes little without `{planner.parameter}: {conversion.param:g}` (Nav2's"
+            f" own default is {planner.default:g}). It raises the price of inflated cells as well."
+        )
+    lines.append("- `allow_unknown: false`: the mask says nothing of unknown space.")
+    if planner.planning_time is not None:
+        lines.append(
+            "- A mask can make the search expand several times as many cells, hence"
+            f" `max_iterations: {NO_LIMIT}` (no limit; the default of 1,000,000 ends it without a"
+            f" path on large maps) and `max_planning_time: {planner.planning_time:g}` [s] or more,"
+            " for which the planner server is busy at worst."
+        )
+    return lines
+
+
+def needs_of_layer(shared: Sequence[str]) -> list[str]:
+    """A line on the parameters that a static layer shares with the robot's own."""
+    return [f"- {', '.join(f'`{each}`' for each in shared)} hold for all static layers."]
+
+
+def needs_of_speed() -> list[str]:
+    """A line on who obeys the limits."""
+    return [
+        f"- The controller server obeys the limits on {SPEED_TOPIC}; with a namespace set the topic"
+        " on both sides (speed_limit_topic)."
+    ]

@@ -52,7 +52,7 @@ def path(
         route = route.resampled(step)
     poses = np.column_stack([route.xy, route.facing, route.distance])
     if file.suffix.lower() == ".csv":
-        write_csv(file, poses, "x_m,y_m,heading_rad,distance_m")
+        write_csv(file, poses, "x,y,heading,distance")
         return
     if file.suffix.lower() == ".json":
         names = ("x", "y", "heading", "distance")
@@ -116,9 +116,9 @@ def _field_csv(file: FilePath, computed: CovarianceField) -> None:
     axes = ("x", "y", "heading")[: covariance.shape[-1]]
     major, minor, direction = position_axes(covariance)
     x, y = _positions(computed)
-    columns = {"x_m": x[known], "y_m": y[known]}
+    columns = {"x": x[known], "y": y[known]}
     columns["e"] = computed.scalar("e", headings="mean")[known]
-    columns |= {"major_std_m": major, "minor_std_m": minor, "major_axis_rad": direction}
+    columns |= {"position_std": major, "minor_position_std": minor, "direction": direction}
     for name in computed.layers:
         columns[name] = computed.scalar(name, headings="mean")[known]
     for i, one in enumerate(axes):

@@ -21,15 +21,16 @@ from locplan.export._joined_ways import (
     Pairs,
     Positions,
     apart,
+    divided,
     joined,
     straightened,
 )
-from locplan.export._route_graphs import RouteGraph, check_precision
+from locplan.export._roadmap import FINENESS, RouteGraph, check_precision
 
 MARGIN = 0.02
 """Least cost by which any other route exceeds a recommended way [m]."""
 CONTRADICTED, BACK = 1e3, 1e1
-"""Prices of a way, and of the way back, that is dearer than another route, in changed costs, since
+"""Prices of a way, and of the way back, costlier than another route, in changed costs, since
 ways may contradict one another."""
 ROUNDS = 50
 """Greatest number of rounds in which costs are changed."""
@@ -101,6 +102,9 @@ def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWa
         raise ConfigError("there is no way to export; give at least one path of some length")
     check_ways(costs, paths)
     lines = Lines(costs)
+    # A path along the edge of a blocked cell can come to lie beyond it in single precision.
+    if not all(np.isfinite(lines.along(divided(path))).all() for path in paths.values()):
+        lines = Lines(costs, aside=FINENESS)
     nodes, ways = straightened(lines, *joined(lines, paths))
     there = [*ways.values()]
     both = there + [way[::-1] for way in there]
@@ -153,7 +157,7 @@ def followed_costs(
     edges : (m, 2) array of int
         Pairs of nodes, from the first to the second.
     price, least : (m,) arrays
-        The costs that are wanted, and their lower bounds.
+        The costs as they should be, and their lower bounds.
     ways : sequence of sequences of int
         The nodes of each way.
     weights : (ways,) array
@@ -195,8 +199,8 @@ def _cheapest_routes(
 
     count = int(edges.max()) + 1
     for way, own in zip(ways, used, strict=True):
-        dearer = cost + own * MARGIN / 2 / own.sum()  # a tie would be followed by chance only
-        graph = csr_array((dearer, edges.T), shape=(count, count))
+        costlier = cost + own * MARGIN / 2 / own.sum()  # a tie would be followed by chance only
+        graph = csr_array((costlier, edges.T), shape=(count, count))
         before = dijkstra(graph, indices=way[0], return_predecessors=True)[1]
         route = [way[-1]]
         while route[-1] != way[0]:

@@ -15,9 +15,7 @@ if TYPE_CHECKING:
     from locplan.field import CovarianceField
     from locplan.robots import Robot
 
-MODULES = [
-    f"locplan.export._formats.{name}" for name in ("_nav2", "_routes", "_lif", "_files", "_layers")
-]
+MODULES = [f"locplan.export._formats.{name}" for name in ("_nav2", "_files")]
 """Modules that have FORMATS, a tuple of `Format`, and import heavy libraries when they write."""
 
 
@@ -71,7 +69,7 @@ class Format:
     """The library of the extra `ros` that it needs."""
     paths: Literal["none", "one", "several"] = "none"
     """The number of paths that it takes."""
-    tells: bool = False
+    shows_progress: bool = False
     """Whether it shows how far it is; else only that it is being written is shown."""
     check: Callable[[Any, int], None] = lambda options, paths: None
     """The function that raises a ConfigError where the options and the number of paths do not go

@@ -1,4 +1,4 @@
-"""The prices that Nav2's planners charge for costmap values, and values that make them charge J.
+"""The prices that Nav2's planners charge for costmap values, and values that make them J.
 
 Formulas read from ros-navigation/navigation2, branches humble to main (2026-08): node_2d.cpp,
 node_hybrid.cpp, navfn.cpp and theta_star.hpp.
@@ -39,7 +39,7 @@ class NavPlanner:
     """The parameter that scales costs; None if there is none."""
     excess: Callable[[NDArray[np.float64], float], NDArray[np.float64]]
     """Function from costmap values 0..252 and the parameter to the share charged."""
-    wanted: Callable[[float, float], float]
+    parameter_for: Callable[[float, float], float]
     """Function from a costmap value and an excess to the parameter at which it means that."""
     default: float = math.nan
     """Value of that parameter in Nav2's code; NaN if there is none."""
@@ -181,7 +181,7 @@ def values_for(
     *,
     static: bool = False,
 ) -> tuple[NDArray[np.int8], Conversion]:
-    """The values of a mask, or of a `static` layer, that make a planner charge `density` per metre.
+    """The values of a mask, or of a `static` layer, by which a planner has `density` as costs.
 
     Where the density is infinite the values are -1. By default the planner's parameter is such
     that the excess `greatest` over 1 just fits.
@@ -197,8 +197,8 @@ def values_for(
     if planner.parameter is None:
         param = math.nan
     elif param is None:  # the least of few decimals
-        wanted = planner.wanted(float(costs[-1]), greatest) if greatest > 0 else 1.0
-        param = float(math.ceil(wanted * 10**_DECIMALS - 1e-9) / 10**_DECIMALS)
+        needed = planner.parameter_for(float(costs[-1]), greatest) if greatest > 0 else 1.0
+        param = float(math.ceil(needed * 10**_DECIMALS - 1e-9) / 10**_DECIMALS)
     charged = planner.excess(costs, param)
     borders = (charged[1:] + charged[:-1]) / 2
     nearest = np.searchsorted(borders, excess)

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap, about_costs, costs_caption
-from locplan.errors import ConfigError
-from locplan.export._folders import export_folder
+from locplan.export._folders import PREVIEW, check_has_field, export_folder
 from locplan.maps import OccupancyGrid
 
-PREVIEW = "preview.png"
+MASK_DPI = 90
+"""Pixels an inch of the pictures of masks."""
 MODES = ("raw", "scale", "scale-ros1")
 _LOW, _HIGH = 20, 216
 """Greys, counted from white, between which the 1..99 of "scale-ros1" lie."""
@@ -96,16 +96,9 @@ def write_preview(
 ) -> None:
     """Draw the values over their map; `falling` labels them by what is left of 100."""
     from locplan.export import _figures
-    from locplan.plotting import save_figure
 
     figure = _figures.values_figure(grid, values, label, f"{grid.name or 'map'}: {title}", falling)
-    save_figure(figure, folder / PREVIEW, dpi=90)
-
-
-def check_has_field(costs: Costmap) -> None:
-    """Raise a ConfigError unless the costmap tells how degenerate its cells are."""
-    if np.isnan(costs.u).all() and np.isfinite(costs.density).any():
-        raise ConfigError("this export needs a costmap made of a field (Costmap.from_field)")
+    _figures.save_preview(folder, figure, MASK_DPI)
 
 
 def percent(costs: Costmap) -> NDArray[np.int8]:

@@ -1,21 +1,22 @@
 from . import templates as templates
 from ._cache import (
     CacheEntry as CacheEntry,
+    FieldCache as FieldCache,
     cache_folder as cache_folder,
     clear_cache as clear_cache,
 )
-from ._cache_table import FieldCache as FieldCache
-from ._cluster import check_scheduler as check_scheduler, executor_of as executor_of
-from ._compute import covariance_field as covariance_field
+from ._compute import (
+    check_scheduler as check_scheduler,
+    covariance_field as covariance_field,
+    executor_of as executor_of,
+)
 from ._config import (
     SHORT_LIDAR as SHORT_LIDAR,
+    CalibrationWarning as CalibrationWarning,
     FieldConfig as FieldConfig,
     config_of as config_of,
     equipped as equipped,
     lidar_of as lidar_of,
-)
-from ._config_files import (
-    CalibrationWarning as CalibrationWarning,
     load_config as load_config,
     save_config as save_config,
 )
@@ -39,14 +40,20 @@ from ._reading import (
     covariances_at as covariances_at,
 )
 from ._registry import ESTIMATORS as ESTIMATORS, estimator_class as estimator_class
-from ._samples import sampled_covariances as sampled_covariances, values_at as values_at
 from ._search_window import OffsetLattice as OffsetLattice, SearchWindow as SearchWindow
+from ._spelled import config_spelled as config_spelled
 from ._store import (
     CacheWarning as CacheWarning,
     field_path as field_path,
     load_or_compute as load_or_compute,
 )
-from ._summary import FieldSummary as FieldSummary, Spread as Spread, about_field as about_field
+from ._summary import (
+    FieldSummary as FieldSummary,
+    Percentiles as Percentiles,
+    about_field as about_field,
+    sampled_covariances as sampled_covariances,
+    values_at as values_at,
+)
 from ._surfaces import (
     NORMAL_REACH as NORMAL_REACH,
     surface_normals as surface_normals,

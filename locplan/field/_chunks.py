@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from locplan._util.reading import MAX_JSON_BYTES, read_bytes
 
 CHECKSUM_BYTES = 4
-MAX_CHUNK_BYTES = 2**28
 CODECS = ("bytes", "zstd", "crc32c")
 """Codecs of an array's chunks, in the order in which they were applied."""
 
@@ -31,7 +30,7 @@ def chunk_of(
     chunk = tuple(about["chunk_grid"]["configuration"]["chunk_shape"])
     size = math.prod(chunk) * np.dtype(kind).itemsize
     whole = len(chunk) == len(shape) and all(type(each) is int and each > 0 for each in chunk)
-    if not whole or size > MAX_CHUNK_BYTES or not _as_written(about, shape, kind, separator):
+    if not whole or size > 2**28 or not _as_written(about, shape, kind, separator):
         raise ValueError(f"its {folder.name} does not fit its own map and config")
     return chunk
 

@@ -1,13 +1,23 @@
-"""Computing the covariance field of a map."""
+"""Computing the covariance field of a map, here or on a cluster of dask.distributed."""
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
+import logging
+import re
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import shown
+from locplan._util.extras import needed
 from locplan._util.progress import ProgressCallback
+from locplan.errors import LocplanError
 from locplan.field import _tiles as tiles
 from locplan.field._config import FieldConfig, config_of
 from locplan.field._estimator import Estimator
@@ -68,6 +78,100 @@ def covariance_field(
     check_grid(grid)
     config = config_of(config)
     values = tiles.nothing_known(grid, config)
-    wanted = tiles.wanted_points(grid, config, points)
-    tiles.fill(values, grid, config, threads, executor, progress, wanted)
+    needed = tiles.needed_points(grid, config, points)
+    tiles.fill(values, grid, config, threads, executor, progress, needed)
     return CovarianceField.of(values, grid, config)
+
+
+PATIENCE = 10.0
+"""Longest time that the scheduler may take to answer [s]."""
+ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?([^\s/:\[\]]+|\[[\da-fA-F:.]+\]):(?P<port>[0-9]{1,5})")
+"""Address of a scheduler: protocol, host and port."""
+WORKERLESS = 60.0
+"""Longest time to wait for workers to come back when all are gone [s]."""
+
+
+@contextmanager
+def executor_of(scheduler: str) -> Iterator[Executor]:
+    """Yield an executor on the cluster of a dask scheduler.
+
+    If a worker dies, other workers compute its tiles. The workers need locplan.
+
+    Parameters
+    ----------
+    scheduler : str
+        Address of the scheduler, such as ``tcp://192.168.1.2:8786``.
+
+    Raises
+    ------
+    LocplanError
+        If it is no address, does not answer, or has no workers.
+    """
+    check_scheduler(scheduler)
+    from distributed import Client
+
+    # A client that never connected cannot be closed: only the block below closes one.
+    unclosed: Any = type("UnclosedClient", (Client,), {"__del__": lambda _: None})
+    for name in ("distributed", "distributed.client"):  # our own error reports failures once
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    client = _connected(unclosed, scheduler)
+    with client:
+        if not client.scheduler_info()["workers"]:
+            raise LocplanError(f"the scheduler {scheduler} has no workers; start some first")
+        executor, over = client.get_executor(), threading.Event()
+        threading.Thread(target=_watch, args=(client, executor, over), daemon=True).start()
+        try:
+            yield executor
+        finally:
+            over.set()
+
+
+def check_scheduler(scheduler: str) -> None:
+    """Check the address of a scheduler without connecting to it.
+
+    Parameters
+    ----------
+    scheduler : str
+        See `executor_of`.
+
+    Raises
+    ------
+    LocplanError
+        If it is no address, or dask is not installed.
+    """
+    found = ADDRESS.fullmatch(scheduler)
+    if not found or not 0 < int(found["port"]) < 2**16:
+        raise LocplanError(
+            f"the scheduler must be an address such as tcp://192.168.1.2:8786, not"
+            f" {shown(scheduler)}"
+        )
+    needed("distributed", "dask", "a scheduler")
+
+
+def _connected(client: Any, scheduler: str) -> Any:
+    """Connect in a thread, since a server that is no scheduler may never finish its answer."""
+    answer: Future[Any] = Future()
+
+    def connect() -> None:
+        try:
+            answer.set_result(client(scheduler, timeout=PATIENCE, set_as_default=False))
+        except Exception as error:  # a wrong server's answer fails in many ways
+            answer.set_exception(error)
+
+    threading.Thread(target=connect, daemon=True).start()
+    try:
+        return answer.result(timeout=PATIENCE + 2)
+    except Exception as error:
+        what = " ".join(str(error).split()).rstrip(".")[:120] or "it may be no dask scheduler"
+        raise LocplanError(f"the scheduler {scheduler} does not answer ({what})") from None
+
+
+def _watch(client: Any, executor: Any, over: threading.Event) -> None:
+    """Cancel the tiles when the cluster has had no worker for `WORKERLESS` seconds."""
+    seen = time.monotonic()
+    while not over.wait(min(2.0, WORKERLESS / 4)):
+        if client.scheduler_info()["workers"]:
+            seen = time.monotonic()
+        elif time.monotonic() - seen > WORKERLESS:
+            executor.shutdown(wait=False)
+            return

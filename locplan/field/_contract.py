@@ -17,10 +17,6 @@ TOLERANCE = 1e-6
 """Rounding that is let pass, of the greatest value beside it."""
 MIN_ROUNDING = 1e-9
 """Rounding that is let pass in any case, of the variances of a featureless place."""
-CELLS = 3
-"""Number of cells that are computed once more with other surroundings."""
-RING = 16
-"""Width of the ring beyond the halo that must not matter [cells]."""
 
 
 def check_values(values: object, estimator: Estimator, part: MapPart) -> None:
@@ -72,7 +68,7 @@ def check_halo(
         Levels of the whole map.
     """
     halo = halo_of(estimator, part.resolution, part.map_shape)
-    for at in np.unique(np.linspace(0, len(part.rows) - 1, CELLS).astype(int)):
+    for at in np.unique(np.linspace(0, len(part.rows) - 1, 3).astype(int)):
         again = estimator.covariances(_alone(estimator, part, at, halo, levels))
         if not all(_alike(again[name][0], array[at]) for name, array in values.items()):
             raise _wrong(
@@ -133,7 +129,8 @@ def _alone(
         rows, cols = (slice(max(0, i - reach), i + reach + 1) for i in (row, col))
         return rows, cols
 
-    around, outer = FREE - levels, box(halo + RING)
+    # A ring beyond the halo, which must not matter.
+    around, outer = FREE - levels, box(halo + 16)
     around[box(halo)] = levels[box(halo)]
     return replace(
         part,

@@ -90,7 +90,7 @@ class MapPart:
         cells : (H, W) array of uint8
             Levels of the map, row 0 at the lowest y.
         rows, cols : (n,) arrays of int64
-            The cells whose covariances are wanted.
+            The cells whose covariances are needed.
         resolution : float
             Edge of a cell [m].
         """

@@ -16,6 +16,7 @@ from locplan._util.checks import file_path, position
 from locplan._util.files import replacing_folder
 from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
+from locplan._util.saved import Valued
 from locplan.errors import FieldError
 from locplan.field import _tiles as tiles, _zarr as field_files
 from locplan.field._config import FieldConfig
@@ -23,7 +24,7 @@ from locplan.field._covariance import Quantity, anchors_of, quantity_of, scalar
 from locplan.field._estimator import Values
 from locplan.field._lattice import (
     evaluated_points,
-    evenly_spread,
+    evenly_thinned,
     filled,
     read_on_map,
     stride_cells,
@@ -40,7 +41,7 @@ SATURATION = 1.05
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CovarianceField(Pictured):
+class CovarianceField(Pictured, Valued):
     """Covariances of a pose match over a map.
 
     Lattice point ``(i, j)`` is the centre of cell ``(i * stride, j * stride)``.
@@ -180,7 +181,7 @@ class CovarianceField(Pictured):
         an empty field.
         """
         criterion = self.config.estimator.criterion
-        values = self.scalar(criterion, with_q=True)[evenly_spread(self.evaluated, self.lacking)]
+        values = self.scalar(criterion, with_q=True)[evenly_thinned(self.evaluated, self.lacking)]
         least, _ = self.anchors(criterion)
         return float(np.mean(values <= SATURATION * least)) if values.size else 0.0
 
@@ -306,7 +307,7 @@ class CovarianceField(Pictured):
         check_grid(grid)
         values = tiles.untouched_values(self.values, self.grid, grid, self.config)
         made = grid, self.config, threads, executor, progress
-        tiles.fill(values, *made, tiles.wanted_points(grid, self.config, points))
+        tiles.fill(values, *made, tiles.needed_points(grid, self.config, points))
         return CovarianceField.of(values, grid, self.config)
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:

@@ -15,9 +15,6 @@ from numpy.typing import NDArray
 
 from locplan._util.machine import usable_cores
 
-BLOCK = 1 << 16
-"""Number of cells that are read at once: they and their neighbours fit a core's cache."""
-
 
 def stride_cells(stride: float, resolution: float) -> int:
     """Spacing in metres rounded to whole cells, at least one."""
@@ -26,14 +23,14 @@ def stride_cells(stride: float, resolution: float) -> int:
 
 def evaluated_points(free: NDArray[np.bool_], stride: int) -> NDArray[np.bool_]:
     """Mask of the lattice points to evaluate, (h, w): each free cell needs one to read from."""
-    wanted = free[::stride, ::stride].copy()
-    lonely = free & ~_covered(wanted, free.shape, stride)
+    needed = free[::stride, ::stride].copy()
+    lonely = free & ~_covered(needed, free.shape, stride)
     nearest = (
         np.minimum((index + stride // 2) // stride, size - 1)
-        for index, size in zip(np.nonzero(lonely), wanted.shape, strict=True)
+        for index, size in zip(np.nonzero(lonely), needed.shape, strict=True)
     )
-    wanted[tuple(nearest)] = True
-    return wanted
+    needed[tuple(nearest)] = True
+    return needed
 
 
 def _covered(points: NDArray[np.bool_], shape: tuple[int, int], stride: int) -> NDArray[np.bool_]:
@@ -67,7 +64,7 @@ def every_second_point(points: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(chosen | (points & ~around))
 
 
-def evenly_spread(known: NDArray[np.bool_], lacking: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def evenly_thinned(known: NDArray[np.bool_], lacking: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The known points of a lattice, thinned out where they are finer than elsewhere, (h, w)."""
     return known & every_second_point(known | lacking) if lacking.any() else known
 
@@ -138,7 +135,8 @@ def read_on_map(
     value = _along_rows(np.where(known, values, 0.0), cols, stride)
     weight = _along_rows(known.astype(float), cols, stride)
     result = np.empty(free.shape)
-    block = max(1, BLOCK // (stride * cols))
+    # So many cells and their neighbours fit a core's cache.
+    block = max(1, (1 << 16) // (stride * cols))
 
     def read(first: int) -> None:
         some = slice(first * stride, min((first + block) * stride, rows))

@@ -145,7 +145,7 @@ def covariances_along(
     ConfigError
         If the computation takes too much memory.
     """
-    known, stride = tiles.wanted_points(grid, config), config.stride_cells(grid.resolution)
+    known, stride = tiles.needed_points(grid, config), config.stride_cells(grid.resolution)
     lacking = np.zeros_like(known)
     weights = [weights_at(grid, stride, known, lacking, (x, y)) for x, y, _ in poses.tolist()]
     points = np.array([point for each in weights for point in each], np.int64).reshape(-1, 2)

@@ -36,8 +36,6 @@ from locplan.maps import OccupancyGrid, check_grid
 
 DECISIVE = ("format", "engine", "map_digest", "identity")
 """Attributes that decide the values of a field."""
-RELATIVES = 3
-"""Greatest number of other states of a map that are searched for values to carry over."""
 _PATIENCE = 0.3
 """Interval of checks whether another process has finished [s]."""
 
@@ -95,7 +93,7 @@ def load_or_compute(
     check_grid(grid)
     config = config_of(config)
     limit = cache.cache_limit()
-    wanted, in_part = tiles.wanted_points(grid, config, points), points is not None
+    needed, in_part = tiles.needed_points(grid, config, points), points is not None
     about = None
     try:
         about = _about(grid, config, in_part)
@@ -106,16 +104,16 @@ def load_or_compute(
             grid, config, points=points, threads=threads, executor=executor, progress=progress
         )
     path = _path(about, cache_dir)
-    found = _Found.at(path, about, grid, config, wanted)
+    found = _Found.at(path, about, grid, config, needed)
     if lacking := int(found.lacking.sum()):
         del found  # saves memory on a large map
         with _alone(path, lacking, progress) as writable:
-            found = _Found.at(path, about, grid, config, wanted)
+            found = _Found.at(path, about, grid, config, needed)
             if found.complaint:
                 _warn(f"{found.complaint}; computed anew")
             _carry_over(found, path, about, grid, config)
             chunks = tiles.finished_chunks(
-                found.values, grid, config, threads, executor, progress, wanted
+                found.values, grid, config, threads, executor, progress, needed
             )
             with closing(chunks):
                 cached = writable and _attempt(_open, path, about, found, grid, config)
@@ -128,7 +126,7 @@ def load_or_compute(
     cache.mark_used(path)
     if in_part:
         for array in found.values.values():
-            array[~wanted] = np.nan
+            array[~needed] = np.nan
     return CovarianceField.of(found.values, grid, config)
 
 
@@ -186,7 +184,7 @@ class _Found:
     values: Values
     """Arrays of the field, NaN where they are not known."""
     lacking: NDArray[np.bool_]
-    """Lattice points that are wanted and still to be computed, (h, w)."""
+    """Lattice points that are needed and still to be computed, (h, w)."""
     sound: bool
     """True if there is a group that chunks can be written to."""
     complaint: str
@@ -199,7 +197,7 @@ class _Found:
         expected: dict[str, Any],
         grid: OccupancyGrid,
         config: FieldConfig,
-        wanted: NDArray[np.bool_],
+        needed: NDArray[np.bool_],
     ) -> _Found:
         """Read what a path holds, if it is the field of the attributes expected."""
         values, complaint, sound = None, "", False
@@ -217,7 +215,7 @@ class _Found:
                 complaint = str(error)
         if values is None:
             values = tiles.nothing_known(grid, config)
-        lacking = wanted & ~tiles.known_points(values)
+        lacking = needed & ~tiles.known_points(values)
         return cls(values, lacking, sound, complaint)
 
 
@@ -253,7 +251,7 @@ def _carry_over(
     looked_at = 0
     for folder in cache.fields(path.parent):
         lacking = found.lacking & ~tiles.known_points(found.values)
-        if looked_at == RELATIVES or not lacking.any():
+        if looked_at == 3 or not lacking.any():
             break
         with suppress(FieldError):  # damaged ones are skipped: this is only a shortcut
             other = field_files.read_attributes(folder)

@@ -1,4 +1,4 @@
-"""A field in a few numbers, as a table, and as JSON."""
+"""A field in a few numbers, at a few positions that stand for all, and at some cells."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 
 from locplan._util.tables import finite, table
 from locplan.field._config import FieldConfig
-from locplan.field._covariance import SCALARS
+from locplan.field._covariance import SCALARS, mean_information
 from locplan.field._field import CovarianceField
+from locplan.field._lattice import read_at, well_spaced
 
-NOTHING = [math.nan] * 3
+MIN_CLEARANCE = 0.15
+"""Least distance of a sample from walls [m]; closer ones would lie in slits and stray cells."""
 SATURATED = 1 / 3
 """A larger saturated share makes the table suggest what would resolve it."""
 
 
-class Spread(NamedTuple):
+class Percentiles(NamedTuple):
     """Values that 10 %, half and 90 % of a field's cells stay below; NaN without cells."""
 
     low: float
@@ -62,11 +64,11 @@ class FieldSummary:
     """Settings of the field."""
     cells_evaluated: int
     """Number of cells with a covariance."""
-    position_std: Spread
+    position_std: Percentiles
     """Largest standard deviation of the position [m]."""
-    heading_std: Spread
+    heading_std: Percentiles
     """Standard deviation of the heading [rad]."""
-    e: Spread
+    e: Percentiles
     """e, in `e_unit`."""
     saturated_share: float
     """Share of the cells whose matches count as perfect, 0..1."""
@@ -91,26 +93,26 @@ class FieldSummary:
             field.grid.name,
             field.config,
             int(field.evaluated.sum()),
-            position_std=_spread(field.scalar("position_std")[field.evaluated]),
-            heading_std=_spread(field.scalar("heading_std")[field.evaluated]),
-            e=_spread(field.scalar("e")[field.evaluated]),
+            position_std=_percentiles(field.scalar("position_std")[field.evaluated]),
+            heading_std=_percentiles(field.scalar("heading_std")[field.evaluated]),
+            e=_percentiles(field.scalar("e")[field.evaluated]),
             saturated_share=field.saturated_share,
             all_perfect=perfect,
             e_unit=field.e_unit,
         )
 
-    def to_json(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, Any]:
         """The summary, fit for JSON."""
-        spreads = {
-            "position_std_m": self.position_std,
-            "heading_std_rad": self.heading_std,
+        percentiles = {
+            "position_std": self.position_std,
+            "heading_std": self.heading_std,
             "e": self.e,
         }
         return finite(
             {
                 "map": self.map,
                 "cells_evaluated": self.cells_evaluated,
-                **{name: spread._asdict() for name, spread in spreads.items()},
+                **{name: each._asdict() for name, each in percentiles.items()},
                 "e_unit": self.e_unit,
                 "saturated_share": self.saturated_share,
                 "config": self.config.to_json(),
@@ -140,10 +142,9 @@ class FieldSummary:
         return text if resolved else f"{text}\n{estimator.remedy}"
 
 
-def _spread(values: NDArray[np.float64]) -> Spread:
-    return (
-        Spread(*np.percentile(values, (10, 50, 90)).tolist()) if values.size else Spread(*NOTHING)
-    )
+def _percentiles(values: NDArray[np.float64]) -> Percentiles:
+    found = np.percentile(values, (10, 50, 90)).tolist() if values.size else [math.nan] * 3
+    return Percentiles(*found)
 
 
 def _shown(e: float) -> str:
@@ -167,3 +168,63 @@ def about_field(field: CovarianceField) -> str:
     apart = f"; every {spacing:g} m near the paths, else {2 * spacing:g} m"
     near_paths = apart if field.lacking.any() else ""
     return f"{made}{near_paths}; {share:.0%} of the map saturated{remedy}"
+
+
+def sampled_covariances(
+    field: CovarianceField, spacing: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Choose positions of a field with their covariances, far from walls first.
+
+    Parameters
+    ----------
+    field : CovarianceField
+        The field.
+    spacing : float
+        Least distance of two positions [m].
+
+    Returns
+    -------
+    xy : (n, 2) array
+        The positions [m].
+    covariances : (n, d, d) array
+        Their covariances; for several headings that of the mean information.
+    """
+    stride = field.stride
+    clearance = field.grid.clearance[::stride, ::stride]
+    i, j = np.nonzero(field.evaluated & (clearance >= MIN_CLEARANCE))
+    xy = np.stack(field.grid.grid_to_world(i * stride + 0.5, j * stride + 0.5), axis=1)
+    chosen = well_spaced(xy, clearance[i, j], spacing)
+    covariance = field.covariance[i[chosen], j[chosen]]
+    return xy[chosen], mean_information(covariance) if covariance.ndim == 4 else covariance
+
+
+def values_at(
+    field: CovarianceField,
+    values: NDArray[np.float64],
+    rows: NDArray[Any],
+    cols: NDArray[Any],
+    *,
+    logarithmic: bool = True,
+) -> NDArray[np.float64]:
+    """Interpolate lattice values as `CovarianceField.on_map` does, at some cells alone.
+
+    Parameters
+    ----------
+    field : CovarianceField
+        The field, which has the lattice.
+    values : (h, w) array
+        The values at its lattice points.
+    rows, cols : array
+        The cells, broadcast together; they may lie between cells, free or not.
+    logarithmic : bool, default True
+        Whether the logarithms are interpolated, or the values themselves.
+
+    Returns
+    -------
+    array
+        The values at the cells, NaN where no corner was evaluated.
+    """
+    if logarithmic:
+        values = np.log(np.maximum(values, np.finfo(float).tiny))
+    read = read_at(field.on_lattice(values), rows, cols, field.stride)
+    return np.exp(read, out=read) if logarithmic else read

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from itertools import islice
 from queue import Empty, SimpleQueue
 from typing import NamedTuple
@@ -32,8 +32,6 @@ TILE_SECONDS = 2.0
 """Work of one thread after which a tile is finished at the latest, roughly [s]."""
 MAX_TILE_BYTES = 2e9
 """Greatest memory that the computation of one tile may take [bytes]."""
-IN_FLIGHT = 256
-"""Greatest number of tiles at an executor at once, which bounds the memory of their maps."""
 
 
 class Chunk(NamedTuple):
@@ -55,10 +53,7 @@ _Tile = Future[Values]
 
 
 def field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[int, ...]]:
-    """Shapes of a field's arrays: lattice rows and columns, then the headings if several.
-
-    The shape of the covariances ends with the poses' dimension twice.
-    """
+    """Shapes of a field's arrays: lattice rows and columns, headings if several, pose axes."""
     stride = config.stride_cells(grid.resolution)
     points = tuple(-(-size // stride) for size in grid.shape)
     places = points if config.headings == 1 else (*points, config.headings)
@@ -77,10 +72,7 @@ def nothing_known(grid: OccupancyGrid, config: FieldConfig) -> Values:
 
 
 def check_tiles(grid: OccupancyGrid, config: FieldConfig) -> None:
-    """Raise a ConfigError if a tile takes too much memory.
-
-    That grows with the range and the window in cells.
-    """
+    """Raise a ConfigError if a tile takes too much memory, which grows with range and window."""
     taken = config.estimator.memory(grid.resolution, grid.shape)
     if taken > MAX_TILE_BYTES:
         lattice = config.estimator.lattice(grid.resolution)
@@ -98,12 +90,7 @@ def known_points(values: Values) -> NDArray[np.bool_]:
     return ~np.isnan(covariance.reshape(*covariance.shape[:2], -1)[:, :, 0])
 
 
-def missing_points(values: Values, grid: OccupancyGrid, config: FieldConfig) -> NDArray[np.bool_]:
-    """Mask of the lattice points that a field needs and its arrays do not hold, (h, w)."""
-    return wanted_points(grid, config) & ~known_points(values)
-
-
-def wanted_points(
+def needed_points(
     grid: OccupancyGrid, config: FieldConfig, points: NDArray[np.bool_] | None = None
 ) -> NDArray[np.bool_]:
     """Mask of the lattice points that a field needs, of `points` where only these are asked for.
@@ -132,20 +119,20 @@ def finished_chunks(
     threads: int | None,
     executor: Executor | None,
     progress: ProgressCallback | None,
-    wanted: NDArray[np.bool_],
+    needed: NDArray[np.bool_],
 ) -> Generator[Chunk]:
     """Compute the missing values, and yield each chunk of the lattice when it is finished.
 
+    For the other parameters see `covariance_field`.
+
     Parameters
     ----------
-    values : dict of str to array
-        Arrays of the field by name, which are filled in place; NaN marks what is missing.
-    grid, config, threads, executor, progress
-        See `covariance_field`.
-    wanted : (h, w) array of bool
-        The lattice points to compute.
+    values : mapping of str to array
+        Values by name on the lattice, (h, w, ...), filled in place where they are NaN.
+    needed : (h, w) bool array
+        Lattice points that are computed.
     """
-    missing = wanted & ~known_points(values)
+    missing = needed & ~known_points(values)
     with closing(computed_chunks(missing, grid, config, threads, executor, progress)) as chunks:
         for chunk, points, computed in chunks:
             for name, array in computed.items():
@@ -160,10 +147,10 @@ def fill(
     threads: int | None,
     executor: Executor | None,
     progress: ProgressCallback | None,
-    wanted: NDArray[np.bool_],
+    needed: NDArray[np.bool_],
 ) -> None:
     """Compute the missing values in place; see `finished_chunks`."""
-    for _ in finished_chunks(values, grid, config, threads, executor, progress, wanted):
+    for _ in finished_chunks(values, grid, config, threads, executor, progress, needed):
         pass
 
 
@@ -196,7 +183,8 @@ def computed_chunks(
     pool = executor or ThreadPoolExecutor(workers)
     try:
         while True:
-            for chunk, points in islice(waiting, IN_FLIGHT - len(running)):
+            # So many at once bound the memory of their maps.
+            for chunk, points in islice(waiting, 256 - len(running)):
                 part = part_of(grid, config, points, prepared)
                 with _one_line_errors(executor):
                     tile = pool.submit(compute, ENGINE, estimator, part)
@@ -209,11 +197,9 @@ def computed_chunks(
                 chunk, points, part = running.pop(ready)
                 with _one_line_errors(executor):
                     computed = ready.result()
-                check_values(computed, estimator, part)
-                if not finished and not is_ours(estimator):
-                    check_halo(estimator, part, computed, grid.cells)
-                if yaw:
-                    computed["covariance"] = rotated(computed["covariance"], yaw)
+                # The first tile alone shows whether the halo of a user's estimator suffices.
+                surroundings = None if finished or is_ours(estimator) else grid.cells
+                _accept(computed, estimator, part, surroundings, yaw)
                 finished += len(points[0])
                 yield chunk, points, computed
             if progress:
@@ -328,12 +314,26 @@ def part_of(grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared:
     return MapPart(levels, rows, cols, grid.resolution, grid.shape, at, headings, prepared)
 
 
+def _accept(
+    computed: Values,
+    estimator: Estimator,
+    part: MapPart,
+    surroundings: NDArray[np.uint8] | None,
+    yaw: float,
+) -> None:
+    """Check a tile's values, with the map around it if that is given; turn them to the world."""
+    check_values(computed, estimator, part)
+    if surroundings is not None:
+        check_halo(estimator, part, computed, surroundings)
+    if yaw:
+        computed["covariance"] = rotated(computed["covariance"], yaw)
+
+
 def _next(done: SimpleQueue[_Tile]) -> _Tile | None:
     """A finished tile, or None if none is finished within 0.2 s."""
-    try:
+    with suppress(Empty):
         return done.get(timeout=0.2)
-    except Empty:
-        return None
+    return None
 
 
 @contextmanager

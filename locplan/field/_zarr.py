@@ -35,8 +35,6 @@ from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 FORMAT = "locplan-field-4"
 FIELD_SUFFIX = ".zarr"
-MAX_CELLS = 2**28
-"""Greatest number of cells of a field's map, as of an image's pixels."""
 METRES: dict[str, Any] = {
     "long_name": "of the map's own axes, which the origin's yaw turns about the origin",
     "units": "m",
@@ -85,7 +83,8 @@ def read_attributes(folder: Path) -> dict[str, Any]:
     try:
         about: dict[str, Any] = parsed_json(_description(folder))["attributes"]
         if about["format"] != FORMAT:
-            raise ValueError(f"its format is {shown(about['format'])}, not {FORMAT}")
+            found = shown(about["format"])
+            raise ValueError(f"its format is {found}, not {FORMAT}: compute it by this locplan")
         if about["checksum"] != _checksum(about):
             raise ValueError("its description does not match its checksum")
         for name, kind in KINDS.items():
@@ -303,7 +302,7 @@ def read_grid(folder: Path, about: dict[str, Any]) -> OccupancyGrid:
     """Read the map that a field belongs to; `about` is what `read_attributes` returned."""
     try:
         rows, cols = about["map_shape"]
-        if rows * cols > MAX_CELLS:
+        if rows * cols > 2**28:
             raise ValueError("it has over 2^28 cells")
         cells, damaged = read_array(folder / "cells", (rows, cols), "uint8", "/")
         if damaged:
@@ -325,7 +324,7 @@ def read(folder: Path) -> tuple[Values, OccupancyGrid, FieldConfig]:
     except (KeyError, TypeError, LocplanError) as error:
         raise FieldError(f"{folder}: its config cannot be used ({_in_short(error)})") from None
     values, damaged = read_values(folder, grid, config)
-    left = int(tiles.missing_points(values, grid, config).sum())
+    left = int((tiles.needed_points(grid, config) & ~tiles.known_points(values)).sum())
     if damaged or left:
         why = f"{damaged} chunks are damaged" if damaged else f"{left} points were never computed"
         raise FieldError(f"{folder}: {why}; compute it anew")

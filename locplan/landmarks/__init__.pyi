@@ -1,4 +1,3 @@
-from ._feature_drives import FeatureDrives as FeatureDrives
 from ._feature_figures import key_features_figure as key_features_figure
 from ._features import Feature as Feature, KeyFeatures as KeyFeatures
 from ._figures import landmarks_figure as landmarks_figure
@@ -12,10 +11,13 @@ from ._objects import (
     parsed_object as parsed_object,
     with_objects as with_objects,
 )
-from ._outcomes import Outcome as Outcome
+from ._outcomes import (
+    FeatureDrives as FeatureDrives,
+    Outcome as Outcome,
+    Verification as Verification,
+)
 from ._place import place_landmarks as place_landmarks
-from ._regular import Regularity as Regularity
-from ._rows import Shift as Shift
-from ._setting import Setting as Setting
+from ._places import Rejected as Rejected, Sites as Sites
+from ._routes import Setting as Setting
+from ._search import Regularity as Regularity, Shift as Shift
 from ._trials import best_of_trials as best_of_trials
-from ._verification import Verification as Verification

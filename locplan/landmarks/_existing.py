@@ -28,7 +28,7 @@ def without_objects(
 
     An object is sought up to a cell from its pose, where the least of it is free. Cells stay that
     a straight wall holds, which goes on at both sides of the object. Of the cells around it, only
-    those go that hang together with nothing else: a wall that it touches stays.
+    those go that are joined with nothing else: a wall that it touches stays.
 
     Raises
     ------
@@ -81,40 +81,24 @@ def _drawn_cells(
 
 
 def _in_wall(
-    occupied: NDArray[np.bool_],
-    row: int,
-    col: int,
-    centre: tuple[float, float],
-    reach: float,
+    occupied: NDArray[np.bool_], row: int, col: int, centre: tuple[float, float], reach: float
 ) -> bool:
     """Whether occupied cells lead from a cell straight out of a disc [cells] on both sides."""
-    for angle in np.arange(DIRECTIONS) * math.pi / DIRECTIONS:
-        step = math.sin(angle), math.cos(angle)
-        ways = (_leaves(occupied, row, col, step, sign, centre, reach) for sign in (-1, 1))
-        if all(ways):
-            return True
-    return False
 
+    def leaves(d_row: float, d_col: float) -> bool:
+        at_row, at_col = row + 0.5, col + 0.5
+        while math.hypot(at_row - centre[0], at_col - centre[1]) <= reach:
+            at_row, at_col = at_row + d_row, at_col + d_col
+            i, j = math.floor(at_row), math.floor(at_col)
+            if not (0 <= i < occupied.shape[0] and 0 <= j < occupied.shape[1]):
+                return True  # the wall goes on where the map ends
+            if not occupied[i, j]:
+                return False
+        return True
 
-def _leaves(
-    occupied: NDArray[np.bool_],
-    row: int,
-    col: int,
-    step: tuple[float, float],
-    sign: int,
-    centre: tuple[float, float],
-    reach: float,
-) -> bool:
-    """Whether occupied cells lead from a cell straight out of a disc [cells] to one side."""
-    at_row, at_col = row + 0.5, col + 0.5
-    while math.hypot(at_row - centre[0], at_col - centre[1]) <= reach:
-        at_row, at_col = at_row + sign * step[0], at_col + sign * step[1]
-        i, j = math.floor(at_row), math.floor(at_col)
-        if not (0 <= i < occupied.shape[0] and 0 <= j < occupied.shape[1]):
-            return True  # the wall goes on where the map ends
-        if not occupied[i, j]:
-            return False
-    return True
+    angles = np.arange(DIRECTIONS) * math.pi / DIRECTIONS
+    steps = np.column_stack([np.sin(angles), np.cos(angles)]).tolist()
+    return any(leaves(y, x) and leaves(-y, -x) for y, x in steps)
 
 
 def _rim(

@@ -10,24 +10,26 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
-from locplan.landmarks._empty_figures import panels
-from locplan.landmarks._feature_drives import FeatureDrives
-from locplan.landmarks._features import MATTERS_M, Feature, KeyFeatures
-from locplan.landmarks._figures import MIN_ERROR, _plainly
+from locplan.landmarks._features import MATTERS_M, KeyFeatures
+from locplan.landmarks._figures import along_first, draw_errors, draw_numbers, panels
+from locplan.landmarks._outcomes import FeatureDrives
 from locplan.maps import OccupancyGrid
-from locplan.plotting import DRAWN_CELLS, draw_cells, draw_ends, draw_map, draw_path, map_around
-from locplan.simulation import LOST
+from locplan.plotting import (
+    DRAWN_CELLS,
+    draw_cells,
+    draw_ends,
+    draw_map,
+    draw_path,
+    map_around,
+    style,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 LOSS_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.08, 0.85, 256)))
 """Colours of the losses: the darker, the more; none as light as the floor."""
-PALE = ListedColormap(["0.72", "0.92", "white", "0.72"])
-"""Colours as in `locplan.plotting.MAP_COLOURS`, paler than those of the features."""
-ALL, FIRST, FEW = "black", "#d55e00", "#0072b2"
 NUMBERED = 8
 """Greatest number of features with their number beside them."""
 MARK = 9.0
@@ -50,7 +52,7 @@ def key_features_figure(found: KeyFeatures, drives: FeatureDrives | None = None)
     said.append(f"with {found.robot.title}")
     figure, part, (axes,), plots = panels(grid, said, 1, 2)
     draw_map(axes, grid)
-    axes.images[0].set_cmap(PALE)
+    axes.images[0].set_cmap(style.PALE_MAP_COLOURS)
     for path in found.routes.values():
         draw_path(axes, path, color="0.35", linewidth=1.5)
         draw_ends(axes, path.xy[0], path.xy[-1])
@@ -59,7 +61,8 @@ def key_features_figure(found: KeyFeatures, drives: FeatureDrives | None = None)
         _draw_losses(part, axes, found, grid)
     _draw_profiles(plots[0], found)
     if drives:
-        _draw_errors(plots[1], found, drives)
+        labels = "with all", "without " + _listed(found.together)
+        draw_errors(plots[1], drives, labels, ("black", style.BLUE))
     else:
         _draw_curve(plots[1], found)
     return figure
@@ -91,67 +94,41 @@ def _draw_losses(figure: Any, axes: Axes, found: KeyFeatures, part: OccupancyGri
     bar = figure.colorbar(marks, ax=axes, shrink=0.9)
     bar.set_label("rise of the expected deviation without it [cm]")
     low, high, bottom, top = *axes.get_xlim(), *axes.get_ylim()
-    named = list(dict.fromkeys([*found.together, *range(1, NUMBERED + 1)]))
-    for number in named[: max(NUMBERED, len(found.together))]:
-        if number > len(found.features):
-            continue
-        feature = found.features[number - 1]
-        if not (low <= feature.x <= high and bottom <= feature.y <= top):
-            continue
-        few = number in found.together
-        box = {"boxstyle": "circle,pad=0.15", "facecolor": "white"}
-        box["edgecolor"] = FEW if few else "0.4"
-        style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7, "zorder": 5}
-        style["fontweight"] = "bold" if few else "normal"
-        arrow = {"arrowstyle": "-", "color": box["edgecolor"], "linewidth": 0.8}
-        arrow |= {"shrinkA": 0, "shrinkB": 0}
-        axes.annotate(
-            str(number),
-            (feature.x, feature.y),
-            _beside(found, feature),
-            textcoords="offset points",
-            bbox=box,
-            arrowprops=arrow,
-            **style,
-        )
-
-
-def _beside(found: KeyFeatures, feature: Feature) -> tuple[float, float]:
-    """Where the number of a feature stands from it, away from the nearest route [points]."""
-    away = np.array([feature.x, feature.y]) - found.positions
-    nearest = away[int(np.argmin(np.hypot(*away.T)))]
-    length = float(np.hypot(*nearest)) or 1.0
-    return float(18 * nearest[0] / length), float(18 * nearest[1] / length)
-
-
-def _way(found: KeyFeatures) -> tuple[slice, NDArray[np.float64]]:
-    """The first route's part of the poses, and the distance along it [m]."""
-    part = slice(found.begins[0], found.begins[1])
-    steps = np.hypot(*np.diff(found.positions[part], axis=0).T)
-    return part, np.concatenate([[0.0], np.cumsum(steps)])
+    numbers = list(dict.fromkeys([*found.together, *range(1, NUMBERED + 1)]))
+    numbers = numbers[: max(NUMBERED, len(found.together))]
+    places = {
+        each.number: np.array([each.x, each.y])
+        for each in found.features
+        if each.number in numbers and low <= each.x <= high and bottom <= each.y <= top
+    }
+    few = {number: at for number, at in places.items() if number in found.together}
+    others = {number: at for number, at in places.items() if number not in few}
+    draw_numbers(axes, others, found.routes, "0.4")
+    draw_numbers(axes, few, found.routes, style.BLUE, "bold")
 
 
 def _draw_profiles(axes: Axes, found: KeyFeatures) -> None:
     """Draw the expected deviation along the first route, with and without the features."""
-    part, way = _way(found)
+    part = slice(found.begins[0], found.begins[1])
+    steps = np.hypot(*np.diff(found.positions[part], axis=0).T)
+    way = np.concatenate([[0.0], np.cumsum(steps)])
     few = len(found.together)
     labels = ["with all features", "without 1"]
     if few > 1:
         labels.append("without " + _listed(found.together))
-    for values, label, colour, style in zip(
-        np.sqrt(found.profiles), labels, (ALL, FIRST, FEW), ("-", "--", "-."), strict=False
+    colours, lines = ("black", style.VERMILION, style.BLUE), ("-", "--", "-.")
+    for values, label, colour, line in zip(
+        np.sqrt(found.profiles), labels, colours, lines, strict=False
     ):
-        axes.plot(way, values[part], style, color=colour, label=label)
-    names = list(found.routes)
-    many = f" of {names[0]}" if len(names) > 1 else ""
-    axes.set(xlabel=f"distance along the route{many} [m]", ylabel="expected deviation [m]")
+        axes.plot(way, values[part], line, color=colour, label=label)
+    axes.set(xlabel=along_first(found.routes), ylabel="expected deviation [m]")
     axes.set_ylim(bottom=0)
     axes.legend(fontsize="small", frameon=False)
 
 
 def _draw_curve(axes: Axes, found: KeyFeatures) -> None:
     """Draw the expected deviation over the number of features that are away."""
-    axes.plot(np.arange(len(found.curve)), found.deviations, "o-", color=FEW, markersize=4)
+    axes.plot(np.arange(len(found.curve)), found.deviations, "o-", color=style.BLUE, markersize=4)
     for n, number in enumerate(found.together, 1):
         at = n, float(found.deviations[n])
         axes.annotate(f"without {number}", at, (0, -9), textcoords="offset points", ha="center",
@@ -160,32 +137,6 @@ def _draw_curve(axes: Axes, found: KeyFeatures) -> None:
     axes.set_xlim(-0.3, len(found.curve) - 0.5)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="number of features that are away", ylabel="expected deviation [m]")
-
-
-def _draw_errors(axes: Axes, found: KeyFeatures, drives: FeatureDrives) -> None:
-    """Draw the mean error of the drives along the first route, with and without the few."""
-    name, pair = next(iter(drives.profiles.items()))
-    for each, colour, label, style in zip(
-        pair, (ALL, FEW), ("with all", "without " + _listed(found.together)), ("-", "-."),
-        strict=True,
-    ):  # fmt: skip
-        profile = each.profile()
-        axes.fill_between(
-            profile[:, 0], profile[:, 6], profile[:, 7], color=colour, alpha=0.15, linewidth=0
-        )
-        axes.plot(profile[:, 0], profile[:, 4], style, color=colour, label=label)
-    if axes.get_ylim()[1] > LOST / 2:
-        axes.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
-        note = "axes fraction", "data"
-        axes.annotate("lost", (1, LOST), (-5, -2), note, "offset points", ha="right", va="top",
-                      fontsize=8)  # fmt: skip
-    axes.set_yscale("log")
-    axes.set_ylim(bottom=max(MIN_ERROR / 2, axes.get_ylim()[0]))
-    _plainly(axes.yaxis)
-    many = f" of {name}" if len(drives.profiles) > 1 else ""
-    axes.set(xlabel=f"distance along the route{many} [m]", ylabel="position error of drives [m]")
-    axes.set_title("mean, and where 80 % of the drives are", fontsize="small", loc="left")
-    axes.legend(fontsize="small", frameon=False)
 
 
 def _listed(numbers: tuple[int, ...]) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from locplan.field import NORMAL_REACH, surface_normals
 from locplan.landmarks._pieces import OBJECT, Pieces
-from locplan.landmarks._surroundings import Surroundings
+from locplan.landmarks._sight import Surroundings
 
 
 @dataclass
@@ -18,8 +18,8 @@ class Sights:
     """Hits of all rays, and P along the routes, without some features.
 
     Without an object its cells are free: rays reach what lies behind, and surfaces beside it have
-    the normals of the map without it. A piece of a wall is no window: rays that meet it tell
-    nothing, and no edge comes up where it ends. The number of hits that a filter's model counts
+    the normals of the map without it. A piece of a wall is no window: rays that meet it count
+    for nothing, and no edge comes up where it ends. The number of hits that a filter's model counts
     stays that of the map, as with objects that are added.
     """
 
@@ -27,8 +27,6 @@ class Sights:
     resolution: float
     seen: Surroundings
     pieces: Pieces
-    away: list[int] = field(default_factory=list, init=False)
-    """Features that are taken away."""
     hits: NDArray[np.float32] = field(init=False)
     """Hits of the rays, (n * beams, 4)."""
     cells: NDArray[np.int64] = field(init=False)
@@ -52,10 +50,7 @@ class Sights:
 
     def profile(self, sums: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
         """P_xx + P_yy at each pose, (n,) [m^2]; with other sums than those of what stands."""
-        from locplan._kernels.landmarks import XX, YY
-
-        after = self._covariances(self.sums if sums is None else sums)
-        return np.asarray(after[:, XX] + after[:, YY])
+        return self.seen.profile(self.sums if sums is None else sums)
 
     def without(self, feature: int) -> NDArray[np.float64]:
         """P_xx + P_yy at each pose with this feature away, too, (n,) [m^2]."""
@@ -76,7 +71,6 @@ class Sights:
             self._patches.clear()
         else:
             self._silent[feature] = True
-        self.away.append(feature)
         self._sort()
 
     def rays_of(self, feature: int) -> NDArray[np.int64]:
@@ -100,11 +94,11 @@ class Sights:
         from locplan._kernels.landmarks import HITS, NORMAL_X, NORMAL_Y, RANGE, TURN
 
         seen, rays = self.seen, self.rays_of(feature)
-        share = seen.told.share / (1 + seen.told.other * self.sums[:, HITS])
+        share = seen.a_step.share / (1 + seen.a_step.other * self.sums[:, HITS])
         hits = self.hits[rays].astype(np.float64)
         weight = np.zeros(len(rays))
-        told = np.isfinite(hits[:, RANGE])
-        weight[told] = 1 / (1 + seen.rays.swing * hits[told, RANGE] ** 2)
+        returns = np.isfinite(hits[:, RANGE])
+        weight[returns] = 1 / (1 + seen.rays.swing * hits[returns, RANGE] ** 2)
         normals = hits[:, [NORMAL_X, NORMAL_Y]]
         gradients = hits[:, [NORMAL_X, NORMAL_Y, TURN]] * weight[:, None]
         pulls = np.zeros((len(self.sums), 3, 2))
@@ -113,35 +107,19 @@ class Sights:
             features.biases(
                 pulls * share[:, None, None],
                 self.sums[:, :HITS] * share[:, None],
-                self._covariances(self.sums),
+                seen.covariances(self.sums),
                 seen.rays.poses,
                 seen.routes,
             )
         )
-
-    def _covariances(self, sums: NDArray[np.float64]) -> NDArray[np.float64]:
-        from locplan._kernels.way_covariances import covariances
-
-        seen = self.seen
-        _, after = covariances(sums, seen.rays.poses, seen.routes, seen.told, seen.motion)
-        return np.asarray(after)
 
     def _look(self, rays: NDArray[np.int64]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
         from locplan._kernels.features import look
 
         hits, cells = np.zeros((len(rays), 4), np.float32), np.empty(len(rays), np.int64)
         labels = self.pieces.labels
-        look(
-            self._squares,
-            self._normals,
-            labels,
-            self._silent,
-            self.resolution,
-            self.seen.rays,
-            rays,
-            hits,
-            cells,
-        )
+        scene = self._squares, self._normals, labels, self._silent, self.resolution
+        look(*scene, self.seen.rays, rays, hits, cells)
         return hits, cells
 
     def _changes(
@@ -215,12 +193,12 @@ def met_cells(occupied: NDArray[np.bool_], resolution: float, rays: Any) -> NDAr
     from locplan._kernels.features import look
     from locplan._kernels.rays import empty_squares
 
-    wanted = np.arange(len(rays.first) * rays.beams)
-    hits, cells = np.zeros((len(wanted), 4), np.float32), np.empty(len(wanted), np.int64)
+    every = np.arange(len(rays.first) * rays.beams)
+    hits, cells = np.zeros((len(every), 4), np.float32), np.empty(len(every), np.int64)
     labels = np.full(occupied.shape, -1, np.int32)
     normals = np.zeros((*occupied.shape, 2), np.float32)
     none = np.zeros(1, bool)
-    look(empty_squares(occupied), normals, labels, none, resolution, rays, wanted, hits, cells)
+    look(empty_squares(occupied), normals, labels, none, resolution, rays, every, hits, cells)
     return np.unique(cells[cells >= 0])
 
 

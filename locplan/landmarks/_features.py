@@ -1,4 +1,4 @@
-"""The features of a map that localization hangs on: the result of `key_features`."""
+"""The features of a map that localization depends on: the result of `key_features`."""
 
 from __future__ import annotations
 
@@ -12,23 +12,29 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.progress import ProgressCallback
+from locplan._util.checks import whole
+from locplan._util.progress import ProgressCallback, parts
+from locplan._util.random_streams import random_of
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.costs import Path
 from locplan.errors import ConfigError
-from locplan.landmarks._feature_drives import FeatureDrives, driven_without
-from locplan.landmarks._outcomes import DRIVES
+from locplan.landmarks._drives import drive_without
+from locplan.landmarks._objects import Shape, outline_of
+from locplan.landmarks._outcomes import DRIVES, FeatureDrives, Outcome
 from locplan.maps import OccupancyGrid
 from locplan.robots import Robot
+from locplan.simulation import Drives, check_drives
 
 MATTERS = 0.1
 """Share of the expected deviation by which it rises without a feature that matters."""
 MATTERS_M = 0.01
 """Least such rise [m]: what is less is lost in a filter's own noise."""
 PLACE, PLACE_M = 0.5, 0.1
-"""Share, and least rise [m], of the deviation at a place that hangs on a feature."""
+"""Share, and least rise [m], of the deviation at a place that depends on a feature."""
+RANDOM_FEATURES = 103
+"""Stream of random numbers of features at random, beside those of places."""
 TOGETHER = 2.0
 """Features stand in for each other if the rise without all is so many times the sum of theirs."""
 
@@ -56,7 +62,7 @@ class Feature:
     loss: float
     """How far the expected deviation along the routes rises without it [m].
 
-    It may be negative: an object can hide what tells more.
+    It may be negative: an object can hide what helps more.
     """
     share: float
     """The loss as a share of the expected deviation with all features."""
@@ -78,7 +84,7 @@ class Feature:
 
     @property
     def matters(self) -> bool:
-        """Whether the expected deviation rises by 10 % and 1 cm without it, or a place hangs on it.
+        """Whether the expected deviation rises by 10 % and 1 cm without it, or at a place.
 
         A place does where the deviation rises by half and 10 cm.
         """
@@ -96,10 +102,8 @@ class Feature:
 
     def corners(self) -> NDArray[np.float64]:
         """Corners of the least rectangle around it in the world, (4, 2) [m]."""
-        signs = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) / 2
-        cos, sin = np.cos(self.heading), np.sin(self.heading)
-        turned = signs * (self.length, self.width) @ np.array([(cos, sin), (-sin, cos)])
-        return np.asarray(turned + np.array([self.x, self.y]))
+        shape = Shape(self.length / 2, self.width / 2, is_round=False)
+        return outline_of(shape, np.array([self.x, self.y, self.heading]))
 
 
 COLUMNS = (
@@ -127,7 +131,7 @@ class KeyFeatures(Result):
     """The features of a map in order of loss, and the few whose loss together is greatest."""
 
     _drawn_by: ClassVar[str] = "locplan.landmarks:key_features_figure"
-    _reported_by: ClassVar[str] = "locplan.landmarks._feature_reports:features_report"
+    _reported_by: ClassVar[str] = "locplan.landmarks._reports:features_report"
     files: ClassVar[Results] = Results(
         "features",
         ("features.json", "features.png", "features.csv", "features.geojson", "verification.csv"),
@@ -173,7 +177,7 @@ class KeyFeatures(Result):
 
     @property
     def stand_in(self) -> bool:
-        """Whether the few stand in for each other: all matter, and each hides what another tells.
+        """Whether the few stand in for each other: all matter, and each hides what another does.
 
         The rise without all is at least twice the sum of their own.
         """
@@ -186,12 +190,12 @@ class KeyFeatures(Result):
     def verdict(self) -> str:
         """What the losses say, in one line."""
         if not self.features:
-            return "no feature is seen from the routes: nothing there tells the robot its position"
+            return "no feature is seen from the routes: nothing there fixes its position"
         first, low = self.features[0], float(self.deviations[0])
         count = len(self.mattering)
         if count:
             what = "1 feature" if count == 1 else f"{count} features"
-            said = f"localization on {self._these_routes} hangs on {what}: without "
+            said = f"localization on {self._these_routes} depends on {what}: without "
             said += "it" if count == 1 else "the first"
             at = self.mattering[0]
             said += (
@@ -271,18 +275,32 @@ class KeyFeatures(Result):
         """
         if not self.together:
             raise ConfigError("there is no feature to take away; choose routes that see some")
-        taken = {n: self.features[n - 1].cells for n in self.together}
-        return driven_without(
-            self.grid,
-            self.routes,
-            self.robot,
-            taken,
-            [each.cells for each in self.features if each.number not in taken],
-            drives,
+        check_drives(drives)
+        whole("random_sets", random_sets, 1, 1000)
+        few = {n: self.features[n - 1].cells for n in self.together}
+        others = [each.cells for each in self.features if each.number not in few]
+        count = min(len(few), len(others))
+        sets = range(min(random_sets, drives // 2) if count else 0)
+        orders = (random_of(seed, RANDOM_FEATURES, n).permutation(len(others)) for n in sets)
+        random = [[others[k] for k in order[:count]] for order in orders]
+        single = self.together if len(few) > 1 else ()
+        lacking = [[], [*few.values()], *([few[n]] for n in single), *random]
+        numbers = [drives] * 2 + [max(drives // max(len(single), 1), 2)] * len(single)
+        numbers += [drives // max(len(random), 1)] * len(random)
+        callbacks = parts(progress, [len(self.routes) * number for number in numbers])
+        before, after, *rest = (
+            drive_without(self.grid, own, self.routes, self.robot, number, seed, threads, each)
+            for own, number, each in zip(lacking, numbers, callbacks, strict=True)
+        )
+        at_random: tuple[Drives, ...] = sum(rest[len(single) :], ())
+        return FeatureDrives(
+            Outcome(before),
+            Outcome(after),
+            Outcome(at_random) if at_random else None,
+            dict(zip(self.routes, zip(before, after, strict=True), strict=True)),
             seed,
-            random_sets,
-            threads,
-            progress,
+            {n: Outcome(each) for n, each in zip(single, rest, strict=False)},
+            len(few),
         )
 
     def table(self) -> Table:

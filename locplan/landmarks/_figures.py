@@ -2,31 +2,105 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+import textwrap
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from locplan.landmarks._empty_figures import panels
+from locplan.costs import Path
 from locplan.landmarks._landmarks import PAYING_SHARE, Landmarks
 from locplan.landmarks._objects import outline_of
-from locplan.landmarks._verification import Verification
+from locplan.landmarks._outcomes import BeforeAndAfter, Verification
 from locplan.maps import OccupancyGrid
-from locplan.plotting import draw_ends, draw_map, draw_path, map_around
+from locplan.plotting import (
+    Picture,
+    draw_ends,
+    draw_map,
+    draw_number,
+    draw_path,
+    drawn_size,
+    label_plainly,
+    make_logarithmic,
+    map_around,
+    style,
+)
 from locplan.simulation import LOST, Drives
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-ERROR_COLOURS = "viridis"
-MIN_ERROR = 0.02
-"""Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""
-BEFORE, AFTER, MARK, REGION = "#0072b2", "#d55e00", "#d55e00", "#56b4e9"
+STACKED = 0.9
+"""Ratio of a map's height to its width up to which two maps stand above each other."""
+TALL = 1.5
+"""Ratio of the maps' height to their width from which on the plots stand beside them."""
+WIDTH, MIN_WIDTH = 11.0, 9.5
+"""Width of a figure that its maps fill if they can, and minimum of all [inch]."""
+MAX_HEIGHT = 8.0
+"""Maximum height of a map [inch]."""
+BAR, LABELS = 1.6, 0.7
+"""Width of a colour bar, and the space of a map's labels on each axis [inch]."""
+PLOT_HEIGHT, PLOT_WIDTH = 2.9, 4.6
+"""Size of the plots, where they stand below the maps or beside them [inch]."""
+LINE = 0.24
+"""Height of a line of the title [inch]."""
+LETTERS = 11
+"""Letters of the title to an inch."""
+
+
+class Panels(NamedTuple):
+    """A figure, its maps and its plots."""
+
+    figure: Figure
+    map_part: Any
+    """The part of the figure that the maps are in, for a colour bar."""
+    maps: list[Axes]
+    plots: list[Axes]
+
+
+def panels(grid: OccupancyGrid, said: Sequence[str], maps: int, plots: int) -> Panels:
+    """An empty figure with room for one map or two, and for plots.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map that is drawn.
+    said : sequence of str
+        Lines of the title, broken where they are too wide.
+    maps, plots : int
+        Number of each.
+    """
+    wide, high = drawn_size(grid)
+    columns = 1 if high <= STACKED * wide else maps
+    rows = maps // columns
+    tall = high > TALL * columns * wide
+    if not tall:
+        scale = ((WIDTH - BAR) / columns - LABELS) / wide
+        scale = min(scale, max(MAX_HEIGHT / high, 1.0))
+        wide, high = scale * wide, scale * high
+    width, height = columns * (wide + LABELS) + BAR, rows * (high + LABELS)
+    width = width + PLOT_WIDTH if tall else max(width, MIN_WIDTH)
+    lines = [part for line in said for part in textwrap.wrap(line, int(LETTERS * width))]
+    top = LINE * (len(lines) + 1)
+    figure: Any
+    if tall:
+        height = max(height, plots * PLOT_HEIGHT)
+        figure = Picture(figsize=(width, height + top), layout="constrained")
+        parts = figure.subfigures(1, 2, width_ratios=(width - PLOT_WIDTH, PLOT_WIDTH))
+        lower = parts[1].subplots(plots, 1, squeeze=False)[:, 0]
+    else:
+        figure = Picture(figsize=(width, height + PLOT_HEIGHT + top), layout="constrained")
+        parts = figure.subfigures(2, height_ratios=(height, PLOT_HEIGHT))
+        lower = parts[1].subplots(1, plots, squeeze=False)[0]
+    figure.suptitle("\n".join(lines), fontsize="medium")
+    upper = parts[0].subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    return Panels(figure, parts[0], list(upper.ravel()), list(lower))
 
 
 def landmarks_figure(made: Landmarks, verification: Verification | None = None) -> Figure:
@@ -50,7 +124,7 @@ def landmarks_figure(made: Landmarks, verification: Verification | None = None) 
     _draw_maps(part, maps, grids, made, profiles)
     _draw_gains(plots[0], made)
     if verification:
-        _draw_errors(plots[1], verification)
+        draw_errors(plots[1], verification, ("before", "after"), (style.BLUE, style.VERMILION))
         _draw_matches(plots[2], verification)
     return figure
 
@@ -65,7 +139,7 @@ def _draw_maps(
     """Draw the map without and with landmarks, and the routes over both."""
     every = [each.profile() for pair in profiles for each in pair]
     errors = np.concatenate([profile[:, 4] for profile in every]) if every else np.ones(1)
-    low = max(MIN_ERROR, float(errors.min()))
+    low = max(style.MIN_ERROR, float(errors.min()))
     norm = LogNorm(low, max(float(errors.max()), 2 * low), clip=True)
     image = None
     for n, (own, grid) in enumerate(zip(axes, grids, strict=True)):
@@ -82,7 +156,7 @@ def _draw_maps(
                 lines = LineCollection(
                     list(np.stack([xy[:-1], xy[1:]], axis=1)),
                     array=profile[:-1, 4],
-                    cmap=ERROR_COLOURS,
+                    cmap=style.ERROR_COLOURS,
                     norm=norm,
                     linewidths=3.5,
                     zorder=3,
@@ -93,17 +167,12 @@ def _draw_maps(
             draw_ends(own, path.xy[0], path.xy[-1])
     if image is not None:
         bar = figure.colorbar(image, ax=list(axes), label="mean position error [m]", shrink=0.9)
-        _plainly(bar.ax.yaxis)
-    shapes = [outline_of(made.setting.kind, pose) for pose in made.poses]
-    axes[1].add_collection(PolyCollection(shapes, facecolor=MARK, edgecolor="black", zorder=4))
-    for n, at in enumerate(_beside(made, grids[1])):
-        box = {"boxstyle": "circle,pad=0.15", "facecolor": "white", "edgecolor": MARK}
-        style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7, "zorder": 5}
-        arrow = {"arrowstyle": "-", "color": MARK, "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
-        x, y = made.positions[n].tolist()
-        axes[1].annotate(
-            str(n + 1), (x, y), at, textcoords="offset points", bbox=box, arrowprops=arrow, **style
-        )
+        label_plainly(bar.ax.yaxis)
+    shapes = [outline_of(made.setting.kind.shape, pose) for pose in made.poses]
+    axes[1].add_collection(
+        PolyCollection(shapes, facecolor=style.VERMILION, edgecolor="black", zorder=4)
+    )
+    draw_numbers(axes[1], dict(enumerate(made.positions, 1)), made.setting.routes, style.VERMILION)
 
 
 def _draw_region(axes: Axes, made: Landmarks) -> None:
@@ -112,29 +181,35 @@ def _draw_region(axes: Axes, made: Landmarks) -> None:
     rows, cols = np.indices(grid.shape) + 0.5
     x, y = grid.grid_to_world(rows, cols)
     region = np.asarray(made.setting.region, np.float64)
-    axes.contour(x, y, region, levels=[0.5], colors=REGION, linewidths=0.8, zorder=2)
+    axes.contour(x, y, region, levels=[0.5], colors=style.SKY, linewidths=0.8, zorder=2)
 
 
-def _beside(made: Landmarks, grid: OccupancyGrid) -> list[tuple[float, float]]:
-    """Where the number of each landmark stands from it, away from the nearest route [points]."""
+def draw_numbers(
+    axes: Axes,
+    places: Mapping[int, NDArray[np.float64]],
+    routes: Mapping[str, Path],
+    colour: str,
+    weight: str = "normal",
+) -> None:
+    """Draw numbers beside places x, y [m], away from the nearest route."""
     from scipy.spatial import cKDTree
 
-    points = np.concatenate([path.resampled(0.1).xy for path in made.setting.routes.values()])
-    _, nearest = cKDTree(points).query(made.positions)
-    places = []
-    for away in made.positions - points[nearest]:
-        length = float(np.hypot(*away)) or 1.0
-        places.append((float(16 * away[0] / length), float(16 * away[1] / length)))
-    return places
+    points = np.concatenate([path.resampled(0.1).xy for path in routes.values()])
+    near = cKDTree(points)
+    for number, at in places.items():
+        away = at - points[near.query(at)[1]]
+        aside = 17 * away / (float(np.hypot(*away)) or 1.0)
+        draw_number(
+            axes, number, tuple(at.tolist()), tuple(aside.tolist()), colour, fontweight=weight
+        )
 
 
 def _draw_gains(axes: Axes, made: Landmarks) -> None:
     """Draw the expected deviation over the number of landmarks."""
     numbers: NDArray[Any] = np.arange(len(made.curve))
-    axes.plot(numbers, made.expected, "o-", color=AFTER, markersize=4)
+    axes.plot(numbers, made.expected, "o-", color=style.VERMILION, markersize=4)
     if made.expected[-1] > 0 and made.expected[0] > 10 * made.expected[-1]:
-        axes.set_yscale("log")
-        _plainly(axes.yaxis)
+        make_logarithmic(axes.yaxis)
     else:
         axes.set_ylim(0, 1.05 * float(made.expected.max()) or 1.0)
     if 0 < made.paying < len(made):
@@ -146,50 +221,42 @@ def _draw_gains(axes: Axes, made: Landmarks) -> None:
     axes.set(xlabel="number of landmarks", ylabel=made.measure.title)
 
 
-def _draw_errors(axes: Axes, verification: Verification) -> None:
-    """Draw the error along the first route, before and after."""
-    pair = next(iter(verification.profiles.values()))
-    for drives, colour, label, style in zip(
-        pair, (BEFORE, AFTER), ("before", "after"), ("--", "-"), strict=True
-    ):
+def draw_errors(
+    axes: Axes, driven: BeforeAndAfter, labels: Sequence[str], colours: Sequence[str]
+) -> None:
+    """Draw the error of drives along the first route, before and after."""
+    pair = next(iter(driven.profiles.values()))
+    for drives, colour, label, line in zip(pair, colours, labels, ("--", "-"), strict=True):
         profile = drives.profile()
         axes.fill_between(
             profile[:, 0], profile[:, 6], profile[:, 7], color=colour, alpha=0.2, linewidth=0
         )
-        axes.plot(profile[:, 0], profile[:, 4], style, color=colour, label=label)
-    axes.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
-    axes.set_yscale("log")
-    axes.set_ylim(bottom=max(MIN_ERROR / 2, axes.get_ylim()[0]))
-    _plainly(axes.yaxis)
-    at = "axes fraction", "data"
-    axes.annotate(
-        "lost", (1, LOST), (-5, -2), at, "offset points", ha="right", va="top", fontsize=8
-    )
-    axes.set(xlabel=_along(verification), ylabel="position error [m]")
+        axes.plot(profile[:, 0], profile[:, 4], line, color=colour, label=label)
+    if axes.get_ylim()[1] > LOST / 2:
+        axes.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
+        at = "axes fraction", "data"
+        axes.annotate(
+            "lost", (1, LOST), (-5, -2), at, "offset points", ha="right", va="top", fontsize=8
+        )
+    make_logarithmic(axes.yaxis)
+    axes.set_ylim(bottom=max(style.MIN_ERROR / 2, axes.get_ylim()[0]))
+    axes.set(xlabel=along_first(driven.profiles), ylabel="position error of drives [m]")
     axes.set_title("mean, and where 80 % of the drives are", fontsize="small", loc="left")
     axes.legend(fontsize="small", frameon=False)
+
+
+def along_first(routes: Collection[str]) -> str:
+    """Label of the distance along the first of some routes."""
+    name = f" of {next(iter(routes))}" if len(routes) > 1 else ""
+    return f"distance along the route{name} [m]"
 
 
 def _draw_matches(axes: Axes, verification: Verification) -> None:
     """Draw the deviation of single matches along the first route, before and after."""
     pair = next(iter(verification.fields.values()))
-    for profile, colour, style in zip(pair, (BEFORE, AFTER), ("--", "-"), strict=True):
-        axes.plot(*profile.T, style, color=colour)
+    colours = style.BLUE, style.VERMILION
+    for profile, colour, line in zip(pair, colours, ("--", "-"), strict=True):
+        axes.plot(*profile.T, line, color=colour)
     axes.set_ylim(bottom=0)
-    axes.set(xlabel=_along(verification), ylabel="deviation of a match [m]")
+    axes.set(xlabel=along_first(verification.fields), ylabel="deviation of a match [m]")
     axes.set_title("one scan alone, by the field", fontsize="small", loc="left")
-
-
-def _along(verification: Verification) -> str:
-    """Label of the distance along the first route."""
-    name = next(iter(verification.profiles))
-    many = f", {name}" if len(verification.profiles) > 1 else ""
-    return f"distance along the route{many} [m]"
-
-
-def _plainly(axis: Any) -> None:
-    """Label a logarithmic axis with plain numbers."""
-    low, high = axis.get_view_interval()
-    axis.set_major_locator(LogLocator(subs=(1.0,) if high > 200 * low else (1.0, 2.0, 5.0)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())

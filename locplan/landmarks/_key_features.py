@@ -1,4 +1,4 @@
-"""Which features of a map localization hangs on: `key_features`."""
+"""Which features of a map localization depends on: `key_features`."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from locplan.landmarks._feature_sights import Sights, met_cells
 from locplan.landmarks._features import Feature, KeyFeatures
 from locplan.landmarks._objects import Shape
 from locplan.landmarks._pieces import pieces_of
-from locplan.landmarks._problem import routes_of
-from locplan.landmarks._surroundings import lines_along, step_of, surroundings
+from locplan.landmarks._routes import routes_of
+from locplan.landmarks._sight import lines_along, step_of, surroundings
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 from locplan.robots import Robot
 
@@ -31,9 +31,9 @@ LARGEST = 4.0
 """Default greatest extent of an object [m]."""
 GAP = 0.1
 """Default greatest gap between the parts of one object [m]."""
-GREATEST_PIECE, GREATEST_GAP = 20.0, 2.0
+MAX_PIECE, MAX_GAP = 20.0, 2.0
 """Greatest length of a piece of wall, and of a gap: searches of their size take long [m]."""
-GREATEST_SHIFT = 2.0
+MAX_SHIFT = 2.0
 """Greatest distance that a feature may be off; no filter pairs it with its place beyond [m]."""
 SHIFT = 0.3
 """Default distance by which a feature is thought to be moved [m]."""
@@ -54,12 +54,12 @@ def key_features(
     shift: float = SHIFT,
     progress: ProgressCallback | None = None,
 ) -> KeyFeatures:
-    """Tell which features of a map localization along some routes hangs on.
+    """Find the features of a map that localization along some routes depends on.
 
     The loss by a feature is how far the expected deviation of the position rises without it: the
     root of the mean of P_xx + P_yy that `place_landmarks` makes small. Rays that met an object
     reach what lies behind it, exactly as on the map without it. A piece of a wall is no window:
-    rays that met it tell nothing. `KeyFeatures.verify` drives in a world without the worst ones.
+    rays that met it count for nothing. `KeyFeatures.verify` drives without the worst ones.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def key_features(
         Length of the pieces that walls are divided into, about their corners and ends, above 0, up
         to 20 [m].
     largest : float, default 4.0
-        Greatest extent of what counts as one object [m], above 0; what hangs together farther is a
+        Greatest extent of what counts as one object [m], above 0; what is joined farther is a
         wall. Raise it for large machines or shelves.
     gap : float, default 0.1
         Greatest gap between the parts of one object [m], 0 to 2; outlines on maps are often broken.
@@ -104,7 +104,7 @@ def key_features(
     On simulated drives of the log-product filter in a hall with few objects the losses rank the
     errors without each (rank correlation about .7), and errors by features 0.3 m off are within
     about 3 cm of those driven. Losses of a few per cent rank nothing, and Nav2's default model,
-    `likelihood_field`, can lose its way with a feature and hold it without: let drives tell.
+    `likelihood_field`, can lose its way with a feature and hold it without: only drives show it.
     What comes into sight only as another feature goes is no feature here.
 
     Examples
@@ -119,10 +119,10 @@ def key_features(
     ('object of 0.2 x 0.2 m', 20)
     """
     check_grid(grid)
-    number("gap", gap, 0.0, GREATEST_GAP)
-    number("piece", piece, 0.0, GREATEST_PIECE)
+    number("gap", gap, 0.0, MAX_GAP)
+    number("piece", piece, 0.0, MAX_PIECE)
     whole("count", count, 1, MAX_COUNT)
-    number("shift", shift, 0.0, GREATEST_SHIFT)
+    number("shift", shift, 0.0, MAX_SHIFT)
     for name, value in (("piece", piece), ("largest", largest), ("shift", shift)):
         positive(name, value, "m")
     robot = equipped(robot)

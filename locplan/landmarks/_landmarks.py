@@ -11,20 +11,20 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.progress import ProgressCallback
+from locplan._util.checks import whole
+from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import POSE, Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite
-from locplan.landmarks._candidates import Rejected
+from locplan.landmarks._drives import drive_on, fields_along, random_maps
 from locplan.landmarks._objectives import DEGENERACY, DEVIATION, Measure
 from locplan.landmarks._objects import outline_of, with_objects
-from locplan.landmarks._outcomes import DRIVES
-from locplan.landmarks._regular import Regularity, regularity
-from locplan.landmarks._rows import Shift
-from locplan.landmarks._search import Search, in_world
-from locplan.landmarks._setting import Setting
-from locplan.landmarks._verification import Verification, verified
+from locplan.landmarks._outcomes import DRIVES, Outcome, Verification
+from locplan.landmarks._places import Rejected
+from locplan.landmarks._routes import Setting
+from locplan.landmarks._search import Regularity, Search, Shift, in_world, regularity
 from locplan.maps import OccupancyGrid, save_map
+from locplan.simulation import check_drives
 
 PAYING_SHARE = 0.05
 """Share by which a landmark must lower what is expected to pay."""
@@ -247,15 +247,29 @@ class Landmarks(Result):
         ConfigError
             If a number is out of its range.
         """
-        maps = self.before, self.grid
-        return verified(
-            self.setting, maps, self.search, len(self), drives, seed, random_sets, threads, progress
+        check_drives(drives)
+        whole("random_sets", random_sets, 1, 1000)
+        setting, maps = self.setting, (self.before, self.grid)
+        sets = random_maps(setting, self.search, len(self), min(random_sets, drives // 2), seed)
+        numbers = [drives] * 2 + [drives // max(len(sets), 1)] * len(sets)
+        callbacks = parts(progress, [len(setting.routes) * number for number in numbers])
+        before, after, *others = (
+            drive_on(setting, grid, number, seed, threads, each)
+            for grid, number, each in zip((*maps, *sets), numbers, callbacks, strict=True)
+        )
+        return Verification(
+            Outcome(before),
+            Outcome(after),
+            Outcome(sum(others, ())) if others else None,
+            dict(zip(setting.routes, zip(before, after, strict=True), strict=True)),
+            seed,
+            fields_along(setting, maps, threads),
         )
 
     def table(self) -> Table:
         """The landmarks in order of gain, and what is expected with each and those before it."""
         kind, shape = self.setting.kind, self.setting.kind.shape
-        about = type(kind).__name__.lower(), 2 * shape.half_length, 2 * shape.half_width
+        about = kind.word, 2 * shape.half_length, 2 * shape.half_width
         values = self.poses.tolist(), self.gains.tolist(), self.expected[1:].tolist()
         rows = enumerate(zip(*values, strict=True), 1)
         return Table(
@@ -266,7 +280,7 @@ class Landmarks(Result):
     def _write(self, folder: Path, verification: Verification | None = None) -> None:
         table = self.table()
         table.write_csv(folder / "landmarks.csv")
-        outlines = (outline_of(self.setting.kind, pose) for pose in self.poses)
+        outlines = (outline_of(self.setting.kind.shape, pose) for pose in self.poses)
         table.write_geojson(folder / "landmarks.geojson", outlines)
         Table.of(REJECTED, self.rejected).write_csv(folder / "rejected.csv")
         if verification:
@@ -287,7 +301,7 @@ class Landmarks(Result):
                 "verification": verification.summary() if verification else None,
                 "map": {"name": self.before.name, "digest": self.before.digest},
                 "map_with_landmarks": {"digest": self.grid.digest},
-                "object": {"kind": type(setting.kind).__name__, **dataclasses.asdict(setting.kind)},
+                "object": {"kind": setting.kind.word, **dataclasses.asdict(setting.kind)},
                 "landmarks": self.table().records(),
                 "chosen_by": self.chosen_by,
                 "trials": [each._asdict() for each in self.trials],

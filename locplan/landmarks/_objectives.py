@@ -70,23 +70,17 @@ class AlongRoutes:
 
     def profile(self) -> NDArray[np.float64]:
         """P_xx + P_yy at each pose with the objects, (n,) [m^2]."""
-        from locplan._kernels.landmarks import XX, YY
-        from locplan._kernels.way_covariances import covariances
-
-        seen = self.sight.seen
-        models = seen.told, seen.motion
-        _, after = covariances(self.sight.sums, seen.rays.poses, seen.routes, *models)
-        return np.asarray(after[:, XX] + after[:, YY])
+        return self.sight.seen.profile(self.sight.sums)
 
     def values(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
         """The objective with each of these places besides, (m,) [m^2]."""
-        from locplan._kernels.way_covariances import uncertainties
+        from locplan._kernels.objectives import uncertainties
 
         sight, seen = self.sight, self.sight.seen
         given = sight.sightings, sight.hits, sight.sums, seen.rays, seen.routes, sight.outline
 
         def run(part: NDArray[np.int64]) -> NDArray[np.float64]:
-            found = uncertainties(sight.own, part, *given, seen.told, seen.motion)
+            found = uncertainties(sight.own, part, *given, seen.a_step, seen.motion)
             return np.asarray(found)
 
         return sight.in_threads(run, indices)
@@ -107,7 +101,21 @@ class MeanDegeneracy:
     name: ClassVar[str] = "degeneracy"
     sight: Sight
     anchors: Any
-    """`region_degeneracy.Anchors`."""
+    """`objectives.Anchors`."""
+
+    @classmethod
+    def of(cls, sight: Sight, lidar: Lidar) -> MeanDegeneracy:
+        """The objective with the anchors of `Fisher`, and its search window as the prior."""
+        from locplan._kernels.objectives import Anchors
+
+        fisher = Fisher(lidar)
+        window = fisher.lattice(sight.resolution)
+        prior = 1 / np.diag(window.uniform_covariance)
+        turn = prior[2] if len(prior) > 2 else 1e6
+        least = float(np.sqrt(fisher.perfect(window)[0, 0]))
+        return cls(
+            sight, Anchors(float(prior[0]), float(turn), least, float(1 / np.sqrt(prior[0])))
+        )
 
     def __post_init__(self) -> None:
         count = len(self.sight.places)
@@ -136,14 +144,14 @@ class MeanDegeneracy:
 
     def profile(self) -> NDArray[np.float64]:
         """The degeneracy u at each pose with the objects, (n,)."""
-        from locplan._kernels.region_degeneracy import degeneracies_at
+        from locplan._kernels.objectives import degeneracies_at
 
         sight = self.sight
         return np.asarray(degeneracies_at(sight.sums, sight.seen.a_metre, self.anchors))
 
     def values(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
         """The objective with each of these places besides, (m,)."""
-        from locplan._kernels.region_degeneracy import mean_changes
+        from locplan._kernels.objectives import mean_changes
 
         sight, seen = self.sight, self.sight.seen
         profile = self.profile()
@@ -157,15 +165,3 @@ class MeanDegeneracy:
         self._changes[anew] = sight.in_threads(run, anew)
         self._known[anew] = self._beside[anew]
         return np.asarray(float(profile.mean()) + self._changes[indices])
-
-
-def anchors_of(lidar: Lidar, resolution: float) -> Any:
-    """`region_degeneracy.Anchors`: those of `Fisher`, and its search window as the prior."""
-    from locplan._kernels.region_degeneracy import Anchors
-
-    fisher = Fisher(lidar)
-    window = fisher.lattice(resolution)
-    prior = 1 / np.diag(window.uniform_covariance)
-    turn = prior[2] if len(prior) > 2 else 1e6
-    least = float(np.sqrt(fisher.perfect(window)[0, 0]))
-    return Anchors(float(prior[0]), float(turn), least, float(1 / np.sqrt(prior[0])))

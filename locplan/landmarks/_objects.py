@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from locplan._util.windows import window_around
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 
-GREATEST_SIZE = 100.0
+MAX_SIZE = 100.0
 """Greatest length of an object [m]."""
 THIN = 2.0
 """Width of an object up to which the cells that its outline meets are filled, too [cells]."""
@@ -68,6 +68,9 @@ class Pole(Settings):
     def __post_init__(self) -> None:
         keep_checked(self, ("diameter",), _size)
 
+    word: ClassVar[str] = "pole"
+    """Its kind in files and on the command line."""
+
     @property
     def title(self) -> str:
         """Kind and size, for tables."""
@@ -102,6 +105,9 @@ class Box(Settings):
     def __post_init__(self) -> None:
         keep_checked(self, ("length", "width"), _size)
 
+    word: ClassVar[str] = "box"
+    """Its kind in files and on the command line."""
+
     @property
     def title(self) -> str:
         """Kind and size, for tables."""
@@ -120,10 +126,7 @@ LandmarkObject: TypeAlias = Pole | Box
 def check_object(kind: object) -> None:
     """Raise a ConfigError unless this is an object that can be a landmark."""
     if not isinstance(kind, (Pole, Box)):
-        raise ConfigError(
-            "the object must be a Pole or a Box, such as locplan.Pole(diameter=0.2), not"
-            f" {shown(kind)}"
-        )
+        raise ConfigError(f"the object must be a Pole or a Box, not {shown(kind)}")
 
 
 def parsed_object(text: str) -> LandmarkObject:
@@ -277,9 +280,8 @@ def filled_cells(
     return found_rows + rows.start, found_cols + cols.start
 
 
-def outline_of(kind: LandmarkObject, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Corners of an object at a pose (x, y, heading), or points around a round one, (n, 2) [m]."""
-    shape = kind.shape
+def outline_of(shape: Shape, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Corners of a shape at a pose (x, y, heading), or points around a round one, (n, 2) [m]."""
     if shape.is_round:
         angle = np.linspace(0, 2 * math.pi, 24, endpoint=False)
         return pose[:2] + shape.half_length * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -295,9 +297,7 @@ def _outline(shape: Shape, heading: float, step: float) -> NDArray[np.float64]:
         count = math.ceil(2 * math.pi * shape.half_length / step)
         angle = np.linspace(0, 2 * math.pi, count, endpoint=False)
         return shape.half_length * np.column_stack([np.cos(angle), np.sin(angle)])
-    corners = outline_of(
-        Box(2 * shape.half_length, 2 * shape.half_width), np.array([0.0, 0.0, heading])
-    )
+    corners = outline_of(shape, np.array([0.0, 0.0, heading]))
     sides = []
     for one, other in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         count = math.ceil(float(np.hypot(*(other - one))) / step)
@@ -306,4 +306,4 @@ def _outline(shape: Shape, heading: float, step: float) -> NDArray[np.float64]:
 
 
 def _size(name: str, value: object) -> float:
-    return number(name, positive(name, value, "m"), 0.0, GREATEST_SIZE)
+    return number(name, positive(name, value, "m"), 0.0, MAX_SIZE)

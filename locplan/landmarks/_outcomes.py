@@ -1,9 +1,10 @@
-"""Drives in one world or several: the share of those that were lost, and their errors."""
+"""What drives say: the share of those that were lost, their errors, and a verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +13,22 @@ from locplan._util.intervals import Interval, of_rms, wilson
 from locplan._util.records import Column, Table
 from locplan.simulation import Drives
 
+FEW_LOST = 0.02
+"""Share of lost drives up to which none counts as lost to begin with."""
+SURE = 0.3
+"""Width of the lost drives' intervals up to which a missing difference says something."""
 DRIVES = 100
 """Number of drives along each route by default."""
 CLEAR = 0.1
-"""Least share by which an error is clearly less than another."""
-COLUMNS = (
+"""Share by which an error must be less to be clearly less than another."""
+OUTCOME = (
     Column("drives", title="drives", digits=0, value=lambda outcome: outcome.number),
     Column("lost_rate", title="lost (> 1 m) [95 %]", digits=0, people="%", interval=True),
     Column("rmse", "m", "error, all drives", interval=True),
     Column("kept_rmse", "m", "not lost", interval=True),
 )
+Profile: TypeAlias = NDArray[np.float64]
+"""Distance along a route and the largest deviation of a match's position there, (n, 2) [m]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,12 +88,163 @@ class Outcome:
 
     def summary(self) -> dict[str, object]:
         """Errors and share of lost drives in numbers, fit for JSON."""
-        return Table.of(COLUMNS, [self]).records()[0]
+        return Table.of(OUTCOME, [self]).records()[0]
 
 
 def outcomes_table(title: str, named: Mapping[str, Outcome]) -> Table:
     """Table of the outcomes in several worlds; people see the title above their names."""
-    rows = zip(named, Table.of(COLUMNS, named.values()).rows, strict=True)
+    rows = zip(named, Table.of(OUTCOME, named.values()).rows, strict=True)
     return Table(
-        (Column("world", title=title), *COLUMNS), tuple((name, *row) for name, row in rows)
+        (Column("world", title=title), *OUTCOME), tuple((name, *row) for name, row in rows)
     )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BeforeAndAfter:
+    """Drives before a change, after it, and after as large a change at random."""
+
+    before: Outcome
+    """Drives before the change."""
+    after: Outcome
+    """Drives after it."""
+    random: Outcome | None
+    """Drives after as large a change at random; None where no other one is possible."""
+    profiles: Mapping[str, tuple[Drives, Drives]]
+    """Drives of each route before and after."""
+    seed: int
+    """Seed of all random numbers."""
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.verdict})"
+
+    @property
+    def helps(self) -> bool:
+        """Whether fewer are lost after, or as few with clearly less error.
+
+        The intervals do not touch, and the error falls by a tenth or more.
+        """
+        return self.after.better_than(self.before)
+
+    @property
+    def hurts(self) -> bool:
+        """Whether more are lost after, or as many with clearly more error."""
+        return self.before.better_than(self.after)
+
+    @property
+    def verdict(self) -> str:
+        """What the drives say, in one line."""
+        raise NotImplementedError
+
+    def summary(self) -> dict[str, object]:
+        """The verdict, and the numbers behind it, fit for JSON."""
+        return {
+            "verdict": self.verdict,
+            "helps": self.helps,
+            "hurts": self.hurts,
+            "before": self.before.summary(),
+            "after": self.after.summary(),
+            "random": self.random.summary() if self.random else None,
+            "seed": self.seed,
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Verification(BeforeAndAfter):
+    """Drives without landmarks, with them, and with as many objects at random places."""
+
+    fields: Mapping[str, tuple[Profile, Profile]]
+    """Largest deviation of a match of one scan along each route before and after, by `Fused`: rows
+    of the distance driven and the deviation, (n, 2) [m]."""
+
+    @property
+    def none_lost(self) -> bool:
+        """Whether no drive was lost before and after, but for 2 %."""
+        return max(self.before.lost_rate.value, self.after.lost_rate.value) <= FEW_LOST
+
+    @property
+    def nothing_to_gain(self) -> bool:
+        """Whether no drive was lost to begin with, and the error is not clearly another after."""
+        return self.none_lost and not self.helps and not self.hurts
+
+    @property
+    def verdict(self) -> str:
+        """What the drives say, in one line."""
+        before, after, random = self.before, self.after, self.random
+        lost = before.lost_rate.value
+        error = f"{before.rmse.value:.2f} -> {after.rmse.value:.2f} m"
+        said = "they hurt" if self.hurts else "they help" if self.helps else "not shown to help"
+        if self.none_lost:
+            said = "nothing to gain" if self.nothing_to_gain else said
+            few = f"{lost:.0%} of the drives were" if lost else "no drive was"
+            said += f": {few} lost to begin with; error {error}"
+            return said + (f", {random.rmse.value:.2f} m at random places" if random else "")
+        said += f": {lost:.0%} of the drives lost before, {after.lost_rate.value:.0%} after"
+        said += f", {random.lost_rate.value:.0%} at random places" if random else ""
+        return f"{said}; error {error}"
+
+    @property
+    def match_deviations(self) -> NDArray[np.float64]:
+        """Median and 95 % quantile [m] along the routes of `fields`, before and after, (2, 2)."""
+        every = (np.concatenate([pair[n][:, 1] for pair in self.fields.values()]) for n in (0, 1))
+        return np.array([np.nanquantile(values, [0.5, 0.95]) for values in every])
+
+    def table(self) -> Table:
+        """The drives on each map: how many were lost, and their errors."""
+        named = {"none": self.before, "proposed": self.after}
+        if self.random:
+            named["as many at random"] = self.random
+        return outcomes_table("landmarks", named)
+
+    def summary(self) -> dict[str, object]:
+        """The verdict, and the numbers behind it, fit for JSON."""
+        before, after = (
+            {"median": median, "quantile_95": high}
+            for median, high in self.match_deviations.tolist()
+        )
+        return super().summary() | {
+            "nothing_to_gain": self.nothing_to_gain,
+            "match_deviation": {"before": before, "after": after},
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FeatureDrives(BeforeAndAfter):
+    """Drives with all features, without some, and without as many random ones in the world."""
+
+    alone: Mapping[int, Outcome]
+    """Drives without one of these features, by its number; empty where there is one only."""
+    count: int
+    """Number of features that are taken away."""
+
+    @property
+    def verdict(self) -> str:
+        """What the drives say, in one line."""
+        before, without = self.before, self.after
+        lost = f"{before.lost_rate.value:.0%} of the drives lost with all,"
+        lost += f" {without.lost_rate.value:.0%} without the {self.count}"
+        error = f"error {before.rmse.value:.2f} -> {without.rmse.value:.2f} m"
+        if self.random is not None:
+            lost += f", {self.random.lost_rate.value:.0%} without as many random ones"
+            error += f" ({self.random.rmse.value:.2f} m without random ones)"
+        low = min(each.lost_rate.low for each in (before, without))
+        high = max(each.lost_rate.high for each in (before, without))
+        said = "their absence is not shown to hurt"
+        if high - low > SURE:
+            said = f"too few drives to know (lost drives {low:.0%} to {high:.0%}, with 95 %)"
+        if self.hurts or self.helps:
+            said = "their absence " + ("hurts" if self.hurts else "helps, against what is expected")
+        return f"{said}: {lost}; {error}"
+
+    def table(self) -> Table:
+        """The drives in each world: how many were lost, and their errors."""
+        named = {"all features": self.before}
+        named |= {f"without {number}": each for number, each in self.alone.items()}
+        named[f"without the {self.count}"] = self.after
+        if self.random:
+            named["without random ones"] = self.random
+        return outcomes_table("in the world", named)
+
+    def summary(self) -> dict[str, object]:
+        """The verdict, and the numbers behind it, fit for JSON."""
+        alone = {str(number): each.summary() for number, each in self.alone.items()}
+        return super().summary() | {"count": self.count, "alone": alone}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 COVER = 0.6
 """Greatest distance of a wall's cell from the middle of its piece, in lengths of a piece."""
-MOST_AROUND = 200
+MAX_AROUND = 200
 """Greatest distance of what cornerness looks at [cells]."""
 SHARP = 0.3
 """Least cornerness of a corner, as a share of that of a right angle."""
@@ -26,10 +26,6 @@ class Pieces(NamedTuple):
     kinds: tuple[str, ...]
     """Kind of each feature: object, corner or wall."""
 
-    def cells(self, feature: int) -> NDArray[np.int64]:
-        """Rows and columns of a feature's cells, (k, 2)."""
-        return np.argwhere(self.labels == feature)
-
 
 def pieces_of(
     occupied: NDArray[np.bool_],
@@ -41,7 +37,7 @@ def pieces_of(
 ) -> Pieces:
     """Divide what a robot sees into features.
 
-    Occupied cells that hang together (also by their corners) are one object, up to a greatest
+    Occupied cells that are joined (also by their corners) are one object, up to a greatest
     extent, with those that are a small gap away: outlines on maps are often broken. Larger ones
     are walls: a piece of them is what is nearest to its middle. The middles are the corners, the
     sharpest first, and between them the wall is divided evenly.
@@ -89,9 +85,9 @@ def pieces_of(
 def _components(
     occupied: NDArray[np.bool_], resolution: float, largest: float, gap: float
 ) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.bool_]]:
-    """Number of what each cell hangs together with (H, W), boxes, and which are objects.
+    """Number of what each cell is joined with (H, W), boxes, and which are objects.
 
-    A box is the first and last column and row of the cells that hang together without a gap
+    A box is the first and last column and row of the cells that are joined without a gap
     (left, top, right, bottom), (k, 4).
     """
     import cv2
@@ -131,7 +127,7 @@ def _cornerness(solid: NDArray[np.bool_], piece: float, resolution: float) -> ND
     """How far the outline turns about each cell, 1 for a right angle, (h, w)."""
     import cv2
 
-    size = 2 * min(max(1, round(piece / 4 / resolution)), MOST_AROUND) + 1
+    size = 2 * min(max(1, round(piece / 4 / resolution)), MAX_AROUND) + 1
     edge: Any = {"borderType": cv2.BORDER_CONSTANT}
 
     def response(cells: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -2,56 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import number, one_of, positive, whole
+from locplan._util.checks import instance, whole
 from locplan._util.machine import check_threads
 from locplan._util.poses import Poses
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.field import equipped
-from locplan.landmarks._candidates import (
-    WHERE,
-    Candidates,
-    Rejected,
-    Where,
-    checked,
-    places_of,
-)
 from locplan.landmarks._existing import without_objects
 from locplan.landmarks._landmarks import Landmarks
-from locplan.landmarks._objectives import AlongRoutes, MeanDegeneracy, Objective, anchors_of
-from locplan.landmarks._objects import (
-    LandmarkObject,
-    check_object,
-    checked_poses,
-    on_grid,
+from locplan.landmarks._objectives import AlongRoutes, MeanDegeneracy, Objective
+from locplan.landmarks._objects import LandmarkObject, check_object, on_grid
+from locplan.landmarks._places import Passages, Rejected, Sites, places_of, refusals
+from locplan.landmarks._routes import (
+    Setting,
+    cells_in,
+    poses_in,
+    routes_across,
+    routes_of,
+    where_robot_is,
 )
-from locplan.landmarks._passages import Passages
-from locplan.landmarks._problem import cells_in, routes_of
-from locplan.landmarks._region import poses_in, routes_across, where_robot_is
-from locplan.landmarks._rows import without_rows
 from locplan.landmarks._search import Search, in_world
-from locplan.landmarks._setting import Setting
-from locplan.landmarks._sight import Sight
-from locplan.landmarks._surroundings import (
-    Surroundings,
-    lines_along,
-    step_of,
-    surroundings,
-)
+from locplan.landmarks._sight import Sight, lines_along, step_of, surroundings
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot
 
-MARGIN = 0.2
-"""Default distance that the robot keeps from landmarks besides its radius [m]."""
-SPACING = 0.5
-"""Default spacing of the places that are tried along walls [m]."""
 MAX_COUNT = 200
 """Greatest number of landmarks."""
 
@@ -65,11 +46,7 @@ def place_landmarks(
     places: Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | None = None,
     region: ArrayLike | None = None,
     robot: Robot | None = None,
-    margin: float = MARGIN,
-    where: Where = "both",
-    spacing: float = SPACING,
-    keep_out: ArrayLike | None = None,
-    existing: Iterable[Sequence[float]] = (),
+    sites: Sites | None = None,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> Landmarks:
@@ -79,7 +56,7 @@ def place_landmarks(
     with the noise of the robot's own; in a region, the mean degeneracy u. It is a greedy choice,
     then up to three rounds in which each object may go elsewhere, and rows at equal short steps
     are broken where that costs little. `best_of_trials` drives other choices, too, and
-    `Landmarks.verify` tells by simulated drives whether they help.
+    `Landmarks.verify` tests by simulated drives whether they help.
 
     Parameters
     ----------
@@ -88,7 +65,7 @@ def place_landmarks(
     kind : Pole or Box
         The object.
     count : int
-        Number of objects to place besides those in `existing`, 1 to 200, or 0 with some of those.
+        Number of objects to place besides those that exist, 1 to 200, or 0 with some of those.
         There are fewer where no further one helps, or may stand.
     paths : Path, or mapping of str to Path or to (n, 2) array, optional
         Routes of the robot in the world [m], within the free cells. It drives just these.
@@ -101,21 +78,8 @@ def place_landmarks(
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
         your own, such as `Robot.from_nav2` reads.
-    margin : float, default 0.2
-        Distance that routes, and ends of those in a region, and passages keep from the objects
-        besides the radius [m], >= 0. Lower it where no place is left.
-    where : str, default "both"
-        Places that are tried: along "walls", "free" with a clearance above 1.2 m, on a lattice of
-        1 m and beside the routes, or "both". Those beyond the lidar's range of the robot are left
-        out.
-    spacing : float, default 0.5
-        Distance between the places along walls and beside routes [m], above 0. A smaller one tries
-        more places, and takes longer.
-    keep_out : (H, W) array of bool, or sequence of (x0, y0, x1, y1), optional
-        Cells, or rectangles in the world [m], that no object may stand in; none by default.
-    existing : iterable of (x, y) or (x, y, heading), default ()
-        Objects of this kind that are drawn in the map and may be moved [m, m, rad]. There must be
-        occupied cells within a cell of where each would be.
+    sites : Sites, optional
+        Where objects may stand, and which ones exist; see `Sites`.
     threads : int, optional
         Number of threads, at least 1; all cores by default. The result does not depend on it.
     progress : callable, optional
@@ -149,48 +113,50 @@ def place_landmarks(
     """
     check_grid(grid)
     check_object(kind)
-    moved = checked_poses(existing, "an existing object")
-    whole("count", count, 0 if len(moved) else 1, MAX_COUNT)
-    number("margin", margin, 0.0)
-    positive("spacing", spacing, "m")
-    one_of("where", where, WHERE)
+    sites = Sites() if sites is None else sites
+    instance("sites", sites, Sites, 'such as locplan.landmarks.Sites(where="walls")')
+    existing = np.array(sites.existing, dtype=np.float64).reshape(-1, 3)
+    whole("count", count, 0 if len(existing) else 1, MAX_COUNT)
     robot = equipped(robot)
     threads = check_threads(threads)
-    given = {"paths": paths, "places": places, "region": region}
-    if sum(each is not None for each in given.values()) != 1:
+    if sum(each is not None for each in (paths, places, region)) != 1:
         raise ConfigError("give one of paths, places and region")
-    area = cells_in(grid, keep_out, "keep_out")
-    empty = without_objects(grid, kind, moved) if len(moved) else grid
+    empty = without_objects(grid, kind, existing) if len(existing) else grid
     if region is not None:
         ways = _ways_in(empty, region, robot)
     else:
         ways = _ways_along(empty, routes_of(empty, paths, places, robot.radius), robot)
-        if paths is not None and len(moved):
+        if paths is not None and len(existing):
             lines_along(grid, ways.routes, step_of(robot.filter))  # nor may an object stand on them
     setting = Setting(empty, kind, ways.routes, ways.region, paths is None, robot)
-    passages = Passages(empty, kind.shape, robot.radius, margin)
+    passages = Passages(empty, kind.shape, robot.radius, sites.clearance)
     seen = surroundings(empty, ways.lines, step_of(robot.filter), kind.shape, robot)
-    candidates = _candidates(setting, ways, passages, seen, where, spacing, margin, area)
-    every = np.concatenate([on_grid(empty, moved), candidates.poses])
+    tried = _within_range(setting, ways, sites, seen.rays.most + kind.shape.reach)
+    routes = np.column_stack(empty.world_to_grid(*ways.clear_of.T))
+    keep, area = robot.radius + sites.clearance, cells_in(grid, sites.keep_out, "keep_out")
+    reasons = refusals(tried, empty, passages, routes, keep, area)
+    allowed = np.array([not reason for reason in reasons], bool)
+    every = np.concatenate([on_grid(empty, existing), tried[allowed]])
     if not len(every):
         raise ConfigError(
             f"no {kind.title} may stand within the lidar's range of the robot:"
-            f" {_reasons(candidates.reasons)}; allow more places (where), a"
-            " smaller object or margin, or keep less of the map out"
+            f" {_counted(reasons)}; allow more places (where), a smaller object or clearance, or"
+            " keep less of the map out"
         )
     sight = Sight(seen, kind.shape, every, grid.resolution, threads)
     objective: Objective = AlongRoutes(sight)
     if region is not None:
-        objective = MeanDegeneracy(sight, anchors_of(robot.known_lidar, grid.resolution))
+        objective = MeanDegeneracy.of(sight, robot.known_lidar)
     search = Search(objective, passages, np.arange(len(every)))
-    order, shifts = without_rows(search, search.run(list(range(len(moved))), count, progress))
-    refused = np.concatenate([candidates.refused, every[list(search.refused)]], dtype=np.float64)
-    reasons = [*candidates.reasons, *search.refused.values()]
+    order = search.run(list(range(len(existing))), count, progress)
+    order, shifts = search.without_rows(order)
+    refused = in_world(empty, np.concatenate([tried[~allowed], every[list(search.refused)]]))
+    reasons = [*filter(None, reasons), *search.refused.values()]
     rejected = tuple(
         Rejected(x, y, heading, reason)
-        for (x, y, heading), reason in zip(in_world(empty, refused).tolist(), reasons, strict=True)
+        for (x, y, heading), reason in zip(refused.tolist(), reasons, strict=True)
     )
-    return Landmarks.of(setting, search, order, rejected, grid, len(moved), shifts)
+    return Landmarks.of(setting, search, order, rejected, grid, len(existing), shifts)
 
 
 class _Ways(NamedTuple):
@@ -215,53 +181,30 @@ def _ways_along(grid: OccupancyGrid, routes: dict[str, Path], robot: Robot) -> _
 
 def _ways_in(grid: OccupancyGrid, region: Any, robot: Robot) -> _Ways:
     """Poses in a region, and the routes across it."""
-    cells = where_robot_is(grid, _region(grid, region), robot.radius)
+    area = cells_in(grid, region, "region")
+    if area is None:
+        raise ConfigError("the region must hold at least one rectangle (x0, y0, x1, y1) in metres")
+    cells = where_robot_is(grid, area, robot.radius)
     routes = routes_across(grid, cells, robot.radius)
     ends = np.concatenate([path.xy[[0, -1]] for path in routes.values()])
     return _Ways(routes, cells, [poses_in(grid, cells, robot.known_lidar)], ends)
 
 
-def _candidates(
-    setting: Setting,
-    ways: _Ways,
-    passages: Passages,
-    seen: Surroundings,
-    where: Where,
-    spacing: float,
-    margin: float,
-    keep_out: NDArray[np.bool_] | None,
-) -> Candidates:
-    """Places within the lidar's range of the robot, those that are refused apart."""
-    grid, shape, keep = setting.grid, setting.kind.shape, setting.robot.radius + margin
-    beside = setting.routes.values() if setting.region is None else ()
-    tried = places_of(grid, shape, where, spacing, beside, keep)
-    poses = np.concatenate([line[:, :2] for line in ways.lines])
-    at = np.column_stack(grid.world_to_grid(*poses.T))
-    tried = _within(tried, at, (seen.rays.most + shape.reach) / grid.resolution)
-    routes = np.column_stack(grid.world_to_grid(*ways.clear_of.T))
-    return checked(tried, grid, shape, passages, routes=routes, keep=keep, keep_out=keep_out)
-
-
-def _region(grid: OccupancyGrid, region: Any) -> NDArray[np.bool_]:
-    """Cells of a region, of which there must be some."""
-    cells = cells_in(grid, region, "region")
-    if cells is None:
-        raise ConfigError("the region must hold at least one rectangle (x0, y0, x1, y1) in metres")
-    return cells
-
-
-def _within(
-    places: NDArray[np.float64], poses: NDArray[np.float64], reach: float
-) -> NDArray[np.float64]:
-    """Places within a distance [cells] of the robot's poses."""
+def _within_range(setting: Setting, ways: _Ways, sites: Sites, reach: float) -> NDArray[np.float64]:
+    """Places on the map within a distance [m] of the robot's poses, (n, 3)."""
     from scipy.spatial import cKDTree
 
-    apart, _ = cKDTree(poses).query(places[:, :2], distance_upper_bound=reach)
+    grid, robot = setting.grid, setting.robot
+    beside = setting.routes.values() if setting.region is None else ()
+    places = places_of(grid, setting.kind.shape, sites, beside, robot.radius + sites.clearance)
+    poses = np.concatenate([line[:, :2] for line in ways.lines])
+    at = np.column_stack(grid.world_to_grid(*poses.T))
+    apart, _ = cKDTree(at).query(places[:, :2], distance_upper_bound=reach / grid.resolution)
     near: NDArray[np.float64] = places[np.isfinite(apart)]
     return near
 
 
-def _reasons(reasons: Sequence[str]) -> str:
+def _counted(reasons: Sequence[str]) -> str:
     """How many places were refused for which reason."""
-    counts: dict[str, Any] = {each: reasons.count(each) for each in dict.fromkeys(reasons)}
-    return ", ".join(f"{count} {each}" for each, count in counts.items()) or "there are no places"
+    counts = {each: reasons.count(each) for each in dict.fromkeys(reasons)}
+    return ", ".join(f"{each} ({count})" for each, count in counts.items()) or "there are no places"

@@ -1,10 +1,13 @@
-"""The report of landmarks: text for people."""
+"""The reports of landmarks and of key features: text for people."""
 
 from __future__ import annotations
 
+import dataclasses
+
 from locplan._util.tables import wrapped
+from locplan.landmarks._features import KeyFeatures, in_cm
 from locplan.landmarks._landmarks import PAYING_SHARE, Landmarks
-from locplan.landmarks._verification import Verification
+from locplan.landmarks._outcomes import FeatureDrives, Verification
 
 
 def landmarks_report(made: Landmarks, verification: Verification | None = None) -> str:
@@ -15,8 +18,8 @@ def landmarks_report(made: Landmarks, verification: Verification | None = None) 
         (before, high), (later, high_after) = verification.match_deviations.tolist()
         lines = [
             verification.verdict,
-            f"deviation of single matches on the way (scan): median {before:.2f} -> {later:.2f} m,"
-            f" 95 % below {high:.2f} -> {high_after:.2f} m",
+            f"deviation of a match of one scan alone: median {before:.2f} -> {later:.2f} m,"
+            f" 95 % of the way below {high:.2f} -> {high_after:.2f} m",
         ]
     lines.append(f"with {setting.robot.title}")
     after = [
@@ -37,7 +40,7 @@ def landmarks_report(made: Landmarks, verification: Verification | None = None) 
             f"careful: {made.regular}, which a filter can mistake for a shift; move one of them"
         )
     if made.rejected:
-        counts = ", ".join(f"{count} {reason}" for reason, count in made.reasons().items())
+        counts = ", ".join(f"{reason} ({count})" for reason, count in made.reasons().items())
         after.append(f"places refused: {counts}")
     parts = [str(verification.table())] if verification else []
     return "\n".join([*parts, *wrapped(lines), str(made.table()), *wrapped(after)])
@@ -67,3 +70,35 @@ def _driven_beside(made: Landmarks) -> list[str]:
     return [f"of {len(said)} placements that were driven, this one is kept: {said[0]}"] + [
         f"beaten: {each}" for each in said[1:]
     ]
+
+
+LISTED = 10
+"""Number of features in the table."""
+
+
+def features_report(found: KeyFeatures, drives: FeatureDrives | None = None) -> str:
+    """The verdicts, then the features with the greatest loss."""
+    said = drives.verdict if drives else "not verified: nothing was driven"
+    lines = wrapped([found.verdict, said, f"with {found.robot.title}"])
+    parts = [str(drives.table()), *lines] if drives else lines
+    if not found.features:
+        return "\n".join(parts)
+    table = found.table()
+    listed = {*range(1, LISTED + 1), *found.together}
+    rows = (row for n, row in enumerate(table.rows, 1) if n in listed)
+    shown = dataclasses.replace(table, rows=tuple(rows))
+    after = [
+        f"rise: of the expected deviation of the position, {in_cm(float(found.deviations[0]))}"
+        " with all, as the feature goes; worst: at the place where it rises most",
+        f"moved: error of the position if the feature is {100 * found.shift:.0f} cm off and the"
+        " map does not show it, to first order",
+    ]
+    if len(found) > len(shown):
+        after.append(f"{len(found)} features are seen; features.csv lists all of them")
+    if len(found.together) > 1:
+        steps = ", ".join(
+            f"{number}: {in_cm(each)}"
+            for number, each in zip(found.together, found.deviations[1:].tolist(), strict=True)
+        )
+        after.append(f"expected deviation as they go one after the other: without {steps}")
+    return "\n".join([*parts, str(shown), *wrapped(after)])

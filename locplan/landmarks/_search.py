@@ -1,26 +1,107 @@
-"""Greedy choice of places, and exchanges afterwards."""
+"""Greedy choice of places, exchanges afterwards, and regular rows, which are broken."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.landmarks._candidates import too_close
 from locplan.landmarks._objectives import Objective
-from locplan.landmarks._passages import Passages
+from locplan.landmarks._places import Passages, too_close
 from locplan.maps import OccupancyGrid
+
+MISTAKEN = 3.0
+"""Greatest shift that a filter may mistake [m]: farther, its cloud of particles is not."""
+ALIKE = 0.2
+"""Greatest distance of a shifted landmark from another one that it may be taken for [m]."""
+ROW = 4
+"""Least number of landmarks in a regular row."""
+
+
+class Regularity(NamedTuple):
+    """A row of landmarks with equal steps between them."""
+
+    period: float
+    """The step [m]."""
+    landmarks: tuple[int, ...]
+    """Numbers of the landmarks, from 1."""
+
+    def __str__(self) -> str:
+        numbers = ", ".join(map(str, self.landmarks))
+        return f"landmarks {numbers} stand in a row every {self.period:.2f} m"
+
+
+def regularity(positions: NDArray[np.float64]) -> Regularity | None:
+    """The longest row of at least four landmarks with equal short steps, or None.
+
+    Parameters
+    ----------
+    positions : (n, 2) array
+        Positions of the landmarks [m].
+
+    Examples
+    --------
+    >>> regularity(np.array([[0.0, 0.0], [1.3, 0.1], [2.6, 0.0], [3.9, 0.0]])).period
+    1.3
+    >>> regularity(np.array([[0.0, 0.0], [1.3, 0.1], [3.1, 0.0], [3.9, 0.0]])) is None
+    True
+    """
+    best: Regularity | None = None
+    for one in range(len(positions)):
+        for other in range(len(positions)):
+            step = positions[other] - positions[one]
+            if one == other or np.hypot(*step) > MISTAKEN:
+                continue
+            row = [one]
+            while (found := _index_at(positions, positions[row[-1]] + step)) is not None:
+                if found in row:
+                    break
+                row.append(found)
+                step = (positions[row[-1]] - positions[one]) / (len(row) - 1)
+            if len(row) >= ROW and (best is None or len(row) > len(best.landmarks)):
+                period = math.hypot(*(positions[row[-1]] - positions[one])) / (len(row) - 1)
+                best = Regularity(round(period, 6), tuple(n + 1 for n in row))
+    return best
+
+
+def _index_at(positions: NDArray[np.float64], xy: NDArray[np.float64]) -> int | None:
+    """Index of the landmark at a position, or None."""
+    apart = np.hypot(*(positions - xy).T)
+    nearest = int(np.argmin(apart))
+    return nearest if apart[nearest] <= ALIKE else None
+
 
 ROUNDS = 3
 """Greatest number of rounds in which each object may be exchanged for another place."""
 BETTER = 1e-6
 """Share of the objective by which an exchange must lower it."""
-LAZY = 128
-"""Number of places that a lazy search looks at together."""
 BESIDE_OTHERS = "cuts a passage for the robot beside the others"
 TOO_NEAR = "too close to another landmark"
+PRICE = 0.05
+"""Share of the objective that breaking a row may cost."""
+TRIED = 20
+"""Number of places near each landmark of a row that are looked at, the best first."""
+
+
+class Shift(NamedTuple):
+    """A landmark that was taken out of a regular row."""
+
+    period: float
+    """The row's step [m]."""
+    distance: float
+    """How far the landmark was moved [m]."""
+    price: float
+    """Share by which that raised the objective."""
+
+    def __str__(self) -> str:
+        return (
+            f"one landmark was moved by {self.distance:.2f} m out of a row every"
+            f" {self.period:.2f} m, which raised what is expected by {self.price:.1%}"
+        )
 
 
 @dataclass
@@ -32,6 +113,8 @@ class Search:
     """Space of the robot on the map without objects."""
     among: NDArray[np.int64]
     """The places that are searched among."""
+    lazy: int = 128
+    """Number of places that a lazy search looks at together."""
     refused: dict[int, str] = field(default_factory=dict)
     """Places that would have been chosen but for the others, and why they were not."""
 
@@ -91,7 +174,7 @@ class Search:
         waiting = np.setdiff1d(self.among, others)
         lot = max(len(waiting), 1)
         if bounds is not None:
-            waiting, lot = waiting[np.argsort(-bounds[waiting], kind="stable")], LAZY
+            waiting, lot = waiting[np.argsort(-bounds[waiting], kind="stable")], self.lazy
         gains = np.full(len(self.places), -np.inf)
         passages: Passages | None = None
         for begin in range(0, len(waiting), lot):
@@ -149,10 +232,6 @@ class Search:
             values.append(self.objective.value())
         return np.array(values)
 
-    def in_world(self, grid: OccupancyGrid, indices: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Poses of some places in the world, (k, 3) [m, m, rad]."""
-        return in_world(grid, self.places[indices])
-
     def at_random(self, count: int, random: np.random.Generator) -> list[int]:
         """Places drawn at random that are allowed beside each other, at most `count`."""
         chosen: list[int] = []
@@ -164,6 +243,54 @@ class Search:
                 chosen.append(n)
                 passages.place(self.places[n])
         return chosen
+
+    def without_rows(self, order: list[int]) -> tuple[list[int], tuple[Shift, ...]]:
+        """The places in order of gain, with one of each regular row moved, and what was moved.
+
+        A row that a filter can mistake for itself a step farther is broken by the move that costs
+        least, if that is at most `PRICE`; else it stays.
+        """
+        shifts: list[Shift] = []
+        while len(shifts) < len(order) and (row := regularity(self._positions(order))):
+            found = self._broken(order, row)
+            if found is None:
+                break
+            order, shift = found
+            shifts.append(shift)
+        return (self.in_order(order) if shifts else order), tuple(shifts)
+
+    def _broken(self, order: list[int], row: Regularity) -> tuple[list[int], Shift] | None:
+        """The places with one of a row moved for the least price; None if all cost more."""
+        self.objective.start(np.array(order, np.int64))
+        now = self.objective.value()
+        everywhere = self._positions(list(range(len(self.places))))
+        least, best = now * (1 + PRICE), None
+        for member in row.landmarks:
+            n = member - 1
+            others = order[:n] + order[n + 1 :]
+            apart = np.hypot(*(everywhere[self.among] - everywhere[order[n]]).T)
+            near = np.setdiff1d(self.among[apart <= MISTAKEN / 2], order)
+            self.objective.start(np.array(others, np.int64))
+            values = self.objective.values(near)
+            passages = self.around(others)
+            for at in np.argsort(values, kind="stable")[:TRIED].tolist():
+                if values[at] >= least:
+                    break
+                moved = [*order[:n], int(near[at]), *order[n + 1 :]]
+                rows = regularity(self._positions(moved))
+                if rows is not None and len(rows.landmarks) >= len(row.landmarks):
+                    continue
+                if not self.fault(int(near[at]), others, passages):
+                    distance = float(np.hypot(*(everywhere[near[at]] - everywhere[order[n]])))
+                    price = float(values[at] / now - 1)
+                    least, best = float(values[at]), (moved, Shift(row.period, distance, price))
+                    break
+        return best
+
+    def _positions(self, indices: list[int]) -> NDArray[np.float64]:
+        """Positions of places on the map, (k, 2) [m]."""
+        found: NDArray[np.float64] = self.places[indices, :2] * self.objective.sight.resolution
+        return found
 
 
 def in_world(grid: OccupancyGrid, places: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,11 +17,10 @@ from numpy.typing import NDArray
 from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.random_streams import random_of
+from locplan.landmarks._drives import drive_on
 from locplan.landmarks._landmarks import Landmarks, Trial
-from locplan.landmarks._objectives import MeanDegeneracy, Objective, anchors_of
-from locplan.landmarks._rows import without_rows
+from locplan.landmarks._objectives import MeanDegeneracy, Objective
 from locplan.landmarks._search import Search
-from locplan.landmarks._verification import drive_on
 from locplan.simulation import Drives
 
 TRIALS = 4
@@ -80,7 +80,7 @@ def best_of_trials(
     whole("seed", seed, 0)
     if trials == 1:
         return made
-    left = [Contender(each) for each in contenders(made, trials, seed)]
+    left = [Contender(each) for each in _placements(made, trials, seed)]
     sizes, size, drives = [], len(left), FIRST_DRIVES
     while size > 1:
         sizes += [drives * len(made.setting.routes)] * size
@@ -93,12 +93,12 @@ def best_of_trials(
         for each in left:
             setting, grid = each.made.setting, each.made.grid
             each.driven += drive_on(setting, grid, drives, own_seed, threads, next(callbacks))
-        left.sort(key=lambda each: score(each.driven))
+        left.sort(key=lambda each: each.score)
         stay = -(-len(left) // 2)
         left, beaten = left[:stay], left[stay:] + beaten
         drives, round_ = 2 * drives, round_ + 1
-    told = tuple(each.trial for each in [*left, *beaten])
-    return dataclasses.replace(left[0].made, trials=told)
+    trials_made = tuple(each.trial for each in [*left, *beaten])
+    return dataclasses.replace(left[0].made, trials=trials_made)
 
 
 @dataclass
@@ -109,54 +109,42 @@ class Contender:
     driven: list[Drives] = field(default_factory=list)
 
     @property
+    def score(self) -> tuple[int, float]:
+        """Number of lost drives, and the mean logarithm of the squared error of all."""
+        squares: NDArray[np.float64] = np.concatenate([each.mean_squares for each in self.driven])
+        lost = sum(int(each.lost.sum()) for each in self.driven)
+        return lost, float(np.log(np.maximum(squares, MIN_ERROR**2)).mean())
+
+    @property
     def trial(self) -> Trial:
         """What its drives say."""
-        lost, error = score(self.driven)
+        lost, error = self.score
         number = sum(len(each.errors) for each in self.driven)
         return Trial(self.made.chosen_by, number, lost, math.exp(error / 2))
 
 
-def contenders(made: Landmarks, trials: int, seed: int) -> list[Landmarks]:
-    """A placement and others: by the other objective, and by each among half of the places."""
-    objectives: list[Objective] = [made.search.objective]
-    if made.setting.region is None:
-        sight = made.search.objective.sight
-        objectives.append(
-            MeanDegeneracy(sight, anchors_of(made.setting.robot.known_lidar, sight.resolution))
-        )
-    found = [made]
-    every: NDArray[np.bool_] = np.ones(len(made.search.places), bool)
-    for n in range(1, trials):
-        objective = objectives[n % len(objectives)]
-        half = n >= len(objectives)
-        keep = every
-        if half:
-            keep = random_of(seed, VARIANTS, n).random(len(every)) < SHARE
-            keep |= not keep.any()
-        found.append(variant(made, objective, keep, ", half of the places" if half else ""))
-    return found
+def _placements(made: Landmarks, trials: int, seed: int) -> Iterator[Landmarks]:
+    """A placement and others of as many: by the other objective, and among half of the places.
 
-
-def score(driven: list[Drives]) -> tuple[int, float]:
-    """Number of lost drives, and the mean logarithm of the squared error of all."""
-    squares: NDArray[np.float64] = np.concatenate([each.mean_squares for each in driven])
-    lost = sum(int(each.lost.sum()) for each in driven)
-    return lost, float(np.log(np.maximum(squares, MIN_ERROR**2)).mean())
-
-
-def variant(
-    made: Landmarks, objective: Objective, keep: NDArray[np.bool_], among: str
-) -> Landmarks:
-    """Placement of as many objects that makes an objective small among some of the places.
-
-    Its curve is that of the objective of `made`, so that they compare.
+    Their curves are those of the objective of `made`, so that they compare.
     """
-    first = made.existing
-    search = Search(objective, made.search.passages, np.flatnonzero(keep))
-    order = search.run(list(range(first)), max(len(made) - first, 0))
-    order, shifts = without_rows(search, order)
-    order = made.search.in_order(order)
-    found = Landmarks.of(
-        made.setting, made.search, order, made.rejected, made.before, first, shifts
-    )
-    return dataclasses.replace(found, chosen_by=objective.name + among)
+    yield made
+    first, own = made.existing, made.search
+    objectives: list[Objective] = [own.objective]
+    if made.setting.region is None:
+        sight = own.objective.sight
+        objectives.append(MeanDegeneracy.of(sight, made.setting.robot.known_lidar))
+    for n in range(1, trials):
+        objective, half = objectives[n % len(objectives)], n >= len(objectives)
+        keep: NDArray[np.bool_] = np.ones(len(own.places), bool)
+        if half:
+            keep = random_of(seed, VARIANTS, n).random(len(keep)) < SHARE
+            keep |= not keep.any()
+        search = Search(objective, own.passages, np.flatnonzero(keep))
+        order = search.run(list(range(first)), max(len(made) - first, 0))
+        order, shifts = search.without_rows(order)
+        found = Landmarks.of(
+            made.setting, own, own.in_order(order), made.rejected, made.before, first, shifts
+        )
+        among = ", half of the places" if half else ""
+        yield dataclasses.replace(found, chosen_by=objective.name + among)

@@ -17,11 +17,11 @@ from locplan._util.checks import file_path, printable
 from locplan._util.leftovers import temporary_folder
 from locplan._util.plain_yaml import fault_of, reason_of
 from locplan._util.reading import opened
+from locplan._util.runs import note_map
 from locplan.errors import MapError
 from locplan.maps._grid import OccupancyGrid, check_grid
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
-from locplan.maps._pixels import read_pixels
-from locplan.maps._source import ROWS, MapSource
+from locplan.maps._source import ROWS, MapSource, read_pixels
 from locplan.maps._yaml import MAX_YAML_BYTES, MODES, Header, read_header
 
 if TYPE_CHECKING:
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 PIXELS = {"trinary": (254, 205, 0), "scale": (255, 205, 0), "raw": (0, 255, 100)}
 LEVELS = [FREE, UNKNOWN, OCCUPIED]  # in the order of PIXELS
-EXPORTED = "export.json"
-"""The file that describes an export, whose masks are no maps of places."""
 
 
 class MapWarning(UserWarning):
@@ -70,6 +68,7 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
     ('room', [[0, 254], [127, 254]])
     """
     grid, source = read_map(path)
+    note_map(grid.name, lambda: grid.digest)
     count = source.saver_grey_free
     if count > 0.01 * grid.cells.size:
         fault = (
@@ -170,7 +169,7 @@ def find_maps(*paths: str | os.PathLike[str]) -> list[Path]:
     for path in (file_path("a map file", path) for path in paths):
         files = sorted(path.rglob("*.y*ml")) if os.path.isdir(path) else [path]
         if os.path.isdir(path):
-            exported = {file.parent for file in path.rglob(EXPORTED)} - {path}
+            exported = {file.parent for file in path.rglob("export.json")} - {path}
             files = [file for file in files if file.parent not in exported]
             files = [file for file in files if _names_an_image(file)] or [path]
         found += files

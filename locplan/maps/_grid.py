@@ -5,14 +5,14 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import FARTHEST, RESOLUTIONS, instance, keep, position, printable, shown
+from locplan._util import checks
 from locplan._util.notebook import Pictured
 from locplan.errors import MapError
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN, levels_of, parts_of
@@ -75,22 +75,24 @@ class OccupancyGrid(Pictured):
                 "cells may only hold 0 (occupied), 127 (unknown) and 254 (free); other values are"
                 " read by OccupancyGrid.from_occupancy"
             )
-        resolution = _numbers(self.resolution)
-        finest, coarsest = RESOLUTIONS
+        resolution = checks.finite_numbers(self.resolution)
+        finest, coarsest = checks.RESOLUTIONS
         if len(resolution) != 1 or not finest <= resolution[0] <= coarsest:
-            given = f"{resolution[0]:g}; is it metres?" if resolution else shown(self.resolution)
-            raise MapError(f"resolution must be {finest:g} to {coarsest:g} m per cell, not {given}")
-        origin = _numbers(self.origin)
-        if len(origin) != 3 or max(map(abs, origin)) > FARTHEST:
-            raise MapError(
-                f"origin must be three finite numbers (x, y, yaw) within ±{FARTHEST:g}, not"
-                f" {shown(self.origin)}"
+            given = (
+                f"{resolution[0]:g}; is it metres?" if resolution else checks.shown(self.resolution)
             )
-        instance("name", self.name, str)
-        name = printable(self.name)
+            raise MapError(f"resolution must be {finest:g} to {coarsest:g} m per cell, not {given}")
+        origin = checks.finite_numbers(self.origin)
+        if len(origin) != 3 or max(map(abs, origin)) > checks.FARTHEST:
+            raise MapError(
+                f"origin must be three finite numbers (x, y, yaw) within ±{checks.FARTHEST:g}, not"
+                f" {checks.shown(self.origin)}"
+            )
+        checks.instance("name", self.name, str)
+        name = checks.printable(self.name)
         cells = np.array(cells, dtype=np.uint8, order="C")
         cells.setflags(write=False)
-        keep(self, cells=cells, resolution=resolution[0], origin=origin, name=name)
+        checks.keep(self, cells=cells, resolution=resolution[0], origin=origin, name=name)
 
     @classmethod
     def from_occupancy(
@@ -143,8 +145,7 @@ class OccupancyGrid(Pictured):
         return cls.from_occupancy(values, resolution, origin, name)
 
     def __repr__(self) -> str:
-        rows, cols = self.shape
-        x, y, yaw = self.origin
+        (rows, cols), (x, y, yaw) = self.shape, self.origin
         name = f"{self.name}, " if self.name else ""
         turned = f", yaw {math.degrees(yaw):g} deg" if yaw else ""
         return (
@@ -286,7 +287,7 @@ class OccupancyGrid(Pictured):
         PoseError
             If x and y are not finite numbers within 1e8 m.
         """
-        row, col = self.world_to_grid(*position(x, y))
+        row, col = self.world_to_grid(*checks.position(x, y))
         return math.floor(row), math.floor(col)
 
     def cell_to_world(self, row: int, col: int) -> tuple[float, float]:
@@ -299,6 +300,17 @@ class OccupancyGrid(Pictured):
         """
         x, y = self.grid_to_world(row + 0.5, col + 0.5)
         return float(x), float(y)
+
+    def part(self, rows: slice, cols: slice) -> OccupancyGrid:
+        """The map's part of some rows and columns, which lies where it lies in the map.
+
+        Parameters
+        ----------
+        rows, cols : slice
+            Rows and columns, with starts and stops in the map and a step of 1.
+        """
+        x, y = map(float, self.grid_to_world(rows.start, cols.start))
+        return replace(self, cells=self.cells[rows, cols], origin=(x, y, self.origin[2]))
 
     def contains(self, row: int, col: int) -> bool:
         """Return whether (row, col) is a cell of the grid.
@@ -319,13 +331,19 @@ def check_grid(grid: object) -> None:
     grid : object
         What a function was given for a map.
     """
-    instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
+    checks.instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
 
 
-def _numbers(values: Any) -> tuple[float, ...]:
-    """Finite numbers as floats, or an empty tuple if any value is something else."""
-    try:
-        numbers = tuple(float(v) for v in np.atleast_1d(np.asarray(values, dtype=np.float64)))
-    except (TypeError, ValueError, OverflowError):
-        return ()
-    return numbers if all(map(math.isfinite, numbers)) else ()
+def own_axes(grid: OccupancyGrid, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Poses along a map's columns and rows from its origin on, (n, 3) [m, m, rad].
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    poses : (n, 3) array
+        Poses x, y, heading in the world [m, m, rad].
+    """
+    rows, cols = grid.world_to_grid(*poses[:, :2].T)
+    heading = poses[:, 2] - grid.origin[2]
+    return np.column_stack([cols * grid.resolution, rows * grid.resolution, heading])

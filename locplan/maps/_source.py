@@ -1,15 +1,24 @@
-"""How a map file's pixels were read, and what of it can mislead."""
+"""How a map file's pixels are decoded and read, and what of it can mislead."""
 
 from __future__ import annotations
 
+import io
+import re
+import warnings
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.plain_yaml import fault_of, read_content, reason_of
 from locplan.maps._occupancy import FREE, UNKNOWN
 from locplan.maps._yaml import Header
+
+if TYPE_CHECKING:
+    from PIL import Image, ImageFile
+
 
 LIGHT = (0.15, 0.25)
 """Occupancy of light greys, which mean unknown in most maps: map_saver's is 0.196."""
@@ -137,3 +146,65 @@ def _as_of_walls(
 
 def _within(values: NDArray[Any], low: float, high: float) -> NDArray[np.bool_]:
     return np.asarray((values >= low) & (values <= high))
+
+
+_GAP = rb"(?:\s|#.*\n)+"  # one way only to match each text, or blanks take exponential time
+OTHER_RANGE = re.compile(rb"P[25]%b\d+%b\d+%b(?!255\s)\d" % (_GAP, _GAP, _GAP))
+MAX_IMAGE_BYTES, MAX_PIXELS = 2**30, 2**28
+PIXELS_PER_BYTE = 8300  # deflate's best is 1032 to 1, with eight 1-bit pixels in a byte
+ONE_BYTE = ("1", "L", "P")
+"""Images of a byte a pixel; of others, which take several in memory, half as many are read."""
+
+
+def read_pixels(file: Path) -> tuple[NDArray[Any], NDArray[np.bool_] | None, bool]:
+    """Read the grey values, the mask of opaque ones if others are transparent, and whether values
+    were rescaled to span all of uint8 or uint16; the top row comes first."""
+    content = read_content(file, MAX_IMAGE_BYTES, "correct image: in the YAML")
+    try:
+        with warnings.catch_warnings(action="ignore"):  # Pillow's, about animation and palettes
+            with _opened(content) as image:
+                most = MAX_PIXELS if image.mode in ONE_BYTE else MAX_PIXELS // 2
+                if image.width * image.height > min(most, PIXELS_PER_BYTE * len(content)):
+                    raise ValueError(f"more pixels than its bytes can hold, or than {most}")
+                image.verify()  # checks PNG checksums, as decoding does not; uses up the image
+            with _opened(content) as image:
+                return *_decode(image), OTHER_RANGE.match(content) is not None
+    except Exception as error:  # decoders raise almost anything on damaged files
+        fault = f"is no intact PGM, PBM, PNG or BMP image ({reason_of(error)})"
+        raise fault_of(file, fault, "export it again") from error
+
+
+def _opened(content: bytes) -> ImageFile.ImageFile:
+    """Open an image, of which only the header is read yet.
+
+    Image.open would apply a limit of Pillow's own, which the process may have changed or lifted.
+    """
+    from PIL import Image
+
+    Image.preinit()  # registers the formats
+    # Pillow's PPM also reads PBM and PGM.
+    for name in ("PPM", "PNG", "BMP"):
+        factory, accepts = Image.OPEN[name]
+        if accepts is not None and accepts(content[:16]) is True:
+            return factory(io.BytesIO(content), "")
+    raise ValueError("its first bytes are those of none of them")
+
+
+def _decode(image: Image.Image) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+    """Decode some rows at a time: Pillow's conversions and copies take ten bytes a pixel."""
+    tops = range(0, image.height, ROWS)
+    boxes = [(0, top, image.width, min(top + ROWS, image.height)) for top in tops]
+    pixels, opaque = zip(*(_decode_rows(image.crop(box)) for box in boxes), strict=True)
+    return np.concatenate(pixels), None if opaque[0] is None else np.concatenate(opaque)
+
+
+def _decode_rows(image: Image.Image) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+    if image.mode in ("I", "I;16"):
+        pixels = np.asarray(image).astype(np.uint16)
+        return pixels, pixels != image.info.get("transparency", -1)
+    if image.mode not in ("1", "L", "P", "LA", "PA", "RGB", "RGBA"):
+        raise ValueError(f"pixels of type {image.mode}")
+    if not image.has_transparency_data:
+        return np.asarray(image.convert("L")), None
+    colours = image.convert("RGBA")
+    return np.asarray(colours.convert("L")), np.asarray(colours.getchannel("A")) == 255

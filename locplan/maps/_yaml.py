@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     import yaml
 
 MODES = ("trinary", "scale", "raw")
-NEGATE = {"0": False, "1": True, "false": False, "true": True}
 MAX_YAML_BYTES = 2**16
 Entry = str | list[str] | None
 """An entry of a map's YAML as text or texts; None is null."""
@@ -37,7 +36,9 @@ def read_header(file: Path) -> Header:
     entries = {"negate": "0", "mode": "trinary"} | _read_entries(file)
     image, origin, mode = entries.get("image"), entries.get("origin"), entries["mode"]
     place = [_number(item) for item in origin] if isinstance(origin, list) else []
-    negate = NEGATE.get(str(entries["negate"]).lower())
+    negate = {"0": False, "1": True, "false": False, "true": True}.get(
+        str(entries["negate"]).lower()
+    )
     resolution, occupied, free = (
         _number(entries.get(key)) for key in ("resolution", "occupied_thresh", "free_thresh")
     )

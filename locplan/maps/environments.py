@@ -278,14 +278,25 @@ def with_boundary_noise(grid: OccupancyGrid, fraction: float, *, seed: int = 0) 
     """
     number("boundary_noise", fraction, 0, 1)
     whole("seed", seed, 0)
-    occupied, free = grid.cells == OCCUPIED, grid.free
-    flip = (occupied & _beside(free)) | (free & _beside(occupied))
+    occupied, flip = grid.cells == OCCUPIED, boundary_cells(grid)
     random = np.random.default_rng(seed)
     for row in flip:  # row by row, which saves memory on a large map
         row &= random.random(row.size) < fraction
     cells = grid.cells.copy()
-    cells[flip & occupied], cells[flip & free] = FREE, OCCUPIED
+    cells[flip & occupied], cells[flip & ~occupied] = FREE, OCCUPIED
     return replace(grid, cells=cells)
+
+
+def boundary_cells(grid: OccupancyGrid) -> NDArray[np.bool_]:
+    """Occupied cells with a free 4-neighbour, and free ones with an occupied one, (H, W).
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    """
+    occupied, free = grid.cells == OCCUPIED, grid.free
+    return np.asarray((occupied & _beside(free)) | (free & _beside(occupied)))
 
 
 def _beside(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

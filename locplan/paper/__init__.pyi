@@ -14,5 +14,6 @@ from ._figures import (
     distribution_figure as distribution_figure,
     draw_models as draw_models,
     models_figure as models_figure,
+    place_figure as place_figure,
     slides_figure as slides_figure,
 )

@@ -21,8 +21,6 @@ PLACES = {"A": "places", "B": "places", "C": "places", "D": "places", "E": "hall
 """The environment in which each of the paper's places lies, see `environments.landmarks`."""
 MARGIN = 1.01
 """Factor by which values must differ to count as different."""
-SPREAD = 0.4
-"""Distance from each place, along x and y, of the poses that test the claims [m]."""
 CORRIDOR_ANGLE = np.radians(5)
 """Greatest angle between the ellipse's major axis and the corridor, which runs along x [rad]."""
 
@@ -188,7 +186,7 @@ def mismatch_at(
 
 
 def at_places(
-    maps: Mapping[str, OccupancyGrid], estimator: Sad, *, spread: float = SPREAD
+    maps: Mapping[str, OccupancyGrid], estimator: Sad, *, around: float = 0.4
 ) -> Covariances:
     """Compute the covariances at the places A-E.
 
@@ -198,16 +196,16 @@ def at_places(
         The maps, from `maps_of_places`.
     estimator : Sad
         The estimator of the covariances; `Sad.paper` is that of the claims.
-    spread : float, default 0.4
+    around : float, default 0.4
         Distance along x and y of eight more poses on a square around each place [m], >= 0; 0 adds
         none.
 
     Returns
     -------
     mapping of str to (n, 3, 3) array
-        Covariances by place; n is 1, or 9 with a spread.
+        Covariances by place; n is 1, or 9 with those around.
     """
-    shifts = np.unique([-spread, 0.0, spread])
+    shifts = np.unique([-around, 0.0, around])
     dx, dy = (axis.ravel() for axis in np.meshgrid(shifts, shifts))
     found = {}
     for place, name in PLACES.items():
@@ -218,16 +216,16 @@ def at_places(
 
 
 def shares_of_claims(
-    maps: Mapping[str, OccupancyGrid], estimator: Sad, *, spread: float = SPREAD
+    maps: Mapping[str, OccupancyGrid], estimator: Sad, *, around: float = 0.4
 ) -> dict[str, float]:
     """Share of the poses at which each claim holds, 0..1, by the claim in words.
 
     Parameters
     ----------
-    maps, estimator, spread
+    maps, estimator, around
         See `at_places`.
     """
-    found = at_places(maps, estimator, spread=spread)
+    found = at_places(maps, estimator, around=around)
     return {claim: float(holds(found).mean()) for claim, holds in CLAIMS.items()}
 
 

@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from locplan.field import OffsetLattice
-from locplan.maps import FREE, OCCUPIED, UNKNOWN
+from locplan.field import OffsetLattice, Sad
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from locplan.paper import template_matching
 from locplan.paper._claims import Slide
 from locplan.plotting import MAP_COLOURS, Picture
 
@@ -33,6 +34,29 @@ PLANES = (("x", "y"), ("x", "θ"), ("y", "θ"))
 MISMATCH_COLOURS = "cividis"
 MIN_SCALE = 1.0
 """Least end of the mismatch's scale [m^2], so that a featureless place looks like one."""
+
+
+def place_figure(
+    grid: OccupancyGrid, at: tuple[float, float], estimator: Sad, axis: str | None = None
+) -> Figure:
+    """Draw the mismatch around a place, or the seven models along an axis there.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    at : (x, y)
+        Position of the place in the world [m].
+    estimator : Sad
+        The settings of template and window.
+    axis : str, optional
+        "x", "y" or "theta" draws the models along it.
+    """
+    title = f"{grid.name} at {at[0]:g}, {at[1]:g} m, range {estimator.range:g} m"
+    if axis is not None:
+        return models_figure(*template_matching.along_axis(grid, *at, axis, estimator), axis, title)
+    window = estimator.lattice(grid.resolution)
+    return distribution_figure({title: template_matching.mismatch(grid, *at, estimator)}, window)
 
 
 def slides_figure(slides: Sequence[Slide]) -> Figure:

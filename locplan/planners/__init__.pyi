@@ -1,11 +1,8 @@
 from ._ahead import Prepared as Prepared, prepared_beside as prepared_beside
-from ._alternatives import (
-    LONGEST_ALTERNATIVE as LONGEST_ALTERNATIVE,
-    alternatives as alternatives,
-)
 from ._any_angle import AnyAngle as AnyAngle, any_angle_path as any_angle_path
 from ._budget import BudgetPlanner as BudgetPlanner
 from ._cost_to_go import CostToGo as CostToGo, plan_field as plan_field
+from ._front import ParetoFront as ParetoFront
 from ._grid import (
     AStar as AStar,
     Bordered as Bordered,
@@ -17,7 +14,7 @@ from ._grid import (
 from ._map_info import MapInfo as MapInfo, describe_map as describe_map
 from ._named_rows import Station as Station, read_stations as read_stations
 from ._near_paths import planned_near_paths as planned_near_paths
-from ._pareto import ParetoFront as ParetoFront, pareto_front as pareto_front
+from ._pareto import pareto_front as pareto_front
 from ._plan import (
     AWARE as AWARE,
     SHORTEST as SHORTEST,
@@ -62,12 +59,6 @@ from ._suggestions import (
     NamedPlace as NamedPlace,
     PlacePair as PlacePair,
     farthest_pairs as farthest_pairs,
-)
-from ._summary import (
-    front_summary as front_summary,
-    front_table as front_table,
-    plans_summary as plans_summary,
-    plans_table as plans_table,
 )
 from ._trade_offs import check_front_limits as check_front_limits
 from .ompl._planner import Ompl as Ompl

@@ -70,7 +70,7 @@ def _compiled() -> bool:
     from locplan._kernels.any_angle import shift, shortcut
     from locplan._kernels.compilation import are_cached
     from locplan._kernels.rays import cells_along
-    from locplan._kernels.search import trace
+    from locplan._kernels.ways import trace
 
     return are_cached(cells_along, trace, shortcut, shift)
 

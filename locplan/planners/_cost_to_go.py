@@ -52,7 +52,7 @@ class CostToGo:
         PoseError
             If the start lies outside the map or in a blocked cell.
         """
-        from locplan._kernels.search import trace
+        from locplan._kernels.ways import trace
 
         columns = self.costs.grid.shape[1] + 2
         source = bordered_index(self.costs, start, "start")

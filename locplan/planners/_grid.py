@@ -13,7 +13,7 @@ from locplan.costs import Costmap, Path, path_cost
 from locplan.planners._protocol import Found, Position
 
 if TYPE_CHECKING:
-    from locplan._kernels.scale import Scale
+    from locplan._kernels.search import Scale
 
 GUIDED_CONTRAST = 12.0
 """Greatest contrast, the mean density of free cells over the least one, at which A* is taken.
@@ -46,8 +46,7 @@ class Bordered:
         costs : Costmap
             The costmap.
         """
-        from locplan._kernels.scale import scale_of
-        from locplan._kernels.search import bordered_half
+        from locplan._kernels.search import bordered_half, scale_of
 
         half = bordered_half(costs.density, 1)
         return cls(half, costs.grid.shape[1] + 2, scale_of(half))
@@ -151,7 +150,8 @@ def cheapest_cells(
     With them comes the number of expansions. `guided` is that of `GridPlanner`; `bordered` is the
     costmap prepared before; `check` is called now and then, and ends the search by what it raises.
     """
-    from locplan._kernels.search import search, trace
+    from locplan._kernels.search import search
+    from locplan._kernels.ways import trace
 
     source, target = bordered_ends(costs, start, goal)
     bordered = bordered or Bordered.of(costs)

@@ -6,12 +6,13 @@ import math
 import os
 import shlex
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.notebook import Pictured
+from locplan._util.records import POSITION, Column, Table
 from locplan._util.tables import in_square_metres, table
 from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.maps import (
@@ -63,6 +64,10 @@ class Level:
     """Area of the cells [m^2]."""
     share: float
     """Share of the map's cells, 0..1."""
+
+
+PLACE = (Column("name", title="place"), *POSITION, Column("room", title="room", digits=0))
+"""Columns of places."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -134,7 +139,11 @@ class MapInfo(Pictured):
             f" --lidar {LIDAR}{'' if self.robot_radius == ROBOT_RADIUS else radius}"
         )
 
-    def table(self) -> str:
+    def table(self) -> Table:
+        """The named places."""
+        return Table.of(PLACE, self.places)
+
+    def report(self) -> str:
         """The information for people, with command lines to copy."""
         parts = [table([], self._facts()), self._rooms_table()]
         for pair in self.pairs:
@@ -146,7 +155,7 @@ class MapInfo(Pictured):
         if self.pairs:
             parts.append(
                 f"{LIDAR} stands for your lidar, or the robot that carries it (locplan plan --help"
-                " lists them); both paths are driven with it, and one is recommended"
+                " lists them); candidates are driven with it"
             )
         return "\n".join([*parts, *(f"warning: {warning}" for warning in self.warnings)])
 
@@ -192,32 +201,28 @@ class MapInfo(Pictured):
             rows.append([name, in_square_metres(self.specks_area), "–"])
         return table([f"room {where}", "area for its centre", "places"], rows)
 
-    def to_json(self) -> dict[str, Any]:
-        """The information, fit for JSON."""
+    def summary(self) -> dict[str, object]:
+        """The information, fit for JSON: lengths in metres, areas in square metres."""
         (rows, cols), (width, height) = self.grid.shape, self.size
-        x, y, yaw = self.grid.origin
-        levels = {name: getattr(self, name) for name in ("free", "occupied", "unknown")}
+        levels = {name: vars(getattr(self, name)) for name in ("free", "occupied", "unknown")}
         return {
             "map": self.grid.name,
             "cells": {"rows": rows, "cols": cols},
-            "size_m": {"width": width, "height": height},
-            "resolution_m": self.grid.resolution,
-            "origin": {"x_m": x, "y_m": y, "yaw_deg": math.degrees(yaw)},
-            "extent_m": dict(zip(("x_min", "y_min", "x_max", "y_max"), self.extent, strict=True)),
-            **{n: {"area_m2": each.area, "share": each.share} for n, each in levels.items()},
+            "size": {"width": width, "height": height},
+            "resolution": self.grid.resolution,
+            "origin": dict(zip(("x", "y", "heading"), self.grid.origin, strict=True)),
+            "extent": dict(zip(("x_min", "y_min", "x_max", "y_max"), self.extent, strict=True)),
+            **levels,
             "source": dict(vars(self.source)) if self.source else None,
-            "robot_radius_m": self.robot_radius,
-            "rooms": [{"room": room.number, "area_m2": room.area} for room in self.rooms],
-            "specks": {"count": self.specks, "area_m2": self.specks_area},
-            "places": [
-                {"name": each.name, "x_m": each.x, "y_m": each.y, "room": each.room}
-                for each in self.places
-            ],
+            "robot_radius": self.robot_radius,
+            "rooms": [{"room": room.number, "area": room.area} for room in self.rooms],
+            "specks": {"count": self.specks, "area": self.specks_area},
+            "places": self.table().records(),
             "pairs": [
                 {
                     "start": pair.start.name,
                     "goal": pair.goal.name,
-                    "distance_m": pair.distance,
+                    "distance": pair.distance,
                     "command": self.command(pair),
                 }
                 for pair in self.pairs
@@ -241,7 +246,7 @@ def describe_map(
     Returns
     -------
     MapInfo
-        What was found; its `table` is text for people, `to_json` is fit for JSON.
+        What was found; its `report` is text for people, `summary` is fit for JSON.
 
     Raises
     ------

@@ -60,6 +60,7 @@ def planned_near_paths(
     points = every_second_point(needed)
     for _ in range(ROUNDS - 1):
         field = field_of(points)
+        points = points | field.evaluated
         found = planned(field)
         cells = _cells_along(paths_of(found), grid, max(resolution, stride * resolution / 2))
         close = points_near(needed, stride, cells, max(CLOSE / resolution, 1.5 * stride))

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
-from typing import ClassVar, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.notebook import Pictured
 from locplan.costs import Costmap, check_costs
-from locplan.errors import ConfigError
-from locplan.planners._grid import cells_of, through_centres
-from locplan.planners._protocol import Found, Position, Status
-from locplan.planners._result import Plan, finished
+from locplan.planners._front import ParetoFront
+from locplan.planners._grid import cells_of
+from locplan.planners._protocol import Position
 from locplan.planners._trade_offs import (
     GAIN,
     OutOfTime,
@@ -31,115 +28,8 @@ COMPLETION = 0.25
 """Greatest share of the time limit that is kept for them."""
 MAX_POINTS = 100_000
 """Greatest number of points of a front."""
-SAME_DISTANCE = 1e-9
-"""Distance from a chord, as a share of the front's spans, up to which two paths are level."""
 Point: TypeAlias = tuple[float, float, NDArray[np.int64]]
 """Both costs of a path in whole units, and its cells (n, 2)."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ParetoFront(Pictured):
-    """Grid paths by rising length and falling integral, so that none is better in both."""
-
-    costs: Costmap
-    """The costmap that the paths were planned on."""
-    start: Position
-    """Position of the start in the world [m]."""
-    goal: Position
-    """Position of the goal in the world [m]."""
-    objective: str
-    """The layer that is integrated, "u" or "e"."""
-    length: NDArray[np.float64]
-    """Length of each path, (n,) [m]."""
-    integral: NDArray[np.float64]
-    """Integral of u [m] or e [m^2 rad m] along each path, (n,)."""
-    epsilon: float
-    """A path of the front is at most 1 + epsilon times as long and uncertain as any grid path.
-    Epsilon is 0 and the front exact, unless time or labels ran out; it is infinite if the time did
-    not suffice for a single path."""
-    labels: int
-    """Number of partial paths that were kept."""
-    solve_time: float
-    """Time spent on the search, without compilation [s]."""
-    _cells: tuple[NDArray[np.int64], ...]
-    _drawn_by: ClassVar[str] = "locplan.plotting:front_figure"
-
-    def __repr__(self) -> str:
-        if self.status == "timeout":
-            return f"ParetoFront(no path was found within the time limit, {self.solve_time:.3g} s)"
-        if not len(self):
-            return "ParetoFront(no path joins start and goal)"
-        exact = "exact" if self.epsilon == 0 else f"within {self.epsilon:.2%}"
-        return (
-            f"ParetoFront({len(self)} paths of {self.length[0]:.2f} to {self.length[-1]:.2f} m,"
-            f" {exact}, knee at {self.length[self.knee]:.2f} m)"
-        )
-
-    def _repr_png_(self) -> bytes | None:
-        return super()._repr_png_() if len(self) else None
-
-    def __len__(self) -> int:
-        return len(self.length)
-
-    @property
-    def status(self) -> Status:
-        """The status is "solved", or says why there is no path: "unreachable", or "timeout"."""
-        if len(self):
-            return "solved"
-        return "timeout" if math.isinf(self.epsilon) else "unreachable"
-
-    def plan(self, index: int) -> Plan:
-        """One of the paths as a plan, with its metrics.
-
-        Parameters
-        ----------
-        index : int
-            Index of the path, 0 for the shortest; -1 for the longest, as in a list. `knee` is the
-            index of a good compromise.
-
-        Raises
-        ------
-        ConfigError
-            If there is no such path.
-        """
-        self._check_paths()
-        if not -len(self) <= index < len(self):
-            raise ConfigError(f"the front has {len(self)} paths, from 0 on; there is no {index}")
-        path = through_centres(self.costs, self._cells[index], self.start, self.goal)
-        return finished("pareto", self.costs, self.start, self.goal, Found(path), self.solve_time)
-
-    @property
-    def knee(self) -> int:
-        """Index of the path that lies farthest below the chord between the front's ends.
-
-        Lengths and integrals count as shares of what they span on the front: this is the knee of
-        Das (1999), which depends on the front's shape alone, not on how much there is to save. On a
-        front that nowhere bends below its chord, such as one of two paths, it is the shortest path.
-        An empty front has no knee: that is a ConfigError.
-
-        References
-        ----------
-        Das, "On characterizing the 'knee' of the Pareto curve based on normal-boundary
-        intersection", Structural Optimization 18 (1999), doi 10.1007/BF01195985. For curves of one
-        variable it is that of Satopaa et al., "Finding a 'kneedle' in a haystack", ICDCS Workshops
-        (2011), doi 10.1109/ICDCSW.2011.20.
-        """
-        self._check_paths()
-        spans = self.length[-1] - self.length[0], self.integral[0] - self.integral[-1]
-        if not min(spans) > 0:
-            return 0
-        longer = (self.length - self.length[0]) / spans[0]
-        saved = (self.integral[0] - self.integral) / spans[1]
-        below = saved - longer
-        # The first of those that rounding alone sets apart.
-        return int(np.argmax(below > below.max() - SAME_DISTANCE))
-
-    def _check_paths(self) -> None:
-        """Raise a ConfigError if there is no path."""
-        if self.status == "timeout":
-            raise ConfigError("the front is empty: no path was found in time; raise time_limit")
-        if self.status == "unreachable":
-            raise ConfigError("the front is empty: the goal is unreachable")
 
 
 def pareto_front(
@@ -233,7 +123,7 @@ def pareto_front(
         epsilon=epsilon,
         labels=labels,
         solve_time=time.perf_counter() - began,
-        _cells=tuple(cells for *_, cells in points),
+        cells=tuple(cells for *_, cells in points),
     )
 
 

@@ -4,17 +4,39 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
+from pathlib import Path as PathOf
 from typing import ClassVar
 
-from locplan._util.notebook import Pictured
-from locplan.costs import Costmap, Path, PathMetrics, path_metrics
+from locplan._util.records import Column, Result, Table
+from locplan._util.results import Results
+from locplan._util.saved import Stored, listed, tree_of
+from locplan.costs import DEGENERATE, Costmap, Path, PathMetrics, path_metrics
 from locplan.planners._protocol import Found, Position, Status
 
+METRICS = (
+    Column("length", "m", "length"),
+    Column("cost", "m", "cost J"),
+    Column("integrated_u", "m", "degenerate, ∫u ds"),
+    Column("integrated_e", "m² rad m", "∫e ds", 4),
+    Column("mean_e", "m² rad", "mean e", 5),
+    Column("max_e", "m² rad", "max e", 5),
+    Column("degenerate_share", "", f"share with u > {DEGENERATE:g}", 0, "%"),
+    Column("longest_degenerate", "m", f"longest with u > {DEGENERATE:g}"),
+    Column("clearance", "m", "least clearance"),
+)
+"""Columns of the metrics of a path."""
 
-@dataclass(frozen=True, repr=False)
-class Plan(Pictured):
-    """A path that a planner returned with its metrics, or the reason why there is none."""
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Result, Stored):
+    """A path that a planner returned with its metrics, or the reason why there is none.
+
+    `save` writes plan.json, which `load` reads, a picture, and path.csv. The costmap is not saved.
+    """
+
+    kind: ClassVar[str] = "plan"
+    suffix: ClassVar[str] = ".json"
+    files: ClassVar[Results] = Results("plan", ("plan.json", "plan.png", "path.csv"))
     _drawn_by: ClassVar[str] = "locplan.plotting:path_figure"
 
     status: Status
@@ -67,6 +89,28 @@ class Plan(Pictured):
             f"Plan({self.status}, {self.planner}, {ends}: {self.metrics.length:.2f} m long,"
             f" cost {self.metrics.cost:.2f} m, {self.solve_time:.3g} s)"
         )
+
+    def summary(self) -> dict[str, object]:
+        """All of it but the costmap, fit for JSON; null is a number that is not known."""
+        return dict(listed(tree_of(self)))
+
+    def table(self) -> Table:
+        """The metrics of the path; no row without one."""
+        return Table.of(METRICS, [self.metrics] if self.metrics else [])
+
+    def report(self) -> str:
+        """The metrics of the path as text, or why there is none."""
+        note = f"\n{self.note}" if self.note else ""
+        return f"{self.status}{note}\n{self.table()}" if self.metrics else f"{self.status}{note}"
+
+    @property
+    def drawable(self) -> bool:
+        """Whether the costmap is known, on which the path is drawn."""
+        return self.costs is not None
+
+    def _write(self, folder: PathOf, *_: object) -> None:
+        if self.path is not None:
+            self.path.save(folder / "path.csv")
 
     def measured_on(self, costs: Costmap) -> Plan:
         """A copy with the metrics on another costmap of the same map, without history.

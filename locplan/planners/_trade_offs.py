@@ -124,8 +124,8 @@ class Problem:
         is `OutOfTime`.
         """
         from locplan._kernels.pareto import SCALE
-        from locplan._kernels.scale import scale_of
-        from locplan._kernels.search import search, trace
+        from locplan._kernels.search import scale_of, search
+        from locplan._kernels.ways import trace
 
         half = self.half * (integral or 1.0)
         if not integral:
@@ -169,7 +169,7 @@ class Problem:
         return TOLERANCE * (self.measured(frugal)[0] + self.ends[0] * self.per_metre)
 
 
-def check_front_limits(objective: str, time_limit: float, max_labels: int) -> None:
+def check_front_limits(objective: str, time_limit: float, max_labels: int = 1) -> None:
     """Check the options of a search for trade-offs, before a field is computed.
 
     Parameters

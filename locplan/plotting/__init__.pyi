@@ -1,3 +1,4 @@
+from . import style as style
 from ._cells import DRAWN_CELLS as DRAWN_CELLS, draw_cells as draw_cells
 from ._fields import (
     draw_ellipses as draw_ellipses,
@@ -5,13 +6,11 @@ from ._fields import (
     ellipses_figure as ellipses_figure,
     field_figure as field_figure,
     fields_figure as fields_figure,
+    figure_of as figure_of,
     map_figure as map_figure,
 )
 from ._info import info_figure as info_figure
 from ._maps import (
-    FIELD_COLOURS as FIELD_COLOURS,
-    LIGHT_MAP_COLOURS as LIGHT_MAP_COLOURS,
-    MAP_COLOURS as MAP_COLOURS,
     draw_ends as draw_ends,
     draw_field as draw_field,
     draw_map as draw_map,
@@ -25,11 +24,11 @@ from ._maps import (
 )
 from ._picture import (
     Picture as Picture,
+    draw_number as draw_number,
     label_plainly as label_plainly,
     make_logarithmic as make_logarithmic,
 )
 from ._plans import (
-    PATH_STYLES as PATH_STYLES,
     costmap_figure as costmap_figure,
     front_figure as front_figure,
     history_figure as history_figure,
@@ -37,3 +36,9 @@ from ._plans import (
     plan_figure as plan_figure,
 )
 from ._views import draw_inset as draw_inset, map_around as map_around, zoomed_to as zoomed_to
+from .style import (
+    FIELD_COLOURS as FIELD_COLOURS,
+    LIGHT_MAP_COLOURS as LIGHT_MAP_COLOURS,
+    MAP_COLOURS as MAP_COLOURS,
+    PATH_STYLES as PATH_STYLES,
+)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +12,20 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Wedge
 
-from locplan.field import CovarianceField, position_axes, sampled_covariances, scalar
+from locplan._util.checks import one_of
+from locplan.errors import ConfigError
+from locplan.field import (
+    SCALARS,
+    CovarianceField,
+    Estimator,
+    FieldConfig,
+    Sad,
+    config_of,
+    load_or_compute,
+    position_axes,
+    sampled_covariances,
+    scalar,
+)
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.plotting._cells import draw_cells, field_cells, shrunk, values_of
 from locplan.plotting._maps import (
@@ -24,20 +37,70 @@ from locplan.plotting._maps import (
     map_size,
 )
 from locplan.plotting._picture import HARMLESS, Picture, weak_spots
+from locplan.plotting.style import BLUE, ERROR_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-E_COLOURS = "viridis"
 PANEL, PANELS = 3.6, 8.0
 """Greatest width of a map among several, and of all of them together [inch]."""
 WALL_SHADE = 150
 """Opacity of the white that shows walls over e = 0, 0..255."""
 E_QUANTILE = 0.98
 """Quantile of the free cells' e at which the colour scale of `e_figure` ends by default."""
-ELLIPSE, AXIS, TURN = "#0072b2", "black", "#d62728"
+TURN = "#d62728"
+"""Colour of the heading's deviation."""
 WEDGE = 0.4
 """Radius of the wedges that show the heading's deviation, as a share of the spacing."""
+
+
+OPTIONS = {"field": ("scalar",), "e": ("limits",), "ellipses": ("spacing", "magnify")}
+"""Options of `figure_of` that each of its figures reads."""
+
+
+def figure_of(
+    grid: OccupancyGrid,
+    figure: str = "field",
+    estimators: Sequence[FieldConfig | Estimator] = (Sad(),),
+    *,
+    compute: Callable[[OccupancyGrid, FieldConfig], CovarianceField] = load_or_compute,
+    **options: Any,
+) -> Figure:
+    """Draw a map with its field, as ``locplan plot`` does.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    figure : str, default "field"
+        "field", "e" or "ellipses": see `field_figure`, `e_figure` and `ellipses_figure`.
+    estimators : sequence of FieldConfig or Estimator, default (Sad(),)
+        Settings of the fields, which "e" and "ellipses" show side by side; "field" shows the first.
+    compute : callable, default `load_or_compute`
+        Gives the field of the map and the settings.
+    **options
+        The figure's own: scalar of "field", limits of "e", spacing and magnify of "ellipses".
+
+    Raises
+    ------
+    ConfigError
+        If the figure or an option of it is unknown or out of its range.
+    """
+    one_of("figure", figure, OPTIONS)
+    for name in options:
+        one_of(f"an option of the figure {figure}", name, OPTIONS[figure])
+    configs = [config_of(each) for each in estimators]
+    if options.get("scalar"):
+        layers = [layer.name for layer in configs[0].estimator.layers]
+        one_of("scalar", options["scalar"], [*SCALARS, *layers])
+    low, high = options.get("limits") or (0.0, 1.0)
+    if low >= high:
+        raise ConfigError(f"limits must rise, not {low:g},{high:g}")
+    if figure == "field":
+        return field_figure(compute(grid, configs[0]), options.get("scalar"))
+    draw: Callable[..., Figure] = e_figure if figure == "e" else ellipses_figure
+    fields = {f"{grid.name}: {each.summary}": compute(grid, each) for each in configs}
+    return draw(fields, **options)
 
 
 def map_figure(grid: OccupancyGrid) -> Figure:
@@ -138,8 +201,8 @@ def ellipses_figure(
         axes.set_title(title, fontsize="medium")
     factor = "" if magnify == 1 else f", {magnify:g} times as large"
     handles = [
-        Line2D([], [], color=ELLIPSE, label=f"position, one std. deviation{factor}"),
-        Line2D([], [], color=AXIS, label="first eigenvector"),
+        Line2D([], [], color=BLUE, label=f"position, one std. deviation{factor}"),
+        Line2D([], [], color="black", label="first eigenvector"),
         Line2D([], [], color=TURN, linewidth=6, alpha=0.6, label="heading ± one std. deviation"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
@@ -174,7 +237,7 @@ def draw_ellipses(
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     along = (magnify * major)[:, None] * np.stack([np.cos(direction), np.sin(direction)], axis=1)
     where: dict[str, Any] = {"units": "xy", "offsets": xy, "offset_transform": axes.transData}
-    style: dict[str, Any] = {"facecolors": "none", "edgecolors": ELLIPSE, "linewidths": 1.4}
+    style: dict[str, Any] = {"facecolors": "none", "edgecolors": BLUE, "linewidths": 1.4}
     width, height, angle = 2 * magnify * major, 2 * magnify * minor, np.degrees(direction)
     ellipses = EllipseCollection(width, height, angle, zorder=4, **where, **style)
     if covariance.shape[-1] == 3:
@@ -186,7 +249,7 @@ def draw_ellipses(
         axes.add_collection(PatchCollection(wedges, color=TURN, alpha=0.6, linewidth=0.8))
     axes.add_collection(ellipses)
     lines = np.stack([xy - along, xy + along], axis=1)
-    axes.add_collection(LineCollection(list(lines), colors=AXIS, linewidths=0.8, zorder=3))
+    axes.add_collection(LineCollection(list(lines), colors="black", linewidths=0.8, zorder=3))
 
 
 def e_figure(
@@ -213,7 +276,7 @@ def e_figure(
     for axes, (title, field), e in zip(grid_of_axes, fields.items(), maps, strict=True):
         draw_map(axes, field.grid)  # sets the axes; the values cover the map
         shown = np.nan_to_num(e, nan=0.0)
-        image = draw_cells(axes, field.grid, shown, cmap=E_COLOURS, norm=Normalize(*limits))
+        image = draw_cells(axes, field.grid, shown, cmap=ERROR_COLOURS, norm=Normalize(*limits))
         cells = shrunk(field.grid.cells)
         walls = np.where(cells == OCCUPIED, WALL_SHADE, 0).astype(np.uint8)
         white = np.full((*walls.shape, 3), 255, np.uint8)

@@ -16,9 +16,10 @@ from locplan._util.tables import in_square_metres
 from locplan.planners import MapInfo
 from locplan.plotting._cells import draw_cells, shrunk
 from locplan.plotting._maps import draw_map, map_axes
+from locplan.plotting.style import BLUE, GREEN, ORANGE, PURPLE, SKY, YELLOW
 
-ROOM_COLOURS = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442", "#0072b2")
-"""Colours of the largest rooms, which colour-blind people can tell apart (Okabe and Ito)."""
+ROOM_COLOURS = (SKY, ORANGE, GREEN, PURPLE, YELLOW, BLUE)
+"""Colours of the largest rooms."""
 OTHER_COLOUR = "#b08d57"
 """Colour of all further rooms."""
 TINT = 115

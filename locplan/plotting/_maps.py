@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
-import matplotlib.patheffects as effects
 import numpy as np
-from matplotlib import colormaps
-from matplotlib.colors import ListedColormap, LogNorm, Normalize
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullFormatter
@@ -22,6 +21,7 @@ from locplan.field import CovarianceField
 from locplan.maps import UNKNOWN, OccupancyGrid
 from locplan.plotting._cells import draw_cells, field_cells, shrunk
 from locplan.plotting._picture import HARMLESS, Picture, label_plainly
+from locplan.plotting.style import END_STYLE, FIELD_COLOURS, FILE_DPI, MAP_COLOURS, outline
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,24 +30,17 @@ if TYPE_CHECKING:
 
     from locplan.costs import Path
 
-FIELD_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.0, 0.8, 256)))
-"""Colours of fields, never as dark as a wall."""
-MAP_COLOURS = ListedColormap(["black", "0.82", "white", "0.6"])
-"""Colours of occupied, unknown and free cells, and of the inside of what is solid."""
 MARGIN = 0.02
 """Width of the margin around a map, as a share of its extent."""
 SOLID, RIM = 3, 0.006
 """Shade of cells inside solid walls, and how deep they are: this share of the longer side."""
 LAYER_QUANTILE = 0.98
 """Quantile of a layer's values at which its linear scale ends."""
-LEAST_LINEAR_SCALE = 0.02
+MIN_LINEAR_SCALE = 0.02
 """Least share of a linear scale between its anchors that is shown."""
-LIGHT_MAP_COLOURS = ListedColormap(["0.45", "0.9", "white", "0.7"])
-"""The colours of `MAP_COLOURS`, lighter, for maps below much that is drawn."""
 MANY_DECADES = 500.0
 """Ratio of the ends of small values' scale from which on it has powers of ten."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-END_STYLE: dict[str, Any] = {"color": "white", "markeredgecolor": "black"}
 
 
 def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
@@ -149,7 +142,7 @@ def field_norm(field: CovarianceField, name: str, values: NDArray[np.float64]) -
     low, high = (factor * anchor for anchor in field.anchors(name))
     known = np.isfinite(values).any()
     if name in field.layers:
-        least = low + LEAST_LINEAR_SCALE * (high - low)
+        least = low + MIN_LINEAR_SCALE * (high - low)
         most = float(np.nanquantile(values, LAYER_QUANTILE)) if known else high
         return Normalize(low, min(high, max(least, most)))
     if known and not field.config.estimator.adds_q:
@@ -230,7 +223,7 @@ def end_handles() -> list[Line2D]:
     ]
 
 
-def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 130) -> None:
+def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = FILE_DPI) -> None:
     """Write a figure, whole or not at all.
 
     Parameters
@@ -251,7 +244,11 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 130)
     check_target(FilePath(path), *PICTURES)
     suffix = FilePath(path).suffix.lower().lstrip(".")
     with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=dpi, format=suffix, bbox_inches="tight", pad_inches=0.1)
+        # matplotlib's writer of PDFs hides an error of the disk behind one of its own
+        drawn = BytesIO() if suffix == "pdf" else temporary
+        figure.savefig(drawn, dpi=dpi, format=suffix, bbox_inches="tight", pad_inches=0.1)
+        if isinstance(drawn, BytesIO):
+            temporary.write_bytes(drawn.getvalue())
 
 
 def known_cells(grid: OccupancyGrid) -> tuple[int, int, int, int]:
@@ -330,8 +327,3 @@ def drawn_size(grid: OccupancyGrid) -> tuple[float, float]:
     height, width = sin * width + cos * height, cos * width + sin * height
     drawn_width = min(7.6, 7.6 * width / height)
     return drawn_width, drawn_width * height / width
-
-
-def outline() -> list[Any]:
-    """The white outline of a path, as effects of matplotlib."""
-    return [effects.Stroke(linewidth=4, foreground="white"), effects.Normal()]

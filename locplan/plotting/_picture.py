@@ -9,7 +9,7 @@ import math
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import rc_context
@@ -26,9 +26,13 @@ from locplan.costs import DEGENERATE, Costmap
 from locplan.field import CovarianceField
 from locplan.planners import Plan
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
 FIRST_DIGITS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))
 """What the numbers of a scale may begin with, few first."""
-FEWEST, MOST = 3, 8
+MIN_TICKS, MAX_TICKS = 3, 8
 """Number of ticks that tell a scale, and that are read."""
 HARMLESS = 1 / 3
 """The u up to which no place of a map is a weak spot."""
@@ -160,7 +164,7 @@ def request(costs: Costmap, plans: Mapping[str, Plan]) -> str:
 class RoundNumbers(Locator):
     """Ticks of a logarithmic axis at 1, 2, 5, 10 and so on, or evenly where it is short."""
 
-    def __init__(self, most: int = MOST) -> None:
+    def __init__(self, most: int = MAX_TICKS) -> None:
         self.most = most
 
     def __call__(self) -> Any:
@@ -173,7 +177,7 @@ class RoundNumbers(Locator):
         return round_numbers(min(vmin, vmax), max(vmin, vmax), self.most)
 
 
-def round_numbers(low: float, high: float, most: int = MOST) -> NDArray[np.float64]:
+def round_numbers(low: float, high: float, most: int = MAX_TICKS) -> NDArray[np.float64]:
     """Round numbers from `low` to `high` for a logarithmic scale, at most `most` of them."""
     if not (0 < low < high and math.isfinite(high)):
         return np.array([low])
@@ -185,21 +189,21 @@ def round_numbers(low: float, high: float, most: int = MOST) -> NDArray[np.float
         every = every[(within[0] <= every) & (every <= within[1])]
         if len(every) > most:
             # Decades are left out where even they are too many.
-            return found if len(found) >= FEWEST else every[:: -(-len(every) // most)]
+            return found if len(found) >= MIN_TICKS else every[:: -(-len(every) // most)]
         found = every
-        if len(found) >= FEWEST + 1:
+        if len(found) >= MIN_TICKS + 1:
             return found
-    if len(found) >= FEWEST:
+    if len(found) >= MIN_TICKS:
         return found
-    for count in range(FEWEST + 1, most + 1):
+    for count in range(MIN_TICKS + 1, most + 1):
         found = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
         found = found[(within[0] <= found) & (found <= within[1])]
-        if len(found) >= FEWEST:
+        if len(found) >= MIN_TICKS:
             break
     return found
 
 
-def label_plainly(axis: Axis, most: int = MOST) -> None:
+def label_plainly(axis: Axis, most: int = MAX_TICKS) -> None:
     """Label a logarithmic axis with plain numbers.
 
     Parameters
@@ -214,7 +218,7 @@ def label_plainly(axis: Axis, most: int = MOST) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def make_logarithmic(axis: Any, most: int = MOST) -> None:
+def make_logarithmic(axis: Any, most: int = MAX_TICKS) -> None:
     """Make an axis of matplotlib logarithmic, with plain numbers.
 
     Parameters
@@ -226,3 +230,40 @@ def make_logarithmic(axis: Any, most: int = MOST) -> None:
     """
     getattr(axis.axes, f"set_{axis.axis_name}scale")("log")
     label_plainly(axis, most)
+
+
+def draw_number(
+    axes: Axes,
+    number: int,
+    at: tuple[float, float],
+    aside: tuple[float, float],
+    color: str,
+    **style: Any,
+) -> None:
+    """Draw a number in a circle beside a place, joined to it by a line.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on.
+    number : int
+        The number.
+    at : (x, y)
+        World position of the place [m].
+    aside : (x, y)
+        How far the number stands from it [points].
+    color : str
+        Colour of the circle and the line.
+    **style
+        Changes of the text's style, as matplotlib has them.
+    """
+    centred: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7, "zorder": 5} | style
+    axes.annotate(
+        str(number),
+        at,
+        aside,
+        textcoords="offset points",
+        bbox={"boxstyle": "circle,pad=0.15", "facecolor": "white", "edgecolor": color},
+        arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.8, "shrinkA": 0},
+        **centred,
+    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +16,6 @@ from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
 from locplan.plotting._cells import block, draw_cells, shrunk, values_of
 from locplan.plotting._maps import (
-    END_STYLE,
-    FIELD_COLOURS,
     draw_ends,
     draw_field,
     draw_field_cells,
@@ -28,10 +25,10 @@ from locplan.plotting._maps import (
     field_bar,
     map_axes,
     map_size,
-    outline,
 )
 from locplan.plotting._picture import HARMLESS, Picture, make_logarithmic, request, weak_spots
 from locplan.plotting._views import cut, draw_inset, zoomed_to
+from locplan.plotting.style import END_STYLE, ERROR_COLOURS, FIELD_COLOURS, PATH_STYLES, outline
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,30 +36,13 @@ if TYPE_CHECKING:
 
     from locplan.planners import ParetoFront, Plan
 
-FRONT_COLOURS = "viridis"
 FRONT_PATHS = 12
 """Greatest number of paths of a front that are drawn."""
-LEAST_RATIO = 1.01
-"""Least ratio of the ends of the scale of a front's lengths."""
-TITLE_LETTERS = 11
-"""Number of letters of a title for which an inch has room."""
-PATH_STYLES: tuple[dict[str, Any], ...] = (
-    {"color": "black", "linestyle": (0, (4, 1.5))},
-    {"color": "#0072b2", "linestyle": "-"},
-    {"color": "#009e73", "linestyle": (0, (1, 1))},
-    {"color": "#cc79a7", "linestyle": (0, (6, 1, 1, 1))},
-)
-"""Line styles in the order of the plans; they differ in dashes and colour."""
+MIN_RATIO = 1.01
+"""Smallest ratio of the ends of the scale of a front's lengths."""
 
 
-def plan_figure(
-    costs: Costmap,
-    field: CovarianceField,
-    plans: Mapping[str, Plan],
-    *,
-    recommended: str | None = None,
-    verdict: str = "",
-) -> Figure:
+def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan]) -> Figure:
     """Draw paths over the e field of the map and, below, u along each path.
 
     Parameters
@@ -73,70 +53,99 @@ def plan_figure(
         The field to draw below the paths, of the costmap's map.
     plans : mapping of str to Plan
         At most four plans, by the name to show; plans without a path are only named.
-    recommended : str, optional
-        Name of the plan that the legend marks as recommended.
-    verdict : str, default ""
-        Verdict on the plans, which the title ends with; see `locplan.simulation.verdict`.
     """
-    solved = {label: plan for label, plan in plans.items() if plan.path is not None}
+    found = _with_paths(plans)
     shown = [path for plan in plans.values() for path in _drawn(plan)]
-    part = zoomed_to(costs.grid, shown)
-    width, height = map_size(part)
-    figure = Picture(figsize=(width, height + 2.4), layout="constrained")
-    upper, lower = figure.subplots(2, height_ratios=(height, 2.2))
+    figure, upper, lower, part = _map_and_plot(costs.grid, shown, 2.2)
     image = _draw_field(upper, costs, field, part)
     draw_inset(upper, costs.grid, part, shown)
     field_bar(figure, image, upper, field.quantity().axis, shrink=0.9)
-    same = _same(list(solved.values()))
-    handles = []
-    for (label, plan), style in zip(solved.items(), PATH_STYLES, strict=False):
-        path, metrics = plan.path, plan.metrics
-        assert path is not None
-        assert metrics is not None
-        name = f"{label} (recommended)" if label == recommended else label
-        text = (
-            f"{name}: {metrics.length:.1f} m, {metrics.integrated_u:.1f} m degenerate,"
-            f" ∫e ds = {metrics.integrated_e:.3g} {field.e_unit} m"
-        )
-        headed = None if path.heading is None else costs.u_of_heading
-        distance, u = profile(costs, path, costs.u if headed is None else headed)
-        lower.step(distance, [*u, u[-1]], where="post", linewidth=1.8, **style)
-        handles.append(Line2D([], [], path_effects=outline(), linewidth=2, label=text, **style))
-    handles += [
-        Line2D([], [], linestyle="none", label=f"{label}: {plan.status}")
-        for label, plan in plans.items()
-        if label not in solved
-    ]
     # The first plan comes out on top, with its dashes visible where paths coincide.
-    for plan, style in reversed(list(zip(solved.values(), PATH_STYLES, strict=False))):
-        assert plan.path is not None
-        draw_path(upper, plan.path, **style)
-    for plan in plans.values():
-        draw_ends(upper, plan.start, plan.goal)
-        if plan.via:
-            x, y = np.transpose([pose[:2] for pose in plan.via])
-            upper.plot(x, y, "s", markersize=6, zorder=4, **END_STYLE)
-    handles += end_handles()
-    if any(plan.via for plan in plans.values()):
-        handles.append(Line2D([], [], linestyle="none", marker="s", label="waypoint", **END_STYLE))
-    lower.axhline(DEGENERATE, color="0.6", linewidth=0.8, zorder=0)
-    lower.set(xlabel="distance along the path [m]", ylabel="degeneracy u", ylim=(-0.03, 1.03))
-    lower.margins(x=0.01)
-    if same:
-        lower.set_title(
-            f"{'both' if len(solved) == 2 else 'all'} take the same path", fontsize="medium"
-        )
-    if not solved:
-        lower.text(0.5, 0.25, "no path", transform=lower.transAxes, ha="center", va="center")
-        lower.set_xticks([])
+    for _, _, path, style in reversed(found):
+        draw_path(upper, path, **style)
+    _draw_stops(upper, plans)
+    _draw_profiles(lower, costs, found)
+    handles = _handles(plans, found, field.e_unit)
     style = {"frameon": False, "fontsize": "medium", "ncols": 2}
     figure.legend(handles=handles, loc="outside lower center", **style)
     weak = weak_spots(field, values_of(image))
     made = f"{field.config.summary}; {field.saturated_share:.0%} saturated; {weak}"
     asked = f"{costs.grid.name or 'map'}: {request(costs, plans)}"
-    title = "\n".join([asked, made, *_lines(verdict, int(width * TITLE_LETTERS))])
-    upper.set_title(title, fontsize="medium")
+    upper.set_title(f"{asked}\n{made}", fontsize="medium")
     return figure
+
+
+Drawn = tuple[str, "Plan", Path, dict[str, Any]]
+"""The name of a plan with a path, the plan, its path, and the path's line style."""
+
+
+def _with_paths(plans: Mapping[str, Plan]) -> list[Drawn]:
+    """The plans that have a path, each with its line style."""
+    solved = [(label, plan, plan.path) for label, plan in plans.items() if plan.path is not None]
+    return [(*each, style) for each, style in zip(solved, PATH_STYLES, strict=False)]
+
+
+def _map_and_plot(
+    grid: OccupancyGrid, shown: Sequence[Path], height: float
+) -> tuple[Figure, Axes, Axes, OccupancyGrid]:
+    """A figure, Axes for a map and for a plot of some height [inch] below it, and the part shown.
+
+    The part of the map is what lies around some paths, where that is small.
+    """
+    part = zoomed_to(grid, shown)
+    wide, high = map_size(part)
+    figure = Picture(figsize=(wide, high + height + 0.2), layout="constrained")
+    upper, lower = figure.subplots(2, height_ratios=(high, height))
+    return figure, upper, lower, part
+
+
+def _draw_stops(axes: Axes, plans: Mapping[str, Plan]) -> None:
+    """Draw the ends and the waypoints of all plans."""
+    for plan in plans.values():
+        draw_ends(axes, plan.start, plan.goal)
+        if plan.via:
+            x, y = np.transpose([pose[:2] for pose in plan.via])
+            axes.plot(x, y, "s", markersize=6, zorder=4, **END_STYLE)
+
+
+def _draw_profiles(axes: Axes, costs: Costmap, found: Sequence[Drawn]) -> None:
+    """Draw u along each path."""
+    for _, _, path, style in found:
+        headed = None if path.heading is None else costs.u_of_heading
+        distance, u = profile(costs, path, costs.u if headed is None else headed)
+        axes.step(distance, [*u, u[-1]], where="post", linewidth=1.8, **style)
+    axes.axhline(DEGENERATE, color="0.6", linewidth=0.8, zorder=0)
+    axes.set(xlabel="distance along the path [m]", ylabel="degeneracy u", ylim=(-0.03, 1.03))
+    axes.margins(x=0.01)
+    ways = [path.xy for _, _, path, _ in found]
+    if len(ways) > 1 and all(w.shape == ways[0].shape and np.allclose(w, ways[0]) for w in ways):
+        both = "both" if len(found) == 2 else "all"
+        axes.set_title(f"{both} take the same path", fontsize="medium")
+    if not found:
+        axes.text(0.5, 0.25, "no path", transform=axes.transAxes, ha="center", va="center")
+        axes.set_xticks([])
+
+
+def _handles(plans: Mapping[str, Plan], found: Sequence[Drawn], e_unit: str) -> list[Line2D]:
+    """Entries of the legend: each plan with its metrics, or why it has no path, and its stops."""
+    handles = []
+    for label, plan, _, style in found:
+        metrics = plan.metrics
+        assert metrics is not None
+        text = (
+            f"{label}: {metrics.length:.1f} m, {metrics.integrated_u:.1f} m degenerate,"
+            f" ∫e ds = {metrics.integrated_e:.3g} {e_unit} m"
+        )
+        handles.append(Line2D([], [], path_effects=outline(), linewidth=2, label=text, **style))
+    handles += [
+        Line2D([], [], linestyle="none", label=f"{label}: {plan.status}")
+        for label, plan in plans.items()
+        if plan.path is None
+    ]
+    handles += end_handles()
+    if any(plan.via for plan in plans.values()):
+        handles.append(Line2D([], [], linestyle="none", marker="s", label="waypoint", **END_STYLE))
+    return handles
 
 
 def _drawn(plan: Plan) -> list[Path]:
@@ -144,14 +153,6 @@ def _drawn(plan: Plan) -> list[Path]:
     asked = [plan.start, *plan.via, plan.goal]
     places = Path(np.array([pose[:2] for pose in asked], dtype=float))
     return [places] if plan.path is None else [plan.path, places]
-
-
-def _same(plans: Sequence[Plan]) -> bool:
-    """Whether several plans have one path."""
-    paths = [plan.path.xy for plan in plans if plan.path is not None]
-    return len(paths) > 1 and all(
-        path.shape == paths[0].shape and np.allclose(path, paths[0]) for path in paths
-    )
 
 
 def _draw_field(
@@ -164,13 +165,6 @@ def _draw_field(
     if of_field and plain and whole and costs.grid == field.grid:
         return draw_field_cells(axes, field, "e", costs.e)
     return draw_field(axes, field, part=part)
-
-
-def _lines(text: str, letters: int) -> list[str]:
-    """Lines of a text of so many letters each; the first one may end at a colon."""
-    first, colon, rest = text.partition(": ")
-    parts = [first + colon, rest] if len(text) > letters else [text]
-    return [line for part in parts for line in textwrap.wrap(part, letters)]
 
 
 def costmap_figure(costs: Costmap) -> Figure:
@@ -220,37 +214,30 @@ def _u_figure(costs: Costmap, title: str, part: OccupancyGrid) -> tuple[Figure, 
     return figure, axes
 
 
-def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
+def front_figure(front: ParetoFront) -> Figure:
     """Draw a Pareto front and, over the map, its paths in the same colours, the knee's bold.
 
     Parameters
     ----------
     front : ParetoFront
         The front, with at least one path.
-    e_unit : str, default "m² rad"
-        Unit of e, see `CovarianceField.e_unit`.
     """
     grid = front.costs.grid
     ends = front.plan(0), front.plan(len(front) - 1)
     shown = [path for plan in ends for path in _drawn(plan)]
-    part = zoomed_to(grid, shown)
-    width, height = map_size(part)
-    figure = Picture(figsize=(width, height + 3.2), layout="constrained")
-    upper, lower = figure.subplots(2, height_ratios=(height, 3.0))
+    figure, upper, lower, part = _map_and_plot(grid, shown, 3.0)
     draw_map(upper, part)
     draw_inset(upper, grid, part, shown)
-    norm = Normalize(front.length[0], max(front.length[-1], LEAST_RATIO * front.length[0]))
-    wanted = np.linspace(front.length[0], front.length[-1], FRONT_PATHS)
-    chosen = np.unique(np.abs(front.length[:, None] - wanted).argmin(axis=0))
-    for index in chosen:
-        plan = front.plan(int(index))
-        assert plan.path is not None
-        colour = colormaps[FRONT_COLOURS](norm(front.length[index]))
-        draw_path(upper, plan.path, color=colour, linewidth=1.6, path_effects=[])
+    low, high = front.length[[0, -1]]
+    norm, colours = Normalize(low, max(high, MIN_RATIO * low)), colormaps[ERROR_COLOURS]
+    targets = np.linspace(low, high, FRONT_PATHS)
+    chosen = np.unique(np.abs(front.length[:, None] - targets).argmin(axis=0)).tolist()
     knee = front.knee
-    best = front.plan(knee).path
-    assert best is not None
-    draw_path(upper, best, color=colormaps[FRONT_COLOURS](norm(front.length[knee])), linewidth=3)
+    thin: dict[str, Any] = {"linewidth": 1.6, "path_effects": []}
+    for index, style in [*((each, thin) for each in chosen), (knee, {"linewidth": 3})]:
+        path = front.plan(index).path
+        assert path is not None
+        draw_path(upper, path, color=colours(norm(front.length[index])), **style)
     draw_ends(upper, front.start, front.goal)
     epsilon = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%}"
     name = grid.name or "map"
@@ -258,10 +245,11 @@ def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
     if len(front) == 1:
         title = f"{name}: one path, no other is less degenerate; front {epsilon}"
     upper.set_title(f"{title}{costs_caption(front.costs)}", fontsize="medium")
-    unit = "m" if front.objective == "u" else f"{e_unit} m"
+    unit = "m" if front.objective == "u" else f"{front.costs.e_unit} m"
     lower.plot(front.length, front.integral, color="0.7", linewidth=0.8, zorder=1)
-    colours: dict[str, Any] = {"c": front.length, "cmap": FRONT_COLOURS, "norm": norm}
-    image = lower.scatter(front.length, front.integral, s=14, **colours)
+    image = lower.scatter(
+        front.length, front.integral, s=14, c=front.length, cmap=ERROR_COLOURS, norm=norm
+    )
     length, integral = front.length[knee], front.integral[knee]
     label = f"knee, bold above: {length:.1f} m long, {integral:.3g} {unit}"
     lower.plot(length, integral, "D", markersize=9, label=label, **END_STYLE)

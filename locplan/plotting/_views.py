@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from locplan.costs import Path
 from locplan.maps import OccupancyGrid
-from locplan.plotting._maps import LIGHT_MAP_COLOURS, draw_map, known_cells, limits_of
+from locplan.plotting._maps import draw_map, known_cells, limits_of
+from locplan.plotting.style import LIGHT_MAP_COLOURS, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +30,6 @@ INSET_CELLS = 300
 """Most cells along a side of an inset."""
 VISIBLE = 0.06
 """Share of the inset below which its outline of the part gets a dot, too."""
-HERE = "#d55e00"
 
 
 def map_around(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
@@ -59,9 +59,7 @@ def map_around(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
     (top, bottom), (left, right) = ends
     if top >= bottom or left >= right:  # the paths are beside the map
         return grid
-    x, y = grid.grid_to_world(top, left)
-    origin = float(x), float(y), grid.origin[2]
-    return dataclasses.replace(grid, cells=grid.cells[top:bottom, left:right], origin=origin)
+    return grid.part(slice(top, bottom), slice(left, right))
 
 
 def zoomed_to(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
@@ -128,9 +126,9 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
     height, width = part.shape
     x, y = part.grid_to_world(np.array([0, 0, height, height]), np.array([0, width, width, 0]))
     corners = np.stack([x, y], axis=1)
-    inset.add_patch(Polygon(corners, fill=False, edgecolor=HERE, linewidth=2.2, zorder=5))
+    inset.add_patch(Polygon(corners, fill=False, edgecolor=VERMILION, linewidth=2.2, zorder=5))
     if max(part.shape) < VISIBLE * max(grid.shape):
-        inset.plot(*corners.mean(axis=0), "o", color=HERE, markersize=5, zorder=5)
+        inset.plot(*corners.mean(axis=0), "o", color=VERMILION, markersize=5, zorder=5)
 
 
 def coarse(grid: OccupancyGrid) -> OccupancyGrid:

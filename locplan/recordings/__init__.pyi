@@ -1,4 +1,4 @@
-from ._blocks import Agreement as Agreement
+from ._agreement import Agreement as Agreement
 from ._calibration import DriveCalibration as DriveCalibration, calibrate_drive as calibrate_drive
 from ._evaluation import (
     DriveEvaluation as DriveEvaluation,
@@ -7,14 +7,12 @@ from ._evaluation import (
 )
 from ._figures import drive_figure as drive_figure, replay_figure as replay_figure
 from ._fit import MapFit as MapFit, fit_to_map as fit_to_map, scans_unlike as scans_unlike
-from ._matcher import Matcher as Matcher
 from ._matches import Matches as Matches, match_scans as match_scans
-from ._odometry_noise import OdometryNoise as OdometryNoise
-from ._options import Source as Source
+from ._odometry_noise import OdometryNoise as OdometryNoise, odometry_noise as odometry_noise
+from ._options import Source as Source, Topics as Topics
 from ._read import read_drive as read_drive
 from ._recording import Recording as Recording
 from ._replay import Consistency as Consistency, Replay as Replay, replay as replay
-from ._scan_noise import ScanNoise as ScanNoise
+from ._scan_noise import ScanNoise as ScanNoise, scan_noise as scan_noise
 from ._simulated import record_drive as record_drive
-from ._summary import DriveSummary as DriveSummary
 from ._tuning import tune_on_drive as tune_on_drive

@@ -93,13 +93,13 @@ class Bag:
 
         Only these are decoded, one at a time.
         """
-        wanted = [each for each in self._reader.connections if each.topic in topics]
-        if not wanted:
+        chosen = [each for each in self._reader.connections if each.topic in topics]
+        if not chosen:
             return
         decode = self._typestore.deserialize_ros1 if self._ros1 else None
         decode = decode or self._typestore.deserialize_cdr
         total = self.count(topics)
-        stream = self._reader.messages(connections=wanted, start=start, stop=stop)
+        stream = self._reader.messages(connections=chosen, start=start, stop=stop)
         for number, (connection, logged, raw) in enumerate(stream):
             if progress and number % STEP == 0:
                 progress(min(number, total), total)

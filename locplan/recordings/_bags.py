@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from locplan._util.frames import FrameTree, Track, Transform, frame_name
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.recordings._bag_files import (
@@ -21,7 +23,6 @@ from locplan.recordings._bag_files import (
     Message,
     opened,
 )
-from locplan.recordings._frames import FrameTree, Track, Transform, frame_name
 from locplan.recordings._options import Options, Source
 from locplan.recordings._places import Heard, leave_out_others, located
 from locplan.recordings._recording import Recording
@@ -83,14 +84,14 @@ def read_bag(path: Path, options: Options, progress: ProgressCallback | None = N
     )
 
 
-def scan_topic(bag: Bag, wanted: str | None) -> str:
-    """The topic of the scans: the one that is wanted, or the only one."""
+def scan_topic(bag: Bag, named: str | None) -> str:
+    """The topic of the scans: the one that is named, or the only one."""
     topics = bag.of_type(SCAN)
-    if wanted is not None:
-        if wanted in topics:
-            return wanted
+    if named is not None:
+        if named in topics:
+            return named
         have = ", ".join(topics) or f"none of type LaserScan, but {bag.listed()}"
-        raise RecordingError(f"has no scans on {wanted}; scan_topic= can be: {have}")
+        raise RecordingError(f"has no scans on {named}; scan_topic= can be: {have}")
     if not topics:
         raise RecordingError(
             f"has no scans (sensor_msgs/LaserScan); its topics are {bag.listed()}; record one"
@@ -179,41 +180,43 @@ def _listen(
     last = None if stop is None else stop + MARGIN
     topics = _pose_topics(bag, options)
     others = {each: kind for each, kind in topics.items() if kind != ODOMETRY}
-    told = Heard(FrameTree([]), "", np.empty(0, np.int64))
+    first_heard = Heard(FrameTree([]), "", np.empty(0, np.int64))
     for message in bag.messages(others, first, last, progress=progress):
-        _take(message, others, told, scans.times)
-    # Odometry has to be known at the poses of AMCL, too, which are few.
-    samples = [
-        np.concatenate([part[:, 0] for part in each.track.samples()])
-        for each in told.topics.values()
-        if each.kind == POSE_WITH_COVARIANCE
-    ]
-    knots = np.unique(np.concatenate([scans.times, *samples]))
-    knots = knots[np.isfinite(knots)]
+        _take(message, others, first_heard, scans.times)
+    knots = _knots(first_heard, scans.times)
     times = knots.tolist()
     tree = FrameTree(times)
     of_tf = near_namespace(bag.of_type(TF), topic)
     static = [each for each in of_tf if each.endswith("tf_static")]
-    heard = Heard(tree, bag.listed(), np.searchsorted(knots, scans.times), told.topics)
+    heard = Heard(tree, bag.listed(), np.searchsorted(knots, scans.times), first_heard.topics)
     for message in bag.messages(static):
         for each in message.content.transforms:
             tree.add_static(each.header.frame_id, each.child_frame_id, transform(each.transform))
     topics = {each: kind for each, kind in topics.items() if kind == ODOMETRY}
     topics |= {each: TF for each in of_tf if each not in static}
-    heard_of_tf = 0
+    count = 0
     for message in bag.messages(topics, first, last, progress=progress):
-        content, kind = message.content, topics[message.topic]
-        if kind == TF:
-            for each in content.transforms:
-                time = seconds(each.header.stamp, message.logged)
-                pose = transform(each.transform)
-                tree.add(time, each.header.frame_id, each.child_frame_id, pose)
-            heard_of_tf += 1
-            if heard_of_tf % LOOK == 0:
-                leave_out_others(tree, options, scans.frame)
+        if topics[message.topic] != TF:
+            _take(message, topics, heard, times)
             continue
-        _take(message, topics, heard, times)
+        for each in message.content.transforms:
+            time, pose = seconds(each.header.stamp, message.logged), transform(each.transform)
+            tree.add(time, each.header.frame_id, each.child_frame_id, pose)
+        count += 1
+        if count % LOOK == 0:
+            leave_out_others(tree, options, scans.frame)
     return heard
+
+
+def _knots(heard: Heard, times: Sequence[float]) -> NDArray[np.float64]:
+    """Times of the scans, and of the poses of AMCL, which are few and need odometry, too [s]."""
+    samples = [
+        np.concatenate([part[:, 0] for part in each.track.samples()])
+        for each in heard.topics.values()
+        if each.kind == POSE_WITH_COVARIANCE
+    ]
+    knots = np.unique(np.concatenate([times, *samples]))
+    return np.asarray(knots[np.isfinite(knots)])
 
 
 def _take(message: Message, topics: dict[str, str], heard: Heard, times: Sequence[float]) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from locplan._util.blocks import blocks_along, intervals
 from locplan._util.checks import file_path, instance
 from locplan._util.intervals import Interval
 from locplan._util.notebook import called
@@ -21,14 +22,12 @@ from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.errors import CalibrationError
-from locplan.field import Estimator, FieldConfig, Fused, config_of, equipped
+from locplan.field import Estimator, FieldConfig, Fused, config_of
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.recordings._blocks import blocks_along, intervals
 from locplan.recordings._evaluation import evaluate_drive
 from locplan.recordings._odometry_noise import (
-    LEAST_UPDATES,
+    MIN_UPDATES,
     OdometryNoise,
-    as_disturbances,
     odometry_noise,
 )
 from locplan.recordings._recording import Recording
@@ -42,7 +41,7 @@ FILTER_NOTE = (
     "these alphas are the odometry's own, and not written as the filter's: one with so little"
     " spread is soon lost; locplan tune --drive finds those for a filter"
 )
-LEAST_SIGMA = 1e-3
+MIN_SIGMA = 1e-3
 """Least standard deviation of a range that is written [m]."""
 
 
@@ -72,7 +71,7 @@ class DriveCalibration:
 
     def report(self) -> str:
         """Text for people: what was fitted, with units and intervals."""
-        return str(called("locplan.recordings._reports:drive_calibration_table", self))
+        return str(called("locplan.recordings._reports:drive_calibration_report", self))
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> list[Path]:
         """Write the settings as `locplan.field.save_config` does, with those of simulated robots.
@@ -104,7 +103,7 @@ class DriveCalibration:
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON."""
         about: dict[str, object] = {
-            "drive": self.recording.summary().to_json(),
+            "drive": self.recording.summary(),
             "field": self.field.summary() if self.field else None,
             "scans": dataclasses.asdict(self.scans),
             "odometry": dataclasses.asdict(self.odometry) if self.odometry else None,
@@ -177,7 +176,7 @@ def calibrate_drive(
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
     config = config_of(Fused.of(recording.lidar) if config is None else config)
-    robot = equipped(robot)
+    robot = recording.robot(robot)
     first, second = parts(progress, [500, 500])
     scans = scan_noise(recording, grid, threads=threads, progress=first)
     notes = []
@@ -194,13 +193,13 @@ def calibrate_drive(
     odometry = odometry_noise(recording, robot.filter)
     if odometry:
         notes += odometry.notes
-        changes |= as_disturbances(odometry)
+        changes |= odometry.settings()
         notes.append(FILTER_NOTE)
     elif recording.odometry is None:
         notes.append("the drive has no odometry: that of simulations stays as it was")
     else:
         notes.append(
-            f"the drive has fewer than {LEAST_UPDATES} updates of the filter, too few for the noise"
+            f"the drive has fewer than {MIN_UPDATES} updates of the filter, too few for the noise"
             " of odometry, which stays as it was"
         )
     config = _with_noise(config, scans.range_sigma.value)
@@ -217,7 +216,7 @@ def calibrate_drive(
         field,
         scans,
         odometry,
-        dataclasses.replace(robot, lidar=recording.lidar).changed(changes),
+        robot.changed(changes),
         tuple(notes),
     )
 
@@ -228,7 +227,7 @@ def _with_noise(config: FieldConfig, sigma: float) -> FieldConfig:
     lidar: Lidar | None = getattr(estimator, "lidar", None)
     if lidar is None:
         return config
-    noisy = dataclasses.replace(lidar, range_sigma=max(LEAST_SIGMA, sigma))
+    noisy = dataclasses.replace(lidar, range_sigma=max(MIN_SIGMA, sigma))
     return dataclasses.replace(config, estimator=estimator.with_lidar(noisy))
 
 

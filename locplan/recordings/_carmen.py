@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import GREATEST, MAX_RANGE
+from locplan._util.checks import MAX_AMOUNT, MAX_RANGE
 from locplan._util.poses import Numbers, after_way, way_between, wrapped
 from locplan._util.reading import numbered_lines
 from locplan.errors import RecordingError
@@ -81,26 +81,15 @@ def read_carmen(path: Path, options: Options) -> Recording:
     RecordingError
         If the file is no such log, is damaged, or has no scans.
     """
-    wanted = options.scan_topic
-    if wanted is not None and wanted not in KINDS:
-        raise RecordingError(f"has no scans on {wanted}; scan_topic= can be {' or '.join(KINDS)}")
     log = _parsed(path, options)
-    kind = wanted or next((each for each in KINDS if each in log.scans), "")
-    if kind not in log.scans:
-        have = ", ".join(sorted(log.others | log.scans.keys())[:12]) or "nothing"
-        raise RecordingError(
-            f"has no scans ({kind or 'FLASER or ROBOTLASER1'} lines) but {have};"
-            " is it a log of CARMEN?"
-        )
+    kind = _kind(log, options.scan_topic)
     found, kept = log.scans[kind], slice(None, None, options.every)
     poses, reported, mount = _poses(found, np.array(log.odometry).reshape(-1, 4), log)
     lidar = found.rows.lidar(options.mount or mount, upside_down=False)
     ranges = found.rows.finish(range(len(found.rows)))
-    if options.range_limits is not None:
-        least, most = options.range_limits
-    else:
-        least, most = 0.0, found.greatest if 0 < found.greatest <= MAX_RANGE else _limit(ranges)
-    lidar = replace(lidar, least_range=least, range=most)
+    least, most = options.range_limits or (0.0, found.greatest)
+    if not 0 < most <= MAX_RANGE:
+        most = _limit(ranges)
     times = np.array(found.stamps)
     ordered = bool((np.diff(times) > 0).all())
     if not ordered:
@@ -116,13 +105,24 @@ def read_carmen(path: Path, options: Options) -> Recording:
     ranges.setflags(write=False)
     drive = Recording(
         ranges,
-        lidar,
+        replace(lidar, least_range=least, range=most),
         poses[kept],
         times[kept] if ordered else None,
         None if reported is None else reported[kept],
         source,
     )
     return drive if options.window is None else drive.window(*options.window)
+
+
+def _kind(log: _Log, named: str | None) -> str:
+    """The kind of scans that is named, or the first one of `KINDS` that the log has."""
+    kind = named or next((each for each in KINDS if each in log.scans), "")
+    if kind in log.scans:
+        return kind
+    have = ", ".join(sorted(log.others | log.scans.keys())[:12]) or "nothing"
+    raise RecordingError(
+        f"has no scans ({kind or 'FLASER or ROBOTLASER1'} lines) but {have}; is it a log of CARMEN?"
+    )
 
 
 def _limit(ranges: NDArray[np.float32]) -> float:
@@ -155,8 +155,8 @@ def _poses(
         x, y, yaw = (float(value) for value in np.round(mount, 4))
     else:
         poses, reported, x, y, yaw = first, second, 0.0, 0.0, 0.0
-    told = odometry_at(poses, np.array(scans.stamps), scans.before, odometry)
-    reported = reported if told is None else told
+    lines = odometry_at(poses, np.array(scans.stamps), scans.before, odometry)
+    reported = reported if lines is None else lines
     if reported is not None and np.hypot(*(reported - poses)[:, :2].T).max() < ALIKE:
         log.notes.append("its odometry is the poses, which may be odometry alone")
         reported = None
@@ -164,7 +164,9 @@ def _poses(
 
 
 def _parsed(path: Path, options: Options) -> _Log:
-    log, bad = _Log(), 0
+    log, bad, named = _Log(), 0, options.scan_topic
+    if named not in (None, *KINDS):
+        raise RecordingError(f"has no scans on {named}; scan_topic= can be {' or '.join(KINDS)}")
     for number, line in numbered_lines(path, "replace"):
         if bad:
             raise RecordingError(f"line {bad} is cut off or damaged; take it out")
@@ -173,7 +175,7 @@ def _parsed(path: Path, options: Options) -> _Log:
             if name == "ODOM":
                 words = line.split()
                 log.odometry.extend(_finite((*words[1:4], words[7])))
-            elif name in KINDS and options.scan_topic in (None, name):
+            elif name in KINDS and named in (None, name):
                 scans = log.scans.get(name) or _Scans()
                 _take(name, line.split(), scans, len(log.odometry) // 4 - 1, options.every)
                 log.scans[name] = scans
@@ -215,7 +217,7 @@ def _take(kind: str, words: list[str], scans: _Scans, before: int, every: int) -
 def _finite(words: tuple[str, ...] | list[str]) -> Pose:
     """Numbers as floats; a ValueError if one is not finite, or beyond all places and times."""
     values = tuple(map(float, words))
-    if not all(abs(value) <= GREATEST for value in values):
+    if not all(abs(value) <= MAX_AMOUNT for value in values):
         raise ValueError
     return values
 

@@ -1,18 +1,20 @@
 """Recordings as CSV: a line that describes the lidar, column names, and a row for each scan.
 
     # lidar: range=12.0, least_range=0.1, field_of_view_deg=180.0, mount_x=0.1
-    time_s,x_m,y_m,heading_rad,odom_x_m,odom_y_m,odom_heading_rad,range_0_m,range_1_m,range_2_m
+    time,x,y,heading,odom_x,odom_y,odom_heading,range_0,range_1,range_2
     0.0,1.0,2.0,0.0,0.0,0.0,0.0,2.5,1.25,
     0.1,1.1,2.0,0.0,0.1,0.0,0.0,2.5,1.15,inf
 
 The line of the lidar has any fields of `locplan.Lidar` but the number of beams. Columns of time and
-odometry may be missing. An empty range, inf and nan mean no return.
+odometry may be missing. An empty range, inf and nan mean no return. Lengths are in metres, times in
+seconds and headings in radians; names may end in their unit, such as x_m.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -28,9 +30,10 @@ from locplan.recordings._options import MAX_ARRAY_BYTES, Contents, Options, Sour
 from locplan.recordings._scans import row_bytes
 from locplan.robots import MAX_BEAMS, Lidar
 
-POSE = ("x_m", "y_m", "heading_rad")
-ODOMETRY = ("odom_x_m", "odom_y_m", "odom_heading_rad")
+POSE = ("x", "y", "heading")
+ODOMETRY = ("odom_x", "odom_y", "odom_heading")
 LIDAR = "# lidar:"
+UNIT = re.compile("_(m|s|rad)$")
 
 
 def read_csv(path: Path, options: Options) -> Contents:
@@ -64,7 +67,7 @@ def read_csv(path: Path, options: Options) -> Contents:
         odometry,
         Source(
             file=path.name,
-            scans="columns range_0_m ...",
+            scans="columns range_0 ...",
             poses=f"columns {', '.join(POSE)}",
             odometry=f"columns {', '.join(ODOMETRY)}" if with_odometry else "",
             notes=tuple(notes),
@@ -79,12 +82,12 @@ def write_csv(drive: Contents, target: Path) -> None:
         for each in dataclasses.fields(Lidar)
         if each.name not in ("beams", "model")
     }
-    names = [*([] if drive.times is None else ["time_s"]), *POSE]
+    names = [*([] if drive.times is None else ["time"]), *POSE]
     columns = [*([] if drive.times is None else [drive.times[:, None]]), drive.poses]
     if drive.odometry is not None:
         names += ODOMETRY
         columns.append(drive.odometry)
-    names += [f"range_{beam}_m" for beam in range(drive.lidar.beams)]
+    names += [f"range_{beam}" for beam in range(drive.lidar.beams)]
     with open(target, "w", encoding="utf-8", newline="\n") as file:
         described = ", ".join(f"{name}={value!r}" for name, value in settings.items())
         file.write(f"{LIDAR} {described}\n{','.join(names)}\n")
@@ -102,9 +105,10 @@ def _header(lines: Iterator[tuple[int, str]]) -> tuple[dict[str, str], list[str]
         if line.lower().startswith(LIDAR):
             values |= _settings(line[len(LIDAR) :], number)
         elif line and not line.startswith("#"):
-            return values, [each.strip().strip('"') for each in line.split(",")], number
+            names = (each.strip().strip('"') for each in line.split(","))
+            return values, [UNIT.sub("", each) for each in names], number
     raise RecordingError(
-        f"is empty; it needs a line of column names: time_s,{','.join(POSE)},range_0_m,..."
+        f"is empty; it needs a line of column names: time,{','.join(POSE)},range_0,..."
     )
 
 
@@ -134,18 +138,18 @@ def _rows(
 
 def _columns(names: list[str], line: int) -> tuple[bool, bool]:
     """Whether there are columns of time and odometry; a RecordingError if the names are others."""
-    timed = names[0] == "time_s"
+    timed = names[0] == "time"
     rest = names[timed:]
     reported = tuple(rest[3:6]) == ODOMETRY
     ranges = rest[6 if reported else 3 :]
     if tuple(rest[:3]) != POSE or not ranges or len(ranges) > MAX_BEAMS:
         raise RecordingError(
-            f"line {line} must name the columns [time_s,]{','.join(POSE)},[{','.join(ODOMETRY)},]"
-            f"range_0_m,..., not {shown(','.join(names))}"
+            f"line {line} must name the columns [time,]{','.join(POSE)},[{','.join(ODOMETRY)},]"
+            f"range_0,..., not {shown(','.join(names))}"
         )
     for beam, name in enumerate(ranges):
-        if name != f"range_{beam}_m":
-            raise RecordingError(f"line {line}: column {shown(name)} must be range_{beam}_m")
+        if name != f"range_{beam}":
+            raise RecordingError(f"line {line}: column {shown(name)} must be range_{beam}")
     return timed, reported
 
 

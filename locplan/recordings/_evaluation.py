@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.blocks import blocks_along
 from locplan._util.checks import instance
-from locplan._util.notebook import Pictured
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
-from locplan._util.records import Reported
+from locplan._util.records import POSE, Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.errors import RecordingError
@@ -26,31 +27,29 @@ from locplan.field import (
     Sad,
     Scan,
     covariances_along,
+    position_axes,
     scalar,
 )
 from locplan.maps import OccupancyGrid
-from locplan.recordings._blocks import Agreement, agreement, blocks_along
+from locplan.recordings._agreement import Agreement, agreement, conclusions
 from locplan.recordings._matches import Matches, match_scans
 from locplan.recordings._recording import Recording
-from locplan.recordings._verdict import conclusions
 from locplan.robots import Lidar
 
 OUTDATED = -0.5
 """Log-likelihood a return below which a scan saw what is not on the map: a sixth of its returns
 ended away from all walls."""
-LEAST_SCANS = 10
+MIN_SCANS = 10
 """Number of scans below which nothing is compared."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DriveEvaluation(Pictured, Reported):
+class DriveEvaluation(Result):
     """Measured and predicted deviations along a recorded drive."""
 
-    _reported_by: ClassVar[str] = "locplan.recordings._reports:drive_table"
-    _written_by: ClassVar[str] = "locplan.recordings._reports:write_drive"
-    files: ClassVar[Results] = Results("drive", ("drive.png", "drive.json", "scans.csv"))
-
-    _drawn_by: ClassVar[str] = "locplan.recordings._figures:drive_figure"
+    _reported_by: ClassVar[str] = "locplan.recordings._reports:drive_report"
+    _drawn_by: ClassVar[str] = "locplan.recordings:drive_figure"
+    files: ClassVar[Results] = Results("drive", ("drive.json", "drive.png", "scans.csv"))
 
     matches: Matches
     """The measured ones: posteriors of the scans."""
@@ -105,13 +104,13 @@ class DriveEvaluation(Pictured, Reported):
         matches = self.matches
         major = matches.position_std[self.compared]
         about: dict[str, object] = {
-            "drive": matches.recording.summary().to_json(),
+            "drive": matches.recording.summary(),
             "map": matches.grid.name,
             "scans": len(matches),
             "compared": int(self.compared.sum()),
             "outdated": int(self.outdated.sum()),
             "verdict": self.verdict,
-            "position_std_10_50_90_m": np.quantile(major, (0.1, 0.5, 0.9)).tolist(),
+            "position_std_10_50_90": np.quantile(major, (0.1, 0.5, 0.9)).tolist(),
             "estimators": {
                 name: {
                     "criterion": self.criteria[name],
@@ -124,6 +123,38 @@ class DriveEvaluation(Pictured, Reported):
             },
         }
         return finite(about)
+
+    def table(self) -> Table:
+        """A row per scan: its pose, its measured deviations, and those of each estimator."""
+        matches, drive = self.matches, self.matches.recording
+        major, minor, direction = position_axes(matches.covariance)
+        unknown = np.full(len(drive), np.nan)
+        values: dict[Column, NDArray[Any]] = {
+            Column("scan"): np.arange(len(drive)),
+            Column("time", "s"): unknown if drive.times is None else drive.times - drive.times[0],
+            **dict(zip(POSE, drive.poses.T, strict=True)),
+            Column("judged"): matches.judged,
+            Column("outdated"): self.outdated,
+            Column("score"): matches.score,
+            Column("returns"): matches.returns,
+            Column("offset_x", "m"): matches.best[:, 0],
+            Column("offset_y", "m"): matches.best[:, 1],
+            Column("offset_heading", "rad"): matches.best[:, 2],
+            Column("major_std", "m"): major,
+            Column("minor_std", "m"): minor,
+            Column("major_axis", "rad"): direction,
+            Column("heading_std", "rad"): np.sqrt(matches.covariance[:, 2, 2]),
+            Column("ambiguity"): matches.ambiguity,
+        }
+        for name, covariance in self.predicted.items():
+            own, _, towards = position_axes(covariance)
+            values[Column(f"{name}_major_std", "m")] = own
+            values[Column(f"{name}_major_axis", "rad")] = towards
+        rows = np.column_stack([*values.values()]).astype(float).tolist()
+        return Table(tuple(values), tuple(map(tuple, rows)))
+
+    def _write(self, folder: Path, *about: Any) -> None:
+        self.table().write_csv(folder / "scans.csv")
 
 
 def evaluate_drive(
@@ -166,9 +197,9 @@ def evaluate_drive(
         If too few scans were taken where the map is known and fits.
     """
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
-    if len(recording) < LEAST_SCANS:
+    if len(recording) < MIN_SCANS:
         raise RecordingError(
-            f"the drive has {len(recording)} scans, too few to compare: {LEAST_SCANS} are needed;"
+            f"the drive has {len(recording)} scans, too few to compare: {MIN_SCANS} are needed;"
             " read more of them (every=), or record a longer one"
         )
     if estimators is None:
@@ -183,7 +214,7 @@ def evaluate_drive(
         tell(n, len(estimators) + 1)
     criteria = {name: each.criterion for name, each in estimators.items()}
     result = DriveEvaluation(matches, predicted, criteria)
-    if result.compared.sum() < LEAST_SCANS:
+    if result.compared.sum() < MIN_SCANS:
         raise RecordingError(
             f"{int(result.compared.sum())} of {len(recording)} scans fit the map and lie in its"
             " free space, too few to compare; is it the right map, and are the poses in its frame?"

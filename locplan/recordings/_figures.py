@@ -26,14 +26,14 @@ from locplan.plotting import (
     map_around,
     map_size,
 )
+from locplan.recordings._agreement import PREFERRED
 from locplan.recordings._evaluation import DriveEvaluation
 from locplan.recordings._recording import Recording
 from locplan.recordings._replay import Replay
-from locplan.recordings._verdict import PREFERRED
 from locplan.simulation import LOST
 
 RECORDED, ESTIMATED, FILTER = "black", "#0072b2", "#d55e00"
-MOST_RUNS = 20
+DRAWN_RUNS = 20
 """Number of runs whose ways are drawn."""
 MEASURED, PREDICTED, OUTDATED = "black", "#0072b2", "#009e73"
 GAP = 3.0
@@ -141,7 +141,7 @@ def title_of(recording: Recording, grid: OccupancyGrid) -> str:
 
 
 def _draw_ellipses(axes: Axes, found: DriveEvaluation, name: str) -> str:
-    """Draw both ellipses at poses spread over the drive; return how much they are magnified."""
+    """Draw both ellipses at poses along the drive; return how much they are magnified."""
     some = np.flatnonzero(found.compared)
     chosen = some[np.unique(np.linspace(0, len(some) - 1, ELLIPSES).round().astype(int))]
     xy = found.matches.recording.poses[chosen, :2]
@@ -206,18 +206,18 @@ def replay_figure(replay: Replay) -> Figure:
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
     draw_map(upper, part)
     draw_inset(upper, grid, part, shown)
-    for way in replay.poses[:MOST_RUNS, :, :2]:
+    for way in replay.poses[:DRAWN_RUNS, :, :2]:
         upper.plot(*way.T, color=ESTIMATED, linewidth=1.2, alpha=0.5, zorder=4)
     upper.plot(*xy.T, color=RECORDED, linewidth=1.0, linestyle=(0, (4, 2)), zorder=5)
     upper.plot(*xy[0], "o", color=RECORDED, markersize=6, zorder=6)
     upper.set_title(title_of(replay.recording, grid), fontsize="medium")
-    profile, spread = replay.drives.profile(), replay.filter_std
-    way, known = profile[:, 0], np.isfinite(spread)
+    profile, deviation = replay.drives.profile(), replay.filter_std
+    way, known = profile[:, 0], np.isfinite(deviation)
     low, high = profile[:, 6], profile[:, 7]
     lower.fill_between(way, low, high, color=ESTIMATED, alpha=0.2, linewidth=0)
     lower.plot(way, profile[:, 5], color=ESTIMATED, linewidth=1.8)
-    lower.plot(way[known], spread[known], color=FILTER, linewidth=1.4, linestyle="--")
-    top = 1.1 * max(float(high.max()), float(spread[known].max(initial=0.0)))
+    lower.plot(way[known], deviation[known], color=FILTER, linewidth=1.4, linestyle="--")
+    top = 1.1 * max(float(high.max()), float(deviation[known].max(initial=0.0)))
     if top > LOST / 2:
         lower.axhline(LOST, color="0.5", linewidth=0.8, zorder=0)
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
@@ -239,7 +239,7 @@ def replay_figure(replay: Replay) -> Figure:
         frameon=False,
         fontsize="small",
     )
-    drawn = min(MOST_RUNS, len(replay.errors))
+    drawn = min(DRAWN_RUNS, len(replay.errors))
     figure.legend(
         handles=[
             Line2D([], [], color=RECORDED, linestyle=(0, (4, 2)), marker="o", label="recorded"),

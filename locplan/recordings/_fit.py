@@ -15,7 +15,7 @@ from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 from locplan.recordings._fit_search import everywhere, nearby
-from locplan.recordings._matches import LEAST_RETURNS
+from locplan.recordings._matches import MIN_RETURNS
 from locplan.recordings._recording import Recording
 
 NEAR_CELLS, NEAR = 2.0, 0.1
@@ -242,5 +242,5 @@ def _unlike(some: Recording, grid: OccupancyGrid, near: NDArray[np.bool_]) -> ND
     cells = (np.where(inside, each, 0).astype(np.int64) for each in (row, col))
     hits = (inside & near[tuple(cells)]).sum(axis=1)
     count = returned.sum(axis=1)
-    unlike: NDArray[np.bool_] = (count >= LEAST_RETURNS) & (hits < FITS * count)
+    unlike: NDArray[np.bool_] = (count >= MIN_RETURNS) & (hits < FITS * count)
     return unlike

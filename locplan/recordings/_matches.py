@@ -20,12 +20,12 @@ from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.field import Scan, position_axes, scalar
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.recordings._matcher import Matcher
+from locplan.matching import Matcher
 from locplan.recordings._recording import Recording
 
 BATCH = 64
 """Number of scans that a thread matches at a time."""
-LEAST_RETURNS = 10
+MIN_RETURNS = 10
 """Number of returns below which a scan tells too little to be judged."""
 
 
@@ -123,7 +123,7 @@ def match_scans(
     best, summary = np.zeros((count, 3)), np.full((count, 3), np.nan)
     returns = np.isfinite(recording.ranges[:, settings.beam_numbers]).sum(axis=1)
     inside = ((cells >= 0) & (cells < grid.shape)).all(axis=1)
-    chosen = np.flatnonzero(inside & (returns >= min(LEAST_RETURNS, beams)))
+    chosen = np.flatnonzero(inside & (returns >= min(MIN_RETURNS, beams)))
     if not chosen.size:
         raise RecordingError(
             "no scan with enough returns was taken on this map; is it the right one? See"

@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._kernels.particles import STILL
+from locplan._util.blocks import blocks_along, intervals
 from locplan._util.intervals import Interval
 from locplan._util.poses import Numbers, way_between, wrapped
-from locplan.recordings._blocks import blocks_along, intervals
-from locplan.recordings._jumps import without_jumps
 from locplan.recordings._recording import Recording
-from locplan.recordings._tracks import updates_of
+from locplan.recordings._tracks import updates_of, without_jumps
 from locplan.robots import Amcl
 
 SPANS = (0.5, 1.0, 2.0, 4.0)
@@ -27,18 +26,13 @@ SPANS = (0.5, 1.0, 2.0, 4.0)
 do not grow with them, those of odometry do."""
 METRES_PER_RAD = 0.3
 """Length of way as which a turn counts in a stretch [m/rad]."""
-STRAIGHT = 0.9
-"""Least ratio of the chord to the way of a stretch whose length is compared."""
-LEAST_UPDATES = 40
+MIN_UPDATES = 40
 """Number of the filter's updates below which odometry is not calibrated."""
 ROUNDS, RESAMPLES = 12, 100
 """Number of steps of the likelihood's ascent, and of resamples of blocks."""
-LEAST_SHARE = 1e-3
-"""Least variance of a value, as a share of the mean square, so that none counts for all others."""
 LITTLE_TURN = 2 * math.pi
 """Sum of turns below which what turns do is hardly known [rad]."""
-TINY = 1e-12
-FAR = 5.0
+TINY, FAR = 1e-12, 5.0
 """Number of standard deviations beyond which an increment counts as a jump."""
 
 
@@ -81,6 +75,16 @@ class OdometryNoise:
     notes: tuple[str, ...]
     """What limits the fit, in sentences without a full stop."""
 
+    def settings(self) -> dict[str, float]:
+        """The drifts, and the sizes of the biases, by their names in `locplan.robots.Odometry`.
+
+        Where the robot turned little, the drifts of heading and turns are hardly known.
+        """
+        names = ["distance_drift", "distance_bias", "heading_bias_deg"]
+        if self.turned >= LITTLE_TURN:
+            names += ["heading_drift_deg", "turn_drift_deg", "turn_bias"]
+        return {name: abs(getattr(self, name).value) for name in names}
+
 
 def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
     """Fit the noise of odometry by maximum likelihood; None where the drive is too short.
@@ -88,28 +92,34 @@ def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
     Drifts and biases are fitted to stretches of several lengths at once, which tells them from the
     constant noise of the poses. The alphas are fitted to the increments between the updates of this
     filter, for which they hold, with the noise that the poses surely have.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive.
+    amcl : Amcl
+        The filter, between whose updates odometry is compared with the poses.
     """
     if recording.odometry is None:
         return None
     updates = updates_of(recording.odometry, amcl)
-    if len(updates) - 1 < LEAST_UPDATES:
+    if len(updates) - 1 < MIN_UPDATES:
         return None
     poses, odometry, jumps = without_jumps(recording.poses, recording.odometry)
     stretches = _Stretches.of(poses, odometry)
     blocks = blocks_along(poses, SPANS[-1])
     increments = _Increments.of(poses[updates], odometry[updates])
     drifts = intervals(stretches.fitted, blocks[stretches.begin], RESAMPLES)
-    # The noise that the poses surely have: a small one can hardly be told from odometry's.
+    # The noise that the poses surely have: a small one is hardly apart from odometry's.
     position, heading = np.nan_to_num([each.low for each in drifts[-2:]]).tolist()
     sure = position, math.radians(heading)
     alphas = intervals(lambda w: increments.fitted(w, *sure), blocks[updates[:-1]], RESAMPLES)
     notes = _notes(recording, np.array([each.value for each in alphas]), sure, increments)
     if jumps:
         notes += (f"jumps of odometry against the recorded poses, which are left out: {jumps}",)
-    made: Any = OdometryNoise
     turned = float(np.abs(wrapped(np.diff(recording.poses[:, 2]))).sum())
-    result: OdometryNoise = made(*alphas, *drifts, turned, len(updates), notes)
-    return result
+    values: list[Any] = [*alphas, *drifts, turned, len(updates), notes]
+    return OdometryNoise(*values)
 
 
 def _notes(
@@ -137,7 +147,7 @@ def _notes(
     return tuple(notes)
 
 
-def _moved(poses: Numbers, begin: NDArray[np.int64], end: NDArray[np.int64]) -> Numbers:
+def _ways(poses: Numbers, begin: NDArray[np.int64], end: NDArray[np.int64]) -> Numbers:
     """Poses at the end as seen from those at the begin, (n, 3) [m, m, rad]."""
     ways = way_between(poses[begin], poses[end])
     return np.column_stack([ways[:, :2], wrapped(ways[:, 2])])
@@ -175,12 +185,12 @@ class _Stretches:
             ends.append(marks[1:])
         begin, end = np.concatenate(begins), np.concatenate(ends)
         begin, end = begin[end > begin], end[end > begin]
-        true, told = _moved(poses, begin, end), _moved(odometry, begin, end)
+        true, reported = _ways(poses, begin, end), _ways(odometry, begin, end)
         chord = np.hypot(true[:, 0], true[:, 1])
-        own = np.hypot(told[:, 0], told[:, 1])  # noise of the poses chooses no stretches
-        along = (told[:, :2] * true[:, :2]).sum(axis=1) / np.maximum(chord, TINY)
+        own = np.hypot(reported[:, 0], reported[:, 1])  # noise of the poses chooses no stretches
+        along = (reported[:, :2] * true[:, :2]).sum(axis=1) / np.maximum(chord, TINY)
         long = way[end] - way[begin]
-        straight = (own > STRAIGHT * long) & (own > SPANS[0] / 2)
+        straight = (own > 0.9 * long) & (own > SPANS[0] / 2)
         return cls(
             begin,
             long,
@@ -188,7 +198,7 @@ class _Stretches:
             chord,
             true[:, 2],
             np.where(straight, along - chord, np.nan),
-            np.asarray(wrapped(told[:, 2] - true[:, 2])),
+            np.asarray(wrapped(reported[:, 2] - true[:, 2])),
         )
 
     def fitted(self, weights: Numbers) -> Numbers:
@@ -236,16 +246,16 @@ class _Increments:
     def of(cls, poses: Numbers, odometry: Numbers) -> _Increments:
         """Increments from each pose to the next."""
         begin = np.arange(len(poses) - 1)
-        true, told = (_moved(each, begin, begin + 1) for each in (poses, odometry))
-        way = np.hypot(told[:, 0], told[:, 1])
+        true, reported = (_ways(each, begin, begin + 1) for each in (poses, odometry))
+        way = np.hypot(reported[:, 0], reported[:, 1])
         moves = way >= STILL
-        first = np.where(moves, np.arctan2(told[:, 1], told[:, 0]), 0.0)
-        second = np.asarray(wrapped(told[:, 2] - first))
+        first = np.where(moves, np.arctan2(reported[:, 1], reported[:, 0]), 0.0)
+        second = np.asarray(wrapped(reported[:, 2] - first))
         # The true end in the direction of the reported way.
         cos, sin = np.cos(first), np.sin(first)
         ahead, aside = (cos * true[:, 0] + sin * true[:, 1], cos * true[:, 1] - sin * true[:, 0])
         own_first = np.where(moves, aside / np.maximum(way, STILL), 0.0)
-        turn = np.asarray(wrapped(true[:, 2] - told[:, 2]))
+        turn = np.asarray(wrapped(true[:, 2] - reported[:, 2]))
         sizes = [np.minimum(abs(t), abs(wrapped(t - np.pi))) ** 2 for t in (first, second)]
         none, square = np.zeros(len(way)), way**2
         one, near = np.ones(len(way)), 2 / np.maximum(way, STILL) ** 2
@@ -316,7 +326,8 @@ def _variances(
     """
     scale = np.maximum(weights @ features, TINY)
     found = weights @ squares / scale if start is None else start
-    least = LEAST_SHARE * float(weights @ squares / max(weights.sum(), TINY)) + TINY
+    # So that no value of hardly any variance counts for all others.
+    least = 1e-3 * float(weights @ squares / max(weights.sum(), TINY)) + TINY
     for _ in range(ROUNDS):
         variance = np.maximum(features @ found + fixed, least)
         own = (weights / variance**2)[:, None] * features
@@ -337,14 +348,3 @@ def _not_negative(matrix: Numbers, vector: Numbers) -> Numbers:
             break
         some[np.flatnonzero(some)[np.argmin(solved)]] = False
     return found
-
-
-def as_disturbances(noise: OdometryNoise) -> dict[str, float]:
-    """The drifts, and the sizes of the biases, by their names in `Disturbances`.
-
-    Where the robot turned little, the drifts of heading and turns cannot be told apart.
-    """
-    names = ["distance_drift", "distance_bias", "heading_bias_deg"]
-    if noise.turned >= LITTLE_TURN:
-        names += ["heading_drift_deg", "turn_drift_deg", "turn_bias"]
-    return {name: abs(getattr(noise, name).value) for name in names}

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import (
@@ -18,6 +19,8 @@ from locplan._util.checks import (
     shown,
     whole,
 )
+from locplan._util.poses import wrapped
+from locplan._util.tables import finite, table
 from locplan.errors import ConfigError
 from locplan.robots import Lidar
 
@@ -30,27 +33,54 @@ FOR_LOGS = ("scan_topic", "map_frame")
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Options(Settings):
-    """What is read of a log; `read_drive` explains each."""
+class Topics(Settings):
+    """Topics and frames that are read of a robot's log, where it has several, or others than usual.
 
-    every: int = 1
-    window: tuple[float, float] | None = None
+    Raises
+    ------
+    ConfigError
+        If one is no name.
+
+    Examples
+    --------
+    >>> Topics(scan_topic="/front/scan")
+    Topics(scan_topic='/front/scan')
+    """
+
     scan_topic: str | None = None
+    """Topic of the scans; in a log of CARMEN "FLASER" or "ROBOTLASER1". It is needed where there
+    are several."""
     pose_topic: str | None = None
+    """Topic of the robot's poses, in place of TF. Only for bags."""
     odom_topic: str | None = None
+    """Topic of the robot's odometry. Only for bags."""
     map_frame: str = "map"
+    """Frame of the poses."""
     base_frame: str | None = None
-    range_limits: tuple[float, float] | None = None
-    mount: tuple[float, float, float] | None = None
+    """Frame of the robot; by default that of odometry, or base_footprint or base_link. Only for
+    bags."""
 
     def __post_init__(self) -> None:
-        keep_checked(self, ("every",), whole)
         for name in ("scan_topic", "pose_topic", "odom_topic", "base_frame"):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, str) and value):
                 raise ConfigError(f"{name} must be a name, not {shown(value)}")
         if not (isinstance(self.map_frame, str) and self.map_frame):
             raise ConfigError(f"map_frame must be a name, not {shown(self.map_frame)}")
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Options(Topics):
+    """What is read of a log; `read_drive` explains each."""
+
+    every: int = 1
+    window: tuple[float, float] | None = None
+    range_limits: tuple[float, float] | None = None
+    mount: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        keep_checked(self, ("every",), whole)
         if self.window is not None:
             start, end = _pair("window", self.window)
             if not 0 <= start < end:
@@ -149,3 +179,43 @@ class Contents(NamedTuple):
     times: NDArray[Any] | None
     odometry: NDArray[Any] | None
     source: Source
+
+    def summary(self) -> dict[str, Any]:
+        """How long a drive is, how dense its scans are, and how many beams have a return."""
+        known = self.ranges[np.isfinite(self.ranges)]
+        steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
+        source, has_odometry = self.source, self.odometry is not None
+        return finite(
+            {
+                "file": source.file,
+                "scans": len(self.poses),
+                "beams": self.lidar.beams,
+                "lidar": self.lidar.title,
+                "length": float(steps.sum()),
+                "turned": float(np.abs(wrapped(np.diff(self.poses[:, 2]))).sum()),
+                "seconds": None if self.times is None else float(self.times[-1] - self.times[0]),
+                "spacing": float(np.median(steps)) if len(steps) else 0.0,
+                "returns": known.size / self.ranges.size,
+                "median_range": float(np.median(known)),
+                "poses": source.poses or "given",
+                "odometry": (source.odometry or "given") if has_odometry else "",
+                "notes": list(source.notes),
+            }
+        )
+
+    def report(self) -> str:
+        """The summary for people."""
+        about = self.summary()
+        took = "no times" if about["seconds"] is None else f"{about['seconds']:.4g} s"
+        returns = f"{about['returns']:.0%} of the beams, median {about['median_range']:.2g} m"
+        scans = f"{about['scans']:,} of {about['beams']} beams, {about['spacing']:.2g} m apart"
+        rows = [
+            ("drive", f"{about['file'] or 'a recording'}: {about['length']:.4g} m, {took}"),
+            ("scans", scans),
+            ("lidar", about["lidar"]),
+            ("returns", returns),
+            ("poses", about["poses"]),
+            ("odometry", about["odometry"] or "none"),
+            *(("note", note) for note in about["notes"]),
+        ]
+        return table([], rows)

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.frames import FrameTree, Track, in_plane, upward
 from locplan._util.poses import Numbers, after_way, way_between, wrapped
 from locplan.errors import RecordingError
 from locplan.recordings._bag_files import ODOMETRY, POSE, POSE_WITH_COVARIANCE
-from locplan.recordings._frames import FrameTree, Track, in_plane, upward
 from locplan.recordings._options import Options
 
 CARRIED = 1.0
@@ -129,18 +129,19 @@ def leave_out_others(tree: FrameTree, options: Options, lidar_frame: str) -> Non
 
 
 def _base_frame(heard: Heard, lidar_frame: str, options: Options, notes: list[str]) -> str:
-    """Frame of the robot: the one that is wanted, that of odometry, or one of a usual name."""
+    """Frame of the robot: the one that is named, that of odometry, or one of a usual name."""
     tree = heard.tree
     if options.base_frame is not None:
-        wanted = options.base_frame.lstrip("/")
-        if tree.frames and wanted not in tree.frames:
+        base = options.base_frame.lstrip("/")
+        if tree.frames and base not in tree.frames:
             raise RecordingError(
-                f"has no frame {wanted!r}; base_frame= can be: {', '.join(tree.frames)}"
+                f"has no frame {base!r}; base_frame= can be: {', '.join(tree.frames)}"
             )
-        return wanted
-    told = [each.child for each in heard.topics.values() if each.kind == ODOMETRY and each.child]
+        return base
+    topics = [each for each in heard.topics.values() if each.kind == ODOMETRY]
+    reported = [each.child for each in topics if each.child]
     named = [frame for base in BASES for frame in tree.frames if frame.rpartition("/")[2] == base]
-    found = [frame for frame in dict.fromkeys(told + named) if frame in tree.frames]
+    found = [frame for frame in dict.fromkeys(reported + named) if frame in tree.frames]
     for frame in found:
         if tree.connected(frame, lidar_frame):
             return frame
@@ -152,7 +153,7 @@ def _base_frame(heard: Heard, lidar_frame: str, options: Options, notes: list[st
             " another one with base_frame="
         )
         return lidar_frame
-    return told[0] if told else BASES[1]
+    return reported[0] if reported else BASES[1]
 
 
 def _mount(
@@ -186,7 +187,7 @@ def _mount(
     turns = (flat[:, 2] - flat[0, 2] + np.pi) % (2 * np.pi) - np.pi
     if max(np.ptp(flat[:, 0]), np.ptp(flat[:, 1]), np.ptp(turns)) > FIRM:
         raise RecordingError(
-            f"the lidar {lidar!r} moves on {base!r}, which cannot be told from the robot's motion;"
+            f"the lidar {lidar!r} moves on {base!r}, which looks like the robot's motion;"
             " choose another scan_topic= or base_frame="
         )
     x, y, yaw = flat[0].tolist()
@@ -240,8 +241,8 @@ def _only_topic(heard: Heard, base: str, frame: str) -> str:
                 f"has poses on {' and '.join(topics)}; choose one with pose_topic={topics[0]!r}"
             )
     tree = heard.tree
-    told = [name for name, each in heard.topics.items() if each.kind == ODOMETRY]
-    other = f", or pose_topic={told[0]!r} for odometry alone" if told else ""
+    reported = [name for name, each in heard.topics.items() if each.kind == ODOMETRY]
+    other = f", or pose_topic={reported[0]!r} for odometry alone" if reported else ""
     if not tree.frames:
         raise RecordingError(
             f"has no poses: neither TF nor a topic of poses; its topics are {heard.listed}; record"
@@ -267,36 +268,36 @@ def _odometry(
     heard: Heard, base: str, options: Options, notes: list[str]
 ) -> tuple[Numbers | None, str]:
     """Odometry at all times of the tree, if there is some that is not the poses themselves."""
-    tree = heard.tree
-    topics = [
+    topics = _odometry_topics(heard, options)
+    if options.odom_topic is None:
+        frames = [heard.topics[name].frame for name in topics]
+        frames += [each for each in heard.tree.frames if each.rpartition("/")[2] == ODOM]
+        for frame in frames:
+            pose = heard.tree.pose(frame, base) if frame != base else None
+            if pose is not None:
+                return in_plane(pose), f"TF {frame} -> {base}"
+    if len(topics) == 1:
+        return in_plane(heard.topics[topics[0]].track.at_times()), topics[0]
+    if topics:
+        notes.append(
+            f"odometry is on {' and '.join(topics)}, and none was taken; choose by odom_topic="
+        )
+    return None, ""
+
+
+def _odometry_topics(heard: Heard, options: Options) -> list[str]:
+    """The topic that is named, or all of odometry that are not the poses themselves."""
+    if options.odom_topic is not None:
+        if options.odom_topic not in heard.topics:
+            raise RecordingError(f"has no message on {options.odom_topic} near the scans")
+        return [options.odom_topic]
+    return [
         name
         for name, each in heard.topics.items()
         if each.kind == ODOMETRY
         and name != options.pose_topic
         and each.frame != options.map_frame.lstrip("/")
     ]
-    if options.odom_topic is not None:
-        if options.odom_topic not in heard.topics:
-            raise RecordingError(f"has no message on {options.odom_topic} near the scans")
-        topics = [options.odom_topic]
-    frames = [heard.topics[name].frame for name in topics]
-    frames += [each for each in tree.frames if each.rpartition("/")[2] == ODOM]
-    found, source = None, ""
-    for frame in frames if options.odom_topic is None else ():
-        if frame in tree.frames and base in tree.frames and frame != base:
-            pose = tree.pose(frame, base)
-            if pose is not None:
-                found, source = in_plane(pose), f"TF {frame} -> {base}"
-                break
-    if found is None and len(topics) == 1:
-        found, source = in_plane(heard.topics[topics[0]].track.at_times()), topics[0]
-    if found is None:
-        if topics:
-            notes.append(
-                f"odometry is on {' and '.join(topics)}, and none was taken; choose by odom_topic="
-            )
-        return None, ""
-    return found, source
 
 
 def carried_poses(

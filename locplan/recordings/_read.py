@@ -12,7 +12,7 @@ from locplan.recordings._bag_files import SUFFIXES as BAGS, is_bag
 from locplan.recordings._bags import read_bag
 from locplan.recordings._carmen import SUFFIXES as CARMEN, read_carmen
 from locplan.recordings._csv import read_csv
-from locplan.recordings._options import Options
+from locplan.recordings._options import Options, Topics
 from locplan.recordings._recording import Recording
 from locplan.recordings._tables import read_npz
 
@@ -22,11 +22,7 @@ def read_drive(
     *,
     every: int = 1,
     window: tuple[float, float] | None = None,
-    scan_topic: str | None = None,
-    pose_topic: str | None = None,
-    odom_topic: str | None = None,
-    map_frame: str = "map",
-    base_frame: str | None = None,
+    topics: Topics | None = None,
     range_limits: tuple[float, float] | None = None,
     mount: tuple[float, float, float] | None = None,
     progress: ProgressCallback | None = None,
@@ -40,9 +36,9 @@ def read_drive(
     scans, but not over more than a second of motion; those of AMCL are carried there by odometry if
     there is some. Scans without a pose are left out. The motion of the robot during a scan is not
     undone. AMCL dates its transform ahead by transform_tolerance:
-    ``pose_topic="/amcl_pose"`` gives the poses of the scans that it matched. The lidar's mount
-    comes from TF; one that is mounted upside down has its beams reversed. Scans are read in a first
-    pass, poses in others: memory is taken by what is kept, not by the bag.
+    ``topics=Topics(pose_topic="/amcl_pose")`` gives the poses of the scans that it matched. The
+    lidar's mount comes from TF; one that is mounted upside down has its beams reversed. Scans are
+    read in a first pass, poses in others: memory is taken by what is kept, not by the bag.
 
     Logs of CARMEN (.log, .clf, also .gz) are read in the order of their lines, ODOM and FLASER or
     ROBOTLASER1. FLASER does not tell its angles: the beams are taken to begin at -90 deg, 180 deg
@@ -50,8 +46,8 @@ def read_drive(
     taken for no return.
 
     CSV has a line ``# lidar: range=12.0, field_of_view_deg=180.0, mount_x=0.1`` with fields of
-    `locplan.Lidar`, and columns ``time_s, x_m, y_m, heading_rad, odom_x_m, odom_y_m,
-    odom_heading_rad, range_0_m, range_1_m, ...``, one row a scan; those of time and odometry may be
+    `locplan.Lidar`, and columns ``time, x, y, heading, odom_x, odom_y, odom_heading,
+    range_0, range_1, ...`` [s, m, rad], one row a scan; those of time and odometry may be
     missing, and an empty range means no return. NPZ has arrays ``ranges`` (scans, beams) [m], or
     uint16 in millimetres with 65535 for no return, ``poses`` (scans, 3), ``lidar``, a text of JSON
     with the fields of `locplan.Lidar`, and if known ``times`` and ``odometry``. `Recording.save`
@@ -67,16 +63,8 @@ def read_drive(
     window : (start, end), optional
         Keep the scans of a part of the drive, from `start` up to `end` after its beginning [s],
         0 <= start < end; all by default.
-    scan_topic : str, optional
-        Topic of the scans; in a log of CARMEN "FLASER" or "ROBOTLASER1". It is needed where there
-        are several. Not for CSV and NPZ.
-    pose_topic, odom_topic : str, optional
-        Topics of the robot's poses, in place of TF, and of its odometry. Only for bags.
-    map_frame : str, default "map"
-        Frame of the poses. Not for CSV and NPZ.
-    base_frame : str, optional
-        Frame of the robot; by default that of odometry, or base_footprint or base_link. Only for
-        bags.
+    topics : Topics, optional
+        Topics and frames, where a log has several, or others than usual. Not for CSV and NPZ.
     range_limits : (least, greatest), optional
         Distances between which a beam's reading is a return [m], 0 <= least < greatest, where the
         log's own are wrong.
@@ -105,7 +93,7 @@ def read_drive(
     >>> import pathlib, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder) / "drive.csv"
-    ...     lines = ["# lidar: range=8.0, field_of_view_deg=90.0", "x_m,y_m,heading_rad,range_0_m"]
+    ...     lines = ["# lidar: range=8.0, field_of_view_deg=90.0", "x,y,heading,range_0"]
     ...     _ = path.write_text("\\n".join([*lines, "1.0,2.0,0.5,3.25", "1.5,2.0,0.5,"]))
     ...     read_drive(path)
     Recording(drive.csv, 2 scans of 1 beams, 0.5 m)
@@ -113,11 +101,7 @@ def read_drive(
     options = Options(
         every=every,
         window=window,
-        scan_topic=scan_topic,
-        pose_topic=pose_topic,
-        odom_topic=odom_topic,
-        map_frame=map_frame,
-        base_frame=base_frame,
+        **vars(topics or Topics()),
         range_limits=range_limits,
         mount=mount,
     )

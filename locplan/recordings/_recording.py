@@ -14,16 +14,22 @@ from locplan._util.poses import (
     Numbers,
     ends_in_map,
     moved,
+    way_between,
     way_length,
     wrapped,
 )
 from locplan.errors import RecordingError
 from locplan.recordings._options import Contents, Source
-from locplan.recordings._summary import DriveSummary
 from locplan.recordings._tables import load, save
-from locplan.robots import Lidar
+from locplan.robots import Kinematics, Lidar, Robot
 
 NO_SOURCE = Source()
+STANDING = 0.05
+"""Speed up to which a robot counts as standing [m/s]."""
+TURNING = 0.02
+"""Turn between two scans from which on a step is no straight one: an arc leads aside, too [rad]."""
+SIDEWAYS = 0.2
+"""Share of the straight way that an omnidirectional robot drives sideways at least."""
 BLOCK = 4096
 """Number of scans that are checked at once, which saves memory."""
 
@@ -218,9 +224,53 @@ class Recording:
         """Ends of the beams in the map's frame, (n, beams, 2) [m]; NaN for those without return."""
         return ends_in_map(self.ends_on_robot(), self.poses)
 
-    def summary(self) -> DriveSummary:
-        """Length, duration, spacing and shares of returns, as a table or JSON."""
-        return DriveSummary.of(self.contents)
+    def robot(self, known: Robot | None = None) -> Robot:
+        """The robot that was recorded: its lidar, and how it moved.
+
+        Where its kinematics are not known, its usual speed is the median while it moves, and it is
+        omnidirectional if its odometry has it drive sideways.
+
+        Parameters
+        ----------
+        known : Robot, optional
+            What else is known of it; the defaults without it.
+
+        Examples
+        --------
+        >>> lidar = Lidar(range=10.0, field_of_view_deg=180.0, beams=3)
+        >>> poses = [[0, 0, 0], [0.5, 0, 0], [1.0, 0, 0], [1.0, 0, 0]]
+        >>> drive = Recording([[2.0, 1.0, 2.0]] * 4, lidar, poses, times=[0, 2, 4, 9])
+        >>> drive.robot().kinematics
+        Kinematics(speed=0.25)
+        """
+        known = Robot() if known is None else known
+        instance("robot", known, Robot, 'such as locplan.Robot("turtlebot4")')
+        robot = replace(known, lidar=self.lidar)
+        if robot.kinematics != Kinematics():
+            return robot
+        own: dict[str, Any] = {}
+        if self.times is not None:
+            steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                speeds = steps / np.diff(self.times)
+            moving = speeds[np.isfinite(speeds) & (speeds > STANDING)]
+            if moving.size:
+                own["speed"] = round(float(np.median(moving)), 2)
+        if self.odometry is not None:
+            ahead, aside, turn = way_between(self.odometry[:-1], self.odometry[1:]).T
+            straight = np.abs(wrapped(turn)) < TURNING
+            way = np.hypot(ahead, aside)[straight].sum()
+            if np.abs(aside)[straight].sum() > SIDEWAYS * way:
+                own["drive"] = "omnidirectional"
+        return replace(robot, kinematics=replace(robot.kinematics, **own))
+
+    def summary(self) -> dict[str, Any]:
+        """Length, duration, spacing and shares of returns, fit for JSON."""
+        return self.contents.summary()
+
+    def report(self) -> str:
+        """The summary as a table for people."""
+        return self.contents.report()
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save the recording; `read_drive` says what is in the file.

@@ -2,33 +2,31 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.blocks import blocks_along, mean_interval
 from locplan._util.checks import instance, whole
 from locplan._util.intervals import Interval
 from locplan._util.machine import check_memory, check_threads
-from locplan._util.notebook import Pictured
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan._util.random_streams import random_of
-from locplan._util.records import Reported
+from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite
-from locplan.field import equipped
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.recordings._blocks import blocks_along, mean_interval
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
 from locplan.robots import Robot
-from locplan.simulation import Drives
+from locplan.simulation import PROFILE, Drives, about_filter, check_filter_map
 
 RUNS = 20
 """Number of runs."""
@@ -39,7 +37,7 @@ ELLIPSE = -2 * math.log(1 - WITHIN)
 """Square of the distance of this ellipse from its middle, in standard deviations."""
 MIDDLE = 2 * math.log(2)
 """Median of this square, if the filter's covariance is right."""
-LEAST_UPDATES = 10
+MIN_UPDATES = 10
 """Number of resamplings below which the filter's covariance is not judged."""
 ROUNDING = 1e-8
 """Variance that is added so that no covariance is singular [m^2]."""
@@ -70,7 +68,7 @@ class Consistency:
     @property
     def sentence(self) -> str:
         """What this means for the filter's user."""
-        if self.updates < LEAST_UPDATES:
+        if self.updates < MIN_UPDATES:
             return (
                 f"The filter resampled its particles at {self.updates} of the scans, too few to"
                 " judge its covariance."
@@ -90,14 +88,12 @@ class Consistency:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Replay(Pictured, Reported):
+class Replay(Result):
     """Runs of AMCL on one recorded drive, which differ by their random numbers alone."""
 
-    _reported_by: ClassVar[str] = "locplan.recordings._reports:replay_table"
-    _written_by: ClassVar[str] = "locplan.recordings._reports:write_replay"
-    files: ClassVar[Results] = Results("replay", ("replay.png", "replay.json", "errors.csv"))
-
-    _drawn_by: ClassVar[str] = "locplan.recordings._figures:replay_figure"
+    _reported_by: ClassVar[str] = "locplan.recordings._reports:replay_report"
+    _drawn_by: ClassVar[str] = "locplan.recordings:replay_figure"
+    files: ClassVar[Results] = Results("replay", ("replay.json", "replay.png", "errors.csv"))
 
     recording: Recording
     """The drive."""
@@ -112,6 +108,8 @@ class Replay(Pictured, Reported):
     covariances: Numbers
     """Covariance of the particles as AMCL publishes it, (runs, n, 3, 3), in the world; NaN where
     they were not resampled."""
+    filter_map: OccupancyGrid | None = None
+    """The filter's map, where it is not `grid`."""
 
     def __repr__(self) -> str:
         return f"Replay({self.grid.name or 'map'}, {self.drives!r})"
@@ -186,7 +184,7 @@ class Replay(Pictured, Reported):
         """All that was found, fit for JSON."""
         found = self.consistency
         about: dict[str, object] = {
-            "drive": self.recording.summary().to_json(),
+            "drive": self.recording.summary(),
             "map": {"name": self.grid.name, "digest": self.grid.digest},
             "runs": len(self.errors),
             "updates": found.updates,
@@ -194,15 +192,24 @@ class Replay(Pictured, Reported):
             "consistency": {
                 "within_95_ellipse": list(found.within),
                 "wider_by": found.wider,
-                "filter_std_m": found.filter_std,
-                "error_m": found.error,
+                "filter_std": found.filter_std,
+                "error": found.error,
             },
             "verdict": self.verdict,
             "notes": list(self.notes),
             "seed": self.seed,
             "robot": self.robot.summary(),
+            **about_filter(self.filter_map),
         }
         return finite(about)
+
+    def table(self) -> Table:
+        """A row per scan: the recorded pose, the errors there, and the filter's own deviation."""
+        rows = np.column_stack([self.drives.profile(), self.filter_std]).tolist()
+        return Table((*PROFILE, Column("filter_std", "m")), tuple(map(tuple, rows)))
+
+    def _write(self, folder: Path, *about: Any) -> None:
+        self.table().write_csv(folder / "errors.csv")
 
 
 def replay(
@@ -211,6 +218,7 @@ def replay(
     robot: Robot | None = None,
     *,
     runs: int = RUNS,
+    filter_map: OccupancyGrid | None = None,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
@@ -232,6 +240,8 @@ def replay(
     runs : int, default 20
         Number of runs, 1 to 10,000, which have random numbers of their own. Raise it to tell how
         often a filter is lost.
+    filter_map : OccupancyGrid, optional
+        The filter's map in the same frame, where it differs from `grid`.
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads.
     threads : int, optional
@@ -263,12 +273,12 @@ def replay(
     """
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
-    robot = dataclasses.replace(equipped(robot), lidar=recording.lidar)
+    robot = recording.robot(robot)
     whole("runs", runs, 1, MAX_RUNS)
     whole("seed", seed, 0)
     workers = check_threads(threads)
     check_memory(f"{runs} runs of {len(recording)} scans", 12 * 8 * runs * len(recording), "fewer")
-    tracks = Tracks(recording, grid)
+    tracks = Tracks(recording, check_filter_map(filter_map, grid))
     arguments = tracks.arguments(robot)
     errors = np.empty((runs, len(recording), 3))
     covariances = np.empty((runs, len(recording), 3, 3))
@@ -287,4 +297,4 @@ def replay(
                     progress(done, runs)
         finally:
             pool.shutdown(cancel_futures=True)
-    return Replay(recording, grid, robot, seed, errors, covariances)
+    return Replay(recording, grid, robot, seed, errors, covariances, filter_map)

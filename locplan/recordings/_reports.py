@@ -8,17 +8,18 @@ from pathlib import Path
 import numpy as np
 
 from locplan._util.files import replacing
-from locplan._util.formats import in_degrees, in_metres, in_percent, with_unit
+from locplan._util.formats import in_metres, in_percent
 from locplan._util.intervals import Interval
-from locplan._util.results import ResultFolder, digest_of
-from locplan._util.tables import REPORT_WIDTH, table, write_json, write_rows
+from locplan._util.records import Table
+from locplan._util.results import digest_of
+from locplan._util.tables import REPORT_WIDTH, table
 from locplan.errors import LocplanError
-from locplan.field import position_axes, save_config
+from locplan.field import save_config
+from locplan.recordings._agreement import agreement_texts
 from locplan.recordings._calibration import ALPHAS, DriveCalibration
 from locplan.recordings._evaluation import DriveEvaluation
 from locplan.recordings._replay import WITHIN, Replay
-from locplan.recordings._verdict import agreement_texts
-from locplan.simulation import PROFILE_COLUMNS, check_calibration
+from locplan.simulation import DRIVEN, check_calibration
 
 ZERO = 2e-5
 """Value below which 0 is shown."""
@@ -32,15 +33,9 @@ ROWS = (
     ("recorded poses: noise of the position", "position_noise", "m"),
     ("recorded poses: noise of the heading", "heading_noise_deg", "deg"),
 )
-COLUMNS = (
-    *("scan", "time_s", "x_m", "y_m", "heading_rad", "judged", "outdated", "score"),
-    *("returns", "offset_x_m", "offset_y_m", "offset_heading_rad"),
-    *("major_std_m", "minor_std_m", "major_axis_rad", "heading_std_rad", "ambiguity"),
-)
-"""Columns of scans.csv; two more for each estimator."""
 
 
-def drive_table(found: DriveEvaluation) -> str:
+def drive_report(found: DriveEvaluation) -> str:
     """The drive, the agreement of each estimator, and the verdict."""
     matches, some = found.matches, found.compared
     low, middle, high = 100 * np.quantile(matches.position_std[some], (0.1, 0.5, 0.9))
@@ -64,42 +59,7 @@ def drive_table(found: DriveEvaluation) -> str:
     return "\n".join([table([], rows), table(columns, estimators), about, said])
 
 
-def write_drive(results: ResultFolder, found: DriveEvaluation) -> list[Path]:
-    """Write drive.json, drive.png, and scans.csv with a row per scan."""
-    from locplan.plotting import save_figure
-    from locplan.recordings import _figures
-
-    matches, drive = found.matches, found.matches.recording
-    major, minor, direction = position_axes(matches.covariance)
-    values = [
-        np.arange(len(drive)),
-        np.full(len(drive), np.nan) if drive.times is None else drive.times - drive.times[0],
-        *drive.poses.T,
-        matches.judged,
-        found.outdated,
-        matches.score,
-        matches.returns,
-        *matches.best.T,
-        major,
-        minor,
-        direction,
-        np.sqrt(matches.covariance[:, 2, 2]),
-        matches.ambiguity,
-    ]
-    columns = list(COLUMNS)
-    for name, covariance in found.predicted.items():
-        own, _, towards = position_axes(covariance)
-        values += [own, towards]
-        columns += [f"{name}_major_std_m", f"{name}_major_axis_rad"]
-    with results.writing() as folder:
-        picture, about, scans = (folder / name for name in DriveEvaluation.files.names)
-        save_figure(_figures.drive_figure(found), picture)
-        write_json(about, found.summary())
-        write_rows(scans, columns, np.column_stack(values).astype(float).tolist())
-    return [results.folder / name for name in DriveEvaluation.files.names]
-
-
-def replay_table(replay: Replay) -> str:
+def replay_report(replay: Replay) -> str:
     """Table of the errors against the recorded poses, and of the filter's consistency."""
     drives, found = replay.drives, replay.consistency
     within = found.within
@@ -112,12 +72,7 @@ def replay_table(replay: Replay) -> str:
         ("map", replay.grid.name),
         ("drive", repr(replay.recording)),
         ("runs", f"{len(replay.errors)}, each of {found.updates} updates"),
-        ("median error", with_unit(drives.median_error, "m")),
-        ("lost (> 1 m at any time)", in_percent(drives.lost_rate)),
-        ("RMSE of those not lost", with_unit(drives.kept_rmse, "m")),
-        ("RMSE of all", with_unit(drives.rmse, "m")),
-        ("RMSE at the end", with_unit(drives.final_rmse, "m")),
-        ("heading RMSE", with_unit(in_degrees(drives.heading_rmse), "deg")),
+        *Table.of(DRIVEN, [drives]).turned(),
         *(of_filter if found.updates else ()),
         *(("note", note) for note in replay.notes),
     ]
@@ -129,27 +84,7 @@ def replay_table(replay: Replay) -> str:
     return "\n".join([table([], rows), about, said])
 
 
-def write_replay(results: ResultFolder, replay: Replay) -> list[Path]:
-    """Write replay.json, replay.png, and errors.csv with the errors along the drive.
-
-    Raises
-    ------
-    LocplanError
-        If the folder cannot be made or written.
-    """
-    from locplan.plotting import save_figure
-    from locplan.recordings import _figures
-
-    with results.writing() as folder:
-        picture, about, errors = (folder / name for name in Replay.files.names)
-        save_figure(_figures.replay_figure(replay), picture)
-        write_json(about, replay.summary())
-        rows = np.column_stack([replay.drives.profile(), replay.filter_std])
-        write_rows(errors, [*PROFILE_COLUMNS, "filter_std_m"], rows.tolist())
-    return [results.folder / name for name in Replay.files.names]
-
-
-def drive_calibration_table(found: DriveCalibration) -> str:
+def drive_calibration_report(found: DriveCalibration) -> str:
     """Table of what was fitted, with units and intervals."""
     rows = [["drive", repr(found.recording), ""]]
     if (field := found.field) is not None:

@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.blocks import blocks_along, intervals
 from locplan._util.intervals import Interval
 from locplan._util.machine import check_threads
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.recordings._blocks import blocks_along, intervals
-from locplan.recordings._evaluation import LEAST_SCANS
+from locplan.recordings._evaluation import MIN_SCANS
 from locplan.recordings._recording import Recording
 from locplan.robots import FARTHEST_OBJECT, NEAREST_OBJECT, Lidar
 
-MOST_SCANS = 300
-"""Number of scans, spread over the drive, that are compared with the map."""
+MAX_SCANS = 300
+"""Number of scans, along the drive, that are compared with the map."""
 SETTLED_BEAMS = 61
 """Approximate number of beams by which a scan is settled on the map."""
 FAR = 0.3
@@ -35,7 +35,7 @@ FITTING = 0.5
 """Share of a scan's beams that must end at the map's walls."""
 CELLS, DEVIATIONS = 3.0, 4.0
 """Cells, and standard deviations, up to which a range agrees with the map's."""
-LEAST_RUN = 4
+MIN_RUN = 4
 """Number of neighbouring beams from which on they are blocked by one object."""
 MAD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
@@ -79,17 +79,28 @@ def scan_noise(
     deviation. Beams that go far through walls are outliers; as many, by the distances that the map
     leaves them, are among those that end before the wall, and the others are blocked.
 
+    Parameters
+    ----------
+    recording : Recording
+        The drive.
+    grid : OccupancyGrid
+        The map.
+    threads : int, optional
+        Number of threads, at least 1; all cores by default.
+    progress : callable, optional
+        Called with (done, total) scans.
+
     Raises
     ------
     RecordingError
         If too few scans fit the map.
     """
-    if len(recording) < LEAST_SCANS:
+    if len(recording) < MIN_SCANS:
         raise RecordingError(
-            f"the drive has {len(recording)} scans, too few to calibrate: {LEAST_SCANS} are needed;"
+            f"the drive has {len(recording)} scans, too few to calibrate: {MIN_SCANS} are needed;"
             " read more of them (every=), or record a longer one"
         )
-    chosen = np.unique(np.linspace(0, len(recording) - 1, MOST_SCANS).round().astype(int))
+    chosen = np.unique(np.linspace(0, len(recording) - 1, MAX_SCANS).round().astype(int))
     wall = _Walls(grid, recording)
     results: list[tuple[float, Numbers]] = []
     with ThreadPoolExecutor(check_threads(threads)) as pool:
@@ -106,7 +117,7 @@ def scan_noise(
         residual = measured - np.where(met, expected, reach)
         near = met & (np.abs(residual) < FAR)
         fits = near.sum(axis=1) > FITTING * np.maximum(met.sum(axis=1), 1)
-    if fits.sum() < LEAST_SCANS:
+    if fits.sum() < MIN_SCANS:
         raise RecordingError(
             f"{int(fits.sum())} of {len(chosen)} scans fit the map, too few to calibrate; is it"
             " the right one, and are the poses in its frame? See locplan.recordings.fit_to_map"
@@ -197,10 +208,10 @@ class _Scans:
 
 
 def _in_runs(short: NDArray[np.bool_]) -> int:
-    """Number of beams in runs of at least `LEAST_RUN` that are short."""
+    """Number of beams in runs of at least `MIN_RUN` that are short."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], short.astype(np.int8), [0]])))
     runs = edges[1::2] - edges[::2]
-    return int(runs[runs >= LEAST_RUN].sum())
+    return int(runs[runs >= MIN_RUN].sum())
 
 
 class _Walls:

@@ -7,7 +7,7 @@ import numpy as np
 from locplan._util.checks import instance, positive
 from locplan.costs import Path
 from locplan.errors import ConfigError, LocplanError
-from locplan.maps import OccupancyGrid
+from locplan.maps import OccupancyGrid, own_axes
 from locplan.recordings._options import Source
 from locplan.recordings._recording import Recording
 from locplan.robots import Robot
@@ -64,7 +64,7 @@ def record_drive(
     Recording(simulated, 37 scans of 90 beams, 18 m, with odometry)
     """
     from locplan._kernels.drives import odometry_along
-    from locplan._kernels.measured import measured_ends
+    from locplan._kernels.lidar import measured_ends
 
     instance("path", path, Path)
     every = max(1, round(positive("spacing", spacing, "m") / POSE_SPACING))
@@ -77,7 +77,7 @@ def record_drive(
         raise ConfigError(f"the path {error}") from None
     random = np.random.default_rng(seed)
     arguments = simulator.arguments
-    reported = odometry_along(random, simulator.on_grid(line), arguments.odometry)[::every]
+    reported = odometry_along(random, own_axes(grid, line), arguments.odometry)[::every]
     poses = line[::every]
     sensor = arguments.lidar._replace(angles=lidar.angles)
     rows, cols = grid.world_to_grid(*poses[:, :2].T)

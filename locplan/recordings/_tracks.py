@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.poses import Numbers, way_length, wrapped
+from locplan._util.poses import Numbers, way_between, way_length, wrapped
 from locplan.errors import RecordingError
-from locplan.maps import OccupancyGrid
+from locplan.maps import OccupancyGrid, own_axes
 from locplan.recordings._recording import Recording
-from locplan.robots import Amcl, Robot
+from locplan.robots import Amcl, Robot, compared_ends
 from locplan.simulation import DriveArguments, drive_arguments
 
 REPLAY = 14
@@ -21,6 +21,10 @@ SPARSE = 1.5
 """Factor on the filter's own distance between updates above which scans are too sparse for it."""
 STILL = 0.1
 """Way of the odometry over that of the poses below which it stood still."""
+APART = (0.5, 0.5)
+"""Distance [m] and turn [rad] by which both differ from scan to scan in a jump..."""
+SHARE = 0.3
+"""...besides this share of the way and the turn."""
 ALL = slice(None)
 
 
@@ -65,10 +69,10 @@ class Tracks:
                 f"{recording.source.file or 'the recording'} has no odometry, which a replay needs;"
                 " record it, too, or name its topic (--odom-topic, odom_topic=)"
             )
-        moved, told = recording.length, way_length(recording.odometry)
-        if told < STILL * moved:
+        moved, reported = recording.length, way_length(recording.odometry)
+        if reported < STILL * moved:
             raise RecordingError(
-                f"the odometry moves by {told:.1f} m, but the poses by {moved:.1f} m; is it the"
+                f"the odometry moves by {reported:.1f} m, but the poses by {moved:.1f} m; is it the"
                 " right topic, and was it recorded?"
             )
         row, col = (np.floor(each) for each in grid.world_to_grid(*recording.poses[0, :2]))
@@ -79,11 +83,8 @@ class Tracks:
                 " right one? See locplan.recordings.fit_to_map"
             )
         self.odometry: Numbers = recording.odometry
-        rows, cols = grid.world_to_grid(*recording.poses[:, :2].T)
+        self.truth = own_axes(grid, recording.poses)
         yaw = grid.origin[2]
-        self.truth = np.column_stack(
-            [cols * grid.resolution, rows * grid.resolution, recording.poses[:, 2] - yaw]
-        )
         cos, sin = math.cos(yaw), math.sin(yaw)
         self._turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
@@ -94,16 +95,8 @@ class Tracks:
 
     def ends(self, amcl: Amcl) -> Numbers:
         """Ends of the beams that AMCL compares, (n, beams, 2) [cells]; NaN without a return."""
-        recording = self.recording
-        beams = slice(None, None, amcl.beam_step(recording.lidar.beams))
-        ranges, lidar = recording.ranges[:, beams], recording.lidar
-        least, most = max(lidar.least_range, amcl.laser_min_range), amcl.laser_max_range
-        used = (ranges >= least) & (ranges < (most if most > 0 else math.inf))
-        bearings = lidar.mount_yaw + lidar.angles[beams]
-        known = np.where(used, ranges, np.nan).astype(np.float64)
-        ends = known[..., None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
-        mount = np.array([lidar.mount_x, lidar.mount_y])
-        return np.asarray((ends + mount) / self.grid.resolution)
+        ends = compared_ends(amcl, self.recording.lidar, self.recording.ranges)
+        return ends / self.grid.resolution
 
     def track(
         self,
@@ -134,3 +127,45 @@ class Tracks:
         errors = poses - truth
         errors[:, 2] = wrapped(errors[:, 2])
         return errors @ self._turn.T, self._turn @ covariances @ self._turn.T
+
+
+def without_jumps(poses: Numbers, odometry: Numbers) -> tuple[Numbers, Numbers, int]:
+    """Poses and odometry that both stand still where they jump apart, and the number of jumps.
+
+    One jump would count for more than all the noise of a drive.
+
+    Parameters
+    ----------
+    poses, odometry : (n, 3) arrays
+        Recorded poses and those by odometry [m, m, rad], each in a frame of its own.
+
+    Examples
+    --------
+    >>> poses = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]])
+    >>> still, odometry, jumps = without_jumps(poses, poses + [[5.0, 0, 0], [5.0, 0, 0], [0, 0, 0]])
+    >>> still[:, 0].tolist(), odometry[:, 0].tolist(), jumps
+    ([0.0, 1.0, 1.0], [5.0, 6.0, 6.0], 1)
+    """
+    true, reported = (way_between(each[:-1], each[1:]) for each in (poses, odometry))
+    off = reported - true
+    apart, turned = np.hypot(off[:, 0], off[:, 1]), np.abs(wrapped(off[:, 2]))
+    far = apart > APART[0] + SHARE * np.minimum(_way(true), _way(reported))
+    far |= turned > APART[1] + SHARE * np.abs(wrapped(true[:, 2]))
+    if not far.any():
+        return poses, odometry, 0
+    joined = _joined(poses[0], true, far), _joined(odometry[0], reported, far)
+    return *joined, int(far.sum())
+
+
+def _way(ways: Numbers) -> Numbers:
+    return np.hypot(ways[:, 0], ways[:, 1])
+
+
+def _joined(first: Numbers, ways: Numbers, left_out: NDArray[np.bool_]) -> Numbers:
+    """The poses to which ways lead from the first one, but for those that are left out."""
+    ahead, left, turn = np.where(left_out[:, None], 0.0, ways).T
+    heading = first[2] + np.append(0.0, np.cumsum(turn))
+    cos, sin = np.cos(heading[:-1]), np.sin(heading[:-1])
+    x = first[0] + np.append(0.0, np.cumsum(cos * ahead - sin * left))
+    y = first[1] + np.append(0.0, np.cumsum(sin * ahead + cos * left))
+    return np.column_stack([x, y, wrapped(heading)])

@@ -16,7 +16,6 @@ from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan._util.random_streams import random_of
 from locplan.errors import RecordingError
-from locplan.field import equipped
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
@@ -27,6 +26,7 @@ from locplan.simulation import (
     Tuning,
     TuningBench,
     check_drives,
+    check_filter_map,
     search_settings,
 )
 
@@ -34,9 +34,9 @@ DRIVES = 8
 """Number of replays of each stretch."""
 RECORDED = DisturbanceLevel("recorded", 1.0, 1.0)
 """The only level of a recorded drive."""
-LEAST_LENGTH = 30.0
+MIN_LENGTH = 30.0
 """Length of a drive below which nothing is tuned on it [m]."""
-LEAST_SCANS = 3
+MIN_SCANS = 3
 """Number of scans that a stretch must have."""
 
 
@@ -45,6 +45,8 @@ class RecordedBench(TuningBench):
 
     Parameters
     ----------
+    grid : OccupancyGrid
+        The map that was driven in.
     tracks : Tracks
         What the filter gets of the drive.
     stretches : sequence of slice
@@ -59,6 +61,7 @@ class RecordedBench(TuningBench):
 
     def __init__(
         self,
+        grid: OccupancyGrid,
         tracks: Tracks,
         stretches: Sequence[slice],
         robot: Robot,
@@ -70,7 +73,7 @@ class RecordedBench(TuningBench):
         lines = [tracks.truth[each] for each in stretches]
         own: Any = {"seed": seed, "threads": threads}
         lidar = tracks.recording.lidar
-        super().__init__(tracks.grid, lidar, [RECORDED], lines, drives, **own)
+        super().__init__(grid, tracks.grid, lidar, [RECORDED], lines, drives, **own)
         self._tracks, self._stretches, self._robot = tracks, stretches, robot
 
     def arguments(self, amcl: Amcl) -> list[Any]:
@@ -91,6 +94,7 @@ def tune_on_drive(
     robot: Robot | None = None,
     *,
     drives: int = DRIVES,
+    filter_map: OccupancyGrid | None = None,
     others: Mapping[str, object] | None = None,
     seed: int = 1,
     threads: int | None = None,
@@ -114,6 +118,8 @@ def tune_on_drive(
         pose on a stretch; Nav2's defaults without it.
     drives : int, default 8
         Number of replays of each stretch, 2 to 100,000.
+    filter_map : OccupancyGrid, optional
+        The filter's map in the same frame, where it differs from `grid`.
     others : mapping of str to object, optional
         Further parameters in the user's file, such as `z_short`, for the warnings.
     seed : int, default 1
@@ -152,8 +158,8 @@ def tune_on_drive(
     check_drives(drives)
     whole("seed", seed, 0)
     workers = check_threads(threads)
-    robot = dataclasses.replace(equipped(robot), lidar=recording.lidar)
-    tracks = Tracks(recording, grid)
+    robot = recording.robot(robot)
+    tracks = Tracks(recording, check_filter_map(filter_map, grid))
     stretches = _stretches(recording)
     halves = stretches[::2], stretches[1::2]
     paths = len(halves[1])  # never more than those of the search
@@ -162,7 +168,7 @@ def tune_on_drive(
 
     def bench_of(own_seed: int, judging: bool) -> RecordedBench:
         some = halves[judging][:paths]
-        return RecordedBench(tracks, some, robot, drives, seed=own_seed, threads=workers)
+        return RecordedBench(grid, tracks, some, robot, drives, seed=own_seed, threads=workers)
 
     return search_settings(
         bench_of,
@@ -180,9 +186,9 @@ def tune_on_drive(
 
 def _stretches(recording: Recording) -> list[slice]:
     """The scans of equally long stretches of a drive, one after the other."""
-    if recording.length < LEAST_LENGTH:
+    if recording.length < MIN_LENGTH:
         raise RecordingError(
-            f"the drive is {recording.length:.1f} m long, and tuning needs {LEAST_LENGTH:g} m at"
+            f"the drive is {recording.length:.1f} m long, and tuning needs {MIN_LENGTH:g} m at"
             " least; record a longer one"
         )
     way: Numbers = np.concatenate(
@@ -191,9 +197,9 @@ def _stretches(recording: Recording) -> list[slice]:
     count = max(2 * TuningBench.fewest_paths, int(np.ceil(way[-1] / TuningBench.longest)))
     edges = np.searchsorted(way, np.linspace(0.0, way[-1], count + 1))
     edges[-1] = len(way)
-    if np.diff(edges).min() < LEAST_SCANS:
+    if np.diff(edges).min() < MIN_SCANS:
         raise RecordingError(
             f"the drive has {len(recording)} scans, too sparse to tune on: stretches of"
-            f" {way[-1] / count:.1f} m have fewer than {LEAST_SCANS}; record more scans"
+            f" {way[-1] / count:.1f} m have fewer than {MIN_SCANS}; record more scans"
         )
     return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]

@@ -4,14 +4,16 @@ from ._amcl import (
     OMNIDIRECTIONAL as OMNIDIRECTIONAL,
     Amcl as Amcl,
 )
-from ._disturbances import (
+from ._filter import Filter as Filter, Tracker as Tracker
+from ._footprint import Footprint as Footprint
+from ._kinematics import (
     FARTHEST_OBJECT as FARTHEST_OBJECT,
     NEAREST_OBJECT as NEAREST_OBJECT,
     Disturbances as Disturbances,
+    Inflation as Inflation,
+    Kinematics as Kinematics,
     Odometry as Odometry,
 )
-from ._footprint import Footprint as Footprint
-from ._kinematics import Inflation as Inflation, Kinematics as Kinematics
 from ._lidar import MAX_BEAMS as MAX_BEAMS, Lidar as Lidar
 from ._lidar_presets import PRESETS as PRESETS, Preset as Preset
 from ._nav2 import ParameterWarning as ParameterWarning, read_amcl as read_amcl
@@ -24,4 +26,11 @@ from ._parameters import (
     file_and_robot as file_and_robot,
     read_parameters as read_parameters,
 )
+from ._particles import (
+    beam_scores as beam_scores,
+    compared_ends as compared_ends,
+    filter_settings as filter_settings,
+    score_values as score_values,
+)
 from ._robot import Robot as Robot
+from ._spelled import robot_spelled as robot_spelled

@@ -16,9 +16,15 @@ from locplan._util.checks import (
     positive,
     whole,
 )
+from locplan._util.notebook import called
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from locplan.maps import OccupancyGrid
+    from locplan.robots._filter import Tracker
     from locplan.robots._lidar import Lidar
 
 MODELS: Final[tuple[str, ...]] = ("likelihood_field", "likelihood_field_prob")
@@ -141,6 +147,43 @@ class Amcl(Settings):
         listed = ", ".join(own[:TITLE_NAMES])
         return f"AMCL's {listed}{f' and {more} more' if more > 0 else ''}"
 
+    @property
+    def multiplies(self) -> bool:
+        """True if a weight is the product of the beams' likelihoods."""
+        return self.laser_model_type == "likelihood_field_prob"
+
+    @property
+    def is_omnidirectional(self) -> bool:
+        """True if the motion model is that of a robot that can drive sideways."""
+        return self.robot_model_type == OMNIDIRECTIONAL
+
+    def start(
+        self,
+        grid: OccupancyGrid,
+        lidar: Lidar,
+        pose: NDArray[np.float64],
+        deviation: tuple[float, float],
+        random: np.random.Generator,
+    ) -> Tracker:
+        """Begin to track a robot with particles about a pose; see `Filter.start`.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The filter's map.
+        lidar : Lidar
+            The lidar that takes the scans.
+        pose : (3,) array
+            First pose x, y, heading in the world [m, m, rad].
+        deviation : (position, heading)
+            Standard deviations of the first pose [m], and of its heading [rad].
+        random : numpy.random.Generator
+            The only source of random numbers.
+        """
+        particles = "locplan.robots._particles:Particles"
+        tracker: Tracker = called(particles, self, grid, lidar, pose, deviation, random)
+        return tracker
+
     def reach(self, lidar: Lidar) -> float:
         """Range beyond which a beam counts as without a return [m].
 
@@ -162,6 +205,6 @@ class Amcl(Settings):
         beams : int
             Number of beams of a scan.
         """
-        if self.laser_model_type == "likelihood_field_prob":
+        if self.multiplies:
             return math.ceil(beams / self.max_beams)
         return max(1, (beams - 1) // (self.max_beams - 1))

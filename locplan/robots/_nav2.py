@@ -6,6 +6,7 @@ import dataclasses
 import os
 import warnings
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 from locplan._util.checks import number, positive
@@ -113,10 +114,8 @@ def filter_of(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Amcl 
     foreign = model not in (DIFFERENTIAL, OMNIDIRECTIONAL)
     if not foreign:
         taken["robot_model_type"] = model
-    try:
+    with _at(path, AMCL):
         amcl = Amcl(**taken)
-    except LocplanError as error:
-        raise LocplanError(f"{path}: amcl: {error}") from None
     unknown = sorted({name.partition(".")[0] for name in own} - known - NO_MATTER)
     left_out = (*_not_simulated(given), *["robot_model_type"] * foreign, *unknown)
     if left_out:
@@ -135,17 +134,14 @@ def _outline(path: str | os.PathLike[str], parameters: Nav2Parameters) -> dict[s
         footprint, radius = str(own.get("footprint") or "[]"), own.get("robot_radius")
         if footprint == "[]" and radius is None:
             continue
-        try:
-            is_round = footprint == "[]"
-            outline = (
+        with _at(path, costmap.partition("/")[0]):
+            outline: Footprint | float = (
                 positive("robot_radius", radius, "m")
-                if is_round
+                if footprint == "[]"
                 else Footprint.from_text(footprint)
             )
-            margin = number("footprint_padding", own.get("footprint_padding", PADDING), 0.0)
-        except ConfigError as error:
-            raise ConfigError(f"{path}: {costmap.partition('/')[0]}: {error}") from None
-        return {"footprint": outline, "margin": margin}
+            padding = own.get("footprint_padding", PADDING)
+            return {"footprint": outline, "margin": number("footprint_padding", padding, 0.0)}
     return {}
 
 
@@ -156,10 +152,8 @@ def _inflation(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Infl
         if own.get(f"{layer}.plugin") == INFLATION:
             names = [each.name for each in dataclasses.fields(Inflation)]
             given = {name: own[f"{layer}.{name}"] for name in names if f"{layer}.{name}" in own}
-            try:
+            with _at(path, f"global_costmap: {layer}"):
                 return Inflation(**given)
-            except ConfigError as error:
-                raise ConfigError(f"{path}: global_costmap: {layer}: {error}") from None
     return None
 
 
@@ -170,13 +164,20 @@ def _kinematics(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Kin
         model = own.get(f"{planner}.motion_model_for_search")
         if model in SMAC:
             radius = own.get(f"{planner}.minimum_turning_radius", TURNING_RADIUS)
-            try:
+            with _at(path, f"planner_server: {planner}"):
                 return Kinematics(drive=CAR_LIKE, turning_radius=radius, reverse=SMAC[model])
-            except ConfigError as error:
-                raise ConfigError(f"{path}: planner_server: {planner}: {error}") from None
     model = parameters.of(AMCL).get("robot_model_type")
     sideways = OLDER_NAMES.get(str(model), model) == OMNIDIRECTIONAL
     return Kinematics(drive="omnidirectional") if sideways else None
+
+
+@contextmanager
+def _at(path: str | os.PathLike[str], where: str) -> Iterator[None]:
+    """Name the file and the place in it in an error of the block."""
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {where}: {error}") from None
 
 
 def _not_simulated(given: Mapping[str, object]) -> Iterator[str]:

@@ -10,19 +10,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from locplan import __version__
 from locplan._util.checks import Settings, differing, file_path, instance, keep, number, shown
 from locplan._util.files import check_target, replacing
-from locplan._util.plain_yaml import compose, read_content
+from locplan._util.plain_yaml import compose, dumped, read_content
+from locplan._util.stamps import check_stamp, stamp
 from locplan.errors import ConfigError
 from locplan.robots._amcl import Amcl
-from locplan.robots._disturbances import Disturbances, Odometry
 from locplan.robots._footprint import Footprint
-from locplan.robots._kinematics import Inflation, Kinematics
+from locplan.robots._kinematics import Disturbances, Inflation, Kinematics, Odometry
 from locplan.robots._lidar import Lidar
 from locplan.robots._nav2 import parts_of
 from locplan.robots._parameters import MAX_BYTES, PlainValues
@@ -31,6 +30,8 @@ SUFFIXES = (".yaml", ".yml", ".json")
 DESCRIPTIONS = (".urdf", ".sdf", ".xml", ".world", ".xacro")
 """Suffixes of robots' descriptions, which have the lidar."""
 REMEDY = "give a robot's file, Nav2's parameters, or a URDF or SDF"
+KIND, VERSION = "robot", 1
+"""Kind and version of a robot's file."""
 OWN = ("footprint", "margin", "goal_tolerance")
 """Settings of the robot itself."""
 PARTS: dict[str, type] = {
@@ -83,6 +84,22 @@ class Robot(Settings):
     disturbances: Disturbances = dataclasses.field(default=Disturbances(), kw_only=True)
     """Noise, and how the worlds differ from the map."""
 
+    if TYPE_CHECKING:  # a lidar may be given by its name, but is kept as one
+
+        def __init__(
+            self,
+            lidar: Lidar | str | None = None,
+            *,
+            footprint: Footprint | float = ...,
+            margin: float = ...,
+            kinematics: Kinematics = ...,
+            goal_tolerance: float = ...,
+            inflation: Inflation | None = None,
+            filter: Amcl = ...,
+            odometry: Odometry = ...,
+            disturbances: Disturbances = ...,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         if isinstance(self.lidar, str):
             keep(self, lidar=Lidar.preset(self.lidar))
@@ -122,7 +139,7 @@ class Robot(Settings):
         ParameterWarning
             If parameters in the file are not simulated.
         """
-        return cls(lidar, **parts_of(path))  # type: ignore[arg-type]
+        return cls(lidar, **parts_of(path))
 
     @classmethod
     def load(cls, *paths: str | os.PathLike[str]) -> Robot:
@@ -157,14 +174,11 @@ class Robot(Settings):
         LocplanError
             If the file cannot be written, or its name does not end in .yaml.
         """
-        import yaml
-
         target = file_path("a robot's file", path)
         check_target(target, ".yaml")
-        content = {"locplan": __version__, "robot": self.summary()}
+        content = {**stamp(KIND, VERSION), "robot": self.summary()}
         with replacing(target) as temporary:
-            text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
-            temporary.write_text(text, encoding="utf-8")
+            temporary.write_text(dumped(content, default_flow_style=None), encoding="utf-8")
 
     def summary(self) -> dict[str, Any]:
         """All settings by the names of the fields, fit for JSON and YAML."""
@@ -193,8 +207,9 @@ class Robot(Settings):
 
     @property
     def digest(self) -> str:
-        """Digest of all settings, 16 hexadecimal digits."""
-        text = json.dumps(self.summary(), sort_keys=True)
+        """Digest of all settings, 16 hexadecimal digits; equal robots have the same."""
+        lidar = self.lidar and dataclasses.replace(self.lidar, model="")  # a name, and no setting
+        text = json.dumps(dataclasses.replace(self, lidar=lidar).summary(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @property
@@ -278,6 +293,8 @@ def _parts_in(path: str | os.PathLike[str]) -> dict[str, Any]:
     if file.suffix.lower() in SUFFIXES and file.exists():
         content = _content_of(file)
         if isinstance(content.get("robot"), dict):
+            if "version" in content:  # what calibrate wrote has settings of a field besides
+                check_stamp(path, content, KIND, VERSION)
             try:
                 parts = _made(content["robot"])
                 Robot(**parts)  # refuses what is out of range, beside the file's name

@@ -1,7 +1,15 @@
-from ._arguments import DriveArguments as DriveArguments, drive_arguments as drive_arguments
+from ._arguments import (
+    DriveArguments as DriveArguments,
+    about_filter as about_filter,
+    check_filter_map as check_filter_map,
+    check_of_one_map as check_of_one_map,
+    drive_arguments as drive_arguments,
+)
 from ._calibration import Calibration as Calibration, calibrate as calibrate
 from ._drives import (
+    DRIVEN as DRIVEN,
     LOST as LOST,
+    PROFILE as PROFILE,
     PROFILE_COLUMNS as PROFILE_COLUMNS,
     Drives as Drives,
     check_drives as check_drives,
@@ -26,8 +34,10 @@ from ._places import (
     measure as measure,
     measure_maps as measure_maps,
 )
+from ._predictors import Predictor as Predictor
 from ._reports import check_calibration as check_calibration
 from ._routes import (
+    Route as Route,
     Routes as Routes,
     RoutesOnMaps as RoutesOnMaps,
     simulate_queries as simulate_queries,
@@ -39,18 +49,15 @@ from ._simulate import (
     simulate as simulate,
 )
 from ._simulator import Simulator as Simulator
-from .choice._choice import Candidate as Candidate, Choice as Choice
+from .choice._choice import Choice as Choice
 from .choice._choices import Choices as Choices, MapChoice as MapChoice
-from .choice._choose import (
-    check_candidates as check_candidates,
-    check_choice as check_choice,
-    choose as choose,
-    costmap_near_candidates as costmap_near_candidates,
-)
+from .choice._choose import choose as choose
 from .choice._choose_many import choose_many as choose_many
+from .choice._driven import Candidate as Candidate, Driven as Driven
 from .choice._figures import choice_figure as choice_figure
 from .choice._planner import SimulatedChoice as SimulatedChoice
-from .choice._verdict import Verdict as Verdict, is_one_way as is_one_way, verdict as verdict
+from .choice._race import Judgement as Judgement, Scores as Scores, judged as judged
+from .choice._settings import ChoiceSettings as ChoiceSettings
 from .tuning._bench import TuningBench as TuningBench
 from .tuning._figures import tuning_figure as tuning_figure
 from .tuning._files import check_tunable as check_tunable

@@ -3,18 +3,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.robots import FARTHEST_OBJECT, NEAREST_OBJECT, OMNIDIRECTIONAL, Amcl, Robot
+from locplan._util.poses import Poses
+from locplan.errors import ConfigError
+from locplan.maps import OccupancyGrid, check_grid
+from locplan.robots import (
+    FARTHEST_OBJECT,
+    NEAREST_OBJECT,
+    Robot,
+    beam_scores,
+    filter_settings,
+)
 
-BAND = 256
-"""Number of rows of a map that are processed at once."""
+
+class Line(NamedTuple):
+    """The poses that a drive leads through."""
+
+    truth: Poses
+    """In the own axes of the filter's map, (n, 3) [m, m, rad]."""
+    cells: Poses
+    """Row and column in the map that is driven in, and heading, (n, 3) [cells, cells, rad]."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +64,7 @@ def drive_arguments(
     Parameters
     ----------
     grid : OccupancyGrid
-        The map.
+        The filter's map.
     robot : Robot
         The robot, with its lidar.
     scores : (H + 2, W + 2) array of float32, optional
@@ -62,25 +76,13 @@ def drive_arguments(
     DriveArguments
         The arguments in the kernels' order.
     """
-    from locplan._kernels.drives import Odometry
-    from locplan._kernels.lidar import Lidar as Beams
-    from locplan._kernels.measured import BeamDisturbances
-    from locplan._kernels.particles import BeamScores, Filter
-    from locplan._kernels.tracking import Start
+    from locplan._kernels.drives import Odometry, Start
+    from locplan._kernels.lidar import BeamDisturbances, Lidar as Beams
 
     lidar, amcl = robot.known_lidar, robot.filter
     odometry, disturbances = robot.odometry, robot.disturbances
-    reach = amcl.reach(lidar)
-    values = beam_scores(grid, amcl, reach) if scores is None else scores
     return DriveArguments(
-        BeamScores(
-            values=values.ravel(),
-            rows=values.shape[0],
-            cols=values.shape[1],
-            resolution=grid.resolution,
-            product=amcl.laser_model_type == "likelihood_field_prob",
-            shift=1.5 if amcl.half_cell else 1.0,
-        ),
+        beam_scores(grid, amcl, lidar, scores),
         Beams(
             angles=np.ascontiguousarray(lidar.angles[:: amcl.beam_step(lidar.beams)]),
             forward=lidar.mount_x,
@@ -88,7 +90,7 @@ def drive_arguments(
             yaw=lidar.mount_yaw,
             sigma=lidar.range_sigma,
             min_range=max(lidar.least_range, amcl.laser_min_range),
-            max_range=reach,
+            max_range=amcl.reach(lidar),
         ),
         BeamDisturbances(
             outliers=disturbances.outliers,
@@ -106,51 +108,61 @@ def drive_arguments(
             turn_bias=odometry.turn_bias,
         ),
         Start(disturbances.start_sigma, math.radians(disturbances.start_sigma_deg)),
-        Filter(
-            **{name: getattr(amcl, name) for name in Filter._fields if name != "omnidirectional"},
-            omnidirectional=amcl.robot_model_type == OMNIDIRECTIONAL,
-        ),
+        filter_settings(amcl),
     )
 
 
-def beam_scores(grid: OccupancyGrid, amcl: Amcl, reach: float) -> NDArray[np.float32]:
-    """Score that a beam adds to a particle, for each cell where it may end, by AMCL's models.
+def check_filter_map(filter_map: OccupancyGrid | None, grid: OccupancyGrid) -> OccupancyGrid:
+    """The map that a filter has, which is the one that is driven in unless another is given.
 
     Parameters
     ----------
+    filter_map : OccupancyGrid or None
+        The filter's map, in the same frame.
     grid : OccupancyGrid
-        The map.
-    amcl : Amcl
-        Parameters of the filter.
-    reach : float
-        Greatest range of the beams [m].
+        The map that is driven in.
 
-    Returns
-    -------
-    (H + 2, W + 2) array of float32
-        Cube of the beam's likelihood, or its logarithm for "likelihood_field_prob". The ring
-        around the map is for beams that end outside of it.
+    Raises
+    ------
+    ConfigError
+        If no free cell of the map lies on the filter's.
     """
-    import cv2
+    if filter_map is None:
+        return grid
+    check_grid(filter_map)
+    rows, cols = np.nonzero(grid.free)
+    at = filter_map.world_to_grid(*grid.grid_to_world(rows + 0.5, cols + 0.5))
+    on_both = [(each >= 0) & (each < size) for each, size in zip(at, filter_map.shape, strict=True)]
+    if not np.logical_and(*on_both).any():
+        raise ConfigError(
+            f"the filter's map ({filter_map.name or 'filter_map'}) and {grid.name or 'the map'} do"
+            " not overlap; both must be in the same frame"
+        )
+    return filter_map
 
-    occupied = np.asarray(grid.cells == OCCUPIED, np.uint8)
-    furthest = amcl.laser_likelihood_max_dist
-    beyond = _score(np.float64(furthest), amcl, reach)
-    scores = np.full((grid.shape[0] + 2, grid.shape[1] + 2), beyond, np.float32)
-    if occupied.any():
-        cells = cv2.distanceTransform(1 - occupied, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        for top in range(0, len(cells), BAND):  # in parts, which saves memory on a large map
-            distance = np.minimum(cells[top : top + BAND] * grid.resolution, furthest)
-            scored = _score(distance.astype(np.float64), amcl, reach)
-            scores[1 + top : 1 + top + len(scored), 1:-1] = scored
-    return scores
+
+def about_filter(filter_map: OccupancyGrid | None) -> dict[str, object]:
+    """What results say of a filter's own map, fit for JSON; nothing where it has none.
+
+    Parameters
+    ----------
+    filter_map : OccupancyGrid or None
+        The filter's map, where it differs from the one that is driven in.
+    """
+    if filter_map is None:
+        return {}
+    return {"filter_map": {"name": filter_map.name, "digest": filter_map.digest}}
 
 
-def _score(distance: Any, amcl: Amcl, reach: float) -> Any:
-    """Score of a beam that ends at a distance from the nearest wall [m], float32."""
-    hit = amcl.z_hit * np.exp(-(distance**2) / (2 * amcl.sigma_hit**2))
-    likelihood = hit + amcl.z_rand / reach
-    if amcl.laser_model_type == "likelihood_field_prob":
-        tiny = np.finfo(np.float32).tiny
-        return np.log(np.maximum(likelihood, tiny)).astype(np.float32)
-    return (likelihood**3).astype(np.float32)
+def check_of_one_map(filter_map: OccupancyGrid | None, grids: Collection[object]) -> None:
+    """Raise a ConfigError if a filter's map is given for several maps.
+
+    Parameters
+    ----------
+    filter_map : OccupancyGrid or None
+        The filter's map.
+    grids : collection
+        The maps that are driven in.
+    """
+    if filter_map is not None and len(grids) > 1:
+        raise ConfigError(f"a filter's map is of one map, not of {len(grids)}; name the one")

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import file_path, shown
-from locplan._util.intervals import Interval
+from locplan._util.intervals import Interval, of_resamples
 from locplan._util.notebook import called
 from locplan._util.progress import ProgressCallback
 from locplan._util.ranking import spearman
@@ -112,7 +112,7 @@ class Calibration:
 
     def report(self) -> str:
         """Text for people: what was fitted, and how well it fits."""
-        return str(called("locplan.simulation._reports:calibration_table", self))
+        return str(called("locplan.simulation._reports:calibration_report", self))
 
     def save(
         self, path: str | os.PathLike[str], robot: Robot, *, force: bool = False
@@ -155,7 +155,7 @@ class Calibration:
             "maps": list(self.maps),
             "places": len(self.measured),
             "noise_level": list(self.noise_level),
-            "tau_m2": self.tau,
+            "tau": self.tau,
             **{name: getattr(self, name) for name in (*numbers, "consistency", "floor_share")},
         }
         return finite(about)
@@ -170,7 +170,7 @@ def calibrate(
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> Calibration:
-    """Fit the noise level, and if wanted tau, to errors at places.
+    """Fit the noise level, and tau if asked, to errors at places.
 
     The fit is by least squares between the logarithms of the rms position deviation and error, so
     that no place counts more than another however large its error is. A likelihood of Gaussian
@@ -234,7 +234,7 @@ def calibrate(
     check_determined(level)
     return judged(
         fitted,
-        Interval(level, *_bootstrapped(bare, q, measured)),
+        _bootstrapped(level, bare, q, measured),
         bare,
         q,
         errors,
@@ -328,11 +328,9 @@ def _consistency(covariance: Array, errors: Array) -> float:
     return float(np.einsum("nij,nji->n", np.linalg.inv(covariance), errors).mean() / 2)
 
 
-def _bootstrapped(bare: Array, q: Array, measured: Array) -> tuple[float, float]:
-    """The ends of the noise level's 95 % interval."""
+def _bootstrapped(level: float, bare: Array, q: Array, measured: Array) -> Interval:
+    """The noise level with its 95 % interval over the places."""
     random = np.random.default_rng(0)
     draws = random.integers(0, len(bare), (RESAMPLES, len(bare)))
-    low, high = np.quantile(
-        [fit_level(bare[n], q[n], measured[n])[0] for n in draws], (0.025, 0.975)
-    )
-    return float(low), float(high)
+    samples = [fit_level(bare[n], q[n], measured[n])[0] for n in draws]
+    return of_resamples(level, np.array(samples))

@@ -123,7 +123,7 @@ def _excludes(interval: Interval, chance: float, looks: int) -> bool:
 
 def _about_deeds(sizes: Sizes) -> str:
     """What to do: tune the filter, avoid places or mark them, or compare paths."""
-    avoid = "avoid these with `locplan choose`, or add landmarks there"
+    avoid = "avoid these with `locplan plan`, or add landmarks there"
     share = f"{_percent(sizes.failed)} of the places" if sizes.failed else "no place"
     failed = f"fail (RMSE above {FAILED_MATCH:g} m) at {share}"
     medians = (
@@ -141,7 +141,7 @@ def _about_deeds(sizes: Sizes) -> str:
         f"The filter is about as good as single scans ({medians}), but"
         f" {_percent(sizes.lost, 1)} of the drives were lost (> {LOST:g} m at any time), and at"
         f" 10 % of the places its RMSE exceeds {in_metres(sizes.tracking_rmse)}: compare paths with"
-        " `locplan choose`."
+        " `locplan plan`."
     )
 
 

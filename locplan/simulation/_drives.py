@@ -1,22 +1,47 @@
-"""Results of simulated drives: the filter's errors along the way, and how often it was lost."""
+"""Results of simulated drives: errors along the way, drives that were lost, and their scores."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import whole
 from locplan._util.intervals import Interval, of_geometric_mean, of_median, of_rms, wilson
+from locplan._util.records import POSE, Column, Table
 from locplan._util.tables import finite
-from locplan.simulation._scores import FLOOR
 
 MAX_DRIVES = 100_000
 """Greatest number of drives along a path, or to a place."""
 LOST = 1.0
 """Position error above which, at any time of a drive, the robot counts as lost [m]."""
+DRIVEN = (
+    Column("length", "m", "length"),
+    Column("typical_rmse", "m", "error of a typical drive", interval=True),
+    Column("median_error", "m", "median error", interval=True),
+    Column("lost_rate", "", f"lost (> {LOST:g} m at any time)", 0, "%", interval=True),
+    Column("kept_rmse", "m", "RMSE of those not lost", interval=True),
+    Column("rmse", "m", "RMSE of all", interval=True),
+    Column("final_rmse", "m", "RMSE at the end", interval=True),
+    Column("heading_rmse", "rad", "heading RMSE", 1, "deg", interval=True),
+)
+"""Columns of `Drives`: their length and errors, with 95 % intervals over the drives."""
+PROFILE = (
+    Column("distance", "m"),
+    *POSE,
+    Column("error_mean", "m"),
+    Column("error_median", "m"),
+    Column("error_percentile_10", "m"),
+    Column("error_percentile_90", "m"),
+    Column("heading_error_rms", "rad"),
+)
+"""Columns of `Drives.profile`."""
+PROFILE_COLUMNS = tuple(each.name for each in PROFILE)
+"""Names of the columns of `Drives.profile`."""
 
 
 def check_drives(drives: int, *, or_none: bool = False) -> None:
@@ -62,6 +87,11 @@ class Drives:
         """Distance driven up to each pose, (n,) [m]."""
         steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
         return np.concatenate([[0.0], np.cumsum(steps)])
+
+    @property
+    def length(self) -> float:
+        """Length of the line [m]."""
+        return float(self.distance[-1])
 
     @property
     def position_error(self) -> NDArray[np.float64]:
@@ -118,23 +148,12 @@ class Drives:
 
     def summary(self) -> dict[str, object]:
         """Length, errors and share of lost drives in numbers, fit for JSON."""
-        about: dict[str, object] = {
-            "drives": len(self.errors),
-            "length_m": float(self.distance[-1]),
-        }
-        for name, interval in (
-            ("median_error_m", self.median_error),
-            ("lost_rate", self.lost_rate),
-            ("kept_rmse_m", self.kept_rmse),
-            ("rmse_m", self.rmse),
-            ("final_rmse_m", self.final_rmse),
-            ("heading_rmse_rad", self.heading_rmse),
-        ):
-            about[name] = list(interval)
-        return finite(about)
+        about = {each.name: each.of(self) for each in DRIVEN}
+        listed = {name: list(v) if isinstance(v, tuple) else v for name, v in about.items()}
+        return finite({"drives": len(self.errors), **listed})
 
     def profile(self) -> NDArray[np.float64]:
-        """Poses and errors along the way, (n, 9), in the columns of `PROFILE_COLUMNS`."""
+        """Poses and errors along the way, (n, 9), in the columns of `PROFILE`."""
         error = self.position_error
         low, median, high = np.quantile(error, (0.1, 0.5, 0.9), axis=0)
         heading = np.sqrt((self.errors[..., 2] ** 2).mean(axis=0))
@@ -142,22 +161,20 @@ class Drives:
         return np.column_stack(columns)
 
 
-PROFILE_COLUMNS = (
-    "distance_m",
-    "x_m",
-    "y_m",
-    "heading_rad",
-    "error_mean_m",
-    "error_median_m",
-    "error_percentile_10_m",
-    "error_percentile_90_m",
-    "heading_error_rms_rad",
-)
-"""Names of the columns of `Drives.profile`."""
+def profiles(drives: Mapping[str, Drives]) -> Table:
+    """The profiles of drives along some paths, with the path's name in the first column.
+
+    Parameters
+    ----------
+    drives : mapping of str to Drives
+        Drives by the names of the paths.
+    """
+    rows = ((name, *row) for name, each in drives.items() for row in each.profile().tolist())
+    return Table((Column("path"), *PROFILE), tuple(rows))
 
 
 def rmse_ratio(drives: Drives, others: Drives) -> Interval:
-    """Ratio of the RMSE of some drives to that of others with the same seeds.
+    """Ratio of the RMSE of a typical drive to that of others with the same seeds.
 
     Parameters
     ----------
@@ -167,12 +184,57 @@ def rmse_ratio(drives: Drives, others: Drives) -> Interval:
     Returns
     -------
     Interval
-        The ratio with its 95 % interval over the drives; below 1 the former are better.
+        Geometric mean of the ratio with its 95 % interval over the drives, as `locplan.choose`
+        confirms it; below 1 the former are better.
     """
-    return of_rms(drives.mean_squares, others.mean_squares)
+    squares, below = drives.mean_squares + FLOOR, others.mean_squares + FLOOR
+    return of_geometric_mean(np.sqrt(squares / below))
 
 
 def contrasts(drives: Mapping[str, Drives]) -> dict[str, Interval]:
     """Ratio of the RMSE of each path's drives to that of the first path's."""
     first, *rest = drives
     return {name: rmse_ratio(drives[name], drives[first]) for name in rest}
+
+
+Minimise = Literal["rmse", "lost", "goal-error", "heading"]
+"""Quantity that the chosen path has least of."""
+MINIMISED: tuple[Minimise, ...] = get_args(Minimise)
+FLOOR = 1e-6
+"""Mean square error that is added, so that no drive without error decides alone [m^2, rad^2]."""
+LAST = 1.0
+"""Length of the last stretch, of which "goal-error" is made [m]."""
+
+
+def log_errors(
+    distance: NDArray[np.float64],
+    errors: NDArray[np.float64],
+    minimise: Minimise,
+    worst: float,
+) -> NDArray[np.float64]:
+    """Logarithm of the root mean square error of each drive, (drives,).
+
+    Parameters
+    ----------
+    distance : (n,) array
+        Distance driven up to each pose [m].
+    errors : (drives, n, 3) array
+        The filter's pose minus the true one [m, m, rad].
+    minimise : str
+        "heading" takes the error of the heading [rad], "goal-error" that of the position over the
+        last metre, "rmse" and "lost" that of the position [m].
+    worst : float
+        Error as which larger ones count [m, or rad].
+    """
+    if minimise == "heading":
+        squares = errors[..., 2] ** 2
+    else:
+        squares = errors[..., 0] ** 2 + errors[..., 1] ** 2
+    if minimise == "goal-error":
+        squares = squares[:, distance >= distance[-1] - LAST]
+    return np.asarray(0.5 * np.log(np.minimum(squares.mean(axis=1), worst**2) + FLOOR))
+
+
+def worst_error(shape: tuple[int, int], resolution: float) -> float:
+    """Error of a position as which larger ones count: the length of the map's diagonal [m]."""
+    return math.hypot(*shape) * resolution

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, get_args
+from pathlib import Path
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +16,13 @@ from locplan._util.checks import whole
 from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.ranking import Rank, Resamples, rank
-from locplan._util.records import Reported
+from locplan._util.records import POSITION, Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.field import equipped
 from locplan.maps import OccupancyGrid
 from locplan.robots import Robot
+from locplan.simulation._arguments import about_filter
 from locplan.simulation._conclusion import FAILED_MATCH, Ranked, Sizes, conclusion
 from locplan.simulation._places import DRIVES, PLACES, SCANS, ErrorKind, Places, measure_maps
 from locplan.simulation._predictors import PLANNED, Predictor, configs, predictions
@@ -31,12 +33,12 @@ KIND_LABELS: dict[ErrorKind, str] = {
     "match": "error of single-scan matches",
 }
 SIZES = (
-    "tracking_median_m",
+    "tracking_median",
     "lost_rate",
-    "tracking_kept_rmse_m",
-    "tracking_rmse_m",
-    "match_median_m",
-    "match_rmse_m",
+    "tracking_kept_rmse",
+    "tracking_rmse",
+    "match_median",
+    "match_rmse",
 )
 """Sizes of the errors at a place: those of `sizes_of`."""
 
@@ -55,13 +57,13 @@ def sizes_of(places: Places) -> dict[str, NDArray[np.float64]]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Evaluation(Reported):
+class Evaluation(Result):
     """Errors at places of some maps, and the values of each predictor there."""
 
-    _reported_by: ClassVar[str] = "locplan.simulation._reports:evaluation_table"
-    _written_by: ClassVar[str] = "locplan.simulation._reports:write_evaluation"
+    _reported_by: ClassVar[str] = "locplan.simulation._reports:evaluation_report"
+    _drawn_by: ClassVar[str] = "locplan.simulation:evaluation_figure"
     files: ClassVar[Results] = Results(
-        "evaluation", ("evaluation.png", "evaluation.json", "places.csv")
+        "evaluation", ("evaluation.json", "evaluation.png", "places.csv")
     )
 
     places: Sequence[Places]
@@ -77,6 +79,8 @@ class Evaluation(Reported):
     """Number of single scans at each place."""
     seed: int
     """Seed of all random numbers."""
+    filter_map: OccupancyGrid | None = None
+    """The filter's map, where it is not the one that was driven in."""
 
     def __repr__(self) -> str:
         places = sum(len(each.points) for each in self.places)
@@ -141,11 +145,11 @@ class Evaluation(Reported):
         ]
         found = {name: np.concatenate(values) for name, values in self._sizes.items()}
         sizes = Sizes(
-            tracking_median=float(np.median(found["tracking_median_m"])),
-            tracking_rmse=float(np.quantile(found["tracking_rmse_m"], 0.9)),
+            tracking_median=float(np.median(found["tracking_median"])),
+            tracking_rmse=float(np.quantile(found["tracking_rmse"], 0.9)),
             lost=float(found["lost_rate"].mean()),
-            match_median=float(np.median(found["match_median_m"])),
-            failed=float((found["match_rmse_m"] > FAILED_MATCH).mean()),
+            match_median=float(np.median(found["match_median"])),
+            failed=float((found["match_rmse"] > FAILED_MATCH).mean()),
         )
         return conclusion(len(found["lost_rate"]), self.agreement, fields, sizes)
 
@@ -159,15 +163,15 @@ class Evaluation(Reported):
         number : int
             Index of the map in `places`, from 0 on.
         size : str
-            "tracking_median_m", "lost_rate", "tracking_kept_rmse_m", "tracking_rmse_m",
-            "match_median_m" or "match_rmse_m"; "tracking" and "match" stand for their RMSE.
+            "tracking_median", "lost_rate", "tracking_kept_rmse", "tracking_rmse",
+            "match_median" or "match_rmse"; "tracking" and "match" stand for their RMSE.
 
         Returns
         -------
         list of float
             The three percentiles [m], or shares of "lost_rate"; NaN if no place is known.
         """
-        values = self._sizes.get(size, self._sizes.get(f"{size}_rmse_m"))
+        values = self._sizes.get(size, self._sizes.get(f"{size}_rmse"))
         assert values is not None, size
         known = values[number][~np.isnan(values[number])]
         quantiles: list[float] = [np.nan] * 3
@@ -204,7 +208,7 @@ class Evaluation(Reported):
                 | {
                     f"{each}_10_50_90": self.quantiles(n, each)
                     for each in SIZES
-                    if each[-2:] == "_m"
+                    if each != "lost_rate"
                 }
                 for n, each in enumerate(self.places)
             ],
@@ -224,22 +228,29 @@ class Evaluation(Reported):
             "scans": self.scans,
             "seed": self.seed,
             "robot": self.robot.summary(),
+            **about_filter(self.filter_map),
         }
         return finite(about)
 
-    def rows(self) -> Iterator[tuple[str, NDArray[np.float64]]]:
-        """Name of each map, and a row of `columns` per place: x, y, errors and predictions."""
+    def table(self) -> Table:
+        """A row per place: where it is, its errors, and what each predictor foresaw."""
+        rows: list[tuple[object, ...]] = []
         for places, found in zip(self.places, self.predictions, strict=True):
-            sizes = sizes_of(places).values()
             headings = [places.heading_rmse(kind) for kind in KINDS]
-            values = [np.abs(each) for each in found.values()]  # counts of cells are negated
-            yield places.grid.name, np.column_stack([places.xy, *sizes, *headings, *values])
+            foreseen = [np.abs(each) for each in found.values()]  # counts of cells are negated
+            values = np.column_stack([places.xy, *sizes_of(places).values(), *headings, *foreseen])
+            rows += [(places.grid.name, *row) for row in values.tolist()]
+        columns = (
+            Column("map"),
+            *POSITION,
+            *(Column(size, "" if size == "lost_rate" else "m") for size in SIZES),
+            *(Column(f"{kind}_heading_rmse", "rad") for kind in KINDS),
+            *(Column(each.column) for each in self.predictions[0]),
+        )
+        return Table(columns, tuple(rows))
 
-    @property
-    def columns(self) -> list[str]:
-        """Names of the values in `rows`."""
-        headings = [f"{kind}_heading_rmse_rad" for kind in KINDS]
-        return ["x_m", "y_m", *SIZES, *headings, *(each.column for each in self.predictions[0])]
+    def _write(self, folder: Path, *about: Any) -> None:
+        self.table().write_csv(folder / "places.csv")
 
 
 LARGEST_DISC = 30.0
@@ -256,6 +267,7 @@ def evaluate(
     drives: int = DRIVES,
     scans: int = SCANS,
     disc: float | None = None,
+    filter_map: OccupancyGrid | None = None,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
@@ -276,6 +288,9 @@ def evaluate(
         narrow the errors of a place, more places the intervals.
     disc : float, optional
         Radius of the templates of "sad" [m]; by default the paper's 6 m. Take the lidar's range.
+    filter_map : OccupancyGrid, optional
+        The filter's map in the same frame, where it differs from the only one that is driven in;
+        single scans are matched on the latter.
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal results.
     threads : int, optional
@@ -306,6 +321,7 @@ def evaluate(
         places=places,
         drives=drives,
         scans=scans,
+        filter_map=filter_map,
         seed=seed,
         threads=threads,
         progress=callbacks[0],
@@ -314,4 +330,4 @@ def evaluate(
     for each, part in zip(measured, callbacks[1:], strict=True):
         found.append(predictions(each.grid, fields, each.points, threads=threads))
         part(max(1, effort // 50), 0)
-    return Evaluation(measured, found, robot, drives, scans, seed)
+    return Evaluation(measured, found, robot, drives, scans, seed, filter_map)

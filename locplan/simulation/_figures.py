@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
@@ -27,21 +28,20 @@ from locplan.plotting import (
     label_plainly,
     make_logarithmic,
     map_size,
+    style as styles,
     zoomed_to,
 )
 from locplan.robots import Robot
 from locplan.simulation._calibration import Calibration
 from locplan.simulation._drives import LOST, contrasts
 from locplan.simulation._evaluation import KIND_LABELS, KINDS, Evaluation
+from locplan.simulation._places import ErrorKind
 from locplan.simulation._predictors import Predictor
 from locplan.simulation._routes import Routes
 from locplan.simulation._simulate import Simulation
 
 LETTERS = 11.5
 """Number of letters of a legend or a title that fit within an inch."""
-ERROR_COLOURS = "viridis"
-MIN_ERROR = 0.02
-"""Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""
 LABEL_AWAY = 6.0
 """Distance of a point's number from it along both axes [points]."""
 PANEL_POINTS = 200.0
@@ -78,7 +78,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
     draw_inset(upper, grid, part, shown)
     profiles = {name: each.profile() for name, each in simulation.drives.items()}
     every = np.concatenate([profile[:, 4] for profile in profiles.values()])
-    low = max(MIN_ERROR, float(every.min()))
+    low = max(styles.MIN_ERROR, float(every.min()))
     norm = LogNorm(low, max(float(every.max()), 2 * low), clip=True)
     ratios, handles, image = contrasts(simulation.drives), [], None
     for (name, profile), style in zip(profiles.items(), itertools.cycle(PATH_STYLES)):
@@ -88,7 +88,12 @@ def simulation_figure(simulation: Simulation) -> Figure:
         lines = np.stack([xy[:-1], xy[1:]], axis=1)
         image = upper.add_collection(
             LineCollection(
-                list(lines), array=mean[:-1], cmap=ERROR_COLOURS, norm=norm, linewidths=4, zorder=3
+                list(lines),
+                array=mean[:-1],
+                cmap=styles.ERROR_COLOURS,
+                norm=norm,
+                linewidths=4,
+                zorder=3,
             )
         )
         lower.fill_between(distance, profile[:, 6], profile[:, 7], color=colour, alpha=0.15, lw=0)
@@ -187,27 +192,11 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
         Errors and predictions at places, as `evaluate` returns them.
     """
     predictors, several = list(evaluation.predictions[0]), len(evaluation.places) > 1
-    rows = np.arange(len(predictors))[::-1]
     figure = Picture(figsize=(9, 5.2 + 0.24 * len(predictors)), layout="constrained")
     parts: Any = figure.subfigures(2, height_ratios=(1.2 + 0.26 * len(predictors), 4.2))
     upper, lower = parts
-    panels: Any = upper.subplots(1, 2, sharey=True)
-    for axes, kind in zip(panels, KINDS, strict=True):
-        for row, predictor in zip(rows, predictors, strict=True):
-            found = evaluation.ranks[predictor, kind]
-            shown = [(found.spearman, POOLED, 0.12, POOLED), (found.within, WITHIN, -0.12, "white")]
-            for interval, colour, aside, fill in shown[: 2 if several else 1]:
-                axes.plot(interval[1:], [row + aside] * 2, color=colour, linewidth=1.5)
-                axes.plot(interval.value, row + aside, "o", color=colour, markerfacecolor=fill)
-        axes.axvline(0, color="0.6", linewidth=0.8, zorder=0)
-        axes.set(
-            xlim=(-1.1, 1.1),
-            xticks=(-1, -0.5, 0, 0.5, 1),
-            xlabel="Spearman's rank correlation, 95 %",
-        )
-        axes.set_title(KIND_LABELS[kind], fontsize="medium")
-        axes.grid(axis="y", color="0.92")
-        axes.set_yticks(rows, [_label(predictor) for predictor in predictors])
+    for axes, kind in zip(upper.subplots(1, 2, sharey=True), KINDS, strict=True):
+        _draw_ranks(axes, evaluation, kind)
     handles = [
         Line2D([], [], color=POOLED, marker="o", label="all places together"),
         Line2D([], [], color=WITHIN, marker="o", markerfacecolor="white", label="mean over maps"),
@@ -221,23 +210,7 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
     examples = Predictor("sad", "e"), Predictor("scan", "position_std")
     few = len(evaluation.places) <= len(MAP_MARKS)
     for axes, predictor in zip(lower.subplots(1, 2, sharey=True), examples, strict=True):
-        for n, (places, values) in enumerate(
-            zip(evaluation.places, evaluation.predictions, strict=True)
-        ):
-            colour, mark = MAP_MARKS[n] if few else MAP_MARKS[0]
-            error = places.position_rmse("tracking")
-            style: dict[str, Any] = {"color": colour, "ms": 4, "alpha": 0.6}
-            axes.plot(np.abs(values[predictor]), error, mark, label=places.grid.name, **style)
-        unit = {"e": "m² rad", "position_std": "m"}.get(predictor.scalar, "")
-        axes.set_xlabel(f"{predictor} [{unit}]" if unit else str(predictor))
-        every = np.abs(np.concatenate([each[predictor] for each in evaluation.predictions]))
-        make_logarithmic(axes.xaxis, 6)
-        if every.max() < 1.05 * every.min():
-            axes.set_xlabel(f"{axes.get_xlabel()}: all alike within 5 %")
-            axes.set_xticks([np.median(every)], [f"{np.median(every):.3g}"])
-        correlation = evaluation.ranks[predictor, "tracking"].spearman
-        axes.set_title(f"{predictor}: correlation {short(correlation)}", fontsize="medium")
-        make_logarithmic(axes.yaxis)
+        _draw_places(axes, evaluation, predictor, MAP_MARKS if few else MAP_MARKS[:1])
     if few:
         lower.legend(
             *lower.axes[0].get_legend_handles_labels(),
@@ -247,6 +220,47 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
         )
     lower.axes[0].set_ylabel("RMSE of the filter's position [m]")
     return figure
+
+
+def _draw_ranks(axes: Axes, evaluation: Evaluation, kind: ErrorKind) -> None:
+    """Draw the rank correlation of each predictor with a kind of error, and its interval."""
+    predictors, several = list(evaluation.predictions[0]), len(evaluation.places) > 1
+    rows = np.arange(len(predictors))[::-1]
+    for row, predictor in zip(rows, predictors, strict=True):
+        found = evaluation.ranks[predictor, kind]
+        shown = [(found.spearman, POOLED, 0.12, POOLED), (found.within, WITHIN, -0.12, "white")]
+        for interval, colour, aside, fill in shown[: 2 if several else 1]:
+            axes.plot(interval[1:], [row + aside] * 2, color=colour, linewidth=1.5)
+            axes.plot(interval.value, row + aside, "o", color=colour, markerfacecolor=fill)
+    axes.axvline(0, color="0.6", linewidth=0.8, zorder=0)
+    axes.set(
+        xlim=(-1.1, 1.1),
+        xticks=(-1, -0.5, 0, 0.5, 1),
+        xlabel="Spearman's rank correlation, 95 %",
+    )
+    axes.set_title(KIND_LABELS[kind], fontsize="medium")
+    axes.grid(axis="y", color="0.92")
+    axes.set_yticks(rows, [_label(predictor) for predictor in predictors])
+
+
+def _draw_places(
+    axes: Axes, evaluation: Evaluation, predictor: Predictor, marks: Sequence[tuple[str, str]]
+) -> None:
+    """Draw the filter's error at the places of each map over what a predictor foresaw."""
+    every = [np.abs(each[predictor]) for each in evaluation.predictions]
+    for places, values, (colour, mark) in zip(evaluation.places, every, itertools.cycle(marks)):
+        style: dict[str, Any] = {"color": colour, "ms": 4, "alpha": 0.6}
+        axes.plot(values, places.position_rmse("tracking"), mark, label=places.grid.name, **style)
+    unit = {"e": "m² rad", "position_std": "m"}.get(predictor.scalar, "")
+    axes.set_xlabel(f"{predictor} [{unit}]" if unit else str(predictor))
+    foreseen = np.concatenate(every)
+    make_logarithmic(axes.xaxis, 6)
+    if foreseen.max() < 1.05 * foreseen.min():
+        axes.set_xlabel(f"{axes.get_xlabel()}: all alike within 5 %")
+        axes.set_xticks([np.median(foreseen)], [f"{np.median(foreseen):.3g}"])
+    correlation = evaluation.ranks[predictor, "tracking"].spearman
+    axes.set_title(f"{predictor}: correlation {short(correlation)}", fontsize="medium")
+    make_logarithmic(axes.yaxis)
 
 
 def calibration_figure(calibration: Calibration) -> Figure:

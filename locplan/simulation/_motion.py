@@ -122,9 +122,5 @@ def _cut_out(
     cells = int(np.ceil(reach / costs.grid.resolution)) + 1
     (top, left) = (max(0, index - cells) for index in cell)
     part = slice(top, cell[0] + cells + 1), slice(left, cell[1] + cells + 1)
-    grid = costs.grid
-    x, y = grid.grid_to_world(top, left)
-    near = OccupancyGrid(
-        grid.cells[part], grid.resolution, (float(x), float(y), grid.origin[2]), grid.name
-    )
+    near = costs.grid.part(*part)
     return Costmap.from_density(near, costs.density[part]), (cell[0] - top, cell[1] - left)

@@ -17,6 +17,7 @@ from locplan.errors import ConfigError
 from locplan.field import FieldConfig, well_spaced
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot
+from locplan.simulation._arguments import check_of_one_map
 from locplan.simulation._drives import LOST, MAX_DRIVES
 from locplan.simulation._motion import approaches
 from locplan.simulation._simulator import APPROACH, POINTS, Simulator
@@ -230,6 +231,7 @@ def measure_maps(
     places: int = PLACES,
     drives: int = DRIVES,
     scans: int = SCANS,
+    filter_map: OccupancyGrid | None = None,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
@@ -246,6 +248,9 @@ def measure_maps(
         Greatest number of random places on each map, at least 2, which are at least 1 m apart.
     drives, scans : int, default 16
         Number of drives to each place, and of single scans at each, 0 to 100,000.
+    filter_map : OccupancyGrid, optional
+        The filter's map in the same frame, where it differs from the only one that is driven in;
+        single scans are matched on the latter.
     seed : int, default 1
         Seed of all random numbers, >= 0.
     threads : int, optional
@@ -265,6 +270,7 @@ def measure_maps(
     """
     if not grids:
         raise ConfigError("there must be at least one map")
+    check_of_one_map(filter_map, grids)
     for name, value in (("drives", drives), ("scans", scans)):
         whole(name, value, 0, MAX_DRIVES)
     whole("seed", seed, 0)
@@ -273,7 +279,7 @@ def measure_maps(
     callbacks = parts(progress, [(drives + 1) * len(points) for points in chosen])
     return [
         measure(
-            Simulator(grid, robot=robot, seed=seed, threads=threads),
+            Simulator(grid, robot, filter_map=filter_map, seed=seed, threads=threads),
             points,
             robot_radius=robot.radius,
             drives=drives,

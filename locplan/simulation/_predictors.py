@@ -23,6 +23,7 @@ class Predictor(NamedTuple):
     """A source and the scalar that is read of it; greater values should mean greater errors."""
 
     source: str
+    """Name of the field, or of a baseline."""
     scalar: str
     """One of `SCALARS`, or nothing for a baseline."""
 

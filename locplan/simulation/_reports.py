@@ -7,45 +7,32 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from locplan._util.files import check_target, replacing
-from locplan._util.formats import digits_of, in_degrees, in_percent, plain, short, with_unit
+from locplan._util.formats import digits_of, plain, short
 from locplan._util.reading import parsed_json, read_text
 from locplan._util.results import ResultFolder, digest_of
-from locplan._util.tables import REPORT_WIDTH, table, write_json, write_rows
+from locplan._util.tables import REPORT_WIDTH, table, write_json
 from locplan.errors import LocplanError
 from locplan.field import save_config
 from locplan.robots import Robot
 from locplan.simulation._calibration import Calibration
-from locplan.simulation._drives import PROFILE_COLUMNS, contrasts
 from locplan.simulation._evaluation import KIND_LABELS, KINDS, SIZES, Evaluation
-from locplan.simulation._routes import COLUMNS, Routes, RoutesOnMaps
+from locplan.simulation._routes import Routes, RoutesOnMaps
 from locplan.simulation._simulate import Simulation
 
 
-def simulation_table(simulation: Simulation) -> str:
+def simulation_report(simulation: Simulation) -> str:
     """Table of the errors along each path, side by side."""
-    drives, ratios = simulation.drives, contrasts(simulation.drives)
-    rows = [
-        ["length", *(f"{each.distance[-1]:.2f} m" for each in drives.values())],
-        ["median error", *(with_unit(each.median_error, "m") for each in drives.values())],
-        ["lost (> 1 m at any time)", *(in_percent(each.lost_rate) for each in drives.values())],
-        ["RMSE of those not lost", *(with_unit(each.kept_rmse, "m") for each in drives.values())],
-        ["RMSE of all", *(with_unit(each.rmse, "m") for each in drives.values())],
-        ["RMSE at the goal", *(with_unit(each.final_rmse, "m") for each in drives.values())],
-        [
-            "heading RMSE",
-            *(with_unit(in_degrees(each.heading_rmse), "deg") for each in drives.values()),
-        ],
-    ]
-    if ratios:
-        rows.append([f"RMSE over {next(iter(drives))}'s", "", *map(short, ratios.values())])
-    count = len(next(iter(drives.values())).errors)
+    head, *rows = simulation.table().turned()
+    if len(head) == 2:  # one path has no ratio
+        del rows[-1]
+    count = len(next(iter(simulation.drives.values())).errors)
     return (
-        f"{table(['', *drives], rows)}\nerrors of the position, of {count} drives each"
+        f"{table(head, rows)}\nerrors of the position, of {count} drives each"
         f" [95 % intervals]\nwith {simulation.robot.title}"
     )
 
 
-def routes_table(every: Iterable[Routes]) -> str:
+def routes_report(every: Iterable[Routes]) -> str:
     """Table of both paths of many queries, one row per map."""
     rows = [
         [
@@ -76,7 +63,7 @@ def _joined(between: str, errors: Iterable[float]) -> str:
     return between.join(plain(each, digits_of(each)) for each in errors)
 
 
-def evaluation_table(evaluation: Evaluation) -> str:
+def evaluation_report(evaluation: Evaluation) -> str:
     """Tables of how well each predictor ranks places, and of how large the errors were."""
     several = len(evaluation.places) > 1
     columns = ["predictor", "correlation", *(["in a map"] if several else []), "AUC"]
@@ -116,26 +103,6 @@ def _sizes(evaluation: Evaluation) -> str:
     )
 
 
-def write_simulation(results: ResultFolder, simulation: Simulation) -> list[Path]:
-    """Write simulation.json, simulation.png, and errors.csv with the error along each path.
-
-    Raises
-    ------
-    LocplanError
-        If the folder cannot be made or written.
-    """
-    from locplan.plotting import save_figure
-    from locplan.simulation import _figures
-
-    with results.writing() as folder:
-        picture, about, errors = (folder / name for name in Simulation.files.names)
-        save_figure(_figures.simulation_figure(simulation), picture)
-        write_json(about, simulation.summary())
-        rows = ([name, *row] for name, each in simulation.drives.items() for row in each.profile())
-        write_rows(errors, ["path", *PROFILE_COLUMNS], rows)
-    return [results.folder / name for name in Simulation.files.names]
-
-
 def write_routes(results: ResultFolder, every: RoutesOnMaps) -> list[Path]:
     """Write queries.json, queries.csv, and a picture of each map.
 
@@ -151,34 +118,13 @@ def write_routes(results: ResultFolder, every: RoutesOnMaps) -> list[Path]:
     with results.writing() as folder:
         about, table_file = (folder / name for name in RoutesOnMaps.files.names)
         write_json(about, every.summary())
-        rows = ([routes.grid.name, *row] for routes in every for row in routes.rows())
-        write_rows(table_file, ["map", *COLUMNS], rows)
+        every.table().write_csv(table_file)
         for name, routes in zip(pictures, every, strict=True):
             save_figure(_figures.queries_figure(routes), folder / name)
     return [results.folder / name for name in (*RoutesOnMaps.files.names, *pictures)]
 
 
-def write_evaluation(results: ResultFolder, evaluation: Evaluation) -> list[Path]:
-    """Write evaluation.json, evaluation.png, and places.csv with one row per place.
-
-    Raises
-    ------
-    LocplanError
-        If the folder cannot be made or written.
-    """
-    from locplan.plotting import save_figure
-    from locplan.simulation import _figures
-
-    with results.writing() as folder:
-        picture, about, places = (folder / name for name in Evaluation.files.names)
-        save_figure(_figures.evaluation_figure(evaluation), picture)
-        write_json(about, evaluation.summary())
-        rows = ([name, *row] for name, values in evaluation.rows() for row in values)
-        write_rows(places, ["map", *evaluation.columns], rows)
-    return [results.folder / name for name in Evaluation.files.names]
-
-
-def calibration_table(calibration: Calibration) -> str:
+def calibration_report(calibration: Calibration) -> str:
     """Table of what was fitted, and of how well it fits."""
     rows = [
         ["maps", ", ".join(calibration.maps)],

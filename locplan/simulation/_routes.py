@@ -11,7 +11,7 @@ import numpy as np
 
 from locplan._util.intervals import Interval, of_geometric_mean, of_mean
 from locplan._util.progress import ProgressCallback, parts
-from locplan._util.records import Reported
+from locplan._util.records import Column, Reported, Table
 from locplan._util.results import Results
 from locplan._util.tables import file_name, finite
 from locplan.costs import Costmap, Path, about_costs
@@ -20,6 +20,7 @@ from locplan.field import equipped
 from locplan.maps import OccupancyGrid
 from locplan.planners import AWARE, SHORTEST, Query, plan_beside_shortest
 from locplan.robots import Robot
+from locplan.simulation._arguments import about_filter
 from locplan.simulation._drives import Drives, check_drives, contrasts
 from locplan.simulation._simulate import DRIVES, drive_paths
 from locplan.simulation._simulator import Simulator
@@ -37,9 +38,9 @@ class Route:
 
     query: Query
     """Start and goal of both paths."""
-    lengths: tuple[float, float]
+    length: tuple[float, float]
     """Lengths of the shortest and of the aware path [m]."""
-    median: tuple[float, float]
+    median_error: tuple[float, float]
     """Median error of the position along each path [m]."""
     lost: tuple[float, float]
     """Share of each path's drives that were lost at any time."""
@@ -51,24 +52,27 @@ class Route:
     """Summary of each path's drives, and the ratio of their RMSE, fit for JSON."""
 
 
+def _pair(name: str, unit: str = "") -> tuple[Column, Column]:
+    """Columns of a pair of values, of the shortest and of the aware path."""
+    return (
+        Column(f"{name}_shortest", unit, value=lambda each: getattr(each, name)[0]),
+        Column(f"{name}_aware", unit, value=lambda each: getattr(each, name)[1]),
+    )
+
+
 COLUMNS = (
-    "query",
-    "start_x_m",
-    "start_y_m",
-    "goal_x_m",
-    "goal_y_m",
-    "length_shortest_m",
-    "length_aware_m",
-    "median_error_shortest_m",
-    "median_error_aware_m",
-    "lost_shortest",
-    "lost_aware",
-    "kept_rmse_shortest_m",
-    "kept_rmse_aware_m",
-    "rmse_shortest_m",
-    "rmse_aware_m",
+    Column("query", value=lambda each: each.query.name),
+    Column("start_x", "m", value=lambda each: each.query.start[0]),
+    Column("start_y", "m", value=lambda each: each.query.start[1]),
+    Column("goal_x", "m", value=lambda each: each.query.goal[0]),
+    Column("goal_y", "m", value=lambda each: each.query.goal[1]),
+    *_pair("length", "m"),
+    *_pair("median_error", "m"),
+    *_pair("lost"),
+    *_pair("kept_rmse", "m"),
+    *_pair("rmse", "m"),
 )
-"""Names of the columns of `Routes.rows`."""
+"""Columns of a `Route`."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,7 +93,7 @@ class Routes:
     def length_ratio(self) -> Interval:
         """Ratio of the aware to the shortest path's length: geometric mean over the queries."""
         return of_geometric_mean(
-            np.array([each.lengths[1] / each.lengths[0] for each in self.routes])
+            np.array([each.length[1] / each.length[0] for each in self.routes])
         )
 
     @property
@@ -100,7 +104,7 @@ class Routes:
     @property
     def median(self) -> tuple[float, float]:
         """Median error along the shortest and the aware paths: geometric means [m]."""
-        return _geometric_means([each.median for each in self.routes])
+        return _geometric_means([each.median_error for each in self.routes])
 
     @property
     def kept_rmse(self) -> tuple[float, float]:
@@ -136,21 +140,9 @@ class Routes:
             return "helps"
         return "harms" if ratio.low > 1 else "unclear"
 
-    def rows(self) -> list[list[object]]:
-        """One row per query, in the columns of `COLUMNS`."""
-        return [
-            [
-                each.query.name,
-                *each.query.start[:2],
-                *each.query.goal[:2],
-                *each.lengths,
-                *each.median,
-                *each.lost,
-                *each.kept_rmse,
-                *each.rmse,
-            ]
-            for each in self.routes
-        ]
+    def table(self) -> Table:
+        """A row per query: both ends, and the errors along both paths."""
+        return Table.of(COLUMNS, self.routes)
 
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON; pairs are of the shortest and of the aware path."""
@@ -159,10 +151,10 @@ class Routes:
             "verdict": self.verdict,
             "length_ratio": list(self.length_ratio),
             "rmse_ratio": list(self.rmse_ratio),
-            "median_error_m": list(self.median),
+            "median_error": list(self.median),
             "lost": list(self.lost),
-            "kept_rmse_m": list(self.kept_rmse),
-            "rmse_m": list(self.rmse),
+            "kept_rmse": list(self.kept_rmse),
+            "rmse": list(self.rmse),
             "lost_difference": list(self.lost_difference),
             "queries": [
                 {
@@ -181,7 +173,7 @@ class Routes:
 class RoutesOnMaps(Reported):
     """Drives along both paths of queries on several maps."""
 
-    _reported_by: ClassVar[str] = "locplan.simulation._reports:routes_table"
+    _reported_by: ClassVar[str] = "locplan.simulation._reports:routes_report"
     _written_by: ClassVar[str] = "locplan.simulation._reports:write_routes"
     files: ClassVar[Results] = Results("queries", ("queries.json", "queries.csv"))
 
@@ -193,6 +185,11 @@ class RoutesOnMaps(Reported):
 
     def __repr__(self) -> str:
         return f"RoutesOnMaps({len(self.maps)} maps)"
+
+    def table(self) -> Table:
+        """A row per query of each map."""
+        rows = ((each.grid.name, *row) for each in self.maps for row in each.table().rows)
+        return Table((Column("map"), *COLUMNS), tuple(rows))
 
     @staticmethod
     def pictures(maps: Sequence[str]) -> list[str]:
@@ -218,6 +215,7 @@ def simulate_queries(
     robot: Robot | None = None,
     *,
     drives: int = DRIVES,
+    filter_map: OccupancyGrid | None = None,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
@@ -233,7 +231,7 @@ def simulate_queries(
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
         your own, such as `Robot.from_nav2` reads.
-    drives, seed, threads, progress
+    drives, filter_map, seed, threads, progress
         See `simulate`; the drives are those along each path.
 
     Returns
@@ -250,6 +248,7 @@ def simulate_queries(
     simulator = Simulator(
         costs.grid,
         equipped(robot, costs.settings.config if costs.settings else None),
+        filter_map=filter_map,
         seed=seed,
         threads=threads,
     )
@@ -267,6 +266,7 @@ def simulate_queries(
         "drives": drives,
         "seed": seed,
         "robot": simulator.robot.summary(),
+        **about_filter(filter_map),
     }
     return Routes(costs.grid, routes, about)
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import ClassVar
+from pathlib import Path as FilePath
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback, parts
-from locplan._util.records import Reported
+from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path, about_costs
@@ -19,7 +22,8 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import prepared_beside
 from locplan.robots import Lidar, Robot
-from locplan.simulation._drives import Drives, check_drives, contrasts
+from locplan.simulation._arguments import about_filter
+from locplan.simulation._drives import DRIVEN, Drives, check_drives, contrasts, profiles
 from locplan.simulation._motion import poses_along
 from locplan.simulation._simulator import Simulator
 
@@ -28,13 +32,13 @@ DRIVES = 100
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Simulation(Reported):
+class Simulation(Result):
     """Drives along some paths on one map."""
 
-    _reported_by: ClassVar[str] = "locplan.simulation._reports:simulation_table"
-    _written_by: ClassVar[str] = "locplan.simulation._reports:write_simulation"
+    _reported_by: ClassVar[str] = "locplan.simulation._reports:simulation_report"
+    _drawn_by: ClassVar[str] = "locplan.simulation:simulation_figure"
     files: ClassVar[Results] = Results(
-        "simulation", ("simulation.png", "simulation.json", "errors.csv")
+        "simulation", ("simulation.json", "simulation.png", "errors.csv")
     )
 
     grid: OccupancyGrid
@@ -49,6 +53,8 @@ class Simulation(Reported):
     """Seed of all random numbers."""
     costs: Costmap | None = None
     """Costmap that the paths were planned on; None if that is not known."""
+    filter_map: OccupancyGrid | None = None
+    """The filter's map, where it is not the one that was driven in."""
 
     def __repr__(self) -> str:
         driven = ", ".join(f"{name}: {drives!r}" for name, drives in self.drives.items())
@@ -63,8 +69,22 @@ class Simulation(Reported):
             "rmse_ratio": {name: list(ratio) for name, ratio in contrasts(self.drives).items()},
             "seed": self.seed,
             "robot": self.robot.summary(),
+            **about_filter(self.filter_map),
         }
         return finite(about)
+
+    def table(self) -> Table:
+        """Length and errors of each path, and the ratio of its RMSE to the first's."""
+        ratios, alone = contrasts(self.drives), Interval(1.0, math.nan, math.nan)
+        ratio = Column("rmse_ratio", "", f"error over {next(iter(self.drives))}'s", interval=True)
+        rows = (
+            (name, *(column.of(each) for column in DRIVEN), ratios.get(name, alone))
+            for name, each in self.drives.items()
+        )
+        return Table((Column("path", title=""), *DRIVEN, ratio), tuple(rows))
+
+    def _write(self, folder: FilePath, *about: Any) -> None:
+        profiles(self.drives).write_csv(folder / "errors.csv")
 
 
 def simulate(
@@ -73,6 +93,7 @@ def simulate(
     robot: Robot | None = None,
     *,
     drives: int = DRIVES,
+    filter_map: OccupancyGrid | None = None,
     seed: int = 1,
     threads: int | None = None,
     costs: Costmap | None = None,
@@ -94,6 +115,9 @@ def simulate(
         your own, such as `Robot.from_nav2` reads.
     drives : int, default 100
         Number of drives along each path, 2 to 100,000. Fewer are quicker, and widen the intervals.
+    filter_map : OccupancyGrid, optional
+        The filter's map in the same frame, where it differs from the one that is driven in; its
+        resolution, origin and size may differ, too.
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads.
     threads : int, optional
@@ -127,13 +151,13 @@ def simulate(
         raise ConfigError("paths must be a mapping of names to paths, such as {'mine': plan.path}")
     if not paths:
         raise ConfigError("there must be at least one path to drive")
-    simulator = Simulator(grid, robot=robot, seed=seed, threads=threads)
+    simulator = Simulator(grid, robot, filter_map=filter_map, seed=seed, threads=threads)
     routes = {
         name: path if isinstance(path, Path) else Path(np.asarray(path))
         for name, path in paths.items()
     }
     driven = drive_paths(simulator, routes, drives, progress=progress)
-    return Simulation(grid, routes, driven, simulator.robot, seed, costs)
+    return Simulation(grid, routes, driven, simulator.robot, seed, costs, filter_map)
 
 
 def drive_paths(

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,26 +16,19 @@ from locplan._util.poses import Poses
 from locplan._util.progress import ProgressCallback
 from locplan._util.random_streams import random_of
 from locplan.field import equipped
-from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
-from locplan.maps.environments import with_boundary_noise
+from locplan.maps import OCCUPIED, OccupancyGrid, check_grid, own_axes
+from locplan.maps.environments import boundary_cells, with_boundary_noise
 from locplan.robots import Robot
-from locplan.simulation._arguments import DriveArguments, drive_arguments
+from locplan.simulation._arguments import DriveArguments, Line, check_filter_map, drive_arguments
 from locplan.simulation._drives import Drives
+from locplan.simulation._worlds import MARGIN, SharedWorlds, Stage, turned, window_about
 
-MATCH_WINDOW = 2.0
-"""Half width of the window in which single scans are matched [m]."""
-MATCH_STEP = 0.05
-"""Spacing of the window's offsets [m], rounded to whole cells."""
-MATCH_ROTATIONS = 61
-"""Number of headings in the window, over 120 deg."""
-MATCH_SIGMA, MATCH_Z_RAND = 0.1, 0.05
-"""Parameters sigma_hit [m] and z_rand of the likelihood field on which scans are matched."""
-
-
+MATCH_WINDOW, MATCH_STEP = 2.0, 0.05
+"""Half width and spacing of the offsets at which single scans are matched [m]."""
 ARRAYS = 4
 """Number of arrays of all poses that are in memory at once."""
 DRIVE, MATCH, WORLD, POINTS, APPROACH, BEAMS = range(6)
-"""Streams of random numbers, see `random_of`."""
+"""Streams of random numbers, see `random_of`; drives and their worlds have further numbers."""
 
 
 class Simulator:
@@ -44,20 +37,25 @@ class Simulator:
     Parameters
     ----------
     grid : OccupancyGrid
-        The robot's map. Worlds are made of it with `Disturbances.boundary_noise`.
+        The robot's map.
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
         your own, such as `Robot.from_nav2` reads.
+    filter_map : OccupancyGrid, optional
+        The filter's map in the same frame, where it differs, as one does that was made before
+        something was moved. Its resolution, origin and size may differ, too. Single scans are
+        matched on `grid`.
     seed : int, default 1
-        Seed of all random numbers, >= 0. Drive n has the same ones whatever else is driven.
+        Seed of all random numbers, >= 0. Drive n has the same ones on all lines that are driven
+        together; its world is that of the part of the map around these lines.
     threads : int, optional
         Number of threads, at least 1; all cores by default. The results do not depend on it.
 
     Raises
     ------
     ConfigError
-        If seed or threads are out of their range; in its methods, too, if worlds, drives or scans
-        take more memory than there is.
+        If seed or threads are out of their range, or the maps do not overlap; in its methods, too,
+        if worlds, drives or scans take more memory than there is.
     """
 
     def __init__(
@@ -65,29 +63,56 @@ class Simulator:
         grid: OccupancyGrid,
         robot: Robot | None = None,
         *,
+        filter_map: OccupancyGrid | None = None,
         seed: int = 1,
         threads: int | None = None,
     ) -> None:
         check_grid(grid)
+        self.filter_map = check_filter_map(filter_map, grid)
         whole("seed", seed, 0)
         self.grid, self.seed, self.threads = grid, seed, check_threads(threads)
         self.robot = equipped(robot)
-        worlds = self.robot.disturbances.worlds
-        check_memory(f"{worlds} worlds", 2 * worlds * grid.cells.size, "set fewer worlds")
 
     def __repr__(self) -> str:
         return f"Simulator({self.grid.name or 'map'}, {self.robot.title}, seed {self.seed})"
 
+    def about(self, lines: Sequence[Poses], robot: Robot | None = None) -> Simulator:
+        """Simulator with the same seed on the parts of both maps that drives along lines need.
+
+        Parameters
+        ----------
+        lines : sequence of (n, 3) arrays
+            Poses of each line in the world [m, m, rad].
+        robot : Robot, optional
+            The robot; by default the same.
+        """
+        xy = np.concatenate([line[:, :2] for line in lines])
+        reach = self.robot.known_lidar.range + MARGIN
+
+        def part(grid: OccupancyGrid) -> OccupancyGrid:
+            # The filter's map may end before the lines do.
+            cells = np.clip(np.column_stack(grid.world_to_grid(*xy.T)), 0, grid.shape)
+            return grid.part(*window_about(grid, cells, reach / grid.resolution))
+
+        filter_map = None if self.filter_map is self.grid else part(self.filter_map)
+        own: dict[str, Any] = {"filter_map": filter_map, "seed": self.seed, "threads": self.threads}
+        return Simulator(part(self.grid), robot or self.robot, **own)
+
     @cached_property
     def worlds(self) -> list[NDArray[np.uint8]]:
-        """Empty squares of each world for its rays, see `locplan._kernels.rays.empty_squares`."""
+        """Empty squares of each world for the rays of single scans, which share some worlds.
+
+        See `locplan._kernels.rays.empty_squares`.
+        """
         from locplan._kernels.rays import empty_squares
 
         noise = self.robot.disturbances.boundary_noise
         count = self.robot.disturbances.worlds if noise else 1
+        check_memory(f"{count} worlds", 2 * count * self.grid.cells.size, "set fewer worlds")
 
         def make(number: int) -> NDArray[np.uint8]:
-            world = with_boundary_noise(self.grid, noise, seed=self._world_seed(number))
+            seed = int(random_of(self.seed, WORLD, number).integers(2**63))
+            world = with_boundary_noise(self.grid, noise, seed=seed)
             squares: NDArray[np.uint8] = empty_squares(world.cells == OCCUPIED)
             return squares
 
@@ -101,13 +126,12 @@ class Simulator:
         stream: int = 0,
         progress: ProgressCallback | None = None,
     ) -> NDArray[np.float64]:
-        """Drive each line once; all lines have the same number of poses.
+        """Drive each line once, in a world of its own; all have the same number of poses.
 
         Parameters
         ----------
         lines : sequence of (n, 3) arrays
-            True poses x, y, heading in the world [m, m, rad], about 0.05 m apart; the lines take
-            the worlds in turn.
+            True poses x, y, heading in the world [m, m, rad], about 0.05 m apart.
         stream : int, default 0
             Number of the stream of random numbers; different streams are independent.
         progress : callable, optional
@@ -120,36 +144,34 @@ class Simulator:
         """
         size = len(lines) * lines[0].size * ARRAYS * 8
         check_memory(f"{len(lines)} drives of {len(lines[0])} poses", size, "drive fewer")
-        own = [self.on_grid(line) for line in lines]
-        errors = np.empty((len(own), *own[0].shape))
+        own = [self.line(poses) for poses in lines]
+        errors = np.empty((len(own), *lines[0].shape))
 
         def run(n: int) -> None:
-            self._drive(own[n], stream, n, errors[n])
+            stage = self.stage(own[n : n + 1])
+            errors[n] = stage.drive(own[n], stage.world(stream, n), stream, n, self.arguments)
 
         self._in_threads(run, len(own), progress)
-        return _turned(errors, self.grid.origin[2])
+        return turned(errors, self.filter_map.origin[2])
 
     def drive_together(
         self,
         lines: Sequence[Poses],
-        drives: int,
+        drives: int | range,
         *,
         stream: int = 0,
-        enough: Callable[[list[NDArray[np.float64]]], bool] | None = None,
         progress: ProgressCallback | None = None,
     ) -> list[NDArray[np.float64]]:
-        """Drive all lines once, then all of them once more, and so on.
+        """Drive each line several times; the n-th drives of all have one world and one seed.
 
         Parameters
         ----------
         lines : sequence of (n, 3) arrays
             True poses of each line in the world [m, m, rad].
-        drives : int
-            Greatest number of drives of each line; the n-th of all have the same world and seed.
+        drives : int or range
+            Number of drives of each line, or the numbers of the drives.
         stream : int, default 0
             Number of the stream of random numbers.
-        enough : callable, optional
-            Called with what is returned after each round of drives; True ends them.
         progress : callable, optional
             Called with (done, total) drives.
 
@@ -158,31 +180,52 @@ class Simulator:
         list of (drives, n, 3) arrays
             Errors of each line as `drive` gives them.
         """
-        size = drives * sum(line.size for line in lines) * ARRAYS * 8
-        check_memory(f"{drives} drives of {len(lines)} lines", size, "drive fewer")
-        errors = [np.empty((drives, *line.shape)) for line in lines]
-        own = [self.on_grid(line) for line in lines]
+        numbers = range(drives) if isinstance(drives, int) else drives
+        size = len(numbers) * sum(line.size for line in lines) * ARRAYS * 8
+        check_memory(f"{len(numbers)} drives of {len(lines)} lines", size, "drive fewer")
+        errors = [np.empty((len(numbers), *line.shape)) for line in lines]
+        own = [self.line(poses) for poses in lines]
+        stage = self.stage(own)
+        # The lines of one drive follow each other, so that few worlds are in memory at once.
+        worlds = SharedWorlds(lambda number: stage.world(stream, number), len(own))
 
         def run(task: int) -> None:
             drive, line = divmod(task, len(own))
-            self._drive(own[line], stream, drive, errors[line][drive])
+            number = numbers[drive]
+            with worlds.of(number) as world:
+                made = stage.drive(own[line], world, stream, number, self.arguments)
+            errors[line][drive] = made
 
-        def turned(rounds: int) -> list[NDArray[np.float64]]:
-            return [_turned(each[:rounds], self.grid.origin[2]) for each in errors]
+        self._in_threads(run, len(numbers) * len(own), progress)
+        return [turned(each, self.filter_map.origin[2]) for each in errors]
 
-        def ends(done: int) -> bool:
-            rounds, rest = divmod(done, len(own))
-            return enough is not None and not rest and enough(turned(rounds))
+    def line(self, poses: Poses) -> Line:
+        """Poses in the own axes of both maps, as drives take them.
 
-        done = self._in_threads(run, drives * len(own), progress, ends)
-        return turned(done // len(own))
+        Parameters
+        ----------
+        poses : (n, 3) array
+            Poses x, y, heading in the world [m, m, rad].
+        """
+        x, y, heading = own_axes(self.grid, poses).T
+        resolution = self.grid.resolution
+        cells = np.column_stack([y / resolution, x / resolution, heading])
+        return Line(own_axes(self.filter_map, poses), cells)
 
-    def _drive(self, line: Poses, stream: int, number: int, errors: NDArray[np.float64]) -> None:
-        """Drive a line in the map's own axes, in the world and with the seed of this number."""
-        from locplan._kernels.drives import drive
+    def stage(self, lines: Sequence[Line]) -> Stage:
+        """The part of the map that drives along some lines need.
 
-        world = self.worlds[number % len(self.worlds)]
-        drive(random_of(self.seed, DRIVE, stream, number), line, world, *self.arguments, errors)
+        Parameters
+        ----------
+        lines : sequence of Line
+            The lines, as `line` gives them.
+        """
+        reach = (self.robot.known_lidar.range + MARGIN) / self.grid.resolution
+        cells = np.concatenate([line.cells[:, :2] for line in lines])
+        window = window_about(self.grid, cells, reach)
+        stops, boundary = self.grid.cells[window] == OCCUPIED, self.boundary[window]
+        noise = self.robot.disturbances.boundary_noise
+        return Stage(self.grid.resolution, window, stops, boundary, noise, self.seed)
 
     def drive_along(
         self,
@@ -203,7 +246,8 @@ class Simulator:
         stream, progress
             See `Simulator.drive`.
         """
-        return Drives(poses, self.drive([poses] * drives, stream=stream, progress=progress))
+        errors = self.drive_together([poses], drives, stream=stream, progress=progress)
+        return Drives(poses, errors[0])
 
     def match(
         self,
@@ -231,8 +275,8 @@ class Simulator:
             The most likely pose minus the true one, in the world [m, m, rad]. Offsets are whole
             cells, about 0.05 m apart, and headings 2 deg apart.
         """
+        from locplan._kernels.likelihood import make_lattice
         from locplan._kernels.matches import match
-        from locplan._kernels.offsets import make_lattice
         from locplan.field import likelihood_field
 
         resolution = self.grid.resolution
@@ -243,10 +287,10 @@ class Simulator:
             resolution,
             step,
             half_steps,
-            sigma_hit=MATCH_SIGMA,
-            z_rand=MATCH_Z_RAND,
+            sigma_hit=0.1,
+            z_rand=0.05,
         )
-        angles = np.linspace(-np.pi / 3, np.pi / 3, MATCH_ROTATIONS)
+        angles = np.linspace(-np.pi / 3, np.pi / 3, 61)
         lattice = make_lattice(half_steps, angles)
         size = len(cells) * scans * 3 * ARRAYS * 8
         check_memory(f"{scans} scans at each of {len(cells)} places", size, "set fewer scans")
@@ -269,39 +313,26 @@ class Simulator:
                     errors[n, scan : scan + 1],
                 )
 
+        _ = self.worlds  # made once, not by every thread
         self._in_threads(run, len(cells), progress)
         errors[..., :2] *= resolution
-        return _turned(errors, self.grid.origin[2])
+        return turned(errors, self.grid.origin[2])
 
-    def on_grid(self, poses: Poses) -> Poses:
-        """Poses in the map's own axes, from its origin on, (n, 3) [m, m, rad].
-
-        Parameters
-        ----------
-        poses : (n, 3) array
-            Poses x, y, heading in the world [m, m, rad].
-        """
-        rows, cols = self.grid.world_to_grid(*poses[:, :2].T)
-        heading = poses[:, 2] - self.grid.origin[2]
-        return np.column_stack([cols * self.grid.resolution, rows * self.grid.resolution, heading])
-
-    def _world_seed(self, world: int) -> int:
-        return int(random_of(self.seed, WORLD, world).integers(2**63))
+    @cached_property
+    def boundary(self) -> NDArray[np.bool_]:
+        """Cells in which worlds may differ from the map, (H, W)."""
+        return boundary_cells(self.grid)
 
     @cached_property
     def arguments(self) -> DriveArguments:
-        """Arguments of the kernels for the map and the robot."""
-        return drive_arguments(self.grid, self.robot)
+        """Arguments of the kernels for the filter's map and the robot."""
+        return drive_arguments(self.filter_map, self.robot)
 
     def _in_threads(
-        self,
-        run: Callable[[int], None],
-        count: int,
-        progress: ProgressCallback | None,
-        ends: Callable[[int], bool] = lambda done: False,
-    ) -> int:
-        """Run tasks in their order until `ends` is true of the number done, which is returned."""
-        _ = self.worlds, self.arguments  # made once, not by every thread
+        self, run: Callable[[int], None], count: int, progress: ProgressCallback | None
+    ) -> None:
+        """Run tasks in their order."""
+        _ = self.arguments, self.boundary  # made once, not by every thread
         pool = ThreadPoolExecutor(self.threads)
         try:
             tasks = [pool.submit(run, n) for n in range(count)]
@@ -309,17 +340,5 @@ class Simulator:
                 task.result()
                 if progress:
                     progress(done, count)
-                if ends(done):
-                    return done
         finally:
             pool.shutdown(cancel_futures=True)
-        return count
-
-
-def _turned(errors: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
-    """Errors turned from the map's own axes into the world's."""
-    if not yaw:
-        return errors
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    x, y = errors[..., 0], errors[..., 1]
-    return np.stack([cos * x - sin * y, sin * x + cos * y, errors[..., 2]], axis=-1)

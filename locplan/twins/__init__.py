@@ -1,4 +1,4 @@
-"""Twins: places that a lidar cannot tell apart, and where a global match of a scan is safe."""
+"""Twins: places that a lidar mistakes for others, and where a global match of a scan is safe."""
 
 from locplan._util.public import attach
 

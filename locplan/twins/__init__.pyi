@@ -1,4 +1,3 @@
-from ._columns import LAYERS as LAYERS, Twin as Twin
 from ._figures import twins_figure as twins_figure
 from ._find import (
     PLACE_HEADINGS as PLACE_HEADINGS,
@@ -12,9 +11,7 @@ from ._location_figures import (
     locate_figure as locate_figure,
     located_drive_figure as located_drive_figure,
 )
-from ._matching import Matching as Matching
-from ._scan_database import ScanDatabase as ScanDatabase
-from ._starts import Start as Start
+from ._places import LAYERS as LAYERS, Start as Start, Twin as Twin
 from ._symmetries import Symmetry as Symmetry
 from ._trials import GlobalMatches as GlobalMatches
 from ._twins import Twins as Twins

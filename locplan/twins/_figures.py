@@ -15,9 +15,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
-from locplan.plotting import Picture, draw_cells, draw_map, map_size
-from locplan.twins._looks import THRESHOLD
-from locplan.twins._starts import Start
+from locplan.plotting import Picture, draw_cells, draw_map, map_size, style
+from locplan.twins._places import THRESHOLD, Start
 from locplan.twins._trials import GlobalMatches
 from locplan.twins._twins import SHOWN, Twins
 
@@ -26,11 +25,9 @@ if TYPE_CHECKING:
 
 COLOURS = ListedColormap(colormaps["YlOrBr"](np.linspace(0.0, 0.8, 256)))
 """Colours of the share elsewhere, from nearly white to brown, never as dark as a wall."""
-LINES = ("#0072b2", "#009e73", "#cc79a7", "#56b4e9")
-"""Colours of the first symmetries' lines, apart for colour-blind people."""
 OTHER = "0.35"
 """Colour of lines that belong to none of these symmetries."""
-MOST_LINES = 24
+MAX_LINES = 24
 """Greatest number of lines."""
 LIKELY = 0.2
 """Share of the posterior elsewhere from which on a place is joined to its twin."""
@@ -98,13 +95,15 @@ def place_figure(twins: Twins, place: int) -> Figure:
     found = twins.of(place)
     for n, twin in enumerate(found[:SHOWN], 1):
         alike = twin.excess <= THRESHOLD
-        line = axes.plot([x, twin.x], [y, twin.y], color=LINES[0] if alike else OTHER, zorder=3)
+        line = axes.plot(
+            [x, twin.x], [y, twin.y], color=style.COLOURS[0] if alike else OTHER, zorder=3
+        )
         line[0].set_linestyle("-" if alike else ":")
         axes.plot(twin.x, twin.y, zorder=5, **NUMBERED)
         axes.annotate(
             str(n), (twin.x, twin.y), ha="center", va="center", fontsize=7, zorder=6 + 1 / n
         )
-    axes.plot(x, y, "*", color="#d55e00", markeredgecolor="black", markersize=15, zorder=8)
+    axes.plot(x, y, "*", color=style.VERMILION, markeredgecolor="black", markersize=15, zorder=8)
     about = "no twin"
     if found:
         more = f", the best {SHOWN} of {len(found)}" if len(found) > SHOWN else ""
@@ -123,7 +122,7 @@ def _draw_twins(axes: Axes, twins: Twins) -> list[Any]:
     handles: list[Any] = []
     chosen = _joined(twins)
     for number, pairs in sorted(chosen.items(), key=lambda item: (item[0] < 0, item[0])):
-        colour = LINES[number] if number >= 0 else OTHER
+        colour = style.COLOURS[number] if number >= 0 else OTHER
         lines = [twins.places[place].tolist() + twin for place, twin in pairs]
         segments = np.array(lines).reshape(-1, 2, 2)
         axes.add_collection(
@@ -146,13 +145,13 @@ def _joined(twins: Twins) -> dict[int, list[tuple[int, list[float]]]]:
     twin = _best_twins(twins)
     having = np.flatnonzero((twin[:, 3] <= THRESHOLD) & (twins.elsewhere >= LIKELY))
     # The fewer lines there may be, the farther apart their ends are.
-    apart = math.sqrt(having.size * twins.spacing**2 / (MOST_LINES / 2)) if having.size else 0.0
+    apart = math.sqrt(having.size * twins.spacing**2 / (MAX_LINES / 2)) if having.size else 0.0
     taken: list[NDArray[np.float64]] = []
     pairs: dict[int, list[tuple[int, list[float]]]] = {}
     for place in having[np.argsort(twin[having, 3], kind="stable")]:
         ends = twins.places[place], twin[place, :2]
         near = [float(np.hypot(*(end - other))) < apart for end in ends for other in taken]
-        if any(near) or len(taken) >= 2 * MOST_LINES:
+        if any(near) or len(taken) >= 2 * MAX_LINES:
             continue
         taken += ends
         pairs.setdefault(_symmetry_of(twins, place, twin[place]), []).append(
@@ -171,7 +170,7 @@ def _best_twins(twins: Twins) -> NDArray[np.float64]:
 
 def _symmetry_of(twins: Twins, place: int, twin: NDArray[np.float64]) -> int:
     """Number of the first symmetry with a colour that takes a place to a twin, or -1."""
-    for n, each in enumerate(twins.symmetries[: len(LINES)]):
+    for n, each in enumerate(twins.symmetries[: len(style.COLOURS)]):
         from_middle = twins.places[place] - np.array(each.middle)
         cos, sin = math.cos(each.turn), math.sin(each.turn)
         turned = np.array([[cos, -sin], [sin, cos]]) @ from_middle

@@ -11,19 +11,24 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import position, positive, shown
 from locplan._util.machine import check_threads
-from locplan._util.poses import Numbers
+from locplan._util.poses import Numbers, wrapped
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
 from locplan.field import equipped
 from locplan.maps import OccupancyGrid, check_grid
+from locplan.matching import (
+    GLOBAL_EFFECTIVE_BEAMS,
+    Database,
+    Matching,
+    ScanDatabase,
+    checked_database,
+    in_batches,
+    make_database,
+    places_every,
+)
 from locplan.robots import Robot
-from locplan.twins._columns import LAYERS
-from locplan.twins._database import Database, make_database, places_every, wrapped
-from locplan.twins._looks import LISTED, Looks, look_around
-from locplan.twins._matching import GLOBAL_EFFECTIVE_BEAMS, Matching
-from locplan.twins._modes import in_batches
-from locplan.twins._scan_database import ScanDatabase, checked_database
+from locplan.twins._places import LAYERS, LISTED, Looks, look_around
 from locplan.twins._symmetries import find_symmetries
 from locplan.twins._twins import Twins
 
@@ -49,8 +54,8 @@ def find_twins(
 
     The scan that the lidar would take at each place is compared with all places and turns, and the
     best ones are refined on the map's likelihood field. What is found foresees failures of global
-    matching of single scans, and tells where to start a robot. It does not foresee well where
-    AMCL's own global localization fails, which spreads particles and drives: in 150 simulated
+    matching of single scans, and says where to start a robot. It does not foresee well where
+    AMCL's own global localization fails, which scatters particles and drives: in 150 simulated
     drives each with an AUC of .77 in a warehouse, and of .51 in an office.
 
     Parameters
@@ -66,7 +71,7 @@ def find_twins(
         Distance between neighbouring places [m], at least a cell. A smaller one misses less, and
         takes longer.
     global_effective_beams : float, default 36.0
-        Number of independent beams that tell as much as all round do, above 0, which makes losses
+        Number of independent beams that count as much as all round do, above 0, which makes losses
         nats. It is fitted to global matches; it is not the number of `locplan.Scan`, which is
         fitted to the uncertainty of a match near its place.
     count_missing : bool, default False

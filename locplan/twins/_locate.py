@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,24 +12,26 @@ from locplan._util.poses import Numbers
 from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.recordings import Recording
-from locplan.robots import Lidar
-from locplan.twins._database import Database
-from locplan.twins._location import Location, Mode
-from locplan.twins._modes import (
+from locplan.matching import (
     APART,
+    CLEARANCE,
     ENOUGH,
-    LEAST_RETURNS,
+    MIN_RETURNS,
     TURNED,
+    Database,
+    ScanDatabase,
+    checked_database,
     refined,
     shortlisted,
     turning_lever,
 )
-from locplan.twins._scan_database import CLEARANCE, ScanDatabase, checked_database
+from locplan.recordings import Recording
+from locplan.robots import Lidar
+from locplan.twins._location import Location, Mode
 
 WITHIN = 3.0
 """Default distance from a route within which a robot is looked for [m]."""
-LEAST_WITHIN = 0.5
+MIN_WITHIN = 0.5
 """Least such distance, a little more than that of the places that scans are compared with [m]."""
 COUNT = 10
 """Default number of modes that are kept."""
@@ -47,7 +48,7 @@ TURNS_ASIDE, TURN = 5, math.radians(2.0)
 
 
 class NotLocatedError(ConfigError):
-    """A scan tells nothing about where it was taken."""
+    """A scan leaves open where it was taken."""
 
 
 def locate(
@@ -65,7 +66,7 @@ def locate(
 
     The scan is compared with what the lidar would see at places 0.4 m apart all over the map, at 96
     turns; the best of them are refined on the map's likelihood field, at last with all beams. Beams
-    without a return tell nothing. What a lidar sees everywhere is found when the first scan is
+    without a return count for nothing. What a lidar sees everywhere is found when the first scan is
     located, and kept for the next ones.
 
     Parameters
@@ -135,28 +136,28 @@ def places_of(database: ScanDatabase, near: Path | ArrayLike | None, within: flo
     """
     if near is None:
         return database.everywhere
-    radius = number("within", within, LEAST_WITHIN)
-    places: Any = near
-    return database.near(near if isinstance(near, Path) else Path(places).xy, radius)
+    radius, places = number("within", within, MIN_WITHIN), near
+    if isinstance(places, Path):
+        places = places.resampled(database.grid.resolution).xy
+    return database.near(Path(np.asarray(places)).xy, radius)
 
 
 def located(
     database: ScanDatabase, ranges: Numbers, places: Database, count: int, *, restricted: bool
 ) -> Location:
     """Find the modes of a scan, inf without a return, among places of a database."""
-    from locplan._kernels.scan_losses import TOP, fits, unlike
-    from locplan._kernels.settling import settle
+    from locplan._kernels.scan_losses import TOP, fits, settle, unlike
 
     lidar, resolution = database.lidar, database.grid.resolution
     compared = places.matching.compared(ranges[None])[0]
     starts = shortlisted(places, compared)
     found = refined(places, compared, starts)
     on_robot = lidar.ends_on_robot(ranges[None].astype(np.float32))
-    ends = beams_that_count(database, on_robot)
-    if found.returns < LEAST_RETURNS or ends.shape[1] < LEAST_RETURNS:
+    ends = database.compared_ends(on_robot[0])
+    if found.returns < MIN_RETURNS or ends.shape[1] < MIN_RETURNS:
         raise NotLocatedError(
-            f"the scan has too few returns, {int(np.isfinite(ranges).sum())}, to tell where it was"
-            f" taken; at least {LEAST_RETURNS} of {int(places.matching.seen.sum())} directions need"
+            f"the scan has too few returns, {int(np.isfinite(ranges).sum())}, to know where it was"
+            f" taken; at least {MIN_RETURNS} of {int(places.matching.seen.sum())} directions need"
             " one"
         )
     # Where people stand around, a wide deviation leads away from the true pose.
@@ -194,15 +195,6 @@ def located(
         explained=_explained(places, ends, poses[kept[0]]),
         restricted=restricted,
     )
-
-
-def beams_that_count(database: ScanDatabase, on_robot: Numbers) -> NDArray[np.float32]:
-    """Ends of up to 180 beams that return, ahead and to the left of the robot, (2, k) [cells].
-
-    They are those that `locplan.Scan` compares.
-    """
-    ends = on_robot[0, database.matcher.settings.beam_numbers] / database.grid.resolution
-    return np.ascontiguousarray(ends[np.isfinite(ends[:, 0])].T, np.float32)
 
 
 def _explained(places: Database, ends: NDArray[np.float32], pose: Numbers) -> float:

@@ -17,10 +17,11 @@ from locplan._util.poses import Numbers, wrapped
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
-from locplan._util.tables import REPORT_WIDTH, finite, table
+from locplan._util.tables import REPORT_WIDTH, finite
 from locplan.costs import Path
 from locplan.errors import RecordingError
 from locplan.maps import OccupancyGrid, check_grid
+from locplan.matching import CLEARANCE, ScanDatabase, checked_database, in_batches
 from locplan.recordings import Recording
 from locplan.twins._locate import (
     COUNT,
@@ -30,8 +31,6 @@ from locplan.twins._locate import (
     places_of,
 )
 from locplan.twins._location import CERTAIN, DEVIATIONS, POSE, WEIGHT, Location
-from locplan.twins._modes import in_batches
-from locplan.twins._scan_database import CLEARANCE, ScanDatabase, checked_database
 
 Mask = NDArray[np.bool_]
 NEAR, TURNED = 0.3, float(np.radians(3.0))
@@ -153,7 +152,7 @@ class LocatedDrive(Result):
     def report(self) -> str:
         """The modes of the only scan, or how many of several are right: text for people."""
         if self.alone is None:
-            return f"{self._shares()}\n{_wrapped(self.sentence)}"
+            return "\n".join(map(_wrapped, [*self._about(), self.sentence, *self._errors()]))
         modes = self.alone.table()
         recorded = ("recorded", *self.recording.poses[0].tolist())
         unknown = (math.nan,) * (len(modes.columns) - len(recorded))
@@ -164,34 +163,22 @@ class LocatedDrive(Result):
         shown = replace(modes, rows=(*modes.rows, (*recorded, *unknown)))
         return f"{shown}\n{_wrapped(f'{self.alone.sentence} {away}')}"
 
-    def _shares(self) -> str:
-        right, certain = self.right, self.certain
-        without = sum(each is None for each in self.locations)
-        rows = [
-            ("map", self.grid.name),
-            ("drive", repr(self.recording).removeprefix("Recording(").removesuffix(")")),
-            ("right", f"{right.mean():.1%} of all scans"),
-            (
-                "certain",
-                f"{certain.mean():.1%}"
-                if without == 0
-                else f"{certain.mean():.1%}; {without} scans have too few returns",
-            ),
-            ("right of the certain", f"{right[certain].mean():.1%}" if certain.any() else "-"),
-        ]
-        if right.any():
-            distance, turn = (
-                np.quantile(each[right], (0.5, 0.9)) for each in (self.distance, self.turn)
-            )
-            degrees = np.degrees(turn)
-            rows.append(
-                (
-                    "error of the right",
-                    f"median {100 * distance[0]:.1f} cm, {degrees[0]:.2f}°;"
-                    f" nine of ten below {100 * distance[1]:.1f} cm, {degrees[1]:.2f}°",
-                )
-            )
-        return table([], rows)
+    def _about(self) -> list[str]:
+        drive = repr(self.recording).removeprefix("Recording(").removesuffix(")")
+        missing = sum(each is None for each in self.locations)
+        few = [f"{missing} scans have too few returns."] if missing else []
+        return [f"{self.grid.name or 'map'}, {drive}", *few]
+
+    def _errors(self) -> list[str]:
+        right = self.right
+        if not right.any():
+            return []
+        away, turn = (100 * self.distance[right], np.degrees(self.turn[right]))
+        below = (
+            f"{np.quantile(away, share):.1f} cm, {np.quantile(turn, share):.2f}°"
+            for share in (0.5, 0.9)
+        )
+        return ["Errors of these: median {}; nine of ten below {}.".format(*below)]
 
     def _write(self, folder: FilePath) -> None:
         if self.alone:
@@ -287,6 +274,6 @@ def locate_drive(
     locations = in_batches(find, len(recording), workers, progress)
     if not any(locations):
         raise RecordingError(
-            f"none of {len(recording)} scans has enough returns to tell where it was taken"
+            f"none of {len(recording)} scans has enough returns to know where it was taken"
         )
     return LocatedDrive(recording, grid, tuple(locations))

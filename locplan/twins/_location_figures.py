@@ -16,18 +16,17 @@ from numpy.typing import ArrayLike, NDArray
 from locplan._util.poses import ends_in_map
 from locplan.costs import Path
 from locplan.field import position_axes
-from locplan.plotting import Picture, draw_inset, draw_map, map_size, zoomed_to
+from locplan.plotting import Picture, draw_inset, draw_map, draw_number, map_size, style, zoomed_to
 from locplan.twins._located_drive import LocatedDrive
 from locplan.twins._location import Location, Mode
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-BEST, OTHER, RECORDED, WRONG = "#d55e00", "#0072b2", "#009e73", "#cc79a7"
 ZOOMED = 0.6
 """Share of the map's width from which on the surroundings of the robot get no map of their own."""
-LEAST_ZOOM = 4.0
-"""Least distance from the robot to the edges of that map [m]."""
+MIN_ZOOM = 4.0
+"""Minimum distance from the robot to the edges of that map [m]."""
 CLOSE = 4.5
 """Width of that map [inch]."""
 DEVIATIONS = 2.0
@@ -54,7 +53,7 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
     on_robot = location.lidar.ends_on_robot(location.ranges[None].astype(np.float32))
     ends = ends_in_map(on_robot, np.array([best.pose]))[0]
     away = np.hypot(*(ends - np.array(best.pose[:2])).T)
-    reach = max(LEAST_ZOOM, 1.1 * float(np.nanquantile(away, 0.95)))
+    reach = max(MIN_ZOOM, 1.1 * float(np.nanquantile(away, 0.95)))
     columns = 2 if 2 * reach < ZOOMED * _width_of(grid) else 1
     figure = Picture(
         figsize=(width + (columns - 1) * CLOSE, max(height, CLOSE) + 1.2), layout="constrained"
@@ -62,7 +61,7 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
     axes = figure.subplots(1, columns, squeeze=False, width_ratios=(width, CLOSE)[:columns])[0]
     for own in axes:
         draw_map(own, grid)
-        own.plot(*ends.T, ".", color=BEST, markersize=3, zorder=4)
+        own.plot(*ends.T, ".", color=style.VERMILION, markersize=3, zorder=4)
     _draw_modes(axes[0], location)
     close = axes[-1]
     if columns == 2:
@@ -71,22 +70,24 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
         close.set(xlim=(max(left, x - reach), min(right, x + reach)), ylabel="")
         close.set(ylim=(max(low, y - reach), min(high, y + reach)))
         close.set_title("around place 1", fontsize="medium", loc="left")
-        _draw_arrow(close, best.pose, BEST)
+        _draw_arrow(close, best.pose, style.VERMILION)
     magnify = _magnified(close, best)
     larger = "" if magnify == 1 else f", {magnify:g} times as large"
     for own in axes:
         for mode in location.modes:
-            _draw_ellipse(own, mode, magnify, BEST if mode is best else OTHER)
+            _draw_ellipse(own, mode, magnify, style.VERMILION if mode is best else style.BLUE)
     handles = [
-        Line2D([], [], color=BEST, marker=".", linestyle="", label="scan at place 1"),
-        Line2D([], [], color=BEST, label=f"{DEVIATIONS:g} std. deviations{larger}"),
+        Line2D([], [], color=style.VERMILION, marker=".", linestyle="", label="scan at place 1"),
+        Line2D([], [], color=style.VERMILION, label=f"{DEVIATIONS:g} std. deviations{larger}"),
     ]
     if recorded is not None:
         pose = np.asarray(recorded, np.float64)
         for own in axes:
-            own.plot(*pose[:2], "x", color=RECORDED, markersize=9, mew=2, zorder=7)
+            own.plot(*pose[:2], "x", color=style.GREEN, markersize=9, mew=2, zorder=7)
         handles.append(
-            Line2D([], [], color=RECORDED, marker="x", mew=2, linestyle="", label="recorded pose")
+            Line2D(
+                [], [], color=style.GREEN, marker="x", mew=2, linestyle="", label="recorded pose"
+            )
         )
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
     letters = int(11 * figure.get_figwidth())
@@ -107,22 +108,11 @@ def _width_of(grid: Any) -> float:
 def _draw_modes(axes: Axes, location: Location) -> None:
     """Draw the modes, the best one last, each with its number at one side or the other."""
     for n, mode in reversed(list(enumerate(location.modes, 1))):
-        colour = BEST if n == 1 else OTHER
+        colour = style.VERMILION if n == 1 else style.BLUE
         _draw_arrow(axes, mode.pose, colour)
         heading, side = mode.pose[2], (1, -1)[n % 2]
         aside = -15 * side * math.sin(heading), 15 * side * math.cos(heading)
-        axes.annotate(
-            str(n),
-            mode.pose[:2],
-            aside,
-            textcoords="offset points",
-            ha="center",
-            va="center",
-            fontsize=7,
-            zorder=8 if n == 1 else 7,
-            bbox={"boxstyle": "circle,pad=0.15", "facecolor": "white", "edgecolor": colour},
-            arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.8, "shrinkA": 0},
-        )
+        draw_number(axes, n, mode.pose[:2], aside, colour, zorder=8 if n == 1 else 7)
 
 
 def _percent(share: float) -> str:
@@ -186,36 +176,36 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
     draw_inset(axes, grid, part, shown)
     wrong = known & ~right
     kinds: list[tuple[str, NDArray[np.bool_], dict[str, Any]]] = [
-        ("right, certain", right & certain, {"marker": "o", "color": OTHER}),
+        ("right, certain", right & certain, {"marker": "o", "color": style.BLUE}),
         (
             "right, other places alike",
             right & ~certain,
-            {"marker": "o", "mfc": "white", "color": OTHER},
+            {"marker": "o", "mfc": "white", "color": style.BLUE},
         ),
         (
             "elsewhere, other places alike",
             wrong & ~certain,
-            {"marker": "s", "mfc": "white", "color": BEST},
+            {"marker": "s", "mfc": "white", "color": style.VERMILION},
         ),
-        ("elsewhere, certain", wrong & certain, {"marker": "s", "color": BEST}),
+        ("elsewhere, certain", wrong & certain, {"marker": "s", "color": style.VERMILION}),
         ("too few returns", ~known, {"marker": "x", "color": "0.4"}),
     ]
     axes.add_collection(
         LineCollection(
             list(np.stack([drive[wrong], poses[wrong]], axis=1)),
-            colors=BEST,
+            colors=style.VERMILION,
             linewidths=0.8,
             linestyles="dotted",
             zorder=3,
         )
     )
-    axes.plot(*poses[wrong].T, "+", color=BEST, markersize=7, zorder=4)
-    for label, chosen, style in kinds:
+    axes.plot(*poses[wrong].T, "+", color=style.VERMILION, markersize=7, zorder=4)
+    for label, chosen, mark in kinds:
         if chosen.any():
             text = f"{label}: {int(chosen.sum())}"
-            axes.plot(*drive[chosen].T, linestyle="", markersize=5, label=text, zorder=5, **style)
+            axes.plot(*drive[chosen].T, linestyle="", markersize=5, label=text, zorder=5, **mark)
     if wrong.any():
-        axes.plot([], [], "+", color=BEST, label="where they were found")
+        axes.plot([], [], "+", color=style.VERMILION, label="where they were found")
     figure.legend(loc="outside lower center", ncols=2, frameon=False)
     lines = textwrap.wrap(found.sentence, int(11 * width), break_on_hyphens=False)
     title = f"{grid.name or 'map'}; {found.recording.lidar.title}"

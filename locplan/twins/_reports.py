@@ -6,9 +6,7 @@ import math
 from collections.abc import Sequence
 
 from locplan._util.records import Table
-from locplan.twins._columns import STARTS, SYMMETRIES, TWIN
-from locplan.twins._looks import THRESHOLD
-from locplan.twins._starts import Start
+from locplan.twins._places import STARTS, SYMMETRIES, THRESHOLD, TWIN, Start
 from locplan.twins._trials import GlobalMatches
 from locplan.twins._twins import SHOWN, Twins
 
@@ -16,7 +14,7 @@ UNSAFE = 0.1
 """Share of the posterior elsewhere from which on a start is not safe."""
 CLAIM = (
     "about matches of single scans with the whole map; AMCL's own global localization, which"
-    " spreads particles and drives, is not foreseen well"
+    " scatters particles and drives, is not foreseen well"
 )
 
 
@@ -54,7 +52,7 @@ def _of_all(twins: Twins, starts: Sequence[Start]) -> list[str]:
         f" up to {THRESHOLD:g} nats more than 2 m away; on {alone:.0%} a match can slide"
     ]
     if twins.unseen > 0:
-        said.append(f"on {twins.unseen:.0%} too few beams return to tell anything")
+        said.append(f"on {twins.unseen:.0%} too few beams return to say anything")
     said.append(f"with {twins.matching.lidar.title}; {CLAIM}")
     if twins.symmetries:
         said.append(Table.of(SYMMETRIES, twins.symmetries, number="symmetry").text(SHOWN))
@@ -65,7 +63,7 @@ def _of_all(twins: Twins, starts: Sequence[Start]) -> list[str]:
     if starts:
         said.append(str(Table.of(STARTS, starts, number="start")))
         if starts[0].elsewhere > UNSAFE:
-            said.append("no start is safe: tell the robot where it is, or add a landmark")
+            said.append("no start is safe: give the robot its pose, or add a landmark")
     return said
 
 

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.poses import Numbers
+from locplan._util.poses import Numbers, wrapped
 from locplan._util.progress import ProgressCallback
-from locplan.twins._database import Database, wrapped
-from locplan.twins._looks import THRESHOLD, Looks
-from locplan.twins._modes import in_batches, losses_at, moved_to_least
+from locplan.matching import Database, in_batches, losses_at, moved_to_least
+from locplan.twins._places import THRESHOLD, Looks
 
 ALIKE = 1.0
 """Distance up to which two moves take the middle of the map to one place [m]."""
@@ -23,9 +22,9 @@ DRIFT, DRIFT_TURN = 0.8, 0.2
 """Distance [m] and angle [rad] that a place's twin may have from where the move takes it."""
 TRIED = 24
 """Number of moves that are tried on all places."""
-LEAST_SHARE = 0.1
+MIN_SHARE = 0.1
 """Share of the places from which on a move is a symmetry."""
-LEAST_VOTES = 4
+MIN_VOTES = 4
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,7 @@ def find_symmetries(
     if progress:
         progress(len(homes), len(homes))
     for (turn, moved), (covered, twins) in zip(moves, trials, strict=True):
-        if covered.mean() >= LEAST_SHARE:
+        if covered.mean() >= MIN_SHARE:
             turn, moved = _fitted(middle, homes[covered], twins[covered])
             known = any(
                 _alike(turn - other, moved - there, resolution) for _, other, there in found
@@ -138,7 +137,7 @@ def _proposed(
     pairs = [
         (n, twin) for n, look in enumerate(looks) for twin in look.twins if twin[3] <= THRESHOLD
     ]
-    if len(pairs) < LEAST_VOTES:
+    if len(pairs) < MIN_VOTES:
         return []
     places = np.array([n for n, _ in pairs])
     twins = np.array([twin[:3] for _, twin in pairs])
@@ -153,7 +152,7 @@ def _proposed(
     left = np.ones(len(points), bool)
     proposed: list[tuple[float, Numbers]] = []
     for n in sorted(range(len(points)), key=lambda n: (-votes[n], n)):
-        if votes[n] < LEAST_VOTES or len(proposed) == TRIED:
+        if votes[n] < MIN_VOTES or len(proposed) == TRIED:
             break
         if not left[n]:
             continue

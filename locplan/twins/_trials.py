@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +16,11 @@ from locplan._util.tables import finite
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.maps.environments import with_boundary_noise
-from locplan.robots import Disturbances
-from locplan.twins._database import make_database
-from locplan.twins._matching import Matching
-from locplan.twins._modes import AWAY, find_all_modes
+from locplan.matching import AWAY, Matching, find_all_modes, make_database
+from locplan.robots import FARTHEST_OBJECT, NEAREST_OBJECT, Disturbances
 
 NAMED = 1.5
 """Distance from a twin of the nearest place up to which a match lies on it [m]."""
-NEAREST, FARTHEST = 0.5, 2.0
-"""Distances of the object that occludes a scan [m]."""
 BINS = (0.0, 0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 """Edges of the bins in which shares elsewhere are compared with failures."""
 
@@ -108,8 +103,8 @@ def area_under_curve(scores: Numbers, positive: NDArray[np.bool_]) -> float:
 def global_matches(
     grid: OccupancyGrid,
     matching: Matching,
-    layers: tuple[Numbers, Numbers, Any],
-    known: tuple[Numbers, Numbers, Numbers],
+    cells: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
+    known: tuple[Numbers, Numbers, Numbers, Numbers, Numbers],
     count: int,
     disturbances: Disturbances,
     seed: int,
@@ -118,10 +113,10 @@ def global_matches(
 ) -> GlobalMatches:
     """Match `count` noisy scans with the map; see `Twins.verify`.
 
-    `layers` has excess and elsewhere, (H, W), and the rows, columns and places of the cells that
-    poses are drawn from; `known` the places, (n, 2), their twins, (n, k, 4), and stretches, (n,).
+    `cells` are the rows, columns and places of those that poses are drawn from; `known` of all
+    places their positions, (n, 2), excess, share elsewhere, twins, (n, k, 4), and stretch.
     """
-    excess, elsewhere, (rows, cols, near) = layers
+    rows, cols, near = cells
     if not rows.size:
         raise ConfigError("no cell of the map lies near a place whose twins are known")
     random = np.random.default_rng(seed)
@@ -129,24 +124,20 @@ def global_matches(
     aside = random.random((2, count))
     at = cols[chosen] + aside[0], rows[chosen] + aside[1]
     poses = np.column_stack([*at, random.uniform(-math.pi, math.pi, count)])
-    places, twins, stretch = known
-    database = make_database(grid, matching, [grid.world_to_cell(x, y) for x, y in places.tolist()])
+    looked = [grid.world_to_cell(x, y) for x, y in known[0].tolist()]
+    database = make_database(grid, matching, looked)
     scans = noisy_scans(grid, matching, poses, disturbances, random, seed)
     found = find_all_modes(database, scans, threads=check_threads(threads), progress=progress)
     nowhere = np.full(3, np.nan)
     best = np.array([each.poses[0] if len(each.poses) else nowhere for each in found])
     matched = database.in_world(best)
-    to_twins = np.hypot(*np.moveaxis(twins[near[chosen], :, :2] - matched[:, None, :2], -1, 0))
+    places, excess, elsewhere, twins, stretch = (each[near[chosen]] for each in known)
+    to_twins = np.hypot(*np.moveaxis(twins[:, :, :2] - matched[:, None, :2], -1, 0))
     on_twin = np.nan_to_num(to_twins, nan=np.inf).min(axis=1, initial=np.inf) <= NAMED
-    slid = np.hypot(*(matched[:, :2] - places[near[chosen]]).T)
-    on_stretch = (stretch[near[chosen]] > 0) & (slid <= stretch[near[chosen]] + NAMED)
-    return GlobalMatches(
-        database.in_world(poses),
-        matched,
-        excess[rows[chosen], cols[chosen]],
-        elsewhere[rows[chosen], cols[chosen]],
-        on_twin | on_stretch,
-    )
+    slid = np.hypot(*(matched[:, :2] - places).T)
+    on_stretch = (stretch > 0) & (slid <= stretch + NAMED)
+    named = on_twin | on_stretch
+    return GlobalMatches(database.in_world(poses), matched, excess, elsewhere, named)
 
 
 def noisy_scans(
@@ -161,26 +152,17 @@ def noisy_scans(
 
     The worlds that differ from the map are taken in turn.
     """
-    from locplan._kernels.lidar import Lidar as Beams
-    from locplan._kernels.measured import BeamDisturbances, measured_ends
+    from locplan._kernels.lidar import BeamDisturbances, measured_ends
     from locplan._kernels.rays import empty_squares
 
     lidar = matching.lidar
-    beams = Beams(
-        angles=matching.bearings,
-        forward=lidar.mount_x,
-        left=lidar.mount_y,
-        yaw=0.0,
-        sigma=lidar.range_sigma,
-        min_range=lidar.least_range,
-        max_range=lidar.range,
-    )
+    beams = matching.beams(lidar.mount_x, lidar.mount_y)
     disturbed = BeamDisturbances(
         outliers=disturbances.outliers,
         occlusion=disturbances.occlusion,
         width=math.radians(disturbances.occlusion_deg),
-        nearest=NEAREST,
-        farthest=FARTHEST,
+        nearest=NEAREST_OBJECT,
+        farthest=FARTHEST_OBJECT,
     )
     ranges, ends = np.empty((len(poses), len(beams.angles))), np.empty((len(beams.angles), 2))
     lever = np.array([lidar.mount_x, lidar.mount_y]) / grid.resolution

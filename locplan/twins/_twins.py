@@ -12,32 +12,31 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import number, one_of, position, positive, whole
+from locplan._util.checks import instance, number, one_of, position, positive, whole
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite
-from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid
+from locplan.matching import Matching
 from locplan.robots import Disturbances
-from locplan.twins._columns import LAYERS, PLACES, STARTS, SYMMETRIES, TWIN, Twin
-from locplan.twins._looks import THRESHOLD
-from locplan.twins._matching import Matching
-from locplan.twins._starts import Start, best_starts
+from locplan.twins._places import (
+    LAYERS,
+    PLACES,
+    STARTS,
+    SYMMETRIES,
+    THRESHOLD,
+    TWIN,
+    Start,
+    Twin,
+    best_starts,
+)
 from locplan.twins._symmetries import Symmetry
 from locplan.twins._trials import GlobalMatches, global_matches
 
-COUNT = 5
-"""Default number of starts."""
-APART = 3.0
-"""Default least distance of starts from each other [m]."""
-BEYOND = 1.5
-"""Factor on the spacing of the places up to which a cell has the values of the nearest one."""
 SHOWN = 12
 """Greatest number of a place's twins, and of symmetries, in a table or a picture."""
-MATCHES = 400
-"""Default number of matches of a verification."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,7 +117,7 @@ class Twins(Result):
 
     @property
     def unseen(self) -> float:
-        """Share of the places where too few beams return to tell anything."""
+        """Share of the places where too few beams return to say anything."""
         return float((self.elsewhere == 1).mean())
 
     def of(self, place: int) -> list[Twin]:
@@ -216,12 +215,12 @@ class Twins(Result):
 
         rows, cols = np.nonzero(self._fits[::stride, ::stride])
         xy = np.column_stack(self.grid.grid_to_world(stride * rows + 0.5, stride * cols + 0.5))
-        bound = BEYOND * self.spacing
+        bound = 1.5 * self.spacing  # farther cells have no values of a place
         apart, place = cKDTree(self.places).query(xy, distance_upper_bound=bound)
         near = np.isfinite(apart)
         return rows[near], cols[near], place[near]
 
-    def best_starts(self, count: int = COUNT, *, apart: float = APART) -> list[Start]:
+    def best_starts(self, count: int = 5, *, apart: float = 3.0) -> list[Start]:
         """Where to start the robot, or put its dock: the places with the greatest excess.
 
         A place counts as the worst of its neighbours. There are fewer where no more fit.
@@ -245,7 +244,7 @@ class Twins(Result):
 
     def verify(
         self,
-        count: int = MATCHES,
+        count: int = 400,
         *,
         disturbances: Disturbances | None = None,
         seed: int = 1,
@@ -280,13 +279,13 @@ class Twins(Result):
         whole("count", count, 2)
         whole("seed", seed, 0)
         disturbances = disturbances or Disturbances()
-        if not isinstance(disturbances, Disturbances):
-            raise ConfigError("disturbances must be locplan.robots.Disturbances")
+        instance("disturbances", disturbances, Disturbances)
+        twins = self.twins.reshape(len(self), -1, 4)
         return global_matches(
             self.grid,
             self.matching,
-            (self.layer("excess"), self.layer("elsewhere"), self._nearest_places),
-            (self.places, self.twins.reshape(len(self), -1, 4), self.stretch),
+            self._nearest_places,
+            (self.places, self.excess, self.elsewhere, twins, self.stretch),
             count,
             disturbances,
             seed,

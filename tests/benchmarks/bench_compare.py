@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import locplan
+from locplan.comparison import Execution
 from locplan.field import FieldConfig
 
 MAPS = ("aws_small_house", "tuw_warehouse032")
@@ -21,8 +22,7 @@ def test_a_comparison_of_real_maps(benchmark, real_maps, tmp_path, time_limit):
         "weights": [1.0, 4.0, 12.0],
         "seeds": [1, 2, 3],
         "configs": FieldConfig(),
-        "time_limit": time_limit,
-        "workers": 2,
+        "execution": Execution(workers=2, time_limit=time_limit),
     }
 
     def run():

@@ -10,8 +10,7 @@ import pytest
 from locplan.costs import Costmap, path_metrics
 from locplan.field import FieldConfig, Fused, covariance_field
 from locplan.maps import load_map
-from locplan.planners import plan_beside_shortest, planned_near_paths
-from locplan.planners._plan import AWARE
+from locplan.planners import AWARE, plan_beside_shortest, planned_near_paths
 from locplan.robots import Lidar
 
 QUERIES = {

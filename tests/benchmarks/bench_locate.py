@@ -12,8 +12,7 @@ from numba import njit
 
 import locplan
 from locplan._kernels.scan_losses import loss_at, refine
-from locplan.twins._matching import STEP, TURNS
-from locplan.twins._modes import ends_of, turning_lever
+from locplan.matching import STEP, TURNS, ends_of, turning_lever
 
 LIDAR = locplan.Lidar(range=12.0, beams=360)
 SCANS = 12

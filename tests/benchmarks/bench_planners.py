@@ -14,8 +14,7 @@ from scipy.sparse.csgraph import dijkstra
 from skimage.graph import MCP_Geometric
 from test_movingai import map_of, read_all_scenarios, read_map, scenario_files
 
-from locplan._kernels.scale import scale_of
-from locplan._kernels.search import bordered_half, search, shortest_costs
+from locplan._kernels.search import bordered_half, scale_of, search, shortest_costs
 from locplan.costs import Costmap
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planners import pareto_front, plan

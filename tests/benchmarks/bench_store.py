@@ -17,7 +17,7 @@ from conftest import random_rooms
 from locplan import load_map, save_map
 from locplan.field import (
     FieldConfig,
-    _cluster as cluster,
+    _compute as cluster,
     _store as store,
     _zarr as field_files,
     covariance_field,

@@ -8,12 +8,11 @@ import numpy as np
 
 from locplan._kernels.shortlist import shortlist
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.robots import Lidar
-from locplan.twins import Matching
-from locplan.twins._database import CAP, make_database, places_every
-from locplan.twins._looks import look_around
-from locplan.twins._matching import TURNS
+from locplan.matching import TURNS, ScanDatabase, places_every
+from locplan.robots import Lidar, Robot
+from locplan.twins import find_twins
 
+CAP = 8
 SIZE = 1000
 PLACES = 100
 
@@ -43,14 +42,18 @@ def summed_gaps(codes, scan):
 def test_a_place_of_a_thousand_by_a_thousand_cells(benchmark):
     """CPU time of a place; the shortlist's peer computes the same sums by NumPy."""
     grid = cluttered()
-    database = make_database(grid, Matching(lidar=Lidar.preset("rplidar-a1")))
+    robot = Robot(Lidar.preset("rplidar-a1"))
+    kept = ScanDatabase(grid, robot.lidar, robot.radius)
+    database = kept.everywhere
     places = places_every(0.8, database.fits, grid.resolution)
     chosen = np.linspace(0, len(places) - 1, PLACES).astype(int)
     homes = np.column_stack([places[chosen], np.zeros(PLACES)])
     ranges = database.scans_at(homes)
 
+    at = np.column_stack(grid.grid_to_world(homes[:, 1], homes[:, 0]))
+
     def every():
-        return [look_around(database, ranges[n], homes[n]) for n in range(PLACES)]
+        return find_twins(grid, robot, places=at, database=kept, threads=1)
 
     every()
     took = []

@@ -45,12 +45,13 @@ function proposeLandmarks() {
 }
 
 function showLandmarks(answer) {
-	const { tool, size } = answer;
-	const width = tool === "pole" || size.length < 2 ? size[0] : size;
-	model.landmarks = { ...answer, strokes: answer.poses.map(([x, y, heading]) => ({ tool, points: [[x, y]], width, ...(tool === "box" && { heading }) })) };
-	byId("landmarks-take").hidden = !answer.poses.length;
+	const { kind, diameter, length, width } = answer.object;
+	const tool = kind.toLowerCase();
+	const stroke = ({ x, y, heading }) => ({ tool, points: [[x, y]], width: diameter ?? [length, width], ...(tool === "box" && { heading }) });
+	model.landmarks = { ...answer, strokes: answer.landmarks.map(stroke) };
+	byId("landmarks-take").hidden = !answer.landmarks.length;
 	byId("landmarks-show").checked = true;
-	byId("landmarks-accept").classList.toggle("main", answer.helps !== false);
+	byId("landmarks-accept").classList.toggle("main", answer.verification?.helps !== false);
 	report("landmarks-verdict", [answer.verdict, ...(answer.warnings ?? [])].join(". "));
 	repaint("overlay");
 }

@@ -75,7 +75,7 @@ function showsErrors() {
 // The lines of the chart: {s, values, colour, dash, band?}.
 function series() {
 	if (showsErrors())
-		return freshSimulation().candidates.filter(({ profile }) => profile?.s?.length).map((candidate, index) => ({ s: candidate.profile.s, values: candidate.profile.median_cm, band: candidate.profile.p95_cm, colour: errorColour(candidate), dash: candidateDash(index), end: candidate.length }));
+		return freshSimulation().candidates.filter(({ profile }) => profile?.s?.length).map((candidate, index) => ({ s: candidate.profile.s, values: candidate.profile.median_cm, band: candidate.profile.p90_cm, colour: errorColour(candidate), dash: candidateDash(index), end: candidate.length }));
 	const key = kindShown() === "sigma" ? "sigma_cm" : "u";
 	return shownPaths().filter(({ path }) => path.profile[key].some(Number.isFinite)).map(({ name, path, colour }) => ({ s: path.profile.s, values: path.profile[key], colour, dash: name === "shortest" ? [6, 4] : [], steps: true, soft: name === "aware" ? palette["teal-soft"] : palette["ink-soft"], end: path.length }));
 }

@@ -15,7 +15,6 @@ import { metres, short, titleWithUnit } from "./text.js";
 import { palette } from "./theme.js";
 import { scaleBar, screenOf, view } from "./view.js";
 
-const OWN = ["path shown", "localizability-aware"]; // names of the aware path in a simulation
 const WIDE = 760; // pixels from which on the legend takes one row
 
 /** Connect the buttons. */
@@ -35,10 +34,10 @@ export function startSharing() {
 	write("export-note", can.export ? "" : "Exports and saved maps need locplan explore --folder FOLDER.");
 }
 
-// With a simulation on the map it is the choice that is made once more; choices know no waypoints.
+// With a simulation on the map it is the choice that is made once more.
 function copyText(kind, title) {
-	const simulated = model.via.length ? null : freshSimulation();
-	const choice = simulated && { drives: simulated.asked, own: hasOwn(simulated) };
+	const simulated = freshSimulation();
+	const choice = simulated && { drives: simulated.asked };
 	return tryAsking("reproduce", { ...routeAsked(), ...choice }, async (answer) => {
 		try {
 			await navigator.clipboard.writeText(answer[kind]);
@@ -49,18 +48,13 @@ function copyText(kind, title) {
 	});
 }
 
-// Whether the aware path is a candidate of its own: it may be the shortest one.
-function hasOwn({ candidates }) {
-	return candidates.some(({ name }) => OWN.includes(name));
-}
-
 function sayWhich() {
 	const { aware } = model.plan ?? {};
 	const isPath = byId("export-to").value === "path" && aware;
 	byId("export-which").hidden = !isPath;
 	if (!isPath) return;
 	const simulated = freshSimulation();
-	const isOther = simulated && !(OWN.includes(simulated.chosen) || (simulated.chosen === "shortest" && !hasOwn(simulated)));
+	const isOther = simulated && simulated.chosen !== `aware, weight ${short(model.weight)}`;
 	write("export-which", `Exports the aware path at weight ${short(model.weight)}, ${metres(aware.length)}.${isOther ? " The simulation recommends another: the copied command writes that one." : ""}`);
 }
 

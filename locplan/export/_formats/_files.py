@@ -1,4 +1,4 @@
-"""Bags, maps for the map servers of ROS, and paths and fields as files that anything reads."""
+"""Bags, maps, layers and areas, and paths and fields as files that anything reads."""
 
 from __future__ import annotations
 
@@ -11,13 +11,19 @@ from locplan.export._registry import ExportJob, ExportSummary, Format, NoOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class BagOptions(MaskOptions):
+class InFrame:
+    """The frame of what is written."""
+
+    frame: str = "map"
+    """Frame of the coordinates; map by default."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BagOptions(MaskOptions, InFrame):
     """The options of a bag."""
 
     spacing: float = 2.0
     """Least distance between ellipses, in metres; 2 by default."""
-    frame: str = "map"
-    """Frame of the coordinates; map by default."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -28,20 +34,12 @@ def write_bag(target: Path, job: ExportJob, options: BagOptions) -> ExportSummar
     """Write the map, a mask, the field and the paths as messages."""
     from locplan.export._bags import bag
     from locplan.export._nav2 import keepout_mask
-    from locplan.export._robots import PLANNER
+    from locplan.export._parameters import PLANNER
 
-    mask, conversion = keepout_mask(
-        job.costs, planner=options.planner or PLANNER, param=options.planner_param
-    )
-    bag(
-        target,
-        job.costs.grid,
-        mask=mask,
-        field=job.field,
-        paths=job.paths,
-        frame=options.frame,
-        spacing=options.spacing,
-    )
+    own = dict(vars(options))
+    planner, param = own.pop("planner") or PLANNER, own.pop("planner_param")
+    mask, conversion = keepout_mask(job.costs, planner=planner, planner_param=param)
+    bag(target, job.costs.grid, mask=mask, field=job.field, paths=job.paths, **own)
     return ExportSummary({"paths": list(job.paths)} | conversion.summary(), conversion.rows())
 
 
@@ -54,13 +52,11 @@ def write_map(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary
 
 
 @dataclass(frozen=True, kw_only=True)
-class PathOptions:
+class PathOptions(InFrame):
     """The options of a path."""
 
     step: float | None = None
     """Greatest distance between poses of the path, in metres; by default they are its corners."""
-    frame: str = "map"
-    """Frame of the coordinates; map by default."""
 
     def __post_init__(self) -> None:
         if self.step is not None:
@@ -72,8 +68,8 @@ def write_path(target: Path, job: ExportJob, options: PathOptions) -> ExportSumm
     from locplan.export._plain_files import path
 
     (route,) = job.paths.values()
-    path(target, route, frame=options.frame, step=options.step)
-    return ExportSummary({"length_m": route.length}, (("length", f"{route.length:.2f} m"),))
+    path(target, route, **vars(options))
+    return ExportSummary({"length": route.length}, (("length", f"{route.length:.2f} m"),))
 
 
 def write_field(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary:
@@ -84,26 +80,53 @@ def write_field(target: Path, job: ExportJob, options: NoOptions) -> ExportSumma
     return ExportSummary()
 
 
+def write_layer(target: Path, job: ExportJob, options: InFrame) -> ExportSummary:
+    """Write the field's deviations as pictures, rasters and a bag."""
+    from locplan.export._layer import layer, quantiles
+
+    layer(target, job.field, frame=options.frame)
+    return quantiles(job.field)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AreaOptions(InFrame):
+    """The options of degenerate areas."""
+
+    threshold: float | None = None
+    """Least u of an area; by default half of that of a corridor without features: .5 for scan,
+    .18 for sad."""
+    min_area: float = 1.0
+    """Least size of an area, in m²; 1 by default."""
+
+    def __post_init__(self) -> None:
+        from locplan.export._areas import check_areas
+
+        check_areas(self.threshold, self.min_area)
+
+
+def write_areas(target: Path, job: ExportJob, options: AreaOptions) -> ExportSummary:
+    """Write the degenerate areas as polygons."""
+    from locplan.export._area_files import save_degenerate_areas, summary_of
+
+    areas = save_degenerate_areas(target, job.costs, job.field, **vars(options))
+    return summary_of(areas, job.costs, job.field, options.threshold)
+
+
 FORMATS = (
     Format("ros-map", "u in per cent for the map servers of ROS", write_map),
+    Format("bag", "a ROS 2 bag", write_bag, BagOptions, (".mcap",), "mcap", "several"),
     Format(
-        "bag",
-        "a ROS 2 bag",
-        write_bag,
-        BagOptions,
-        suffixes=(".mcap",),
-        paths="several",
-        library="mcap",
-    ),
-    Format(
-        "path",
-        "a path; also .json or .yaml",
-        write_path,
-        PathOptions,
+        *("path", "a path; also .json or .yaml", write_path, PathOptions),
         suffixes=(".csv", ".json", ".yaml"),
         paths="one",
     ),
     Format("csv", "a table of the field", write_field, suffixes=(".csv",)),
     Format("npz", "the field's arrays", write_field, suffixes=(".npz",)),
     Format("png", "a picture of the field", write_field, suffixes=(".png",)),
+    Format(
+        *("layer", "deviations for QGIS, RViz and Foxglove", write_layer, InFrame), library="mcap"
+    ),
+    Format(
+        "degenerate-areas", "degenerate areas as GeoJSON and for Autoware", write_areas, AreaOptions
+    ),
 )

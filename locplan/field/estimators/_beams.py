@@ -20,8 +20,6 @@ EFFECTIVE_BEAMS = 12.6
 """Number of independent beams that tell as much as a whole scan does, fitted to real lasers."""
 SHARP = 0.05
 """Largest standard deviation of a position up to which a match counts as perfect [m]."""
-HEADINGS = 8
-"""Default number of headings where what the lidar sees depends on the heading."""
 VIEW = (
     "range",
     "least_range",
@@ -146,7 +144,7 @@ class LidarEstimator(Estimator):
     @property
     def headings(self) -> int:
         """Default number of headings: 1 where the lidar sees the same in all, otherwise 8."""
-        return 1 if self.lidar.sees_alike_in_all_headings else HEADINGS
+        return 1 if self.lidar.sees_alike_in_all_headings else 8
 
     def beams(self) -> Any:
         """The simulated lidar with the beams that count, in the form that the kernels take."""

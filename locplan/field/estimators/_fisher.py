@@ -22,8 +22,6 @@ from locplan.field._surfaces import NORMAL_REACH, surface_normals
 from locplan.field.estimators._beams import LidarEstimator, reach_of_beams
 from locplan.maps import OCCUPIED
 
-MODELS = ("endpoint", "range")
-
 
 class Scene(NamedTuple):
     """Data of a map that simulated beams need."""
@@ -57,7 +55,7 @@ class Fisher(LidarEstimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        one_of("model", self.model, MODELS)
+        one_of("model", self.model, ("endpoint", "range"))
 
     def identity(self) -> dict[str, object]:
         """The settings that the model reads: of ranges their noise, of ends that of the ends."""
@@ -103,8 +101,8 @@ class Fisher(LidarEstimator):
             part.control,
         )[:, :, : window.dimension, : window.dimension]
         prior = np.linalg.inv(window.uniform_covariance)
-        told = found * (self.temperature / self.sigma(part.resolution) ** 2)
-        covariance = self.noise_level * _inverse(told + prior)
+        known = found * (self.temperature / self.sigma(part.resolution) ** 2)
+        covariance = self.noise_level * _inverse(known + prior)
         return {"covariance": covariance[:, part.heading_axis]}
 
     def prepare(self, levels: NDArray[np.uint8], resolution: float) -> Scene:

@@ -130,9 +130,9 @@ class Fused(Estimator):
         """
         scenes: Scenes = part.prepared or self.prepare(part.levels, part.resolution)
         uncounted = part.control[:1]  # the scan alone counts the cells that are done
-        told = self.fisher.covariances(replace(part, prepared=scenes.fisher, control=uncounted))
+        known = self.fisher.covariances(replace(part, prepared=scenes.fisher, control=uncounted))
         found = self.scan.covariances(replace(part, prepared=scenes.scan))
-        return {**found, "covariance": self._mean(told["covariance"], found["covariance"])}
+        return {**found, "covariance": self._mean(known["covariance"], found["covariance"])}
 
     def _mean(
         self, of_fisher: NDArray[np.float64], of_scan: NDArray[np.float64]

@@ -35,8 +35,8 @@ LONG_RANGE = 10.0
 """Range from which on offsets are rejected by the bound of `locplan._kernels.bounds` [m]."""
 LONG_RANGE_CELLS = 60
 """Least range in cells for that: smaller discs hold too few blocks."""
-LEAST_NATS = 40.0
-"""Offsets that are left out weigh less than exp(-LEAST_NATS) of the zero lag."""
+MIN_NATS = 40.0
+"""Offsets that are left out weigh less than exp(-MIN_NATS) of the zero lag."""
 NEGLIGIBLE = 1e-12
 """Greatest share of a covariance that may be left out [m^2, rad^2]."""
 
@@ -259,7 +259,7 @@ class Sad(Estimator):
         turn = window.rotation_step * window.half_rotations
         greatest = max(window.step * window.half_steps, turn)
         moments = 2 * self.noise_level * window.size * greatest**2
-        nats = max(LEAST_NATS, math.log(moments / NEGLIGIBLE))
+        nats = max(MIN_NATS, math.log(moments / NEGLIGIBLE))
         return math.floor(nats * self.tau * 2 / resolution**2)
 
     def offset_weights(self, mismatch: NDArray[Any], resolution: float) -> NDArray[np.float64]:

@@ -45,10 +45,10 @@ def disc_blocks(radius: int, edge: int) -> tuple[NDArray[np.int64], NDArray[np.i
 
 def scaled(greatest: int) -> tuple[int, int]:
     """Limit below 65,535 for sums of numbers shifted to the right by so many bits, and the bits."""
-    from locplan._kernels.saturating import GREATEST
+    from locplan._kernels.simd import MAX_SHORT
 
-    shift = max(0, greatest.bit_length() - GREATEST.bit_length())
-    shift += greatest >> shift >= GREATEST
+    shift = max(0, greatest.bit_length() - MAX_SHORT.bit_length())
+    shift += greatest >> shift >= MAX_SHORT
     return greatest >> shift, shift
 
 

@@ -62,7 +62,7 @@ class Scan(LidarEstimator):
 
         See `locplan.field.Estimator.covariances`.
         """
-        from locplan._kernels.offsets import make_lattice
+        from locplan._kernels.likelihood import make_lattice
         from locplan._kernels.posterior import scan_posteriors
 
         scene = part.prepared or self.prepare(part.levels, part.resolution)

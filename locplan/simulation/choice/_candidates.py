@@ -1,100 +1,188 @@
-"""Paths of a user's own among the candidates of a choice: paths, plans, planners, fronts."""
+"""Candidates of a choice: paths of least cost on a few densities of a map."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, TypeAlias
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 
-from locplan._util.checks import shown
 from locplan.costs import Costmap, Path
-from locplan.errors import ConfigError
-from locplan.planners import ParetoFront, Plan, Planner, Position, plan
+from locplan.maps import OccupancyGrid
+from locplan.planners import (
+    SHORTEST,
+)
+from locplan.robots import Inflation
+from locplan.simulation._worlds import Window, window_about
+from locplan.simulation.choice._ask import Ask, Own, distances_to
 
-AnyCandidate: TypeAlias = str | Planner | Path | Plan | ParetoFront | ArrayLike
-"""A planner by name or as an object, a path, a plan, a front, or positions (n, 2) [m]."""
-Candidates: TypeAlias = Mapping[str, AnyCandidate] | Sequence[AnyCandidate]
-FRONT_PATHS = 5
-"""Number of paths that are taken of a Pareto front, from its shortest to its longest."""
-NEAR = 0.5
-"""Greatest distance of a path's ends from start and goal [m]."""
-
-
-class CandidateWarning(UserWarning):
-    """Warning that a candidate of the user's has no path."""
-
-
-def own_paths(
-    costs: Costmap, start: Position, goal: Position, candidates: Candidates
-) -> dict[str, Path]:
-    """Paths of a user's candidates by name; those of which there is none are warned of.
-
-    Raises
-    ------
-    ConfigError
-        If a candidate is none, two have one name, or a path does not join start and goal.
-    """
-    if isinstance(candidates, (str, Planner, Path, Plan, ParetoFront)):
-        candidates = [candidates]
-    found: dict[str, Path] = {}
-    for name, given in _named(candidates):
-        paths = dict(_paths_of(name, given, costs, start, goal))
-        if not paths:
-            warnings.warn(CandidateWarning(f"candidate {shown(name)} has no path"), stacklevel=3)
-        for label, path in paths.items():
-            if label in found:
-                raise ConfigError(f"two candidates are called {shown(label)}; name them")
-            for end, at in (("start", start), ("goal", goal)):
-                xy = path.xy[0 if end == "start" else -1]
-                if np.hypot(*(xy - at[:2])) > NEAR:
-                    x, y = xy
-                    raise ConfigError(
-                        f"candidate {shown(label)} has its {end} at {x:.2f},{y:.2f}, more than"
-                        f" {NEAR:g} m from the {end} that was asked for"
-                    )
-            found[label] = path
-    return found
+MARGIN = 3.0
+"""Margin of the part of the map that paths are planned on; clearance counts up to there [m]."""
+INFLATION = Inflation(inflation_radius=0.7, cost_scaling_factor=3.0)
+"""Inflation of Nav2's bringup, where the robot's own is not known."""
+BESIDE, SHARE = 0.35, 0.1
+"""A path is another one if this share of its points lies farther from each other path [m]."""
+SAME = 0.1
+"""Distance up to which two paths are one [m]."""
+SPACING = 0.25
+"""Distance between the points that are compared [m]."""
+WEIGHTS = (4.0, 8.0, 12.0)
+"""Weights of the degeneracy u of the aware paths."""
 
 
-def _named(candidates: Candidates) -> Iterable[tuple[str, AnyCandidate]]:
-    if isinstance(candidates, Mapping):
-        return candidates.items()
-    if not isinstance(candidates, Iterable):
-        raise ConfigError(
-            "candidates must be a sequence or a mapping of paths, plans, fronts or planners,"
-            f" not {shown(candidates)}"
-        )
-    return [(_name_of(each, n), each) for n, each in enumerate(candidates, 1)]
+@dataclass(frozen=True)
+class Part:
+    """The part of a map that paths between two places may take, and what is known there."""
+
+    costs: Costmap
+    """Costmap of the whole map, with a field or without one."""
+    window: Window
+    """Rows and columns of the part."""
+    grid: OccupancyGrid
+    """The part."""
+    ask: Ask
+    """What is asked."""
+    longest: float
+    """Greatest length of a candidate [m]."""
+    accepted: dict[str, Path]
+    """Candidates until now, the shortest first."""
+
+    @classmethod
+    def about(cls, costs: Costmap, shortest: Path, longest: float, ask: Ask) -> Part:
+        """The part of a costmap in which all paths up to a greatest length lie [m]."""
+        start, goal = shortest.xy[0], shortest.xy[-1]
+        # They lie in an ellipse about both ends, of which a and b are half the axes.
+        a = longest / 2
+        b = math.sqrt(max(0.0, a**2 - float(np.sum((goal - start) ** 2)) / 4))
+        turn, round_it = math.atan2(*(goal - start)[::-1]), np.linspace(0, 2 * np.pi, 64)
+        along, across = a * np.cos(round_it), b * np.sin(round_it)
+        x = along * math.cos(turn) - across * math.sin(turn)
+        y = along * math.sin(turn) + across * math.cos(turn)
+        xy = (start + goal) / 2 + np.column_stack([x, y])
+        cells = np.column_stack(costs.grid.world_to_grid(*xy.T))
+        window = window_about(costs.grid, cells, MARGIN / costs.grid.resolution)
+        return cls(costs, window, costs.grid.part(*window), ask, longest, {SHORTEST: shortest})
+
+    @cached_property
+    def clearance(self) -> NDArray[np.float64]:
+        """Distance of each cell to the nearest wall [m]."""
+        return self.grid.clearance
+
+    @cached_property
+    def u(self) -> NDArray[np.float64]:
+        """Degeneracy of each cell."""
+        return self.costs.u[self.window]
+
+    @cached_property
+    def clear(self) -> NDArray[np.float64]:
+        """Density that keeps off the walls."""
+        return 1 + 3 * np.exp(-(self.clearance - self.ask.robot.radius) / 0.4)
+
+    @property
+    def inflated(self) -> NDArray[np.float64]:
+        """Density that Nav2's planners see in an inflated costmap: 50 to 252, over 50."""
+        inflation = self.ask.robot.inflation or INFLATION
+        beyond = self.clearance - self.ask.robot.radius
+        cost = 4 * np.exp(-inflation.cost_scaling_factor * beyond)
+        return 1 + np.where(self.clearance <= inflation.inflation_radius, np.minimum(cost, 4), 0)
+
+    @property
+    def beside(self) -> NDArray[np.float64]:
+        """1 on the candidates until now, falling to 1/e at 1 m from them."""
+        return np.exp(-(self._distance_to(*self.accepted.values()) ** 2))
+
+    @property
+    def cut(self) -> NDArray[np.bool_]:
+        """Cells within 1.5 m of the middle of the shortest path."""
+        shortest = self.accepted[SHORTEST]
+        middle = [np.interp(shortest.length / 2, shortest.distance, v) for v in shortest.xy.T]
+        return self._distance_to(Path(np.array([middle]))) < 1.5
+
+    def planned(self, density: NDArray[np.float64]) -> Path | None:
+        """The path of least cost on a density of the part, if it keeps all limits."""
+        costs, asked = self.costs, self.ask.settings
+        blocked = ~np.isfinite(costs.density[self.window])
+        if asked.max_e is not None:
+            blocked |= costs.e[self.window] > asked.max_e
+        layer = Costmap.from_density(self.grid, np.where(blocked, np.inf, density))
+        path = self.ask.planned(layer, limited=False).path
+        if path is None or path.length > self.longest or self.ask.fault_of(path, costs):
+            return None
+        return path
+
+    def aware_paths(self, weights: Iterable[float]) -> list[Path]:
+        """The shortest path, and the aware paths of some weights."""
+        found = [self.planned(1 + weight * self.u) for weight in weights]
+        return [self.accepted[SHORTEST], *(path for path in found if path is not None)]
+
+    def _distance_to(self, *paths: Path) -> NDArray[np.float64]:
+        import cv2
+
+        away = np.ones(self.grid.shape, np.uint8)
+        for path in paths:
+            fine = path.resampled(self.grid.resolution / 2) if path.length else path
+            cells = np.floor(self.grid.world_to_grid(*fine.xy.T)).astype(np.int64)
+            away[tuple(np.clip(cells, 0, np.array(away.shape)[:, None] - 1))] = 0
+        cells = cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        return np.asarray(cells * self.grid.resolution, np.float64)
 
 
-def _name_of(candidate: AnyCandidate, number: int) -> str:
-    if isinstance(candidate, str):
-        return candidate
-    if isinstance(candidate, ParetoFront):
-        return "front"
-    if isinstance(candidate, Plan):
-        return f"plan {number}, {candidate.planner}"
-    return candidate.name if isinstance(candidate, Planner) else f"path {number}"
+Density: TypeAlias = Callable[[Part], NDArray[np.float64]]
+"""Cost per metre of each cell of a part of a map."""
 
 
-def _paths_of(
-    name: str, given: AnyCandidate, costs: Costmap, start: Position, goal: Position
-) -> Iterable[tuple[str, Path]]:
-    if isinstance(given, ParetoFront):
-        if len(given):
-            indices = np.unique(np.linspace(0, len(given) - 1, FRONT_PATHS).round()).tolist()
-            for n, index in enumerate(indices, 1):
-                point = given.plan(int(index)).path
-                assert point is not None
-                yield f"{name} {n}", point
-        return
-    path: Any = given
-    if isinstance(given, (str, Planner)):
-        path = plan(costs, start, goal, planner=given)
-    if isinstance(path, Plan):
-        path = path.path
-    if path is not None:
-        yield name, path if isinstance(path, Path) else Path(np.asarray(path))
+def _aware(weight: float) -> dict[str, Density]:
+    return {f"aware, weight {weight:g}": lambda part: 1 + weight * part.u}
+
+
+INFLATED: dict[str, Density] = {"inflated": lambda part: part.inflated}
+"""That of the robot's own inflated costmap, on which its navigation would plan."""
+DENSITIES: dict[str, Density] = {
+    "clear of walls": lambda part: part.clear,
+    "along walls": lambda part: 1 + 3 * np.minimum(abs(part.clearance - 0.6), 1.5),
+    "a metre off walls": lambda part: 1 + 2 * np.minimum(abs(part.clearance - 1), 2),
+    "detour": lambda part: part.clear + 50 * part.cut,
+    "way around 1": lambda part: 1 + 1.2 * part.beside,
+    "way around 2": lambda part: 1 + 2.5 * part.beside,
+    "clear way around 1": lambda part: part.clear + 1.2 * part.beside,
+    "clear way around 2": lambda part: part.clear + 2.5 * part.beside,
+}
+"""Those that need no field, whose paths must be others than those before. They were found to lower
+the error of filters; the first is the best of them."""
+AWARE: dict[str, Density] = {
+    **{name: density for weight in WEIGHTS for name, density in _aware(weight).items()},
+    "aware and clear": lambda part: part.clear + 8 * part.u,
+}
+"""Those that need a field, whose paths are candidates however near another one they are."""
+
+
+def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]]:
+    """All candidates by name, the shortest first, and why others are none."""
+    found, weight = part.accepted, part.ask.settings.weight
+    densities = {**INFLATED, **DENSITIES}
+    if part.costs.settings is not None:
+        densities |= AWARE
+        if weight is not None:
+            densities |= _aware(weight)
+    for name, density in densities.items():
+        path = part.planned(density(part))
+        if path is None or not is_beside(path, found.values(), SAME, 0.0):
+            continue
+        # What Nav2 would drive is shown beside, and takes no other path's place.
+        others = [each for label, each in found.items() if label not in INFLATED]
+        if name not in DENSITIES or is_beside(path, others, BESIDE, SHARE):
+            found[name] = path
+    left_out: dict[str, str] = {}
+    reserved = {**INFLATED, **DENSITIES, **AWARE}
+    own.add_to(found, left_out, part.costs, part.ask, reserved=reserved)
+    return found, left_out
+
+
+def is_beside(path: Path, others: Iterable[Path], distance: float, share: float) -> bool:
+    """Whether more than a share of a path's points are farther from each other path [m]."""
+    points = path.resampled(SPACING, even=True).xy
+    return all(float((distances_to(points, each) > distance).mean()) > share for each in others)

@@ -1,110 +1,105 @@
-"""The choice among candidate paths that were driven in simulation, and the reason for it."""
+"""The result of a choice: the path to take, the verdict, and the drives that say so."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
+import os
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from pathlib import Path as File
+from typing import Any, ClassVar, Literal
 
-import numpy as np
-
-from locplan._util.intervals import Interval, of_geometric_mean
-from locplan._util.notebook import Pictured
-from locplan._util.records import Reported
+from locplan._util.checks import file_path, shown
+from locplan._util.intervals import Interval
+from locplan._util.reading import parsed_json, read_text
+from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
-from locplan._util.tables import finite
-from locplan.costs import Costmap, Path, PathMetrics, about_costs
-from locplan.planners import Position
-from locplan.robots import Robot
-from locplan.simulation._drives import Drives
-from locplan.simulation._scores import CLEARLY, FLOOR, SLIGHT, Minimise, front_of, is_slight
+from locplan._util.tables import file_name, wrapped, write_rows
+from locplan.costs import Costmap, Path
+from locplan.errors import LocplanError
+from locplan.planners import Plan, Position
+from locplan.robots import Amcl, Robot
+from locplan.simulation.choice._driven import DRIVEN, PLANNED, Candidate, Driven
+from locplan.simulation.choice._race import CLEARLY_BETTER, PROBABLY_BETTER, ROUNDS, Judgement
+from locplan.simulation.choice._settings import TUNED, ChoiceSettings
 
+FORMAT = 1
+"""Version of choice.json."""
 MANY_LOST = 0.5
 """Share of lost drives of the recommended path from which on paths are not the remedy."""
 UNTUNED = (
     "half of its drives or more are lost: tune the filter first with `locplan tune`;"
     " `locplan evaluate` tells if single scans fail as well"
 )
-LOST_COUNTS = 0.2
-"""Difference of the shares of lost drives that is worth telling."""
+SLIGHT = 0.02
+"""Difference of errors that hardly any robot feels [m]."""
 ALIKE = 0.05
 """Difference of lengths below which two paths are equally long [m]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Candidate:
-    """A path that was driven in simulation."""
+class Choice(Result):
+    """The path to take between two places, and the candidates beside it."""
 
-    name: str
-    """Name of the path, such as "shortest" or "way around 1"."""
-    path: Path
-    """The path from start to goal."""
-    metrics: PathMetrics
-    """Metrics of the path on the costmap."""
-    drives: Drives
-    """Errors of its drives; the n-th drives of all candidates have the same world and seed."""
-    log_error: float
-    """Mean over the drives of the logarithm of the error that is minimised (m) [ln m, ln rad]."""
-    price: float
-    """Price of the metres that it is longer than the shortest, which is added to `log_error`."""
-
-    def __repr__(self) -> str:
-        return f"Candidate({self.name}, {self.path.length:.2f} m, {self.drives!r})"
-
-    @property
-    def typical_rmse(self) -> float:
-        """Geometric mean over the drives of the RMSE of the position [m], at least a millimetre."""
-        return float(np.exp(0.5 * np.log(self.drives.mean_squares + FLOOR).mean()))
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Choice(Pictured, Reported):
-    """Candidate paths with their simulated drives, and the one to take."""
-
-    _reported_by: ClassVar[str] = "locplan.simulation.choice._reports:choice_table"
-    _written_by: ClassVar[str] = "locplan.simulation.choice._reports:write_choice"
     files: ClassVar[Results] = Results(
         "choice", ("choice.json", "choice.png", "candidates.csv", "chosen.csv", "errors.csv")
     )
-
     _drawn_by: ClassVar[str] = "locplan.simulation.choice._figures:choice_figure"
 
-    costs: Costmap
-    """Costmap on which candidates were planned and measured."""
+    about: Mapping[str, Any]
+    """Version, map and settings of the costmap, see `locplan.costs.about_costs`."""
     start: Position
     """Position of the start in the world [m]."""
     goal: Position
     """Position of the goal in the world [m]."""
     candidates: tuple[Candidate, ...]
     """Candidates, the shortest path first; none if no path leads to the goal."""
-    best: int
-    """Index of the candidate that is recommended."""
-    minimise: Minimise
-    """Error that the recommended path has least of: "rmse", "goal-error", "heading" or "lost"."""
-    price: float | None
-    """Detour that is accepted for a halved error [m]; None counts no length."""
+    settings: ChoiceSettings
+    """What bound the candidates, and what decided."""
     robot: Robot
-    """The robot that was simulated."""
-    drives: int
-    """Greatest number of drives of each candidate."""
+    """The robot, which was driven where its lidar is known."""
     seed: int
     """Seed of all random numbers."""
-    left_out: tuple[str, ...] = ()
-    """Names of the candidates on which the robot's outline meets a wall."""
+    status: Literal["solved", "unreachable", "infeasible", "timeout", "not found"]
+    """"solved", or why there is no path, see `Plan.status`."""
+    note: str = ""
+    """What there is to say beside: why nothing was driven, or why there is no path."""
+    left_out: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """Why a planner's or a user's path is no candidate, by its name."""
+    judgement: Judgement | None = None
+    """The race and its confirmation; None where nothing was driven."""
+    rival: Driven | None = None
+    """Drives along the shortest path with the filter of `ChoiceSettings.rival`."""
+    costs: Costmap | None = None
+    """Costmap that the paths were measured on; None in a choice that was loaded."""
 
     def __repr__(self) -> str:
-        return f"Choice({self.costs.grid.name or 'map'}, {self.why})"
+        return f"Choice({self.map['name'] or 'map'}, {self.sentence})"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Choice) and self.summary() == other.summary()
+
+    def __hash__(self) -> int:
+        return hash(self.map["digest"])
 
     @property
-    def status(self) -> Literal["solved", "unreachable", "not found"]:
-        """The status is "unreachable" if no path leads to the goal.
+    def map(self) -> Mapping[str, str]:
+        """Name and digest of the map."""
+        found: Mapping[str, str] = self.about["map"]
+        return found
 
-        It is "not found" if the robot's outline meets a wall on all paths that were found.
-        """
-        if self.candidates:
-            return "solved"
-        return "not found" if self.left_out else "unreachable"
+    @property
+    def verdict(self) -> str:
+        """The verdict on the winner of the race; empty where nothing was driven."""
+        return self.judgement.verdict if self.judgement else ""
+
+    @property
+    def best(self) -> int:
+        """Index of the candidate to take: the aware path of the field where nothing was driven."""
+        if self.judgement is None:
+            return min(1, len(self.candidates) - 1)
+        takes = (CLEARLY_BETTER, *([PROBABLY_BETTER] if self.settings.bold else []))
+        return self.judgement.leader if self.verdict in takes else 0
 
     @property
     def shortest(self) -> Candidate | None:
@@ -113,133 +108,215 @@ class Choice(Pictured, Reported):
 
     @property
     def chosen(self) -> Candidate | None:
-        """Candidate that is recommended; None if there is no path."""
+        """Candidate to take; None if there is no path."""
         return self.candidates[self.best] if self.candidates else None
 
     @property
     def path(self) -> Path | None:
-        """Path that is recommended; None if there is none."""
+        """Path to take; None if there is none."""
         return self.chosen.path if self.chosen else None
 
     @property
-    def front(self) -> tuple[Candidate, ...]:
-        """Candidates on the Pareto front of length against simulated error, by length."""
-        lengths = np.array([each.path.length for each in self.candidates])
-        errors = np.array([each.log_error for each in self.candidates])
-        return tuple(self.candidates[n] for n in front_of(lengths, errors))
-
-    @property
-    def why(self) -> str:
-        """Reason for the choice in one line."""
-        chosen, shortest = self.chosen, self.shortest
-        if chosen is None or shortest is None:
-            if self.left_out:
-                return "the robot's outline meets a wall on every candidate; no other was searched"
-            return "no path leads to the goal"
-        if len(self.candidates) == 1:
-            return "there is no other way that is not much longer: the shortest"
-        if chosen is shortest:
-            better = any(e.log_error <= shortest.log_error + CLEARLY for e in self.candidates)
-            if self.minimise == "lost":
-                count = len(shortest.drives.errors)
-                return f"no alternative loses clearly fewer of {count} drives: the shortest"
-            which = "worth its length" if better else "clearly better"
-            return f"no alternative is {which}: the shortest"
-        reason = f"{gain(shortest, chosen, self.minimise)}, {at_length(shortest, chosen)}"
-        before, after = (math.exp(each.log_error) for each in (shortest, chosen))
-        lost = int(shortest.drives.lost.sum())
-        slight = self.minimise == "rmse" and is_slight(before, after, lost)
-        return reason + SLIGHT * slight
-
-    @property
     def sentence(self) -> str:
-        """Name of the chosen candidate, and the reason."""
-        if self.chosen is None or self.chosen is self.shortest:
-            return self.why
-        return f"{self.chosen.name}: {self.why}"
+        """The answer in one sentence."""
+        chosen, shortest, found = self.chosen, self.shortest, self.judgement
+        if chosen is None or shortest is None:
+            return f"{self.status}: {self.note}" if self.note else self.status
+        if found is None:
+            return self.note
+        if found.leader == 0:
+            if len(self.candidates) == 1:
+                return "take the shortest: there is no other path that is not much longer"
+            return f"take the shortest: no other path led by 5 % in the race of {ROUNDS[-1]} drives"
+        leader = self.candidates[found.leader]
+        error = f"x{short(found.ratio)} of its error {at_length(shortest, leader)}"
+        more_lost = ", but more of its drives are lost" if found.more_lost else ""
+        if chosen is leader:
+            return f"take {leader.name}: {found.verdict} than the shortest, {error}{self._slight}"
+        bold = "; --bold (bold=True) takes it" if self.verdict == PROBABLY_BETTER else ""
+        what = (
+            f"{leader.name} is {found.verdict}"
+            if bold or "undecided" in found.verdict
+            else (f"{found.verdict} to {leader.name}")
+        )
+        return f"take the shortest: {what}, {error}{more_lost}{bold}"
+
+    @property
+    def _slight(self) -> str:
+        chosen, shortest = self.chosen, self.shortest
+        if not (chosen and shortest and chosen.driven and shortest.driven):
+            return ""
+        gained = shortest.driven.error.value - chosen.driven.error.value
+        if self.settings.minimise != "rmse" or gained >= SLIGHT or shortest.driven.lost.any():
+            return ""
+        return "; that is under 2 cm, and no drive is lost on the shortest either"
+
+    @property
+    def advice(self) -> list[str]:
+        """Sentences on the filter, which may matter more than the path."""
+        chosen, found = self.chosen, []
+        if chosen is None or chosen.driven is None or self.judgement is None:
+            return []
+        if chosen.driven.lost_rate.value >= MANY_LOST:
+            found.append(UNTUNED)
+        taken = self.judgement.ratio.value if self.best else 1.0
+        rival, filter = self.rival and self.rival.ratio, self.settings.rival
+        if rival and filter and rival.high < 1 and rival.value < 0.9 * taken:
+            found.append(
+                f"tune first, with `locplan tune`: on the shortest path {title_of(filter)}"
+                f" has x{short(rival)} of the error"
+            )
+        return found
 
     @property
     def driven(self) -> str:
-        """Number of drives of each candidate in words."""
-        done = len(self.candidates[0].drives.errors)
-        return f"{done} drives each" if done == self.drives else f"{done} of {self.drives} drives"
+        """Which drives are shown, in words."""
+        if self.judgement is None or self.shortest is None:
+            return ""
+        count, first = len(self.judgement.drives), self.judgement.drives.start
+        confirmed = " after the race, of it and of the shortest (others: 4 to 8, of the race)"
+        after = confirmed if first else " in the race"
+        return f"{count} drives{after}; seed {self.seed}; with {self.robot.title}"
 
-    @property
-    def nearly(self) -> Candidate | None:
-        """Shortest candidate that is clearly better than the shortest path, too, and whose error
-        is at most a ninth above that of the chosen one; None if that is the chosen one itself."""
-        chosen, shortest = self.chosen, self.shortest
-        if chosen is None or shortest is None or chosen is shortest or self.minimise == "lost":
-            return None
-        others = [
-            each
-            for each in self.candidates
-            if each.path.length < chosen.path.length
-            and each.log_error + each.price <= shortest.log_error + CLEARLY
-            and each.log_error + each.price <= chosen.log_error + chosen.price - CLEARLY
-        ]
-        return min(others, key=lambda each: each.path.length, default=None)
-
-    def ratio(self, candidate: Candidate) -> Interval:
-        """Ratio of the RMSE of the position to the shortest's: geometric mean over the drives.
+    def summary(self, *about: Any, **more: Any) -> dict[str, object]:
+        """The answer, the candidates and the settings, fit for JSON and for `load`.
 
         Parameters
         ----------
-        candidate : Candidate
-            One of `candidates`.
+        *about, **more
+            What `save` takes, of which it says nothing.
         """
-        assert self.shortest is not None
-        both = candidate.drives, self.shortest.drives
-        squares, others = (drives.mean_squares + FLOOR for drives in both)
-        return of_geometric_mean(np.sqrt(squares / others))
-
-    def summary(self) -> dict[str, object]:
-        """Candidates with their errors, the choice and its settings, fit for JSON."""
-        front = self.front
-        about: dict[str, object] = {
-            **about_costs(self.costs),
-            "status": self.status,
+        return {
+            "format": FORMAT,
+            **self.about,
             "start": list(self.start),
             "goal": list(self.goal),
+            "described": [*self.about],
+            "status": self.status,
+            "note": self.note,
+            "sentence": self.sentence,
+            "advice": self.advice,
             "chosen": self.chosen.name if self.chosen else None,
-            "left_out": list(self.left_out),
-            "why": self.why,
-            "minimise": self.minimise,
-            "price_m": self.price,
-            "candidates": {
-                each.name: {
-                    **each.drives.summary(),
-                    "typical_rmse_m": each.typical_rmse,
-                    "rmse_ratio": list(self.ratio(each)),
-                    "log_error": each.log_error,
-                    "price": each.price,
-                    "on_front": each in front,
-                    "metrics": finite(dataclasses.asdict(each.metrics)),
-                    "xy": each.path.xy.tolist(),
-                }
-                for each in self.candidates
-            },
-            "most_drives": self.drives,
+            "verdict": self.verdict,
+            "judgement": self.judgement and self.judgement.summary(),
+            "candidates": [each.summary() for each in self.candidates],
+            "left_out": dict(self.left_out),
+            "rival": self.rival.summary() if self.rival else None,
+            "settings": self.settings.summary(),
             "seed": self.seed,
             "robot": self.robot.summary(),
         }
-        return finite(about)
 
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Choice:
+        """Choice that `save` wrote.
 
-def gain(shortest: Candidate, chosen: Candidate, minimise: Minimise) -> str:
-    """Gain of a candidate over the shortest path in words, and what it costs in lost drives."""
-    before, after = (float(each.drives.lost.mean()) for each in (shortest, chosen))
-    lost = f"{after:.0%} of drives lost instead of {before:.0%}"
-    if minimise == "lost" or (minimise == "rmse" and before - after >= LOST_COUNTS):
-        return lost
-    but = f", but {lost}" if after - before >= LOST_COUNTS else ""
-    errors = [math.exp(each.log_error) for each in (chosen, shortest)]
-    if minimise == "heading":
-        after, before = (math.degrees(each) for each in errors)
-        return f"a heading error of {after:.2g} deg instead of {before:.2g} deg{but}"
-    where = " at the goal" if minimise == "goal-error" else ""
-    after_m, before_m = (f"{error:#.2g}".rstrip(".") for error in errors)
-    return f"an error of {after_m} m{where} instead of {before_m} m{but}"
+        Parameters
+        ----------
+        path : path
+            The folder, or choice.json.
+
+        Raises
+        ------
+        LocplanError
+            If the file cannot be read, or is of another version or no choice.
+        """
+        file = file_path("a choice", path)
+        file = file / cls.files.names[0] if file.is_dir() else file
+        try:
+            about = parsed_json(read_text(file))
+            if about["format"] != FORMAT:
+                raise LocplanError(
+                    f"{file}: is of version {shown(about['format'])}, not {FORMAT}; choose again"
+                )
+            return cls._of(about)
+        except (KeyError, TypeError, ValueError, AttributeError):
+            raise LocplanError(f"{file}: is no choice; give what Choice.save wrote") from None
+
+    @classmethod
+    def _of(cls, about: Mapping[str, Any]) -> Choice:
+        return cls(
+            about={name: about[name] for name in about["described"]},
+            start=tuple(about["start"]),
+            goal=tuple(about["goal"]),
+            candidates=tuple(Candidate.from_summary(each) for each in about["candidates"]),
+            settings=ChoiceSettings.from_summary(about["settings"]),
+            robot=Robot.from_summary(about["robot"]),
+            seed=about["seed"],
+            status=about["status"],
+            note=about["note"],
+            left_out=about["left_out"],
+            judgement=about["judgement"] and Judgement.from_summary(about["judgement"]),
+            rival=Driven.from_summary(about["rival"]) if about["rival"] else None,
+        )
+
+    def table(self) -> Table:
+        """The candidates, a row each; of driven ones, the first column marks the one to take."""
+        columns = DRIVEN if self.judgement else PLANNED
+        if self.settings.minimise == "heading":
+            columns = tuple(
+                dataclasses.replace(each, unit="rad", people="deg", digits=1)
+                if each.name == "error"
+                else each
+                for each in columns
+            )
+        marks = Column("chosen", title="", value=lambda each: ">" if each is self.chosen else "")
+        return Table.of((marks, *columns) if self.judgement else columns, self.candidates)
+
+    def report(self, *about: Any, **more: Any) -> str:
+        """The answer, the table, and which drives are shown.
+
+        Parameters
+        ----------
+        *about, **more
+            What `save` takes, of which it says nothing.
+        """
+        if not self.candidates:
+            return self.sentence
+        what = {"rmse": "error", "lost": "error", "goal-error": "error at the goal"}
+        shown_of = what.get(self.settings.minimise, "error of the heading")
+        heads = [
+            f"{shown_of}: of a typical drive (geometric mean of the RMSE); [95 % intervals]",
+            "lost: off by more than 1 m at some time",
+        ]
+        left = [f"{each.name}: {each.note}" for each in self.candidates if each.note]
+        left += [f"left out: {name}: {why}" for name, why in self.left_out.items()]
+        below = [*self.advice, *left, *([self.driven, *heads] if self.judgement else [])]
+        if self.costs is not None and not self.costs.has_weak_spots:
+            below.append("no weak spot for this lidar: u is 0 all over the map")
+        return "\n".join([*wrapped([self.sentence]), str(self.table()), *wrapped(below)])
+
+    def _write(self, folder: File, *about: Any) -> None:
+        """Write the paths, the table and the errors along the paths."""
+        self.table().write_csv(folder / "candidates.csv")
+        if self.path:
+            self.path.save(folder / "chosen.csv")
+        for number, each in enumerate(self.candidates, 1):
+            each.path.save(folder / f"{number:02}-{file_name(each.name)[:60]}.csv")
+        columns = ["path", "distance", "error_median", "error_low", "error_high"]
+        rows = (
+            [each.name, *at]
+            for each in self.candidates
+            if each.driven
+            for at in each.driven.profile.tolist()
+        )
+        write_rows(folder / "errors.csv", columns, rows)
+        searched = [each for each in self.candidates if len(each.history) > 1]
+        if searched:
+            from locplan import plotting
+
+            plans = {each.name: self._plan(each) for each in searched}
+            plotting.save_figure(plotting.history_figure(plans), folder / "history.png")
+
+    def _plan(self, each: Candidate) -> Plan:
+        """A candidate as a plan, for the figure of its search."""
+        costs, history = self.costs, each.history
+        return Plan(
+            *("solved", each.planner, self.start, self.goal, each.path, each.metrics),
+            solve_time=history[-1][0],
+            history=history,
+            costs=costs,
+        )
 
 
 def at_length(shortest: Candidate, other: Candidate) -> str:
@@ -248,3 +325,16 @@ def at_length(shortest: Candidate, other: Candidate) -> str:
     if abs(extra) < ALIKE:
         return "at the same length"
     return f"for {abs(extra):.1f} m {'more' if extra > 0 else 'less'}"
+
+
+def title_of(rival: Amcl) -> str:
+    """What a rival's settings are called."""
+    if rival == TUNED:
+        return "a filter with all alphas 0.05 and likelihood_field_prob"
+    return rival.title
+
+
+def short(ratio: Interval) -> str:
+    """A ratio with its interval, without zeros before the point."""
+    value, low, high = (f"{each:.2f}".removeprefix("0") for each in ratio)
+    return f"{value} [{low}, {high}]"

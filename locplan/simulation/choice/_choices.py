@@ -11,7 +11,8 @@ import numpy as np
 from locplan._util.intervals import Interval, of_geometric_mean
 from locplan._util.tables import finite, table
 from locplan.planners import Query
-from locplan.simulation.choice._choice import Candidate, Choice
+from locplan.simulation.choice._choice import Choice
+from locplan.simulation.choice._driven import Candidate
 
 COLUMNS = (
     "map",
@@ -50,12 +51,12 @@ class MapChoice:
     @property
     def errors(self) -> tuple[float, float]:
         """Typical error of both: geometric mean over the drives [m], or [rad] of headings."""
-        return self._both(lambda each: math.exp(each.log_error))
+        return self._both(lambda each: each.driven.error.value if each.driven else math.nan)
 
     @property
     def lost(self) -> tuple[float, float]:
         """Share of lost drives of both, 0..1; NaN without a path."""
-        return self._both(lambda each: float(each.drives.lost.mean()))
+        return self._both(lambda each: each.driven.lost_rate.value if each.driven else math.nan)
 
     def _both(self, value: Callable[[Candidate], float]) -> tuple[float, float]:
         shortest, chosen = self.choice.shortest, self.choice.chosen
@@ -68,8 +69,8 @@ class MapChoice:
 class Choices:
     """Choices for many queries; intervals are over the queries that have a path.
 
-    Errors are those of the drives by which the paths were chosen, so that the gain looks a little
-    greater than it is.
+    Errors are those of the drives that confirmed the choice: those of paths that were taken are
+    promised a few per cent too small.
     """
 
     choices: tuple[MapChoice, ...]
@@ -171,7 +172,7 @@ class Choices:
         columns = ["map", "queries", "detours", "length", "error", "lost"]
         rows = [[name, *group._texts()] for name, group in groups.items()]
         last = (
-            "detours leave the shortest path; chosen over shortest, by the drives that chose it"
+            "detours leave the shortest path; chosen over shortest, by the drives that confirmed it"
             " [95 % intervals]"
         )
         return f"{table(columns, rows)}\n{last}"

@@ -1,47 +1,42 @@
-"""The simulated choice: drive a handful of dissimilar paths, and take the one that is best."""
+"""The choice of a path: candidates, a race, a confirmation, and one answer."""
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import time
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, nullcontext
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import number, one_of, positive
-from locplan._util.poses import Poses
+from locplan._util.checks import instance
 from locplan._util.progress import ProgressCallback
-from locplan.costs import Costmap, Path, check_costs, path_metrics
-from locplan.errors import ConfigError, LocplanError
-from locplan.field import CovarianceField, FieldConfig, Fused, equipped, load_or_compute
+from locplan.costs import Costmap, Path, about_costs, check_costs, check_criterion, path_metrics
+from locplan.errors import ConfigError
+from locplan.field import CovarianceField, FieldConfig, Fused, Sad, load_or_compute
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.planners import (
-    LONGEST_ALTERNATIVE,
-    Position,
-    alternatives,
-    check_ends,
-    plan,
-    planned_near_paths,
-)
+from locplan.planners import SHORTEST, Plan, Position, check_ends
 from locplan.robots import Robot
-from locplan.simulation._drives import Drives, check_drives
-from locplan.simulation._motion import poses_along
-from locplan.simulation._scores import (
-    MINIMISED,
-    Minimise,
-    is_settled,
-    log_errors,
-    price_of,
-    selected,
-    worst_error,
-)
+from locplan.simulation._arguments import about_filter
 from locplan.simulation._simulator import Simulator
-from locplan.simulation.choice._candidates import Candidates, own_paths
-from locplan.simulation.choice._choice import Candidate, Choice
+from locplan.simulation.choice._ask import Ask, Candidates, Own, why_without
+from locplan.simulation.choice._candidates import WEIGHTS, Part, candidates_of
+from locplan.simulation.choice._choice import Choice
+from locplan.simulation.choice._driven import Candidate
+from locplan.simulation.choice._driver import Driver
+from locplan.simulation.choice._race import judged
+from locplan.simulation.choice._settings import ChoiceSettings
+from locplan.simulation.choice._source import Compute, Source, deviation_along
 
-FEW_DRIVES = 8
-"""Number of drives of each candidate by default."""
+PRICE_OF_LOSS = {"lost": 100.0}
+"""What a lost drive adds to the logarithm of its error in the race, 1 by default."""
+NO_LIDAR = (
+    "nothing is driven: name the robot's lidar (--lidar NAME, in Python robot=locplan.Robot(NAME))"
+    " to drive candidates with its filter, and to have one recommended"
+)
+CAR_LIKE = "nothing is driven or recommended: paths with headings or a turning radius are not yet"
+UNDRIVEN = "nothing is driven, as asked, and nothing is recommended"
 
 
 def choose(
@@ -50,68 +45,56 @@ def choose(
     goal: Position,
     robot: Robot | None = None,
     *,
-    costs: Costmap | None = None,
+    costs: Costmap | FieldConfig | None = None,
     candidates: Candidates = (),
-    longest: float = LONGEST_ALTERNATIVE,
-    minimise: Minimise = "rmse",
-    price: float | None = None,
-    drives: int = FEW_DRIVES,
-    time_limit: float | None = None,
+    compute: Compute | None = None,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
+    **settings: Any,
 ) -> Choice:
-    """Drive a handful of dissimilar paths in simulation, and choose among them.
+    """Choose the path to take: drive candidates in simulation until one is shown to be better.
 
-    Candidates are the shortest path, detours around it, and the paths of least cost by `Fused` (or
-    by the field of `costs`) at weights 4 and 12; see `locplan.planners.alternatives`. Each is
-    driven with the same worlds and seeds. Its score is the mean over the drives of ln RMSE. The
-    least score wins, and the shortest path stays unless the winner's error is less by a tenth.
+    Candidates are the shortest path, the one on the robot's own inflated costmap, paths clear of
+    walls, ways around, and localizability-aware paths. They race over a few drives; the winner and
+    the shortest are then driven afresh until the ratio of their errors is known. Only a path that
+    is clearly better, and does not lose more drives, replaces the shortest.
+
+    Where the robot's lidar is not known, nothing is driven: the aware path of the field is then
+    given beside the shortest one.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
-    start, goal : (x, y)
-        Positions in the world [m].
+    start, goal : (x, y), or (x, y, heading) for planners with headings
+        Positions in the world [m, rad].
     robot : Robot, optional
-        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
-        your own, such as `Robot.from_nav2` reads.
-    costs : Costmap, optional
-        Costmap of a field of this map, to plan on; by default that of `Fused` for the lidar, whose
-        spacing is 0.2 m near the candidates and 0.4 m elsewhere.
+        The robot, which is known when its lidar is, such as ``Robot("turtlebot4")``, or what
+        `Robot.from_nav2` reads. A field that simulates a lidar names it, too.
+    costs : Costmap or FieldConfig, optional
+        A costmap of this map, to plan on: ``Costmap.blank(grid)`` does without a field. Or settings
+        of the field; by default it is `Fused` for the lidar, or `Sad` without one. A field that
+        simulates a lidar is evaluated every 0.2 m near the aware paths and 0.4 m elsewhere.
     candidates : sequence or mapping by name, default ()
         Further candidates: paths, arrays of positions (n, 2) [m], plans, Pareto fronts, planners
         or their names.
-    longest : float, default 1.5
-        Greatest length of an alternative, in lengths of the shortest path, >= 1. Raise it where a
-        long detour is worth driving.
-    minimise : str, default "rmse"
-        "rmse" of the position, "goal-error" (the same over the last metre), "heading" (the same of
-        the heading), or "lost", the share of drives off by more than 1 m at any time, which
-        replaces the shortest path if it is lower by at least a quarter.
-    price : float, optional
-        Metres of detour that are accepted for a halved error, above 0; by default length does not
-        count.
-    drives : int, default 8
-        Greatest number of drives of each candidate, 2 to 100,000. They end early where the ones
-        that are left cannot change the choice. Raise it where candidates are close.
-    time_limit : float, optional
-        Time after which no further round of drives begins [s], above 0; at least two are driven.
-        By default there is none.
+    compute : callable, optional
+        Gives the field of a map at the lattice points of a mask; by default `load_or_compute`.
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal choices, on any number of threads,
         unless the time limit ends the drives.
     threads : int, optional
         Number of threads, at least 1; all cores by default.
     progress : callable, optional
-        Called with (done, total) drives.
+        Called with (done, total) drives; there may be fewer in the end.
+    **settings
+        Fields of `ChoiceSettings`: limits of the candidates, and what decides.
 
     Returns
     -------
     Choice
-        Its `path` is None if no path leads to the goal (`status` "unreachable"), or if the robot's
-        outline meets a wall on all that were found ("not found": headings are not searched).
+        Its `path` is None if no path leads to the goal or keeps the limits; `status` says why.
 
     Raises
     ------
@@ -124,213 +107,196 @@ def choose(
     --------
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
-    >>> choice = choose(grid, (2.0, 3.0), (38.0, 3.0), costs=locplan.Costmap.blank(grid))
-    >>> choice.chosen.name, choice.why
-    ('way around 2', '0% of drives lost instead of 62%, for 9.6 m more')
+    >>> robot = locplan.Robot(locplan.Lidar(range=6.0))
+    >>> blank = locplan.Costmap.blank(grid)
+    >>> choice = choose(grid, (2.0, 3.0), (38.0, 3.0), robot, costs=blank, drives=8)
+    >>> choice.verdict
+    'clearly better'
     """
     check_grid(grid)
-    check_choice(longest, minimise, price, drives, time_limit)
-    if costs is not None:
-        check_costs(costs)
-    robot = equipped(robot, costs.settings.config if costs and costs.settings else None)
-    simulator = Simulator(grid, robot=robot, seed=seed, threads=threads)
-    here = costs or Costmap.blank(grid, robot_radius=robot.radius)
-    begin, end = check_way(here, start, goal)
-    if costs is None and plan(here, begin, end).path is None:
-        costs = here  # no field is worth its time
-    if costs is None:
-        config = FieldConfig(Fused.of(robot.known_lidar))
-        costs = costmap_near_candidates(
-            grid,
-            config,
-            (begin, end),
-            longest,
-            lambda points: load_or_compute(grid, config, points=points, threads=threads),
-            lambda field: Costmap.from_field(grid, field, robot_radius=robot.radius),
-        )
-    elif costs.grid.digest != grid.digest:
-        raise ConfigError("the costmap is that of another map")
-    own = own_paths(costs, begin, end, candidates)
-    paths = alternatives(costs, begin, end, longest=longest, others=own)
-    left_out = without_collisions(paths, robot, grid)
-    lines = lines_along(paths, grid)
-    extra = np.array([path.length for path in paths.values()])
-    prices = price_of(extra - extra[:1], price)
-    worst = np.pi if minimise == "heading" else worst_error(grid.shape, grid.resolution)
-    errors, scores = _driven(
-        simulator, list(lines.values()), prices, minimise, worst, drives, time_limit, progress
+    asked = ChoiceSettings.of(settings)
+    robot, source = _robot_and_source(grid, robot, costs, compute, threads)
+    if asked.criterion is not None:
+        check_criterion(asked.criterion, source.config)
+    blank = source.blank(grid, robot.radius)
+    own = Own.of(candidates)
+    begin, *via, end = check_ends(blank, start, goal, asked.via, space=own.space)
+    ask = Ask(grid, begin, end, dataclasses.replace(asked, via=tuple(via)), robot)
+    ask.check()
+    own.check(ask)
+    simulator = Simulator(  # checks them
+        grid, robot, filter_map=asked.filter_map, seed=seed, threads=threads
     )
-    driven = {
-        name: Drives(line, each) for (name, line), each in zip(lines.items(), errors, strict=True)
-    }
-    lost = np.array([each.lost.mean() for each in driven.values()])
-    made = tuple(
-        Candidate(name, path, path_metrics(costs, path), driven[name], float(score), float(cost))
-        for (name, path), score, cost in zip(paths.items(), scores, prices, strict=True)
-    )
-    best = selected(scores + prices, lost, minimise)[0] if made else 0
-    return Choice(costs, begin, end, made, best, minimise, price, robot, drives, seed, left_out)
-
-
-def without_collisions(
-    paths: dict[str, Path], robot: Robot, grid: OccupancyGrid
-) -> tuple[str, ...]:
-    """Drop the paths on which the robot's outline meets a wall, and return their names."""
-    outline = robot.outline
-    if outline is None:
-        return ()
-    met = [name for name, path in paths.items() if outline.first_collision(grid, path)]
-    for name in met:
-        del paths[name]
-    return tuple(met)
-
-
-def costmap_near_candidates(
-    grid: OccupancyGrid,
-    config: FieldConfig,
-    ends: tuple[Position, Position],
-    longest: float,
-    field_of: Callable[[NDArray[np.bool_]], CovarianceField],
-    costmap_of: Callable[[CovarianceField], Costmap],
-    shown: Callable[[], AbstractContextManager[object]] = nullcontext,
-) -> Costmap:
-    """Costmap of a field that is fine near the alternatives of a choice.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map.
-    config : FieldConfig
-        Settings of the field.
-    ends : (start, goal)
-        Positions x, y in the world [m].
-    longest : float
-        Greatest length of an alternative, in lengths of the shortest path.
-    field_of : callable
-        Gives the field at the lattice points of a mask.
-    costmap_of : callable
-        Gives the costmap of such a field.
-    shown : callable, default nullcontext
-        Gives a context in which the alternatives are planned, such as a sign of life.
-
-    Returns
-    -------
-    Costmap
-        The costmap on which the alternatives were planned last.
-    """
-
-    def planned(field: CovarianceField) -> tuple[Costmap, dict[str, Path]]:
-        with shown():
-            costs = costmap_of(field)
-            return costs, alternatives(costs, *ends, longest=longest)
-
-    _, (costs, _) = planned_near_paths(
-        grid, config, field_of, planned, lambda found: found[1].values()
-    )
-    return costs
-
-
-def check_choice(
-    longest: float,
-    minimise: Minimise,
-    price: float | None,
-    drives: int,
-    time_limit: float | None = None,
-) -> None:
-    """Check the settings of a choice; to be called before long work.
-
-    Parameters
-    ----------
-    longest, minimise, price, drives, time_limit
-        See `choose`.
-
-    Raises
-    ------
-    ConfigError
-        If one is out of its range.
-    """
-    check_drives(drives)
-    number("longest", longest, 1.0)
-    one_of("minimise", minimise, MINIMISED)
-    for name, value in (("price", price), ("time_limit", time_limit)):
-        if value is not None:
-            positive(name, value)
-
-
-def check_way(costs: Costmap, start: Position, goal: Position) -> tuple[Position, Position]:
-    """Start and goal as numbers, if the robot can stand at both, and they are two places."""
-    begin, end = check_ends(costs, start, goal)
-    if begin == end:
+    shortest = ask.flat.planned(blank, limited=False)
+    if shortest.path is None:
+        return _made(ask, seed, shortest, source.given)
+    why_not = _why_not(ask, own)
+    if why_not:
+        return _planned_only(ask, own, source, shortest, seed, why_not)
+    if begin == end and not via:
         raise ConfigError("start and goal are one place; a choice needs a way to drive")
-    return begin, end
-
-
-def check_candidates(
-    costs: Costmap, start: Position, goal: Position, candidates: Candidates = ()
-) -> None:
-    """Check the way of a choice and the user's own candidates; to be called before long work.
-
-    Parameters
-    ----------
-    costs : Costmap
-        A costmap of the map, which may be blank.
-    start, goal : (x, y)
-        Positions in the world [m].
-    candidates : sequence or mapping by name, default ()
-        See `choose`.
-
-    Raises
-    ------
-    LocplanError
-        If the robot cannot stand at an end, or a candidate does not join the two, or leaves the
-        free cells.
-    """
-    check_way(costs, start, goal)
-    lines_along(own_paths(costs, start, goal, candidates), costs.grid)
-
-
-def lines_along(paths: Mapping[str, Path], grid: OccupancyGrid) -> dict[str, Poses]:
-    """Poses along each path; a LocplanError names the candidate that cannot be driven."""
-    lines = {}
-    for name, path in paths.items():
-        try:
-            lines[name] = poses_along(path, grid)
-        except LocplanError as error:
-            raise LocplanError(f"candidate {name}: {error}") from None
-    return lines
+    return _driven(ask, own, source, shortest.path, simulator, progress)
 
 
 def _driven(
+    ask: Ask,
+    own: Own,
+    source: Source,
+    first: Path,
     simulator: Simulator,
-    lines: list[Poses],
-    prices: NDArray[np.float64],
-    minimise: Minimise,
-    worst: float,
-    drives: int,
-    time_limit: float | None,
     progress: ProgressCallback | None,
-) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
-    """Errors of each line's drives, and the mean of their logarithms."""
-    if not lines:
-        return [], np.empty(0)
-    until = None if time_limit is None else time.monotonic() + time_limit
-    distances = [Drives(line, np.empty((0, 0, 3))).distance for line in lines]
+) -> Choice:
+    """The choice among candidates that are driven."""
+    asked = ask.settings
+    longest = asked.longest * first.length
+    costs, _ = source.costs(
+        ask, lambda costs: Part.about(costs, first, longest, ask).aware_paths(WEIGHTS)
+    )
+    shortest, nothing = ask.shortest(costs) or first, _made(ask, simulator.seed, None, costs)
+    if asked.is_limited:
+        within = ask.planned(costs.with_weight(1e-6))
+        if within.path is None:
+            return _made(ask, simulator.seed, within, costs)
+        shortest = within.path
+    part = Part.about(costs, shortest, asked.longest * shortest.length, ask)
+    paths, left_out = candidates_of(part, own)
+    if asked.is_limited:  # planners find short paths, not always the shortest, within limits
+        paths = _shortest_first(paths)
+    driver = Driver(simulator, paths, asked, progress)
+    until = math.inf if asked.time_limit is None else time.monotonic() + asked.time_limit
+    found = judged(
+        driver,
+        asked.price * np.log([path.length / paths[SHORTEST].length for path in paths.values()]),
+        PRICE_OF_LOSS.get(asked.minimise, 1.0),
+        asked.drives,
+        lambda: time.monotonic() > until,
+    )
+    made = tuple(
+        Candidate(name, path, path_metrics(costs, path), driver.shown(n, found))
+        for n, (name, path) in enumerate(paths.items())
+    )
+    return dataclasses.replace(
+        nothing,
+        candidates=made,
+        left_out=left_out,
+        judgement=found,
+        rival=driver.rival(found),
+    )
 
-    def scores_of(errors: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-        """Log error of each drive of each line, (lines, drives)."""
-        pairs = zip(distances, errors, strict=True)
-        return np.array([log_errors(*pair, minimise, worst) for pair in pairs])
 
-    def enough(errors: list[NDArray[np.float64]]) -> bool:
-        done = len(errors[0])
-        if done < 2:
-            return False
-        if until is not None and time.monotonic() > until:
-            return True
-        sums = scores_of(errors).sum(axis=1)
-        lost = np.array([Drives(lines[n], each).lost.sum() for n, each in enumerate(errors)])
-        several = len(lines) > 1
-        return several and is_settled(sums, lost, prices, done, drives, minimise, worst)
+def _shortest_first(paths: dict[str, Path]) -> dict[str, Path]:
+    """Paths, of which the shortest one stands first and is called so."""
+    name = min(paths, key=lambda each: paths[each].length)
+    others = {each: path for each, path in paths.items() if each not in (name, SHORTEST)}
+    return {SHORTEST: paths[name], **others}
 
-    errors = simulator.drive_together(lines, drives, enough=enough, progress=progress)
-    return errors, scores_of(errors).mean(axis=1)
+
+def _robot_and_source(
+    grid: OccupancyGrid,
+    robot: Robot | None,
+    costs: Costmap | FieldConfig | None,
+    compute: Compute | None,
+    threads: int | None,
+) -> tuple[Robot, Source]:
+    """The robot, with the lidar of the field if it names none, and where the costmap is from."""
+    robot = Robot() if robot is None else robot
+    instance("robot", robot, Robot, 'such as locplan.Robot("turtlebot4")')
+    given, config = None, costs
+    if costs is not None and not isinstance(costs, FieldConfig):
+        check_costs(costs)
+        if costs.grid.digest != grid.digest:
+            raise ConfigError("the costmap is that of another map")
+        given, config = costs, costs.settings.config if costs.settings else None
+    if robot.lidar is None and isinstance(config, FieldConfig):
+        robot = dataclasses.replace(robot, lidar=getattr(config.estimator, "lidar", None))
+    if not isinstance(config, FieldConfig):
+        config = FieldConfig(Fused.of(robot.lidar) if robot.lidar else Sad())
+    kept = config
+
+    def computed(
+        grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
+    ) -> CovarianceField:
+        return load_or_compute(grid, kept, points=points, threads=threads)
+
+    return robot, Source(given, config, compute or computed)
+
+
+def _why_not(ask: Ask, own: Own) -> str:
+    """Why nothing is driven; empty if candidates are."""
+    if own.space != "R2" or ask.robot.kinematics.turning_radius:
+        return CAR_LIKE
+    if ask.robot.lidar is None:
+        return NO_LIDAR
+    return "" if ask.settings.drives else UNDRIVEN
+
+
+def _made(ask: Ask, seed: int, shortest: Plan | None, costs: Costmap | None) -> Choice:
+    """A choice without candidates, with why there is no path, if so."""
+    costs_shown = costs or Costmap.blank(ask.grid, robot_radius=ask.robot.radius)
+    return Choice(
+        about={**about_costs(costs_shown), **about_filter(ask.settings.filter_map)},
+        start=ask.start,
+        goal=ask.goal,
+        candidates=(),
+        settings=ask.settings,
+        robot=ask.robot,
+        seed=seed,
+        status=shortest.status if shortest else "solved",
+        note=shortest.note if shortest else "",
+        costs=costs,
+    )
+
+
+def _planned_only(
+    ask: Ask,
+    own: Own,
+    source: Source,
+    shortest: Plan,
+    seed: int,
+    why_not: str,
+) -> Choice:
+    """The aware path of the field beside the shortest one, of which none is driven."""
+
+    def drafted(costs: Costmap) -> list[Path]:
+        plans = ask.flat.beside_shortest(costs)
+        return [plan.path for plan in plans.values() if plan.path is not None]
+
+    costs, field = source.costs(ask, drafted)
+    plans = {SHORTEST: shortest.measured_on(costs)}
+    if costs.settings is not None:
+        plans = ask.beside_shortest(costs, own.planner)
+    paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
+    left_out = {name: why_without(plan) for name, plan in plans.items() if plan.path is None}
+    own.add_to(paths, left_out, costs, ask, but=own.planner)
+    last = plans[next(reversed(plans))]
+    made = []
+    for name, path in paths.items():
+        own_plan = plans.get(name)
+        made.append(
+            Candidate(
+                name,
+                path,
+                path_metrics(costs, path),
+                deviation=(math.nan, math.nan) if field is None else deviation_along(path, field),
+                planner=own_plan.planner if own_plan else "",
+                note=note_on(own_plan) if own_plan else "",
+                history=own_plan.history if own_plan else (),
+            )
+        )
+    return dataclasses.replace(
+        _made(ask, seed, last, costs),
+        status="solved" if last.path else last.status,
+        note=why_not if last.path else last.note,
+        candidates=tuple(made) if last.path else (),
+        left_out=left_out,
+    )
+
+
+def note_on(made: Plan) -> str:
+    """What a plan says of its path beside its metrics."""
+    said = [made.note] if made.note else []
+    if not made.minimises:
+        said.append("any path, since its planner minimises nothing")
+    if made.bound is not None:
+        said.append(f"no path within the budget is shorter than {made.bound:.2f} m")
+    return "; ".join(said)

@@ -10,18 +10,19 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from locplan import __version__
-from locplan._util.checks import is_whole, shown
+from locplan._util.checks import is_whole, shown, whole
 from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, named_maps
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import Fused, equipped, load_or_compute
-from locplan.planners import LONGEST_ALTERNATIVE, Query, check_random, queries_of
+from locplan.planners import Query, check_ends, check_random, queries_of
 from locplan.robots import Robot
-from locplan.simulation._scores import Minimise
+from locplan.simulation._arguments import check_of_one_map
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._choices import Choices, MapChoice
-from locplan.simulation.choice._choose import FEW_DRIVES, check_choice, check_way, choose
+from locplan.simulation.choice._choose import choose
+from locplan.simulation.choice._settings import ChoiceSettings
 
 LEAST_DISTANCE = 10.0
 """Least straight distance between start and goal of random queries [m]."""
@@ -35,6 +36,7 @@ class _Case(NamedTuple):
     map: str
     costs: Costmap
     query: Query
+    seed: int
 
 
 def choose_many(
@@ -43,15 +45,12 @@ def choose_many(
     robot: Robot | None = None,
     *,
     executor: Executor | None = None,
-    longest: float = LONGEST_ALTERNATIVE,
-    minimise: Minimise = "rmse",
-    price: float | None = None,
-    drives: int = FEW_DRIVES,
     seed: int = 1,
     least_distance: float = LEAST_DISTANCE,
     query_seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
+    **settings: Any,
 ) -> Choices:
     """Choose among driven paths, as `choose` does, for many queries.
 
@@ -72,8 +71,9 @@ def choose_many(
         Executor that runs each choice as one task on one thread: a process pool, or a cluster by
         dask.distributed's ``client.get_executor()``. Its workers need locplan. By default the
         choices are made here, one after the other. The results do not depend on it.
-    longest, minimise, price, drives, seed
-        See `choose`.
+    seed : int, default 1
+        Seed of the random numbers of the first choice, >= 0; that of each further one is greater
+        by 1, so that the choices are independent.
     least_distance : float, default 10.0
         Least straight distance between start and goal of random queries [m], >= 0. Lower it on a
         small map.
@@ -83,6 +83,8 @@ def choose_many(
         Number of threads of this process, all cores by default.
     progress : callable, optional
         Called with (done, total) queries.
+    **settings
+        Fields of `ChoiceSettings`, see `choose`.
 
     Returns
     -------
@@ -101,23 +103,18 @@ def choose_many(
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     >>> ends = [((2.0, 3.0), (38.0, 3.0)), ((2.0, 3.0), (5.0, 10.0))]
-    >>> choices = choose_many(locplan.Costmap.blank(grid), ends)
-    >>> [each.choice.chosen.name for each in choices]
-    ['way around 2', 'way around 3']
+    >>> choices = choose_many(locplan.Costmap.blank(grid), ends, drives=8)
+    >>> [each.choice.verdict for each in choices]
+    ['clearly better', 'clearly better']
     """
     check_threads(threads)
-    check_choice(longest, minimise, price, drives)
+    named = named_maps(maps)
+    check_of_one_map(ChoiceSettings.of(settings).filter_map, named)
     check_random(queries if is_whole(queries) else 1, query_seed, least_distance)
-    asked: dict[str, Any] = {
-        "robot": robot,
-        "longest": longest,
-        "minimise": minimise,
-        "price": price,
-        "drives": drives,
-        "seed": seed,
-    }
+    whole("seed", seed, 0)
+    asked: dict[str, Any] = {"robot": robot, **settings}
     cases: list[_Case] = []
-    for name, given in named_maps(maps).items():
+    for name, given in named.items():
         if isinstance(given, Costmap):
             costs = given
         else:
@@ -128,8 +125,10 @@ def choose_many(
         wanted = queries[name] if isinstance(queries, Mapping) else queries
         for query in queries_of(costs, wanted, least_distance, query_seed):
             with _where(name, query):
-                check_way(costs, query.start[:2], query.goal[:2])
-            cases.append(_Case(name, costs, query))
+                begin, end = check_ends(costs, query.start[:2], query.goal[:2])
+                if begin == end:
+                    raise ConfigError("start and goal are one place")
+            cases.append(_Case(name, costs, query, seed + len(cases)))
     if not cases:
         raise ConfigError("there is no query; give at least one")
     made = _here(cases, asked, threads) if executor is None else _at(executor, cases, asked)
@@ -180,13 +179,10 @@ def chosen(version: str, case: _Case, asked: dict[str, Any]) -> Choice:
 
 def _chosen(case: _Case, asked: dict[str, Any], threads: int | None) -> Choice:
     start, goal = case.query.start[:2], case.query.goal[:2]
+    config = case.costs.settings.config if case.costs.settings else None
+    own = {**asked, "robot": equipped(asked["robot"], config)}
     return choose(
-        case.costs.grid,
-        start,
-        goal,
-        costs=case.costs,
-        threads=threads,
-        **asked,
+        case.costs.grid, start, goal, costs=case.costs, seed=case.seed, threads=threads, **own
     )
 
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from locplan._util.checks import instance, whole
 from locplan.costs import Costmap
+from locplan.field import equipped
 from locplan.maps import FREE, OccupancyGrid
-from locplan.planners import LONGEST_ALTERNATIVE, AnyAngle, Found, Position
+from locplan.planners import AnyAngle, Found, Position
 from locplan.robots import Robot
-from locplan.simulation._scores import Minimise
-from locplan.simulation.choice._choose import FEW_DRIVES, check_choice, choose
+from locplan.simulation._drives import Minimise
+from locplan.simulation.choice._choose import choose
+from locplan.simulation.choice._settings import ChoiceSettings
 
 
 @dataclass(frozen=True)
@@ -27,16 +29,16 @@ class SimulatedChoice:
     space: ClassVar[str] = "R2"
     minimises: ClassVar[str | None] = "simulated error"
 
-    drives: int = FEW_DRIVES
-    """Greatest number of drives of each candidate, 2 to 100,000."""
+    drives: int = 64
+    """Greatest number of confirming drives of a path, 2 to 1024."""
     minimise: Minimise = "rmse"
-    """Error that the chosen path has least of: "rmse", "goal-error", "heading" or "lost", see
-    `locplan.choose`."""
-    price: float | None = None
-    """Metres of detour that are accepted for a halved error, above 0; by default length does not
-    count."""
-    longest: float = LONGEST_ALTERNATIVE
-    """Greatest length of an alternative, in lengths of the shortest path, >= 1."""
+    """Error that decides: "rmse", "goal-error", "heading" or "lost", see `ChoiceSettings`."""
+    price: float = 0.3
+    """What the logarithm of the length counts in the race, >= 0."""
+    longest: float = 1.5
+    """Greatest length of a candidate, in lengths of the shortest path, >= 1."""
+    bold: bool = False
+    """Whether a path that is only probably better is taken, too."""
     robot: Robot | str | None = None
     """The robot, or a file of it that `Robot.load` reads; its size is that of the costmap. By
     default it has Nav2's filter, and the lidar of the costmap's field."""
@@ -49,11 +51,16 @@ class SimulatedChoice:
 
     def check(self) -> None:
         """Raise a ConfigError unless the options are within their ranges."""
-        check_choice(self.longest, self.minimise, self.price, self.drives)
+        ChoiceSettings.of(self._settings)
         if self.seed is not None:
             whole("seed", self.seed, 0)
         if self.robot is not None:
             instance("robot", self.robot, Robot)
+
+    @property
+    def _settings(self) -> dict[str, Any]:
+        names = "drives", "minimise", "price", "longest", "bold"
+        return {name: getattr(self, name) for name in names} | {"rival": None}
 
     def prepare(self) -> None:
         """Load the kernels of the planners and of the drives."""
@@ -66,18 +73,16 @@ class SimulatedChoice:
         """
         if start[:2] == goal[:2]:
             return AnyAngle().solve(costs, start, goal)
+        config = costs.settings.config if costs.settings else None
         choice = choose(
             costs.grid,
             start[:2],
             goal[:2],
+            equipped(None if isinstance(self.robot, str) else self.robot, config),
             costs=costs,
-            robot=None if isinstance(self.robot, str) else self.robot,
-            longest=self.longest,
-            minimise=self.minimise,
-            price=self.price,
-            drives=self.drives,
             seed=1 if self.seed is None else self.seed,
             threads=1,
+            **self._settings,
         )
         return Found(choice.path, choice.status)
 

@@ -15,17 +15,15 @@ from numpy.typing import NDArray
 from locplan._util.checks import FARTHEST
 from locplan._util.poses import Poses
 from locplan._util.progress import ProgressCallback
-from locplan._util.random_streams import random_of
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan, random_queries
-from locplan.robots import Amcl, Lidar, Robot
-from locplan.simulation._arguments import DriveArguments, beam_scores, drive_arguments
-from locplan.simulation._drives import LOST
+from locplan.robots import Amcl, Lidar, Robot, score_values
+from locplan.simulation._arguments import DriveArguments, drive_arguments
+from locplan.simulation._drives import FLOOR, LOST
 from locplan.simulation._motion import poses_along
-from locplan.simulation._scores import FLOOR
-from locplan.simulation._simulator import DRIVE, Simulator
+from locplan.simulation._simulator import Simulator
 from locplan.simulation.tuning._space import LEVELS, DisturbanceLevel
 
 APART = (8.0, 4.0, 2.0)
@@ -89,12 +87,12 @@ class TuningBench(ABC):
 
     Parameters
     ----------
-    grid, lidar : OccupancyGrid, Lidar
-        The map and the robot's lidar.
+    grid, filter_map, lidar : OccupancyGrid, OccupancyGrid, Lidar
+        The map that is driven in, the filter's, and the robot's lidar.
     levels : sequence of DisturbanceLevel
         The levels of disturbance; most settings are worst at the last one.
     lines : sequence of (n, 3) arrays
-        The poses along each path, in the map's own axes [m, m, rad].
+        The poses along each path, in the own axes of the filter's map [m, m, rad].
     drives : int
         Greatest number of drives along each path, at each level.
     seed : int
@@ -111,6 +109,7 @@ class TuningBench(ABC):
     def __init__(
         self,
         grid: OccupancyGrid,
+        filter_map: OccupancyGrid,
         lidar: Lidar,
         levels: Sequence[DisturbanceLevel],
         lines: Sequence[Poses],
@@ -119,7 +118,8 @@ class TuningBench(ABC):
         seed: int,
         threads: int,
     ) -> None:
-        self.grid, self.lidar, self.levels, self.lines = grid, lidar, tuple(levels), lines
+        self.grid, self.filter_map, self.lidar = grid, filter_map, lidar
+        self.levels, self.lines = tuple(levels), lines
         self.seed, self.threads = seed, threads
         self.lengths = np.array([np.hypot(*np.diff(each[:, :2], axis=0).T).sum() for each in lines])
         self.driven: dict[Amcl, Driven] = {}
@@ -162,7 +162,7 @@ class TuningBench(ABC):
         if key not in self._scores:
             if len(self._scores) == AT_ONCE:
                 del self._scores[next(iter(self._scores))]
-            self._scores[key] = beam_scores(self.grid, amcl, reach)
+            self._scores[key] = score_values(self.filter_map, amcl, self.lidar)
         return self._scores[key]
 
     def drive(
@@ -272,7 +272,7 @@ class Bench(TuningBench):
 
     Parameters
     ----------
-    grid, robot, seed
+    grid, robot, filter_map, seed
         See `Simulator`; all settings have the same worlds and seeds.
     paths : sequence of Path
         The paths that are driven.
@@ -289,50 +289,36 @@ class Bench(TuningBench):
         paths: Sequence[Path],
         drives: int,
         *,
+        filter_map: OccupancyGrid | None = None,
         seed: int,
         threads: int | None,
     ) -> None:
-        self.simulators = [
-            Simulator(
-                grid,
-                level.of(robot),
-                seed=seed,
-                threads=threads,
-            )
-            for level in LEVELS
-        ]
+        own: Any = {"filter_map": filter_map, "seed": seed, "threads": threads}
+        self.simulators = [Simulator(grid, level.of(robot), **own) for level in LEVELS]
         first = self.simulators[0]
-        lines = [first.on_grid(poses_along(path, grid)) for path in paths]
-        own: Any = {"seed": seed, "threads": first.threads}
-        super().__init__(grid, first.robot.known_lidar, LEVELS, lines, drives, **own)
+        self._lines = [first.line(poses_along(path, grid)) for path in paths]
+        self._stages = [[each.stage([line]) for line in self._lines] for each in self.simulators]
+        lines = [each.truth for each in self._lines]
+        own = {"seed": seed, "threads": first.threads}
+        super().__init__(
+            grid, first.filter_map, first.robot.known_lidar, LEVELS, lines, drives, **own
+        )
         self.lengths = np.array([path.length for path in paths])
 
     def arguments(self, amcl: Amcl) -> list[DriveArguments]:
         """Arguments of the kernel at each level."""
-        for each in self.simulators:
-            _ = each.worlds  # made once, not by every thread
         scores = self.scores(amcl)
         return [
-            drive_arguments(each.grid, replace(each.robot, filter=amcl), scores=scores)
+            drive_arguments(each.filter_map, replace(each.robot, filter=amcl), scores=scores)
             for each in self.simulators
         ]
 
     def errors(
         self, level: int, path: int, drive: int, arguments: DriveArguments
     ) -> NDArray[np.float64]:
-        """Errors of one drive, in the map's own axes."""
-        from locplan._kernels import drives as kernel
-
-        simulator, line = self.simulators[level], self.lines[path]
-        errors = np.empty_like(line)
-        kernel.drive(
-            random_of(simulator.seed, DRIVE, path, drive),
-            line,
-            simulator.worlds[drive % len(simulator.worlds)],
-            *arguments,
-            errors,
-        )
-        return errors
+        """Errors of one drive, in the own axes of the filter's map."""
+        stage = self._stages[level][path]
+        return stage.drive(self._lines[path], stage.world(path, drive), path, drive, arguments)
 
 
 def updates_along(line: Poses, amcl: Amcl) -> int:

@@ -63,6 +63,28 @@ def check_tunable(params: Path | None) -> None:
         edited_parameters(params, "amcl", _without_skips(params, trial))
 
 
+def write_tuned(folder: Path, tuning: Tuning, params: Path | None = None) -> None:
+    """Write nav2_params.yaml with what gains into a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    tuning : Tuning
+        What was found.
+    params : path, optional
+        The user's parameter file, whose copy has other values; it stays as it is.
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be written, or the values in `params` cannot be changed.
+    """
+    file = folder / "nav2_params.yaml"
+    file.write_bytes(tuned_file(tuning, params))
+    check_written(file, tuning.winner, params)
+
+
 def tuned_file(tuning: Tuning, params: Path | None) -> bytes:
     """Content of a parameter file with the settings to use.
 

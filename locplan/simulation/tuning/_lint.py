@@ -78,7 +78,7 @@ def beams_left(
     robot_radius : float
         Radius of the robot [m]; where it fits nowhere, all free cells count.
     """
-    from locplan._kernels.measured import measured_ends
+    from locplan._kernels.lidar import measured_ends
 
     random = random_of(simulator.seed, BEAMS)
     grid, arguments = simulator.grid, simulator.arguments

@@ -1,21 +1,16 @@
-"""Reports of tuning: a table for people, and the files with what gains."""
+"""The report of tuning, for people."""
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from string import ascii_uppercase
 
-from locplan import __version__
 from locplan._util.formats import two_digits
 from locplan._util.intervals import Interval
-from locplan._util.results import ResultFolder
 from locplan._util.tables import table
-from locplan.simulation.tuning._files import check_written, tuned_file
 from locplan.simulation.tuning._results import Judged, Tuning
 
 
-def tuning_table(tuning: Tuning) -> str:
+def tuning_report(tuning: Tuning) -> str:
     """Table of the settings that were judged, the warnings, and the conclusion."""
     head = ["", *(level.name for level in tuning.levels), "RMSE to A's", "ms/update", "ms/m"]
     rows = [
@@ -60,36 +55,6 @@ def _explained(tuning: Tuning) -> list[str]:
         " each, on which nothing was",
         "chosen; RMSE to A's over all levels [95 %]; ms: CPU time, with that of the simulated scan",
     ]
-
-
-def write_tuning(results: ResultFolder, tuning: Tuning, params: Path | None = None) -> list[Path]:
-    """Write nav2_params.yaml with what gains, tuning.json and tuning.png.
-
-    Parameters
-    ----------
-    results : ResultFolder
-        The folder, checked before the work.
-    tuning : Tuning
-        What is written.
-    params : path, optional
-        The user's parameter file, whose copy has other values; it stays as it is.
-
-    Raises
-    ------
-    LocplanError
-        If the folder cannot be made or written, or the values in `params` cannot be changed.
-    """
-    from locplan.plotting import save_figure
-    from locplan.simulation.tuning._figures import tuning_figure
-
-    with results.writing() as folder:
-        parameters, about, picture = (folder / name for name in Tuning.files.names)
-        parameters.write_bytes(tuned_file(tuning, params))
-        check_written(parameters, tuning.winner, params)
-        text = {"locplan": __version__, "conclusion": tuning.conclusion, **tuning.summary()}
-        about.write_text(json.dumps(text, indent=2) + "\n", encoding="utf-8")
-        save_figure(tuning_figure(tuning), picture)
-    return [results.folder / name for name in Tuning.files.names]
 
 
 def _gains(tuning: Tuning) -> list[str]:

@@ -6,17 +6,20 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 
 from locplan._util.formats import two_digits
 from locplan._util.intervals import Interval, of_geometric_mean, of_mean, wilson
-from locplan._util.records import Reported
+from locplan._util.notebook import called
+from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.maps import OccupancyGrid
 from locplan.robots import Amcl, Robot
+from locplan.simulation._arguments import about_filter
 from locplan.simulation.tuning._bench import TuningBench
 from locplan.simulation.tuning._lint import BeamsLeft
 from locplan.simulation.tuning._space import (
@@ -58,9 +61,9 @@ class AtLevel:
         return {
             "level": self.level.name,
             "m": self.m,
-            "rmse_m": list(self.rmse),
-            "kept_rmse_m": self.kept_rmse,
-            "median_m": self.median,
+            "rmse": list(self.rmse),
+            "kept_rmse": self.kept_rmse,
+            "median_error": self.median,
             "lost": list(self.lost),
             "rmse_ratio": list(self.ratio),
             "lost_difference": list(self.lost_difference),
@@ -107,7 +110,7 @@ class Judged:
             "amcl": dataclasses.asdict(self.amcl),
             "levels": [each.summary() for each in self.levels],
             "rmse_ratio": list(self.ratio),
-            "worst_m": self.worst,
+            "worst": self.worst,
             "better": self.better,
             "better_at_every_level": self.better_everywhere,
             "cpu_ms_per_update": 1e3 * self.cpu_per_update,
@@ -116,12 +119,12 @@ class Judged:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Tuning(Reported):
+class Tuning(Result):
     """Settings of AMCL that were tuned on one map, and the evidence for them."""
 
-    _reported_by: ClassVar[str] = "locplan.simulation.tuning._reports:tuning_table"
-    _written_by: ClassVar[str] = "locplan.simulation.tuning._reports:write_tuning"
-    files: ClassVar[Results] = Results("tuning", ("nav2_params.yaml", "tuning.json", "tuning.png"))
+    _reported_by: ClassVar[str] = "locplan.simulation.tuning._reports:tuning_report"
+    _drawn_by: ClassVar[str] = "locplan.simulation:tuning_figure"
+    files: ClassVar[Results] = Results("tuning", ("tuning.json", "tuning.png", "nav2_params.yaml"))
 
     grid: OccupancyGrid
     """The map."""
@@ -150,6 +153,8 @@ class Tuning(Reported):
     """Seed of the paths, worlds and drives on which was judged."""
     drive: str = ""
     """Name of the recorded drive, whose stretches are the paths; empty if they were simulated."""
+    filter_map: OccupancyGrid | None = None
+    """The filter's map, where it is not `grid`."""
 
     def __repr__(self) -> str:
         changes = described(self.own, self.winner)
@@ -214,9 +219,45 @@ class Tuning(Reported):
         """What the search changed."""
         return changed_axes(self.own, self.candidate)
 
-    def summary(self) -> dict[str, object]:
-        """Everything in numbers, fit for JSON."""
-        about: dict[str, object] = {
+    def table(self) -> Table:
+        """The settings that were judged, at each level of disturbance."""
+        columns = (
+            Column("settings", title="settings"),
+            Column("level", title="level"),
+            Column("rmse", "m", "RMSE", interval=True),
+            Column("lost", "", "lost", 0, "%", interval=True),
+            Column("ratio", "", f"RMSE over {OWN}'", interval=True),
+        )
+        rows = tuple(
+            (each.name, at.level.name, at.rmse, at.lost, at.ratio)
+            for each in self.judged
+            for at in each.levels
+        )
+        return Table(columns, rows)
+
+    def figure(self, *about: Any, **options: Any) -> Any:
+        """The figure of matplotlib that shows it.
+
+        Parameters
+        ----------
+        *about, **options
+            What `save` takes, which the figure does not show.
+        """
+        return super().figure()
+
+    def _write(self, folder: Path, *about: Any) -> None:
+        called("locplan.simulation.tuning._files:write_tuned", folder, self, *about)
+
+    def summary(self, *about: Any, **more: Any) -> dict[str, object]:
+        """Everything in numbers, fit for JSON.
+
+        Parameters
+        ----------
+        *about, **more
+            What `save` takes, of which it says nothing.
+        """
+        found: dict[str, object] = {
+            "conclusion": self.conclusion,
             "map": {"name": self.grid.name, "digest": self.grid.digest},
             "verdict": "better" if self.changes else "nothing is clearly better",
             "changes": dict(self.changes),
@@ -232,6 +273,7 @@ class Tuning(Reported):
             "drives": self.drives,
             "seed": self.seed,
             "judged_seed": self.judged_seed,
+            **about_filter(self.filter_map),
             "robot": self.robot.summary(),
             "drive": self.drive or None,
             "levels": None
@@ -241,7 +283,7 @@ class Tuning(Reported):
                 for level in self.levels
             ],
         }
-        return finite(about)
+        return finite(found)
 
 
 def judged(bench: TuningBench, name: str, amcl: Amcl, own: Amcl) -> Judged:

@@ -13,7 +13,7 @@ from locplan.robots import MODELS, OMNIDIRECTIONAL, Amcl, Robot
 
 Value = float | str
 """A value of a parameter."""
-MOST_SETTINGS = 128
+MAX_SETTINGS = 128
 """Greatest number of settings that are tried; of more, some are drawn at random."""
 NEAR = 1.5
 """Factor within which the user's own value takes the place of the listed one."""
@@ -120,14 +120,14 @@ def axes_of(own: Amcl) -> tuple[Axis, ...]:
 
 
 def candidates(own: Amcl, random: np.random.Generator) -> list[Amcl]:
-    """Settings to try, the user's own first; at most `MOST_SETTINGS`, drawn at random."""
+    """Settings to try, the user's own first; at most `MAX_SETTINGS`, drawn at random."""
     every = [own]
     for axis in axes_of(own):
         every = [
             axis.put(amcl, values) for amcl, values in itertools.product(every, axis.choices(own))
         ]
-    if len(every) > MOST_SETTINGS:
-        drawn = 1 + random.choice(len(every) - 1, MOST_SETTINGS - 1, replace=False)
+    if len(every) > MAX_SETTINGS:
+        drawn = 1 + random.choice(len(every) - 1, MAX_SETTINGS - 1, replace=False)
         every = [own, *(every[n] for n in np.sort(drawn))]
     return every
 

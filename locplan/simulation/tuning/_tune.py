@@ -9,11 +9,11 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from locplan._util.checks import whole
-from locplan._util.machine import check_memory
 from locplan._util.progress import ProgressCallback
 from locplan._util.random_streams import random_of
 from locplan.costs import Costmap
@@ -26,7 +26,6 @@ from locplan.simulation.tuning._files import PRODUCT
 from locplan.simulation.tuning._lint import BeamsLeft, beams_left, filter_warnings
 from locplan.simulation.tuning._results import NAV2, OWN, Tuning, judged
 from locplan.simulation.tuning._space import (
-    LEVELS,
     candidates,
     changed_axes,
     described,
@@ -54,6 +53,7 @@ def tune(
     *,
     paths: int = PATHS,
     drives: int = DRIVES,
+    filter_map: OccupancyGrid | None = None,
     others: Mapping[str, object] | None = None,
     seed: int = 1,
     threads: int | None = None,
@@ -81,6 +81,8 @@ def tune(
         them narrow the intervals.
     drives : int, default 8
         Number of drives along each path at each level, 2 to 100,000.
+    filter_map : OccupancyGrid, optional
+        The filter's map in the same frame, where it differs from `grid`; see `simulate`.
     others : mapping of str to object, optional
         Further parameters in the user's file, such as `z_short`, for the warnings.
     seed : int, default 1
@@ -113,24 +115,14 @@ def tune(
     check_grid(grid)
     whole("paths", paths, TuningBench.fewest_paths, MAX_PATHS)
     check_drives(drives)
-    about = Simulator(grid, robot=robot, seed=seed, threads=threads)
-    size = 5 * grid.cells.size * len(LEVELS) * about.robot.disturbances.worlds
-    check_memory(
-        f"{len(LEVELS)} levels of {about.robot.disturbances.worlds} worlds", size, "set fewer"
-    )
+    about = Simulator(grid, robot, filter_map=filter_map, seed=seed, threads=threads)
     costs = Costmap.blank(grid, robot_radius=about.robot.radius)
     left = beams_left(about, robot_radius=about.robot.radius)
 
     def bench_of(own_seed: int, judging: bool) -> Bench:
         lines = random_paths(costs, paths, own_seed)
-        return Bench(
-            grid,
-            about.robot,
-            lines,
-            drives,
-            seed=own_seed,
-            threads=threads,
-        )
+        own: Any = {"filter_map": filter_map, "seed": own_seed, "threads": threads}
+        return Bench(grid, about.robot, lines, drives, **own)
 
     return search_settings(
         bench_of,
@@ -218,6 +210,7 @@ def search_settings(
         seed,
         judge.seed,
         drive,
+        None if judge.filter_map is judge.grid else judge.filter_map,
     )
 
 

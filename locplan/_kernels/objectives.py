@@ -1,0 +1,304 @@
+"""How uncertain a robot is, along routes or in a region, with each of many objects besides.
+
+A covariance P (6,) is [xx, xy, yy, xt, yt, tt]. Along a route it becomes F P F^T + Q ds between two
+looks around, and at each (P^-1 + I)^-1; see `locplan._kernels.landmarks` for the sums that make I.
+In a region each pose is by itself: its covariance is (I + P^-1)^-1, P a prior, and its degeneracy u
+is the logarithm of the position's greatest deviation between two anchors, 0 to 1.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from locplan._kernels.landmarks import (
+    HITS,
+    TT,
+    XT,
+    XX,
+    XY,
+    YT,
+    YY,
+    Outline,
+    Rays,
+    with_object,
+)
+from locplan._kernels.sightings import Sightings
+
+FORGOTTEN = 1e-6
+"""Share by which a variance may differ and yet count as what it was without an object."""
+
+
+class Sensing(NamedTuple):
+    """How the sum over the rays becomes information: share * sum / (1 + other * hits).
+
+    The hits are those on the map without objects: if those on objects counted, a search would
+    rather hide objects from each other than see them well.
+    """
+
+    share: float  # [1 / m^2]
+    other: float  # how far each further hit lessens the information of one
+
+
+class Motion(NamedTuple):
+    """Variances of the motion model per metre, and those at the start."""
+
+    along: float  # [m^2 / m]
+    across: float  # [m^2 / m]
+    turn: float  # [rad^2 / m]
+    start: float  # [m^2]
+    start_turn: float  # [rad^2]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def update(p: NDArray[np.float64], sums: NDArray[np.float64], sensing: Sensing) -> None:
+    """Turn a covariance P (6,) [xx, xy, yy, xt, yt, tt] into (P^-1 + I)^-1, I of the sums (7,)."""
+    share = sensing.share / (1 + sensing.other * max(sums[HITS], 0.0))
+    _invert(p)
+    for k in range(6):
+        p[k] += share * sums[k]
+    _invert(p)
+
+
+@njit(inline="always")
+def _invert(m: NDArray[np.float64]) -> None:
+    """Invert a symmetric matrix (6,) in place."""
+    a, b, d, c, e, f = m[XX], m[XY], m[YY], m[XT], m[YT], m[TT]
+    one, two, three = d * f - e * e, c * e - b * f, b * e - c * d
+    factor = 1 / (a * one + b * two + c * three)
+    m[XX], m[XY], m[XT] = one * factor, two * factor, three * factor
+    m[YY], m[YT], m[TT] = (
+        (a * f - c * c) * factor,
+        (b * c - a * e) * factor,
+        (a * d - b * b) * factor,
+    )
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def move(p: NDArray[np.float64], dx: float, dy: float, motion: Motion) -> None:
+    """Turn a covariance P (6,) into F P F^T + Q ds, as the robot moves by (dx, dy)."""
+    way = np.hypot(dx, dy)
+    xt, yt, tt = p[XT], p[YT], p[TT]
+    p[XX] += -2 * dy * xt + dy * dy * tt
+    p[XY] += dx * xt - dy * yt - dx * dy * tt
+    p[YY] += 2 * dx * yt + dx * dx * tt
+    p[XT] -= dy * tt
+    p[YT] += dx * tt
+    if way > 0:
+        cos, sin = dx / way, dy / way
+        along, across = motion.along * way, motion.across * way
+        p[XX] += along * cos * cos + across * sin * sin
+        p[XY] += (along - across) * cos * sin
+        p[YY] += along * sin * sin + across * cos * cos
+        p[TT] += motion.turn * way
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def covariances(
+    sums: NDArray[np.float64],
+    poses: NDArray[np.float64],
+    routes: NDArray[np.int64],
+    sensing: Sensing,
+    motion: Motion,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Covariances (n, 6) before and after each look around, along routes.
+
+    `routes` (r + 1,) are the indices at which the routes begin, and the number of all poses.
+    """
+    before, after = np.zeros((len(sums), 6)), np.zeros((len(sums), 6))
+    p = np.zeros(6)
+    for r in range(routes.size - 1):
+        _begin(p, motion)
+        for n in range(routes[r], routes[r + 1]):
+            if n > routes[r]:
+                move(p, poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1], motion)
+            for k in range(6):
+                before[n, k] = p[k]
+            update(p, sums[n], sensing)
+            for k in range(6):
+                after[n, k] = p[k]
+    return before, after
+
+
+@njit(inline="always")
+def _alike(p: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    """Whether an object that is out of sight no longer matters."""
+    alike = abs(p[XX] - other[XX]) <= FORGOTTEN * other[XX]
+    alike &= abs(p[YY] - other[YY]) <= FORGOTTEN * other[YY]
+    return alike and abs(p[TT] - other[TT]) <= FORGOTTEN * other[TT]
+
+
+@njit(inline="always")
+def _begin(p: NDArray[np.float64], motion: Motion) -> None:
+    for k in range(6):
+        p[k] = 0.0
+    p[XX] = p[YY] = motion.start
+    p[TT] = motion.start_turn
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def uncertainties(
+    candidates: NDArray[np.float64],
+    indices: NDArray[np.int64],
+    sightings: Sightings,
+    hits: NDArray[np.float32],
+    sums: NDArray[np.float64],
+    rays: Rays,
+    routes: NDArray[np.int64],
+    outline: Outline,
+    sensing: Sensing,
+    motion: Motion,
+) -> NDArray[np.float64]:
+    """Mean of P_xx + P_yy over all poses with each of some candidates besides, (m,) [m^2].
+
+    Parameters
+    ----------
+    candidates : (c, 3) array
+        x, y and heading of all [m, m, rad].
+    indices : (m,) array
+        The candidates that are asked for.
+    sightings : Sightings
+        The poses that see each of all candidates.
+    hits : (n, beams, 4) array
+        Hits on the map and the objects that stand already.
+    sums : (n, 7) array
+        What `sums_of` makes of them.
+    rays, routes, outline, sensing, motion
+        The poses and their rays, see `covariances`, the object, and the models.
+    """
+    before, after = covariances(sums, rays.poses, routes, sensing, motion)
+    count = len(sums)
+    total = 0.0
+    for n in range(count):
+        total += after[n, XX] + after[n, YY]
+    result = np.empty(len(indices))
+    for m in range(len(indices)):
+        at = indices[m]
+        stretch = sightings.starts[at], sightings.starts[at + 1]
+        place = candidates[at, 0], candidates[at, 1], candidates[at, 2]
+        models = outline, sensing, motion
+        value = _sum_with(
+            total, place, stretch, sightings, hits, sums, rays, routes, models, before, after
+        )
+        result[m] = value / count
+    return result
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _sum_with(
+    value: float,
+    place: tuple[float, float, float],
+    stretch: tuple[int, int],
+    sightings: Sightings,
+    hits: NDArray[np.float32],
+    sums: NDArray[np.float64],
+    rays: Rays,
+    routes: NDArray[np.int64],
+    models: tuple[Outline, Sensing, Motion],
+    before: NDArray[np.float64],
+    after: NDArray[np.float64],
+) -> float:
+    """Sum `value` of P_xx + P_yy over all poses, with an object besides that is seen in a stretch.
+
+    Covariances are followed only from a pose that sees the object to where it is forgotten.
+    """
+    x, y, heading = place
+    outline, sensing, motion = models
+    changed, p = np.empty(7), np.empty(6)
+    k, stop = stretch
+    r = n = 0
+    differs = False  # whether the covariance before pose n is another one
+    while k < stop or differs:
+        if not differs:
+            n = sightings.poses[k]
+            while routes[r + 1] <= n:
+                r += 1
+        meets = k < stop and sightings.poses[k] == n
+        if meets:
+            begin, many = sightings.rays[k, 0], sightings.rays[k, 1]
+            meets = with_object(sums, hits, rays, n, outline, x, y, heading, begin, many, changed)
+            k += 1
+        if not differs and not meets:
+            continue
+        if not differs:
+            for c in range(6):
+                p[c] = before[n, c]
+        update(p, changed if meets else sums[n], sensing)
+        value += p[XX] + p[YY] - after[n, XX] - after[n, YY]
+        differs = n + 1 < routes[r + 1] and (meets or not _alike(p, after[n]))
+        if differs:
+            n += 1
+            dx = rays.poses[n, 0] - rays.poses[n - 1, 0]
+            move(p, dx, rays.poses[n, 1] - rays.poses[n - 1, 1], motion)
+    return value
+
+
+class Anchors(NamedTuple):
+    """Prior of a pose, and the deviations at which it is no longer degenerate, or fully."""
+
+    prior: float  # information of x and of y [1 / m^2]
+    prior_turn: float  # information of the heading [1 / rad^2]
+    least: float  # [m]
+    greatest: float  # [m]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def degeneracy_of(sums: NDArray[np.float64], sensing: Sensing, anchors: Anchors) -> float:
+    """Degeneracy u of a pose with these sums (7,)."""
+    share = sensing.share / (1 + sensing.other * max(sums[HITS], 0.0))
+    turn = anchors.prior_turn + share * sums[TT]
+    xt, yt = share * sums[XT], share * sums[YT]
+    # Information of the position alone, the heading being unknown.
+    xx = anchors.prior + share * sums[XX] - xt * xt / turn
+    xy = share * sums[XY] - xt * yt / turn
+    yy = anchors.prior + share * sums[YY] - yt * yt / turn
+    least = (xx + yy) / 2 - np.sqrt(((xx - yy) / 2) ** 2 + xy * xy)
+    deviation = 1 / np.sqrt(max(least, 1e-12))
+    u = np.log(deviation / anchors.least) / np.log(anchors.greatest / anchors.least)
+    return min(max(u, 0.0), 1.0)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def degeneracies_at(
+    sums: NDArray[np.float64], sensing: Sensing, anchors: Anchors
+) -> NDArray[np.float64]:
+    """Degeneracy u of each pose, (n,)."""
+    values = np.empty(len(sums))
+    for n in range(len(sums)):
+        values[n] = degeneracy_of(sums[n], sensing, anchors)
+    return values
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def mean_changes(
+    candidates: NDArray[np.float64],
+    indices: NDArray[np.int64],
+    sightings: Sightings,
+    hits: NDArray[np.float32],
+    sums: NDArray[np.float64],
+    rays: Rays,
+    outline: Outline,
+    sensing: Sensing,
+    anchors: Anchors,
+    now: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """What each of some candidates changes in the mean of u over all poses, (m,).
+
+    `now` (n,) are the degeneracies without it; see `uncertainties` for the rest.
+    """
+    result = np.empty(len(indices))
+    changed = np.empty(7)
+    for m in range(len(indices)):
+        at = indices[m]
+        x, y, heading = candidates[at, 0], candidates[at, 1], candidates[at, 2]
+        change = 0.0
+        for k in range(sightings.starts[at], sightings.starts[at + 1]):
+            n = sightings.poses[k]
+            begin, many = sightings.rays[k, 0], sightings.rays[k, 1]
+            if with_object(sums, hits, rays, n, outline, x, y, heading, begin, many, changed):
+                change += degeneracy_of(changed, sensing, anchors) - now[n]
+        result[m] = change / len(sums)
+    return result

@@ -1,0 +1,161 @@
+"""The run that results come from: a command with its settings, in the folder of its results."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+from typing import Any
+
+from locplan._util.plain_yaml import document, dumped, read_content
+from locplan._util.reading import MAX_JSON_BYTES
+from locplan._util.stamps import check_stamp, stamp
+from locplan.errors import LocplanError, one_line
+
+RUN_FILE = "run.yaml"
+"""The file in a folder of results that `locplan run` repeats."""
+KIND, VERSION = "run", 1
+REMEDY = "name the run.yaml of a folder of results"
+Setting = str | bool | list[str]
+"""What was typed for an option: its text, True for a switch, or texts of a repeated one."""
+_CURRENT: list[Run] = []
+
+
+@dataclass
+class Run:
+    """A command with its settings as they were typed, and what it read."""
+
+    command: str
+    """Name of the command."""
+    settings: dict[str, Setting]
+    """What was typed for each option, by its name; "map" has the maps."""
+    files: frozenset[str] = frozenset()
+    """Names of the settings that name files."""
+    maps: dict[str, str] = field(default_factory=dict)
+    """Digest of each map that was read, by its name."""
+    robot: dict[str, str] = field(default_factory=dict)
+    """Title and digest of the robot; nothing where there is none."""
+
+    def write(self, folder: Path, home: Path) -> None:
+        """Write run.yaml into a folder, with the files as they are named from where it will be."""
+        settings = dict(self.settings)
+        for name in self.files & settings.keys():
+            settings[name] = _each(settings[name], lambda text: _relative(text, home))
+        content = {**stamp(KIND, VERSION), "command": self.command, "settings": settings}
+        content |= {name: each for name in ("maps", "robot") if (each := getattr(self, name))}
+        content["files"] = sorted(self.files & settings.keys())
+        (folder / RUN_FILE).write_text(dumped(content), encoding="utf-8")
+
+    @classmethod
+    def read(cls, path: Path) -> Run:
+        """The run of a file, or of the one in a folder, with files as they are named from here.
+
+        Raises
+        ------
+        LocplanError
+            If it cannot be read, is damaged, or of a newer locplan.
+        """
+        file = path / RUN_FILE if path.is_dir() else path
+        content = document(file, read_content(file, MAX_JSON_BYTES, REMEDY), REMEDY)
+        check_stamp(file, content, KIND, VERSION)
+        try:
+            files = frozenset(map(str, content["files"]))
+            settings = {
+                str(name): _each(value, lambda text: _from(file.parent, text))
+                if name in files
+                else value
+                if value is True
+                else _each(value, str)
+                for name, value in content["settings"].items()
+            }
+            return cls(
+                str(content["command"]),
+                settings,
+                files,
+                _texts(content.get("maps", {})),
+                _texts(content.get("robot", {})),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError):
+            raise LocplanError(f"{file}: is damaged; {REMEDY}") from None
+
+    def words(self) -> list[str]:
+        """The words of the command line, without those for the output."""
+        words = [self.command]
+        for name, value in self.settings.items():
+            option = f"--{name.replace('_', '-')}"
+            for each in value if isinstance(value, list) else [value]:
+                words.append(
+                    _argument(str(each)) if name == "map" else option if each is True
+                    else f"{option}={each}"
+                )  # fmt: skip
+        return words
+
+    def changes(self, now: Run) -> list[str]:
+        """What the run now read that differs from what this one had read, a line each."""
+        lines = [
+            f"the map {name} has changed since the run"
+            for name, digest in self.maps.items()
+            if now.maps.get(name, digest) != digest
+        ]
+        before, after = self.robot.get("digest"), now.robot.get("digest")
+        if before and after and before != after:
+            lines.append(f"the robot has changed since the run: it was {self.robot.get('title')}")
+        return [one_line(line) for line in lines]
+
+
+@contextmanager
+def running(run: Run) -> Iterator[Run]:
+    """Let folders of results that are written in this block have the run's file."""
+    _CURRENT.append(run)
+    try:
+        yield run
+    finally:
+        _CURRENT.pop()
+
+
+def note_map(name: str, digest: Callable[[], str]) -> None:
+    """Tell the run, if there is one, which map was read."""
+    if _CURRENT and _CURRENT[-1].command:
+        _CURRENT[-1].maps[name] = digest()
+
+
+def note_robot(title: str, digest: str) -> None:
+    """Tell the run, if there is one, which robot it is for."""
+    if _CURRENT:
+        _CURRENT[-1].robot = {"title": title, "digest": digest}
+
+
+def write_run(folder: Path, home: Path) -> None:
+    """Write run.yaml into a folder, if a command runs; `home` is where the folder will be."""
+    if _CURRENT and _CURRENT[-1].command:
+        _CURRENT[-1].write(folder, home)
+
+
+def _each(value: Any, change: Any) -> Setting:
+    if isinstance(value, list):
+        return [change(str(each)) for each in value]
+    return str(change(str(value)))
+
+
+def _texts(entries: Mapping[Any, Any]) -> dict[str, str]:
+    return {str(name): str(value) for name, value in entries.items()}
+
+
+def _relative(text: str, home: Path) -> str:
+    """A file as it is named from a folder; on another drive it stays as it is."""
+    try:
+        return PurePath(os.path.relpath(text, home)).as_posix()
+    except ValueError:
+        return os.path.abspath(text)
+
+
+def _from(home: Path, text: str) -> str:
+    """A file that is named from a folder, as it is named from here."""
+    return os.path.normpath(home / text)
+
+
+def _argument(text: str) -> str:
+    """A file's name as an argument: one that begins with a dash would be an option."""
+    return f"./{text}" if text.startswith("-") else text

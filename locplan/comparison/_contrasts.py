@@ -1,0 +1,191 @@
+"""Comparison of planners with a baseline planner on the same queries.
+
+Queries are the samples, see `locplan.comparison._statistics`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from locplan._util.intervals import Interval
+from locplan._util.tables import finite
+from locplan.comparison._runs import MEASURES, Run
+from locplan.comparison._statistics import Array, Quartiles, Setting, quartiles, query_medians
+from locplan.costs import DEGENERATE
+from locplan.errors import LocplanError
+
+RATIO, SUMS, DIFFERENCE = "ratio", "ratio of sums", "difference"
+
+KINDS: Mapping[str, str] = {
+    **dict.fromkeys(MEASURES, SUMS),
+    **dict.fromkeys(("length", "cost", "seconds"), RATIO),
+    "degenerate_share": DIFFERENCE,
+}
+"""Kind of the comparison with the baseline, by measure.
+
+Measures that are never 0 have ratios: their geometric mean counts every query alike. The others
+may be 0, where a ratio is undefined: a ratio of sums is defined if any query is above 0, and a
+query with a tenth of a metre counts as little as it matters. Shares have the mean difference.
+"""
+
+MIN_PAIRS = 5
+"""Least number of pairs for a verdict; at 5, 95 % intervals held the truth in 80-95 % of trials."""
+
+ROUNDING = 1e-6
+"""Tolerance of ratios and differences: an interval this close to equality contains it."""
+
+_WORDS: Mapping[str, tuple[str, str]] = {
+    "length": ("shorter", "longer"),
+    "cost": ("cheaper", "costlier"),
+    "integrated_u": ("fewer degenerate metres", "more degenerate metres"),
+    "integrated_e": ("less ∫e ds", "more ∫e ds"),
+    "max_e": ("lower in max e", "higher in max e"),
+    "degenerate_share": (f"less with u > {DEGENERATE:g}", f"more with u > {DEGENERATE:g}"),
+    "longest_degenerate": (
+        f"shorter at a stretch with u > {DEGENERATE:g}",
+        f"longer at a stretch with u > {DEGENERATE:g}",
+    ),
+    "clearance": ("less clearance", "more clearance"),
+    "turning": ("less turning", "more turning"),
+    "seconds": ("less planning time", "more planning time"),
+}
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """A planner's measure compared with the baseline's, over the queries that both have solved."""
+
+    setting: Setting
+    """The map, the field's settings and the weight of the runs."""
+    planner: str
+    """The planner's label."""
+    baseline: str
+    """The label of the planner that it is compared with."""
+    measure: str
+    """Name of the measure, one of `MEASURES`."""
+    kind: str
+    """Kind of the comparison, "ratio", "ratio of sums" or "difference", which is the planner's over
+    or minus the baseline's; ratios have no unit, a difference has the measure's."""
+    estimate: Interval
+    """The ratio or difference with its 95 % interval."""
+    ours: Quartiles
+    """Median and quartiles of the planner's measure over these queries, each by its median over
+    seeds."""
+    theirs: Quartiles
+    """The same of the baseline's measure."""
+
+    @property
+    def pairs(self) -> int:
+        """Number of queries that both planners solved."""
+        return self.ours.known
+
+    def summary(self) -> dict[str, Any]:
+        """The comparison, fit for JSON."""
+        names = ("planner", "measure", "kind", "pairs", "sentence")
+        about = self.setting._asdict() | {name: getattr(self, name) for name in names}
+        medians = {"median": self.ours.median, "baseline_median": self.theirs.median}
+        return about | finite(self.estimate._asdict() | medians)
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words; empty for the baseline itself."""
+        if self.planner == self.baseline:
+            return ""
+        if not self.pairs:
+            return f"no query that {self.baseline} and it both solve"
+        if self.pairs >= MIN_PAIRS and np.isnan(self.estimate.value):
+            return f"{self.baseline} has none of it"
+        if self.pairs < MIN_PAIRS or not np.isfinite(self.estimate).all():
+            least = f" of {MIN_PAIRS}" if self.pairs < MIN_PAIRS else ""
+            return f"too few queries to tell ({self.pairs}{least})"
+        value, low, high = self.estimate
+        equal, unit = (0.0, "percentage points") if self.kind == DIFFERENCE else (1.0, "%")
+        if low <= equal + ROUNDING and high >= equal - ROUNDING:
+            change = self._per_cent(low - equal, high - equal)
+            return f"no significant difference from {self.baseline} {change} {unit}"
+        if self.kind != DIFFERENCE and value >= 2:
+            bounds = f"[{low:.3g}, {high:.3g}]"
+            return f"{MEASURES[self.measure].title} {value:.3g} times {self.baseline}'s {bounds}"
+        ends = (equal - high, equal - low) if value < equal else (low - equal, high - equal)
+        word = _WORDS[self.measure][value > equal]
+        size = f"{100 * abs(value - equal):.3g} {unit} {word}"
+        return f"{size} than {self.baseline} {self._per_cent(*ends)}"
+
+    @staticmethod
+    def _per_cent(low: float, high: float) -> str:
+        return f"[{100 * low + 0.0:.3g}, {100 * high + 0.0:.3g}]"
+
+
+def contrasts(runs: Iterable[Run], baseline: str, pooled: bool = False) -> list[Contrast]:
+    """Every planner and measure compared with the baseline's on the same queries.
+
+    `pooled` takes all maps together, each query alike, with the maps as strata. Intervals are
+    Student's t of the jackknife's pseudo-values (B. Efron, "The Jackknife, the Bootstrap and Other
+    Resampling Plans", SIAM 1982, ch. 3); for geometric means those are the logarithms of the
+    ratios. On simulated pairs they held lognormal ratios more often than percentile and BCa
+    bootstraps did (10 queries: 95 %, bootstraps 90 %), and take no random numbers. Where 30 % of
+    the queries take another way all three fall short (10 queries: 89 %; BCa 91 %). Each interval
+    stands for one comparison: of many, one in twenty misses.
+    """
+    medians = query_medians(runs, pooled)
+    planners = sorted({planner for _, planner in medians})
+    if baseline not in planners:
+        raise LocplanError(f"{baseline}: no runs to compare with; there are {', '.join(planners)}")
+    found = []
+    for (setting, planner), ours in medians.items():
+        theirs = medians.get((setting, baseline), {})
+        shared = [query for query in ours if query in theirs]
+        maps = np.unique([name for name, _ in shared], return_inverse=True)[1]
+        pairs = np.array([(ours[query], theirs[query]) for query in shared])
+        columns = pairs.reshape(-1, 2, len(MEASURES)).T
+        for (measure, kind), (own, other) in zip(KINDS.items(), columns, strict=True):
+            known = np.isfinite(own) & np.isfinite(other)
+            if kind == RATIO:
+                known &= (own > 0) & (other > 0)
+            both = own[known], other[known]
+            estimate, middles = _estimate(kind, *both, maps[known]), map(quartiles, both)
+            found.append(Contrast(setting, planner, baseline, measure, kind, estimate, *middles))
+    return found
+
+
+def _estimate(kind: str, ours: Array, theirs: Array, maps: NDArray[np.intp]) -> Interval:
+    """The estimate with Student's interval, the maps as strata."""
+    if not ours.size or (kind == SUMS and not theirs.any()):
+        return Interval(np.nan, np.nan, np.nan)
+    values = _pseudo_values(kind, ours, theirs)
+    middle = ours.sum() / theirs.sum() if kind == SUMS else values.mean()
+    half = _half_width(values, maps)
+    low, high = middle - half, middle + half
+    if kind == RATIO:
+        middle, low, high = np.exp((middle, low, high))
+    if kind == SUMS:
+        low = np.maximum(low, 0.0)
+    return Interval(float(middle), float(low), float(high))
+
+
+def _pseudo_values(kind: str, ours: Array, theirs: Array) -> Array:
+    """The jackknife's value of each query: n times the whole less n - 1 times the rest."""
+    if kind == RATIO:
+        return np.log(ours / theirs)
+    if kind == DIFFERENCE:
+        return ours - theirs
+    with np.errstate(divide="ignore", invalid="ignore"):
+        without = (ours.sum() - ours) / (theirs.sum() - theirs)
+    return np.asarray(len(ours) * ours.sum() / theirs.sum() - (len(ours) - 1) * without)
+
+
+def _half_width(values: Array, maps: NDArray[np.intp]) -> float:
+    """Half the width of the mean's interval; the variance within maps is taken as equal in all."""
+    counts = np.bincount(maps)
+    freedom = len(values) - np.count_nonzero(counts)
+    if not freedom or not np.isfinite(values).all():
+        return np.nan
+    means = np.bincount(maps, values) / np.maximum(counts, 1)
+    variance = np.sum((values - means[maps]) ** 2) / freedom
+    return float(stdtrit(freedom, 0.975) * np.sqrt(variance / len(values)))

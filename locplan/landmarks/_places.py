@@ -1,0 +1,349 @@
+"""Places where an object may stand: along walls and free in halls, and no passage is cut."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from locplan._util.checks import Settings, keep, keep_checked, number, one_of, positive
+from locplan._util.windows import window_around
+from locplan.costs import Path
+from locplan.landmarks._objects import Shape, checked_poses, filled_cells
+from locplan.maps import UNKNOWN, OccupancyGrid
+
+AROUND = 3.0
+"""Distance from an object within which the robot must get from one side to the other [m]."""
+POCKET = 0.25
+"""Area of free space that may be closed off, since it is no passage [m^2]."""
+
+Pose = NDArray[np.float64]
+"""Row, column and heading on the map, (3,) [cells, cells, rad]."""
+
+
+class Passages:
+    """The space where the centre of a robot can be, beside the objects that were placed.
+
+    A passage is cut if what was joined within `AROUND` of an object no longer is: for the
+    robot alone, since it may have to pass a narrow door, or for the robot with a clearance.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    shape : Shape
+        Outline of the objects.
+    robot_radius, clearance : float
+        Radius of the robot, and the distance that it keeps besides [m].
+    """
+
+    def __init__(
+        self, grid: OccupancyGrid, shape: Shape, robot_radius: float, clearance: float
+    ) -> None:
+        self.shape, self.resolution = shape, grid.resolution
+        self.radii = sorted({robot_radius, robot_radius + clearance})
+        self.open = [grid.free & ~grid.closer_than(radius - 1e-9) for radius in self.radii]
+
+    def place(self, pose: Pose) -> None:
+        """Close the space around an object that stands from now on."""
+        for space, radius in zip(self.open, self.radii, strict=True):
+            window, closed = self._closed(pose, radius, 0.0)
+            space[window] &= ~closed
+
+    def copy(self) -> Passages:
+        """Copy in which other objects can be placed."""
+        other = object.__new__(Passages)
+        other.shape, other.resolution, other.radii = self.shape, self.resolution, self.radii
+        other.open = [space.copy() for space in self.open]
+        return other
+
+    def cuts(self, pose: Pose) -> bool:
+        """Whether an object at a pose would cut a passage."""
+        return any(
+            self._cuts(space, radius, pose, 2 * self.resolution)
+            and self._cuts(space, radius, pose, AROUND)  # the narrow look settles nearly all
+            for space, radius in zip(self.open, self.radii, strict=True)
+        )
+
+    def _cuts(self, space: NDArray[np.bool_], radius: float, pose: Pose, around: float) -> bool:
+        import cv2
+
+        window, closed = self._closed(pose, radius, around)
+        before = space[window]
+        touched = closed & before
+        if not touched.any():
+            return False
+        after = before & ~closed
+        _, parts, about, _ = cv2.connectedComponentsWithStats(
+            after.astype(np.uint8), connectivity=4
+        )
+        least = POCKET / self.resolution**2 if around >= AROUND else 0
+        large = np.flatnonzero(about[:, cv2.CC_STAT_AREA] >= least)
+        large = large[large > 0]
+        if large.size < 2:
+            return False
+        _, joined = cv2.connectedComponents(before.astype(np.uint8), connectivity=4)
+        within = np.unique(joined[touched])
+        owners = [joined[parts == part][0] for part in large.tolist()]
+        return any(owners.count(each) > 1 for each in within.tolist())
+
+    def _closed(
+        self, pose: Pose, radius: float, around: float
+    ) -> tuple[tuple[slice, slice], NDArray[np.bool_]]:
+        """A window on the map, and where in it the robot would be nearer than a radius [m]."""
+        row, col, heading = pose.tolist()
+        reach = math.ceil((self.shape.reach + radius + around) / self.resolution) + 1
+        rows, cols = window_around(row, col, reach, (self.open[0].shape[0], self.open[0].shape[1]))
+        y = (np.arange(rows.start, rows.stop) + 0.5 - row) * self.resolution
+        x = (np.arange(cols.start, cols.stop) + 0.5 - col) * self.resolution
+        near = self.shape.distance(x[None, :], y[:, None], heading) < radius - 1e-9
+        return (rows, cols), near
+
+
+WALL_GAP = 0.05
+"""Minimum distance of an object from a wall [m]."""
+NEAR_WALL = 0.3
+"""Maximum distance of an object from its wall beyond the least one [m]."""
+LATTICE = 1.0
+"""Spacing of free-standing candidates [m]."""
+FREE_CLEARANCE = 1.2
+"""Clearance of a place from which on an object may stand free [m]."""
+CHORD = 0.5
+"""Length along a wall over which its direction is measured [m]."""
+APART = 0.05
+"""Minimum distance between two objects [m]."""
+
+
+class Rejected(NamedTuple):
+    """A candidate that was refused."""
+
+    x: float
+    """World x [m]."""
+    y: float
+    """World y [m]."""
+    heading: float
+    """Heading in the world [rad]."""
+    reason: str
+    """Why it was refused."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sites(Settings):
+    """Where landmarks may stand.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> Sites(where="walls", clearance=0.5)
+    Sites(where='walls', clearance=0.5)
+    """
+
+    where: Literal["walls", "free", "both"] = "both"
+    """Places that are tried: along "walls", "free" with a clearance above 1.2 m, on a lattice of
+    1 m and beside the routes, or "both". Those beyond the lidar's range of the robot are left
+    out."""
+    spacing: float = 0.5
+    """Distance between the places along walls and beside routes [m], above 0. A smaller one tries
+    more places, and takes longer."""
+    clearance: float = 0.2
+    """Distance that routes, and ends of those in a region, and passages keep from the objects
+    besides the robot's radius [m], >= 0. Lower it where no place is left."""
+    keep_out: ArrayLike | None = None
+    """Cells, (H, W) of bool, or rectangles (x0, y0, x1, y1) in the world [m], that no object may
+    stand in; none by default."""
+    existing: Iterable[Sequence[float]] = ()
+    """Objects (x, y) or (x, y, heading) of the same kind that are drawn in the map and may be moved
+    [m, m, rad]. There must be occupied cells within a cell of where each would be."""
+
+    def __post_init__(self) -> None:
+        one_of("where", self.where, ("walls", "free", "both"))
+        keep(self, spacing=positive("spacing", self.spacing, "m"))
+        keep_checked(self, ("clearance",), number, 0.0)
+        poses = checked_poses(self.existing, "an existing object")
+        keep(self, existing=tuple(map(tuple, poses.tolist())))
+
+
+def places_of(
+    grid: OccupancyGrid, shape: Shape, sites: Sites, routes: Iterable[Path], keep: float
+) -> NDArray[np.float64]:
+    """Poses of an object along walls and free-standing, not yet checked, (n, 3).
+
+    Along walls it is turned as the wall is; a long object that stands free is tried both ways.
+    """
+    parts = []
+    if sites.where != "free":
+        parts.append(_along_walls(grid, shape, sites.spacing))
+    if sites.where != "walls":
+        parts.append(_free_standing(grid, shape))
+        parts.append(_beside_routes(grid, shape, routes, keep, sites.spacing))
+    return np.concatenate(parts)
+
+
+def _along_walls(grid: OccupancyGrid, shape: Shape, spacing: float) -> NDArray[np.float64]:
+    """Poses every `spacing` [m] along the walls, at least `WALL_GAP` clear of them."""
+    import cv2
+
+    resolution = grid.resolution
+    distance = shape.half_width + WALL_GAP + resolution
+    clear = np.where(grid.free, grid.clearance, 0.0)
+    mask = (clear >= distance).astype(np.uint8)
+    contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    found = [np.empty((0, 3))]
+    for contour in contours:
+        at = contour[:, 0, ::-1].astype(np.float64) + 0.5  # (row, col) of the cells' centres
+        ring = np.concatenate([at, at[:1]])
+        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ring, axis=0).T))]) * resolution
+        count = max(1, int(way[-1] / spacing))
+        where = (np.arange(count) + 0.5) * way[-1] / count
+        half = min(CHORD / 2, way[-1] / 4)
+        ends = [
+            np.column_stack(
+                [np.interp((where + shift) % max(way[-1], 1e-9), way, v) for v in ring.T]
+            )
+            for shift in (-half, half)
+        ]
+        d_row, d_col = (ends[1] - ends[0]).T
+        nearest = np.searchsorted(way, where).clip(0, len(at)) % len(at)
+        rows, cols = at[nearest].T
+        near = clear[rows.astype(int), cols.astype(int)] < distance + NEAR_WALL
+        # Two headings half a turn apart are one.
+        heading = np.mod(np.arctan2(d_row, d_col) + 1e-9, np.pi) - 1e-9
+        found.append(np.column_stack([rows, cols, heading])[near])
+    return np.concatenate(found)
+
+
+def _free_standing(grid: OccupancyGrid, shape: Shape) -> NDArray[np.float64]:
+    """Poses on a lattice of `LATTICE`, where the clearance is above `FREE_CLEARANCE`."""
+    step = LATTICE / grid.resolution
+    rows, cols = (np.arange(step / 2, size, step) for size in grid.shape)
+    row, col = (v.ravel() for v in np.meshgrid(rows, cols, indexing="ij"))
+    at = row.astype(int), col.astype(int)
+    clear = grid.free[at] & (grid.clearance[at] > FREE_CLEARANCE)
+    row, col = row[clear], col[clear]
+    ways = (0.0,) if shape.half_length == shape.half_width else (0.0, math.pi / 2)
+    return np.concatenate([np.column_stack([row, col, np.full(len(row), way)]) for way in ways])
+
+
+def _beside_routes(
+    grid: OccupancyGrid, shape: Shape, routes: Iterable[Path], keep: float, spacing: float
+) -> NDArray[np.float64]:
+    """Poses every `spacing` [m] on both sides of routes through the open, as near as allowed.
+
+    Near objects help a filter most whose heading is uncertain. They are turned as the route is,
+    long ones also across it, and have the clearance of `free_standing`.
+    """
+    long = shape.half_length != shape.half_width
+    found = [np.empty((0, 3))]
+    for path in routes:
+        fine = path.resampled(spacing, even=True)
+        ahead = np.arctan2(*np.gradient(fine.xy, axis=0).T[::-1]) - grid.origin[2]
+        row, col = grid.world_to_grid(*fine.xy.T)
+        for turn in (0.0, math.pi / 2) if long else (0.0,):
+            extent = shape.half_length if turn else shape.half_width
+            for side in (-1, 1):
+                away = side * (keep + extent) / grid.resolution + side
+                at_row, at_col = row + np.cos(ahead) * away, col - np.sin(ahead) * away
+                heading = np.mod(ahead + turn + 1e-9, np.pi) - 1e-9
+                found.append(np.column_stack([at_row, at_col, heading]))
+    poses = np.concatenate(found)
+    rows, cols = np.floor(poses[:, :2]).astype(int).T
+    inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
+    poses, at = poses[inside], (rows[inside], cols[inside])
+    clear: NDArray[np.float64] = poses[grid.free[at] & (grid.clearance[at] > FREE_CLEARANCE)]
+    return clear
+
+
+def refusals(
+    places: NDArray[np.float64],
+    grid: OccupancyGrid,
+    passages: Passages,
+    routes: NDArray[np.float64],
+    keep: float,
+    keep_out: NDArray[np.bool_] | None,
+) -> list[str]:
+    """Why an object may not stand at each place on the map, or "" where it may.
+
+    Parameters
+    ----------
+    places : (n, 3) array
+        Row, column and heading [cells, cells, rad].
+    grid : OccupancyGrid
+        The map without objects.
+    passages : Passages
+        Space of the robot beside such objects.
+    routes : (m, 2) array
+        Row and column of positions along the routes [cells]; objects are `keep` [m] away.
+    keep : float
+        Least distance of an object from the routes [m].
+    keep_out : (H, W) array of bool, optional
+        Cells that no object may fill.
+    """
+    from scipy.spatial import cKDTree
+
+    shape, resolution = passages.shape, grid.resolution
+    taken = grid.clearance < WALL_GAP + resolution / 2 - 1e-9
+    unknown, tree = grid.cells == UNKNOWN, cKDTree(routes)
+
+    def reason(pose: Pose) -> str:
+        row, col, heading = pose.tolist()
+        cells = filled_cells(shape, row, col, heading, resolution, grid.shape)
+        if _beyond(shape, (row, col, heading), grid) or unknown[cells].any():
+            return "reaches beyond the map or into what is unknown"
+        if taken[cells].any():
+            return "less than 5 cm from a wall or another object"
+        if keep_out is not None and keep_out[cells].any():
+            return "in an area that is kept out"
+        near = tree.query_ball_point((row, col), (shape.reach + keep) / resolution)
+        y, x = (routes[near] - (row, col)).T * resolution
+        if (shape.distance(x, y, heading) < keep).any():
+            return "in the way of a route"
+        return "cuts a passage for the robot" if passages.cuts(pose) else ""
+
+    return [reason(pose) for pose in places]
+
+
+def _beyond(shape: Shape, pose: tuple[float, float, float], grid: OccupancyGrid) -> bool:
+    """Whether an object at a pose [cells, cells, rad] reaches beyond the map."""
+    row, col, heading = pose
+    high = wide = shape.half_length
+    if not shape.is_round:
+        cos, sin = abs(math.cos(heading)), abs(math.sin(heading))
+        wide = cos * shape.half_length + sin * shape.half_width
+        high = sin * shape.half_length + cos * shape.half_width
+    high, wide = high / grid.resolution - 1e-6, wide / grid.resolution - 1e-6
+    rows, cols = grid.shape
+    return not (high <= row <= rows - high and wide <= col <= cols - wide)
+
+
+def too_close(
+    shape: Shape, pose: NDArray[np.float64], others: NDArray[np.float64], resolution: float
+) -> bool:
+    """Whether an object would stand closer than `APART` to another one [cells, cells, rad]."""
+    apart = np.hypot(*(others[:, :2] - pose[:2]).T) * resolution
+    near = others[apart < 2 * shape.reach + APART]
+    return any(shape.is_round or _boxes_near(shape, pose, other, resolution) for other in near)
+
+
+def _boxes_near(
+    shape: Shape, one: NDArray[np.float64], other: NDArray[np.float64], resolution: float
+) -> bool:
+    """Whether two rectangles come closer than `APART`; points along one against the other."""
+    along, across = np.meshgrid(
+        np.linspace(-shape.half_length, shape.half_length, 9),
+        np.linspace(-shape.half_width, shape.half_width, 9),
+    )
+    for base, against in ((one, other), (other, one)):
+        cos, sin = math.cos(base[2]), math.sin(base[2])
+        x = cos * along - sin * across + (base[1] - against[1]) * resolution
+        y = sin * along + cos * across + (base[0] - against[0]) * resolution
+        if (shape.distance(x, y, against[2]) < APART).any():
+            return True
+    return False

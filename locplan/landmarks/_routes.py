@@ -1,0 +1,228 @@
+"""What landmarks are placed for: the routes of a robot, or a region, on a map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.checks import position, shown
+from locplan._util.poses import Poses
+from locplan.costs import Costmap, Path
+from locplan.errors import ConfigError, LocplanError
+from locplan.landmarks._objects import LandmarkObject
+from locplan.maps import OccupancyGrid
+from locplan.planners import plan
+from locplan.robots import Lidar, Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What landmarks are placed for: the map, the routes, and the robot."""
+
+    grid: OccupancyGrid
+    """The map without the objects that are placed."""
+    kind: LandmarkObject
+    """The object, of which several are placed."""
+    routes: Mapping[str, Path]
+    """Routes of the robot by name; of a region, those across it that are driven."""
+    region: NDArray[np.bool_] | None
+    """Cells in which the robot may be anywhere, (H, W), or None where it drives the routes."""
+    planned: bool
+    """True if the routes are shortest paths, to be planned again among the objects."""
+    robot: Robot
+    """The robot that was simulated."""
+
+
+MAX_PLACES = 8
+"""Greatest number of places; all of them are joined by routes."""
+
+
+def routes_of(
+    grid: OccupancyGrid, paths: object, places: object, robot_radius: float
+) -> dict[str, Path]:
+    """Routes by name: the paths that were given, or the shortest ones between places.
+
+    Raises
+    ------
+    ConfigError
+        If they are none.
+    LocplanError
+        If the robot cannot stand at a place, or no path joins two.
+    """
+    if paths is not None:
+        return _named_paths(paths)
+    named = _named_places(places)
+    costs = Costmap.blank(grid, robot_radius=robot_radius)
+    routes = {}
+    for name, xy in named.items():
+        costs.cell_of(xy, name)
+    for (one, start), (other, goal) in combinations(named.items(), 2):
+        found = plan(costs, start, goal).path
+        if found is None:
+            raise LocplanError(f"no path leads from {one} to {other}; name places that are joined")
+        routes[f"{one} to {other}"] = found
+    return routes
+
+
+def _named_paths(paths: Any) -> dict[str, Path]:
+    if isinstance(paths, Path):
+        paths = {"path": paths}
+    elif not isinstance(paths, Mapping):
+        if not isinstance(paths, Iterable) or isinstance(paths, str):
+            raise ConfigError(f"paths must be paths by name, not {shown(paths)}")
+        paths = {f"path {n}": path for n, path in enumerate(paths, 1)}
+    if not paths:
+        raise ConfigError("there must be at least one path along which landmarks help")
+    return {
+        str(name): path if isinstance(path, Path) else Path(np.asarray(path))
+        for name, path in paths.items()
+    }
+
+
+def _named_places(places: Any) -> dict[str, tuple[float, float]]:
+    if not isinstance(places, Mapping):
+        if not isinstance(places, Sequence) or isinstance(places, str):
+            raise ConfigError(f"places must be positions x, y in metres, not {shown(places)}")
+        places = {f"place {n}": xy for n, xy in enumerate(places, 1)}
+    if not 2 <= len(places) <= MAX_PLACES:
+        raise ConfigError(
+            f"there must be 2 to {MAX_PLACES} places, which routes join, not {len(places)};"
+            " give longer lists of routes as paths"
+        )
+    return {str(name): position(xy, name=f"place {name}") for name, xy in places.items()}
+
+
+def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> NDArray[np.bool_] | None:
+    """Cells of a mask (H, W) or of rectangles in the world, or None without any.
+
+    Raises
+    ------
+    ConfigError
+        If it is neither.
+    """
+    if areas is None:
+        return None
+    wrong = ConfigError(
+        f"{name} must be a mask (H, W) of bool, or rectangles (x0, y0, x1, y1) in metres"
+    )
+    try:
+        values = np.asarray(areas)
+    except ValueError:  # rectangles of unequal length
+        raise wrong from None
+    if values.dtype == bool:
+        if values.shape != grid.shape:
+            raise ConfigError(f"{name} has shape {values.shape}, but the map {grid.shape}")
+        return values
+    if values.size == 0:
+        return None
+    if values.ndim != 2 or values.shape[1] != 4 or not np.issubdtype(values.dtype, np.number):
+        raise wrong
+    if not np.isfinite(values).all():
+        raise wrong
+    rows, cols = np.indices(grid.shape)
+    at = np.stack(grid.grid_to_world(rows + 0.5, cols + 0.5), axis=-1)
+    inside = np.zeros(grid.shape, bool)
+    half = grid.resolution / 2
+    for corners in values.reshape(-1, 2, 2).astype(np.float64):
+        low, high = corners.min(axis=0) - half, corners.max(axis=0) + half
+        inside |= ((at > low) & (at < high)).all(axis=-1)
+    return inside
+
+
+MIN_STEP = 0.5
+"""Least spacing of the poses [m]."""
+MAX_POSES = 1200
+"""Number of poses, about, from which on they are farther apart."""
+MAX_HEADINGS = 8
+"""Greatest number of headings at a position, for a narrow field of view."""
+ENDS = 6
+"""Number of places that drives join, in pairs far apart."""
+
+
+def where_robot_is(
+    grid: OccupancyGrid, region: NDArray[np.bool_], robot_radius: float
+) -> NDArray[np.bool_]:
+    """Cells of a region where the robot's centre can be, all joined by ways on the map, (H, W).
+
+    Raises
+    ------
+    ConfigError
+        If there is no such cell.
+    """
+    import cv2
+
+    space = grid.free & ~grid.closer_than(robot_radius - 1e-9)
+    _, parts = cv2.connectedComponents(space.astype(np.uint8), connectivity=4)
+    counts = np.bincount(parts[space & region], minlength=1)
+    if not counts.any():
+        raise ConfigError(
+            f"a robot of {robot_radius:g} m radius cannot be anywhere in the region; give one with"
+            " free cells"
+        )
+    return np.asarray(region & (parts == int(counts.argmax())))
+
+
+def poses_in(grid: OccupancyGrid, cells: NDArray[np.bool_], lidar: Lidar) -> Poses:
+    """Poses in the world on a lattice over cells, with headings all round, (n, 3).
+
+    The fewer a lidar sees at once, the more headings there are: any direction is seen twice.
+    """
+    headings = 1
+    if not lidar.sees_all_round:
+        headings = min(math.ceil(720 / lidar.field_of_view_deg), MAX_HEADINGS)
+    area = cells.sum() * grid.resolution**2
+    step = max(MIN_STEP, math.sqrt(area * headings / MAX_POSES))
+    edge = max(round(step / grid.resolution), 1)
+    # Of each square of the lattice, the cell that is nearest to its middle.
+    rows, cols = np.nonzero(cells)
+    away = np.hypot(rows % edge - (edge - 1) / 2, cols % edge - (edge - 1) / 2)
+    order = np.lexsort((away, cols // edge, rows // edge))
+    square = rows[order] // edge * (grid.shape[1] + 1) + cols[order] // edge
+    _, firsts = np.unique(square, return_index=True)
+    x, y = grid.grid_to_world(rows[order][firsts] + 0.5, cols[order][firsts] + 0.5)
+    turns = np.tile(np.arange(headings) * 2 * math.pi / headings, len(firsts))
+    return np.column_stack([np.repeat(x, headings), np.repeat(y, headings), turns])
+
+
+def routes_across(
+    grid: OccupancyGrid, cells: NDArray[np.bool_], robot_radius: float
+) -> dict[str, Path]:
+    """Shortest paths between places in a region, of which each is far from those before it.
+
+    Raises
+    ------
+    ConfigError
+        If the region is too small for two places.
+    """
+    rows, cols = np.nonzero(cells)
+    xy = np.column_stack(grid.grid_to_world(rows + 0.5, cols + 0.5))
+    clear = grid.clearance[rows, cols]
+    ends = [int(np.argmax(np.hypot(*(xy - xy.mean(axis=0)).T)))]
+    apart = np.full(len(xy), np.inf)
+    while len(ends) < ENDS:
+        apart = np.minimum(apart, np.hypot(*(xy - xy[ends[-1]]).T))
+        # Rather in the open than in a corner.
+        ends.append(int(np.argmax(apart + np.minimum(clear, 1.0))))
+    left: list[int] = []
+    for end in ends:  # the clearest place within 1 m
+        near = np.flatnonzero(np.hypot(*(xy - xy[end]).T) <= 1.0)
+        left.append(int(near[np.argmax(clear[near])]))
+    left = list(dict.fromkeys(left))
+    costs = Costmap.blank(grid, robot_radius=robot_radius)
+    routes: dict[str, Path] = {}
+    while len(left) > 1:
+        one = left.pop(0)
+        other = max(left, key=lambda n: float(np.hypot(*(xy[n] - xy[one]))))
+        left.remove(other)
+        found = plan(costs, tuple(xy[one]), tuple(xy[other])).path
+        if found is not None and found.length > 2 * robot_radius:
+            routes[f"across {len(routes) + 1}"] = found
+    if not routes:
+        raise ConfigError("the region is too small to drive in; give a larger one")
+    return routes

@@ -1,0 +1,275 @@
+"""What a robot's lidar sees at every place of a map, for comparing scans with all of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.poses import Numbers, wrapped
+from locplan._util.progress import ProgressCallback, parts, scaled
+from locplan.errors import ConfigError
+from locplan.maps import OCCUPIED, OccupancyGrid
+from locplan.matching._matching import TURNS, Matching, loss_tables
+
+SHARES = 20, 10, 30
+"""Steps of progress of the losses, the places and the ranges, which take about that much time."""
+LATTICE = 0.4
+"""Spacing of the places that scans are compared with [m]."""
+CODES_A_METRE = 16
+"""Number of codes of a range; they begin anew after 16 m."""
+CAP = 8
+"""Difference of two ranges from which on a beam costs no more [codes], half a metre."""
+NO_RETURN = 32
+"""How far the code of no return lies behind that of the lidar's range [codes]."""
+BRANCH = 0.1
+"""Least area of a region where the robot fits, against the largest, that counts as reachable."""
+BAND = 1 << 20
+"""Number of cells that are looked through at once, which bounds the memory."""
+BLOCK = 1 << 14
+"""Number of places whose ranges are computed at once, which bounds the memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class Database:
+    """The ranges at every reachable place of a map, and the losses of beams' ends around it.
+
+    `ScanDatabase` is what users keep: it makes one of these when it is needed.
+    """
+
+    grid: OccupancyGrid
+    """The map."""
+    matching: Matching
+    """The lidar, and how scans are matched."""
+    fits: NDArray[np.bool_]
+    """Mask of the cells where the robot may stand, (H, W)."""
+    positions: Numbers
+    """Positions of the lidar that scans are compared with, x and y (n, 2) [cells]."""
+    codes: NDArray[np.uint8]
+    """Codes of the ranges, in blocks of 64 places."""
+    tables: Any
+    """The losses of beams' ends around the map, as the kernels take them."""
+    squares: NDArray[np.uint8]
+    """The map, with the empty squares about its cells, as the kernels take it."""
+
+    @property
+    def bytes(self) -> int:
+        """Bytes of all arrays but the map's own."""
+        own = self.fits, self.positions, self.codes, self.squares
+        return sum(each.nbytes for each in (*own, *self.tables) if isinstance(each, np.ndarray))
+
+    @cached_property
+    def lever(self) -> tuple[float, float]:
+        """Position of the lidar ahead and to the left of the robot's centre [cells]."""
+        lidar, resolution = self.matching.lidar, self.grid.resolution
+        return lidar.mount_x / resolution, lidar.mount_y / resolution
+
+    def scans_at(self, poses: Numbers) -> Numbers:
+        """Ranges at the robot's poses, x, y [cells] and heading [rad], (n, 96) [m].
+
+        They belong to `Matching.bearings`: infinite without a return, NaN out of the view.
+
+        Parameters
+        ----------
+        poses : (n, 3) array
+            x, y and heading on the map [cells, cells, rad].
+        """
+        lidar = self.matching.lidar
+        ranges = _ranges(self, poses, lidar.mount_x, lidar.mount_y)
+        ranges[:, ~self.matching.seen] = np.nan
+        return ranges
+
+    def codes_of(self, ranges: Numbers) -> NDArray[np.uint8]:
+        """Codes of ranges, of which 16 are a metre.
+
+        Parameters
+        ----------
+        ranges : array
+            Ranges, infinite without a return [m].
+        """
+        return _codes(ranges, self.matching.lidar.range)
+
+    def in_world(self, poses: Numbers) -> Numbers:
+        """Poses in the world, (n, 3) [m, m, rad].
+
+        Parameters
+        ----------
+        poses : (n, 3) array
+            x, y and heading on the map [cells, cells, rad].
+        """
+        x, y = self.grid.grid_to_world(poses[:, 1], poses[:, 0])
+        heading = wrapped(poses[:, 2] + self.grid.origin[2])
+        return np.column_stack([x, y, heading])
+
+    def on_map(self, poses: Numbers) -> Numbers:
+        """Poses x, y and heading on the map, (n, 3) [cells, cells, rad].
+
+        Parameters
+        ----------
+        poses : (n, 3) array
+            x, y and heading in the world [m, m, rad].
+        """
+        row, col = self.grid.world_to_grid(poses[:, 0], poses[:, 1])
+        return np.column_stack([col, row, wrapped(poses[:, 2] - self.grid.origin[2])])
+
+
+def make_database(
+    grid: OccupancyGrid,
+    matching: Matching,
+    places: Sequence[tuple[int, int]] = (),
+    progress: ProgressCallback | None = None,
+) -> Database:
+    """Cast the beams of a lidar at every reachable place of a map.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    matching : Matching
+        The lidar, and how scans are matched.
+    places : sequence of (row, col), default ()
+        Cells whose regions are reachable, however small they are.
+    progress : callable, optional
+        Called with (done, total) steps; what it raises ends the work.
+
+    Raises
+    ------
+    ConfigError
+        If the robot fits nowhere, or the map has no wall.
+    """
+    from locplan._kernels.rays import empty_squares
+
+    occupied = grid.cells == OCCUPIED
+    if not occupied.any():
+        raise ConfigError(f"{grid.name or 'the map'} has no occupied cell that a beam could meet")
+    fits = reachable(grid, matching.robot_radius, places)
+    if not fits.any():
+        raise ConfigError(
+            f"a robot of radius {matching.robot_radius:g} m fits nowhere in"
+            f" {grid.name or 'the map'}; give a smaller radius"
+        )
+    losing, placing, casting = parts(progress, SHARES)
+    tables = loss_tables(grid, matching, fits, scaled(losing, SHARES[0]))
+    lidar_fits = _of_lidar(grid, matching, fits)
+    positions = places_every(LATTICE, lidar_fits, grid.resolution, scaled(placing, SHARES[1]))
+    squares = empty_squares(occupied)
+    made = Database(grid, matching, fits, positions, np.empty(0, np.uint8), tables, squares)
+    codes = _all_codes(made, scaled(casting, SHARES[2]))
+    return dataclasses.replace(made, codes=codes)
+
+
+def _all_codes(database: Database, progress: ProgressCallback) -> NDArray[np.uint8]:
+    """Codes of the ranges at all places, as `Database.codes` has them."""
+    from locplan._kernels.simd import OCTETS
+
+    count = len(database.positions)
+    blocks = -(-count // OCTETS)
+    padded = np.zeros((blocks * OCTETS, TURNS), np.uint8)
+    for first in range(0, count, BLOCK):
+        some = database.positions[first : first + BLOCK]
+        poses = np.column_stack([some, np.zeros(len(some))])
+        ranges = _ranges(database, poses, 0.0, 0.0)
+        padded[first : first + len(some)] = database.codes_of(ranges)
+        progress(first + len(some), count)
+    laid_out = padded.reshape(blocks, OCTETS, TURNS).transpose(0, 2, 1)
+    return np.concatenate([laid_out, laid_out], axis=1).reshape(-1)
+
+
+def reachable(
+    grid: OccupancyGrid, robot_radius: float, places: Sequence[tuple[int, int]] = ()
+) -> NDArray[np.bool_]:
+    """Mask of the free cells where the robot fits, (H, W), without small regions of them.
+
+    Those with one of the places, cells (row, col), stay.
+    """
+    import cv2
+
+    fits = (grid.free & ~grid.closer_than(robot_radius - 1e-9)).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(fits, connectivity=4)
+    areas = stats[:, cv2.CC_STAT_AREA].copy()
+    areas[0] = 0
+    large = areas >= max(1.0, BRANCH * areas.max())
+    for row, col in places:
+        large[labels[row, col]] = True
+    large[0] = False
+    return np.asarray(large[labels])
+
+
+def places_every(
+    spacing: float,
+    fits: NDArray[np.bool_],
+    resolution: float,
+    progress: ProgressCallback | None = None,
+) -> Numbers:
+    """Centres of cells, the one next to the middle of each square that has any, x and y (n, 2).
+
+    Parameters
+    ----------
+    spacing : float
+        Edge of the squares [m].
+    fits : (H, W) array of bool
+        The cells.
+    resolution : float
+        Edge of a cell [m].
+    progress : callable, optional
+        Called with (done, total) rows.
+    """
+    edge = max(1, round(spacing / resolution))
+    height, width = fits.shape
+    rows = edge * max(1, BAND // (edge * width))
+    found = [np.empty((0, 2))]
+    for top in range(0, height, rows):
+        found.append(_middles(fits[top : top + rows], edge))
+        found[-1][:, 1] += top
+        if progress:
+            progress(min(top + rows, height), height)
+    return np.concatenate(found) + 0.5
+
+
+def _middles(fits: NDArray[np.bool_], edge: int) -> Numbers:
+    """Columns and rows (n, 2) of the cells next to the middles of squares."""
+    rows, cols = np.nonzero(fits)
+    block = (rows // edge) * (fits.shape[1] // edge + 1) + cols // edge
+    aside = (2 * (rows % edge) + 1 - edge) ** 2 + (2 * (cols % edge) + 1 - edge) ** 2
+    order = np.lexsort([aside, block])  # cells that are as near stay in the order of their rows
+    block = block[order]
+    chosen = order[np.concatenate([block[:1] >= 0, block[1:] != block[:-1]])]
+    return np.column_stack([cols[chosen], rows[chosen]]).astype(np.float64)
+
+
+def _of_lidar(
+    grid: OccupancyGrid, matching: Matching, fits: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Mask of the cells where the lidar may be."""
+    import cv2
+
+    lidar = matching.lidar
+    reach = math.ceil(math.hypot(lidar.mount_x, lidar.mount_y) / grid.resolution)
+    if reach == 0:
+        return fits
+    around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    near = cv2.dilate(fits.astype(np.uint8), around)
+    return np.asarray((near > 0) & (grid.cells != OCCUPIED))
+
+
+def _ranges(database: Database, poses: Numbers, forward: float, left: float) -> Numbers:
+    """Ranges all round of a lidar so mounted at poses x, y, heading, (n, 96) [m]."""
+    from locplan._kernels.shortlist import ranges_from
+
+    beams = database.matching.beams(forward, left)
+    ranges = np.empty((len(poses), TURNS))
+    at = np.ascontiguousarray(poses[:, [1, 0, 2]])
+    ranges_from(database.squares, database.grid.resolution, at, beams, ranges)
+    return ranges
+
+
+def _codes(ranges: Numbers, farthest: float) -> NDArray[np.uint8]:
+    none = CODES_A_METRE * farthest + NO_RETURN
+    counts = np.where(np.isfinite(ranges), CODES_A_METRE * ranges, none)
+    return np.asarray(np.floor(counts).astype(np.int64) % 256, np.uint8)

@@ -1,0 +1,213 @@
+"""What a lidar sees at all places of a map, made once for many scans."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.checks import instance, keep_checked, number
+from locplan._util.poses import Numbers
+from locplan._util.progress import ProgressCallback
+from locplan.errors import ConfigError
+from locplan.maps import OccupancyGrid, check_grid
+from locplan.matching._database import Database, _of_lidar, make_database
+from locplan.matching._matcher import Matcher
+from locplan.matching._matching import TURNS, Matching
+from locplan.robots import Lidar
+
+CLEARANCE = 0.1
+"""Default distance from walls at which a pose is possible [m]; less than the radius of robots,
+since their recorded poses and maps err."""
+KEPT = 4
+"""Number of databases that are kept in memory."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ScanDatabase:
+    """What a lidar sees at all places of a map; it is made when the first scan is compared.
+
+    `locate` and `find_twins` make one where none is given, and keep the last four.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("places", resolution=0.1)
+    >>> ScanDatabase(grid, locplan.Lidar(range=8.0))
+    ScanDatabase(places, lidar, 8 m, 360°)
+    """
+
+    grid: OccupancyGrid
+    """The map."""
+    lidar: Lidar
+    """The lidar, with its mount on the robot."""
+    clearance: float = CLEARANCE
+    """Distance of the robot's centre from walls at which a pose is possible [m], >= 0; for
+    `find_twins` the robot's radius."""
+
+    def __post_init__(self) -> None:
+        check_grid(self.grid)
+        instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+        keep_checked(self, ("clearance",), number, 0.0)
+
+    def __repr__(self) -> str:
+        return f"ScanDatabase({self.grid.name or 'map'}, {self.lidar.title})"
+
+    @cached_property
+    def everywhere(self) -> Database:
+        """Ranges at all places.
+
+        Raises
+        ------
+        ConfigError
+            If the map has no wall, or no place with this clearance.
+        """
+        return self._made(None)
+
+    def prepare(self, progress: ProgressCallback | None = None) -> None:
+        """Look from all places now, so that the first search need not.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called with (done, total) steps; what it raises ends the work, and nothing is kept.
+
+        Raises
+        ------
+        ConfigError
+            If the map has no wall, or no place with this clearance.
+        """
+        if "everywhere" not in vars(self):
+            vars(self)["everywhere"] = self._made(progress)
+
+    def _made(self, progress: ProgressCallback | None) -> Database:
+        matching = Matching(lidar=self.lidar, robot_radius=self.clearance)
+        return make_database(self.grid, matching, (), progress)
+
+    @cached_property
+    def matcher(self) -> Matcher:
+        """What gives the covariance of a match about its pose."""
+        return Matcher.of(self.grid, self.lidar)
+
+    @cached_property
+    def nats_a_loss(self) -> float:
+        """Nats of the greatest loss of one of the beams that count."""
+        matching = self.everywhere.matching
+        beams = len(self.matcher.settings.beam_numbers)
+        return matching.nats_a_loss * float(matching.seen.sum()) / beams
+
+    def compared_ends(self, on_robot: Numbers) -> NDArray[np.float32]:
+        """Ends of up to 180 beams that return, (2, k) [cells], those that `locplan.Scan` compares.
+
+        Parameters
+        ----------
+        on_robot : (beams, 2) array
+            Ends of all beams ahead and to the left of the robot [m]; NaN without a return.
+        """
+        ends = on_robot[self.matcher.settings.beam_numbers] / self.grid.resolution
+        return np.ascontiguousarray(ends[np.isfinite(ends[:, 0])].T, np.float32)
+
+    def near(self, xy: Numbers, within: float) -> Database:
+        """Ranges at the places near some positions.
+
+        Parameters
+        ----------
+        xy : (n, 2) array
+            Positions in the world [m].
+        within : float
+            Greatest distance of a place from them [m].
+
+        Raises
+        ------
+        ConfigError
+            If the robot fits nowhere so near.
+        """
+        grid, every = self.grid, self.everywhere
+        chosen = every.fits & (_distances(grid, xy) <= within)
+        if not chosen.any():
+            raise ConfigError(
+                f"the robot has no place within {within:g} m of the {len(xy)} positions that it"
+                f" may be near; are they in the frame of {grid.name or 'the map'}?"
+            )
+        return _restricted(every, chosen)
+
+
+@lru_cache(maxsize=KEPT)
+def database_of(grid: OccupancyGrid, lidar: Lidar, clearance: float) -> ScanDatabase:
+    """The database of a map and a lidar, one of the last or a new one."""
+    return ScanDatabase(grid, lidar, clearance)
+
+
+def checked_database(
+    grid: OccupancyGrid, lidar: Lidar, clearance: float, database: ScanDatabase | None
+) -> ScanDatabase:
+    """The database that was given, or one of the last four, or a new one.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map, of which it must be.
+    lidar : Lidar
+        The lidar, of which it must be.
+    clearance : float
+        Clearance of a database that is not given [m].
+    database : ScanDatabase, optional
+        The one that was given.
+
+    Raises
+    ------
+    ConfigError
+        If it is of another map or lidar, or the clearance is out of its range.
+    """
+    if database is None:
+        database = database_of(grid, lidar, number("clearance", clearance, 0.0))
+    instance("database", database, ScanDatabase)
+    if database.grid != grid or database.lidar != lidar:
+        raise ConfigError(
+            "the database is of another map or lidar; make ScanDatabase(grid, lidar) of these"
+        )
+    return database
+
+
+def _distances(grid: OccupancyGrid, xy: Numbers) -> NDArray[np.float32]:
+    """Distance of each cell from the nearest cell with a position, (H, W) [m]."""
+    import cv2
+
+    row, col = (np.floor(each).astype(np.int64) for each in grid.world_to_grid(*xy.T))
+    inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
+    away = np.ones(grid.shape, np.uint8)
+    away[row[inside], col[inside]] = 0
+    if not inside.any():
+        return np.full(grid.shape, np.inf, np.float32)
+    cells = cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(cells * np.float32(grid.resolution))
+
+
+def _restricted(database: Database, fits: NDArray[np.bool_]) -> Database:
+    """The part of a database of the places from which the robot can get to cells (H, W)."""
+    from locplan._kernels.simd import OCTETS
+
+    grid, matching = database.grid, database.matching
+    near = _of_lidar(grid, matching, fits)
+    col, row = np.floor(database.positions.T).astype(np.int64)
+    chosen = np.flatnonzero(near[row, col])
+    places = database.codes.reshape(-1, 2 * TURNS, OCTETS).transpose(0, 2, 1)
+    codes = np.zeros((-(-len(chosen) // OCTETS) * OCTETS, 2 * TURNS), np.uint8)
+    codes[: len(chosen)] = places.reshape(-1, 2 * TURNS)[chosen]
+    laid_out = codes.reshape(-1, OCTETS, 2 * TURNS).transpose(0, 2, 1).reshape(-1)
+    return Database(
+        grid,
+        matching,
+        fits,
+        database.positions[chosen],
+        np.ascontiguousarray(laid_out),
+        database.tables._replace(fits=fits.astype(np.uint8)),
+        database.squares,
+    )

@@ -1,0 +1,1 @@
+from ._filters import check_filter as check_filter
