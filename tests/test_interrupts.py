@@ -18,6 +18,7 @@ GUARD = 600
 BEGIN = """
 import ctypes, os, signal, sys, threading
 sys.path[:0] = {path!r}
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it is ignored
 signal.signal(signal.SIGINT, signal.{disposition})  # in the background it is ignored
 def stuck(*_, **__):
     "Hold the interpreter's lock in foreign code, as the compiler does."
