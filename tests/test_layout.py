@@ -39,11 +39,11 @@ FACELESS = {"errors", "_kernels", "_util"}
 """Packages of which each module is a face; their names with an underscore are their own."""
 HOMES = {
     "matplotlib": ("plotting", "_figures"),
-    "ompl": ("planners.ompl._bindings",),
+    "ompl": ("planners.ompl._settings",),
     "yaml": (
         "_util.plain_yaml",
         "maps._files",
-        "maps._yaml",
+        "maps._source",
         "robots._parameters",
         "robots._parameter_edits",
         "export._distros",

@@ -27,7 +27,7 @@ from locplan.maps import (
     load_map,
     save_map,
 )
-from locplan.maps._yaml import MAX_YAML_BYTES
+from locplan.maps._source import MAX_YAML_BYTES
 
 F, U, X = FREE, UNKNOWN, OCCUPIED
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"

@@ -20,9 +20,8 @@ from locplan.errors import ConfigError, PoseError
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Found, names, ompl as sampling, plan
 from locplan.planners._protocol import SPACES
-from locplan.planners.ompl._kinds import KINDS
 from locplan.planners.ompl._settings import logged
-from locplan.planners.ompl._stopping import Limits
+from locplan.planners.ompl._stopping import KINDS, Limits
 
 ANYTIME = [name for name, kind in KINDS.items() if kind.anytime]
 ABLE = [(name, space) for name, kind in KINDS.items() for space in kind.spaces]
