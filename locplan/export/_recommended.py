@@ -6,6 +6,7 @@ changes the costs of edges as little as that takes.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.progress import progress_bar
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.export._joined_ways import (
@@ -25,6 +27,7 @@ from locplan.export._joined_ways import (
     joined,
     straightened,
 )
+from locplan.export._registry import ExportJob, ExportSummary
 from locplan.export._roadmap import FINENESS, RouteGraph, check_precision
 
 MARGIN = 0.02
@@ -58,6 +61,17 @@ class RecommendedWays:
     def contradicted(self) -> tuple[str, ...]:
         """Names of the other queries: their ways contradict those of the ones that are followed."""
         return tuple(name for name in self.ways if name not in self.followed)
+
+    def summary(self) -> dict[str, object]:
+        """The size of the graph and what is followed by name, fit for JSON."""
+        sizes = {"nodes": len(self.graph.nodes), "edges": len(self.graph.edges)}
+        return {**sizes, "followed": list(self.followed), "changed_edges": self.changed}
+
+    def rows(self) -> tuple[tuple[str, str], ...]:
+        """The same for people: labels and texts."""
+        followed = "ways that the server takes", f"{len(self.followed)} of {len(self.ways)}"
+        other = "other routes are cheaper", ", ".join(self.contradicted)
+        return (self.graph.rows()[0], followed, *([other] if self.contradicted else []))
 
     def __repr__(self) -> str:
         return f"RecommendedWays({len(self.followed)} of {len(self.ways)} followed, {self.graph})"
@@ -120,6 +134,33 @@ def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWa
         int((np.abs(cost - price) > CHANGED).sum()),
         tuple(name for name, is_followed in zip(ways, followed, strict=False) if is_followed),
     )
+
+
+def chosen_ways(
+    job: ExportJob, queries: str | os.PathLike[str], drives: int
+) -> tuple[dict[str, Path], ExportSummary]:
+    """The paths of the queries in a file, chosen by driving, and what the choices bring."""
+    from locplan.planners import read_queries
+    from locplan.simulation import choose_many
+
+    asked = read_queries(queries)
+    for query in asked:
+        if query.name in job.paths:
+            raise ConfigError(f"a path and a query are both named {query.name}; rename one")
+    with progress_bar("driving the candidates", "queries") as progress:
+        choices = choose_many(job.costs, asked, job.robot, drives=drives, progress=progress)
+    before, after = choices.lost
+    paths = {each.query.name: each.choice.path for each in choices}
+    without = [name for name, path in paths.items() if path is None]
+    rows = [
+        ("queries", f"{len(choices)}, {choices.left} leave the shortest path"),
+        ("drives that are lost", f"{before:.0%} -> {after:.0%}"),
+    ]
+    if without:
+        rows.append(("without a path", ", ".join(without)))
+    values = {"left_the_shortest": choices.left, "lost": [before, after], "no_path": without}
+    found = {name: path for name, path in paths.items() if path is not None}
+    return found, ExportSummary(values, tuple(rows))
 
 
 def check_ways(costs: Costmap, paths: Mapping[str, Path]) -> None:

@@ -95,6 +95,19 @@ class RouteGraph:
         """Number of parts of the graph that no route joins."""
         return int(connected_components(self.matrix, directed=False)[0])
 
+    def summary(self) -> dict[str, int]:
+        """The size of the graph by name, fit for JSON."""
+        nodes, edges = len(self.nodes), len(self.edges)
+        return {"nodes": nodes, "edges": edges, "components": self.components}
+
+    def rows(self) -> tuple[tuple[str, str], ...]:
+        """The size of the graph for people: labels and texts."""
+        each_way = "" if self.directed else " each way"
+        return (
+            ("nodes, edges", f"{len(self.nodes):,}, {len(self.edges):,}{each_way}"),
+            ("parts not joined", f"{self.components:,}"),
+        )
+
     @property
     def matrix(self) -> csr_array:
         """J between nodes, (n, n), for `scipy.sparse.csgraph`; symmetric unless directed."""

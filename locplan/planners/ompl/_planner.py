@@ -144,8 +144,10 @@ class Ompl:
         limits, ahead = self.limits, known[0].xy if known else None
         began = time.perf_counter()
         if KINDS[self.name].roadmap:
-            given = {"seed": self.seed or 1, "settings": self.settings, "ahead": ahead}
-            roadmap = grow_roadmap(motions, self.name, limits=limits, **given)
+            seed = self.seed or 1
+            roadmap = grow_roadmap(
+                motions, self.name, limits=limits, seed=seed, settings=self.settings, ahead=ahead
+            )
             poses = roadmap.poses_between(start, goal)
         else:
             poses = _by_tree(self, motions, start, goal, limits, ahead)
