@@ -99,10 +99,7 @@ def _said(areas: Sequence[DegenerateArea]) -> str:
 
 
 def summary_of(
-    areas: Sequence[DegenerateArea],
-    costs: Costmap,
-    field: CovarianceField,
-    threshold: float | None,
+    areas: Sequence[DegenerateArea], costs: Costmap, field: CovarianceField, threshold: float | None
 ) -> ExportSummary:
     """The number of areas, their share of the free space, and the largest one."""
     least = half_free(costs, field) if threshold is None else threshold

@@ -71,11 +71,7 @@ class DegenerateArea:
 
 
 def degenerate_areas(
-    costs: Costmap,
-    field: CovarianceField,
-    *,
-    threshold: float | None = None,
-    min_area: float = 1.0,
+    costs: Costmap, field: CovarianceField, *, threshold: float | None = None, min_area: float = 1.0
 ) -> tuple[DegenerateArea, ...]:
     """Find the areas where u is at least a threshold, the largest first.
 

@@ -86,13 +86,7 @@ def lanes(
     return _joined(space, drawn, NEAR * spacing, spacing)
 
 
-def _with_spurs(
-    space: Space,
-    drawn: Net,
-    ends: Positions,
-    points: Positions,
-    within: float,
-) -> Net:
+def _with_spurs(space: Space, drawn: Net, ends: Positions, points: Positions, within: float) -> Net:
     """The net with lines to ends that are seen by points which see no node."""
     unseen = np.ones(len(points), np.bool_)
     unseen[sights(*space, points, drawn.xy, within, 1)[:, 0]] = False
@@ -214,11 +208,7 @@ def _routes(
 
 
 def _look_everywhere(
-    space: Space,
-    net: Net,
-    chosen: NDArray[np.bool_],
-    points: Positions,
-    within: float,
+    space: Space, net: Net, chosen: NDArray[np.bool_], points: Positions, within: float
 ) -> None:
     """Add lanes to nodes that are seen by points which see no node of a lane, by most first."""
     weighted = _Weighted(net)

@@ -18,12 +18,7 @@ from locplan.planners._any_angle import AnyAngle, straightened
 from locplan.planners._grid import blank_costs, cheapest_cells, connected_parts, through_centres
 from locplan.planners._protocol import MAX_SEED, Found, Position, check_space
 from locplan.planners.ompl._motions import Motions
-from locplan.planners.ompl._stopping import (
-    KINDS,
-    OPTIMAL,
-    Limits,
-    able,
-)
+from locplan.planners.ompl._stopping import KINDS, OPTIMAL, Limits, able
 
 
 @dataclass(frozen=True)
