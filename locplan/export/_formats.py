@@ -30,11 +30,11 @@ class MaskOptions(NoOptions):
     that weight · u just fits."""
 
     def __post_init__(self) -> None:
-        from locplan.export._travel_costs import check_planner
+        from locplan.export._travel_costs import checked_planner
 
         super().__post_init__()
         if self.planner:
-            check_planner(self.planner, self.planner_param)
+            checked_planner(self.planner, self.planner_param)
 
 
 @dataclass(frozen=True, kw_only=True)

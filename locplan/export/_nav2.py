@@ -28,7 +28,7 @@ from locplan.export._registry import check_has_field, export_folder
 from locplan.export._travel_costs import (
     Conversion,
     Server,
-    planner_named,
+    checked_planner,
     values_for,
     write_servers,
     write_yaml,
@@ -199,9 +199,8 @@ def keepout_mask(
     if np.isnan(greatest):
         greatest = float(costs.density[passable].max()) - 1
     density = costs.unblocked_density
-    values, conversion = values_for(
-        density, planner_named(planner), greatest, planner_param, static=static
-    )
+    runs = checked_planner(planner, planner_param)
+    values, conversion = values_for(density, runs, greatest, planner_param, static=static)
     near = costs.grid.closer_than(costs.robot_radius - 1e-9)
     values[~passable & costs.grid.free & ~near] = 100  # lethal
     return values, conversion

@@ -274,19 +274,15 @@ class Conversion:
         )
 
 
-def planner_named(name: str) -> NavPlanner:
-    """One of `PLANNERS`; another name is a ConfigError."""
+def checked_planner(name: str, param: float | None) -> NavPlanner:
+    """One of `PLANNERS`; another name, or a parameter that it cannot have, is a ConfigError."""
     one_of("planner", name, PLANNERS)
-    return PLANNERS[name]
-
-
-def check_planner(name: str, param: float | None) -> None:
-    """Raise a ConfigError unless the planner is known and can have the parameter."""
-    planner = planner_named(name)
+    planner = PLANNERS[name]
     if param is not None and planner.parameter is None:
         raise ConfigError(f"{name} has no parameter that scales costs")
     if param is not None and not 0 < param < math.inf:
         raise ConfigError(f"{planner.parameter} must be a positive number, not {param:g}")
+    return planner
 
 
 def values_for(
@@ -302,7 +298,6 @@ def values_for(
     Where the density is infinite the values are -1. By default the planner's parameter is such
     that the excess `greatest` over 1 just fits.
     """
-    check_planner(planner.name, param)
     excess = density[np.isfinite(density)] - 1
     if static:  # a StaticLayer truncates with trinary_costmap false, and may take 99 for inscribed
         choices = np.arange(99)

@@ -168,7 +168,7 @@ def _by_tree(
     from locplan.planners.ompl._settings import base, logged, planner_of, util
     from locplan.planners.ompl._setup import (
         LeadingGoal,
-        poses_of,
+        pose_reader,
         problem_definition,
         space_information,
     )
@@ -189,10 +189,10 @@ def _by_tree(
         status = tree.solve(base.PlannerTerminationCondition(ends)).getStatus()
         kinds = base.PlannerStatus.PlannerStatusType
         if status in (kinds.INVALID_START, kinds.INVALID_GOAL):
-            ends_given = f"{tuple(start)} or {tuple(goal)}"
-            raise LocplanError(f"OMPL refuses {ends_given} as a state in {motions.space}")
+            raise LocplanError(f"OMPL refuses {start} or {goal} as a state in {motions.space}")
         if status != kinds.EXACT_SOLUTION:
             return None
-        poses = poses_of(problem.getSolutionPath(), motions.space)
+        path, pose = problem.getSolutionPath(), pose_reader(motions.space)
+        poses = np.array([pose(path.getState(n)) for n in range(path.getStateCount())])
     poses[[0, -1], : len(start)] = start, goal
     return poses
