@@ -21,7 +21,7 @@ from locplan.maps import (
     misleading,
     read_map,
 )
-from locplan.planners import _map_info, _suggestions, describe_map, plan
+from locplan.planners import describe_map, plan
 from locplan.plotting import _cells
 
 TWO_ROOMS = (
@@ -131,7 +131,7 @@ def test_places_do_not_depend_on_the_origin_but_for_rounding():
 def test_a_large_room_is_searched_on_a_coarser_grid(monkeypatch):
     grid = OccupancyGrid(np.pad(random_rooms((200, 300), seed=4), 1), 0.05, (1.0, 2.0, 0.4))
     exact = describe_map(grid, robot_radius=0.2).pairs[0].distance
-    monkeypatch.setattr(_suggestions, "SEARCHED", 4000)
+    monkeypatch.setattr("locplan.planners._cost_to_go.SEARCHED", 4000)
     coarse = describe_map(grid, robot_radius=0.2)
     assert coarse.pairs[0].distance == pytest.approx(exact, rel=0.05)
     for place in coarse.places:
@@ -238,7 +238,7 @@ def test_lidars_are_compared_by_fused(monkeypatch):
         assert config.estimator == Fused.of(lidar)
         return covariance_field(grid, config)
 
-    monkeypatch.setattr("locplan.costs._lidars.load_or_compute", load)
+    monkeypatch.setattr("locplan.costs._metrics.load_or_compute", load)
     lidar = Lidar(range=1.0, beams=12)
     (found,) = compare_lidars(OccupancyGrid(walled(254, size=16), 0.25), [lidar])
     assert found.lidar == lidar
@@ -334,7 +334,7 @@ def test_wrong_pictures_and_radii_are_refused(run, tmp_path):
 
 
 def test_the_table_sums_up_many_rooms(monkeypatch):
-    monkeypatch.setattr(_map_info, "LISTED", 1)
+    monkeypatch.setattr("locplan.planners._map_info.LISTED", 1)
     text = describe_map(drawn(*TWO_ROOMS), robot_radius=0.0).report()
     assert "1 more" in text
     assert "12.0 m²" in text

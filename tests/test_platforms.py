@@ -27,7 +27,7 @@ def blank() -> locplan.Costmap:
     [("win32", "not available on Windows: .*; take grid"), ("linux", "need ompl.*pip install")],
 )
 def test_without_ompl_its_planners_are_one_line(monkeypatch, platform, message):
-    bindings = "locplan.planners.ompl._bindings"
+    bindings = "locplan.planners.ompl._settings"
     monkeypatch.delitem(sys.modules, bindings, raising=False)
     monkeypatch.setitem(sys.modules, "ompl", None)
     monkeypatch.setattr("sys.platform", platform)
@@ -37,7 +37,7 @@ def test_without_ompl_its_planners_are_one_line(monkeypatch, platform, message):
 
 
 def test_python_without_wheels_of_ompl_is_named(monkeypatch):
-    bindings = "locplan.planners.ompl._bindings"
+    bindings = "locplan.planners.ompl._settings"
     monkeypatch.delitem(sys.modules, bindings, raising=False)
     monkeypatch.setitem(sys.modules, "ompl", None)
     monkeypatch.setattr("sys.version_info", (3, 14, 0, "final", 0))

@@ -15,8 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 from locplan._util.checks import instance, number, one_of
 from locplan._util.notebook import Pictured
 from locplan._util.saved import Saved
+from locplan.costs._cells import (
+    CellWindow,
+    changed_window,
+    joined_windows,
+    part_around,
+    standing_cell,
+)
 from locplan.costs._degeneracy import (
-    LAWS,
     MAX_DENSITY,
     CostSettings,
     HeadingLayers,
@@ -27,8 +33,6 @@ from locplan.costs._degeneracy import (
     density_of,
     sealed,
 )
-from locplan.costs._standing import standing_cell
-from locplan.costs._window import CellWindow, changed_window, joined_windows, part_around
 from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid, check_grid
@@ -145,10 +149,9 @@ class Costmap(Pictured, Saved):
         weight = estimator.weight if weight is None else weight
         criterion = criterion or estimator.criterion
         check_weight(weight)
-        one_of("law", law, LAWS)
+        one_of("law", law, ("logarithmic", "linear", "cube-root"))
         one_of("headings", headings, ("mean", "worst"))
-        whole = not field.lacking.any()
-        settings = CostSettings(law, criterion, headings, field.config, whole)
+        settings = CostSettings(law, criterion, headings, field.config, not field.lacking.any())
         u, e = degeneracy(field, criterion, law, headings)
         return cls(
             grid=grid,
@@ -220,9 +223,8 @@ class Costmap(Pictured, Saved):
         """`density` for each heading, (n, H, W), or once where headings are alike, (1, H, W)."""
         if self.u_of_heading is None:
             return self.density[None]
-        free = np.isfinite(self.density) & np.isfinite(self.u_of_heading)
-        u = self.u_of_heading.astype(np.float64)
-        return np.where(free, 1 + self.weight * u, np.inf)
+        density = density_of(self.u_of_heading.astype(np.float64), self.weight)
+        return np.where(np.isfinite(self.density), density, np.inf)
 
     @property
     def unblocked_density(self) -> NDArray[np.float64]:
@@ -327,8 +329,7 @@ class Costmap(Pictured, Saved):
     @property
     def has_weak_spots(self) -> bool:
         """Whether u is above 0 anywhere; True where there is no field."""
-        known = self.u[~np.isnan(self.u)]
-        return not known.size or bool(known.max() > 0)
+        return bool((self.u > 0).any() or np.isnan(self.u).all())
 
     def cell_of(self, xy: Sequence[float], role: str = "position") -> tuple[int, int]:
         """Row and column of the cell at a world position where the robot can stand.

@@ -18,7 +18,6 @@ from locplan.maps import OccupancyGrid
 
 MAX_DENSITY = 1e9
 """Greatest finite density; with a higher one, rounding would swallow a path's short steps."""
-LAWS = ("logarithmic", "linear", "cube-root")
 
 
 @dataclass(frozen=True)

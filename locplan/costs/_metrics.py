@@ -1,4 +1,4 @@
-"""Metrics of paths, by the exact line integral over the cells of a costmap."""
+"""Metrics of paths on a costmap, and how much of a map is degenerate with each lidar."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.progress import ProgressCallback, in_turn
+from locplan._util.records import Column, Table
 from locplan._util.saved import Valued
-from locplan.costs._costmap import Costmap
+from locplan.costs._costmap import ROBOT_RADIUS, Costmap
 from locplan.costs._path import Path
 from locplan.errors import LocplanError
+from locplan.field import FieldConfig, Fused, load_or_compute
 from locplan.maps import OccupancyGrid
+from locplan.robots import Lidar
 
 DEGENERATE = 0.5
 """The u above which a place counts as degenerate."""
-MAX_CROSSED = 10**7
-"""Greatest length of a path that is measured [cells]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -79,16 +81,18 @@ def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
     *at, lengths = _crossed(costs.grid, path, len(layers[0]))
     e, u = (_along(layer, at, np.nan) for layer in layers[:2])
     density, clearance = _along(layers[2], at, np.inf), costs.grid.clearance[None]
-    integrated_e, known = float(e @ lengths), bool(np.isfinite(u).all())
+    integrated_e, share, longest = float(e @ lengths), np.nan, np.nan
+    if np.isfinite(u).all():
+        share, longest = _stretches(u > DEGENERATE, lengths)
     return PathMetrics(
         length=path.length,
-        cost=float(density @ lengths) if np.isfinite(density).all() else np.inf,
+        cost=_integral(density, lengths),
         integrated_e=integrated_e,
         integrated_u=float(u @ lengths),
         mean_e=integrated_e / path.length if path.length else float(e[0]),
         max_e=float(e.max()),
-        degenerate_share=_share(u > DEGENERATE, lengths) if known else np.nan,
-        longest_degenerate=_longest(u > DEGENERATE, lengths) if known else np.nan,
+        degenerate_share=share,
+        longest_degenerate=longest,
         clearance=float(_along(clearance, [0 * at[0], *at[1:]], 0.0).min()),
     )
 
@@ -112,8 +116,12 @@ def path_cost(costs: Costmap, path: Path) -> float:
     if path.heading is not None and costs.u_of_heading is not None:
         density = costs.density_of_heading
     *at, lengths = _crossed(costs.grid, path, len(density))
-    along = _along(density, at, np.inf)
-    return float(along @ lengths) if np.isfinite(along).all() else np.inf
+    return _integral(_along(density, at, np.inf), lengths)
+
+
+def _integral(density: NDArray[np.float64], lengths: NDArray[np.float64]) -> float:
+    """J of crossed cells [m]; a blocked one costs inf, also where its length is 0."""
+    return float(density @ lengths) if np.isfinite(density).all() else np.inf
 
 
 def profile(
@@ -163,9 +171,9 @@ def _crossed_cells(
     from locplan._kernels.rays import cells_along
 
     positions = np.column_stack(grid.world_to_grid(*xy.T))
-    if np.abs(np.diff(positions, axis=0)).sum() > MAX_CROSSED:
+    if np.abs(np.diff(positions, axis=0)).sum() > 10**7:
         raise LocplanError(
-            f"the path crosses over {MAX_CROSSED} cells of {grid.resolution:g} m; give a path in"
+            f"the path crosses over {10**7} cells of {grid.resolution:g} m; give a path in"
             " metres on this map"
         )
     row, col, lengths = cells_along(positions)
@@ -184,14 +192,79 @@ def _along(layers: NDArray[Any], at: Sequence[NDArray[Any]], outside: float) -> 
     return np.where(inside, layers[heading, row, col], outside)
 
 
-def _share(where: NDArray[np.bool_], lengths: NDArray[Any]) -> float:
+def _stretches(where: NDArray[np.bool_], lengths: NDArray[Any]) -> tuple[float, float]:
+    """The share of the length where something holds, and the longest stretch of it [m]."""
     total = lengths.sum()
-    return float(lengths[where].sum() / total) if total > 0 else 0.0
-
-
-def _longest(where: NDArray[np.bool_], lengths: NDArray[Any]) -> float:
+    share = float(lengths[where].sum() / total) if total > 0 else 0.0
     longest = stretch = 0.0
     for inside, length in zip(where, lengths, strict=True):
         stretch = stretch + length if inside else 0.0
         longest = max(longest, stretch)
-    return float(longest)
+    return share, float(longest)
+
+
+@dataclass(frozen=True)
+class LidarShare:
+    """A lidar, and how much of the floor is degenerate with it."""
+
+    lidar: Lidar
+    """The lidar."""
+    degenerate_share: float
+    """Share of the floor, where the robot can stand, with u above 0.5, 0..1; NaN without floor."""
+
+
+def compare_lidars(
+    grid: OccupancyGrid,
+    lidars: Sequence[Lidar],
+    *,
+    robot_radius: float = ROBOT_RADIUS,
+    progress: ProgressCallback | None = None,
+) -> list[LidarShare]:
+    """Find for each lidar how much of a map is degenerate by `Fused`.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    lidars : sequence of Lidar
+        The lidars, such as ``[Lidar.preset("turtlebot3"), Lidar.preset("tim571")]``.
+    robot_radius : float, default 0.25
+        Radius of the robot [m], >= 0; places closer to a wall are no part of the floor.
+    progress : callable, optional
+        Function that is called with (done, total) cells from time to time, lidar by lidar.
+
+    Returns
+    -------
+    list of LidarShare
+        The lidars in their order, each with its share.
+
+    Raises
+    ------
+    LocplanError
+        If an argument is out of its range.
+    """
+    shares, each_in_turn = [], in_turn(progress, len(lidars)) if progress else None
+    for lidar in lidars:
+        config = FieldConfig(Fused.of(lidar), stride=0.4)  # fine enough for shares of an area
+        field = load_or_compute(grid, config, progress=each_in_turn)
+        costs = Costmap.from_field(grid, field, robot_radius=robot_radius)
+        u = costs.u[np.isfinite(costs.density)]
+        shares.append(LidarShare(lidar, float(np.mean(u > DEGENERATE)) if u.size else np.nan))
+    return shares
+
+
+def lidars_table(shares: Sequence[LidarShare]) -> Table:
+    """Table of lidars side by side.
+
+    Parameters
+    ----------
+    shares : sequence of LidarShare
+        What `compare_lidars` returned.
+    """
+    columns = (
+        Column("title", title="lidar", value=lambda each: each.lidar.title),
+        Column("lidar", value=lambda each: each.lidar.model),
+        Column("range", "m", value=lambda each: each.lidar.range),
+        Column("degenerate_share", title=f"floor with u > {DEGENERATE:g}", digits=0, people="%"),
+    )
+    return Table.of(columns, shares)

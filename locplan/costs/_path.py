@@ -20,10 +20,6 @@ from locplan.errors import LocplanError
 
 COLUMNS = ("x", "y", "heading")
 """Columns of a path's file [m, m, rad]."""
-MAX_HEADING = 1e6
-"""Greatest heading, turns included [rad]."""
-MAX_POSITIONS = 10**7
-"""Greatest number of positions of a path that is resampled."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -65,9 +61,9 @@ class Path(Valued):
         xy.setflags(write=False)
         object.__setattr__(self, "xy", xy)
         if self.heading is not None:
-            fault = f"headings must be {len(xy)} angles within ±{MAX_HEADING:g} rad, one a position"
+            fault = f"headings must be {len(xy)} angles within ±1e+06 rad, one a position"
             heading = _numbers(self.heading, fault)
-            if heading.shape != xy.shape[:1] or not (np.abs(heading) <= MAX_HEADING).all():
+            if heading.shape != xy.shape[:1] or not (np.abs(heading) <= 1e6).all():
                 raise LocplanError(fault)
             heading.setflags(write=False)
             object.__setattr__(self, "heading", heading)
@@ -203,14 +199,13 @@ class Path(Valued):
             If the spacing is not positive, or gives more than 1e7 positions.
         """
         positive("spacing", spacing, "metres")
-        if self.length / spacing > MAX_POSITIONS:
+        if self.length / spacing > 10**7:
             raise LocplanError(
                 f"a path of {self.length:.3g} m cannot have a position every {spacing:g} m; take a"
                 " greater spacing"
             )
-        poses = self.xy
-        if self.heading is not None:
-            poses = np.column_stack([self.xy, np.unwrap(self.heading)])
+        poses = self.poses.copy()
+        poses[:, 2:] = np.unwrap(poses[:, 2:], axis=0)
         if even:
             count = max(1, int(np.ceil(self.length / spacing - 1e-9)))
             at = np.linspace(0.0, self.length, count + 1)

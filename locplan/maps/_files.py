@@ -21,14 +21,18 @@ from locplan._util.runs import note_map
 from locplan.errors import MapError
 from locplan.maps._grid import OccupancyGrid, check_grid
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
-from locplan.maps._source import ROWS, MapSource, read_pixels
-from locplan.maps._yaml import MAX_YAML_BYTES, MODES, Header, read_header
+from locplan.maps._source import (
+    MAX_YAML_BYTES,
+    MODES,
+    ROWS,
+    Header,
+    MapSource,
+    read_header,
+    read_pixels,
+)
 
 if TYPE_CHECKING:
     from PIL import Image
-
-PIXELS = {"trinary": (254, 205, 0), "scale": (255, 205, 0), "raw": (0, 255, 100)}
-LEVELS = [FREE, UNKNOWN, OCCUPIED]  # in the order of PIXELS
 
 
 class MapWarning(UserWarning):
@@ -111,8 +115,7 @@ def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource]:
     raw = header.mode == "raw"
     if raw and (pixels.dtype != np.uint8 or rescaled):
         raise fault_of(image, "has not 8 bits a pixel, as mode raw needs", "save it as 8-bit grey")
-    occupancy = _occupancy_of_value(header, int(np.iinfo(pixels.dtype).max))
-    levels = _level_of_value(header, occupancy)
+    occupancy, levels = _meaning_of_values(header, int(np.iinfo(pixels.dtype).max))
     cells = np.empty(pixels.shape, np.uint8)
     for rows in range(0, len(cells), ROWS):  # an index takes 8 bytes for each pixel
         cells[rows : rows + ROWS] = levels[pixels[rows : rows + ROWS]]
@@ -232,27 +235,25 @@ def save_map(
         raise fault_of(file, f"cannot be written ({reason_of(error)})", remedy) from error
 
 
-def _occupancy_of_value(header: Header, top: int) -> NDArray[np.float32]:
-    """Occupancy that each pixel value 0..top stands for; above 1 there is none, in mode raw."""
+def _meaning_of_values(header: Header, top: int) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Occupancy and level of each pixel value 0..top; above 1 there is none, in mode raw."""
     raw = header.mode == "raw"
     occupancy = np.arange(top + 1, dtype=np.float32) / np.float32(100 if raw else top)
-    return occupancy if raw or header.negate else 1 - occupancy
-
-
-def _level_of_value(header: Header, occupancy: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Level that each pixel value stands for, by its occupancy."""
+    if not (raw or header.negate):
+        occupancy = 1 - occupancy
     level = np.full(occupancy.size, UNKNOWN, np.uint8)
     level[occupancy <= np.float32(header.free_thresh)] = FREE
     level[occupancy >= np.float32(header.occupied_thresh)] = OCCUPIED
-    level[101 if header.mode == "raw" else occupancy.size :] = UNKNOWN
-    return level
+    level[101 if raw else occupancy.size :] = UNKNOWN
+    return occupancy, level
 
 
 def _draw(grid: OccupancyGrid, header: Header) -> Image.Image:
     from PIL import Image
 
+    values = {"trinary": (254, 205, 0), "scale": (255, 205, 0), "raw": (0, 255, 100)}
     value_of_level = np.zeros(256, np.uint8)
-    value_of_level[LEVELS] = PIXELS[header.mode]
+    value_of_level[[FREE, UNKNOWN, OCCUPIED]] = values[header.mode]
     cells = grid.cells[::-1]
     pixels = (255 - value_of_level if header.negate else value_of_level)[cells]
     if header.mode == "scale":

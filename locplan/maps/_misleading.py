@@ -14,12 +14,6 @@ from locplan.maps._source import DARK, MapSource
 
 MIN_SHARE = 0.01
 """Least share of the pixels, or of the image's edge, that is worth a sentence."""
-MAX_OPEN = 0.5
-"""Greatest share of the free space's boundary that is unknown on a map with walls."""
-FRINGE = 3
-"""Width of the fringe of unknown before walls, as a SLAM map has it [cells]."""
-MASK_WORDS = {"costmap", "filter", "keepout", "limit", "mask", "speed", "virtual"}
-"""Words in the names of files that are no maps but masks for costmap filters."""
 
 
 def misleading(grid: OccupancyGrid, source: MapSource | None = None) -> tuple[str, ...]:
@@ -82,7 +76,8 @@ def _of_mask(grid: OccupancyGrid, source: MapSource) -> list[str]:
     """What tells of a mask for a costmap filter."""
     signs = []
     words = re.split(r"[^a-z]+", f"{grid.name} {Path(source.image).name}".lower())
-    found = [word for word in words if word in MASK_WORDS]
+    of_masks = {"costmap", "filter", "keepout", "limit", "mask", "speed", "virtual"}
+    found = [word for word in words if word in of_masks]
     if found:
         signs.append(f"its name has the word {found[0]}")
     if source.mode != "trinary":
@@ -117,13 +112,13 @@ def _of_cells(grid: OccupancyGrid) -> list[str]:
         )
     if not occupied.any():
         return [*doubts, "no cell is occupied, so that a lidar sees nothing; check the thresholds"]
-    kernel = np.ones((2 * FRINGE + 1, 2 * FRINGE + 1), np.uint8)
+    kernel = np.ones((7, 7), np.uint8)  # SLAM maps have a fringe of three unknown cells at walls
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
     inner = cv2.erode(free, cross, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     edge = (free > 0) & (inner == 0)
     open_ = edge & (cv2.dilate(occupied, kernel) == 0)
     share = np.count_nonzero(open_) / np.count_nonzero(edge)
-    if share > MAX_OPEN:
+    if share > 0.5:
         doubts.append(
             f"{share:.0%} of the free space's boundary is open to the unknown instead of walled;"
             " no lidar sees that boundary"

@@ -1,35 +1,126 @@
-"""How a map file's pixels are decoded and read, and what of it can mislead."""
+"""How a map file is read: the entries of its YAML, as ROS's map_server has them, and its pixels."""
 
 from __future__ import annotations
 
 import io
+import math
+import os
 import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.plain_yaml import fault_of, read_content, reason_of
+from locplan._util.checks import FARTHEST, RESOLUTIONS, is_file_name, shown
+from locplan._util.plain_yaml import SCALAR_TAGS, compose, fault_of, read_content, reason_of
 from locplan.maps._occupancy import FREE, UNKNOWN
-from locplan.maps._yaml import Header
 
 if TYPE_CHECKING:
+    import yaml
     from PIL import Image, ImageFile
 
 
-LIGHT = (0.15, 0.25)
-"""Occupancy of light greys, which mean unknown in most maps: map_saver's is 0.196."""
+MODES = ("trinary", "scale", "raw")
+MAX_YAML_BYTES = 2**16
+Entry = str | list[str] | None
+"""An entry of a map's YAML as text or texts; None is null."""
+
+
+class Header(NamedTuple):
+    """The entries of a map's YAML, as `read_header` checks them."""
+
+    image: str
+    resolution: float
+    origin: tuple[float, float, float]
+    negate: bool
+    occupied_thresh: float
+    free_thresh: float
+    mode: str
+
+
+def read_header(file: Path) -> Header:
+    """Read the entries of a map's YAML; a missing or a wrong one is a MapError."""
+    entries = {"negate": "0", "mode": "trinary"} | _read_entries(file)
+    image, origin, mode = entries.get("image"), entries.get("origin"), entries["mode"]
+    place = [_number(item) for item in origin] if isinstance(origin, list) else []
+    negate = {"0": False, "1": True, "false": False, "true": True}.get(
+        str(entries["negate"]).lower()
+    )
+    resolution, occupied, free = (
+        _number(entries.get(key)) for key in ("resolution", "occupied_thresh", "free_thresh")
+    )
+    finite = len(place) == 3 and all(abs(value) <= FARTHEST for value in place)
+    named = isinstance(image, str) and is_file_name(image)
+    (finest, coarsest), metres = RESOLUTIONS, f"{RESOLUTIONS[0]:g} to {RESOLUTIONS[1]:g} metres"
+    for key, rule, example, holds in (
+        ("image", "the name of a file", "map.pgm", named),
+        ("resolution", metres, "0.05", finest <= resolution <= coarsest),
+        ("origin", "three finite numbers x, y, yaw", "[0.0, 0.0, 0.0]", finite),
+        ("negate", "0 or 1", "0", negate is not None),
+        ("occupied_thresh", "a fraction in 0..1, not per cent", "0.65", 0 <= occupied <= 1),
+        ("free_thresh", "a fraction up to the other, not per cent", "0.196", 0 <= free <= occupied),
+        ("mode", "trinary, scale or raw", "trinary", mode in MODES),
+    ):
+        if not holds:
+            fault = f"{key} must be {rule}, but is {_shown(entries.get(key))}"
+            unit = "is it metres? " if key == "resolution" and 0 < resolution < math.inf else ""
+            raise fault_of(file, fault, f"{unit}write e.g. {key}: {example}")
+    name, (x, y, yaw) = os.path.expanduser(str(image)), place
+    return Header(name, resolution, (x, y, yaw), bool(negate), occupied, free, str(mode))
+
+
+def _read_entries(file: Path) -> dict[str, Entry]:
+    """Read the top level of a map YAML, as nodes only: no tag is obeyed, no alias expanded."""
+    import yaml
+
+    content = read_content(
+        file, MAX_YAML_BYTES, "give a map YAML, which is a few lines, not its image"
+    )
+    remedy = "write lines such as image: map.pgm"
+    root = compose(file, content, remedy)
+    if not isinstance(root, yaml.MappingNode):
+        raise fault_of(file, "holds no keys", remedy)
+    entries: dict[str, Entry] = {}
+    for key, value in root.value:
+        name = "".join(_plain(key) or "")
+        if name in entries:
+            raise fault_of(file, f"{_shown(name)} occurs twice", "keep one of the two")
+        entries[name] = _plain(value)
+    return entries
+
+
+def _plain(node: yaml.Node) -> Entry:
+    """Text of a scalar, or the texts of a sequence; ... stands for anything else."""
+    import yaml
+
+    if node.tag == "tag:yaml.org,2002:null":
+        return None
+    if isinstance(node, yaml.ScalarNode) and node.tag in SCALAR_TAGS:
+        return str(node.value)
+    items = node.value if isinstance(node, yaml.SequenceNode) else [None]
+    return [str(item.value) if isinstance(item, yaml.ScalarNode) else "..." for item in items]
+
+
+def _number(entry: Entry) -> float:
+    """Number in a text (also 5e-2, which PyYAML takes for a string), or else NaN."""
+    try:
+        return float(entry) if isinstance(entry, str) else math.nan
+    except ValueError:
+        return math.nan
+
+
+def _shown(entry: Entry) -> str:
+    text = f"[{', '.join(entry[:4])}]" if isinstance(entry, list) else entry
+    return "missing" if text is None else shown(text)
+
+
 DARK = 0.3
 """Occupancy from which a grey is darker than any that means unknown, but for mid-grey."""
-MID_GREY = (0.49, 0.51)
-"""Occupancy of mid-grey, which means unknown in maps that were drawn."""
 ROWS = 256
 """Number of rows of an image that are looked up at once."""
-WIDE = 1.0
-"""Width from which on a grey area is the unknown around or between rooms, and no wall [m]."""
 
 
 @dataclass(frozen=True)
@@ -93,16 +184,13 @@ class MapSource:
         raw = header.mode == "raw"
         counts = _counts(pixels, seen, levels.size)
         grey = (50 if header.negate else 205) * ((counts.size - 1) // 255)
-        light = (levels == FREE) & _within(occupancy, *LIGHT) & (not raw)
-        dark = (levels == UNKNOWN) & (occupancy >= DARK) & ~_within(occupancy, *MID_GREY)
+        # Light greys mean unknown in most maps, as map_saver's of 0.196; mid-grey in drawn ones.
+        light = (levels == FREE) & _within(occupancy, 0.15, 0.25) & (not raw)
+        dark = (levels == UNKNOWN) & (occupancy >= DARK) & ~_within(occupancy, 0.49, 0.51)
         of_light = np.where(light, counts, 0)
         return cls(
-            file=file,
-            image=header.image,
-            mode=header.mode,
-            negate=header.negate,
-            free_thresh=header.free_thresh,
-            occupied_thresh=header.occupied_thresh,
+            *(file, header.image, header.mode, header.negate),
+            *(header.free_thresh, header.occupied_thresh),
             pixels=int(counts.sum()),
             saver_grey_free=int(counts[grey]) if levels[grey] == FREE and not raw else 0,
             light_free=int(of_light.sum()),
@@ -139,7 +227,8 @@ def _as_of_walls(
     if not count:
         return 0
     image = np.asarray(dark[pixels] if seen is None else dark[pixels] & seen, np.uint8)
-    width = min(int(WIDE / resolution), max(image.shape)) + 1
+    # From 1 m on a grey area is the unknown around or between rooms.
+    width = min(int(1.0 / resolution), max(image.shape)) + 1
     wide = cv2.morphologyEx(image, cv2.MORPH_OPEN, np.ones((width, width), np.uint8))
     return 0 if np.count_nonzero(wide) > count / 2 else count
 
@@ -152,8 +241,6 @@ _GAP = rb"(?:\s|#.*\n)+"  # one way only to match each text, or blanks take expo
 OTHER_RANGE = re.compile(rb"P[25]%b\d+%b\d+%b(?!255\s)\d" % (_GAP, _GAP, _GAP))
 MAX_IMAGE_BYTES, MAX_PIXELS = 2**30, 2**28
 PIXELS_PER_BYTE = 8300  # deflate's best is 1032 to 1, with eight 1-bit pixels in a byte
-ONE_BYTE = ("1", "L", "P")
-"""Images of a byte a pixel; of others, which take several in memory, half as many are read."""
 
 
 def read_pixels(file: Path) -> tuple[NDArray[Any], NDArray[np.bool_] | None, bool]:
@@ -163,7 +250,8 @@ def read_pixels(file: Path) -> tuple[NDArray[Any], NDArray[np.bool_] | None, boo
     try:
         with warnings.catch_warnings(action="ignore"):  # Pillow's, about animation and palettes
             with _opened(content) as image:
-                most = MAX_PIXELS if image.mode in ONE_BYTE else MAX_PIXELS // 2
+                # Of images that take more than a byte a pixel in memory, half as many are read.
+                most = MAX_PIXELS if image.mode in ("1", "L", "P") else MAX_PIXELS // 2
                 if image.width * image.height > min(most, PIXELS_PER_BYTE * len(content)):
                     raise ValueError(f"more pixels than its bytes can hold, or than {most}")
                 image.verify()  # checks PNG checksums, as decoding does not; uses up the image

@@ -1,8 +1,12 @@
 from ._ahead import Prepared as Prepared, prepared_beside as prepared_beside
 from ._any_angle import AnyAngle as AnyAngle, any_angle_path as any_angle_path
-from ._budget import BudgetPlanner as BudgetPlanner
-from ._cost_to_go import CostToGo as CostToGo, plan_field as plan_field
-from ._front import ParetoFront as ParetoFront
+from ._cost_to_go import (
+    CostToGo as CostToGo,
+    NamedPlace as NamedPlace,
+    PlacePair as PlacePair,
+    farthest_pairs as farthest_pairs,
+    plan_field as plan_field,
+)
 from ._grid import (
     AStar as AStar,
     Bordered as Bordered,
@@ -13,14 +17,14 @@ from ._grid import (
 )
 from ._map_info import MapInfo as MapInfo, describe_map as describe_map
 from ._named_rows import Station as Station, read_stations as read_stations
-from ._near_paths import planned_near_paths as planned_near_paths
-from ._pareto import pareto_front as pareto_front
+from ._pareto import BudgetPlanner as BudgetPlanner, pareto_front as pareto_front
 from ._plan import (
     AWARE as AWARE,
     SHORTEST as SHORTEST,
     check_ends as check_ends,
     plan as plan,
     plan_beside_shortest as plan_beside_shortest,
+    planned_near_paths as planned_near_paths,
     run_planner as run_planner,
 )
 from ._protocol import (
@@ -54,11 +58,6 @@ from ._request import (
     takes as takes,
     with_options as with_options,
 )
-from ._result import Plan as Plan
-from ._suggestions import (
-    NamedPlace as NamedPlace,
-    PlacePair as PlacePair,
-    farthest_pairs as farthest_pairs,
-)
+from ._result import ParetoFront as ParetoFront, Plan as Plan
 from ._trade_offs import check_front_limits as check_front_limits
 from .ompl._planner import Ompl as Ompl

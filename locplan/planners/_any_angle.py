@@ -26,19 +26,14 @@ from locplan.planners._grid import (
 )
 from locplan.planners._protocol import Found, Position
 
-ACCURACIES = ("normal", "high")
 REACH = 3
 """Reach of the longest of the 32 moves along an axis [cells]."""
 LOOKAHEAD = 20
 """Greatest number of positions that one straight line may replace."""
-COARSER = 4
-"""Ratio of the spacings of positions from one straightening to the next."""
-SHIFT_SPACING = 8.0
-"""Spacing of the positions that are shifted [cells]."""
+
+
 SHIFTS = (2.0, 1.0, 0.5)
 """Steps by which positions are shifted, one after the other [cells]."""
-SWEEPS = 20
-"""Greatest number of times that all positions are shifted by one step."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +56,7 @@ class AnyAngle:
 
     def check(self) -> None:
         """Raise a ConfigError if the accuracy is unknown."""
-        one_of("accuracy", self.accuracy, ACCURACIES)
+        one_of("accuracy", self.accuracy, ("normal", "high"))
 
     def prepare(self) -> None:
         """Compile the kernels, so that the first plan is not timed with them."""
@@ -170,11 +165,11 @@ def _improved(
         length = np.hypot(*np.diff(positions, axis=0).T).sum()
         if LOOKAHEAD * spacing >= length:
             break
-        spacing *= COARSER
+        spacing *= 4  # one straightening looks at four times the scale of the one before
         positions = subdivided(positions, spacing)
-    positions = subdivided(positions, SHIFT_SPACING)
-    for step in SHIFTS:
-        positions = shift(half, columns, positions, step, SWEEPS, cutting)
+    positions = subdivided(positions, 8.0)
+    for step in SHIFTS:  # in at most 20 sweeps over all positions
+        positions = shift(half, columns, positions, step, 20, cutting)
     kept = shortcut(half, columns, positions, LOOKAHEAD // 2, cutting, cheapest)
     xy = np.column_stack(costs.grid.grid_to_world(*(positions[kept] - 1).T))
     return distinct(costs, np.vstack([start, xy[1:-1], goal]))

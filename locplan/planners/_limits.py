@@ -9,13 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan._util.checks import positive
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
-from locplan.planners._budget import rounded_up
 from locplan.planners._grid import bordered_index
+from locplan.planners._pareto import rounded_up
 from locplan.planners._protocol import CURVED, Found, Position, Wrapper
 from locplan.robots import Footprint
 
@@ -40,8 +39,7 @@ class Limited(Wrapper):
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
         """Plan within all limits."""
         stops = start, *self.via, goal
-        found = self._clear(costs, stops) if self.max_e is None else self._below(costs, stops)
-        return found
+        return self._clear(costs, stops) if self.max_e is None else self._below(costs, stops)
 
     def _below(self, costs: Costmap, stops: Sequence[Position]) -> Found:
         """Plan where e allows it; if nothing joins the stops there, find the least e that does."""
@@ -159,7 +157,6 @@ def _free(costs: Costmap, stops: Sequence[Position]) -> bool:
 
 def _allowed(costs: Costmap, max_e: float) -> Costmap:
     """A copy of the costmap in which the cells with e above a limit are blocked."""
-    free: NDArray[np.bool_] = np.isfinite(costs.density)
-    if not np.isfinite(costs.e[free]).all():
+    if not np.isfinite(costs.e[np.isfinite(costs.density)]).all():
         raise ConfigError("a costmap without a field has no e to limit")
     return costs.blocked_where(costs.e > max_e)

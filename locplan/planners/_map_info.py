@@ -25,21 +25,9 @@ from locplan.maps import (
     misleading,
     read_map,
 )
+from locplan.planners._cost_to_go import NamedPlace, PlacePair, farthest_pairs
 from locplan.planners._grid import connected_parts
-from locplan.planners._suggestions import NamedPlace, PlacePair, farthest_pairs
 
-NAMES = "ABCDEFGH"
-"""Names of places, in the order in which they are given."""
-PLACES = (4, 2, 2)
-"""Number of places in the largest rooms."""
-MIN_SHARE_WITH_PLACES = 0.1
-"""Least area of a room with places, as a share of the area of the first room with places."""
-MAX_SHARE_OF_EDGE = 0.5
-"""Share of the image's edge above which a room lies around the others, as on a drawing."""
-SPECK = 1.0
-"""Area below which a room is a speck if it is also less than `SPECK_SHARE` of the largest [m^2]."""
-SPECK_SHARE = 0.1
-"""Share of the largest room's area below which a room may be a speck."""
 LISTED = 8
 """Number of rooms in the table; the others are summed up."""
 LIDAR = "turtlebot4"
@@ -64,10 +52,6 @@ class Level:
     """Area of the cells [m^2]."""
     share: float
     """Share of the map's cells, 0..1."""
-
-
-PLACE = (Column("name", title="place"), *POSITION, Column("room", title="room", digits=0))
-"""Columns of places."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -141,17 +125,17 @@ class MapInfo(Pictured):
 
     def table(self) -> Table:
         """The named places."""
-        return Table.of(PLACE, self.places)
+        columns = Column("name", title="place"), *POSITION, Column("room", title="room", digits=0)
+        return Table.of(columns, self.places)
 
     def report(self) -> str:
         """The information for people, with command lines to copy."""
         parts = [table([], self._facts()), self._rooms_table()]
         for pair in self.pairs:
             ends = " / ".join(f"{place.name} {place.xy}" for place in (pair.start, pair.goal))
-            parts += [
-                f"{ends}: {_metres(pair.distance)} by the shortest way",
-                f"  {self.command(pair)}",
-            ]
+            digits = 0 if pair.distance >= 9.95 else 1
+            parts.append(f"{ends}: {pair.distance:.{digits}f} m by the shortest way")
+            parts.append(f"  {self.command(pair)}")
         if self.pairs:
             parts.append(
                 f"{LIDAR} stands for your lidar, or the robot that carries it (locplan plan --help"
@@ -174,13 +158,11 @@ class MapInfo(Pictured):
         for name in ("free", "occupied", "unknown"):
             level = getattr(self, name)
             facts.append([name, f"{in_square_metres(level.area)} ({level.share:.1%})"])
-        if self.source:
-            negate = ", negate" if self.source.negate else ""
-            thresholds = (
-                f"free_thresh {self.source.free_thresh:g},"
-                f" occupied_thresh {self.source.occupied_thresh:g}"
-            )
-            facts.append(["read with", f"mode {self.source.mode}{negate}, {thresholds}"])
+        if source := self.source:
+            mode = f"mode {source.mode}{', negate' if source.negate else ''}"
+            free, occupied = f"{source.free_thresh:g}", f"{source.occupied_thresh:g}"
+            thresholds = f"free_thresh {free}, occupied_thresh {occupied}"
+            facts.append(["read with", f"{mode}, {thresholds}"])
         return facts
 
     def _rooms_table(self) -> str:
@@ -193,9 +175,8 @@ class MapInfo(Pictured):
             places = ", ".join(place.name for place in self.places if place.room == room.number)
             rows.append([str(room.number), in_square_metres(room.area), places or "–"])
         if more := self.rooms[LISTED:]:
-            rows.append(
-                [f"{len(more)} more", in_square_metres(sum(room.area for room in more)), "–"]
-            )
+            area = sum(room.area for room in more)
+            rows.append([f"{len(more)} more", in_square_metres(area), "–"])
         if self.specks:
             name = "1 speck" if self.specks == 1 else f"{self.specks} specks"
             rows.append([name, in_square_metres(self.specks_area), "–"])
@@ -219,12 +200,8 @@ class MapInfo(Pictured):
             "specks": {"count": self.specks, "area": self.specks_area},
             "places": self.table().records(),
             "pairs": [
-                {
-                    "start": pair.start.name,
-                    "goal": pair.goal.name,
-                    "distance": pair.distance,
-                    "command": self.command(pair),
-                }
+                {"start": pair.start.name, "goal": pair.goal.name, "distance": pair.distance}
+                | {"command": self.command(pair)}
                 for pair in self.pairs
             ],
             "warnings": list(self.warnings),
@@ -271,7 +248,7 @@ def describe_map(
     areas = np.bincount(labels.ravel(), minlength=count)[1:] * cell
     order = np.argsort(-areas, kind="stable")
     greatest = float(areas.max(initial=0.0))
-    counted = (areas >= SPECK) | (areas >= SPECK_SHARE * greatest)
+    counted = (areas >= 1.0) | (areas >= greatest / 10)  # others are specks, such as noise
     large = [int(label) for label in order if counted[label]]
     number_of = np.zeros(count, np.int32)
     number_of[np.array(large, int) + 1] = np.arange(1, len(large) + 1)
@@ -304,13 +281,13 @@ def _pairs(
     """Pairs of places in the largest rooms, first in those inside."""
     rim = [room_of_cell[0], room_of_cell[-1], room_of_cell[1:-1, 0], room_of_cell[1:-1, -1]]
     on_edge = np.bincount(np.concatenate(rim), minlength=len(rooms) + 1)
-    outside = on_edge > MAX_SHARE_OF_EDGE * on_edge.sum()
+    outside = on_edge > on_edge.sum() / 2  # it lies around the others, as on a drawing
     inner_first = sorted(rooms, key=lambda room: bool(outside[room.number]))
     pairs: list[PlacePair] = []
     used = 0
-    for room, wanted in zip(inner_first, PLACES, strict=False):
-        if room.area >= MIN_SHARE_WITH_PLACES * inner_first[0].area:
-            names = NAMES[used : used + wanted]
+    for room, count in zip(inner_first, (4, 2, 2), strict=False):
+        if room.area >= inner_first[0].area / 10:
+            names = "ABCDEFGH"[used : used + count]
             found = farthest_pairs(grid, room_of_cell, room.number, names, 2 * radius)
             used += len(found) + 1 if found else 0
             pairs += found
@@ -331,7 +308,3 @@ def _of_robot(grid: OccupancyGrid, radius: float, fits: bool) -> list[str]:
             " that gaps and walls are only roughly known"
         ]
     return []
-
-
-def _metres(distance: float) -> str:
-    return f"{distance:.0f} m" if distance >= 9.95 else f"{distance:.1f} m"

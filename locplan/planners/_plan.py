@@ -1,15 +1,18 @@
-"""Plan paths on a costmap, with any planner, by `plan`."""
+"""Plan paths on a costmap, with any planner, by `plan`; or on a field that is fine near them."""
 
 from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeVar
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from locplan.costs import Costmap, check_costs
+from locplan.costs import Costmap, Path, check_costs
+from locplan.field import CovarianceField, FieldConfig, every_second_point, points_near
+from locplan.maps import OccupancyGrid
 from locplan.planners._protocol import Planner, Position, check_pose
 from locplan.planners._request import AnyPlanner, outline_of, planner_for, takes
 from locplan.planners._result import Plan, finished
@@ -221,3 +224,63 @@ def plan_beside_shortest(
             for measure in ("length", "cost")
         )
     return {SHORTEST: shortest, AWARE: aware}
+
+
+T = TypeVar("T")
+
+
+def planned_near_paths(
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    field_of: Callable[[NDArray[np.bool_]], CovarianceField],
+    planned: Callable[[CovarianceField], T],
+    paths_of: Callable[[T], Iterable[Path]],
+) -> tuple[CovarianceField, T]:
+    """Plan on every second lattice point, then on all points near the paths, until they stay there.
+
+    On a real map of 0.05 m about two fifths of the points are evaluated for a path across it.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    config : FieldConfig
+        Settings of the field.
+    field_of : callable
+        Function of a mask (h, w) of lattice points that returns the field with values at those.
+    planned : callable
+        Function of a field that plans on it, and returns what it planned.
+    paths_of : callable
+        Function of what `planned` returned that returns the paths in it.
+
+    Returns
+    -------
+    field : CovarianceField
+        The last field; NaN where it was not evaluated.
+    planned
+        What was planned on it.
+    """
+    needed = config.lattice_points(grid)
+    resolution, stride = grid.resolution, config.stride_cells(grid.resolution)
+    points = every_second_point(needed)
+    for _ in range(3):  # at last there is a fourth field, whose paths may leave what is fine
+        field = field_of(points)
+        points = points | field.evaluated
+        found = planned(field)
+        cells = _cells_along(paths_of(found), grid, max(resolution, stride * resolution / 2))
+        # Within 0.3 m of a path, or one and a half strides, the field must be fine, ...
+        close = points_near(needed, stride, cells, max(0.3 / resolution, 1.5 * stride))
+        if not (close & ~points).any():
+            return field, found
+        # ... and is made so within 1 m, so that the next paths have room to move.
+        points = points | points_near(needed, stride, cells, 1.0 / resolution)
+        del field, found  # saves memory on a large map
+    field = field_of(points)
+    return field, planned(field)
+
+
+def _cells_along(paths: Iterable[Path], grid: OccupancyGrid, spacing: float) -> NDArray[np.float64]:
+    """Positions every `spacing` metres along paths [cells from the first cell's centre], (n, 2)."""
+    along = [path.resampled(spacing).xy for path in paths]
+    xy = np.concatenate([*along, np.empty((0, 2))])
+    return np.stack(grid.world_to_grid(*xy.T), axis=1) - 0.5

@@ -30,12 +30,6 @@ COLUMNS = ("name", "start_x", "start_y", "goal_x", "goal_y")
 """The columns of a file of queries, which come first."""
 HEADINGS = ("start_heading_deg", "goal_heading_deg")
 """The columns that may follow."""
-CANDIDATES = 20
-"""Number of random pairs of which the one farthest from all before is taken."""
-MAX_RANDOM = 10_000
-"""Greatest number of random queries; the time to spread them over a map grows with its square."""
-DRAWS = 4096
-"""Number of pairs that are drawn at once."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +56,8 @@ def check_random(count: int, seed: int, least_distance: float) -> None:
     least_distance : float
         Least distance between start and goal in a straight line [m], >= 0.
     """
-    whole("the number of random queries", count, 1, MAX_RANDOM)
+    # The time to spread them over a map grows with the square of their number.
+    whole("the number of random queries", count, 1, 10_000)
     whole("the seed of random queries", seed, 0)
     number("least_distance", least_distance, 0)
 
@@ -197,7 +192,7 @@ def random_queries(
     parts = _Parts(costs, least_distance)
     chosen = np.empty((0, 4))
     while len(chosen) < count:
-        pairs = np.array([parts.draw(random) for _ in range(CANDIDATES)])
+        pairs = np.array([parts.draw(random) for _ in range(20)])
         chosen = np.vstack([chosen, _farthest(pairs, chosen)])
     angles = random.uniform(-math.pi, math.pi, (count, 2, int(headed)))  # none, or one an end
     queries = []
@@ -248,7 +243,7 @@ class _Parts:
         pairs = np.array([len(part) ** 2 for part in self._cells], float)
         which = random.choice(len(self._cells), p=pairs / pairs.sum())
         part = self._cells[which]
-        starts, goals = (part[random.integers(0, len(part), DRAWS)] for _ in range(2))
+        starts, goals = (part[random.integers(0, len(part), 4096)] for _ in range(2))
         fit = np.flatnonzero(_apart(starts, goals) >= self._least)
         if fit.size:
             return np.concatenate([starts[fit[0]], goals[fit[0]]])

@@ -14,15 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import shown
 from locplan.errors import ConfigError
-from locplan.planners.ompl._kinds import KINDS
+from locplan.planners.ompl._stopping import KINDS
 
 if TYPE_CHECKING:
     from locplan.planners._protocol import Planner
 
 DEFAULT = "any-angle"
 """The planner that is taken where none is named."""
-NO_OPTIONS = ("name", "planner")
-"""Fields of a planner that are no options: its name, and the planner that it wraps."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +102,7 @@ def defaults_of(kind: type) -> dict[str, Any]:
     return {
         one.name: one.default_factory() if callable(one.default_factory) else one.default
         for one in dataclasses.fields(kind)
-        if one.name not in NO_OPTIONS
+        if one.name not in ("name", "planner")  # its own name, and the planner that it wraps
     }
 
 

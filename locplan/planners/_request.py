@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 from locplan._util.checks import is_whole, shown
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError, LocplanError
-from locplan.planners._budget import BudgetPlanner
 from locplan.planners._limits import Limited
+from locplan.planners._pareto import BudgetPlanner
 from locplan.planners._protocol import Found, Planner, Position, Status, Wrapper
 from locplan.planners._registry import DEFAULT, check_names, defaults_of, named_planner
 from locplan.planners._result import Plan

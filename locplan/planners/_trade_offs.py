@@ -16,9 +16,6 @@ from locplan.errors import ConfigError
 from locplan.planners._grid import blank_costs, bordered_ends, cells_of
 from locplan.planners._protocol import Position
 
-OBJECTIVES = ("u", "e")
-ROOM = 1 << 16
-"""Number of labels for which there is room at first."""
 GAIN = 1e-10
 """Share of a weighted sum by which a path must be better to lie below a line."""
 TOLERANCE = 1e-9
@@ -26,13 +23,6 @@ TOLERANCE = 1e-9
 
 Of it, whole units take 1.4e-10 a step, ties 2e-11, and the metrics' sums of floats the rest.
 """
-TIE = 2e-11
-"""Weight of length where only the integral counts, so that of equal ones the shortest path wins.
-
-It is a third of a unit a cell, and 53 bits still hold each step beside a sum over 10^5 cells.
-"""
-ROUNDING = 1e-12
-"""Share by which sums of floats over a path may overstate its cost."""
 STRETCH = 200_000
 """Number of expansions between two looks at the clock."""
 
@@ -130,7 +120,9 @@ class Problem:
         half = self.half * (integral or 1.0)
         if not integral:
             half[np.isfinite(half)] = 0.0
-        half += (length or TIE) * SCALE / 2
+        # Where only the integral counts, a little of length makes the shortest of equal paths win:
+        # a third of a unit a cell, and 53 bits still hold each step beside a sum over 10^5 cells.
+        half += (length or 2e-11) * SCALE / 2
         way = half, self.columns, self.target, -1, self.allow_corner_cutting
         cost, _, finished = search(*way, scale_of(half), until=self.until)
         if not finished:
@@ -139,7 +131,7 @@ class Problem:
         if not np.isfinite(cost[self.source]):
             return cost, None
         flat = trace(half, self.columns, cost, self.source, self.allow_corner_cutting)
-        cost *= 1 - ROUNDING
+        cost *= 1 - 1e-12  # by which sums of floats over a path may overstate its cost
         return cost, flat[::-1]
 
     def measured(self, flat: NDArray[np.int64]) -> tuple[float, float]:
@@ -182,7 +174,7 @@ def check_front_limits(objective: str, time_limit: float, max_labels: int = 1) -
     ConfigError
         If one is out of its range.
     """
-    one_of("objective", objective, OBJECTIVES)
+    one_of("objective", objective, ("u", "e"))
     positive("time_limit", time_limit, "s")
     positive("max_labels", max_labels)
 
@@ -217,7 +209,7 @@ class Search:
         self.problem = problem
         self._max_labels = max(max_labels, 9)
         self._bounds = first_to_go, second_to_go, *(joint or (first_to_go, 0.0, np.inf))
-        room = min(ROOM, self._max_labels)
+        room = min(1 << 16, self._max_labels)  # at first
         lowest = int(first_to_go[problem.source] * pareto.BUCKETS_A_CELL / pareto.SCALE)
         state = np.zeros(7, np.int64)
         state[[pareto.UNUSED, pareto.USED, pareto.WAITING]] = -1, 1, 1

@@ -17,12 +17,8 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.planners._any_angle import AnyAngle, straightened
 from locplan.planners._grid import blank_costs, cheapest_cells, connected_parts, through_centres
 from locplan.planners._protocol import MAX_SEED, Found, Position, check_space
-from locplan.planners.ompl._kinds import KINDS, able
 from locplan.planners.ompl._motions import Motions
-from locplan.planners.ompl._stopping import OPTIMAL, SEED, SETTLED_AFTER, TIME_LIMIT, Limits
-
-EDGES_OF_A_BATCH = 30_000
-"""Least iterations of BITstar, which are edges, before it may count as converged."""
+from locplan.planners.ompl._stopping import KINDS, OPTIMAL, Limits, able
 
 
 @dataclass(frozen=True)
@@ -79,7 +75,7 @@ class Ompl:
     @property
     def seconds(self) -> float | None:
         """Time after which the search ends [s], if it does not end by iterations alone."""
-        return TIME_LIMIT if self.time_limit is self.iterations is None else self.time_limit
+        return self.limits.time_limit
 
     def check(self) -> None:
         """Raise a ConfigError unless the planner can do what the options say."""
@@ -125,7 +121,7 @@ class Ompl:
         See `locplan.planners.Planner.solve`. The status is "timeout" if no path was found in time,
         and "not found" if none was found within the iterations.
         """
-        from locplan.planners.ompl._roadmap import ROADMAPS, grow_roadmap
+        from locplan.planners.ompl._roadmap import grow_roadmap
 
         motions = Motions(costs, self.space, self.turning_radius)
         _, part = connected_parts(costs)
@@ -142,8 +138,8 @@ class Ompl:
             known = [through_centres(costs, cells, start, goal, trim=True)]
         limits, ahead = self.limits, known[0].xy if known else None
         began = time.perf_counter()
-        if self.name in ROADMAPS:
-            seed = self.seed or SEED
+        if KINDS[self.name].roadmap:
+            seed = self.seed or 1
             roadmap = grow_roadmap(
                 motions, self.name, limits=limits, seed=seed, settings=self.settings, ahead=ahead
             )
@@ -169,21 +165,23 @@ def _by_tree(
     ahead: NDArray[np.float64] | None,
 ) -> NDArray[np.float64] | None:
     """The poses (n, 3) that the path's motions join, or None."""
-    from locplan.planners.ompl._bindings import base, util
-    from locplan.planners.ompl._leading import LeadingGoal
-    from locplan.planners.ompl._settings import logged, planner_of
-    from locplan.planners.ompl._setup import poses_of, problem_definition, space_information
+    from locplan.planners.ompl._settings import base, logged, planner_of, util
+    from locplan.planners.ompl._setup import (
+        LeadingGoal,
+        pose_reader,
+        problem_definition,
+        space_information,
+    )
 
     with logged():
-        util.RNG.setSeed(planner.seed or SEED)
+        util.RNG.setSeed(planner.seed or 1)
         information = space_information(motions)
         problem = problem_definition(information, motions, start, goal)
         tree = planner_of(planner.name, information, planner.settings)
         tree.setProblemDefinition(problem)
         tree.setup()
         best_cost = (lambda: tree.bestCost().value()) if hasattr(tree, "bestCost") else None
-        least = EDGES_OF_A_BATCH if planner.name == "BITstar" else SETTLED_AFTER
-        ends = limits.condition(best_cost, settled_after=least)
+        ends = limits.condition(best_cost, settled_after=KINDS[planner.name].settled_after)
         if ahead is not None:
             leading = LeadingGoal(information, goal)
             problem.setGoal(leading)
@@ -191,10 +189,10 @@ def _by_tree(
         status = tree.solve(base.PlannerTerminationCondition(ends)).getStatus()
         kinds = base.PlannerStatus.PlannerStatusType
         if status in (kinds.INVALID_START, kinds.INVALID_GOAL):
-            ends_given = f"{tuple(start)} or {tuple(goal)}"
-            raise LocplanError(f"OMPL refuses {ends_given} as a state in {motions.space}")
+            raise LocplanError(f"OMPL refuses {start} or {goal} as a state in {motions.space}")
         if status != kinds.EXACT_SOLUTION:
             return None
-        poses = poses_of(problem.getSolutionPath(), motions.space)
+        path, pose = problem.getSolutionPath(), pose_reader(motions.space)
+        poses = np.array([pose(path.getState(n)) for n in range(path.getStateCount())])
     poses[[0, -1], : len(start)] = start, goal
     return poses

@@ -17,20 +17,13 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from locplan._util.checks import shown, whole
-from locplan.errors import ConfigError
+from locplan._util.checks import one_of, whole
 from locplan.planners._protocol import CURVED, Found, Position
 from locplan.planners._result import Plan, finished
-from locplan.planners.ompl._bindings import base, util
 from locplan.planners.ompl._motions import Motions
-from locplan.planners.ompl._settings import check_settings, logged, planner_of
+from locplan.planners.ompl._settings import base, check_settings, logged, planner_of, util
 from locplan.planners.ompl._setup import pose_reader, space_information
-from locplan.planners.ompl._stopping import SEED, Limits
-
-ROADMAPS = ("PRM", "PRMstar")
-"""The planners that grow roadmaps."""
-GROWTH = 0.5
-"""Share of the time limit for growth; reading the roadmap and its costs takes most of the rest."""
+from locplan.planners.ompl._stopping import KINDS, Limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +124,7 @@ def grow_roadmap(
     planner: str = "PRMstar",
     *,
     limits: Limits | None = None,
-    seed: int = SEED,
+    seed: int = 1,
     settings: Mapping[str, Any] | None = None,
     ahead: NDArray[np.float64] | None = None,
 ) -> Roadmap:
@@ -163,8 +156,7 @@ def grow_roadmap(
     ConfigError
         If there is no such planner or setting, or a value is out of its range.
     """
-    if planner not in ROADMAPS:
-        raise ConfigError(f"planner must be one of {', '.join(ROADMAPS)}, not {shown(planner)}")
+    one_of("planner", planner, [name for name, kind in KINDS.items() if kind.roadmap])
     whole("seed", seed)
     check_settings(planner, settings or {})
     limits = limits or Limits()
@@ -174,7 +166,8 @@ def grow_roadmap(
         growing = planner_of(planner, information, settings or {})
         growing.setProblemDefinition(base.ProblemDefinition(information))
         growing.setup()
-        ends = limits.condition(share=GROWTH)
+        # Reading the roadmap and its costs takes most of the rest.
+        ends = limits.condition(share=0.5)
         growing.growRoadmapPtc(base.PlannerTerminationCondition(ends))
         poses, pairs = _vertices_and_edges(growing, information, motions.space)
     if ahead is not None:

@@ -1,25 +1,39 @@
-"""OMPL's planners and their settings by name, and OMPL's log as a log of Python."""
+"""OMPL's bindings, its planners and their settings by name, and its log as a log of Python."""
 
 from __future__ import annotations
 
 import logging
 import math
 import re
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
 from locplan._util.checks import number, shown
 from locplan._util.leftovers import temporary_folder
-from locplan.errors import ConfigError
-from locplan.planners.ompl._bindings import base, geometric, util
+from locplan.errors import ConfigError, LocplanError
+
+try:
+    from ompl import base as base, geometric as geometric, util as util
+    from ompl.base import Cost as Cost
+except ModuleNotFoundError:
+    instead = {"Windows": "WSL"} if sys.platform == "win32" else {}
+    if sys.version_info >= (3, 14):
+        instead["Python 3.14 and later"] = "Python 3.13"
+    raise LocplanError(
+        f"OMPL's planners are not available on {' with '.join(instead)}: ompl has no wheels for it;"
+        f" take grid or any-angle, or {' with '.join(instead.values())}"
+        if instead
+        else "OMPL's planners need ompl, which is not installed: pip install 'ompl>=2.0.1'"
+    ) from None
+
 
 LOG = logging.getLogger("locplan.ompl")
 LOG.addHandler(logging.NullHandler())  # who wants to read it adds another
 _LINE = re.compile(r"(Debug|Info|Warning|Error):\s*(.*)")
 _HARMLESS = "Random number generation already started"
 """OMPL warns so at every seed but the first, although what is built afterwards obeys it."""
-
 
 _LEVELS = (
     (logging.DEBUG, util.LogLevel.LOG_DEBUG),
@@ -28,10 +42,6 @@ _LEVELS = (
     (math.inf, util.LogLevel.LOG_ERROR),
 )
 """The greatest levels of Python's log at which OMPL's levels are wanted."""
-REWIRE_FACTOR = 0.25
-"""Rewire factor of RRTstar and its variants: fewer neighbours, more iterations, a better J."""
-SAMPLES_PER_BATCH = 1000
-"""Batch of BITstar in "R2": larger ones than its own 100 give a better J on large maps."""
 _NO_PLAIN_VALUE = (
     *("setName", "setProblemDefinition", "setProjectionEvaluator"),
     *("setDefaultConnectionStrategy", "setup"),
@@ -48,9 +58,9 @@ def planner_of(
     kind = getattr(geometric, name)
     planner = kind(information)
     if issubclass(kind, geometric.RRTstar):
-        planner.setRewireFactor(REWIRE_FACTOR)
+        planner.setRewireFactor(0.25)  # fewer neighbours, more iterations, a better J
     if kind is geometric.BITstar and information.getStateDimension() == 2:
-        planner.setSamplesPerBatch(SAMPLES_PER_BATCH)
+        planner.setSamplesPerBatch(1000)  # more than its own 100: a better J on large maps
     setters = _setters(name)
     for setting, value in settings.items():
         try:

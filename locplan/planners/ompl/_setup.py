@@ -10,10 +10,12 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
+from locplan.planners._any_angle import subdivided
 from locplan.planners._protocol import Position, wrapped
-from locplan.planners.ompl._bindings import Cost, base
 from locplan.planners.ompl._motions import Motions
+from locplan.planners.ompl._settings import Cost, base
 from locplan.planners.ompl._stopping import OPTIMAL
 
 BLOCKED = 1e15
@@ -33,7 +35,9 @@ class CostObjective(base.PathLengthOptimizationObjective):
         self._cost = _cost_of(motions)
         self._length = space_information.getStateSpace().distance
         if motions.space == "SE2":  # the distance of this space counts turns
-            self._length = _distance_of_positions
+            self._length = lambda one, other: math.hypot(
+                one.getX() - other.getX(), one.getY() - other.getY()
+            )
 
     def motionCost(self, state: base.State, other: base.State) -> base.Cost:
         """Exact integral of the density along the motion [m].
@@ -178,12 +182,6 @@ def pose_reader(space: str) -> Callable[[base.State], Pose]:
     return lambda state: (state.getX(), state.getY(), state.getYaw())
 
 
-def poses_of(path: base.Path, space: str) -> np.ndarray:
-    """The poses (n, 3) of one of OMPL's paths."""
-    pose = pose_reader(space)
-    return np.array([pose(path.getState(n)) for n in range(path.getStateCount())])
-
-
 def _cost_of(motions: Motions) -> Callable[[base.State, base.State], float]:
     """Make the function of J between two states, finite and fast: it is called all the time."""
     from locplan._kernels.motions import world_cost
@@ -202,6 +200,45 @@ def _cost_of(motions: Motions) -> Callable[[base.State, base.State], float]:
     return between_positions if motions.space == "R2" else between_poses
 
 
-def _distance_of_positions(state: base.State, other: base.State) -> float:
-    """Distance between the positions of two states [m]."""
-    return math.hypot(state.getX() - other.getX(), state.getY() - other.getY())
+class LeadingGoal(base.GoalSampleableRegion):
+    """A goal whose samples are at first the positions of a path that leads there.
+
+    Trees steer to samples of the goal now and then; OMPL takes states from Python in no other way.
+    """
+
+    def __init__(self, information: base.SpaceInformation, goal: Position) -> None:
+        super().__init__(information)
+        self._goal = float(goal[0]), float(goal[1])
+        self._positions: list[Position] = []
+        self.setThreshold(1e-9)
+        self._leads = False  # while the tree is set up, it asks for the goal itself
+
+    def sampleGoal(self, state: base.State) -> None:
+        """Write the next position of the path, or the goal."""
+        ahead = self._leads and self._positions
+        write_pose(state, "R2", self._positions.pop(0) if ahead else self._goal)
+
+    def maxSampleCount(self) -> int:
+        """Return 1, since there is one goal."""
+        return 1
+
+    def distanceGoal(self, state: base.State) -> float:
+        """Distance from the goal [m]."""
+        return math.hypot(state[0] - self._goal[0], state[1] - self._goal[1])
+
+    def lead(
+        self, tree: base.Planner, path: NDArray[np.float64], ends: Callable[[], bool]
+    ) -> Callable[[], bool]:
+        """Let a tree that is set up first grow along a path (n, 2) [m]; return its new `ends`."""
+        self._positions = list(map(tuple, subdivided(path, 0.1 * tree.getRange())[1:].tolist()))
+        usual = tree.getGoalBias()
+        tree.setGoalBias(1.0)
+
+        def ends_after_leading() -> bool:
+            if not self._leads:
+                self._leads = True
+            elif not self._positions:
+                tree.setGoalBias(usual)
+            return ends()
+
+        return ends_after_leading

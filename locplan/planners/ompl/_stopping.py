@@ -1,4 +1,4 @@
-"""The limits of a search by OMPL, and the best costs that were seen during it."""
+"""The abilities of OMPL's planners, the limits of a search, and the best costs seen during it."""
 
 from __future__ import annotations
 
@@ -7,25 +7,60 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from locplan._util.checks import is_number, shown, whole
+from locplan._util.checks import positive, whole
 from locplan._util.progress import ProgressCallback
-from locplan.errors import ConfigError
+from locplan.planners._protocol import SPACES
 
-TIME_LIMIT = 5.0
-"""Default time limit [s]."""
+_NOT_DUBINS = tuple(space for space in SPACES if space != "Dubins")
+"""Spaces of planners that drive Dubins' curves backwards, or find none, as FMT within 25 s."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """The abilities of one of OMPL's planners."""
+
+    minimises: bool
+    """True if it seeks the least J; the others stop at the first path that they find."""
+    spaces: tuple[str, ...] = SPACES
+    """The spaces in which it works."""
+    from_grid: bool = False
+    """True if it can begin with the grid planner's path, in "R2"."""
+    anytime: bool = False
+    """True if it goes on improving its path, so that it can stop on convergence."""
+    settled_after: int = 1000
+    """Least iterations before it may count as converged."""
+    roadmap: bool = False
+    """True if it grows a roadmap."""
+
+
+KINDS: dict[str, Kind] = {
+    "RRTstar": Kind(minimises=True, from_grid=True, anytime=True),
+    "InformedRRTstar": Kind(minimises=True, from_grid=True, anytime=True),
+    "SORRTstar": Kind(minimises=True, from_grid=True, anytime=True),
+    "BITstar": Kind(minimises=True, anytime=True, settled_after=30_000),  # they are edges
+    "FMT": Kind(minimises=True, spaces=_NOT_DUBINS),
+    "BFMT": Kind(minimises=True, spaces=_NOT_DUBINS),
+    "PRM": Kind(minimises=True, from_grid=True, roadmap=True),
+    "PRMstar": Kind(minimises=True, from_grid=True, roadmap=True),
+    "RRT": Kind(minimises=False),
+    "RRTConnect": Kind(minimises=False),
+    "KPIECE1": Kind(minimises=False),
+    "BKPIECE1": Kind(minimises=False, spaces=_NOT_DUBINS),
+    "LBKPIECE1": Kind(minimises=False, spaces=_NOT_DUBINS),
+}
+"""The planners by OMPL's own names."""
+
+
+def able(fits: Callable[[Kind], bool]) -> str:
+    """The names of the planners of the kinds that fit, for messages."""
+    return ", ".join(name for name, kind in KINDS.items() if fits(kind))
+
+
 OPTIMAL = 1e-6
 """A path this close to the straight line's length, relatively, ends a search.
 
 The ellipse of informed sampling then has no area; some planners would seek samples in it forever.
 """
-SEED = 1
-"""Default seed of OMPL's random numbers."""
-SETTLED_AFTER = 1000
-"""Least iterations of a search before it may count as converged."""
-LOOK_EVERY = 8
-"""Iterations from one look at the best cost to the next."""
-TELL_EVERY = 512
-"""Iterations from one report of progress to the next."""
 
 
 @dataclass
@@ -47,14 +82,13 @@ class Limits:
     """Time since the start [s] and the best J [m], whenever it was seen to fall."""
 
     def __post_init__(self) -> None:
-        for name, unit in (("time_limit", "seconds"), ("convergence", "a share of J")):
-            value = getattr(self, name)
-            if value is not None and not (is_number(value) and value > 0):
-                raise ConfigError(f"{name} must be positive, {unit}, not {shown(value)}")
+        for name, unit in (("time_limit", "seconds"), ("convergence", "")):
+            if getattr(self, name) is not None:
+                positive(name, getattr(self, name), unit)
         if self.iterations is not None:
             whole("iterations", self.iterations)
         if self.time_limit is None and self.iterations is None:
-            self.time_limit = TIME_LIMIT
+            self.time_limit = 5.0
 
     def description(self) -> str:
         """The limits as a text for people."""
@@ -67,7 +101,7 @@ class Limits:
         best_cost: Callable[[], float] | None = None,
         *,
         share: float = 1.0,
-        settled_after: int = SETTLED_AFTER,
+        settled_after: int = 1000,
     ) -> Callable[[], bool]:
         """Make the function that tells OMPL at every iteration whether to end this search.
 
@@ -91,28 +125,26 @@ class Limits:
         began, iteration = time.perf_counter(), 0
         best: list[tuple[int, float]] = [(0, math.inf)]
 
+        def settled() -> bool:  # J fell by less than a share over the latter half of iterations
+            if self.convergence is None:
+                return False
+            earlier = next(cost for at, cost in reversed(best) if at <= iteration / 2)
+            return best[-1][1] > earlier * (1 - self.convergence)
+
         def ends() -> bool:
             nonlocal iteration
             iteration += 1
             elapsed = time.perf_counter() - began
-            if iteration % LOOK_EVERY == 0:
+            if iteration % 8 == 0:  # a look at the best cost takes longer than an iteration
                 if best_cost and (cost := best_cost()) < best[-1][1]:
                     best.append((iteration, cost))
                     self.history.append((elapsed, cost))
-                if iteration >= settled_after and _settled(best, iteration, self.convergence):
+                if iteration >= settled_after and settled():
                     return True
-                if self.progress and iteration % TELL_EVERY == 0:
+                if self.progress and iteration % 512 == 0:
                     in_ms = 1000 * elapsed, 1000 * time_limit
                     done, total = (iteration, most) if math.isinf(time_limit) else in_ms
                     self.progress(int(min(done, total)), int(total))
             return elapsed >= time_limit or iteration > most
 
         return ends
-
-
-def _settled(best: list[tuple[int, float]], iteration: int, convergence: float | None) -> bool:
-    """Return whether J fell by less than a share over the latter half of iterations."""
-    if convergence is None:
-        return False
-    earlier = next(cost for at, cost in reversed(best) if at <= iteration / 2)
-    return best[-1][1] > earlier * (1 - convergence)
