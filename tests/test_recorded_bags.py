@@ -445,7 +445,7 @@ def test_progress_counts_messages_in_two_passes(tmp_path):
 
 def test_transforms_that_no_pose_needs_are_left_out():
     from locplan._util.frames import IDENTITY, FrameTree
-    from locplan.recordings._options import Options
+    from locplan.recordings._logs import Options
     from locplan.recordings._places import leave_out_others
 
     tree = FrameTree([1.0])

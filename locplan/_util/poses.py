@@ -53,3 +53,9 @@ def wrapped(angles: Any) -> Numbers:
 def way_length(poses: Numbers) -> float:
     """Length of the way over poses (n, 3) [m]."""
     return float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
+
+
+def way_along(poses: Numbers) -> Numbers:
+    """Length of the way from the first of the poses (n, 2) or (n, 3) to each, (n,) [m]."""
+    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    return np.concatenate([[0.0], np.cumsum(steps)])

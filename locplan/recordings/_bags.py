@@ -23,10 +23,9 @@ from locplan.recordings._bag_files import (
     Message,
     opened,
 )
-from locplan.recordings._options import Options, Source
+from locplan.recordings._logs import Options, ScanRows, Source
 from locplan.recordings._places import Heard, leave_out_others, located
 from locplan.recordings._recording import Recording
-from locplan.recordings._scans import ScanRows
 
 BACK = 0.5
 """Time by which a stamp may lie before an earlier one, as messages overtake each other [s]."""

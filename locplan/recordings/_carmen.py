@@ -15,9 +15,8 @@ from locplan._util.checks import MAX_AMOUNT, MAX_RANGE
 from locplan._util.poses import Numbers, after_way, way_between, wrapped
 from locplan._util.reading import numbered_lines
 from locplan.errors import RecordingError
-from locplan.recordings._options import Options, Source
+from locplan.recordings._logs import Options, ScanRows, Source
 from locplan.recordings._recording import Recording
-from locplan.recordings._scans import ScanRows
 
 Indices = NDArray[np.int64]
 SAME = 1e-5
@@ -81,6 +80,7 @@ def read_carmen(path: Path, options: Options) -> Recording:
     RecordingError
         If the file is no such log, is damaged, or has no scans.
     """
+    options.refuse_others("a log of CARMEN", of_robot=True)
     log = _parsed(path, options)
     kind = _kind(log, options.scan_topic)
     found, kept = log.scans[kind], slice(None, None, options.every)
@@ -103,7 +103,7 @@ def read_carmen(path: Path, options: Options) -> Recording:
         notes=tuple(log.notes),
     )
     ranges.setflags(write=False)
-    drive = Recording(
+    return Recording(
         ranges,
         replace(lidar, least_range=least, range=most),
         poses[kept],
@@ -111,7 +111,6 @@ def read_carmen(path: Path, options: Options) -> Recording:
         None if reported is None else reported[kept],
         source,
     )
-    return drive if options.window is None else drive.window(*options.window)
 
 
 def _kind(log: _Log, named: str | None) -> str:

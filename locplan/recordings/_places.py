@@ -17,7 +17,7 @@ from locplan._util.frames import FrameTree, Track, in_plane, upward
 from locplan._util.poses import Numbers, after_way, way_between, wrapped
 from locplan.errors import RecordingError
 from locplan.recordings._bag_files import ODOMETRY, POSE, POSE_WITH_COVARIANCE
-from locplan.recordings._options import Options
+from locplan.recordings._logs import Options
 
 CARRIED = 1.0
 """Way over which odometry carries a pose to a scan [m]."""

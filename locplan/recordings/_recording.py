@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import FARTHEST, instance, keep, number, printable, shown, whole
+from locplan._util.notebook import called
 from locplan._util.poses import (
     Numbers,
     ends_in_map,
@@ -19,8 +20,8 @@ from locplan._util.poses import (
     wrapped,
 )
 from locplan.errors import RecordingError
-from locplan.recordings._options import Contents, Source
-from locplan.recordings._tables import load, save
+from locplan.recordings._logs import Contents, Source
+from locplan.recordings._tables import save
 from locplan.robots import Kinematics, Lidar, Robot
 
 NO_SOURCE = Source()
@@ -304,7 +305,8 @@ class Recording:
         RecordingError
             If the file cannot be read, or holds no recording.
         """
-        return cls(*load(path))
+        drive: Recording = called("locplan.recordings:read_drive", path)
+        return drive
 
 
 def _poses(name: str, values: object) -> Numbers:
