@@ -7,7 +7,6 @@ simulated ones; so the covariance is that of correlative scan matching with the 
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,13 +19,25 @@ from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.field import Scan, position_axes, scalar
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.matching import Matcher
+from locplan.matching import Matcher, in_batches
 from locplan.recordings._recording import Recording
 
-BATCH = 64
-"""Number of scans that a thread matches at a time."""
 MIN_RETURNS = 10
 """Number of returns below which a scan tells too little to be judged."""
+
+
+def check_enough(fitting: int, scans: int) -> None:
+    """Raise a RecordingError if fewer than ten scans of a drive fit the map."""
+    if scans < 10:
+        raise RecordingError(
+            f"the drive has {scans} scans, too few: 10 are needed; read more of them (every=), or"
+            " record a longer one"
+        )
+    if fitting < 10:
+        raise RecordingError(
+            f"{fitting} of {scans} scans fit the map and lie in its free space, too few; is it the"
+            " right map, and are the poses in its frame? See locplan.recordings.fit_to_map"
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,17 +142,13 @@ def match_scans(
         )
     _ = matcher.prepared  # now, once for all threads
 
-    def match(some: NDArray[np.int64]) -> int:
+    def match(numbers: NDArray[np.int64]) -> list[int]:
+        some = chosen[numbers]
         found = matcher.posteriors(recording[some].ends_on_robot(), recording.poses[some])
         mean[some], covariance[some], best[some], summary[some] = found
-        return len(some)
+        return list(some)
 
-    with ThreadPoolExecutor(workers) as pool:
-        done = 0
-        for size in pool.map(match, np.array_split(chosen, -(-chosen.size // BATCH))):
-            done += size
-            if progress:
-                progress(done, chosen.size)
+    in_batches(match, chosen.size, workers, progress, batch=64)
     return Matches(
         recording,
         grid,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.poses import turning
 from locplan.maps import OCCUPIED, OccupancyGrid, own_axes
 
 if TYPE_CHECKING:
@@ -88,8 +89,7 @@ class Particles:
 
     def covariance(self) -> NDArray[np.float64]:
         """Covariance of all particles, as AMCL publishes it where it has just resampled them."""
-        cos, sin = math.cos(self._grid.origin[2]), math.sin(self._grid.origin[2])
-        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        turn = turning(self._grid.origin[2])
         return np.asarray(turn @ self._covariance @ turn.T)
 
 
