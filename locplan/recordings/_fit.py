@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import instance
 from locplan._util.poses import Numbers, ends_in_map, moved, wrapped
-from locplan._util.progress import ProgressCallback
+from locplan._util.progress import ProgressCallback, parts
 from locplan.errors import RecordingError
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 from locplan.recordings._matches import FITS, at_walls, looked_up
@@ -220,6 +220,7 @@ class _Search:
         shape = tuple(next_fast_len(each + 2 * half + 1, real=True) for each in walls.shape)
         of_walls, of_free = (np.conj(rfft2(each, shape)) for each in (walls, free))
         turns = 4 * max(1, min(math.ceil(2 * math.pi * self.radius / cell / 4), 180))
+        (tell,) = parts(progress, [turns])
         found: list[tuple[float, float, float, float]] = []
         for n in range(turns):
             turn = 2 * math.pi * n / turns
@@ -231,8 +232,7 @@ class _Search:
                 row, col = divmod(int(np.argmax(score)), shape[1])
                 found.append((float(score[row, col]), turn, float(row), float(col)))
                 score[max(0, row - 3) : row + 4, max(0, col - 3) : col + 4] = -1.0
-            if progress:
-                progress(n + 1, turns)
+            tell(n + 1, turns)
         moves: list[Move] = []
         for _, turn, *at in sorted(found, reverse=True):
             # The raster's cell (half, half) holds the drive's middle; the transform is periodic.
