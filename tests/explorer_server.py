@@ -19,7 +19,7 @@ def served(grid, config, *, framed=False, **opening):
     session = Session(grid, Opening(config, **opening))
     server = Server(session, framed=framed)
     server.start()
-    session.upkeep.begin().result()
+    session.begin().result()
     try:
         yield server
     finally:

@@ -7,8 +7,8 @@ from functools import cache
 
 from locplan.costs import Costmap
 from locplan.explorer import Opening
+from locplan.explorer._scene import View
 from locplan.explorer._session import Session
-from locplan.explorer._view import View
 from locplan.field import CovarianceField, FieldConfig, Fisher, load_or_compute
 from locplan.maps import OccupancyGrid
 from locplan.maps.environments import make
@@ -41,7 +41,7 @@ def session_of(with_field: bool = True, **opening) -> Session:
     grid, field = corridors()
     session = Session(grid, Opening(field.config, **opening))
     if with_field:
-        session.upkeep.begin(field).result(60)
+        session.begin(field).result(60)
     return session
 
 

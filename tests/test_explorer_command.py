@@ -137,7 +137,7 @@ def test_from_python_a_field_that_is_there_is_shown():
     )
     robot = locplan.Robot("lds-01", footprint=0.1)
     with locplan.explore(room(), field, robot, open_browser=False) as page:
-        page._server.session.upkeep.latest.result()
+        page._server.session.latest.result()
         assert page._server.session.robot == robot
         assert page.field is field
         assert page.grid == room()

@@ -23,14 +23,14 @@ import locplan
 from locplan.costs import Costmap
 from locplan.errors import LocplanError
 from locplan.explorer import Opening, _plans
+from locplan.explorer._asks import Cancelled
 from locplan.explorer._edits import Stroke, drawn as patch_of, last_ones
-from locplan.explorer._points import clearance_at
-from locplan.explorer._profiles import path_answer
+from locplan.explorer._plans import path_answer
 from locplan.explorer._scene import Scene
 from locplan.explorer._searches import Flood, Halved, Kept, index_of
 from locplan.explorer._snap import Parts, snapped
+from locplan.explorer._state import clearance_at
 from locplan.explorer._upkeep import Patchwork, nearest_first
-from locplan.explorer._wire import Cancelled
 from locplan.field import CovarianceField, FieldConfig
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.planners import AWARE, SHORTEST, Bordered, plan_beside_shortest
@@ -49,7 +49,7 @@ def rooms(seed: int = 3, yaw: float = 0.0) -> OccupancyGrid:
 
 def session_of(grid: OccupancyGrid, config: FieldConfig = SAD, **opening) -> Session:
     session = Session(grid, Opening(config, **{"robot": SMALL, **opening}))
-    session.upkeep.begin().result()
+    session.begin().result()
     return session
 
 
@@ -78,7 +78,7 @@ def is_path(found, path) -> bool:
 
 def free_places(session: Session, count: int, seed: int = 1) -> list[tuple[float, float]]:
     """Random places, off the cells' centres, of the largest part of the free space."""
-    parts, rng = session.parts(), np.random.default_rng(seed)
+    parts, rng = session.scene.parts, np.random.default_rng(seed)
     largest = 1 + np.bincount(parts.labels.ravel())[1:].argmax()
     cells = np.argwhere(parts.labels == largest)
     chosen = cells[rng.integers(0, len(cells), count)] + rng.uniform(0.2, 0.8, (count, 2))
@@ -116,9 +116,9 @@ def test_plans_after_a_drag_of_the_goal_are_those_of_the_library(session):
 def test_while_a_stop_is_held_the_paths_are_those_of_its_release(session, held):
     for seed in range(7, 10):
         stops = free_places(session, 3, seed=seed)
-        session.kept.forget(lambda key: False)
+        session.kept.forget()
         released = planned(session, stops, 4.0)
-        session.kept.forget(lambda key: False)
+        session.kept.forget()
         dragged = planned(session, stops, 4.0, held=held)
         for name in ("aware", "shortest"):
             assert dragged[name]["xy"] == released[name]["xy"]
@@ -155,7 +155,7 @@ def test_the_kernels_of_a_drag_are_loaded_before_it(session, monkeypatch):
         monkeypatch.setattr(ways, name, noted)
     _warm_up(session)
     before, used[:] = list(used), []
-    session.kept.forget(lambda key: False)
+    session.kept.forget()
     planned(session, free_places(session, 2), 4.0, held=0)
     assert len(before) == 3
     assert all(one in before for one in used)
@@ -163,7 +163,7 @@ def test_the_kernels_of_a_drag_are_loaded_before_it(session, monkeypatch):
 
 def floods(session) -> list[tuple[float, int]]:
     """Weights of the searches that are kept, and the cells that they began in."""
-    return [key[2:] for key in session.kept._results if key[0] == "flood"]
+    return [key[2:] for key in session.kept.keys if key[0] == "flood"]
 
 
 def test_kept_searches_hold_no_costmap_that_is_dropped(session, monkeypatch):
@@ -182,7 +182,7 @@ def test_kept_searches_hold_no_costmap_that_is_dropped(session, monkeypatch):
         planned(session, [start, goal], float(weight), held=0)
         answer(session, "idle", start=start, goal=goal, weight=weight)
     gc.collect()
-    kept = sum(key[0] == "halved" for key in session.kept._results)
+    kept = sum(key[0] == "halved" for key in session.kept.keys)
     assert len({weight for weight, _ in floods(session)}) > kept
     assert sum(each() is not None for each in made) == kept < len(made)
 
@@ -190,7 +190,7 @@ def test_kept_searches_hold_no_costmap_that_is_dropped(session, monkeypatch):
 @pytest.mark.parametrize("held", [0, 1])
 def test_after_a_drag_no_map_is_searched(session, held, monkeypatch):
     stops, (elsewhere,) = free_places(session, 2, seed=9), free_places(session, 1, seed=10)
-    session.kept.forget(lambda key: False)
+    session.kept.forget()
     planned(session, stops, 4.0, held=held)
     begun = []
     monkeypatch.setattr("locplan._kernels.search.search", lambda *_, **__: begun.append(1))
@@ -209,7 +209,7 @@ def test_idle_searches_from_the_stops_that_a_drag_leaves_at_rest(session, monkey
     asked = {"start": start, "via": via, "goal": goal, "weight": 4.0}
     cells = [index_of(session.costs(), place) for place in places]
     for hold, among in (("start", [1]), ("via:0", [0, 2]), ("goal", [2]), (None, range(4))):
-        session.kept.forget(lambda key: False)
+        session.kept.forget()
         assert answer(session, "idle", **asked, hold=hold) == {"ok": True}
         assert sorted(floods(session)) == sorted(
             (weight, cells[n]) for weight in (_plans.SHORTEST_WEIGHT, 4.0) for n in among
@@ -217,7 +217,7 @@ def test_idle_searches_from_the_stops_that_a_drag_leaves_at_rest(session, monkey
     half = session.kept.get(("halved", session.scene.serial, 4.0)).bordered.half.nbytes
     for share, count in ((3.8, 1), (4.3, 3), (3.7, 0)):
         monkeypatch.setattr("locplan.explorer._plans.KEPT_BYTES", share * half)
-        session.kept.forget(lambda key: False)
+        session.kept.forget()
         answer(session, "idle", **asked)
         assert len(floods(session)) == 2 * count
 
@@ -227,9 +227,9 @@ def test_idle_prepares_the_drafts_of_large_maps(session, monkeypatch):
     asked = {"start": start, "goal": goal, "weight": 4.0}
     for cells, hold, prepared in ((50, None, 2), (50, "goal", 0), (1500, None, 0)):
         monkeypatch.setattr("locplan.explorer._plans.DRAFT_CELLS", cells)
-        session.kept.forget(lambda key: False)
+        session.kept.forget()
         answer(session, "idle", **asked, hold=hold)
-        assert sum(key[0] == "coarse" for key in session.kept._results) == prepared
+        assert sum(key[0] == "coarse" for key in session.kept.keys) == prepared
 
 
 def test_only_the_legs_beside_the_held_stop_are_planned_again(session, monkeypatch):
@@ -385,14 +385,14 @@ def test_edits_are_undone_and_redone_to_the_digest(session):
     for k in range(3):
         stroke = {"tool": "wall", "points": [start, goal], "width": 0.2 + 0.2 * k}
         answer(session, "edit", strokes=[stroke])
-        session.upkeep.latest.result()
+        session.latest.result()
         digests.append((session.grid.digest, session.scene.digest))
         fields.append(session.field)
     assert len(set(digests)) == 4
     for do, order in (("undo", [2, 1, 0]), ("redo", [1, 2, 3])):
         for k in order:
             answer(session, do)
-            session.upkeep.latest.result()
+            session.latest.result()
             assert (session.grid.digest, session.scene.digest) == digests[k]
             np.testing.assert_array_equal(session.field.covariance, fields[k].covariance)
         with pytest.raises(LocplanError, match=f"no edit to {do}"):
@@ -411,7 +411,7 @@ def test_fields_and_costs_after_an_edit_are_those_of_the_new_map(tool, monkeypat
     width = 4.0 if tool == "erase" else 0.6
     stroke = {"tool": tool, "points": points, "width": width, "heading": 0.3}
     changed = answer(session, "edit", strokes=[stroke])["changed"]
-    session.upkeep.latest.result()
+    session.latest.result()
     assert changed
     assert session.scene.whole
     assert any(not scene.whole for scene in scenes)
@@ -433,7 +433,7 @@ def test_fields_of_rays_after_an_edit_are_those_of_the_new_map(kind, monkeypatch
     whole = []
     session.listeners.append(lambda event: whole.append(session.scene.whole))
     answer(session, "edit", strokes=[{"tool": "pole", "points": [place], "width": 0.5}])
-    session.upkeep.latest.result()
+    session.latest.result()
     assert False in whole
     expected = locplan.covariance_field(session.grid, config)
     np.testing.assert_array_equal(session.field.covariance, expected.covariance)
@@ -447,7 +447,7 @@ def test_edits_that_come_while_values_are_computed_end_in_the_last_map(monkeypat
         answer(session, "edit", strokes=[{"tool": "pole", "points": [[x, y]], "width": 0.3}])
         if n % 3 == 2:
             answer(session, "undo")
-    session.upkeep.latest.result()
+    session.latest.result()
     expected = locplan.covariance_field(session.grid, SAD)
     np.testing.assert_array_equal(session.field.covariance, expected.covariance)
     costs = locplan.Costmap.from_field(session.grid, expected, robot_radius=0.15)
@@ -461,7 +461,7 @@ def test_a_costmap_reads_a_window_anew_where_its_field_was_old(monkeypatch):
     before, shown = session.field, session.scene.costs
     answer(session, "edit", strokes=[{"tool": "pole", "points": [[x, y]], "width": 0.3}])
     edited = session.grid
-    session.upkeep.latest.result()
+    session.latest.result()
     old = CovarianceField.of(before.values, edited, SAD)  # the new map, and the values from before
     known = Patchwork(before, before.evaluated, shown).updated(old, before.evaluated, whole=False)
     assert known.stale is not None
@@ -474,25 +474,25 @@ def test_a_costmap_reads_a_window_anew_where_its_field_was_old(monkeypatch):
 
 def test_before_there_is_a_field_the_paths_follow_edits(monkeypatch):
     session = Session(rooms(), Opening(SAD, SMALL))
-    monkeypatch.setattr(session.upkeep, "_whole", lambda *_: None)
+    monkeypatch.setattr(session, "_whole", lambda *_: None)
     start, goal = free_places(session, 2, seed=3)
     before = planned(session, [start, goal], 4.0)["shortest"]
     x, y = np.mean([start, goal], axis=0).tolist()
     strokes = [{"tool": "pole", "points": [before["xy"][len(before["xy"]) // 2]], "width": 0.6}]
     strokes += [{"tool": "pole", "points": [[x, y]], "width": 0.6}]
     answer(session, "edit", strokes=strokes)
-    session.upkeep.latest.result()
+    session.latest.result()
     assert session.scene.costs.grid.digest == session.grid.digest != session.original.digest
     assert planned(session, [start, goal], 4.0)["shortest"]["length"] > before["length"]
 
 
 def test_an_old_field_follows_the_map_while_another_is_computed(monkeypatch):
     session = session_of(rooms())
-    monkeypatch.setattr(session.upkeep, "_whole", lambda *_: None)
+    monkeypatch.setattr(session, "_whole", lambda *_: None)
     session.config = FieldConfig(locplan.Sad(range=1.0), stride=0.4)
     (x, y), *_ = free_places(session, 1)
     answer(session, "edit", strokes=[{"tool": "pole", "points": [[x, y]], "width": 0.3}])
-    session.upkeep.latest.result()
+    session.latest.result()
     expected = locplan.covariance_field(session.grid, SAD)
     np.testing.assert_array_equal(session.field.covariance, expected.covariance)
 
@@ -550,7 +550,7 @@ def test_an_edit_outside_the_map_changes_nothing(session):
     before = session.grid.digest
     assert answer(session, "edit", strokes=[stroke]) == {"changed": []}
     assert session.grid.digest == before
-    assert not session.history.before
+    assert not session.edits
 
 
 def test_maps_are_saved_under_the_folder_only(tmp_path):
@@ -589,7 +589,7 @@ def test_what_is_kept_stays_within_its_bytes():
     assert kept.bytes == 500
     kept.put(31, "again", 10)
     assert kept.bytes == 10
-    kept.forget(lambda key: False)
+    kept.forget()
     assert kept.bytes == 0
 
 
@@ -655,7 +655,7 @@ def test_cancelled_settings_leave_the_old_field():
     before, (progress, _) = session.scene, ending_after(1)
     with pytest.raises(Ended):
         answer(session, "configure", progress, range=2.0)
-    session.upkeep.latest.result()
+    session.latest.result()
     assert session.config == SAD
     assert session.scene.digest == before.digest
     assert session.scene.whole
@@ -671,7 +671,7 @@ def test_settings_hear_of_their_own_field_only(tmp_path):
         told.clear()
         (place,) = free_places(session, 1)
         answer(session, "edit", strokes=[{"tool": "pole", "points": [place], "width": 0.3}])
-        session.upkeep.latest.result()
+        session.latest.result()
         assert told == []
         assert session.scene.whole
         assert session.config.estimator.range == 1.2
@@ -687,7 +687,7 @@ def test_settings_end_with_the_session(tmp_path):
     with ThreadPoolExecutor(1) as pool:
         asked = pool.submit(answer, session, "configure", progress, range=2.0)
         assert begun.wait(30)
-        session.upkeep.close()
+        session.close()
         with pytest.raises(Cancelled):
             asked.result(30)
 
@@ -715,7 +715,7 @@ def test_released_plans_end_within_their_searches(session, monkeypatch):
     for most in range(0, many, 5):
         with pytest.raises(Cancelled):
             looks(10, most)
-        assert not any(key[0] == "flood" for key in session.kept._results)
+        assert not any(key[0] == "flood" for key in session.kept.keys)
 
 
 def test_drives_along_a_turned_map_are_in_the_world():

@@ -13,8 +13,7 @@ from explorer_server import Page, fetched, linked, served
 
 import locplan
 from locplan.errors import LocplanError
-from locplan.explorer._asks import ASKS, Entry
-from locplan.explorer._wire import Ask, Unanswerable, read_ask
+from locplan.explorer._asks import ASKS, Ask, Entry, Unanswerable, read_ask
 from locplan.field import FieldConfig
 from locplan.maps import OCCUPIED, OccupancyGrid
 

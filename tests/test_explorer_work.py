@@ -21,9 +21,9 @@ from explorer_views import (
 
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, PoseError
-from locplan.explorer._simulating import answer_of, simulated
-from locplan.explorer._view import View
-from locplan.explorer._wire import Cancel, Cancelled
+from locplan.explorer._asks import Cancel, Cancelled
+from locplan.explorer._long import answer_of, simulated
+from locplan.explorer._scene import View
 from locplan.landmarks import Box, Pole, place_landmarks
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import pareto_front, plan
@@ -39,7 +39,7 @@ def as_json(answer):
 def session():
     made = session_of()
     yield made
-    made.upkeep.close()
+    made.close()
 
 
 def stopping_after(calls: int):
@@ -225,7 +225,7 @@ def test_landmarks_are_those_of_the_library():
     assert {name: shown[name] for name in expected} == expected
     assert shown["verdict"] == "not verified: nothing was driven"
     assert shown["verification"] is None
-    session.upkeep.close()
+    session.close()
 
 
 def test_drives_verify_landmarks(session):

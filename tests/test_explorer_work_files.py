@@ -32,10 +32,10 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.explorer import RecordedDrive
 from locplan.explorer._drives import MAX_POSES, shown_drive
 from locplan.explorer._explore import frame_html, in_notebook
-from locplan.explorer._reproduce import reproduced
+from locplan.explorer._exporting import reproduced
+from locplan.explorer._long import simulated
+from locplan.explorer._scene import View
 from locplan.explorer._sharing import json_in_html, one_page, one_script, shared_page
-from locplan.explorer._simulating import simulated
-from locplan.explorer._view import View
 from locplan.export import nav2_keepout
 from locplan.field import (
     Exponential,
@@ -171,11 +171,11 @@ def exported(folder, *, force=False, grid=None, progress=lambda *_: None, **aske
     """What the page gets of an export into a folder."""
     with contextlib.ExitStack() as ends:
         session = session_of(with_field=grid is None, folder=folder, force=force)
-        ends.callback(session.upkeep.close)
+        ends.callback(session.close)
         if grid is not None:
             session.original = session.grid = grid
             own = dataclasses.replace(corridors()[1], grid=grid)
-            session.upkeep.begin(own).result(60)
+            session.begin(own).result(60)
         return answered(session, "export", progress=progress, **(WAY | asked))
 
 

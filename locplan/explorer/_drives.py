@@ -18,9 +18,8 @@ from locplan.maps import OccupancyGrid
 from locplan.recordings import Recording, match_scans, read_drive, scans_unlike
 
 if TYPE_CHECKING:
-    from locplan.explorer._asks import Work
+    from locplan.explorer._asks import Ask, Work
     from locplan.explorer._session import Session
-    from locplan.explorer._wire import Ask
 
 MAX_POSES = 5000
 """Greatest number of poses that the page gets of a drive."""
@@ -115,26 +114,22 @@ class RecordedDrive:
         return {"name": self.name, "duration": duration, "poses": poses, "scans": scans}
 
 
-def drive_json(session: Session, number: int) -> dict[str, object]:
-    """A recorded drive of a session on its present map, by its number from 0 on, fit for JSON."""
-    return shown_drive(session.drives[number].recording, session.grid)
-
-
 def match(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     """Answer the ask for the deviations that the scans of a drive have on the present map.
 
     They are kept, so that a drive that is shown again has them at once.
     """
-    if not session.drives:
+    drives = session.opening.drives
+    if not drives:
         raise ConfigError("there is no recorded drive; start the explorer with --drive FILE")
-    number = ask.whole("drive", 0, len(session.drives) - 1)
+    number = ask.whole("drive", 0, len(drives) - 1, None)
     if number is None:
         raise ConfigError("drive must be the number of a recorded drive")
     grid = session.grid
     found: dict[str, object] = session.files.made(
         ("match", number, grid.digest),
         lambda: shown_drive(
-            session.drives[number].recording,
+            drives[number].recording,
             grid,
             matched=True,
             threads=session.opening.threads,

@@ -220,7 +220,7 @@ def opened(
         )
     server = Server(session, port, framed=framed)
     server.start()
-    session.upkeep.begin(field)
+    session.begin(field)
     threading.Thread(target=_warm_up, args=(session,), daemon=True).start()
     return Explorer(server)
 

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.errors import ConfigError, LocplanError
+from locplan.explorer._asks import Ask
 from locplan.explorer._exporting import plain_name
 from locplan.explorer._plans import plan
 from locplan.explorer._textures import cells_of
-from locplan.explorer._wire import Ask
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
@@ -127,7 +127,7 @@ def share(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     )
     if session.scene is not scene:
         raise ConfigError("the map or its field was changed meanwhile; share the view again")
-    name = f"{plain_name(session.name)}-locplan.html"
+    name = f"{plain_name(session.grid.name)}-locplan.html"
     key = session.add_download(name, page.content, "text/html")
     return {"download": key, "name": name, "bytes": page.size}
 
