@@ -7,7 +7,6 @@ import sys
 import threading
 import webbrowser
 from collections.abc import Sequence
-from contextlib import suppress
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +16,7 @@ import numpy as np
 from locplan._util.checks import file_path, instance, whole
 from locplan._util.extras import needed
 from locplan.costs import Costmap
-from locplan.errors import ConfigError, LocplanError
+from locplan.errors import ConfigError
 from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, Sad, config_of
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot
@@ -25,7 +24,6 @@ from locplan.robots import Robot
 if TYPE_CHECKING:
     from locplan.explorer._scene import Opening
     from locplan.explorer._server import Server
-    from locplan.explorer._session import Session
 
 HEIGHT = 720
 """Height of the frame [px]."""
@@ -221,7 +219,7 @@ def opened(
     server = Server(session, port, framed=framed)
     server.start()
     session.begin(field)
-    threading.Thread(target=_warm_up, args=(session,), daemon=True).start()
+    threading.Thread(target=session.prepare, daemon=True).start()
     return Explorer(server)
 
 
@@ -236,18 +234,6 @@ def _check_stops(grid: OccupancyGrid, opening: Opening) -> None:
         if xy is not None and not grid.contains(*grid.world_to_cell(*xy[:2])):
             # A blank costmap makes the sentence of the planners, with the nearest free place.
             Costmap.blank(grid, robot_radius=opening.robot.radius).cell_of(xy, role)
-
-
-def _warm_up(session: Session) -> None:
-    """Find the first ends and load the kernels, while the browser loads the page."""
-    from locplan.explorer._searches import Flood
-    from locplan.explorer._state import ends
-    from locplan.planners import AnyAngle
-
-    with suppress(LocplanError):  # the page's own questions tell what is wrong
-        ends(session)
-    AnyAngle().prepare()
-    Flood.prepare()
 
 
 def in_notebook() -> bool:

@@ -270,7 +270,7 @@ class Searches:
             path = AnyAngle().solve_prepared(costs, bordered, start, goal, self.check).path
         elif (cells := flood.cells(bordered, *ends)) is not None:
             path = any_angle_path(costs, bordered, cells, start, goal)
-        return None if path is None else self.kept.put(key, path, 20_000)
+        return None if path is None else self.kept.put(key, path, path.xy.nbytes)
 
     def _draft(self, weight: float, start: Position, goal: Position, moving: str) -> Path | None:
         """The path of a leg on larger cells; None if there is none."""

@@ -8,6 +8,7 @@ import json
 import secrets
 import threading
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -16,15 +17,16 @@ from typing import Any, Literal
 from locplan._util.notebook import called
 from locplan._util.tables import finite
 from locplan.costs import Costmap
-from locplan.errors import ConfigError
+from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._asks import Ask, Cancel, Work
 from locplan.explorer._scene import Download, Opening, Scene, View
-from locplan.explorer._searches import Kept
+from locplan.explorer._searches import Flood, Kept
 from locplan.explorer._snap import stops_of
 from locplan.explorer._textures import Texture, textures_of
 from locplan.explorer._upkeep import Upkeep
 from locplan.field import CovarianceField, equipped
 from locplan.maps import OccupancyGrid
+from locplan.planners import AnyAngle
 from locplan.robots import Lidar, Robot
 
 MAX_WEIGHT = 1000.0
@@ -216,6 +218,13 @@ class Session(Upkeep):
     def download(self, key: str) -> Download | None:
         """A file that was kept; None without it."""
         return self.files.get(("download", key))  # type: ignore[no-any-return]
+
+    def prepare(self) -> None:
+        """Find the first ends and load the kernels, while the browser loads the page."""
+        with suppress(LocplanError):  # the page's own questions tell what is wrong
+            self.state()
+        AnyAngle().prepare()
+        Flood.prepare()
 
     def about(self) -> dict[str, Any]:
         """The map, and what can be chosen and done, fit for JSON."""
