@@ -23,7 +23,7 @@ from explorer_views import (
 from made_drives import recorded
 
 from locplan.errors import ConfigError, LocplanError
-from locplan.explorer import Opening, RecordedDrive, _drives, _long
+from locplan.explorer import Opening, RecordedDrive, _long
 from locplan.field import FieldConfig, Fisher
 from locplan.maps import OCCUPIED
 from locplan.matching import ScanDatabase, make_database
@@ -171,7 +171,7 @@ def test_a_recorded_drive_is_told_of_and_answered():
 
 def shown_on(session: Session) -> dict[str, object]:
     """The session's drive on its present map."""
-    return _drives.shown_drive(session.drives[0].recording, session.grid)
+    return session.opening.drives[0].shown(session.grid)
 
 
 def toured_session() -> Session:
@@ -188,13 +188,14 @@ def toured_session() -> Session:
 def test_the_scans_of_a_drive_are_matched_once_a_map(monkeypatch):
     session, runs = toured_session(), []
     monkeypatch.setattr(
-        _drives, "match_scans", lambda *given, **more: runs.append(1) or match_scans(*given, **more)
+        "locplan.explorer._drives.match_scans",
+        lambda *given, **more: runs.append(1) or match_scans(*given, **more),
     )
     assert set(shown_on(session)["sd"]) == {None}  # the page shows it before it is matched
     assert runs == []
     calls = []
     told = answered(session, "match", progress=lambda *n: calls.append(n), drive=0)
-    drive = session.drives[0].recording
+    drive = session.opening.drives[0].recording
     expected = match_scans(drive, session.grid).position_std
     assert told["sd"] == [round(v, 4) if np.isfinite(v) else None for v in expected.tolist()]
     assert told["sd"][4] is None
@@ -204,7 +205,7 @@ def test_the_scans_of_a_drive_are_matched_once_a_map(monkeypatch):
     assert len(runs) == 1
     cells = session.grid.cells.copy()
     cells[20:24, 150:160] = OCCUPIED
-    session.replace_grid(dataclasses.replace(session.grid, cells=cells))
+    session.grid = dataclasses.replace(session.grid, cells=cells)
     edited = answered(session, "match", drive=0)
     assert (edited["map"], len(runs)) == (session.grid.digest, 2)
     assert edited["sd"] != told["sd"]
@@ -280,7 +281,7 @@ def test_a_place_in_a_wall_is_moved(session):
 @pytest.fixture
 def coarse(monkeypatch):
     """Few places, so that the search is quick."""
-    monkeypatch.setattr(_long, "spacing_of", lambda database: 3.0)
+    monkeypatch.setattr("locplan.explorer._long.spacing_of", lambda database: 3.0)
 
 
 @pytest.fixture

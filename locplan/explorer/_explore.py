@@ -24,11 +24,7 @@ from locplan.robots import Robot
 if TYPE_CHECKING:
     from locplan.explorer._scene import Opening
     from locplan.explorer._server import Server
-
-HEIGHT = 720
-"""Height of the frame [px]."""
-LIBRARIES = ("starlette", "uvicorn", "websockets")
-"""Libraries of the extra "explore"."""
+    from locplan.explorer._session import Session
 
 
 class Explorer:
@@ -60,18 +56,34 @@ class Explorer:
         return self._server.address
 
     @property
+    def session(self) -> Session:
+        """The map, its field and its costs behind the page, which answer its questions."""
+        return self._server.session
+
+    @property
     def grid(self) -> OccupancyGrid:
         """The map as it was edited on the page."""
-        return self._server.session.grid
+        return self.session.grid
 
     @property
     def field(self) -> CovarianceField | None:
         """The field that the page shows; None before it is there."""
-        return self._server.session.field
+        return self.session.field
 
     def _repr_html_(self) -> str | None:
-        """The page itself, in a notebook."""
-        return frame_html(self.address) if self._server.framed else None
+        """A frame with the page itself in a notebook, and a link to it below.
+
+        The frame stays empty where the notebook's browser runs on another machine, or where the
+        notebook forbids frames.
+        """
+        if not self._server.framed:
+            return None
+        link = escape(self.address, quote=True)
+        return (
+            f'<iframe src="{link}" title="locplan explorer" width="100%" height="720"'
+            ' style="border: 0" allow="clipboard-write; fullscreen"></iframe>'
+            f'<a href="{link}" target="_blank" rel="noopener">Open in a tab of its own</a>'
+        )
 
     def open(self) -> None:
         """Open the page in the browser."""
@@ -167,7 +179,7 @@ def explore(
 
 def check_installed() -> None:
     """Raise a LocplanError unless the libraries of the server are installed."""
-    for library in LIBRARIES:
+    for library in ("starlette", "uvicorn", "websockets"):
         needed(library, "explore", "the explorer")
 
 
@@ -241,22 +253,3 @@ def in_notebook() -> bool:
     module = sys.modules.get("IPython")
     shell = module.get_ipython() if module is not None else None
     return getattr(shell, "kernel", None) is not None
-
-
-def frame_html(address: str, height: int = HEIGHT) -> str:
-    """HTML of a frame that shows a page of this machine, with a link to it below.
-
-    The frame stays empty where the notebook's browser runs on another machine, or where the
-    notebook forbids frames.
-
-    Examples
-    --------
-    >>> frame_html("http://127.0.0.1:8000/secret/", 400).count("http://127.0.0.1:8000/secret/")
-    2
-    """
-    link = escape(address, quote=True)
-    return (
-        f'<iframe src="{link}" title="locplan explorer" width="100%" height="{height:d}"'
-        ' style="border: 0" allow="clipboard-write; fullscreen"></iframe>'
-        f'<a href="{link}" target="_blank" rel="noopener">Open in a tab of its own</a>'
-    )

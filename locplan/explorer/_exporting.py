@@ -92,12 +92,13 @@ def reproduce(session: Session, ask: Ask, work: Work) -> dict[str, str]:
     settings: dict[str, Any] = {
         "start": view.start[:2],
         "goal": view.goal[:2],
-        "via": [xy[:2] for xy in view.via],
         "robot": robot_spelled(robot),
         "config": spelled._replace(argument="costs"),
         **view.cost_settings,
         "drives": drives,
     }
+    if view.via:
+        settings["via"] = [xy[:2] for xy in view.via]
     if config.estimator.casts_rays and not drives:  # options say that by the spacing
         whole = "lambda grid, points=None: locplan.load_or_compute(grid, config)"
         settings["compute"] = Spelled((), whole)

@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from locplan._util.checks import FARTHEST, whole
-from locplan._util.progress import ProgressCallback
-from locplan._util.tables import finite
 from locplan.errors import ConfigError
-from locplan.explorer._scene import MAX_DRIVES, View, rounded
+from locplan.explorer._scene import MAX_DRIVES, rounded
 from locplan.explorer._snap import snapped
 from locplan.explorer._textures import Texture
 from locplan.landmarks import PAYING_SHARE, Landmarks, parsed_object, place_landmarks
 from locplan.matching import ScanDatabase
 from locplan.robots import Robot
-from locplan.simulation import Candidate, Choice, choose
+from locplan.simulation import Candidate, choose
 from locplan.twins import PLACE_HEADINGS, PLACE_SPACING, Twins, find_twins
 
 if TYPE_CHECKING:
@@ -25,38 +23,16 @@ if TYPE_CHECKING:
     from locplan.explorer._session import Session
 
 
-def simulated(
-    view: View,
-    *,
-    drives: int = 64,
-    seed: int = 1,
-    threads: int | None = None,
-    progress: ProgressCallback | None = None,
-) -> Choice:
-    """Choose among candidates that are driven, just as `locplan plan` does with these settings.
+def simulate(session: Session, ask: Ask, work: Work) -> dict[str, object]:
+    """Answer the ask for the simulated choice of the way shown, in its own words and figures.
 
-    Of the page's field it takes the points that a field for this choice has. Work that is cancelled
-    ends after the drives that are under way; the searches before the first drive run out.
-
-    Parameters
-    ----------
-    view : View
-        The way.
-    drives : int
-        Greatest number of confirming drives.
-    seed : int
-        Seed of all random numbers.
-    threads : int, optional
-        Number of threads; all cores by default.
-    progress : callable, optional
-        Called with (done, total) drives; what it raises ends the work.
-
-    Raises
-    ------
-    LocplanError
-        If a setting is out of its range, or no path leads to the goal.
+    Candidates are driven just as `locplan plan` does with these settings. Of the page's field it
+    takes the points that a field for this choice has. Work that is cancelled ends after the drives
+    that are under way; the searches before the first drive run out.
     """
-    found = choose(
+    view, drives = session.view(ask), ask.whole("drives", 2, MAX_DRIVES, 64)
+    work.progress(0, drives, "planning")
+    choice = choose(
         view.grid,
         view.start,
         view.goal,
@@ -65,34 +41,18 @@ def simulated(
         compute=view.field_at if view.whole else None,
         via=view.via,
         drives=drives,
-        seed=seed,
-        threads=threads,
-        progress=progress,
+        threads=session.opening.threads,
+        progress=work.progress,
         **view.cost_settings,
     )
-    if found.path is None:
+    if choice.path is None:
         raise ConfigError("no path joins start and goal; move one of them")
-    return found
-
-
-def simulate(session: Session, ask: Ask, work: Work) -> dict[str, object]:
-    """Answer the ask for the simulated choice of the way shown."""
-    view = session.view(ask)
-    drives = ask.whole("drives", 2, MAX_DRIVES, 64)
-    work.progress(0, drives, "planning")
-    threads = session.opening.threads
-    return answer_of(simulated(view, drives=drives, threads=threads, progress=work.progress))
-
-
-def answer_of(choice: Choice) -> dict[str, object]:
-    """A choice for the page, in its own words and figures, fit for JSON."""
-    about: dict[str, object] = {
+    return {
         "verdict": " ".join([f"{choice.sentence}.", *choice.advice, f"({choice.driven})"]),
         "chosen": choice.chosen.name if choice.chosen else None,
         "candidates": [_candidate(each) for each in choice.candidates],
         "drives": choice.settings.drives,
     }
-    return finite(about)
 
 
 def _candidate(each: Candidate) -> dict[str, object]:

@@ -44,6 +44,8 @@ class Limits:
     """Number of points that are computed at once at least."""
     pages: int = 20
     """Number of pages that are open at once."""
+    waiting: int = 100
+    """Number of questions of a page that wait for their answers."""
 
 
 @dataclass(frozen=True)

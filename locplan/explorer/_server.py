@@ -28,7 +28,6 @@ from starlette.websockets import WebSocket
 
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._asks import MAX_MESSAGE
-from locplan.explorer._drives import shown_drive
 from locplan.explorer._session import Lane, Session
 from locplan.explorer._socket import Link
 from locplan.explorer._textures import cells_of, packed
@@ -266,7 +265,7 @@ class Server:
         if drive is None:
             return _missing()
         try:
-            return JSONResponse(shown_drive(drive.recording, self.session.grid))
+            return JSONResponse(drive.shown(self.session.grid))
         except LocplanError as error:
             return JSONResponse({"error": str(error)}, status_code=409)
 

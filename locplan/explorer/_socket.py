@@ -69,7 +69,7 @@ class Link:
             if ask.do == "cancel":
                 await self._send(self._cancelled(ask))
                 return
-            if len(self._under_way) >= 100:
+            if len(self._under_way) >= self._session.opening.limits.waiting:
                 raise Unanswerable("too many questions wait; ask again later", ask.id)
             if ask.id in self._under_way:
                 raise Unanswerable("a question with this id is under way", ask.id)
