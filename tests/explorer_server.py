@@ -4,26 +4,29 @@ from __future__ import annotations
 
 import http.client
 import json
+import re
 from contextlib import contextmanager
 
 from websockets.sync.client import ClientConnection, connect
 
-from locplan.explorer import Opening
-from locplan.explorer._server import Server
-from locplan.explorer._session import Session
+from locplan.explorer import Explorer, Opening, opened
+
+
+class Server:
+    """A running explorer, with the parts of its address."""
+
+    def __init__(self, explorer: Explorer) -> None:
+        self.session, self.address = explorer.session, explorer.address
+        found = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/(?:\?token=)?([^/]+)/?", self.address)
+        self.port, self.token = int(found.group(1)), found.group(2)
 
 
 @contextmanager
 def served(grid, config, *, framed=False, **opening):
     """A server whose field is there."""
-    session = Session(grid, Opening(config, **opening))
-    server = Server(session, framed=framed)
-    server.start()
-    session.upkeep.begin().result()
-    try:
-        yield server
-    finally:
-        server.stop()
+    with opened(grid, Opening(config, **opening), framed=framed) as explorer:
+        explorer.session.latest.result()
+        yield Server(explorer)
 
 
 def fetched(server: Server, path: str, method: str = "GET", *, cookie=True, **headers):

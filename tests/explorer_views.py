@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 from functools import cache
 
-from locplan.costs import Costmap
-from locplan.explorer import Opening
-from locplan.explorer._session import Session
-from locplan.explorer._view import View
+from locplan.costs import Costmap, Path
+from locplan.explorer import Opening, Session
 from locplan.field import CovarianceField, FieldConfig, Fisher, load_or_compute
 from locplan.maps import OccupancyGrid
 from locplan.maps.environments import make
+from locplan.planners import plan_beside_shortest
 from locplan.robots import Lidar, Robot
 
 START, MIDDLE, GOAL = (2.0, 3.0), (20.0, 3.0), (38.0, 3.0)
@@ -26,11 +25,15 @@ def corridors() -> tuple[OccupancyGrid, CovarianceField]:
     return grid, load_or_compute(grid, FieldConfig(Fisher(LIDAR), stride=0.4))
 
 
-def view(*, via=(), weight: float = 3.0, robot: Robot = ROBOT, **options) -> View:
-    """The way through both corridors, at a weight that is not the default."""
-    grid, field = corridors()
-    costs = Costmap.from_field(grid, field, weight=weight, **options)
-    return View(grid, field, costs, robot, START, GOAL, tuple(via))
+def costs_of(weight: float = 3.0) -> Costmap:
+    """The costmap of the corridors at a weight that is not the default."""
+    return Costmap.from_field(*corridors(), weight=weight)
+
+
+def paths_of(weight: float = 3.0) -> dict[str, Path]:
+    """The aware path and the shortest one through the corridors."""
+    plans = plan_beside_shortest(costs_of(weight), START, GOAL)
+    return {name: plan.path for name, plan in plans.items()}
 
 
 WAY = {"start": list(START), "goal": list(GOAL), "via": [], "weight": 3.0}
@@ -41,7 +44,7 @@ def session_of(with_field: bool = True, **opening) -> Session:
     grid, field = corridors()
     session = Session(grid, Opening(field.config, **opening))
     if with_field:
-        session.upkeep.begin(field).result(60)
+        session.begin(field).result(60)
     return session
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import gzip
 import re
 import socket
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,10 +16,11 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import locplan
 from locplan.errors import LocplanError
-from locplan.explorer._server import STATIC, Server
+from locplan.explorer import Limits, Opening, opened
 from locplan.field import FieldConfig
 from locplan.maps import OccupancyGrid
 
+STATIC = Path(locplan.explorer.__file__).parent / "static"
 CONFIG = FieldConfig(locplan.Sad(range=1.0), stride=0.4)
 GRID = OccupancyGrid(random_rooms((30, 40), 2), 0.1, (0.0, 0.0, 0.2), "room")
 
@@ -36,12 +39,15 @@ def framed(tmp_path_factory):
 
 
 def test_the_server_listens_on_this_machine_alone(server):
-    assert server._listening.getsockname()[0] == "127.0.0.1"
+    with socket.create_connection(("127.0.0.1", server.port)):
+        pass
+    with pytest.raises(OSError, match="refused"):  # another address of this machine
+        socket.create_connection(("127.0.0.2", server.port))
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
         with pytest.raises(LocplanError, match="cannot be used") as told:
-            Server(server.session, other.getsockname()[1])
+            opened(GRID, Opening(CONFIG), port=other.getsockname()[1])
     assert "\n" not in str(told.value)
 
 
@@ -277,7 +283,8 @@ def test_too_long_messages_close_the_socket(server):
 
 
 def test_pages_are_bounded(server, monkeypatch):
-    monkeypatch.setattr("locplan.explorer._server.MAX_PAGES", 2)
+    limited = dataclasses.replace(server.session.opening, limits=Limits(pages=2))
+    monkeypatch.setattr(server.session, "opening", limited)
     with linked(server) as one, linked(server) as other:
         Page(one), Page(other)
         with pytest.raises(InvalidStatus):

@@ -22,19 +22,16 @@ from explorer_views import Ended, Session, ending_after
 import locplan
 from locplan.costs import Costmap
 from locplan.errors import LocplanError
-from locplan.explorer import Opening, _plans
-from locplan.explorer._edits import Stroke, drawn as patch_of, last_ones
-from locplan.explorer._points import clearance_at
-from locplan.explorer._profiles import path_answer
-from locplan.explorer._scene import Scene
-from locplan.explorer._searches import Flood, Halved, Kept, index_of
-from locplan.explorer._snap import Parts, snapped
-from locplan.explorer._upkeep import Patchwork, nearest_first
-from locplan.explorer._wire import Cancelled
-from locplan.field import CovarianceField, FieldConfig
+from locplan.explorer import Limits, Opening
+from locplan.field import FieldConfig
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from locplan.planners import AWARE, SHORTEST, Bordered, plan_beside_shortest
-from locplan.planners._grid import cheapest_cells
+from locplan.planners import (
+    AWARE,
+    SHORTEST,
+    any_angle_path,
+    bordered_index,
+    plan_beside_shortest,
+)
 
 SAD = FieldConfig(locplan.Sad(range=1.5), stride=0.4)
 SMALL = locplan.Robot(footprint=0.15, margin=0.0)
@@ -49,7 +46,7 @@ def rooms(seed: int = 3, yaw: float = 0.0) -> OccupancyGrid:
 
 def session_of(grid: OccupancyGrid, config: FieldConfig = SAD, **opening) -> Session:
     session = Session(grid, Opening(config, **{"robot": SMALL, **opening}))
-    session.upkeep.begin().result()
+    session.begin().result()
     return session
 
 
@@ -71,6 +68,17 @@ def planned(session, stops, weight: float, *, held: int | None = None, draft: bo
     return answer(session, "plan", **asked, hold=hold, draft=draft)
 
 
+def bare(grid: OccupancyGrid, **limits) -> Session:
+    """A session without a field, of a robot that is a point."""
+    return Session(grid, Opening(SAD, POINT, limits=Limits(**limits)))
+
+
+def limit(monkeypatch, session: Session, **limits) -> None:
+    """Give a session other limits for the rest of a test."""
+    opening = dataclasses.replace(session.opening, limits=Limits(**limits))
+    monkeypatch.setattr(session, "opening", opening)
+
+
 def is_path(found, path) -> bool:
     """Whether an answer has this path; its positions have four decimals."""
     return found["xy"] == np.round(path.xy, 4).tolist()
@@ -78,7 +86,7 @@ def is_path(found, path) -> bool:
 
 def free_places(session: Session, count: int, seed: int = 1) -> list[tuple[float, float]]:
     """Random places, off the cells' centres, of the largest part of the free space."""
-    parts, rng = session.parts(), np.random.default_rng(seed)
+    parts, rng = session.scene.parts, np.random.default_rng(seed)
     largest = 1 + np.bincount(parts.labels.ravel())[1:].argmax()
     cells = np.argwhere(parts.labels == largest)
     chosen = cells[rng.integers(0, len(cells), count)] + rng.uniform(0.2, 0.8, (count, 2))
@@ -116,33 +124,33 @@ def test_plans_after_a_drag_of_the_goal_are_those_of_the_library(session):
 def test_while_a_stop_is_held_the_paths_are_those_of_its_release(session, held):
     for seed in range(7, 10):
         stops = free_places(session, 3, seed=seed)
-        session.kept.forget(lambda key: False)
+        session.kept.forget()
         released = planned(session, stops, 4.0)
-        session.kept.forget(lambda key: False)
+        session.kept.forget()
         dragged = planned(session, stops, 4.0, held=held)
         for name in ("aware", "shortest"):
             assert dragged[name]["xy"] == released[name]["xy"]
 
 
-def test_a_kept_search_gives_the_planners_cells_in_both_directions():
+def test_a_kept_search_gives_the_planners_path_in_both_directions():
     rng, differ = np.random.default_rng(2), 0
     for _ in range(40):
         grid = OccupancyGrid(np.full((20, 20), FREE), 1.0)
         costs = Costmap.from_density(grid, rng.integers(1, 3, (20, 20)) ** rng.integers(2))
+        session = bare(grid)
+        session.show(costs, None, whole=True)
         start, goal = (tuple(map(float, xy)) for xy in rng.integers(20, size=(2, 2)) + 0.5)
-        bordered = Bordered.of(costs)
-        flood = Flood.of(bordered, index_of(costs, start))
-        there = flood.cells_to(bordered, index_of(costs, goal))
-        back = flood.cells_from(bordered, index_of(costs, goal))
-        assert there.tolist() == cheapest_cells(costs, start, goal, False)[0].tolist()
-        assert back.tolist() == cheapest_cells(costs, goal, start, False)[0].tolist()
-        differ += there.tolist() != back[::-1].tolist()
-    assert differ > 10
+        for held in (0, 1):  # the search is kept from the other one
+            found = planned(session, [start, goal], 4.0, held=held)["shortest"]
+            assert is_path(found, locplan.plan(costs, start, goal).path)
+            session.kept.forget()
+        back = locplan.plan(costs, goal, start).path.xy[::-1]
+        differ += found["xy"] != np.round(back, 4).tolist()
+    assert differ  # the way there is another one than the way back
 
 
 def test_the_kernels_of_a_drag_are_loaded_before_it(session, monkeypatch):
     from locplan._kernels import ways
-    from locplan.explorer._explore import _warm_up
 
     used = []
     for name in ("greatest_cost", "steps_back", "cheapest_cells"):
@@ -153,9 +161,9 @@ def test_the_kernels_of_a_drag_are_loaded_before_it(session, monkeypatch):
             return kernel(*given)
 
         monkeypatch.setattr(ways, name, noted)
-    _warm_up(session)
+    session.prepare()
     before, used[:] = list(used), []
-    session.kept.forget(lambda key: False)
+    session.kept.forget()
     planned(session, free_places(session, 2), 4.0, held=0)
     assert len(before) == 3
     assert all(one in before for one in used)
@@ -163,26 +171,28 @@ def test_the_kernels_of_a_drag_are_loaded_before_it(session, monkeypatch):
 
 def floods(session) -> list[tuple[float, int]]:
     """Weights of the searches that are kept, and the cells that they began in."""
-    return [key[2:] for key in session.kept._results if key[0] == "flood"]
+    return [key[2:] for key in session.kept.keys if key[0] == "flood"]
 
 
 def test_kept_searches_hold_no_costmap_that_is_dropped(session, monkeypatch):
-    made, halve = [], Halved.of
+    start, goal = free_places(session, 2, seed=9)
+    planned(session, [start, goal], 4.0)
+    kind = type(session.kept.get(("halved", session.scene.serial, 4.0)))
+    made, halve = [], kind.halved
 
     def noted(costs):
         halved = halve(costs)
         made.append(weakref.ref(halved.bordered.half))
         return halved
 
-    monkeypatch.setattr(Halved, "of", noted)
-    monkeypatch.setattr("locplan.explorer._plans.PATH_BYTES", 1)
-    monkeypatch.setattr(session, "kept", Kept(4 * session.costs().density.nbytes))
-    start, goal = free_places(session, 2, seed=9)
+    monkeypatch.setattr(kind, "halved", noted)
+    size = 4 * session.costs().density.nbytes
+    monkeypatch.setattr(session, "kept", type(session.kept)(size))
     for weight in range(1, 11):
         planned(session, [start, goal], float(weight), held=0)
         answer(session, "idle", start=start, goal=goal, weight=weight)
     gc.collect()
-    kept = sum(key[0] == "halved" for key in session.kept._results)
+    kept = sum(key[0] == "halved" for key in session.kept.keys)
     assert len({weight for weight, _ in floods(session)}) > kept
     assert sum(each() is not None for each in made) == kept < len(made)
 
@@ -190,7 +200,7 @@ def test_kept_searches_hold_no_costmap_that_is_dropped(session, monkeypatch):
 @pytest.mark.parametrize("held", [0, 1])
 def test_after_a_drag_no_map_is_searched(session, held, monkeypatch):
     stops, (elsewhere,) = free_places(session, 2, seed=9), free_places(session, 1, seed=10)
-    session.kept.forget(lambda key: False)
+    session.kept.forget()
     planned(session, stops, 4.0, held=held)
     begun = []
     monkeypatch.setattr("locplan._kernels.search.search", lambda *_, **__: begun.append(1))
@@ -207,17 +217,17 @@ def test_idle_searches_from_the_stops_that_a_drag_leaves_at_rest(session, monkey
     places = free_places(session, 4, seed=9)
     start, *via, goal = places
     asked = {"start": start, "via": via, "goal": goal, "weight": 4.0}
-    cells = [index_of(session.costs(), place) for place in places]
+    cells = [bordered_index(session.costs(), place, "place") for place in places]
     for hold, among in (("start", [1]), ("via:0", [0, 2]), ("goal", [2]), (None, range(4))):
-        session.kept.forget(lambda key: False)
+        session.kept.forget()
         assert answer(session, "idle", **asked, hold=hold) == {"ok": True}
         assert sorted(floods(session)) == sorted(
-            (weight, cells[n]) for weight in (_plans.SHORTEST_WEIGHT, 4.0) for n in among
+            (weight, cells[n]) for weight in (1e-6, 4.0) for n in among
         )
     half = session.kept.get(("halved", session.scene.serial, 4.0)).bordered.half.nbytes
     for share, count in ((3.8, 1), (4.3, 3), (3.7, 0)):
-        monkeypatch.setattr("locplan.explorer._plans.KEPT_BYTES", share * half)
-        session.kept.forget(lambda key: False)
+        monkeypatch.setattr(session.kept, "limit", share * half)
+        session.kept.forget()
         answer(session, "idle", **asked)
         assert len(floods(session)) == 2 * count
 
@@ -226,22 +236,21 @@ def test_idle_prepares_the_drafts_of_large_maps(session, monkeypatch):
     start, goal = free_places(session, 2, seed=13)
     asked = {"start": start, "goal": goal, "weight": 4.0}
     for cells, hold, prepared in ((50, None, 2), (50, "goal", 0), (1500, None, 0)):
-        monkeypatch.setattr("locplan.explorer._plans.DRAFT_CELLS", cells)
-        session.kept.forget(lambda key: False)
+        limit(monkeypatch, session, draft_cells=cells)
+        session.kept.forget()
         answer(session, "idle", **asked, hold=hold)
-        assert sum(key[0] == "coarse" for key in session.kept._results) == prepared
+        assert sum(key[0] == "coarse" for key in session.kept.keys) == prepared
 
 
 def test_only_the_legs_beside_the_held_stop_are_planned_again(session, monkeypatch):
     (moved, *stops), planned_legs = free_places(session, 5, seed=9), []
     planned(session, stops, 4.0)
-    whole = _plans.any_angle_path
 
     def counted(costs, bordered, cells, start, goal):
         planned_legs.append((start, goal))
-        return whole(costs, bordered, cells, start, goal)
+        return any_angle_path(costs, bordered, cells, start, goal)
 
-    monkeypatch.setattr(_plans, "any_angle_path", counted)
+    monkeypatch.setattr("locplan.explorer._searches.any_angle_path", counted)
     for held in (0, None):
         planned(session, [moved, *stops[1:]], 4.0, held=held)
         assert planned_legs == 2 * [(moved, stops[1])]
@@ -273,20 +282,19 @@ def test_profiles_are_short_and_keep_the_greatest_value(session):
 
 def test_many_steps_are_joined_by_their_greatest():
     grid = OccupancyGrid(np.full((3, 1500), FREE, np.uint8), 0.1)
-    session = Session(grid, Opening(SAD, POINT))
-    steps = planned(session, [(0.05, 0.15), (149.9, 0.15)], 4.0)["shortest"]["profile"]
+    session, ends = bare(grid), [(0.05, 0.15), (149.9, 0.15)]
+    steps = planned(session, ends, 4.0)["shortest"]["profile"]
     assert len(steps["s"]) == 400
     assert steps["s"][-1] == pytest.approx(149.85)
     u = np.zeros(grid.shape)
     u[1, 7:1500:50] = 0.9  # one cell in many
     costs = dataclasses.replace(session.scene.costs, u=u)
-    scene = Scene(costs, None, True, 1)
-    route = locplan.Path([(0.05, 0.15), (149.9, 0.15)])
-    assert (path_answer(costs, scene, route).u == 0.9).sum() == 30
+    session.show(costs, None, whole=True)
+    assert planned(session, ends, 4.0)["shortest"]["profile"]["u"].count(0.9) == 30
 
 
 def test_coarse_drafts_join_the_same_stops(session, monkeypatch):
-    monkeypatch.setattr(_plans, "DRAFT_CELLS", 50)
+    limit(monkeypatch, session, draft_cells=50)
     start, goal = free_places(session, 2, seed=13)
     for held in (0, 1, None):
         found = planned(session, [start, goal], 4.0, held=held, draft=True)
@@ -299,7 +307,7 @@ def test_coarse_drafts_join_the_same_stops(session, monkeypatch):
 
 
 def test_drafts_cost_what_they_would_at_the_weight_of_the_aware_path(session, monkeypatch):
-    monkeypatch.setattr("locplan.explorer._plans.DRAFT_CELLS", 50)
+    limit(monkeypatch, session, draft_cells=50)
     found = planned(session, free_places(session, 2, seed=14), 11.0, draft=True)
     assert found["draft"]
     for path in (found["shortest"], found["aware"]):
@@ -315,31 +323,35 @@ def test_positions_in_walls_move_to_the_nearest_cell_of_the_same_part():
         "#........#",
         "##########",
     )
-    parts = Parts.of(locplan.Costmap.blank(grid, robot_radius=0.0))
+
+    def snapped(stops, held=None):
+        found = planned(bare(grid), stops, 4.0, held=held)
+        return [tuple(xy) for xy in (found["start"], *found["via"], found["goal"])]
+
     lower, upper = (1.5, 1.5), (1.5, 4.5)
     in_wall = (5.2, 3.4)  # nearer to the upper part
-    assert snapped(parts, [upper, in_wall]) == [upper, (5.5, 4.5)]
-    assert snapped(parts, [lower, in_wall]) == [lower, (5.5, 1.5)]
-    assert snapped(parts, [in_wall, lower], held=0) == [(5.5, 1.5), lower]
-    assert snapped(parts, [upper, in_wall, lower], held=0)[1] == (5.5, 1.5)
-    assert snapped(parts, [in_wall, in_wall])[0] == (5.5, 4.5)
-    assert snapped(parts, [lower, upper]) == [lower, upper]  # free ones stay, whatever joins them
+    assert snapped([upper, in_wall]) == [upper, (5.5, 4.5)]
+    assert snapped([lower, in_wall]) == [lower, (5.5, 1.5)]
+    assert snapped([in_wall, lower], held=0) == [(5.5, 1.5), lower]
+    assert snapped([upper, in_wall, lower], held=0)[1] == (5.5, 1.5)
+    assert snapped([in_wall, in_wall])[0] == (5.5, 4.5)
+    assert snapped([lower, upper]) == [lower, upper]  # free ones stay, whatever joins them
 
 
 def test_positions_far_from_free_cells_are_refused():
-    grid = drawn(".....###########")
-    parts = Parts.of(locplan.Costmap.blank(grid, robot_radius=0.0))
-    assert snapped(parts, [(0.5, 0.5), (4.5 + 3.0, 0.5)])[1] == (4.5, 0.5)
+    session = bare(drawn(".....###########"))
+    assert planned(session, [(0.5, 0.5), (4.5 + 3.0, 0.5)], 4.0)["goal"] == [4.5, 0.5]
     with pytest.raises(LocplanError, match=r"the goal .* no free cell within 3 m"):
-        snapped(parts, [(0.5, 0.5), (4.6 + 3.0, 0.5)])
+        planned(session, [(0.5, 0.5), (4.6 + 3.0, 0.5)], 4.0)
     with pytest.raises(LocplanError, match="the start"):
-        snapped(parts, [(-1e7, 1e7), (0.5, 0.5)])
+        planned(session, [(-1e7, 1e7), (0.5, 0.5)], 4.0)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_snapping_finds_what_a_search_of_all_cells_finds(seed):
     grid, rng = rooms(seed, yaw=0.4), np.random.default_rng(seed)
-    parts = Parts.of(locplan.Costmap.blank(grid, robot_radius=0.2))
+    robot = locplan.Robot(footprint=0.2, margin=0.0)
+    parts = Session(grid, Opening(SAD, robot)).scene.parts
     x, y = grid.grid_to_world(*rng.uniform(0, (60, 90), (30, 2)).T)
     for xy in zip(x.tolist(), y.tolist(), strict=True):
         for label in (0, 1, int(parts.labels.max())):
@@ -385,14 +397,14 @@ def test_edits_are_undone_and_redone_to_the_digest(session):
     for k in range(3):
         stroke = {"tool": "wall", "points": [start, goal], "width": 0.2 + 0.2 * k}
         answer(session, "edit", strokes=[stroke])
-        session.upkeep.latest.result()
+        session.latest.result()
         digests.append((session.grid.digest, session.scene.digest))
         fields.append(session.field)
     assert len(set(digests)) == 4
     for do, order in (("undo", [2, 1, 0]), ("redo", [1, 2, 3])):
         for k in order:
             answer(session, do)
-            session.upkeep.latest.result()
+            session.latest.result()
             assert (session.grid.digest, session.scene.digest) == digests[k]
             np.testing.assert_array_equal(session.field.covariance, fields[k].covariance)
         with pytest.raises(LocplanError, match=f"no edit to {do}"):
@@ -401,9 +413,7 @@ def test_edits_are_undone_and_redone_to_the_digest(session):
 
 @pytest.mark.parametrize("tool", ["wall", "erase", "pole", "box"])
 def test_fields_and_costs_after_an_edit_are_those_of_the_new_map(tool, monkeypatch):
-    monkeypatch.setattr("locplan.explorer._upkeep.MIN_POINTS", 5)
-    monkeypatch.setattr("locplan.explorer._upkeep.FIRST_SECONDS", 0.0)
-    session = session_of(rooms(5))
+    session = session_of(rooms(5), limits=Limits(min_points=5, first_seconds=0.0))
     (x, y), *_ = free_places(session, 1)
     scenes = []
     session.listeners.append(lambda event: scenes.append(session.scene))
@@ -411,7 +421,7 @@ def test_fields_and_costs_after_an_edit_are_those_of_the_new_map(tool, monkeypat
     width = 4.0 if tool == "erase" else 0.6
     stroke = {"tool": tool, "points": points, "width": width, "heading": 0.3}
     changed = answer(session, "edit", strokes=[stroke])["changed"]
-    session.upkeep.latest.result()
+    session.latest.result()
     assert changed
     assert session.scene.whole
     assert any(not scene.whole for scene in scenes)
@@ -424,30 +434,27 @@ def test_fields_and_costs_after_an_edit_are_those_of_the_new_map(tool, monkeypat
 
 
 @pytest.mark.parametrize("kind", ["Fisher", "Scan", "Fused"])
-def test_fields_of_rays_after_an_edit_are_those_of_the_new_map(kind, monkeypatch):
-    monkeypatch.setattr("locplan.explorer._upkeep.MIN_POINTS", 30)
-    monkeypatch.setattr("locplan.explorer._upkeep.FIRST_SECONDS", 0.0)
+def test_fields_of_rays_after_an_edit_are_those_of_the_new_map(kind):
     config = FieldConfig(getattr(locplan, kind).of(locplan.Lidar(range=2.0, beams=36)), stride=0.6)
-    session = session_of(rooms(5, yaw=0.4), config)
+    limits = Limits(min_points=30, first_seconds=0.0)
+    session = session_of(rooms(5, yaw=0.4), config, limits=limits)
     (place,) = free_places(session, 1)
     whole = []
     session.listeners.append(lambda event: whole.append(session.scene.whole))
     answer(session, "edit", strokes=[{"tool": "pole", "points": [place], "width": 0.5}])
-    session.upkeep.latest.result()
+    session.latest.result()
     assert False in whole
     expected = locplan.covariance_field(session.grid, config)
     np.testing.assert_array_equal(session.field.covariance, expected.covariance)
 
 
 def test_edits_that_come_while_values_are_computed_end_in_the_last_map(monkeypatch):
-    monkeypatch.setattr("locplan.explorer._upkeep.MIN_POINTS", 5)
-    monkeypatch.setattr("locplan.explorer._upkeep.FIRST_SECONDS", 0.0)
-    session = session_of(rooms(6))
+    session = session_of(rooms(6), limits=Limits(min_points=5, first_seconds=0.0))
     for n, (x, y) in enumerate(free_places(session, 6)):
         answer(session, "edit", strokes=[{"tool": "pole", "points": [[x, y]], "width": 0.3}])
         if n % 3 == 2:
             answer(session, "undo")
-    session.upkeep.latest.result()
+    session.latest.result()
     expected = locplan.covariance_field(session.grid, SAD)
     np.testing.assert_array_equal(session.field.covariance, expected.covariance)
     costs = locplan.Costmap.from_field(session.grid, expected, robot_radius=0.15)
@@ -455,94 +462,90 @@ def test_edits_that_come_while_values_are_computed_end_in_the_last_map(monkeypat
         np.testing.assert_array_equal(getattr(session.scene.costs, name), getattr(costs, name))
 
 
-def test_a_costmap_reads_a_window_anew_where_its_field_was_old(monkeypatch):
-    session = session_of(rooms(6))
-    (x, y), *_ = free_places(session, 1)
-    before, shown = session.field, session.scene.costs
-    answer(session, "edit", strokes=[{"tool": "pole", "points": [[x, y]], "width": 0.3}])
-    edited = session.grid
-    session.upkeep.latest.result()
-    old = CovarianceField.of(before.values, edited, SAD)  # the new map, and the values from before
-    known = Patchwork(before, before.evaluated, shown).updated(old, before.evaluated, whole=False)
-    assert known.stale is not None
-    again = known.updated(session.field, before.evaluated, whole=True)
-    assert again.stale is None
-    np.testing.assert_array_equal(again.costs.density, session.scene.costs.density)
-    undone = known.updated(before, before.evaluated, whole=True)
-    np.testing.assert_array_equal(undone.costs.density, shown.density)
-
-
 def test_before_there_is_a_field_the_paths_follow_edits(monkeypatch):
     session = Session(rooms(), Opening(SAD, SMALL))
-    monkeypatch.setattr(session.upkeep, "_whole", lambda *_: None)
+    monkeypatch.setattr(session, "_whole", lambda *_: None)
     start, goal = free_places(session, 2, seed=3)
     before = planned(session, [start, goal], 4.0)["shortest"]
     x, y = np.mean([start, goal], axis=0).tolist()
     strokes = [{"tool": "pole", "points": [before["xy"][len(before["xy"]) // 2]], "width": 0.6}]
     strokes += [{"tool": "pole", "points": [[x, y]], "width": 0.6}]
     answer(session, "edit", strokes=strokes)
-    session.upkeep.latest.result()
+    session.latest.result()
     assert session.scene.costs.grid.digest == session.grid.digest != session.original.digest
     assert planned(session, [start, goal], 4.0)["shortest"]["length"] > before["length"]
 
 
 def test_an_old_field_follows_the_map_while_another_is_computed(monkeypatch):
     session = session_of(rooms())
-    monkeypatch.setattr(session.upkeep, "_whole", lambda *_: None)
+    monkeypatch.setattr(session, "_whole", lambda *_: None)
     session.config = FieldConfig(locplan.Sad(range=1.0), stride=0.4)
     (x, y), *_ = free_places(session, 1)
     answer(session, "edit", strokes=[{"tool": "pole", "points": [[x, y]], "width": 0.3}])
-    session.upkeep.latest.result()
+    session.latest.result()
     expected = locplan.covariance_field(session.grid, SAD)
     np.testing.assert_array_equal(session.field.covariance, expected.covariance)
 
 
 def test_the_points_nearest_to_an_edit_come_first():
-    due, first = np.ones((6, 8), bool), np.zeros((6, 8), bool)
-    due[2, 2], first[5, 0] = False, True
-    changed = np.zeros((24, 32), bool)
-    changed[12, 20] = True  # the lattice point (3, 5)
-    order = nearest_first(due, first, changed, 4)
-    rows, cols = np.unravel_index(order, due.shape)
-    assert (rows[0], cols[0]) == (5, 0)
-    apart = np.hypot(rows[1:] - 3, cols[1:] - 5)
-    assert (np.diff(apart) > -0.3).all()  # distances are within a few per cent
-    assert len(order) == due.sum()
+    grid = OccupancyGrid(np.pad(np.full((60, 90), FREE), 4), 0.1)
+    session = session_of(grid, limits=Limits(min_points=8, first_seconds=0.0))
+    shown = [session.field]
+    session.listeners.append(lambda event: shown.append(session.field))
+    answer(session, "edit", strokes=[{"tool": "pole", "points": [[3.0, 3.0]], "width": 0.3}])
+    session.latest.result()
+    centre, stride = np.array(grid.world_to_cell(3.0, 3.0)) / SAD.stride * 0.1, []
+    for before, after in itertools.pairwise(shown):
+        new = (before.covariance != after.covariance).any(axis=(-1, -2))
+        new = new.any(axis=-1) if new.ndim > 2 else new
+        if (new & before.evaluated).any():
+            apart = np.hypot(*(np.argwhere(new & before.evaluated) - centre).T)
+            stride.append((apart.min(), apart.max()))
+    assert len(stride) > 2
+    for (_, farthest), (nearest, _) in itertools.pairwise(stride):
+        assert nearest > farthest - 1.5  # distances are within a few per cent, and from cells
 
 
 def test_a_stroke_fills_the_cells_whose_centres_it_covers():
     grid = OccupancyGrid(np.full((20, 30), FREE), 0.1, (0.5, 0.5, 0.7))
-    stroke = Stroke("wall", ((1.0, 1.5), (1.6, 2.0), (1.2, 2.4)), (0.3, 0.3))
-    patch = patch_of(grid, [stroke])
-    cells = grid.cells.copy()
-    cells[patch.rows, patch.cols] = patch.after
+    session, points = bare(grid), ((1.0, 1.5), (1.6, 2.0), (1.2, 2.4))
+    answer(session, "edit", strokes=[{"tool": "wall", "points": points, "width": 0.3}])
     for row, col in itertools.product(range(20), range(30)):
         at = np.array(grid.cell_to_world(row, col))
         near = min(
             math.dist(at, np.array(a) + np.clip((at - a) @ d / (d @ d), 0, 1) * d)
-            for a, b in itertools.pairwise(stroke.points)
+            for a, b in itertools.pairwise(points)
             if (d := np.subtract(b, a)) is not None
         )
-        assert (cells[row, col] == OCCUPIED) == (near <= 0.15), (row, col)
+        assert (session.grid.cells[row, col] == OCCUPIED) == (near <= 0.15), (row, col)
+    session.close()
 
 
 def test_thin_walls_have_no_gaps():
-    grid = OccupancyGrid(np.full((40, 40), FREE), 0.1)
-    patch = patch_of(grid, [Stroke("wall", ((0.0, 0.31), (4.0, 3.67)), (0.01, 0.01))])
-    cells = grid.cells.copy()
-    cells[patch.rows, patch.cols] = patch.after
-    parts = Parts.of(locplan.Costmap.blank(OccupancyGrid(cells, 0.1), robot_radius=0.0))
+    session = bare(OccupancyGrid(np.full((40, 40), FREE), 0.1))
+    points = [[0.0, 0.31], [4.0, 3.67]]
+    answer(session, "edit", strokes=[{"tool": "wall", "points": points, "width": 0.01}])
+    session.latest.result()
+    parts = session.scene.parts
     assert parts.label((2.0, 0.2)) != parts.label((2.0, 3.8)) > 0
 
 
-def test_cells_kept_for_undoing_are_bounded(session, monkeypatch):
-    patch = patch_of(session.grid, [Stroke("wall", ((2.0, 0.0), (8.0, 3.0)), (0.2, 0.2))])
-    monkeypatch.setattr("locplan.explorer._edits.UNDO_BYTES", 3.5 * patch.bytes)
-    assert len(last_ones([patch] * 9)) == 3
-    monkeypatch.setattr("locplan.explorer._edits.UNDO_BYTES", 0)
-    assert last_ones([patch] * 9) == [patch]
-    monkeypatch.setattr("locplan.explorer._edits.UNDO_BYTES", 1e9)
-    assert len(last_ones([patch] * 300)) == 200
+def test_cells_kept_for_undoing_are_bounded():
+    edits = ["wall", "erase"] * 5
+    asked = {"points": [[1.0, 1.0], [3.0, 3.0]], "width": 0.2}
+    for limits, count in (
+        ({}, 10),
+        ({"undo_bytes": 3.5 * 968}, 3),
+        ({"undo_bytes": 0}, 1),
+        ({"undo": 4}, 4),
+    ):
+        session = bare(OccupancyGrid(np.full((40, 40), FREE), 0.1), **limits)
+        for tool in edits:
+            answer(session, "edit", strokes=[{"tool": tool, **asked}])
+        assert session.edits[-1].bytes == 968
+        assert len(session.edits) == count
+        session.close()
+    assert Limits().undo == 200
 
 
 def test_an_edit_outside_the_map_changes_nothing(session):
@@ -550,7 +553,7 @@ def test_an_edit_outside_the_map_changes_nothing(session):
     before = session.grid.digest
     assert answer(session, "edit", strokes=[stroke]) == {"changed": []}
     assert session.grid.digest == before
-    assert not session.history.before
+    assert not session.edits
 
 
 def test_maps_are_saved_under_the_folder_only(tmp_path):
@@ -575,7 +578,7 @@ def test_maps_are_saved_under_the_folder_only(tmp_path):
 
 
 def test_what_is_kept_stays_within_its_bytes():
-    kept = Kept(100)
+    kept = type(bare(OccupancyGrid(np.full((4, 4), FREE), 0.1)).kept)(100)
     for n in range(30):
         kept.put(n, np.zeros(3), 24)
         assert kept.bytes <= 100
@@ -589,13 +592,12 @@ def test_what_is_kept_stays_within_its_bytes():
     assert kept.bytes == 500
     kept.put(31, "again", 10)
     assert kept.bytes == 10
-    kept.forget(lambda key: False)
+    kept.forget()
     assert kept.bytes == 0
 
 
-def test_searches_of_many_drags_stay_within_their_bytes(monkeypatch):
-    monkeypatch.setattr("locplan.explorer._session.KEPT_BYTES", 1e6)
-    session = session_of(rooms())
+def test_searches_of_many_drags_stay_within_their_bytes():
+    session = session_of(rooms(), limits=Limits(kept_bytes=1e6))
     places = free_places(session, 30)
     for n, (start, goal) in enumerate(itertools.pairwise(places)):
         planned(session, [start, goal], 4.0 + n, held=n % 2)
@@ -613,17 +615,15 @@ def test_a_place_has_the_covariance_of_the_field(session):
         cell = session.grid.world_to_cell(x, y)
         assert told["u"] == session.scene.costs.u[cell]
         assert told["clearance"] == session.grid.clearance[cell]
-    for x, y in free_places(session, 20, seed=3):
-        row, col = session.grid.world_to_cell(x, y)
-        plain = OccupancyGrid(session.grid.cells, 0.1)
-        assert "clearance" not in vars(plain)
-        assert (
-            clearance_at(plain, row, col)
-            == plain.clearance[row, col]
-            == clearance_at(plain, row, col)
-        )
-    nothing = OccupancyGrid(np.full((4, 4), FREE), 0.1)
-    assert math.isnan(clearance_at(nothing, 1, 1))
+    plain = bare(rooms())
+    places = free_places(session, 20, seed=3)
+    before = [answer(plain, "at", x=x, y=y)["clearance"] for x, y in places]
+    assert "clearance" not in vars(plain.grid)
+    cells = [session.grid.world_to_cell(x, y) for x, y in places]
+    assert before == [plain.grid.clearance[cell] for cell in cells]
+    assert before == [answer(plain, "at", x=x, y=y)["clearance"] for x, y in places]
+    nothing = bare(OccupancyGrid(np.full((4, 4), FREE), 0.1))
+    assert answer(nothing, "at", x=0.1, y=0.1)["clearance"] is None
     far = answer(session, "at", x=-1e6, y=5.0)
     assert not far["known"]
     assert "u" not in far
@@ -655,7 +655,7 @@ def test_cancelled_settings_leave_the_old_field():
     before, (progress, _) = session.scene, ending_after(1)
     with pytest.raises(Ended):
         answer(session, "configure", progress, range=2.0)
-    session.upkeep.latest.result()
+    session.latest.result()
     assert session.config == SAD
     assert session.scene.digest == before.digest
     assert session.scene.whole
@@ -671,7 +671,7 @@ def test_settings_hear_of_their_own_field_only(tmp_path):
         told.clear()
         (place,) = free_places(session, 1)
         answer(session, "edit", strokes=[{"tool": "pole", "points": [place], "width": 0.3}])
-        session.upkeep.latest.result()
+        session.latest.result()
         assert told == []
         assert session.scene.whole
         assert session.config.estimator.range == 1.2
@@ -687,9 +687,8 @@ def test_settings_end_with_the_session(tmp_path):
     with ThreadPoolExecutor(1) as pool:
         asked = pool.submit(answer, session, "configure", progress, range=2.0)
         assert begun.wait(30)
-        session.upkeep.close()
-        with pytest.raises(Cancelled):
-            asked.result(30)
+        session.close()
+        assert type(asked.exception(30)).__name__ == "Cancelled"
 
 
 def test_released_plans_end_within_their_searches(session, monkeypatch):
@@ -701,21 +700,22 @@ def test_released_plans_end_within_their_searches(session, monkeypatch):
         session.kept.forget(lambda key: key[0] == "halved")
         left = itertools.count(1)
 
-        def check():
+        def check(cancel):
             if next(left) > most:
-                raise Cancelled
+                raise Ended
 
-        return _plans.planned(session, [start, goal], 4.0, check=check), next(left) - 1
+        monkeypatch.setattr("locplan.explorer._asks.Cancel.check", check)
+        return planned(session, [start, goal], 4.0), next(left) - 1
 
     few = looks(10**6, 10**6)[1]
     found, many = looks(10, 10**6)
     assert many > few + 5
     plans = plan_beside_shortest(session.costs(4.0), start, goal)
-    np.testing.assert_array_equal(found.aware.xy, plans[AWARE].path.xy)
+    assert is_path(found["aware"], plans[AWARE].path)
     for most in range(0, many, 5):
-        with pytest.raises(Cancelled):
+        with pytest.raises(Ended):
             looks(10, most)
-        assert not any(key[0] == "flood" for key in session.kept._results)
+        assert not any(key[0] == "flood" for key in session.kept.keys)
 
 
 def test_drives_along_a_turned_map_are_in_the_world():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 import random
@@ -13,8 +14,7 @@ from explorer_server import Page, fetched, linked, served
 
 import locplan
 from locplan.errors import LocplanError
-from locplan.explorer._asks import ASKS, Entry
-from locplan.explorer._wire import Ask, Unanswerable, read_ask
+from locplan.explorer import Limits
 from locplan.field import FieldConfig
 from locplan.maps import OCCUPIED, OccupancyGrid
 
@@ -48,7 +48,7 @@ def page(server):
 
 @pytest.fixture
 def held(monkeypatch):
-    """A kind of questions that is answered when it is let go."""
+    """Fronts and edits that are answered when they are let go."""
     begun, let_go = threading.Semaphore(0), threading.Event()
 
     def wait(session, ask, work):
@@ -57,10 +57,8 @@ def held(monkeypatch):
         work.cancel.check()
         return {"n": ask.whole("n", 0, 100, 0)}
 
-    module = type("module", (), {"wait": staticmethod(wait)})
-    monkeypatch.setitem(__import__("sys").modules, "held_answers", module)
-    monkeypatch.setitem(ASKS, "wait", Entry("held_answers:wait", "long"))
-    monkeypatch.setitem(ASKS, "each", Entry("held_answers:wait", "long", each=True))
+    monkeypatch.setattr("locplan.explorer._front.front", wait)
+    monkeypatch.setattr("locplan.explorer._edits.edit", wait)
     yield begun, let_go
     let_go.set()
 
@@ -80,9 +78,9 @@ def test_a_plan_is_answered_with_both_paths(page):
 
 def test_of_waiting_questions_of_a_kind_the_newest_is_answered(page, held):
     begun, let_go = held
-    first = page.send("wait", n=1)
+    first = page.send("front", n=1)
     begun.acquire()
-    others = [page.send("wait", n=n) for n in (2, 3, 4)]
+    others = [page.send("front", n=n) for n in (2, 3, 4)]
     assert page.ask("at", x=1.0, y=1.0)["re"]  # another lane answers meanwhile
     let_go.set()
     told = {}
@@ -101,12 +99,10 @@ def test_an_overtaken_question_hears_of_it_by_its_progress(page, monkeypatch):
         work.progress(1, 2)
         return {"n": ask.whole("n", 0, 100, 0)}
 
-    module = type("module", (), {"work_on": staticmethod(work_on)})
-    monkeypatch.setitem(__import__("sys").modules, "working_answers", module)
-    monkeypatch.setitem(ASKS, "work", Entry("working_answers:work_on", "long"))
-    first = page.send("work", n=1)
+    monkeypatch.setattr("locplan.explorer._long.landmarks", work_on)
+    first = page.send("landmarks", n=1)
     begun.acquire()
-    second = page.send("work", n=2)
+    second = page.send("landmarks", n=2)
     assert page.ask("at", x=1.0, y=1.0)["re"]
     let_go.set()
     told = {number: page.wait(number) for number in (first, second)}
@@ -116,7 +112,7 @@ def test_an_overtaken_question_hears_of_it_by_its_progress(page, monkeypatch):
 
 def test_every_edit_is_answered_though_newer_ones_wait(page, held):
     begun, let_go = held
-    numbers = [page.send("each", n=n) for n in (1, 2, 3)]
+    numbers = [page.send("edit", n=n) for n in (1, 2, 3)]
     begun.acquire()
     let_go.set()
     assert [page.wait(number)["n"] for number in numbers] == [1, 2, 3]
@@ -126,7 +122,7 @@ def test_questions_of_one_page_do_not_overtake_those_of_another(server, page, he
     begun, let_go = held
     with linked(server) as link:
         other = Page(link)
-        one, two = page.send("wait", n=1), other.send("wait", n=2)
+        one, two = page.send("front", n=1), other.send("front", n=2)
         begun.acquire()
         assert other.ask("at", x=1.0, y=1.0)["re"] == 2
         let_go.set()
@@ -136,7 +132,7 @@ def test_questions_of_one_page_do_not_overtake_those_of_another(server, page, he
 
 def test_a_cancelled_question_ends(page, held):
     begun, let_go = held
-    number = page.send("wait")
+    number = page.send("front")
     begun.acquire()
     assert page.ask("cancel", of=number) == {"re": 2, "ok": True}
     let_go.set()
@@ -144,23 +140,21 @@ def test_a_cancelled_question_ends(page, held):
     assert page.ask("cancel", of=number)["ok"]  # too late, and no harm
 
 
-def test_a_page_that_goes_ends_its_work(server, held):
-    begun, let_go = held
-    seen = threading.Event()
-    inner = ASKS["wait"].load()
+def test_a_page_that_goes_ends_its_work(server, monkeypatch):
+    begun, let_go, seen = threading.Semaphore(0), threading.Event(), threading.Event()
 
     def wait(session, ask, work):
-        try:
-            return inner(session, ask, work)
-        finally:
-            if work.cancel.cancelled:
-                seen.set()
+        begun.release()
+        assert let_go.wait(30)
+        if work.cancel.cancelled:
+            seen.set()
+        return {}
 
-    __import__("sys").modules["held_answers"].wait = staticmethod(wait)
+    monkeypatch.setattr("locplan.explorer._front.front", wait)
     before = len(server.session.listeners)
     with linked(server) as link:
         page = Page(link)
-        page.send("wait")
+        page.send("front")
         begun.acquire()
     with linked(server) as link:
         while len(server.session.listeners) > before + 1:
@@ -169,10 +163,11 @@ def test_a_page_that_goes_ends_its_work(server, held):
     assert seen.wait(30)
 
 
-def test_too_many_waiting_questions_are_refused(page, held, monkeypatch):
-    monkeypatch.setattr("locplan.explorer._socket.MAX_WAITING", 3)
+def test_too_many_waiting_questions_are_refused(server, page, held, monkeypatch):
+    limited = dataclasses.replace(server.session.opening, limits=Limits(waiting=3))
+    monkeypatch.setattr(server.session, "opening", limited)
     _, let_go = held
-    numbers = [page.send("each") for _ in range(4)]
+    numbers = [page.send("edit") for _ in range(4)]
     assert "too many" in page.wait(numbers[3])["error"]
     let_go.set()
     assert [page.wait(number)["n"] for number in numbers[:3]] == [0, 0, 0]
@@ -180,7 +175,7 @@ def test_too_many_waiting_questions_are_refused(page, held, monkeypatch):
 
 def test_an_id_that_is_under_way_is_refused(page, held):
     begun, let_go = held
-    number = page.send("wait", n=7)
+    number = page.send("front", n=7)
     begun.acquire()
     page.link.send(json.dumps({"do": "at", "id": number, "x": 0, "y": 0}))
     assert "under way" in page.wait(number)["error"]
@@ -192,10 +187,8 @@ def test_a_fault_within_an_answer_is_one_line(page, monkeypatch):
     def fail(session, ask, work):
         raise ZeroDivisionError("no\nway")
 
-    module = type("module", (), {"fail": staticmethod(fail)})
-    monkeypatch.setitem(__import__("sys").modules, "failing", module)
-    monkeypatch.setitem(ASKS, "fail", Entry("failing:fail", "long"))
-    told = page.ask("fail")
+    monkeypatch.setattr("locplan.explorer._front.front", fail)
+    told = page.ask("front")
     assert "ZeroDivisionError" in told["error"]
     assert "\n" not in told["error"]
     assert page.ask("at", x=0.0, y=0.0)["re"] == 2
@@ -297,11 +290,13 @@ def test_malformed_messages_are_answered_in_one_line(page, text):
 
 
 def _numbered(text: str) -> int | None:
+    """The number of a question that has one."""
     try:
-        read_ask(text, [*ASKS, "cancel"])
-    except Unanswerable as error:
-        return error.number
-    return json.loads(text)["id"]
+        values = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    number = values.get("id") if isinstance(values, dict) else None
+    return number if type(number) is int and number >= 0 else None
 
 
 def test_malformed_bytes_do_not_end_the_page(page):
@@ -326,24 +321,28 @@ def test_random_questions_are_answered_by_a_result_or_one_line(server):
             assert "failed" not in told.get("error", ""), (do, values, told)
             assert "\n" not in told.get("error", "")
         assert page.ask("at", x=0.0, y=0.0)["x"] == 0.0
-        while server.session.history.before:
+        while server.session.edits:
             page.ask("undo")
 
 
-def test_values_of_a_question_are_checked_by_name():
-    ask = Ask("plan", 1, {"n": 3, "x": "1", "far": [1e9, 0], "t": "a\u202eb", "big": 2**80})
-    assert ask.whole("n", 0, 5) == 3
-    assert ask.whole("none", 0, 5) is None
+def test_values_of_a_question_are_checked_by_name(server, monkeypatch):
+    asked = []
+    monkeypatch.setattr("locplan.explorer._front.front", lambda s, ask, w: asked.append(ask) or {})
+    values = {"n": 3, "x": "1", "far": [1e9, 0], "t": "a\u202eb", "big": 2**80}
+    server.session.answer("front", **values)
+    (ask,) = asked
+    assert ask.whole("n", 0, 5, None) == 3
+    assert ask.whole("none", 0, 5, None) is None
     assert ask.number("none", 0, 5, 2.5) == 2.5
     for name, read in (
-        ("x", lambda: ask.number("x", 0, 5)),
-        ("n", lambda: ask.whole("n", 4, 5)),
-        ("n", lambda: ask.one_of("n", ("a", "b"))),
+        ("x", lambda: ask.number("x", 0, 5, None)),
+        ("n", lambda: ask.whole("n", 4, 5, None)),
+        ("n", lambda: ask.one_of("n", ("a", "b"), None)),
         ("n", lambda: ask.flag("n")),
-        ("n", lambda: ask.text("n")),
-        ("t", lambda: ask.text("t")),
+        ("n", lambda: ask.text("n", None)),
+        ("t", lambda: ask.text("t", None)),
         ("far", lambda: ask.position("far")),
-        ("big", lambda: ask.number("big", 0, 5)),
+        ("big", lambda: ask.number("big", 0, 5, None)),
         ("n", lambda: ask.mapping("n")),
         ("n", lambda: ask.items("n", 5)),
     ):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import gzip
+import dataclasses
 import math
 
 import numpy as np
@@ -10,9 +10,9 @@ import pytest
 from conftest import random_rooms
 
 import locplan
-from locplan.explorer._textures import cells_of, packed, steps_between, textures_of
+from locplan.explorer import Opening, Session
 from locplan.field import FieldConfig
-from locplan.maps import FREE, OccupancyGrid
+from locplan.maps import OccupancyGrid
 
 LIDAR = locplan.Lidar(range=2.0, beams=40, field_of_view_deg=200.0)
 CONFIGS = {
@@ -28,6 +28,13 @@ CONFIGS = {
 def field_of(name: str) -> locplan.CovarianceField:
     grid = OccupancyGrid(random_rooms((23, 31), 8), 0.1, (3.0, 1.0, 0.5))
     return locplan.covariance_field(grid, CONFIGS[name])
+
+
+def textures_of(field: locplan.CovarianceField):
+    """The layers of a session with a field."""
+    session = Session(field.grid, Opening(field.config))
+    session.begin(field).result()
+    return session.layers()
 
 
 def naive_steps(values, low, high, logarithmic):
@@ -56,7 +63,9 @@ def test_steps_equal_those_of_plain_loops(logarithmic):
     values = np.exp(rng.normal(size=(9, 7)))
     values[rng.random((9, 7)) < 0.2] = np.nan
     values[0, 0], values[1, 1], values[2, 2] = 0.0, 1e9, 1e-300
-    steps = steps_between(values, (0.3, 4.0), logarithmic)[::-1]
+    layer = textures_of(field_of("sad"))["e"]
+    given = {"values": values, "anchors": (0.3, 4.0), "logarithmic": logarithmic}
+    steps = dataclasses.replace(layer, **given).texels
     np.testing.assert_array_equal(steps, naive_steps(values, 0.3, 4.0, logarithmic))
     assert {0, 1, 255} <= set(steps.ravel().tolist())
 
@@ -101,10 +110,3 @@ def test_layers_without_any_value_have_their_anchors():
         told = texture.to_json()
         assert told["present"] == told["anchors"]
         assert not texture.texels.any()
-
-
-def test_bytes_are_those_of_the_array_row_by_row():
-    cells = random_rooms((5, 9), 1)
-    assert gzip.decompress(packed(cells_of(cells))) == cells_of(cells).tobytes()
-    assert packed(cells) == packed(cells)
-    assert cells_of(np.array([[0, 127, FREE]], np.uint8)).tolist() == [[2, 0, 1]]

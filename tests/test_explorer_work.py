@@ -14,63 +14,34 @@ from explorer_views import (
     WAY,
     Ended,
     answered,
+    corridors,
+    costs_of,
     ending_after,
+    paths_of,
     session_of,
-    view,
 )
 
 from locplan.costs import Costmap
-from locplan.errors import ConfigError, PoseError
-from locplan.explorer._simulating import answer_of, simulated
-from locplan.explorer._view import View
-from locplan.explorer._wire import Cancel, Cancelled
+from locplan.errors import ConfigError
+from locplan.explorer import Opening, Session
 from locplan.landmarks import Box, Pole, place_landmarks
 from locplan.maps import FREE, OccupancyGrid
-from locplan.planners import pareto_front, plan
+from locplan.planners import AWARE, pareto_front, plan
 from locplan.simulation import choose
-
-
-def as_json(answer):
-    """What the page gets; NaN is refused."""
-    return json.loads(json.dumps(answer_of(answer), allow_nan=False))
 
 
 @pytest.fixture(scope="module")
 def session():
     made = session_of()
     yield made
-    made.upkeep.close()
-
-
-def stopping_after(calls: int):
-    """A progress callback that cancels at a call, and the list of all calls."""
-    token, seen = Cancel(), []
-
-    def note(done: int, total: int) -> None:
-        seen.append((done, total))
-        if len(seen) == calls:
-            token.cancel()
-
-    return token.watching(note), seen
-
-
-def walled() -> View:
-    """A view without any path: a wall between start and goal."""
-    cells = np.full((20, 40), FREE, np.uint8)
-    cells[:, 20] = 0
-    grid = OccupancyGrid(cells, 0.1, name="walled")
-    costs = view().costs
-    blank = Costmap.blank(grid, robot_radius=0.1)
-    zero = np.zeros(grid.shape)
-    known = Costmap(grid, blank.density, 1.0, 0.1, zero, zero, settings=costs.settings)
-    return View(grid, view().field, known, ROBOT, (0.5, 1.0), (3.5, 1.0))
+    made.close()
 
 
 # The front
 
 
 def test_the_front_is_that_of_the_library(session):
-    shown, own = answered(session, "front", **WAY), pareto_front(view().costs, START, GOAL)
+    shown, own = answered(session, "front", **WAY), pareto_front(costs_of(), START, GOAL)
     points = shown["points"]
     assert shown["complete"]
     assert shown["paths"] == len(own)
@@ -87,7 +58,7 @@ def test_at_the_weight_of_a_point_of_a_front_the_grid_planner_finds_its_cost(ses
     some = [point for point in points if point["weight"] and point["weight"] < 50]
     assert len(some) > 2
     for point in some[:3]:
-        costs = view().costs.with_weight(point["weight"])
+        costs = costs_of().with_weight(point["weight"])
         cheapest = plan(costs, START, GOAL, planner="grid").metrics.cost
         cost = point["length"] + point["weight"] * point["degenerate"]
         assert cost == pytest.approx(cheapest, abs=0.2)
@@ -97,7 +68,7 @@ def test_at_the_weight_of_a_point_of_a_front_the_grid_planner_finds_its_cost(ses
 
 def test_through_waypoints_the_front_is_the_best_of_all_sums(session):
     shown = answered(session, "front", **WAY | {"via": [list(MIDDLE)]})
-    legs = [pareto_front(view().costs, *ends) for ends in ((START, MIDDLE), (MIDDLE, GOAL))]
+    legs = [pareto_front(costs_of(), *ends) for ends in ((START, MIDDLE), (MIDDLE, GOAL))]
     sums = [
         (a + c, b + d)
         for a, b in zip(legs[0].length, legs[0].integral, strict=True)
@@ -140,7 +111,7 @@ def test_a_front_without_paths_is_refused_with_the_reason(session, monkeypatch):
 
 
 def test_a_front_cut_short_says_so(session, monkeypatch):
-    own = dataclasses.replace(pareto_front(view().costs, START, GOAL), epsilon=0.1)
+    own = dataclasses.replace(pareto_front(costs_of(), START, GOAL), epsilon=0.1)
     monkeypatch.setattr("locplan.explorer._front.pareto_front", lambda *_, **__: own)
     shown = answered(session, "front", **WAY)
     assert (shown["complete"], shown["epsilon"]) == (False, 0.1)
@@ -156,59 +127,59 @@ def test_a_cancelled_front_ends_with_its_leg(session):
 # The simulated choice
 
 
-def test_the_simulated_choice_is_that_of_the_library():
-    shown = simulated(view(weight=6.0), drives=4, seed=3)
-    config = view().field.config
-    own = choose(*(view().grid, START, GOAL, ROBOT), costs=config, weight=6.0, drives=4, seed=3)
-    assert shown == own
-    about = as_json(shown)
-    assert about["chosen"] == own.chosen.name
-    assert own.sentence in about["verdict"]
-    for one, other in zip(about["candidates"], own.candidates, strict=True):
+def test_the_simulated_choice_is_that_of_the_library(session):
+    shown = answered(session, "simulate", **WAY | {"weight": 6.0}, drives=4)
+    grid, field = corridors()
+    own = choose(grid, START, GOAL, ROBOT, costs=field.config, weight=6.0, drives=4)
+    assert shown["chosen"] == own.chosen.name
+    assert own.sentence in shown["verdict"]
+    for one, other in zip(shown["candidates"], own.candidates, strict=True):
         assert one["name"] == other.name
         assert one["length"] == pytest.approx(other.path.length)
+        np.testing.assert_allclose(one["xy"], other.path.xy, atol=1e-3)
         assert one["error_m"][0] == other.driven.error.value
         assert one["lost"] == list(other.driven.lost_rate)
         assert {len(each) for each in one["profile"].values()} == {len(other.driven.profile)}
 
 
-def test_while_the_field_follows_an_edit_the_simulated_choice_takes_none_of_it():
-    known = view().field
-    values = {name: 2 * array for name, array in known.values.items()}
-    stale = dataclasses.replace(view(), field=known.of(values, known.grid, known.config))
-    kept, computed = (
-        simulated(dataclasses.replace(stale, whole=whole), drives=2) for whole in (True, False)
-    )
-    assert kept != computed == simulated(view(), drives=2)
+def test_while_the_field_follows_an_edit_the_simulated_choice_takes_none_of_it(session):
+    _, field = corridors()
+    stale = field.of({name: 2 * array for name, array in field.values.items()}, *field_of(field))
+    made = []
+    for known, whole in ((stale, True), (stale, False), (field, True)):
+        session.show(Costmap.from_field(known.grid, known), known, whole=whole)
+        made.append(answered(session, "simulate", **WAY, drives=2))
+    kept, computed, own = made
+    assert kept != computed == own
 
 
-def test_waypoints_bind_the_candidates():
-    shown = simulated(view(via=[MIDDLE], weight=12.0), drives=3)
-    for each in shown.candidates:
-        assert np.hypot(*(each.path.xy - MIDDLE).T).min() < 1e-9
+def field_of(field):
+    return field.grid, field.config
 
 
-def test_a_cancelled_simulation_drives_no_further():
-    progress, seen = stopping_after(3)
-    with pytest.raises(Cancelled):
-        simulated(view(via=[MIDDLE], weight=12.0), drives=60, progress=progress)
-    assert len(seen) == 3
-    progress, seen = stopping_after(1)
-    with pytest.raises(Cancelled):
-        simulated(view(), drives=60, progress=progress)
-    assert len(seen) == 1
+def test_waypoints_bind_the_candidates(session):
+    asked = WAY | {"via": [list(MIDDLE)], "weight": 12.0}
+    for each in answered(session, "simulate", **asked, drives=3)["candidates"]:
+        assert np.hypot(*(np.array(each["xy"]) - MIDDLE).T).min() < 1e-3
+
+
+@pytest.mark.parametrize("calls", [2, 4])
+def test_a_cancelled_simulation_drives_no_further(session, calls):
+    progress, seen = ending_after(calls)
+    asked = WAY | {"via": [list(MIDDLE)], "weight": 12.0}
+    with pytest.raises(Ended):
+        answered(session, "simulate", progress=progress, **asked, drives=60)
+    assert len(seen) == calls
 
 
 def test_without_a_path_there_is_no_verdict_on_one():
+    cells = np.full((20, 40), FREE, np.uint8)
+    cells[:, 20] = 0
+    session = Session(OccupancyGrid(cells, 0.1), Opening(corridors()[1].config))
+    session.begin().result(60)
     with pytest.raises(ConfigError, match="no path"):
-        simulated(walled())
-
-
-def test_a_start_in_a_wall_is_refused():
-    from dataclasses import replace
-
-    with pytest.raises(PoseError, match="start"):
-        simulated(replace(view(), start=(0.0, 0.0)))
+        answered(session, "simulate", start=[0.5, 1.0], goal=[3.5, 1.0])
+    session.close()
 
 
 # Landmarks
@@ -219,20 +190,20 @@ def test_landmarks_are_those_of_the_library():
     session = session_of(robot=robot)
     asked = {"object": "pole:0.3", "count": 2, "drives": 0}
     shown = answered(session, "landmarks", **WAY | {"weight": 0.0}, **asked)
-    aware, _ = view(weight=0.0).paths()
-    own = place_landmarks(view().grid, Pole(0.3), 2, paths={"shown": aware}, robot=robot)
+    aware = paths_of(0.0)[AWARE]
+    own = place_landmarks(corridors()[0], Pole(0.3), 2, paths={"shown": aware}, robot=robot)
     expected = json.loads(json.dumps(own.summary()))
     assert {name: shown[name] for name in expected} == expected
     assert shown["verdict"] == "not verified: nothing was driven"
     assert shown["verification"] is None
-    session.upkeep.close()
+    session.close()
 
 
 def test_drives_verify_landmarks(session):
     asked = {"object": "box:0.5,0.2", "count": 1, "drives": 4}
     shown = answered(session, "landmarks", **WAY | {"weight": 0.0}, **asked)
-    aware, _ = view(weight=0.0).paths()
-    own = place_landmarks(view().grid, Box(0.5, 0.2), 1, paths={"shown": aware}, robot=ROBOT)
+    aware = paths_of(0.0)[AWARE]
+    own = place_landmarks(corridors()[0], Box(0.5, 0.2), 1, paths={"shown": aware}, robot=ROBOT)
     verified = own.verify(4, random_sets=1)
     assert verified.verdict in shown["verdict"]
     assert "4 drives" in shown["verdict"]
@@ -265,15 +236,3 @@ def test_cancelled_landmarks_end_at_a_step_or_a_drive(session):
 def test_landmarks_refuse_what_is_no_setting(session, asked, named):
     with pytest.raises(ConfigError, match=named):
         answered(session, "landmarks", **WAY, **asked)
-
-
-def test_a_token_stays_cancelled():
-    token = Cancel()
-    token.check()
-    token.cancel()
-    token.cancel()
-    assert token.cancelled
-    with pytest.raises(Cancelled):
-        token.check()
-    with pytest.raises(Cancelled):
-        token.watching()(0, 1)

@@ -23,7 +23,7 @@ from explorer_views import (
 from made_drives import recorded
 
 from locplan.errors import ConfigError, LocplanError
-from locplan.explorer import Opening, RecordedDrive, _drives, _twins
+from locplan.explorer import Opening, RecordedDrive, _long
 from locplan.field import FieldConfig, Fisher
 from locplan.maps import OCCUPIED
 from locplan.matching import ScanDatabase, make_database
@@ -38,7 +38,7 @@ LONG = ("front", "simulate", "landmarks", "reproduce", "export")
 def session():
     made = session_of()
     yield made
-    made.upkeep.close()
+    made.close()
 
 
 def test_a_simulation_is_answered_with_intervals_and_profiles(session):
@@ -56,7 +56,7 @@ def test_the_robot_of_the_command_line_is_simulated():
     session = session_of(robot=ROBOT.changed({"laser_model_type": "likelihood_field_prob"}))
     told = answered(session, "simulate", **{**WAY, "via": [list(MIDDLE)], "weight": 12}, drives=2)
     assert "likelihood_field_prob" in told["verdict"]
-    session.upkeep.close()
+    session.close()
 
 
 def test_the_command_names_the_file_that_was_opened(session):
@@ -66,10 +66,10 @@ def test_the_command_names_the_file_that_was_opened(session):
     assert "locplan plan 'my maps/lab.yaml' --start 2" in told["shell"]
     stroke = {"tool": "pole", "points": [[20.0, 8.0]], "width": 0.3}
     answered(named, "edit", strokes=[stroke])
-    named.upkeep.latest.result(60)
+    named.latest.result(60)
     for text in answered(named, "reproduce", **WAY).values():
         assert text.startswith("# my maps/lab.yaml is not the map on the page")
-    named.upkeep.close()
+    named.close()
 
 
 def test_exports_go_to_the_folder_of_the_command_line_only(session, tmp_path):
@@ -78,7 +78,7 @@ def test_exports_go_to_the_folder_of_the_command_line_only(session, tmp_path):
     with_folder = session_of(folder=tmp_path)
     told = answered(with_folder, "export", **WAY, to="path")
     assert [each.name for each in tmp_path.iterdir()] == told["files"]
-    with_folder.upkeep.close()
+    with_folder.close()
 
 
 @pytest.mark.parametrize("do", LONG)
@@ -141,7 +141,7 @@ def test_without_a_field_every_long_ask_says_so(do, tmp_path):
     bare = session_of(with_field=False, folder=tmp_path)
     with pytest.raises(ConfigError, match="field"):
         answered(bare, do, **WAY, view=WAY)
-    bare.upkeep.close()
+    bare.close()
 
 
 @pytest.mark.parametrize("do", ["simulate", "landmarks", "share", "export"])
@@ -166,12 +166,12 @@ def test_a_recorded_drive_is_told_of_and_answered():
     shown = json.loads(json.dumps(shown_on(session), allow_nan=False))
     assert shown["timed"] is False
     assert len(shown["t"]) == len(shown["unlike"]) == 40
-    session.upkeep.close()
+    session.close()
 
 
 def shown_on(session: Session) -> dict[str, object]:
     """The session's drive on its present map."""
-    return _drives.shown_drive(session.drives[0].recording, session.grid)
+    return session.opening.drives[0].shown(session.grid)
 
 
 def toured_session() -> Session:
@@ -188,13 +188,14 @@ def toured_session() -> Session:
 def test_the_scans_of_a_drive_are_matched_once_a_map(monkeypatch):
     session, runs = toured_session(), []
     monkeypatch.setattr(
-        _drives, "match_scans", lambda *given, **more: runs.append(1) or match_scans(*given, **more)
+        "locplan.explorer._drives.match_scans",
+        lambda *given, **more: runs.append(1) or match_scans(*given, **more),
     )
     assert set(shown_on(session)["sd"]) == {None}  # the page shows it before it is matched
     assert runs == []
     calls = []
     told = answered(session, "match", progress=lambda *n: calls.append(n), drive=0)
-    drive = session.drives[0].recording
+    drive = session.opening.drives[0].recording
     expected = match_scans(drive, session.grid).position_std
     assert told["sd"] == [round(v, 4) if np.isfinite(v) else None for v in expected.tolist()]
     assert told["sd"][4] is None
@@ -204,11 +205,11 @@ def test_the_scans_of_a_drive_are_matched_once_a_map(monkeypatch):
     assert len(runs) == 1
     cells = session.grid.cells.copy()
     cells[20:24, 150:160] = OCCUPIED
-    session.replace_grid(dataclasses.replace(session.grid, cells=cells))
+    session.grid = dataclasses.replace(session.grid, cells=cells)
     edited = answered(session, "match", drive=0)
     assert (edited["map"], len(runs)) == (session.grid.digest, 2)
     assert edited["sd"] != told["sd"]
-    session.upkeep.close()
+    session.close()
 
 
 def test_matching_is_cancelled_and_keeps_nothing():
@@ -216,7 +217,7 @@ def test_matching_is_cancelled_and_keeps_nothing():
     with pytest.raises(Ended):
         answered(session, "match", progress=progress, drive=0)
     assert session.files.get(("match", 0, session.grid.digest)) is None
-    session.upkeep.close()
+    session.close()
 
 
 @pytest.mark.parametrize("given", [{}, {"drive": 1}, {"drive": -1}, {"drive": "0"}, {"drive": 0.5}])
@@ -224,7 +225,7 @@ def test_a_drive_that_is_not_there_is_refused(given):
     session = toured_session()
     with pytest.raises(ConfigError, match="drive must be"):
         answered(session, "match", **given)
-    session.upkeep.close()
+    session.close()
 
 
 def test_without_drives_there_is_nothing_to_match(session):
@@ -280,7 +281,7 @@ def test_a_place_in_a_wall_is_moved(session):
 @pytest.fixture
 def coarse(monkeypatch):
     """Few places, so that the search is quick."""
-    monkeypatch.setattr(_twins, "spacing_of", lambda database: 3.0)
+    monkeypatch.setattr("locplan.explorer._long.spacing_of", lambda database: 3.0)
 
 
 @pytest.fixture
@@ -288,7 +289,7 @@ def own():
     """A session whose map may be changed."""
     made = session_of()
     yield made
-    made.upkeep.close()
+    made.close()
 
 
 def twins_told(session: Session) -> dict[str, object] | None:
@@ -331,10 +332,10 @@ def test_the_layer_of_look_alikes_goes_with_the_map_and_comes_with_undo(own, coa
     before = twins_told(own)
     answered(own, "edit", strokes=[{"tool": "pole", "points": [[20.0, 8.0]], "width": 0.3}])
     assert twins_told(own) is None
-    own.upkeep.latest.result(60)
+    own.latest.result(60)
     assert twins_told(own) is None
     answered(own, "undo")
-    own.upkeep.latest.result(60)
+    own.latest.result(60)
     assert twins_told(own) == before
 
 
@@ -367,10 +368,10 @@ def test_look_alikes_that_are_out_of_date_are_not_sought_to_the_end(own, coarse,
 def test_places_are_thinned_where_all_would_take_too_long():
     grid, _ = corridors()
     database = ScanDatabase(grid, Lidar(range=6.0), 0.2)
-    assert _twins.spacing_of(database) == PLACE_SPACING
+    assert _long.spacing_of(database) == PLACE_SPACING
     rooms = dataclasses.replace(grid, resolution=2.0)
     wide = ScanDatabase(rooms, Lidar(range=6.0, field_of_view_deg=90.0), 0.2)
-    assert _twins.spacing_of(wide) > 2.0
+    assert _long.spacing_of(wide) > 2.0
 
 
 # The page that is handed on
@@ -394,7 +395,7 @@ def test_a_shared_page_tells_no_folder_of_the_machine(tmp_path):
     text = shared_file(session, tmp_path).read_text()
     assert "secret-place" not in text
     assert '"aware":{"xy":' in text.replace('"aware":{"length"', '"aware":{"xy":')
-    session.upkeep.close()
+    session.close()
 
 
 def test_a_view_that_changes_while_it_is_packed_is_not_shared(own, monkeypatch):
@@ -415,7 +416,7 @@ def test_a_shared_page_opens_from_the_disk_and_paints(tmp_path):
     name = "</script><img src=x onerror=alert(1)>"
     named = dataclasses.replace(grid, name=name)
     session = Session(named, Opening(field.config))
-    session.upkeep.begin().result(120)
+    session.begin().result(120)
     file = shared_file(session, tmp_path)
     asked, faults = [], []
     with api.sync_playwright() as playwright:
@@ -434,7 +435,7 @@ def test_a_shared_page_opens_from_the_disk_and_paints(tmp_path):
     assert asked == [file.as_uri()]
     assert faults == []
     assert colours_of(shot) > 50
-    session.upkeep.close()
+    session.close()
 
 
 CHROMIUMS = ("/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome")

@@ -23,19 +23,12 @@ from explorer_views import (
     answered,
     corridors,
     session_of,
-    view,
 )
 
 import locplan
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
-from locplan.explorer import RecordedDrive
-from locplan.explorer._drives import MAX_POSES, shown_drive
-from locplan.explorer._explore import frame_html, in_notebook
-from locplan.explorer._reproduce import reproduced
-from locplan.explorer._sharing import json_in_html, one_page, one_script, shared_page
-from locplan.explorer._simulating import simulated
-from locplan.explorer._view import View
+from locplan.explorer import Opening, RecordedDrive, Session
 from locplan.export import nav2_keepout
 from locplan.field import (
     Exponential,
@@ -50,6 +43,7 @@ from locplan.field import (
     equipped,
 )
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, load_map, save_map
+from locplan.planners import AWARE, plan_beside_shortest
 from locplan.recordings import Recording, match_scans
 from locplan.robots import Inflation, Lidar, Robot, robot_spelled
 
@@ -74,6 +68,11 @@ def drive_in(grid: OccupancyGrid, scans: int, *, times=True, moved=0.0) -> Recor
     return Recording(ranges, lidar, poses, times=stamps)
 
 
+def shown(drive: Recording, grid: OccupancyGrid, **options):
+    """What the page gets of a drive."""
+    return RecordedDrive.of(drive).shown(grid, **options)
+
+
 def hall() -> OccupancyGrid:
     """A hall of 18 x 8 m with walls of 0.5 m, which begin 0.5 m from the map's edge."""
     cells = np.full((90, 190), UNKNOWN, np.uint8)
@@ -84,7 +83,7 @@ def hall() -> OccupancyGrid:
 def test_a_drive_is_shown_pose_by_pose():
     grid = hall()
     drive = drive_in(grid, 30)
-    told = json.loads(json.dumps(shown_drive(drive, grid), allow_nan=False))
+    told = json.loads(json.dumps(shown(drive, grid), allow_nan=False))
     assert told["t"][0] == 0
     assert told["t"][-1] == pytest.approx(3.0)
     assert told["timed"] is True
@@ -97,7 +96,7 @@ def test_scans_that_end_far_from_walls_are_unlike_the_map():
     grid = hall()
     good, bad = drive_in(grid, 6), drive_in(grid, 6, moved=-2.4)
     mixed = dataclasses.replace(good, ranges=np.concatenate([good.ranges[:3], bad.ranges[3:]]))
-    assert shown_drive(mixed, grid)["unlike"] == [0] * 3 + [1] * 3
+    assert shown(mixed, grid)["unlike"] == [0] * 3 + [1] * 3
 
 
 def test_a_scan_with_few_returns_is_not_judged():
@@ -106,33 +105,33 @@ def test_a_scan_with_few_returns_is_not_judged():
     ranges[1, 9:] = np.inf
     ranges[2] = np.inf
     some = dataclasses.replace(drive_in(grid, 3), ranges=ranges)
-    assert shown_drive(some, grid)["unlike"] == [1, 0, 0]
+    assert shown(some, grid)["unlike"] == [1, 0, 0]
 
 
 def test_of_a_long_drive_some_poses_are_shown():
     grid = hall()
-    drive = drive_in(grid, MAX_POSES + 700, times=False)
-    told = shown_drive(drive, grid)
-    assert len(told["x"]) == len(told["t"]) == MAX_POSES
+    drive = drive_in(grid, 5000 + 700, times=False)
+    told = shown(drive, grid)
+    assert len(told["x"]) == len(told["t"]) == 5000
     assert (told["x"][0], told["x"][-1]) == pytest.approx((drive.poses[0, 0], drive.poses[-1, 0]))
     assert told["timed"] is False
-    assert told["scans"] == MAX_POSES + 700
+    assert told["scans"] == 5000 + 700
 
 
 def test_matched_scans_have_the_deviations_of_the_library():
     grid = hall()
     drive = drive_in(grid, 4)
     calls = []
-    shown = shown_drive(drive, grid, matched=True, progress=lambda *n: calls.append(n))
+    found = shown(drive, grid, matched=True, progress=lambda *n: calls.append(n))
     assert calls[-1] == (4, 4)
     own = match_scans(drive, grid).position_std
-    assert shown["sd"] == pytest.approx(own.round(4).tolist())
+    assert found["sd"] == pytest.approx(own.round(4).tolist())
 
 
 def test_a_drive_off_the_map_is_shown_without_deviations():
     grid = hall()
     away = drive_in(grid, 4).moved(500.0, 0.0, 0.0)
-    assert shown_drive(away, grid, matched=True)["sd"] == [None] * 4
+    assert shown(away, grid, matched=True)["sd"] == [None] * 4
 
 
 def test_real_scans_are_unlike_the_maps_of_other_sites():
@@ -141,8 +140,7 @@ def test_real_scans_are_unlike_the_maps_of_other_sites():
         pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
     drive = RecordedDrive.read(logs / "seattle-corrected.log.gz").recording
     share = {
-        site: np.mean(shown_drive(drive, load_map(maps / site))["unlike"])
-        for site in ("seattle", "aces")
+        site: np.mean(shown(drive, load_map(maps / site))["unlike"]) for site in ("seattle", "aces")
     }
     assert share["seattle"] < 0.05 < 0.9 < share["aces"]
 
@@ -171,11 +169,11 @@ def exported(folder, *, force=False, grid=None, progress=lambda *_: None, **aske
     """What the page gets of an export into a folder."""
     with contextlib.ExitStack() as ends:
         session = session_of(with_field=grid is None, folder=folder, force=force)
-        ends.callback(session.upkeep.close)
+        ends.callback(session.close)
         if grid is not None:
             session.original = session.grid = grid
             own = dataclasses.replace(corridors()[1], grid=grid)
-            session.upkeep.begin(own).result(60)
+            session.begin(own).result(60)
         return answered(session, "export", progress=progress, **(WAY | asked))
 
 
@@ -274,20 +272,29 @@ def test_exports_refuse_what_is_unknown(tmp_path, folder, asked, named):
 # The command and the code
 
 
-def both_paths(shown: View, file, run, tmp_path, monkeypatch):
-    """The aware path of a view's code, of its command, and its own."""
-    monkeypatch.chdir(tmp_path)
-    made = reproduced(shown, file)
-    output = io.StringIO()
-    with contextlib.redirect_stdout(output):
-        exec(made["python"], {})
-    command = [line for line in made["shell"].splitlines() if not line.startswith("#")]
-    (words,) = map(shlex.split, command)
+def reproduced(config: FieldConfig, grid=None, way=WAY, drives=None, **opening):
+    """The command and the code of a way, of a session with some settings."""
+    given, field = corridors()
+    known = field if grid is None and config == field.config else None
+    session = Session(given if grid is None else grid, Opening(config, **opening))
+    session.begin(known).result(120)
+    made = answered(session, "reproduce", **way, drives=drives)
+    session.close()
+    return made
+
+
+def done_again(made, run):
+    """The result of the code, and what the command prints."""
+    names = {}
+    with contextlib.redirect_stdout(io.StringIO()) as output:
+        exec(made["python"], names)
+    assert "length [m]" in output.getvalue()
+    lines = [line for line in made["shell"].splitlines() if not line.startswith("#")]
+    (words,) = map(shlex.split, lines)
     assert words[0] == "locplan"
     code, out, err = run(*words[1:], "--json")
     assert code == 0, err
-    own = shown.plans()["localizability-aware"].path.xy
-    return json.loads(output.getvalue()), json.loads(out)["candidates"][1]["xy"], own
+    return names["result"], json.loads(out)
 
 
 CONFIGS = {
@@ -346,8 +353,7 @@ def test_options_and_code_make_the_same_robot(name):
     robot = ROBOTS[name]
     made, _ = of_options(robot_spelled(robot).words)
     assert made.summary() == robot.summary()
-    costs = dataclasses.replace(view().costs, robot_radius=robot.radius)
-    code = reproduced(dataclasses.replace(view(robot=robot), costs=costs), "lab.yaml")["python"]
+    code = reproduced(FieldConfig(stride=0.8), robot=robot)["python"]
     (line,) = [line for line in code.splitlines() if line.startswith("robot = ")]
     assert eval(line.partition(" = ")[2], {"locplan": locplan}).summary() == robot.summary()
 
@@ -396,19 +402,21 @@ def test_the_command_and_the_code_plan_the_path_shown(config, name, run, tmp_pat
     save_map(moved, tmp_path / name)
     monkeypatch.chdir(tmp_path)
     moved = load_map(tmp_path / name)
-    field = locplan.load_or_compute(moved, config)
-    costs = Costmap.from_field(moved, field, weight=2.5, robot_radius=0.2, criterion="heading_std")
 
     def world(xy):
         x, y = moved.grid_to_world(xy[1] / 0.1, xy[0] / 0.1)
         return float(x), float(y)
 
-    stops = world(START), world(MIDDLE), world((21.0, 3.0)), world(GOAL)
-    robot = equipped(Robot(footprint=0.2, margin=0.0), config)
-    shown = View(moved, field, costs, robot, stops[0], stops[-1], stops[1:-1])
-    code, command, own = both_paths(shown, name, run, tmp_path, monkeypatch)
-    assert np.allclose(code, own, rtol=0, atol=1e-8)
-    assert np.allclose(command, own, rtol=0, atol=1e-8)
+    start, *via, goal = (world(xy) for xy in (START, MIDDLE, (21.0, 3.0), GOAL))
+    robot, criterion = Robot(footprint=0.2, margin=0.0), "heading_std"
+    way = {"start": start, "goal": goal, "via": via, "weight": 2.5}
+    made = reproduced(config, moved, way, robot=robot, criterion=criterion, map_file=name)
+    field = locplan.load_or_compute(moved, config)
+    costs = Costmap.from_field(moved, field, weight=2.5, robot_radius=0.2, criterion=criterion)
+    own = plan_beside_shortest(costs, start, goal, via=via)[AWARE].path.xy
+    code, command = done_again(made, run)
+    assert np.allclose(code.candidates[1].path.xy, own, rtol=0, atol=1e-8)
+    assert np.allclose(command["candidates"][1]["xy"], own, rtol=0, atol=1e-8)
     assert min(own[:, 0]) < 0
 
 
@@ -420,39 +428,29 @@ def test_the_command_and_the_code_choose_as_the_simulation_does(config, run, tmp
     grid, _ = corridors()
     save_map(grid, "lab.yaml")
     grid = load_map("lab.yaml")
-    field = locplan.load_or_compute(grid, config)
-    costs = Costmap.from_field(grid, field, weight=2.5, criterion="heading_std")
     robot = Robot().changed({"max_particles": 600, "half_cell": False, "outliers": 0.1})
-    robot = equipped(robot, field.config)
-    shown = View(grid, field, costs, robot, START, GOAL)
-    told = simulated(shown, drives=2)
-    made = reproduced(shown, "lab.yaml", drives=2)
-    output = io.StringIO()
-    with contextlib.redirect_stdout(output):
-        exec(made["python"], {})
-    assert np.allclose(json.loads(output.getvalue()), told.path.xy, rtol=0, atol=1e-8)
-    code, out, err = run(*shlex.split(made["shell"])[1:], "--json")
-    assert code == 0, err
-    about, expected = json.loads(out), json.loads(json.dumps(told.summary()))
-    about.pop("config"), expected.pop("config")  # the command keeps the lidar beside sad's disc
-    assert about == expected
+    given = {"robot": robot, "criterion": "heading_std", "map_file": "lab.yaml"}
+    made = reproduced(config, grid, WAY | {"weight": 2.5}, 2, **given)
+    own = locplan.choose(
+        *(grid, START, GOAL, equipped(robot, config)),
+        costs=config,
+        weight=2.5,
+        criterion="heading_std",
+        drives=2,
+    )
+    code, command = done_again(made, run)
+    assert code == own
+    expected = json.loads(json.dumps(own.summary()))
+    command.pop("config"), expected.pop("config")  # the command keeps the lidar beside sad's disc
+    assert command == expected
     assert len(list((tmp_path / "chosen").glob("*.csv"))) > 2
 
 
 def test_a_choice_with_another_lidar_than_the_fields_is_told_in_python():
-    shown = view(robot=Robot(Lidar(range=9.0)))
-    made = reproduced(shown, "lab.yaml", drives=8)
+    made = reproduced(corridors()[1].config, robot=Robot(Lidar(range=9.0)), drives=8)
     assert "cannot say the lidar" in made["shell"]
     assert "robot = locplan.Robot().changed({'range': 9.0})" in made["python"]
     assert "locplan.Fisher(lidar=locplan.Lidar(range=6.0))" in made["python"]
-
-
-def test_edits_that_are_not_saved_are_said_first():
-    made = reproduced(view(), "lab.yaml", edited=True)
-    for text in (made["shell"], made["python"]):
-        assert text.startswith("# lab.yaml is not the map on the page, which was edited since")
-    assert not reproduced(view(), "lab.yaml")["python"].startswith("#")
-    assert "locplan.save_map" in reproduced(view(), None)["shell"].splitlines()[0]
 
 
 # The page to share
@@ -473,36 +471,65 @@ def tiny(folder: Path) -> Path:
     return folder
 
 
-def test_modules_are_joined_in_the_order_of_their_imports(tmp_path):
-    script = one_script(tiny(tmp_path / "static"))
-    assert (
-        script == 'function a(x) {\n  return x;\n}\nconst b = 1;\n\n\na("\\x3c/script>\\x3c!--");\n'
-    )
+def page_of(monkeypatch=None, static=None, **named) -> str:
+    """A page of the corridors that is handed on, of the files in another folder perhaps."""
+    if static is not None:
+        monkeypatch.setattr("locplan.explorer._sharing.STATIC", static)
+    session = session_of()
+    session.original = dataclasses.replace(session.original, **named)
+    told = answered(session, "share", view={**WAY, "layer": "sigma"})
+    content = session.download(told["download"]).content
+    assert told["bytes"] == len(content)
+    session.close()
+    return content.decode()
 
 
-def test_a_module_that_cannot_be_joined_is_refused(tmp_path):
+def page_data(page: str) -> dict:
+    """What a page carries."""
+    return json.loads(re.search(r"window\.LOCPLAN = (.*?);</script>", page).group(1))
+
+
+def modules_of(page: str) -> str:
+    """The modules of a page as one script."""
+    return re.search(r'<script type="module">(.*?)</script>', page, re.S).group(1)
+
+
+def test_modules_are_joined_in_the_order_of_their_imports(tmp_path, monkeypatch):
+    page = page_of(monkeypatch, tiny(tmp_path / "static"))
+    expected = 'function a(x) {\n  return x;\n}\nconst b = 1;\n\n\na("\\x3c/script>\\x3c!--");\n'
+    assert modules_of(page) == expected
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "named"),
+    [
+        ("a.js", "export default 3;\n", "export default"),
+        ("index.html", '<html><head></head><img src="static/a.png"></html>', "no page"),
+    ],
+)
+def test_a_page_that_cannot_be_joined_is_refused(tmp_path, monkeypatch, file, text, named):
     folder = tiny(tmp_path / "static")
-    (folder / "a.js").write_text("export default 3;\n")
-    with pytest.raises(LocplanError, match="export default"):
-        one_script(folder)
+    (folder / file).write_text(text)
+    with pytest.raises(LocplanError, match=named):
+        page_of(monkeypatch, folder)
 
 
-def test_no_text_within_ends_the_script(tmp_path):
-    hostile = {"name": '</script><script>alert("&")</script>', "other": "\u2028<!--"}
-    page = one_page('<b>"&', hostile, tiny(tmp_path / "static"))
+def test_no_text_within_ends_the_script(tmp_path, monkeypatch):
+    hostile = '</script><script>alert("&")</script>\u2028<!-- <b>"&'
+    page = page_of(monkeypatch, tiny(tmp_path / "static"), name=hostile)
+    named = page_data(page)["about"]["map"]["name"]
+    assert named.startswith('</script><script>alert("&")</script>')
     assert page.count("<script") == page.count("</script>") == 2
     assert "alert(" in page
-    assert "<title>&lt;b&gt;&quot;&amp;</title>" in page
+    assert "<title>&lt;/script&gt;&lt;script&gt;alert(&quot;&amp;&quot;)" in page
     data = re.search(r"window\.LOCPLAN = (.*?);</script>", page).group(1)
-    assert json.loads(data) == hostile
-    assert json.loads(json_in_html(hostile)) == hostile
-    assert not set("<>&\u2028") & set(json_in_html(hostile))
+    assert not set("<>&\u2028") & set(data)
 
 
-def test_the_policy_allows_just_what_is_inside(tmp_path):
+def test_the_policy_allows_just_what_is_inside():
     import hashlib
 
-    page = one_page("x", {}, tiny(tmp_path / "static"))
+    page = page_of()
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page).group(1)
     rules = dict(each.strip().split(" ", 1) for each in policy.split(";"))
     assert rules["default-src"] == "'none'"
@@ -513,48 +540,35 @@ def test_the_policy_allows_just_what_is_inside(tmp_path):
     assert page.index("Content-Security-Policy") < page.index("<script")
 
 
-def made_page(name: str = "lab", view_of_page=None):
-    """A page of a small map."""
-    about = {"version": "0", "map": {"name": name}, "can": {"save": True}, "drives": [{"n": 1}]}
-    state = {"field": {"estimator": "scan"}, "layers": [], "busy": {"do": "field"}}
-    cells = np.arange(200 * 300, dtype=np.uint8).reshape(200, 300) % 3
-    layers = {"sigma": np.full((20, 30), 7, np.uint8)}
-    return shared_page(about, state, cells, layers, {"aware": None}, view_of_page), cells
-
-
-def page_data(page) -> dict:
-    """What a page carries."""
-    text = page.content.decode()
-    return json.loads(re.search(r"window\.LOCPLAN = (.*?);</script>", text).group(1))
-
-
 def test_a_shared_page_carries_map_layers_and_answer():
-    page, cells = made_page()
+    page, (grid, field) = page_of(), corridors()
     data = page_data(page)
-    assert zlib.decompress(base64.b64decode(data["cells"])) == cells.tobytes()
-    assert zlib.decompress(base64.b64decode(data["layers"]["sigma"])) == bytes([7] * 600)
-    assert data["answer"] == {"aware": None}
-    assert data["about"]["can"] == {}
-    assert data["about"]["drives"] == []
+    cells = np.frombuffer(zlib.decompress(base64.b64decode(data["cells"])), np.uint8)
+    levels = np.array([UNKNOWN, FREE, OCCUPIED])[cells].reshape(grid.shape)
+    np.testing.assert_array_equal(levels[::-1], grid.cells)
+    sigma = zlib.decompress(base64.b64decode(data["layers"]["sigma"]))
+    assert len(sigma) == field.evaluated.size
+    assert data["answer"]["aware"]["length"] > data["answer"]["shortest"]["length"]
+    assert data["view"]["layer"] == "sigma"
+    assert (data["about"]["can"], data["about"]["drives"]) == ({}, [])
     assert data["state"]["busy"] is None
-    assert page.title == "lab · scan · locplan"
-    assert page.size == len(page.content)
-    assert made_page()[0].content == page.content
+    assert "<title>two_corridors · fisher · locplan</title>" in page
+    assert page_of() == page
 
 
 def test_a_shared_page_asks_nobody_for_anything():
-    text = made_page("</script>")[0].content.decode()
+    text = page_of()
     outside = set(re.findall(r"(?:https?:)?//[\w.-]+\.\w+[^\s\"'`]*", text))
     assert not {each for each in outside if not each.startswith("http://www.w3.org/")}
     assert not re.search(r'(?:src|href)="(?!data:|#)', text)
     assert "@import" not in text
     assert not re.search(r"url\((?!['\"]?(?:data:|#))", text)
-    assert page_data(made_page("</script>")[0])["about"]["map"]["name"] == "</script>"
 
 
 def test_modules_of_the_page_name_no_two_things_alike():
-    names = re.findall(r"^(?:async )?(?:function\*?|const|let|class) ([\w$]+)", one_script(), re.M)
-    pairs = re.findall(r"^(?:const|let) [\[{]([^\]}]*)[\]}] =", one_script(), re.M)
+    script = modules_of(page_of())
+    names = re.findall(r"^(?:async )?(?:function\*?|const|let|class) ([\w$]+)", script, re.M)
+    pairs = re.findall(r"^(?:const|let) [\[{]([^\]}]*)[\]}] =", script, re.M)
     names += [
         each.split(":")[-1].split("=")[0].strip() for pair in pairs for each in pair.split(",")
     ]
@@ -565,20 +579,15 @@ def test_modules_of_the_page_name_no_two_things_alike():
 # The notebook
 
 
-def test_a_frame_is_html_with_its_address_escaped():
-    html = frame_html('http://127.0.0.1:1/a"b<c>/', 300)
-    assert 'height="300"' in html
-    assert '"b<c>' not in html
-    assert "&quot;b&lt;c&gt;" in html
-
-
-def test_a_script_is_no_notebook(monkeypatch):
+@pytest.mark.parametrize("kernel", [None, object()])
+def test_in_a_notebook_alone_the_page_is_a_frame(monkeypatch, kernel):
     import sys
     import types
 
-    assert not in_notebook()
-    shell = types.SimpleNamespace(kernel=None)
+    shell = types.SimpleNamespace(kernel=kernel)
     monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: shell))
-    assert not in_notebook()
-    shell.kernel = object()
-    assert in_notebook()
+    with locplan.explore(*corridors(), open_browser=False) as page:
+        html = page._repr_html_()
+    assert (html is None) == (kernel is None)
+    if html:
+        assert html.count(page.address) == 2

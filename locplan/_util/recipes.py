@@ -18,6 +18,8 @@ class Spelled(NamedTuple):
     """The expression."""
     after: Sequence[str] = ()
     """Lines of code that follow the line that gives it a name."""
+    argument: str = ""
+    """Name of the function's argument, where it is not that of the setting."""
 
 
 @dataclass(frozen=True)
@@ -49,10 +51,11 @@ class Recipe:
         """The code; the last line gives the result its name."""
         call, before = ["grid"], []
         for name, value in self.settings.items():
+            code, argument = _code(value), name
             if isinstance(value, Spelled):
                 before += [f"{name} = {value.code}", *value.after]
-            code = name if isinstance(value, Spelled) else _code(value)
-            call.append(code if name in ("start", "goal", "robot") else f"{name}={code}")
+                code, argument = name, value.argument or name
+            call.append(code if name in ("start", "goal", "robot") else f"{argument}={code}")
         return "\n".join(
             [
                 *(f"# {note}" for note in self.notes),

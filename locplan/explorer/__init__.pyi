@@ -5,4 +5,5 @@ from ._explore import (
     explore as explore,
     opened as opened,
 )
-from ._scene import Opening as Opening
+from ._scene import Limits as Limits, Opening as Opening
+from ._session import Session as Session

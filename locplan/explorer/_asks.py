@@ -1,17 +1,205 @@
-"""What the page can ask for. A new question is a module with its answer, and a line here."""
+"""Questions of the page: what it can ask for, values that are checked, and taking them back."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import json
+import threading
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
-from locplan._util.tables import finite
-from locplan.explorer._wire import Ask, Cancel
+from locplan._util.checks import is_number, number, one_of, position, printable, shown, whole
+from locplan._util.progress import ProgressCallback
+from locplan.errors import ConfigError, LocplanError
 
 if TYPE_CHECKING:
-    from locplan.explorer._session import Session
+    pass
+
+
+Default = TypeVar("Default")
+Read = TypeVar("Read")
+MAX_MESSAGE = 200_000
+"""Greatest length of a message [characters]."""
+MAX_ID = 2**53
+"""Greatest number of a question, the greatest whole number of JavaScript."""
+
+
+@dataclass(frozen=True)
+class Ask:
+    """A question: what to do, its number, and the values that it came with."""
+
+    do: str
+    """Name of what to do."""
+    id: int
+    """Number of the question, which its answer has, too."""
+    values: Mapping[str, Any]
+    """All values of the message."""
+
+    def has(self, name: str) -> bool:
+        """Whether there is a value other than null."""
+        return self.values.get(name) is not None
+
+    def position(self, name: str) -> tuple[float, float]:
+        """A position in the world, [x, y] [m]."""
+        value = self.values.get(name)
+        if not _is_pair(value):
+            raise ConfigError(f"{name} must be [x, y] in metres, not {shown(value)}")
+        return position(value, name=name)
+
+    def positions(self, name: str, most: int = 50) -> list[tuple[float, float]]:
+        """Positions in the world, [[x, y], ...] [m]; none without a value."""
+        values = self.values.get(name)
+        if values is None:
+            return []
+        if not isinstance(values, list) or len(values) > most or not all(map(_is_pair, values)):
+            raise ConfigError(f"{name} must be up to {most} positions [x, y], not {shown(values)}")
+        return [position(value, name=name) for value in values]
+
+    def number(self, name: str, low: float, high: float, default: Default) -> float | Default:
+        """A number within limits, or the default."""
+        return self._read(name, lambda value: number(name, value, low, high), default)
+
+    def whole(self, name: str, low: int, high: int, default: Default) -> int | Default:
+        """A whole number within limits, or the default."""
+        return self._read(name, lambda value: whole(name, value, low, high), default)
+
+    def one_of(self, name: str, choices: Collection[str], default: Default) -> str | Default:
+        """One of some words, or the default."""
+
+        def chosen(value: Any) -> str:
+            one_of(name, value, choices)
+            return str(value)
+
+        return self._read(name, chosen, default)
+
+    def text(self, name: str, default: Default) -> str | Default:
+        """A short text in one line, or the default."""
+
+        def short(value: Any) -> str:
+            if not isinstance(value, str) or len(value) > 200 or value != printable(value):
+                what = "a text of at most 200 characters in one line"
+                raise ConfigError(f"{name} must be {what}, not {shown(value)}")
+            return value
+
+        return self._read(name, short, default)
+
+    def _read(self, name: str, read: Callable[[Any], Read], default: Default) -> Read | Default:
+        """The value as it is read, or the default where it is null or not there."""
+        value = self.values.get(name)
+        return default if value is None else read(value)
+
+    def flag(self, name: str) -> bool:
+        """True or false; false without a value."""
+        value = self.values.get(name)
+        if not isinstance(value, (bool, type(None))):
+            raise ConfigError(f"{name} must be true or false, not {shown(value)}")
+        return bool(value)
+
+    def mapping(self, name: str) -> dict[str, Any]:
+        """An object, whose values are yet to be checked; empty without a value."""
+        value = self.values.get(name)
+        if not isinstance(value, (dict, type(None))):
+            raise ConfigError(f"{name} must be an object, not {shown(value)}")
+        return dict(value or {})
+
+    def items(self, name: str, most: int) -> list[Ask]:
+        """Objects of a list, each to be read as a question is."""
+        values = self.values.get(name)
+        if not isinstance(values, list) or len(values) > most:
+            raise ConfigError(f"{name} must be a list of up to {most}, not {shown(values)}")
+        if not all(isinstance(value, dict) for value in values):
+            raise ConfigError(f"{name} must be a list of objects")
+        return [Ask(self.do, self.id, value) for value in values]
+
+
+class Unanswerable(LocplanError):
+    """A message that is no question, with its number where it has one."""
+
+    def __init__(self, message: str, number: int | None = None) -> None:
+        super().__init__(message)
+        self.number = number
+
+
+def read_ask(text: str, known: Collection[str]) -> Ask:
+    """Read a question from a message.
+
+    Raises
+    ------
+    Unanswerable
+        If it is none.
+    """
+    if len(text) > MAX_MESSAGE:
+        raise Unanswerable(f"a message has at most {MAX_MESSAGE:,} characters, not {len(text):,}")
+    try:
+        values = json.loads(text, parse_constant=_refuse)
+    except (ValueError, RecursionError):
+        raise Unanswerable("a message must be an object of JSON") from None
+    if not isinstance(values, dict):
+        raise Unanswerable("a message must be an object of JSON")
+    number, do = values.get("id"), values.get("do")
+    if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number <= MAX_ID:
+        raise Unanswerable("a question needs an id, a whole number from 0 on")
+    if not isinstance(do, str) or do not in known:
+        raise Unanswerable(f"do must be one of {', '.join(known)}, not {shown(do)}", number)
+    return Ask(do, number, values)
+
+
+def _refuse(constant: str) -> NoReturn:
+    raise ValueError(constant)
+
+
+def _is_pair(value: object) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(map(is_number, value))
+
+
+class Cancelled(Exception):
+    """Long work was cancelled; it is no error of the user's, and never reaches one."""
+
+
+class Cancel:
+    """A token that one thread sets and the thread of the long work looks at.
+
+    The library knows one honest way to end early: its progress callback raises. So work ends at its
+    next progress call, and no sooner: what goes before the first one, such as a search, runs out.
+
+    Examples
+    --------
+    >>> token = Cancel()
+    >>> watched = token.watching(lambda done, total: print(done, "of", total))
+    >>> watched(1, 8)
+    1 of 8
+    >>> token.cancel()
+    >>> watched(2, 8)
+    Traceback (most recent call last):
+    locplan.explorer._asks.Cancelled
+    """
+
+    def __init__(self) -> None:
+        self._set = threading.Event()
+
+    def cancel(self) -> None:
+        """Ask the work to end; may be called from any thread, and more than once."""
+        self._set.set()
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether the work was asked to end."""
+        return self._set.is_set()
+
+    def check(self) -> None:
+        """Raise `Cancelled` if the work was asked to end."""
+        if self.cancelled:
+            raise Cancelled
+
+    def watching(self, progress: ProgressCallback | None = None) -> ProgressCallback:
+        """A progress callback that raises `Cancelled`, and else hands on to `progress`."""
+
+        def update(done: int, total: int) -> None:
+            self.check()
+            if progress:
+                progress(done, total)
+
+        return update
 
 
 @dataclass(frozen=True)
@@ -23,69 +211,3 @@ class Work:
     `Cancelled` once the question was taken back."""
     cancel: Cancel
     """The token that says so."""
-
-
-Handler = Callable[["Session", Ask, Work], dict[str, Any]]
-"""Function that answers a question; what it returns is fit for JSON."""
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A kind of questions."""
-
-    handler: str
-    """Module and function of the answer; imported when it is first asked for."""
-    lane: Literal["look", "plan", "slow", "edit", "work", "long", "drive"]
-    """The lane that answers one question after the other, and never waits for another lane."""
-    each: bool = False
-    """True if each question is answered; otherwise the newest one waiting wins."""
-    slow: str = ""
-    """Module and function that say whether a question is to be answered in a lane of its own."""
-
-    def load(self) -> Handler:
-        """The function that answers."""
-        found: Handler = _function(self.handler)
-        return found
-
-    def lane_of(self, session: Session, ask: Ask) -> str:
-        """The lane of a question."""
-        return "slow" if self.slow and _function(self.slow)(session, ask) else self.lane
-
-
-def _function(name: str) -> Any:
-    """The function of a name such as module:function."""
-    module, _, name = name.partition(":")
-    return getattr(import_module(module), name)
-
-
-ASKS: dict[str, Entry] = {
-    "plan": Entry("locplan.explorer._plans:plan", "plan", slow="locplan.explorer._plans:is_slow"),
-    "at": Entry("locplan.explorer._points:at", "look"),
-    "idle": Entry("locplan.explorer._plans:idle", "slow"),
-    "configure": Entry("locplan.explorer._configure:configure", "work"),
-    "edit": Entry("locplan.explorer._edits:edit", "edit", each=True),
-    "undo": Entry("locplan.explorer._edits:undo", "edit", each=True),
-    "redo": Entry("locplan.explorer._edits:redo", "edit", each=True),
-    "save": Entry("locplan.explorer._edits:save", "edit", each=True),
-    "front": Entry("locplan.explorer._front:front", "long"),
-    "simulate": Entry("locplan.explorer._simulating:simulate", "long"),
-    "landmarks": Entry("locplan.explorer._landmarks:landmarks", "long"),
-    "twins": Entry("locplan.explorer._twins:twins", "long"),
-    "twins_everywhere": Entry("locplan.explorer._twins:twins_everywhere", "long"),
-    "export": Entry("locplan.explorer._exporting:export", "long"),
-    "match": Entry("locplan.explorer._drives:match", "drive"),
-    "share": Entry("locplan.explorer._sharing:share", "long"),
-    "reproduce": Entry("locplan.explorer._reproduce:reproduce", "look"),
-}
-"""All kinds of questions by name; "cancel" {of} is answered by the socket itself."""
-
-
-def answer(
-    session: Session,
-    do: str,
-    values: Mapping[str, Any],
-    progress: Callable[..., None] = lambda *_: None,
-) -> dict[str, Any]:
-    """The answer to a question, fit for JSON; what `progress` raises ends the work."""
-    found = ASKS[do].load()(session, Ask(do, 0, values), Work(progress, Cancel()))
-    return finite(found)

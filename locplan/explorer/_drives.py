@@ -18,51 +18,11 @@ from locplan.maps import OccupancyGrid
 from locplan.recordings import Recording, match_scans, read_drive, scans_unlike
 
 if TYPE_CHECKING:
-    from locplan.explorer._asks import Work
+    from locplan.explorer._asks import Ask, Work
     from locplan.explorer._session import Session
-    from locplan.explorer._wire import Ask
 
 MAX_POSES = 5000
-"""Greatest number of poses that the page gets of a drive."""
-
-
-def shown_drive(
-    recording: Recording,
-    grid: OccupancyGrid,
-    *,
-    matched: bool = False,
-    threads: int | None = None,
-    progress: ProgressCallback | None = None,
-) -> dict[str, object]:
-    """Poses of a recorded drive, evenly spaced over its scans, and the scans that are unlike a map.
-
-    A scan is unlike the map if fewer than 60 % of its returns end within two cells of a wall, at
-    least 0.1 m: the share from which `locplan.recordings.fit_to_map` says that a map fits. One with
-    fewer than 10 returns is not judged. "sd" is the largest standard deviation of the position of
-    each scan [m], of scans that were `matched` with the map, which takes up to a millisecond each;
-    "t" is the time since the first scan [s], or the number of the pose without times.
-    """
-    count = len(recording)
-    kept = np.unique(np.linspace(0, count - 1, min(count, MAX_POSES)).round().astype(np.int64))
-    # Of the whole recording nothing is copied where few scans are without a return.
-    x, y, heading = recording.poses[kept].round(4).T.tolist()
-    times: list[float] = [*map(float, range(len(kept)))]
-    if recording.times is not None:
-        times = (recording.times[kept] - recording.times[kept[0]]).round(3).tolist()
-    deviation = np.full(len(kept), np.nan)
-    if matched:
-        with suppress(RecordingError):  # no scan on this map is matched well enough
-            found = match_scans(recording[kept], grid, threads=threads, progress=progress)
-            deviation = found.position_std.round(4)
-    about: dict[str, object] = {
-        "t": times,
-        "timed": recording.times is not None,
-        **{"x": x, "y": y, "heading": heading},
-        "sd": deviation.tolist(),
-        "unlike": scans_unlike(recording, grid, kept).astype(int).tolist(),
-        "scans": count,
-    }
-    return finite(about)
+"""Number of poses that the page gets of a drive at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,10 +74,55 @@ class RecordedDrive:
         poses = min(scans, MAX_POSES)
         return {"name": self.name, "duration": duration, "poses": poses, "scans": scans}
 
+    def shown(
+        self,
+        grid: OccupancyGrid,
+        *,
+        matched: bool = False,
+        threads: int | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> dict[str, object]:
+        """Poses of the drive, evenly spaced over its scans, and the scans that are unlike a map.
 
-def drive_json(session: Session, number: int) -> dict[str, object]:
-    """A recorded drive of a session on its present map, by its number from 0 on, fit for JSON."""
-    return shown_drive(session.drives[number].recording, session.grid)
+        A scan is unlike the map if fewer than 60 % of its returns end within two cells of a wall,
+        at least 0.1 m: the share from which `locplan.recordings.fit_to_map` says that a map fits.
+        One with fewer than 10 returns is not judged. "sd" is the largest standard deviation of the
+        position of each scan [m], of scans that were `matched` with the map, which takes up to a
+        millisecond each; "t" is the time since the first scan [s], or the number of the pose
+        without times.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        matched : bool, default False
+            True matches the scans with the map.
+        threads : int, optional
+            Number of threads; all cores by default.
+        progress : callable, optional
+            Called with (done, total) scans.
+        """
+        recording, count = self.recording, len(self.recording)
+        kept = np.unique(np.linspace(0, count - 1, min(count, MAX_POSES)).round().astype(np.int64))
+        # Of the whole recording nothing is copied where few scans are without a return.
+        x, y, heading = recording.poses[kept].round(4).T.tolist()
+        times: list[float] = [*map(float, range(len(kept)))]
+        if recording.times is not None:
+            times = (recording.times[kept] - recording.times[kept[0]]).round(3).tolist()
+        deviation = np.full(len(kept), np.nan)
+        if matched:
+            with suppress(RecordingError):  # no scan on this map is matched well enough
+                found = match_scans(recording[kept], grid, threads=threads, progress=progress)
+                deviation = found.position_std.round(4)
+        about: dict[str, object] = {
+            "t": times,
+            "timed": recording.times is not None,
+            **{"x": x, "y": y, "heading": heading},
+            "sd": deviation.tolist(),
+            "unlike": scans_unlike(recording, grid, kept).astype(int).tolist(),
+            "scans": count,
+        }
+        return finite(about)
 
 
 def match(session: Session, ask: Ask, work: Work) -> dict[str, object]:
@@ -125,20 +130,17 @@ def match(session: Session, ask: Ask, work: Work) -> dict[str, object]:
 
     They are kept, so that a drive that is shown again has them at once.
     """
-    if not session.drives:
+    drives = session.opening.drives
+    if not drives:
         raise ConfigError("there is no recorded drive; start the explorer with --drive FILE")
-    number = ask.whole("drive", 0, len(session.drives) - 1)
+    number = ask.whole("drive", 0, len(drives) - 1, None)
     if number is None:
         raise ConfigError("drive must be the number of a recorded drive")
     grid = session.grid
     found: dict[str, object] = session.files.made(
         ("match", number, grid.digest),
-        lambda: shown_drive(
-            session.drives[number].recording,
-            grid,
-            matched=True,
-            threads=session.opening.threads,
-            progress=work.progress,
+        lambda: drives[number].shown(
+            grid, matched=True, threads=session.opening.threads, progress=work.progress
         ),
         lambda made: 200 * MAX_POSES,
     )

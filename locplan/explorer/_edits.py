@@ -1,36 +1,33 @@
-"""Changes to the map: strokes that are drawn, undone, redone, and saved."""
+"""Changes to the map by strokes, and to the settings of its field."""
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import math
 import os
 from collections.abc import Sequence
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import number
+from locplan._util.checks import MAX_RANGE, number
 from locplan._util.files import make_folder
 from locplan._util.windows import window_around
 from locplan.errors import ConfigError
+from locplan.explorer._asks import Ask, Cancelled
+from locplan.explorer._scene import Limits
 from locplan.explorer._session import Session
-from locplan.explorer._wire import Ask
+from locplan.field import ESTIMATORS, SHORT_LIDAR, FieldConfig, estimator_class
 from locplan.landmarks import Box, Pole, cells_under
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
+from locplan.robots import PRESETS, Lidar
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
-
-TOOLS = ("wall", "erase", "pole", "box")
-MAX_STROKES, MAX_POINTS = 500, 5000
-MAX_WIDTH = 20.0
-"""Greatest breadth of a stroke [m]."""
-MAX_UNDO = 200
-"""Greatest number of edits that can be undone."""
-UNDO_BYTES = 64e6
-"""Bytes of cells that are kept for undoing; the last edit can be undone whatever it takes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,50 +72,47 @@ class Stroke:
     @classmethod
     def read(cls, ask: Ask) -> Stroke:
         """Read a stroke from its message."""
-        tool = ask.one_of("tool", TOOLS)
-        points = ask.positions("points", MAX_POINTS)
+        tool = ask.one_of("tool", ("wall", "erase", "pole", "box"), None)
+        points = ask.positions("points", 5000)
         if tool is None or not points:
             raise ConfigError("a stroke needs a tool and at least one point")
         given = ask.values.get("width")
         both = given if isinstance(given, list) and len(given) == 2 else [given, given]
-        length, breadth = (number("width", each, 0.001, MAX_WIDTH) for each in both)
-        turn = ask.number("heading", -1e3, 1e3, 0.0) or 0.0
+        length, breadth = (number("width", each, 0.001, 20.0) for each in both)
+        turn = ask.number("heading", -1e3, 1e3, 0.0)
         return cls(tool, tuple(points), (length, breadth), turn)
 
 
 def edit(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     """Draw strokes into the map, as one change to undo."""
-    strokes = [Stroke.read(each) for each in ask.items("strokes", MAX_STROKES)]
+    strokes = [Stroke.read(each) for each in ask.items("strokes", 500)]
     with session.changing:
         patch = drawn(session.grid, strokes)
         if patch is None:
             return {"changed": []}
-        history = session.history
-        history.before = last_ones([*history.before, patch])
-        history.undone = []
+        session.edits = last_ones([*session.edits, patch], session.opening.limits)
+        session.undone = []
         _apply(session, patch, patch.after)
     return {"changed": [patch.limits(session.grid)]}
 
 
-def last_ones(patches: list[Patch]) -> list[Patch]:
+def last_ones(patches: list[Patch], limits: Limits) -> list[Patch]:
     """The last of some changes: as many as can be undone."""
-    first, left = len(patches) - 1, UNDO_BYTES - patches[-1].bytes
-    while first > 0 and len(patches) - first < MAX_UNDO and patches[first - 1].bytes <= left:
-        first -= 1
-        left -= patches[first].bytes
-    return patches[first:]
+    sizes = itertools.accumulate(patch.bytes for patch in reversed(patches))
+    count = sum(size <= limits.undo_bytes for size in sizes)
+    return patches[-min(max(count, 1), limits.undo) :]
 
 
 def undo(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     """Take the last change back."""
     with session.changing:
-        return _step(session, session.history.before, session.history.undone, "undo")
+        return _step(session, session.edits, session.undone, "undo")
 
 
 def redo(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     """Make the last change again that was undone."""
     with session.changing:
-        return _step(session, session.history.undone, session.history.before, "redo")
+        return _step(session, session.undone, session.edits, "redo")
 
 
 def _step(session: Session, taken: list[Any], given: list[Any], do: str) -> dict[str, Any]:
@@ -133,25 +127,25 @@ def _step(session: Session, taken: list[Any], given: list[Any], do: str) -> dict
 
 def save(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     """Save the map under the session's folder, which the command line names."""
-    name = ask.text("name")
-    if session.folder is None:
+    name, folder = ask.text("name", ""), session.opening.folder
+    if folder is None:
         raise ConfigError("name a folder for files with --folder, then maps can be saved")
-    stem = "" if name is None else name.strip().removesuffix(".yaml").strip()
+    stem = name.strip().removesuffix(".yaml").strip()
     plain = all(c.isalnum() or c in "-_. " for c in stem)
     if not plain or stem.startswith(".") or not stem.strip(". "):
         raise ConfigError("a map's name has letters, digits, spaces, - and _ only")
-    target = session.folder / f"{stem}.yaml"
+    target = folder / f"{stem}.yaml"
     with session.changing:  # two pages may save one name at once
         for file in (target, target.with_suffix(".pgm")):
-            if os.path.lexists(file) and not session.force and target not in session.written:
+            if os.path.lexists(file) and not (session.opening.force or target in session.written):
                 raise ConfigError(f"{file.name} is there already; choose another name")
-        make_folder(session.folder)
+        make_folder(folder)
         grid = session.grid
         save_map(grid, target)
         session.saved, session.saved_as = grid, str(target)
         session.written.add(target)
     session.tell({"event": "state"})
-    return {"name": target.name, "folder": str(session.folder)}
+    return {"name": target.name, "folder": str(folder)}
 
 
 def drawn(grid: OccupancyGrid, strokes: Sequence[Stroke]) -> Patch | None:
@@ -197,7 +191,69 @@ def _apply(session: Session, patch: Patch, window: NDArray[np.uint8]) -> None:
     """Put a window's cells into the session's map, and bring its field up to date."""
     cells = session.grid.cells.copy()
     cells[patch.rows, patch.cols] = window
-    grid = session.grid
-    session.replace_grid(OccupancyGrid(cells, grid.resolution, grid.origin, grid.name))
+    session.grid = dataclasses.replace(session.grid, cells=cells)
     session.tell({"event": "state"})
-    session.upkeep.begin()
+    session.begin()
+
+
+def config_of(session: Session, ask: Ask) -> FieldConfig:
+    """The settings of a field that are asked for; what is not given stays as it is.
+
+    Raises
+    ------
+    ConfigError
+        If a value is unknown or out of its range.
+    """
+    now = session.config
+    name = ask.one_of("estimator", ESTIMATORS, now.estimator.name)
+    preset = ask.one_of("lidar", PRESETS, None)
+    reach = ask.number("range", 0.1, MAX_RANGE, None)
+    headings = ask.whole("headings", 0, 36, 0)
+    # Where none is named the present lidar stays; null says that there is none.
+    present = None if "lidar" in ask.values else session.lidar
+    lidar = Lidar.preset(preset) if preset else present
+    kind: Any = estimator_class(name)
+    same = kind is type(now.estimator)
+    asked: dict[str, Any] = {} if reach is None else {"range": reach}
+    if kind.casts_rays:
+        lidar = lidar or dataclasses.replace(SHORT_LIDAR, model="no lidar named, one assumed")
+        lidar = dataclasses.replace(lidar, **asked)
+        estimator = now.estimator.with_lidar(lidar) if same else kind.of(lidar)
+    else:
+        estimator = now.estimator if same else kind()
+        if lidar is None:
+            estimator = dataclasses.replace(estimator, **asked)
+        elif preset or asked or not same:
+            estimator = estimator.with_lidar(dataclasses.replace(lidar, **asked))
+    return FieldConfig(estimator, stride=now.stride, headings=headings)
+
+
+def configure(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
+    """Compute the field with other settings; the old one stays until it is there."""
+    config, before = config_of(session, ask), session.config
+    work.cancel.check()
+    session.config = config
+    try:
+        _await_field(session, work)
+    except BaseException:
+        session.config = before
+        session.begin()
+        raise
+    return {"ok": True}
+
+
+def _await_field(session: Session, work: Work) -> None:
+    """Begin to compute the field, and wait for it, also where edits begin that anew."""
+    session.listener = work.progress
+    try:
+        task = session.begin()
+        while True:
+            try:
+                return task.result()
+            except (Cancelled, CancelledError):
+                latest = session.latest
+                if work.cancel.cancelled or latest is None or latest is task:
+                    raise Cancelled from None
+                task = latest  # an edit came in between
+    finally:
+        session.listener = None

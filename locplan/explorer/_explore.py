@@ -7,7 +7,6 @@ import sys
 import threading
 import webbrowser
 from collections.abc import Sequence
-from contextlib import suppress
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +16,7 @@ import numpy as np
 from locplan._util.checks import file_path, instance, whole
 from locplan._util.extras import needed
 from locplan.costs import Costmap
-from locplan.errors import ConfigError, LocplanError
+from locplan.errors import ConfigError
 from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, Sad, config_of
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot
@@ -26,11 +25,6 @@ if TYPE_CHECKING:
     from locplan.explorer._scene import Opening
     from locplan.explorer._server import Server
     from locplan.explorer._session import Session
-
-HEIGHT = 720
-"""Height of the frame [px]."""
-LIBRARIES = ("starlette", "uvicorn", "websockets")
-"""Libraries of the extra "explore"."""
 
 
 class Explorer:
@@ -62,18 +56,34 @@ class Explorer:
         return self._server.address
 
     @property
+    def session(self) -> Session:
+        """The map, its field and its costs behind the page, which answer its questions."""
+        return self._server.session
+
+    @property
     def grid(self) -> OccupancyGrid:
         """The map as it was edited on the page."""
-        return self._server.session.grid
+        return self.session.grid
 
     @property
     def field(self) -> CovarianceField | None:
         """The field that the page shows; None before it is there."""
-        return self._server.session.field
+        return self.session.field
 
     def _repr_html_(self) -> str | None:
-        """The page itself, in a notebook."""
-        return frame_html(self.address) if self._server.framed else None
+        """A frame with the page itself in a notebook, and a link to it below.
+
+        The frame stays empty where the notebook's browser runs on another machine, or where the
+        notebook forbids frames.
+        """
+        if not self._server.framed:
+            return None
+        link = escape(self.address, quote=True)
+        return (
+            f'<iframe src="{link}" title="locplan explorer" width="100%" height="720"'
+            ' style="border: 0" allow="clipboard-write; fullscreen"></iframe>'
+            f'<a href="{link}" target="_blank" rel="noopener">Open in a tab of its own</a>'
+        )
 
     def open(self) -> None:
         """Open the page in the browser."""
@@ -169,7 +179,7 @@ def explore(
 
 def check_installed() -> None:
     """Raise a LocplanError unless the libraries of the server are installed."""
-    for library in LIBRARIES:
+    for library in ("starlette", "uvicorn", "websockets"):
         needed(library, "explore", "the explorer")
 
 
@@ -220,8 +230,8 @@ def opened(
         )
     server = Server(session, port, framed=framed)
     server.start()
-    session.upkeep.begin(field)
-    threading.Thread(target=_warm_up, args=(session,), daemon=True).start()
+    session.begin(field)
+    threading.Thread(target=session.prepare, daemon=True).start()
     return Explorer(server)
 
 
@@ -238,39 +248,8 @@ def _check_stops(grid: OccupancyGrid, opening: Opening) -> None:
             Costmap.blank(grid, robot_radius=opening.robot.radius).cell_of(xy, role)
 
 
-def _warm_up(session: Session) -> None:
-    """Find the first ends and load the kernels, while the browser loads the page."""
-    from locplan.explorer._searches import Flood
-    from locplan.explorer._state import ends
-    from locplan.planners import AnyAngle
-
-    with suppress(LocplanError):  # the page's own questions tell what is wrong
-        ends(session)
-    AnyAngle().prepare()
-    Flood.prepare()
-
-
 def in_notebook() -> bool:
     """Whether the program runs in a notebook's kernel, which shows HTML."""
     module = sys.modules.get("IPython")
     shell = module.get_ipython() if module is not None else None
     return getattr(shell, "kernel", None) is not None
-
-
-def frame_html(address: str, height: int = HEIGHT) -> str:
-    """HTML of a frame that shows a page of this machine, with a link to it below.
-
-    The frame stays empty where the notebook's browser runs on another machine, or where the
-    notebook forbids frames.
-
-    Examples
-    --------
-    >>> frame_html("http://127.0.0.1:8000/secret/", 400).count("http://127.0.0.1:8000/secret/")
-    2
-    """
-    link = escape(address, quote=True)
-    return (
-        f'<iframe src="{link}" title="locplan explorer" width="100%" height="{height:d}"'
-        ' style="border: 0" allow="clipboard-write; fullscreen"></iframe>'
-        f'<a href="{link}" target="_blank" rel="noopener">Open in a tab of its own</a>'
-    )

@@ -1,4 +1,4 @@
-"""Exports of the view for Nav2, into the folder that was named on the command line."""
+"""What is taken away from the page: exports, and the command and the code of the path shown."""
 
 from __future__ import annotations
 
@@ -8,20 +8,19 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from locplan._util.checks import printable
 from locplan._util.files import make_folder
+from locplan._util.recipes import Recipe, Spelled
 from locplan.errors import ConfigError, LocplanError
+from locplan.explorer._scene import MAX_DRIVES
 from locplan.export import ExportJob, distribution, formats
+from locplan.field import config_spelled, lidar_of
 from locplan.planners import AWARE
+from locplan.robots import robot_spelled
 
 if TYPE_CHECKING:
-    from locplan.explorer._asks import Work
+    from locplan.explorer._asks import Ask, Work
     from locplan.explorer._session import Session
-    from locplan.explorer._wire import Ask
-
-EXPORTS = ("nav2-keepout", "nav2-static", "nav2-speed", "route-graph", "path")
-"""Formats that the page offers, by their names on the command line."""
-MAX_NUMBER = 1000
-"""Greatest number behind the name of an export beside others."""
 
 
 def export(session: Session, ask: Ask, work: Work) -> dict[str, object]:
@@ -30,8 +29,10 @@ def export(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     Nothing that is there is replaced without `force`: the export gets a number behind its name.
     With it, a file is replaced, and a folder if it is an export of ours without changes.
     """
-    to = ask.one_of("to", EXPORTS, EXPORTS[0])
-    distro, folder, force = ask.text("distro"), session.folder, session.force
+    offered = ("nav2-keepout", "nav2-static", "nav2-speed", "route-graph", "path")
+    to = ask.one_of("to", offered, offered[0])
+    distro, opening = ask.text("distro", None), session.opening
+    folder, force = opening.folder, opening.force
     view = session.view(ask)
     work.progress(0, 1, "writing")
     if folder is None:
@@ -67,8 +68,56 @@ def plain_name(name: str) -> str:
 
 def _unused(folder: Path, stem: str, suffix: str) -> Path:
     """A name in the folder that nothing has, with a number where others are there."""
-    for number in range(1, MAX_NUMBER + 1):
+    for number in range(1, 1001):
         target = folder / f"{stem}{f'-{number}' if number > 1 else ''}{suffix}"
         if not target.exists() and not target.is_symlink():
             return target
-    raise LocplanError(f"{folder}: holds {MAX_NUMBER} such exports; remove some")
+    raise LocplanError(f"{folder}: holds 1000 such exports; remove some")
+
+
+def reproduce(session: Session, ask: Ask, work: Work) -> dict[str, str]:
+    """Answer with the command and the code that plan the path shown, or choose, once more.
+
+    Both plan as the page does for a path at rest, through all waypoints, with the planner
+    any-angle, on a field that has the spacing of the page's everywhere. With a number of drives
+    they choose by drives, for which the field is finer near the paths, as the page does.
+    """
+    drives = ask.whole("drives", 2, MAX_DRIVES, 0)
+    view, file = session.view(ask), session.map_file
+    config, robot = view.field.config, view.robot
+    assumed = not config.estimator.casts_rays and robot.lidar == lidar_of(config)
+    if assumed and not drives:  # commands assume the same lidar; what is driven has a known one
+        robot = dataclasses.replace(robot, lidar=None)
+    spelled = config_spelled(config, robot.lidar, whole=not drives)
+    settings: dict[str, Any] = {
+        "start": view.start[:2],
+        "goal": view.goal[:2],
+        "robot": robot_spelled(robot),
+        "config": spelled._replace(argument="costs"),
+        **view.cost_settings,
+        "drives": drives,
+    }
+    if view.via:
+        settings["via"] = [xy[:2] for xy in view.via]
+    if config.estimator.casts_rays and not drives:  # options say that by the spacing
+        whole = "lambda grid, points=None: locplan.load_or_compute(grid, config)"
+        settings["compute"] = Spelled((), whole)
+    notes = []
+    if file is None:
+        notes = ['No file of this map is known: locplan.save_map(grid, "map.yaml") writes one']
+    elif session.edited:
+        notes = [
+            f"{printable(file)} is not the map on the page, which was edited since (or an edit"
+            " undone).",
+            "For the page's map: save it on the page under a new name, and copy this once more.",
+        ]
+    unsaid = []
+    if spelled.after:
+        unsaid = [f"{spelled.words[-1]} is written by the Python code"]
+        if robot.lidar and robot.lidar != getattr(config.estimator, "lidar", None):
+            unsaid += ["the command cannot say the lidar: take the Python code"]
+    recipe = Recipe("plan", "choose", file or "map.yaml", settings, notes)
+    shell = dataclasses.replace(recipe, notes=[*notes, *unsaid]).shell
+    if drives:
+        shell += " --output chosen"
+    return {"shell": shell, "python": f"{recipe.python}\nprint(result.table())\n"}

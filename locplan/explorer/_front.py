@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 from locplan._util.poses import Numbers
 from locplan._util.tables import finite
 from locplan.errors import ConfigError
-from locplan.explorer._view import View, rounded
+from locplan.explorer._scene import View, rounded
 from locplan.planners import ParetoFront, pareto_front
 
 if TYPE_CHECKING:
-    from locplan.explorer._asks import Work
+    from locplan.explorer._asks import Ask, Work
     from locplan.explorer._session import Session
-    from locplan.explorer._wire import Ask
 
 SECONDS, SECONDS_PER_CELL = 5.0, 1e-6
 """Time limit of a front by default, for all legs together [s], and how it grows with the map."""

@@ -1,22 +1,51 @@
-"""What a session begins with, and what it shows at one moment."""
+"""What a session begins with, what it shows at one moment, and the way that is asked for."""
 
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.costs import Costmap
+from locplan.costs import Costmap, Path
+from locplan.errors import ConfigError
 from locplan.explorer._snap import Floor, Parts
 from locplan.field import CovarianceField, FieldConfig
-from locplan.planners import Position
+from locplan.maps import OccupancyGrid
+from locplan.planners import AWARE, SHORTEST, Plan, Position, plan_beside_shortest
 from locplan.robots import Robot
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How much a session keeps, and when it begins to draft."""
+
+    kept_bytes: float = 520e6
+    """Bytes of costmaps and searches that are kept: at 4000 x 4000 cells two costmaps, searches on
+    both from two ends, drafts, and a search that is made."""
+    file_bytes: float = 80e6
+    """Bytes of textures and files to download that are kept."""
+    undo_bytes: float = 64e6
+    """Bytes of cells that are kept for undoing; the last edit can be undone whatever it takes."""
+    undo: int = 200
+    """Number of edits that can be undone."""
+    draft_cells: int = 1500
+    """Longest side of a map on which drafts are planned on its own cells [cells]."""
+    first_seconds: float = 0.06
+    """Time that the points nearest to an edit may take by the estimator's own estimate [s]."""
+    min_points: int = 64
+    """Number of points that are computed at once at least."""
+    pages: int = 20
+    """Number of pages that are open at once."""
+    waiting: int = 100
+    """Number of questions of a page that wait for their answers."""
 
 
 @dataclass(frozen=True)
@@ -37,11 +66,11 @@ class Opening:
     """Position of the goal [m]; None for a place of the page's own choice."""
     via: tuple[Position, ...] = ()
     """Positions to visit on the way [m]."""
-    folder: Path | None = None
+    folder: FilePath | None = None
     """Folder that files are written under; None where none may be written."""
     drives: tuple[Any, ...] = ()
     """Recorded drives that can be shown."""
-    cache_dir: Path | None = None
+    cache_dir: FilePath | None = None
     """Folder of cached fields; None for the usual one."""
     threads: int | None = None
     """Number of threads for fields; None for all cores."""
@@ -49,6 +78,8 @@ class Opening:
     """The map's file as it was named; None where the map comes from Python."""
     force: bool = False
     """True lets files in the way be replaced."""
+    limits: Limits = Limits()
+    """How much is kept."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +102,6 @@ class Scene:
         state = None if self.whole else self.serial
         text = json.dumps([self.costs.grid.digest, settings, state], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:32]
-
-    @cached_property
-    def saturated_share(self) -> float:
-        """Share of the places whose matches count as perfect, 0..1; 0 without a field."""
-        return 0.0 if self.field is None else self.field.saturated_share
 
     @cached_property
     def parts(self) -> Parts:
@@ -124,3 +150,76 @@ class Busy:
     """Steps that are done."""
     total: int = 0
     """All steps; 0 before that is known."""
+
+
+MAX_DRIVES = 256
+"""Greatest number of confirming drives that the page can ask for."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class View:
+    """The map, its field, and the way that is asked for."""
+
+    grid: OccupancyGrid
+    """The map as it was edited."""
+    field: CovarianceField
+    """The field of this map."""
+    costs: Costmap
+    """The costmap of the field, at the weight and for the robot radius that the page shows."""
+    robot: Robot
+    """The robot with its lidar."""
+    start: Position
+    """Position of the start in the world [m]."""
+    goal: Position
+    """Position of the goal in the world [m]."""
+    via: tuple[Position, ...] = ()
+    """Positions to visit on the way, in this order [m]."""
+    whole: bool = True
+    """False while some values of the field are those from before an edit."""
+
+    def __repr__(self) -> str:
+        (x0, y0), (x1, y1) = self.start[:2], self.goal[:2]
+        return f"View({self.grid.name or 'map'}, {x0:g},{y0:g} to {x1:g},{y1:g})"
+
+    @property
+    def legs(self) -> list[tuple[Position, Position]]:
+        """Both ends of each leg of the way."""
+        return list(itertools.pairwise([self.start, *self.via, self.goal]))
+
+    @property
+    def cost_settings(self) -> dict[str, Any]:
+        """Weight of the costmap, and its criterion unless that is the estimator's own."""
+        settings, own = self.costs.settings, self.field.config.estimator.criterion
+        criterion = settings.criterion if settings else own
+        return {"weight": float(self.costs.weight)} | (
+            {"criterion": criterion} if criterion != own else {}
+        )
+
+    def field_at(
+        self, grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
+    ) -> CovarianceField:
+        """The field with values at some lattice points (h, w) alone, as if computed for these."""
+        if points is None:
+            return self.field
+        values = {name: array.copy() for name, array in self.field.values.items()}
+        for array in values.values():
+            array[~points] = np.nan
+        return CovarianceField.of(values, grid, self.field.config)
+
+    def plans(self) -> Mapping[str, Plan]:
+        """The localizability-aware plan and the shortest one, by the library's planner."""
+        return plan_beside_shortest(self.costs, self.start, self.goal, via=self.via)
+
+    def paths(self) -> tuple[Path, Path]:
+        """The aware path and the shortest one; a ConfigError says that there is none."""
+        plans = self.plans()
+        aware, shortest = plans[AWARE].path, plans[SHORTEST].path
+        if aware is None or shortest is None:
+            raise ConfigError("no path joins start and goal; move one of them")
+        return aware, shortest
+
+
+def rounded(xy: object) -> list[list[float]]:
+    """Positions (n, 2) as lists for JSON, to a millimetre [m]."""
+    values: list[list[float]] = np.round(np.asarray(xy, float), 3).tolist()
+    return values

@@ -1,22 +1,27 @@
-"""What is kept between plans: costmaps, searches and paths, up to a number of bytes."""
+"""Searches for paths over several stops, which are kept between plans, up to a number of bytes."""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.costs import Costmap
+from locplan.costs import Costmap, Path
+from locplan.explorer._scene import Scene
+from locplan.explorer._snap import Floor
 from locplan.maps import FREE, OccupancyGrid
-from locplan.planners import Bordered, Position, bordered_index
+from locplan.planners import AnyAngle, Bordered, Position, any_angle_path, bordered_index
 
-T = TypeVar("T")
+Result = TypeVar("Result")
+Check = Callable[[], None]
+"""Function that raises where a plan is not wanted any more."""
 
 
 class Kept:
@@ -24,14 +29,15 @@ class Kept:
 
     def __init__(self, limit: float) -> None:
         self.limit = limit
+        self.bytes = 0
         self._lock = threading.Lock()
         self._results: OrderedDict[Hashable, tuple[Any, int]] = OrderedDict()
-        self._bytes = 0
 
     @property
-    def bytes(self) -> int:
-        """Bytes of all results."""
-        return self._bytes
+    def keys(self) -> list[Any]:
+        """Keys of all results, the least recently used one first."""
+        with self._lock:
+            return list(self._results)
 
     def get(self, key: Hashable) -> Any:
         """The result of a key, which is now the most recently used one; None without it."""
@@ -41,31 +47,28 @@ class Kept:
             self._results.move_to_end(key)
             return self._results[key][0]
 
-    def put(self, key: Hashable, result: T, size: int) -> T:
+    def put(self, key: Hashable, result: Result, size: int) -> Result:
         """Keep a result of so many bytes, and return it; the last one is kept whatever its size."""
         with self._lock:
-            if key in self._results:
-                self._bytes -= self._results.pop(key)[1]
+            self._drop([key])
             self._results[key] = result, size
-            self._bytes += size
+            self.bytes += size
             self._shrink(self.limit, 1)
         return result
 
-    def _shrink(self, limit: float, least: int) -> None:
-        """Drop the least recently used results beyond a limit, but keep the last ones."""
-        while self._bytes > limit and len(self._results) > least:
-            _, (_, gone) = self._results.popitem(last=False)
-            self._bytes -= gone
-
     def made(
-        self, key: Hashable, make: Callable[[], T], size: Callable[[T], int], expected: int = 0
-    ) -> T:
+        self,
+        key: Hashable,
+        make: Callable[[], Result],
+        size: Callable[[Result], int],
+        expected: int = 0,
+    ) -> Result:
         """The result of a key, made if it is not kept.
 
         Room for the bytes that are expected is made before, so that they do not come on top. The
         two results that were used last stay: others may be made of them.
         """
-        found: T | None = self.get(key)
+        found: Result | None = self.get(key)
         if found is not None:
             return found
         with self._lock:
@@ -73,32 +76,66 @@ class Kept:
         result = make()
         return self.put(key, result, size(result))
 
-    def forget(self, unless: Callable[[Any], bool]) -> None:
-        """Drop the results whose keys do not fulfil a condition."""
+    def forget(self, unless: Callable[[Any], bool] = lambda key: False) -> None:
+        """Drop the results whose keys do not fulfil a condition; without one, all."""
         with self._lock:
-            for key in [key for key in self._results if not unless(key)]:
-                self._bytes -= self._results.pop(key)[1]
+            self._drop([key for key in self._results if not unless(key)])
+
+    def _shrink(self, limit: float, min_count: int) -> None:
+        """Drop the least recently used results beyond a limit, but keep the last ones."""
+        while self.bytes > limit and len(self._results) > min_count:
+            self._drop([next(iter(self._results))])
+
+    def _drop(self, keys: Sequence[Hashable]) -> None:
+        for key in keys:
+            self.bytes -= self._results.pop(key, (None, 0))[1]
 
 
 @dataclass(frozen=True, eq=False)
-class Halved:
-    """A costmap at half of its cost, which shares its memory with what the searches take.
-
-    The same path is the cheapest, and twice its cost is exactly that on the whole costmap.
-    """
+class Searched:
+    """A costmap, and the same as the searches take it."""
 
     costs: Costmap
-    """The costmap, with half of its density."""
+    """The costmap."""
     bordered: Bordered
-    """The same as the searches take it."""
+    """Its density with a border of blocked cells."""
 
     @classmethod
-    def of(cls, costs: Costmap) -> Halved:
-        """Halve a costmap."""
+    def halved(cls, costs: Costmap) -> Searched:
+        """A costmap at half of its cost, which shares its memory with what the searches take.
+
+        The same path is the cheapest, and twice its cost is exactly that on the whole costmap.
+        """
         bordered = Bordered.of(costs)
         inner = bordered.half.reshape(-1, bordered.columns)[1:-1, 1:-1]
         inner.setflags(write=False)
         return cls(dataclasses.replace(costs, density=inner), bordered)
+
+    @classmethod
+    def coarse(cls, floor: Floor, weight: float) -> Searched:
+        """The costmap of a floor in larger cells, for drafts."""
+        density = np.where(floor.grid.free, 1 + weight * floor.u, np.inf)
+        costs = Costmap.from_density(floor.grid, density)
+        return cls(costs, Bordered.of(costs))
+
+    def index_of(self, xy: Position) -> int:
+        """Index in the bordered grid of the cell at a world position [m]."""
+        return bordered_index(self.costs, xy, "position")
+
+    def free_near(self, xy: Position) -> Position | None:
+        """The position, or the centre of a free cell near it; None where there is none [m]."""
+        grid, density = self.costs.grid, self.costs.density
+        row, col = grid.world_to_cell(*xy[:2])
+        if grid.contains(row, col) and np.isfinite(density[row, col]):
+            return xy
+        # A free place has a cell at most two away that is free for its greater part.
+        rows, cols = (slice(max(0, at - 2), max(0, at + 3)) for at in (row, col))
+        near: NDArray[np.int64] = np.argwhere(np.isfinite(density[rows, cols]))
+        if not near.size:
+            return None
+        near = near + np.array((rows.start, cols.start))
+        at = near[int(np.argmin(((near - np.array((row, col))) ** 2).sum(axis=1)))]
+        return grid.cell_to_world(int(at[0]), int(at[1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +152,7 @@ class Flood:
     """Steps back to the end on cheapest ways, flat with the border: a bit for each neighbour."""
 
     @classmethod
-    def of(cls, bordered: Bordered, source: int, check: Callable[[], None] | None = None) -> Flood:
+    def of(cls, bordered: Bordered, source: int, check: Check | None = None) -> Flood:
         """Search all that can be reached from a cell; what `check` raises ends that early."""
         from locplan._kernels.search import search
         from locplan._kernels.ways import steps_back, tolerance_of
@@ -129,36 +166,122 @@ class Flood:
     def prepare(cls) -> None:
         """Compile the kernels, so that the first drag does not wait for that."""
         costs = Costmap.blank(OccupancyGrid(np.full((1, 3), FREE), 1.0))
-        bordered = Bordered.of(costs)
-        flood = cls.of(bordered, index_of(costs, (0.5, 0.5)))
-        flood.cells_to(bordered, index_of(costs, (2.5, 0.5)))
+        searched = Searched(costs, Bordered.of(costs))
+        first, last = (searched.index_of((x, 0.5)) for x in (0.5, 2.5))
+        cls.of(searched.bordered, first).cells(searched.bordered, first, last)
 
     @staticmethod
     def expected(bordered: Bordered) -> int:
         """Bytes that a search takes while it is made, with its costs."""
         return bordered.half.nbytes + bordered.half.size
 
-    def cells_to(self, bordered: Bordered, target: int) -> NDArray[np.int64] | None:
-        """Cells (n, 2) of (row, col) of the cheapest path to a cell; None if there is none.
+    def cells(self, bordered: Bordered, first: int, last: int) -> NDArray[np.int64] | None:
+        """Cells (n, 2) of (row, col) of the cheapest path between two cells; None without one.
 
-        It is the path that a planner finds from the flood's end.
+        One of them is the flood's end. It is the path that a planner finds from the first to the
+        last, whichever of them that is.
         """
-        return self._cells(bordered, target, True)
-
-    def cells_from(self, bordered: Bordered, start: int) -> NDArray[np.int64] | None:
-        """The same from a cell to the flood's end: the path that a planner finds from the cell."""
-        return self._cells(bordered, start, False)
-
-    def _cells(self, bordered: Bordered, other: int, from_source: bool) -> NDArray[np.int64] | None:
         from locplan._kernels.ways import cheapest_cells
 
+        forwards = first == self.source
+        other = last if forwards else first
         if other != self.source and not self.steps[other]:
             return None
         costs = bordered.half, bordered.columns
-        flat = cheapest_cells(*costs, self.steps, self.source, other, from_source)
-        return bordered.cells_of(flat)
+        return bordered.cells_of(cheapest_cells(*costs, self.steps, self.source, other, forwards))
 
 
-def index_of(costs: Costmap, xy: Position) -> int:
-    """Index in the bordered grid of the cell at a world position [m]."""
-    return bordered_index(costs, xy, "position")
+@dataclass(frozen=True, eq=False)
+class Searches:
+    """What is searched on a scene."""
+
+    kept: Kept
+    """Costmaps, searches and paths that are kept."""
+    scene: Scene
+    """The scene."""
+    check: Check
+    """It is called between the legs and in searches, and raises to end the plan."""
+
+    def halved(self, weight: float) -> Searched:
+        """The costmap at a weight, or the blank one before there is a field."""
+        costs = self.scene.costs
+
+        def make() -> Searched:
+            return Searched.halved(costs if self.scene.field is None else costs.with_weight(weight))
+
+        key = ("halved", self.scene.serial, weight)
+        return self.kept.made(key, make, lambda m: m.bordered.half.nbytes, 2 * costs.density.nbytes)
+
+    def coarse(self, weight: float) -> Searched:
+        """The costmap of drafts at a weight."""
+        key = ("coarse", self.scene.serial, weight)
+        make = Searched.coarse
+        return self.kept.made(
+            key, lambda: make(self.scene.floor, weight), lambda m: 3 * m.bordered.half.nbytes
+        )
+
+    def flood(
+        self, weight: float, end: Position, check: Check | None = None, *, draft: bool = False
+    ) -> Flood:
+        """The search from an end of a leg."""
+        searched = self.coarse(weight) if draft else self.halved(weight)
+        source = searched.index_of(end)
+        return self.kept.made(
+            ("coarse flood" if draft else "flood", self.scene.serial, weight, source),
+            lambda: Flood.of(searched.bordered, source, check),
+            lambda made: made.steps.nbytes,
+            Flood.expected(searched.bordered),
+        )
+
+    def path(
+        self, stops: Sequence[Position], weight: float, held: int | None, *, draft: bool = False
+    ) -> Path | None:
+        """The path over all stops, leg by leg, of which one may be held; None if a leg has none."""
+        find = self._draft if draft else self._leg
+        legs: list[Path] = []
+        for n, (start, goal) in enumerate(itertools.pairwise(stops)):
+            self.check()
+            moving = "start" if held == n else "goal" if held == n + 1 else ""
+            leg = find(weight, start, goal, moving)
+            if leg is None:
+                return None
+            legs.append(leg)
+        return legs[0] if len(legs) == 1 else Path.joined(legs)
+
+    def _leg(self, weight: float, start: Position, goal: Position, moving: str) -> Path | None:
+        """The any-angle path of a leg, of which one end may be moving; None if there is none.
+
+        A search from an end that rests is kept, and serves paths to it and from it. It is finished
+        even where the plan is not: the next one needs it.
+        """
+        key = ("leg", self.scene.serial, weight, start, goal)
+        path: Path | None = self.kept.get(key)
+        if path is not None:
+            return path
+        searched = self.halved(weight)
+        costs, bordered = searched.costs, searched.bordered
+        if moving:
+            self.flood(weight, goal if moving == "start" else start)
+        ends = searched.index_of(start), searched.index_of(goal)
+        keys = [("flood", self.scene.serial, weight, end) for end in ends]
+        flood: Flood | None = self.kept.get(keys[0]) or self.kept.get(keys[1])
+        if flood is None:
+            self.check()
+            path = AnyAngle().solve_prepared(costs, bordered, start, goal, self.check).path
+        elif (cells := flood.cells(bordered, *ends)) is not None:
+            path = any_angle_path(costs, bordered, cells, start, goal)
+        return None if path is None else self.kept.put(key, path, path.xy.nbytes)
+
+    def _draft(self, weight: float, start: Position, goal: Position, moving: str) -> Path | None:
+        """The path of a leg on larger cells; None if there is none."""
+        coarse = self.coarse(weight)
+        first, last = coarse.free_near(start), coarse.free_near(goal)
+        if first is None or last is None:
+            return None
+        # The search is kept from the end that rests.
+        flood = self.flood(weight, last if moving == "start" else first, draft=True)
+        cells = flood.cells(coarse.bordered, coarse.index_of(first), coarse.index_of(last))
+        if cells is None:
+            return None
+        found = any_angle_path(coarse.costs, coarse.bordered, cells, first, last)
+        return Path(np.vstack([start, found.xy[1:-1], goal]))

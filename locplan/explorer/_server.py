@@ -1,57 +1,150 @@
-"""The server of the page: its addresses, and the thread that it runs in."""
+"""The server of the page: its addresses, its thread, and who may come in."""
 
 from __future__ import annotations
 
 import gzip
 import hashlib
-import json
+import hmac
 import logging
+import re
 import secrets
 import socket
 import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, get_args
 
+import numpy as np
+from numpy.typing import NDArray
 from starlette.applications import Starlette
-from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
 from locplan.errors import ConfigError, LocplanError
-from locplan.explorer._guard import App, Guard
-from locplan.explorer._session import Session
-from locplan.explorer._socket import Lanes, Link
+from locplan.explorer._asks import MAX_MESSAGE
+from locplan.explorer._session import Lane, Session
+from locplan.explorer._socket import Link
 from locplan.explorer._textures import cells_of, packed
-from locplan.explorer._wire import MAX_MESSAGE
 
 if TYPE_CHECKING:
     import uvicorn
 
-STATIC = Path(__file__).parent / "static"
 KINDS = {
     ".html": "text/html; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
     ".css": "text/css; charset=utf-8",
     ".svg": "image/svg+xml",
 }
-"""Kinds of the files that the page is made of."""
-MAX_PAGES = 20
-"""Greatest number of pages that are open at once."""
-FOREVER = "private, max-age=31536000, immutable"
-PLACEHOLDER = "<!doctype html><title>locplan</title><p>The page is missing.</p>"
+"""Kinds of the files that the page is made of; the system's own table may call scripts text."""
+
+
+@dataclass(frozen=True)
+class Guard:
+    """Let in only those who know the token, from pages of this server, by its own name.
+
+    The token comes once in the address, and is a cookie from then on. In a notebook, whose frames
+    get no cookies, it is the first part of every path instead.
+    """
+
+    app: ASGIApp
+    """The server's own routes."""
+    port: int
+    """Port of the server, which every name must have."""
+    token: str
+    """The secret."""
+    framed: bool = False
+    """True lets pages of this machine, as notebooks are, show the page in a frame."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass on a request that is allowed, and answer any other."""
+        link, inner = HTTPConnection(scope), self._unframed(scope)
+        # A server on another port of this machine has a cookie of another name.
+        known = inner is not None or self._is_token(link.cookies.get(f"locplan-{self.port}", ""))
+        response = self._refusal(link) or self._entry(link)
+        if response is None and not known:
+            response = _refused(403, "open the address that locplan has printed")
+
+        async def sealed(message: Message) -> None:
+            """Add to every response what browsers are not to do."""
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", []), *self._rules]
+            await send(message)
+
+        if response is not None and scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})  # it breaks the rules
+        else:
+            await (response or self.app)(inner or scope, receive, sealed)
+
+    @property
+    def _names(self) -> list[str]:
+        """Names of this machine for itself, with the port."""
+        return [f"127.0.0.1:{self.port}", f"localhost:{self.port}"]
+
+    def _refusal(self, link: HTTPConnection) -> Response | None:
+        """The answer to a request that is refused whoever sends it; None for others."""
+        hosts, origins = link.headers.getlist("host"), link.headers.getlist("origin")
+        if len(hosts) != 1 or hosts[0] not in self._names:
+            return _refused(400, "this server answers to 127.0.0.1 only")
+        own = [[f"http://{name}"] for name in self._names]
+        if origins not in (own if link.scope["type"] == "websocket" else [[], *own]):
+            return _refused(403, "this server answers its own page only")
+        if link.scope.get("method", "GET") not in ("GET", "HEAD"):
+            return _refused(405, "this server is only read from", {"allow": "GET, HEAD"})
+        return None
+
+    def _entry(self, link: HTTPConnection) -> Response | None:
+        """Turn the token in the address into a cookie, and lead to the address without it."""
+        scope, given = link.scope, link.query_params.get("token", "")
+        if self.framed or (scope["type"], scope["path"]) != ("http", "/"):
+            return None
+        if not self._is_token(given):
+            return None
+        cookie = f"locplan-{self.port}={self.token}; HttpOnly; SameSite=Strict; Path=/"
+        return Response(status_code=303, headers={"location": "/", "set-cookie": cookie})
+
+    def _is_token(self, given: str) -> bool:
+        return hmac.compare_digest(given.encode("utf-8", "replace"), self.token.encode())
+
+    def _unframed(self, scope: Scope) -> Scope | None:
+        """The request without the token that its path begins with; None without it."""
+        first, slash, rest = scope["path"].removeprefix("/").partition("/")
+        if not (self.framed and slash and self._is_token(first)):
+            return None
+        return {**scope, "path": f"/{rest}", "raw_path": f"/{rest}".encode()}
+
+    @property
+    def _rules(self) -> list[tuple[bytes, bytes]]:
+        sockets = " ".join(f"ws://{name}" for name in self._names)
+        frames = "http://127.0.0.1:* http://localhost:*" if self.framed else "'none'"
+        policy = (
+            "default-src 'none'; script-src 'self'; style-src 'self'; font-src 'self';"
+            f" img-src 'self' data: blob:; connect-src 'self' {sockets};"
+            f" base-uri 'none'; form-action 'none'; frame-ancestors {frames}"
+        )
+        return [
+            (b"content-security-policy", policy.encode()),
+            (b"x-content-type-options", b"nosniff"),
+            (b"referrer-policy", b"no-referrer"),
+            (b"cross-origin-resource-policy", b"same-origin"),
+        ]
 
 
 class Server:
     """A session's server on this machine. It runs in a thread of its own."""
 
     def __init__(self, session: Session, port: int = 0, *, framed: bool = False) -> None:
-        self.session, self.lanes = session, Lanes()
+        self.session = session
+        self.lanes = {name: ThreadPoolExecutor(1, f"explorer-{name}") for name in get_args(Lane)}
         self._listening = _listening(port)
         self.port = int(self._listening.getsockname()[1])
         self.token = secrets.token_urlsafe(32)
-        self.app: App = Guard(self._routes(), self.port, self.token, framed=framed)
+        self.app = Guard(self._routes(), self.port, self.token, framed=framed)
         self._server: uvicorn.Server | None = None
         self._thread = threading.Thread(target=self._serve, name="explorer", daemon=True)
         self.framed = framed
@@ -89,8 +182,9 @@ class Server:
 
     def stop(self) -> None:
         """End the server."""
-        self.session.upkeep.close()
-        self.lanes.close()
+        self.session.close()
+        for lane in self.lanes.values():  # what waits is dropped
+            lane.shutdown(wait=False, cancel_futures=True)
         if self._server is not None:
             self._server.should_exit = True
             self._thread.join(2.0)
@@ -103,8 +197,8 @@ class Server:
     def _routes(self) -> Starlette:
         app = Starlette(
             routes=[
-                Route("/", self._index),
-                Route("/static/{name}", self._static),
+                Route("/", self._file),
+                Route("/static/{name}", self._file),
                 Route("/about", self._about),
                 Route("/data/cells/{digest}", self._cells),
                 Route("/data/layer/{digest}/{name}", self._layer),
@@ -116,17 +210,12 @@ class Server:
         app.router.redirect_slashes = False
         return app
 
-    async def _index(self, request: Request) -> Response:
-        return self._file(request, "index.html") or Response(PLACEHOLDER, media_type="text/html")
-
-    async def _static(self, request: Request) -> Response:
-        return self._file(request, request.path_params["name"]) or _missing()
-
-    def _file(self, request: Request, name: str) -> Response | None:
-        """A file of the page, as the browser may have it already; None if there is none."""
-        files = {each.name: each for each in STATIC.glob("*") if each.suffix in KINDS}
-        if name not in files:
-            return None
+    async def _file(self, request: Request) -> Response:
+        """A file of the page, as the browser may have it already."""
+        name = request.path_params.get("name", "index.html")
+        files = {each.name: each for each in (Path(__file__).parent / "static").iterdir()}
+        if name not in files or files[name].suffix not in KINDS:
+            return _missing()
         content = files[name].read_bytes()
         tag = f'W/"{hashlib.sha256(content).hexdigest()[:32]}"'  # weak: packed or not, it is one
         headers = {"etag": tag, "cache-control": "private, no-cache", "vary": "accept-encoding"}
@@ -141,48 +230,50 @@ class Server:
         return JSONResponse(self.session.about())
 
     def _cells(self, request: Request) -> Response:
-        digest = request.path_params["digest"]
-        found: bytes | None = self.session.files.get(("cells", digest))
-        if found is None:
-            grid = self.session.grid
-            if digest != grid.digest:
-                return _missing()
-            found = packed(cells_of(grid.cells))
-            self.session.files.put(("cells", digest), found, len(found))
-        return _data(found)
+        grid, digest = self.session.grid, request.path_params["digest"]
+        return self._data(
+            ("cells", digest), lambda: cells_of(grid.cells) if digest == grid.digest else None
+        )
 
     def _layer(self, request: Request) -> Response:
         digest, name = request.path_params["digest"], request.path_params["name"]
-        key = ("layer", digest, name)
+
+        def texels() -> NDArray[np.uint8] | None:
+            found = (self.session.textures(digest) or {}).get(name)
+            return None if found is None else found.texels
+
+        return self._data(("layer", digest, name), texels)
+
+    def _data(
+        self, key: tuple[str, ...], array: Callable[[], NDArray[np.uint8] | None]
+    ) -> Response:
+        """Bytes of an array that never changes, packed once."""
         found: bytes | None = self.session.files.get(key)
         if found is None:
-            textures = self.session.textures(digest)
-            if textures is None or name not in textures:
+            made = array()
+            if made is None:
                 return _missing()
-            found = packed(textures[name].texels)
+            found = packed(made)
             self.session.files.put(key, found, len(found))
-        return _data(found)
+        headers = {"cache-control": "private, max-age=31536000, immutable"}
+        headers["content-encoding"] = "gzip"
+        return Response(found, headers=headers, media_type="application/octet-stream")
 
     def _drive(self, request: Request) -> Response:
-        numbers = [str(number) for number in range(len(self.session.drives))]
-        if request.path_params["number"] not in numbers:
+        drives = {str(n): each for n, each in enumerate(self.session.opening.drives)}
+        drive = drives.get(request.path_params["number"])
+        if drive is None:
             return _missing()
-        number = int(request.path_params["number"])
-        from locplan.explorer._drives import drive_json
-
         try:
-            shown: Any = drive_json(self.session, number)
+            return JSONResponse(drive.shown(self.session.grid))
         except LocplanError as error:
             return JSONResponse({"error": str(error)}, status_code=409)
-        return Response(json.dumps(shown, allow_nan=False), media_type="application/json")
 
     async def _download(self, request: Request) -> Response:
         found = self.session.download(request.path_params["key"])
         if found is None:
             return _missing()
-        plain = "".join(
-            c if c.isascii() and (c.isalnum() or c in "-_.") else "_" for c in found.name
-        )
+        plain = re.sub(r"[^A-Za-z0-9._-]", "_", found.name)
         headers = {
             "content-disposition": f'attachment; filename="{plain}"',
             "cache-control": "private, no-store",
@@ -190,7 +281,7 @@ class Server:
         return Response(found.content, headers=headers, media_type=found.media_type)
 
     async def _socket(self, socket: WebSocket) -> None:
-        if len(self.session.listeners) >= MAX_PAGES:
+        if len(self.session.listeners) >= self.session.opening.limits.pages:
             await socket.close(1013, "too many pages are open")
             return
         await Link(self.session, self.lanes, socket).run()
@@ -231,10 +322,10 @@ def _listening(port: int) -> socket.socket:
     return made
 
 
-def _data(content: bytes) -> Response:
-    headers = {"content-encoding": "gzip", "cache-control": FOREVER}
-    return Response(content, headers=headers, media_type="application/octet-stream")
-
-
 def _missing() -> Response:
     return Response("there is no such thing here\n", status_code=404, media_type="text/plain")
+
+
+def _refused(status: int, why: str, headers: dict[str, str] | None = None) -> Response:
+    page = f"<!doctype html><title>locplan</title><p>locplan: {why}.</p>\n"
+    return HTMLResponse(page, status, headers)

@@ -7,77 +7,111 @@ import hashlib
 import json
 import secrets
 import threading
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from locplan._util.notebook import called
+from locplan._util.tables import finite
 from locplan.costs import Costmap
-from locplan.errors import ConfigError
-from locplan.explorer._scene import Busy, Download, Opening, Scene
-from locplan.explorer._searches import Kept
-from locplan.explorer._snap import Parts, snapped
+from locplan.errors import ConfigError, LocplanError
+from locplan.explorer._asks import Ask, Cancel, Work
+from locplan.explorer._scene import Download, Opening, Scene, View
+from locplan.explorer._searches import Flood, Kept
+from locplan.explorer._snap import stops_of
 from locplan.explorer._textures import Texture, textures_of
 from locplan.explorer._upkeep import Upkeep
-from locplan.explorer._view import View
-from locplan.explorer._wire import Ask
 from locplan.field import CovarianceField, equipped
 from locplan.maps import OccupancyGrid
-from locplan.planners import Position
+from locplan.planners import AnyAngle
 from locplan.robots import Lidar, Robot
 
-KEPT_BYTES = 520e6
-"""Bytes of costmaps and searches that are kept: at 4000 x 4000 cells two costmaps, searches on both
-from two ends, drafts, and a search that is made."""
-KEPT_FILES = 80e6
-"""Bytes of textures and files to download that are kept."""
 MAX_WEIGHT = 1000.0
 """Greatest weight that the page can ask for."""
-Listener = Callable[[dict[str, Any]], None]
-"""Function that takes an event, fit for JSON."""
+Handler = Callable[["Session", Ask, Work], dict[str, Any]]
+"""Function that answers a question; what it returns is fit for JSON."""
 
 
-@dataclass
-class History:
-    """The maps before the last edits, and those that were undone."""
-
-    before: list[Any] = field(default_factory=list)
-    """Changes that can be undone, the last one at the end."""
-    undone: list[Any] = field(default_factory=list)
-    """Changes that can be redone, the next one at the end."""
+Lane = Literal["look", "plan", "slow", "edit", "work", "long", "drive"]
+"""Kinds of work; each has a thread, so that none waits for another kind."""
 
 
-class Session:
+@dataclass(frozen=True)
+class Entry:
+    """A kind of questions."""
+
+    handler: str
+    """Module and function of the answer; imported when it is first asked for."""
+    lane: Lane
+    """The lane that answers one question after the other, and never waits for another lane."""
+    each: bool = False
+    """True if each question is answered; otherwise the newest one waiting wins."""
+    slow: str = ""
+    """Module and function that say whether a question is to be answered in a lane of its own."""
+
+    def load(self) -> Handler:
+        """The function that answers."""
+        found: Handler = _function(self.handler)
+        return found
+
+    def lane_of(self, session: Session, ask: Ask) -> str:
+        """The lane of a question."""
+        return "slow" if self.slow and _function(self.slow)(session, ask) else self.lane
+
+
+def _function(name: str) -> Any:
+    """The function of a name such as module:function."""
+    module, _, name = name.partition(":")
+    return getattr(import_module(module), name)
+
+
+ASKS: dict[str, Entry] = {
+    "plan": Entry("locplan.explorer._plans:plan", "plan", slow="locplan.explorer._plans:is_slow"),
+    "at": Entry("locplan.explorer._state:at", "look"),
+    "idle": Entry("locplan.explorer._plans:idle", "slow"),
+    "configure": Entry("locplan.explorer._edits:configure", "work"),
+    "edit": Entry("locplan.explorer._edits:edit", "edit", each=True),
+    "undo": Entry("locplan.explorer._edits:undo", "edit", each=True),
+    "redo": Entry("locplan.explorer._edits:redo", "edit", each=True),
+    "save": Entry("locplan.explorer._edits:save", "edit", each=True),
+    "front": Entry("locplan.explorer._front:front", "long"),
+    "simulate": Entry("locplan.explorer._long:simulate", "long"),
+    "landmarks": Entry("locplan.explorer._long:landmarks", "long"),
+    "twins": Entry("locplan.explorer._long:twins", "long"),
+    "twins_everywhere": Entry("locplan.explorer._long:twins_everywhere", "long"),
+    "export": Entry("locplan.explorer._exporting:export", "long"),
+    "match": Entry("locplan.explorer._drives:match", "drive"),
+    "share": Entry("locplan.explorer._sharing:share", "long"),
+    "reproduce": Entry("locplan.explorer._exporting:reproduce", "look"),
+}
+"""All kinds of questions by name; "cancel" {of} is answered by the socket itself."""
+
+
+class Session(Upkeep):
     """A map, its field and its costs as one page or several see and change them.
 
-    Its methods may be called from several threads. A scene is replaced as a whole, so that a plan
-    works on one of them from the beginning to the end.
+    Its methods may be called from several threads.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    opening : Opening
+        What the session begins with.
     """
 
     def __init__(self, grid: OccupancyGrid, opening: Opening) -> None:
-        self.opening = opening
-        self.original = grid
-        self.grid = grid
-        self.config = opening.config
-        self.kept = Kept(KEPT_BYTES)
-        self.files = Kept(KEPT_FILES)
-        self.history = History()
-        self.busy: Busy | None = None
-        self.changing = threading.RLock()
+        super().__init__(grid, opening)
+        self.files = Kept(opening.limits.file_bytes)
+        self.edits: list[Any] = []
+        self.undone: list[Any] = []
         self.opening_ends = threading.Lock()
-        self.listeners: list[Listener] = []
-        blank = Costmap.blank(grid, robot_radius=opening.robot.radius)
-        self.scene = Scene(blank, None, True, 0)
         self.saved, self.saved_as = grid, ""
         self.written: set[Path] = set()
         self.twins: Texture | None = None
-        self.upkeep = Upkeep(self)
-
-    @property
-    def name(self) -> str:
-        """Name of the map."""
-        return self.grid.name
 
     @property
     def field(self) -> CovarianceField | None:
@@ -110,45 +144,15 @@ class Session:
         return self.saved_as or self.opening.map_file
 
     @property
-    def force(self) -> bool:
-        """Whether files in the way may be replaced."""
-        return self.opening.force
-
-    @property
     def edited(self) -> bool:
         """Whether the map differs from the one that was opened or saved last."""
         return self.grid.digest != self.saved.digest
-
-    @property
-    def folder(self) -> Path | None:
-        """Folder that files are written under, or None."""
-        return self.opening.folder
-
-    @property
-    def drives(self) -> Sequence[Any]:
-        """Recorded drives that can be shown."""
-        return self.opening.drives
 
     @property
     def default_weight(self) -> float:
         """The weight where none is asked for."""
         given = self.opening.weight
         return self.config.estimator.weight if given is None else given
-
-    def costmap_of(self, field: CovarianceField) -> Costmap:
-        """The costmap of a field with the session's settings."""
-        given = {"criterion": self.opening.criterion, "weight": self.opening.weight}
-        radius = self.opening.robot.radius
-        options: dict[str, Any] = {name: v for name, v in given.items() if v is not None}
-        return Costmap.from_field(field.grid, field, robot_radius=radius, **options)
-
-    def show(self, costs: Costmap, field: CovarianceField | None, *, whole: bool) -> None:
-        """Replace the scene, and tell all pages."""
-        with self.changing:
-            serial = self.scene.serial + 1
-            self.scene = Scene(costs, field, whole, serial)
-        self.kept.forget(lambda key: key[1] == serial)
-        self.tell({"event": "state"})
 
     def costs(self, weight: float | None = None, scene: Scene | None = None) -> Costmap:
         """The costmap at a weight, by default the usual one.
@@ -168,26 +172,16 @@ class Session:
             key, lambda: scene.costs.with_weight(weight), lambda made: made.density.nbytes
         )
 
-    def parts(self, scene: Scene | None = None) -> Parts:
-        """The connected parts of the free space."""
-        return (scene or self.scene).parts
-
     def weight_of(self, ask: Ask) -> float:
         """The weight of a question."""
-        given = ask.number("weight", 0.0, MAX_WEIGHT)
-        return self.default_weight if given is None else given
-
-    def stops(self, ask: Ask, scene: Scene | None = None) -> list[Position]:
-        """Start, waypoints and goal of a question, moved to where the robot can stand."""
-        stops = [ask.position("start"), *ask.positions("via"), ask.position("goal")]
-        return snapped(self.parts(scene), stops)
+        return ask.number("weight", 0.0, MAX_WEIGHT, self.default_weight)
 
     def view(self, ask: Ask) -> View:
         """What the page shows, for the answers that take long."""
         scene = self.scene
         costs = self.costs(self.weight_of(ask), scene)
         assert scene.field is not None
-        start, *via, goal = self.stops(ask, scene)
+        (start, *via, goal), _ = stops_of(ask, scene.parts)
         shown = costs.grid, scene.field, costs, self.robot
         return View(*shown, start, goal, tuple(via), scene.whole)
 
@@ -200,8 +194,7 @@ class Session:
         if twins is not None and digest == twins.digest:
             return {twins.name: twins}
         if scene.digest != digest or scene.field is None:
-            before: Mapping[str, Texture] | None = self.files.get(("textures", digest))
-            return before
+            return self.files.get(("textures", digest))  # type: ignore[no-any-return]
         found: CovarianceField = scene.field
         return self.files.made(
             ("textures", digest),
@@ -224,21 +217,14 @@ class Session:
 
     def download(self, key: str) -> Download | None:
         """A file that was kept; None without it."""
-        found: Download | None = self.files.get(("download", key))
-        return found
+        return self.files.get(("download", key))  # type: ignore[no-any-return]
 
-    def tell(self, event: dict[str, Any]) -> None:
-        """Tell all pages of an event."""
-        for listener in list(self.listeners):
-            listener(event)
-
-    def replace_grid(self, grid: OccupancyGrid) -> None:
-        """Take an edited map; what shows it is brought up to date by `Upkeep`."""
-        self.grid = dataclasses.replace(grid, name=self.original.name)
-
-    def make_room(self) -> None:
-        """Drop what is kept of a scene that is replaced next: the new costmap needs the room."""
-        self.kept.forget(lambda key: False)
+    def prepare(self) -> None:
+        """Find the first ends and load the kernels, while the browser loads the page."""
+        with suppress(LocplanError):  # the page's own questions tell what is wrong
+            self.state()
+        AnyAngle().prepare()
+        Flood.prepare()
 
     def about(self) -> dict[str, Any]:
         """The map, and what can be chosen and done, fit for JSON."""
@@ -256,4 +242,5 @@ class Session:
         `progress` is called with (done, total), and perhaps what is done; what it raises ends the
         work. A value out of its range is a LocplanError.
         """
-        return dict(called("locplan.explorer._asks:answer", self, do, values, progress))
+        found = ASKS[do].load()(self, Ask(do, 0, values), Work(progress, Cancel()))
+        return finite(found)

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.windows import window_around
 from locplan.costs import Costmap
 from locplan.errors import PoseError
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
 from locplan.planners import Position, connected_parts
 
+if TYPE_CHECKING:
+    from locplan.explorer._asks import Ask
+
 FACTOR = 4
 """Number of cells of the map along a side of a coarse one."""
-REACH = 3.0
+MAX_MOVE = 3.0
 """Greatest distance by which a position is moved [m]."""
 
 
@@ -43,22 +47,16 @@ class Parts:
         return int(self.labels[cell]) if self.grid.contains(*cell) else 0
 
     def nearest(self, xy: Position, label: int = 0) -> Position | None:
-        """Centre of the nearest free cell within `REACH`, of one part or of any [m]."""
+        """Centre of the nearest free cell within `MAX_MOVE`, of one part or of any [m]."""
         grid = self.grid
         row, col = (float(v) for v in grid.world_to_grid(*xy[:2]))
-        reach, sizes = REACH / grid.resolution, grid.shape
-        first = [max(0, math.floor(at - reach)) for at in (row, col)]
-        last = [
-            min(size, math.floor(at + reach) + 1)
-            for at, size in zip((row, col), sizes, strict=True)
-        ]
-        if first[0] >= last[0] or first[1] >= last[1]:
-            return None
-        window = self.labels[first[0] : last[0], first[1] : last[1]]
-        rows, cols = np.nonzero(window == label if label else window > 0)
+        reach = MAX_MOVE / grid.resolution
+        window = window_around(row, col, reach, grid.shape)
+        labels = self.labels[window]
+        rows, cols = np.nonzero(labels == label if label else labels > 0)
         if not rows.size:
             return None
-        rows, cols = rows + first[0], cols + first[1]
+        rows, cols = rows + window[0].start, cols + window[1].start
         squared = (rows + 0.5 - row) ** 2 + (cols + 0.5 - col) ** 2
         at = int(np.argmin(squared))
         if squared[at] > reach**2:
@@ -86,19 +84,23 @@ def snapped(parts: Parts, stops: Sequence[Position], held: int | None = None) ->
             continue
         near = (parts.nearest(xy, part) if part else None) or parts.nearest(xy)
         if near is None:
+            role = {len(stops) - 1: "the goal", 0: "the start"}.get(n, f"waypoint {n}")
             raise PoseError(
-                f"{_role(n, len(stops))} {xy[0]:.2f},{xy[1]:.2f} has no free cell within"
-                f" {REACH:g} m; put it where the robot can stand"
+                f"{role} {xy[0]:.2f},{xy[1]:.2f} has no free cell within"
+                f" {MAX_MOVE:g} m; put it where the robot can stand"
             )
         found[n] = near
         part = part or parts.label(near)
     return found
 
 
-def _role(number: int, count: int) -> str:
-    if number == 0:
-        return "the start"
-    return "the goal" if number == count - 1 else f"waypoint {number}"
+def stops_of(ask: Ask, parts: Parts) -> tuple[list[Position], int | None]:
+    """Stops of a question, moved to where the robot can stand, and which of them is held."""
+    stops = [ask.position("start"), *ask.positions("via"), ask.position("goal")]
+    names = ["start", *(f"via:{k}" for k in range(len(stops) - 2)), "goal"]
+    hold = ask.one_of("hold", ["", *names], "")
+    held = names.index(hold) if hold else None
+    return snapped(parts, stops, held), held
 
 
 @dataclass(frozen=True, eq=False)

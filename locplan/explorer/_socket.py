@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import itertools
 import json
-from collections.abc import Coroutine
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Coroutine, Mapping
+from concurrent.futures import Executor
 from contextlib import suppress
 from typing import Any
 
@@ -15,36 +15,22 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from locplan._util.checks import whole
 from locplan._util.tables import finite
 from locplan.errors import LocplanError, one_line
-from locplan.explorer._asks import ASKS, Work
-from locplan.explorer._session import Session
-from locplan.explorer._wire import MAX_ID, Ask, Cancel, Cancelled, Unanswerable, read_ask
-
-MAX_WAITING = 100
-"""Greatest number of questions of one socket that wait for their answers."""
-LANES = ("look", "plan", "slow", "edit", "work", "long", "drive")
-"""Kinds of work; each has a thread, so that none waits for another kind."""
-CANCEL = "cancel"
-
-
-class Lanes:
-    """A thread for each kind of work."""
-
-    def __init__(self) -> None:
-        self._pools = {name: ThreadPoolExecutor(1, f"explorer-{name}") for name in LANES}
-
-    def __getitem__(self, name: str) -> ThreadPoolExecutor:
-        return self._pools[name]
-
-    def close(self) -> None:
-        """End the threads after their present work; what waits is dropped."""
-        for pool in self._pools.values():
-            pool.shutdown(wait=False, cancel_futures=True)
+from locplan.explorer._asks import (
+    MAX_ID,
+    Ask,
+    Cancel,
+    Cancelled,
+    Unanswerable,
+    Work,
+    read_ask,
+)
+from locplan.explorer._session import ASKS, Session
 
 
 class Link:
     """One page's socket. Its questions have numbers of their own."""
 
-    def __init__(self, session: Session, lanes: Lanes, socket: WebSocket) -> None:
+    def __init__(self, session: Session, lanes: Mapping[str, Executor], socket: WebSocket) -> None:
         self._session, self._lanes, self._socket = session, lanes, socket
         self._sending = asyncio.Lock()
         self._loop = asyncio.get_running_loop()
@@ -79,11 +65,11 @@ class Link:
     async def _take(self, text: str) -> None:
         """Begin to answer a message."""
         try:
-            ask = read_ask(text, [*ASKS, CANCEL])
-            if ask.do == CANCEL:
+            ask = read_ask(text, [*ASKS, "cancel"])
+            if ask.do == "cancel":
                 await self._send(self._cancelled(ask))
                 return
-            if len(self._under_way) >= MAX_WAITING:
+            if len(self._under_way) >= self._session.opening.limits.waiting:
                 raise Unanswerable("too many questions wait; ask again later", ask.id)
             if ask.id in self._under_way:
                 raise Unanswerable("a question with this id is under way", ask.id)

@@ -1,15 +1,25 @@
-"""What the page gets to know of a session: what it is about, and how it stands."""
+"""What the page gets to know: what a session is about, how it stands, and what a place is like."""
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from locplan import __version__
+from locplan._util.checks import FARTHEST, number
 from locplan._util.tables import finite
+from locplan.explorer._asks import Ask
 from locplan.explorer._scene import Scene
 from locplan.explorer._session import MAX_WEIGHT, Session
-from locplan.field import ESTIMATORS, estimator_class
+from locplan.field import ESTIMATORS, estimator_class, position_axes, scalar
+from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.robots import PRESETS, Preset
+
+if TYPE_CHECKING:
+    from locplan.explorer._asks import Work
+
 
 TITLES = {
     "sad": "SAD, the paper's",
@@ -27,7 +37,7 @@ def about(session: Session) -> dict[str, Any]:
     from locplan.export import DISTRIBUTIONS
 
     grid = session.original
-    writes = session.folder is not None
+    writes = session.opening.folder is not None
     return {
         "version": __version__,
         "map": {
@@ -41,7 +51,7 @@ def about(session: Session) -> dict[str, Any]:
         "lidars": [_lidar(name, preset) for name, preset in PRESETS.items()],
         "distros": list(DISTRIBUTIONS),
         "can": {"export": writes, "save": writes, "twins": True, "landmarks": True},
-        "drives": [each.about() for each in session.drives],
+        "drives": [each.about() for each in session.opening.drives],
         "max_weight": MAX_WEIGHT,
     }
 
@@ -62,8 +72,8 @@ def state(session: Session) -> dict[str, Any]:
             "map": {
                 "digest": session.grid.digest,
                 "edited": session.edited,
-                "can_undo": bool(session.history.before),
-                "can_redo": bool(session.history.undone),
+                "can_undo": bool(session.edits),
+                "can_redo": bool(session.undone),
             },
             "robot": session.robot.title,
             "field": _field(scene),
@@ -96,7 +106,7 @@ def _far_apart(session: Session) -> tuple[Any, Any]:
 
     from locplan.planners import farthest_pairs
 
-    parts = session.parts()
+    parts = session.scene.parts
     labels = parts.labels.astype(np.int32)
     sizes = np.bincount(labels.ravel())[1:]
     if not sizes.size:
@@ -121,7 +131,7 @@ def _field(scene: Scene) -> dict[str, Any] | None:
         "lidar": model if model in PRESETS else None,
         "range": config.estimator.reach,
         "headings": config.headings,
-        "saturated": scene.saturated_share,
+        "saturated": scene.field.saturated_share,
         "whole": scene.whole,
         "summary": config.estimator.summary,
     }
@@ -142,3 +152,52 @@ def _lidar(name: str, preset: Preset) -> dict[str, Any]:
         "field_of_view_deg": preset.field_of_view_deg,
         "robot": name in ROBOTS,
     }
+
+
+FAR = 5.0
+"""Largest clearance that is shown [m]."""
+
+
+def at(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
+    """Answer what the field knows about a place: its error ellipse, with axes [cm] and angle."""
+    x, y = (number(name, ask.values.get(name), -FARTHEST, FARTHEST) for name in ("x", "y"))
+    scene = session.scene
+    grid = scene.costs.grid
+    about: dict[str, Any] = {"x": x, "y": y, "known": False, "clearance": None}
+    cell = grid.world_to_cell(x, y)
+    if not grid.contains(*cell):
+        return about
+    about["clearance"] = clearance_at(grid, *cell)
+    covariance = np.array(np.nan) if scene.field is None else scene.field.at(x, y)
+    if np.isnan(covariance).any():
+        return finite(about)
+    major, minor, angle = (float(value) for value in position_axes(covariance))
+    known = {
+        "known": True,
+        "axes": [100 * major, 100 * minor],
+        "angle": angle,
+        "heading_deg": math.degrees(float(scalar(covariance, "heading_std"))),
+        "u": float(scene.costs.u[cell]),
+        "e": float(scalar(covariance, "e")),
+    }
+    return finite(about | known)
+
+
+def clearance_at(grid: OccupancyGrid, row: int, col: int) -> float:
+    """Distance from a cell's centre to the nearest occupied cell's edge [m]; NaN beyond `FAR`.
+
+    Where it is near this is `OccupancyGrid.clearance`, without the array of the whole map.
+    """
+    if "clearance" in vars(grid):
+        near = float(grid.clearance[row, col])
+        return near if near <= FAR else math.nan
+    reach = math.ceil(FAR / grid.resolution) + 1
+    top, left = max(0, row - reach), max(0, col - reach)
+    window = grid.cells[top : row + reach + 1, left : col + reach + 1]
+    rows, cols = np.nonzero(window == OCCUPIED)
+    if not rows.size:
+        return math.nan
+    # In halves of a cell, from the centre to the edges of the others.
+    down, aside = np.maximum(2 * np.abs([rows + top - row, cols + left - col]) - 1, 0)
+    near = math.sqrt(int((down * down + aside * aside).min())) * (grid.resolution / 2)
+    return near if near <= FAR else math.nan

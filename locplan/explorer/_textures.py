@@ -12,14 +12,6 @@ from numpy.typing import NDArray
 from locplan.field import SCALARS, CovarianceField
 from locplan.maps import FREE, OCCUPIED
 
-LEVELS = 254
-"""Number of steps of a layer between its anchors."""
-USUAL = (0.02, 0.98)
-"""Shares of a layer's values below the ends of what is present."""
-UNKNOWN_CELL, FREE_CELL, OCCUPIED_CELL = 0, 1, 2
-_OF_LEVEL = np.full(256, UNKNOWN_CELL, np.uint8)
-_OF_LEVEL[[FREE, OCCUPIED]] = FREE_CELL, OCCUPIED_CELL
-
 
 @dataclass(frozen=True, eq=False)
 class Texture:
@@ -55,8 +47,10 @@ class Texture:
     def present(self) -> list[float]:
         """Values that nearly all on this map lie between; the anchors where there are none."""
         known = self.values[np.isfinite(self.values)]
-        ends = USUAL if self.anchors[0] < self.anchors[1] else USUAL[::-1]
-        return np.quantile(known, ends).tolist() if known.size else list(self.anchors)
+        if not known.size:
+            return list(self.anchors)
+        ends: list[float] = np.quantile(known, (0.02, 0.98)).tolist()
+        return ends if self.anchors[0] < self.anchors[1] else ends[::-1]
 
     def to_json(self) -> dict[str, object]:
         """All but the values, fit for JSON."""
@@ -76,7 +70,9 @@ class Texture:
 
 def cells_of(cells: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Cells of a map as 0 for unknown, 1 for free, 2 for occupied ones, row 0 on top."""
-    return _OF_LEVEL[cells[::-1]]
+    classes = np.zeros(256, np.uint8)
+    classes[FREE], classes[OCCUPIED] = 1, 2
+    return classes[cells[::-1]]
 
 
 def textures_of(field: CovarianceField) -> dict[str, Texture]:
@@ -113,7 +109,7 @@ def steps_between(
             share = np.log(np.maximum(values, np.finfo(float).tiny) / low) / np.log(high / low)
         else:
             share = (values - low) / (high - low)
-    steps = 1.0 + np.rint(LEVELS * np.clip(share, 0.0, 1.0))
+    steps = 1.0 + np.rint(254 * np.clip(share, 0.0, 1.0))
     return np.where(np.isnan(values), 0.0, steps).astype(np.uint8)
 
 
@@ -127,3 +123,19 @@ def _scalar(field: CovarianceField, name: str, scalar: str, title: str, decimals
     unit = field.e_unit if scalar == "e" else shown.unit
     values, anchors = field.scalar(scalar, headings="mean"), field.anchors(scalar)
     return Texture(name, title, unit, shown.factor, decimals, True, anchors, values)
+
+
+TWINS = "twins"
+"""Name of the layer."""
+MAX_EXCESS = 12.0
+"""Excess from which on all places count as the same [nats]; a likelihood of 6e-6."""
+SECONDS = 40.0
+"""Processor time that all comparisons may take by the estimate [s]."""
+POSE_SECONDS = 3.5e-3
+"""Time of a pose on a map of few places, measured on one core [s]."""
+PLACE_SECONDS = 0.2e-6
+"""Time of a comparison of a pose with one more place, measured on one core [s]."""
+ALIKE = 3.0
+"""Excess up to which a pose counts as a look-alike [nats]; a likelihood of a twentieth."""
+BYTES_A_CELL = 20
+"""Bytes that a database takes for each cell of the map, about."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,9 @@ from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback
 from locplan.costs import CellWindow, Costmap, changed_window, joined_windows
 from locplan.errors import one_line
+from locplan.explorer._asks import Cancel, Cancelled
 from locplan.explorer._scene import Busy, Opening, Scene
-from locplan.explorer._wire import Cancel, Cancelled
+from locplan.explorer._searches import Kept
 from locplan.field import (
     CovarianceField,
     FieldConfig,
@@ -25,13 +26,6 @@ from locplan.field import (
     untouched_points,
 )
 from locplan.maps import OccupancyGrid
-
-FIRST_SECONDS = 0.06
-"""Time that the points nearest to an edit may take by the estimator's own estimate [s]."""
-GROWTH = 4
-"""Ratio of the numbers of points from one repainting to the next."""
-MIN_POINTS = 64
-"""Least number of points that are computed at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,38 +51,23 @@ class Patchwork:
         return Patchwork(field, fresh, costs, None if whole else stale)
 
 
-class Host(Protocol):
-    """A session, as far as its upkeep knows it."""
-
-    @property
-    def opening(self) -> Opening:
-        """What the session began with."""
-
-    grid: OccupancyGrid
-    config: FieldConfig
-    busy: Busy | None
-    scene: Scene
-
-    def costmap_of(self, field: CovarianceField) -> Costmap:
-        """The costmap of a field."""
-
-    def show(self, costs: Costmap, field: CovarianceField | None, *, whole: bool) -> None:
-        """Replace what is shown."""
-
-    def make_room(self) -> None:
-        """Drop what is kept of a scene that is replaced next."""
-
-    def tell(self, event: dict[str, Any]) -> None:
-        """Tell all pages of an event."""
-
-
 class Upkeep:
-    """A thread that computes what a session's map and settings ask for, the newest only."""
+    """A map with its field and costs, and a thread that brings them up to date, the newest only.
 
-    def __init__(self, session: Host) -> None:
-        self.session = session
+    A scene is replaced as a whole, so that what works on one has it from the beginning to the end.
+    """
+
+    def __init__(self, grid: OccupancyGrid, opening: Opening) -> None:
+        self.opening = opening
+        self.original = self.grid = grid
+        self.config = opening.config
+        self.kept = Kept(opening.limits.kept_bytes)
+        self.busy: Busy | None = None
+        self.changing = threading.RLock()
+        self.listeners: list[Callable[[dict[str, Any]], None]] = []
+        self.scene = Scene(self._floor(grid), None, True, 0)
         self._lane = ThreadPoolExecutor(1, "field")
-        self._tiles = ThreadPoolExecutor(check_threads(session.opening.threads), "tiles")
+        self._tiles = ThreadPoolExecutor(check_threads(opening.threads), "tiles")
         self._beginning = threading.Lock()
         self._cancel = Cancel()
         self._known: Patchwork | None = None
@@ -120,15 +99,39 @@ class Upkeep:
             for pool in (self._lane, self._tiles):
                 pool.shutdown(wait=False, cancel_futures=True)
 
+    def show(self, costs: Costmap, field: CovarianceField | None, *, whole: bool) -> None:
+        """Replace the scene, and tell all pages."""
+        with self.changing:
+            serial = self.scene.serial + 1
+            self.scene = Scene(costs, field, whole, serial)
+        self.kept.forget(lambda key: key[1] == serial)
+        self.tell({"event": "state"})
+
+    def tell(self, event: dict[str, Any]) -> None:
+        """Tell all pages of an event."""
+        for listener in list(self.listeners):
+            listener(event)
+
+    def _floor(self, grid: OccupancyGrid) -> Costmap:
+        """The blank costmap of a map, before there is a field."""
+        return Costmap.blank(grid, robot_radius=self.opening.robot.radius)
+
+    def _costmap_of(self, field: CovarianceField) -> Costmap:
+        """The costmap of a field with the session's settings."""
+        given = {"criterion": self.opening.criterion, "weight": self.opening.weight}
+        radius = self.opening.robot.radius
+        options: dict[str, Any] = {name: v for name, v in given.items() if v is not None}
+        return Costmap.from_field(field.grid, field, robot_radius=radius, **options)
+
     def _work(self, cancel: Cancel, given: CovarianceField | None) -> None:
-        session = self.session
         cancel.check()
-        grid, config = session.grid, session.config
+        grid, config = self.grid, self.config
         known = None if self._known is None else self._known.field
-        session.busy = Busy("field")
+        self.busy = Busy("field")
         try:
             if known is None:
-                self._show_floor(grid)
+                if self.scene.costs.grid.digest != grid.digest:
+                    self.show(self._floor(grid), None, whole=True)
             elif known.config == config or known.grid.digest != grid.digest:
                 self._repaint(grid, cancel)  # an old field follows the map, too
             if known is None or known.config != config:
@@ -138,34 +141,31 @@ class Upkeep:
         except Exception as error:
             if cancel.cancelled:  # such as a pool that was closed meanwhile
                 raise Cancelled from None
-            session.tell({"event": "error", "error": _in_one_line(error)})
+            self.tell(
+                {
+                    "event": "error",
+                    "error": one_line(" ".join(str(error).split()) or type(error).__name__),
+                }
+            )
             raise
         finally:
             if not cancel.cancelled:
-                session.busy = None
-                session.tell({"event": "state"})
-
-    def _show_floor(self, grid: OccupancyGrid) -> None:
-        """Show an edited map before there is a field."""
-        session = self.session
-        if session.scene.costs.grid.digest != grid.digest:
-            radius = session.opening.robot.radius
-            session.show(Costmap.blank(grid, robot_radius=radius), None, whole=True)
+                self.busy = None
+                self.tell({"event": "state"})
 
     def _repaint(self, grid: OccupancyGrid, cancel: Cancel) -> None:
         """Bring the known field up to date with an edited map, and show it again and again.
 
         Of large maps no more costmaps than the one that is shown and the next one have room.
         """
-        session = self.session
         assert self._known is not None
         repainted = self._repainted(self._known.field, self._known.fresh, grid, cancel)
         for field, fresh, done in repainted:
-            session.make_room()
+            self.kept.forget()  # the new costmap needs the room
             self._known = self._known.updated(field, fresh, whole=done)
-            if done and field.config == session.config:
-                session.busy = None
-            session.show(self._known.costs, field, whole=done)
+            if done and field.config == self.config:
+                self.busy = None
+            self.show(self._known.costs, field, whole=done)
 
     def _whole(
         self,
@@ -174,7 +174,7 @@ class Upkeep:
         cancel: Cancel,
         given: CovarianceField | None,
     ) -> None:
-        session, opening = self.session, self.session.opening
+        opening = self.opening
         field = given
         if field is None:
             progress = cancel.watching(self._tell)
@@ -185,11 +185,11 @@ class Upkeep:
                 threads=opening.threads,
                 progress=progress,
             )
-        costs = session.costmap_of(field)
+        costs = self._costmap_of(field)
         cancel.check()
         self._known = Patchwork(field, field.evaluated | field.lacking, costs)
-        session.busy = None
-        session.show(costs, field, whole=True)
+        self.busy = None
+        self.show(costs, field, whole=True)
 
     def _repainted(
         self,
@@ -202,8 +202,8 @@ class Upkeep:
 
         With each comes the mask of its points that are up to date, and whether all of them are.
         """
-        config, threads = known.config, check_threads(self.session.opening.threads)
-        before = known.grid
+        opening, config, before = self.opening, known.config, known.grid
+        threads = check_threads(opening.threads)
         fresh = fresh & untouched_points(before, grid, config)
         evaluated = config.lattice_points(grid)
         values = {name: array.copy() for name, array in known.values.items()}
@@ -216,30 +216,33 @@ class Upkeep:
             return
         order = nearest_first(due, unknown, before.cells != grid.cells, known.stride)
         seconds = config.headings * config.estimator.seconds(grid.resolution)
-        size, at = max(MIN_POINTS, int(FIRST_SECONDS * threads / seconds)), 0
-        size = max(size, int(unknown.sum()))
+        first = int(opening.limits.first_seconds * threads / seconds)
+        size, at = max(opening.limits.min_points, first, int(unknown.sum())), 0
         while at < len(order):
             batch = np.zeros_like(due)
             batch.flat[order[at : at + size]] = True
             values = {name: array.copy() for name, array in values.items()}
             for array in values.values():
                 array[batch] = np.nan
-            progress = cancel.watching(_shifted(self._tell, at, len(order)))
+
+            def shifted(done: int, _: int, at: int = at) -> None:
+                self._tell(min(at + done, len(order)), len(order))
+
+            progress = cancel.watching(shifted)
             # Of a few points a part of the map is prepared, which their threads do by themselves.
             made = grid, config, threads, self._tiles if at == 0 else None, progress
             for _ in finished_chunks(values, *made, batch):
                 cancel.check()
-            fresh, at, size = fresh | batch, at + size, size * GROWTH
+            fresh, at, size = fresh | batch, at + size, 4 * size
             field = CovarianceField.of(values, grid, config)
             yield field, fresh, at >= len(order)
 
     def _tell(self, done: int, total: int) -> None:
-        busy = self.session.busy
+        busy = self.busy
         if busy is not None:
             busy.done, busy.total = done, total
-        self.session.tell({"event": "progress", "do": "field", "done": done, "total": total})
-        listener = self.listener
-        if listener is not None:
+        self.tell({"event": "progress", "do": "field", "done": done, "total": total})
+        if (listener := self.listener) is not None:
             listener(done, total)
 
 
@@ -262,16 +265,3 @@ def nearest_first(
     apart[first] = -1.0
     flat = np.flatnonzero(due)
     return flat[np.argsort(apart.flat[flat], kind="stable")]
-
-
-def _shifted(progress: ProgressCallback, before: int, total: int) -> ProgressCallback:
-    """A callback for a part of some work."""
-
-    def update(done: int, _: int) -> None:
-        progress(min(before + done, total), total)
-
-    return update
-
-
-def _in_one_line(error: Exception) -> str:
-    return one_line(" ".join(str(error).split()) or type(error).__name__)

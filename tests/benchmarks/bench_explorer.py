@@ -82,7 +82,7 @@ def begun(parts):
     """A server whose field and costs are there."""
     grid, opening, field = parts
     explorer = opened(grid, opening, field=field)
-    explorer._server.session.upkeep.latest.result()
+    explorer.session.latest.result()
     return explorer
 
 

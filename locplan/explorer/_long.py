@@ -1,0 +1,222 @@
+"""Answers that take long: the simulated choice of the way shown, landmarks, look-alikes."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from locplan._util.checks import FARTHEST, whole
+from locplan.errors import ConfigError
+from locplan.explorer._scene import MAX_DRIVES, rounded
+from locplan.explorer._snap import snapped
+from locplan.explorer._textures import Texture
+from locplan.landmarks import PAYING_SHARE, Landmarks, parsed_object, place_landmarks
+from locplan.matching import ScanDatabase
+from locplan.robots import Robot
+from locplan.simulation import Candidate, choose
+from locplan.twins import PLACE_HEADINGS, PLACE_SPACING, Twins, find_twins
+
+if TYPE_CHECKING:
+    from locplan.explorer._asks import Ask, Work
+    from locplan.explorer._session import Session
+
+
+def simulate(session: Session, ask: Ask, work: Work) -> dict[str, object]:
+    """Answer the ask for the simulated choice of the way shown, in its own words and figures.
+
+    Candidates are driven just as `locplan plan` does with these settings. Of the page's field it
+    takes the points that a field for this choice has. Work that is cancelled ends after the drives
+    that are under way; the searches before the first drive run out.
+    """
+    view, drives = session.view(ask), ask.whole("drives", 2, MAX_DRIVES, 64)
+    work.progress(0, drives, "planning")
+    choice = choose(
+        view.grid,
+        view.start,
+        view.goal,
+        view.robot,
+        costs=view.field.config,
+        compute=view.field_at if view.whole else None,
+        via=view.via,
+        drives=drives,
+        threads=session.opening.threads,
+        progress=work.progress,
+        **view.cost_settings,
+    )
+    if choice.path is None:
+        raise ConfigError("no path joins start and goal; move one of them")
+    return {
+        "verdict": " ".join([f"{choice.sentence}.", *choice.advice, f"({choice.driven})"]),
+        "chosen": choice.chosen.name if choice.chosen else None,
+        "candidates": [_candidate(each) for each in choice.candidates],
+        "drives": choice.settings.drives,
+    }
+
+
+def _candidate(each: Candidate) -> dict[str, object]:
+    """A candidate with its figures and the error along it."""
+    assert each.driven is not None, "the page drives all candidates"
+    distance, median, _, high = each.driven.profile.T
+    return {
+        "name": each.name,
+        "label": each.name,
+        "xy": rounded(each.path.xy),
+        "length": each.path.length,
+        "error_m": list(each.driven.error),
+        "ratio": list(each.driven.ratio),
+        "lost": list(each.driven.lost_rate),
+        "profile": {
+            "s": distance.round(2).tolist(),
+            "median_cm": (100 * median).round(2).tolist(),
+            "p90_cm": (100 * high).round(2).tolist(),
+        },
+    }
+
+
+ALIKE = 3.0
+"""Excess up to which a pose counts as a look-alike [nats]; a likelihood of a twentieth."""
+
+
+def landmarks(session: Session, ask: Ask, work: Work) -> dict[str, object]:
+    """Answer the ask for landmarks along the way shown, verified by drives before and after.
+
+    It is the summary of `Landmarks`, with the verdict and what is doubtful in words. What the lidar
+    sees along the way is computed before the first step, and runs out where the work is cancelled.
+    """
+    view = session.view(ask)
+    kind = parsed_object(ask.text("object", "pole:0.2"))
+    count = ask.whole("count", 1, 20, 3)
+    drives = ask.whole("drives", 0, MAX_DRIVES, 16)
+    if drives:
+        whole("drives", drives, 2)
+    work.progress(0, count, "planning")
+    aware, _ = view.paths()
+    threads = session.opening.threads
+    made = place_landmarks(
+        view.grid,
+        kind,
+        count,
+        paths={"shown": aware},
+        robot=view.robot,
+        threads=threads,
+        progress=work.progress,
+    )
+    found = None
+    if drives and len(made):
+        found = made.verify(drives, random_sets=1, threads=threads, progress=work.progress)
+    verdict = "not verified: nothing was driven"
+    if found is not None:
+        verdict = f"{found.verdict} ({found.before.number} drives each; 100 tell more)"
+    return {**made.summary(found), "verdict": verdict, "warnings": _warnings(made)}
+
+
+def _warnings(made: Landmarks) -> list[str]:
+    """What is doubtful about a placement, a sentence each."""
+    texts = []
+    if made.paying < len(made):
+        texts.append(
+            f"From number {made.paying + 1} on, each lowers the expected deviation by less"
+            f" than {PAYING_SHARE:.0%}."
+        )
+    if made.regular:
+        texts.append(f"Careful: {made.regular}, which a filter can mistake for a shift.")
+    return texts
+
+
+def twins(session: Session, ask: Ask, work: Work) -> dict[str, object]:
+    """Answer the ask for the look-alikes of a place."""
+    x, y = (ask.number(name, -FARTHEST, FARTHEST, None) for name in ("x", "y"))
+    if x is None or y is None:
+        raise ConfigError("look-alikes need a place: x and y in metres")
+    (place,) = snapped(session.scene.parts, [(x, y)])
+    robot = session.robot
+    database = database_of(session, robot, work)
+    work.progress(0, 1, "comparing places")
+    found = find_twins(
+        database.grid, robot, places=[place], database=database, progress=work.progress
+    )
+    at: Any = found.summary(starts=())["at"]
+    alike = [each for each in at["twins"] if each["excess"] <= ALIKE]
+    return {**at, "twins": alike}
+
+
+def database_of(session: Session, robot: Robot, work: Work) -> ScanDatabase:
+    """What the lidar sees at all places of the map, made once and kept with the costmaps."""
+    grid, lidar = session.grid, robot.known_lidar
+
+    def prepared() -> ScanDatabase:
+        made = ScanDatabase(grid, lidar, robot.radius)
+        made.prepare(lambda done, total: work.progress(done, total, "looking from all places"))
+        return made
+
+    work.progress(0, 1, "looking from all places")
+    return session.kept.made(
+        ("scans", session.scene.serial, grid.digest, lidar),
+        prepared,
+        lambda made: made.everywhere.bytes,
+        20 * grid.cells.size,  # about what it takes
+    )
+
+
+def spacing_of(database: ScanDatabase) -> float:
+    """The usual distance of places [m], or a greater one where that would take too long."""
+    every, cell = database.everywhere, database.grid.resolution
+    headings = 1 if database.lidar.sees_alike_in_all_headings else PLACE_HEADINGS
+    # 40 s of a core, of which a pose takes 3.5 ms and each place that it is compared with 0.2 us.
+    poses = 40.0 / (3.5e-3 + 0.2e-6 * len(every.positions))
+    spacing = math.sqrt(float(every.fits.sum()) * cell**2 * headings / poses)
+    return max(PLACE_SPACING, math.ceil(10 * spacing) / 10, cell)
+
+
+def texture_of(found: Twins, stride: int, digest: str) -> Texture:
+    """The least excess of another place on the lattice of a field of this stride [cells]."""
+    worst = 12.0  # from here on all places count as the same, a likelihood of 6e-6
+    excess = found.layer("excess", stride=stride)
+    return Texture(
+        "twins",
+        "Look-alikes: excess of the best",
+        "nat",
+        1.0,
+        1,
+        False,
+        (worst, 0.0),
+        np.clip(excess, 0.0, worst),
+        "How much worse the best other place explains a scan than the right one. At 0 both explain"
+        f" it equally well, at {ALIKE:g} nats the other is {math.exp(-ALIKE):.0%} as likely;"
+        f" {worst:g} also stands for more. Places are {found.spacing:g} m apart.",
+        digest,
+    )
+
+
+def twins_everywhere(session: Session, ask: Ask, work: Work) -> dict[str, object]:
+    """Answer the ask for the look-alikes of all places: they become a layer of every page."""
+    digest, field, robot = session.twins_digest, session.scene.field, session.robot
+    if field is None:
+        raise ConfigError("the field is still being computed; wait until it is there")
+    database = database_of(session, robot, work)
+
+    def progress(done: int, total: int) -> None:
+        if session.twins_digest != digest:
+            raise ConfigError("the map or the lidar was changed meanwhile; search again")
+        work.progress(done, total, "comparing places")
+
+    progress(0, 1)
+    found = find_twins(
+        database.grid,
+        robot,
+        spacing=spacing_of(database),
+        database=database,
+        progress=progress,
+    )
+    progress(1, 1)
+    session.twins = texture_of(found, field.stride, digest)
+    session.tell({"event": "state"})
+    return {
+        "layer": "twins",
+        "share": found.share,
+        "alike": ALIKE,
+        "places": len(found),
+        "spacing": found.spacing,
+    }
