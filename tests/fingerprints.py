@@ -23,7 +23,7 @@ import numpy as np
 from PIL import Image
 
 import locplan
-from locplan import Fisher, FieldConfig, Fused, Lidar, OccupancyGrid, Robot, Sad, Scan, export
+from locplan import FieldConfig, Fisher, Fused, Lidar, OccupancyGrid, Robot, Sad, Scan, export
 from locplan.maps import environments
 from locplan.planners import random_queries
 
@@ -67,7 +67,9 @@ def results(grid: OccupancyGrid) -> Iterator[tuple[str, np.ndarray]]:
         yield from pixels(Path(folder), "layer")
 
 
-def routes(grid: OccupancyGrid, costs: locplan.Costmap, name: str) -> Iterator[tuple[str, np.ndarray]]:
+def routes(
+    grid: OccupancyGrid, costs: locplan.Costmap, name: str
+) -> Iterator[tuple[str, np.ndarray]]:
     """Paths, fronts and drives on a costmap."""
     (query,) = random_queries(costs, 1, 1, least_distance=5.0)
     ends = query.start, query.goal
@@ -143,8 +145,17 @@ def main() -> int:
                 found[f"{name}/{what}"] = array
                 print(digest(array)[:16], f"{name}/{what}", flush=True)
     np.savez_compressed(options.target, **found)
-    print(json.dumps({name: digest(np.array([digest(a) for n, a in found.items()
-          if n.startswith(name + "/")])) for name, _ in maps()}, indent=1))
+    print(
+        json.dumps(
+            {
+                name: digest(
+                    np.array([digest(a) for n, a in found.items() if n.startswith(name + "/")])
+                )
+                for name, _ in maps()
+            },
+            indent=1,
+        )
+    )
     if not options.beside:
         return 0
     with np.load(options.beside) as others:

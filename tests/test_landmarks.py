@@ -414,7 +414,7 @@ def test_the_objective_is_that_of_plain_matrices(outline):
 
 def test_a_ray_from_within_an_object_meets_nothing():
     for outline in OUTLINES:
-        assert kernels.entry(outline, 0.3, 0.01, 0.02, 1.0, 0.0)[0] == np.inf
+        assert kernels.entry(outline, np.cos(0.3), np.sin(0.3), 0.01, 0.02, 1.0, 0.0)[0] == np.inf
 
 
 def seen_by(robot):

@@ -85,7 +85,7 @@ class Fisher(LidarEstimator):
 
         See `locplan.field.Estimator.covariances`.
         """
-        from locplan._kernels.information import information
+        from locplan._kernels.lidar import information
 
         scene = part.prepared or self.prepare(part.levels, part.resolution)
         window = self.lattice(part.resolution)

@@ -32,7 +32,7 @@ TAU = {"disc": 0.57, "visible": 0.23}
 
 
 LONG_RANGE = 10.0
-"""Range from which on offsets are rejected by the bound of `locplan._kernels.bounds` [m]."""
+"""Range from which on offsets are rejected by the bound of `locplan._kernels.bitplanes` [m]."""
 LONG_RANGE_CELLS = 60
 """Least range in cells for that: smaller discs hold too few blocks."""
 MIN_NATS = 40.0

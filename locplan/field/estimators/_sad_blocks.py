@@ -62,20 +62,20 @@ def kept_lines(
 
     Of each group of cells, (theta, n, dx).
     """
-    from locplan._kernels import bounds
+    from locplan._kernels import bitplanes
 
     control, headings = layout.part.control, layout.window.angles.size
     limit, shift = scaled(negligible)
     kept = [np.ones((headings, group.cells.size, layout.offsets), bool) for group in groups]
     still = np.empty((2, *(size + 1 for size in layout.still.shape[1:])), np.uint16)
-    bounds.sum_up(layout.still, still)
+    bitplanes.sum_up(layout.still, still)
     table = np.empty((2, *(size + 1 for size in layout.turned.shape[2:])), np.uint16)
     laid_out = [_lay_out(layout, group, still, table.shape[2]) for group in groups]
     for k in range(headings):
-        bounds.sum_up(layout.turned[k], table)
+        bitplanes.sum_up(layout.turned[k], table)
         corners = layout.lefts[:, k] * table.shape[2] + layout.tops[:, k]
         for group, (blocks, rests, addresses), lines in zip(groups, laid_out, kept, strict=True):
-            bounds.keep_lines(
+            bitplanes.keep_lines(
                 blocks,
                 table,
                 corners[group.cells],
@@ -102,7 +102,7 @@ def _lay_out(
     layout: Layout, group: Group, still: NDArray[np.uint16], table_rows: int
 ) -> tuple[Any, NDArray[np.int64], NDArray[np.int64]]:
     """The blocks around a group of cells; rows mod step and places at which the cells begin."""
-    from locplan._kernels import bounds
+    from locplan._kernels import bitplanes
     from locplan._kernels.simd import SHORTS
 
     edges = SMALL_EDGES if layout.radius < SMALL else EDGES
@@ -115,12 +115,12 @@ def _lay_out(
     col_stride, plane_stride = step_units * lanes, cols * step_units * lanes
     addresses, corners, rest = [], [], np.arange(step_units)[:, None]
     for n, (edge, (block_rows, block_cols)) in enumerate(zip(edges, places, strict=True)):
-        bounds.count_blocks(still, group.top, group.left, edge, unit, counts[n])
+        bitplanes.count_blocks(still, group.top, group.left, edge, unit, counts[n])
         p, q = rest + block_rows // unit, block_cols // unit
         address = p % step_units * lanes + p // step_units + q * col_stride
         addresses.append(address + n * 2 * plane_stride)
         corners.append(block_cols * table_rows + block_rows)
-    blocks = bounds.Blocks(
+    blocks = bitplanes.Blocks(
         counts=counts.reshape(-1),
         edges=np.array(edges),
         starts=np.cumsum([0, *(len(block_rows) for block_rows, _ in places)]),
