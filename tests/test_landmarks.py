@@ -15,11 +15,7 @@ from conftest import corridor, drawn, few_of, refused
 
 import locplan
 from locplan import Box, LocplanError, Path, Pole, place_landmarks, save_map
-from locplan._kernels import (
-    landmarks as kernels,
-    objectives as ways,
-    sightings,
-)
+from locplan._kernels import features as sightings, landmarks as kernels, objectives as ways
 from locplan._kernels.rays import cast, empty_squares
 from locplan.field import FieldConfig, Fused, covariances_along, scalar, surface_normals
 from locplan.landmarks import (
