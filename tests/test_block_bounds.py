@@ -9,8 +9,7 @@ from test_sad import mismatch_counts
 
 from locplan._kernels import bitplanes, simd
 from locplan.field import Exponential, InverseSquare, MapPart, OffsetLattice, Sad, SearchWindow
-from locplan.field.estimators._sad_blocks import disc_blocks, kept_lines, scaled
-from locplan.field.estimators._sad_tiles import Due, Layout
+from locplan.field.estimators._sad_tiles import Due, Layout, disc_blocks, kept_lines, scaled
 from locplan.field.templates import disc
 from locplan.maps import FREE, load_map
 
@@ -45,7 +44,7 @@ def test_kept_lines_are_those_of_the_plain_loops(
     layout = lay_out(cells, rows, cols, radius, window)
     exact = mismatch_counts(layout)
     limit = int(np.quantile(exact.min(axis=2), 0.15)) >> shift
-    monkeypatch.setattr("locplan.field.estimators._sad_blocks.scaled", lambda _: (limit, shift))
+    monkeypatch.setattr("locplan.field.estimators._sad_tiles.scaled", lambda _: (limit, shift))
     found = kept(layout, limit << shift)
     sizes = [[(*at, edge) for at in zip(*disc_blocks(radius, edge), strict=True)] for edge in edges]
     for n in range(len(rows)):
