@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 import sys
 import tempfile
 import warnings
@@ -41,6 +40,7 @@ CONFIGS = {
     "fused": FieldConfig(Fused.of(ROUND), stride=0.8),
     "fused, headings": FieldConfig(Fused.of(AHEAD), stride=1.6),
 }
+Arrays = dict[str, np.ndarray]
 PLANNERS = {
     "grid": {},
     "any-angle": {},
@@ -75,8 +75,11 @@ def routes(
     ends = query.start, query.goal
     for planner, options in PLANNERS.items():
         plan = locplan.plan(costs, *ends, planner=planner, **options)
-        yield f"path/{name}/{planner}", plan.path.xy
-        yield f"path/{name}/{planner}/cost", np.array([plan.metrics.cost, plan.metrics.length])
+        yield f"path/{name}/{planner}/status", np.frombuffer(plan.status.encode(), np.uint8)
+        if plan.path:
+            yield f"path/{name}/{planner}", plan.path.xy
+            measured = plan.metrics.cost, plan.metrics.length
+            yield f"path/{name}/{planner}/cost", np.array(measured)
     front = locplan.pareto_front(costs, *ends, time_limit=120.0, max_labels=2_000_000)
     yield f"front/{name}/length", front.length
     yield f"front/{name}/integral", front.integral
@@ -116,12 +119,25 @@ def difference(one: np.ndarray, other: np.ndarray) -> str:
     """How far two arrays differ, in the greatest of their values."""
     if one.shape != other.shape:
         return f"shapes {one.shape} and {other.shape}"
+    if one.dtype != other.dtype:
+        return f"types {one.dtype} and {other.dtype}"
     one, other = one.astype(float), other.astype(float)
     if (np.isnan(one) != np.isnan(other)).any():
         return "other values are known"
-    apart = np.nan_to_num(abs(one - other), posinf=0.0)  # where both are infinite
+    apart = np.zeros(one.shape)
+    unlike = (one != other) & ~np.isnan(one)
+    apart[unlike] = abs(one[unlike] - other[unlike])
     at = np.unravel_index(apart.argmax(), apart.shape)
-    return f"by {apart.max():.3g} at {one[at]:.6g}, {(apart > 0).mean():.3%} of the values"
+    return f"by {apart.max():.3g} at {one[at]:.6g}, {unlike.mean():.3%} of the values"
+
+
+def compared(found: Arrays, others: Arrays) -> list[str]:
+    """The results that are not the same to the bit, by name, with how far they differ."""
+    lines = [f"{name}: in one only" for name in sorted(set(found) ^ set(others))]
+    for name in sorted(set(found) & set(others)):
+        if digest(found[name]) != digest(others[name]):
+            lines.append(f"{name}: {difference(found[name], others[name])}")
+    return lines
 
 
 def maps() -> Iterator[tuple[str, OccupancyGrid]]:
@@ -145,26 +161,12 @@ def main() -> int:
                 found[f"{name}/{what}"] = array
                 print(digest(array)[:16], f"{name}/{what}", flush=True)
     np.savez_compressed(options.target, **found)
-    print(
-        json.dumps(
-            {
-                name: digest(
-                    np.array([digest(a) for n, a in found.items() if n.startswith(name + "/")])
-                )
-                for name, _ in maps()
-            },
-            indent=1,
-        )
-    )
     if not options.beside:
         return 0
     with np.load(options.beside) as others:
-        lacking = sorted(found.keys() ^ others.keys())
-        apart = [n for n in found.keys() & others.keys() if digest(found[n]) != digest(others[n])]
-        for name in sorted(apart):
-            print(f"{name}: {difference(found[name], others[name])}")
-    print(f"{len(apart)} of {len(found)} differ, {len(lacking)} are in one only: {lacking}")
-    return int(bool(apart or lacking))
+        apart = compared(found, dict(others))
+    print(*apart, f"{len(apart)} of {len(found)} differ", sep="\n")
+    return int(bool(apart))
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from locplan._util.tables import finite, table
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import SCALARS, mean_information
 from locplan.field._field import CovarianceField
-from locplan.field._lattice import read_at, well_spaced
+from locplan.field._lattice import read_known_at, well_spaced
 
 SATURATED = 1 / 3
 """A larger saturated share makes the table suggest what would resolve it."""
@@ -225,5 +225,8 @@ def values_at(
     """
     if logarithmic:
         values = np.log(np.maximum(values, np.finfo(float).tiny))
-    read = read_at(field.on_lattice(values), rows, cols, field.stride)
+    values = field.on_lattice(values)
+    known = ~np.isnan(values)
+    values = np.where(known, values, 0.0)
+    read = read_known_at(values, known.astype(float), rows, cols, field.stride)
     return np.exp(read, out=read) if logarithmic else read
