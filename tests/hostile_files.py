@@ -45,10 +45,10 @@ from locplan.field import (
     SearchWindow,
     _cache as cache,
     _tiles as tiles,
+    field_path,
     load_config,
 )
-from locplan.field._store import _Found, field_path
-from locplan.field._tiles import needed_points
+from locplan.field._store import _Found
 from locplan.field._zarr import attributes, write
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map, save_map, source_files
 from locplan.planners import Plan, plan, read_queries
@@ -525,7 +525,7 @@ def field_files(folder: Path) -> None:
 def made_field() -> CovarianceField:
     """A field of values that are made up, which no kernel has to be compiled for."""
     values = tiles.nothing_known(GRID, SMALL)
-    values["covariance"][needed_points(GRID, SMALL)] = 0.01 * np.eye(2)
+    values["covariance"][tiles.needed_points(GRID, SMALL)] = 0.01 * np.eye(2)
     return CovarianceField.of(values, GRID, SMALL)
 
 
@@ -546,7 +546,7 @@ def read_cache(folder: Path) -> None:
     assert any(entry.about.get("map_name") == "room" for entry in found)
     json.dumps(FieldCache(folder, found, 10**9).summary())
     assert FieldCache(folder, found, 10**9).table().count("\n") >= 3
-    wanted = needed_points(GRID, SMALL)
+    wanted = tiles.needed_points(GRID, SMALL)
     about = attributes(GRID, SMALL)
     known = _Found.at(field_path(GRID, SMALL, folder), about, GRID, SMALL, wanted)
     assert len(known.complaint) < MAX_LINE

@@ -1453,3 +1453,11 @@ def clearances(occupied, rows, cols, reach):
                 least = min(least, math.hypot(*gaps))
         found.append(least)
     return np.array(found)
+
+
+def rotated(covariances, yaw):
+    """Covariances (..., d, d) of poses whose axes are turned counter-clockwise by `yaw` [rad]."""
+    turn = np.eye(covariances.shape[-1])
+    turn[0, :2] = math.cos(yaw), -math.sin(yaw)
+    turn[1, :2] = math.sin(yaw), math.cos(yaw)
+    return np.einsum("ij,...jk,lk->...il", turn, covariances, turn)

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from conftest import random_rooms
 
-from locplan._kernels.information import DONE, STOP, information
 from locplan._kernels.lidar import (
-    FRACTION,
+    DONE,
+    STOP,
     BeamDisturbances,
     Lidar,
+    information,
     measured_ends,
     move_ends,
     scan_ends,
@@ -504,7 +505,7 @@ def test_a_mounted_lidar_is_a_lidar_there_seen_from_here(of_ranges):
     forward, left, yaw, heading = 0.35, -0.2, 0.6, 1.1
     cos, sin = math.cos(heading), math.sin(heading)
     lever = np.array([cos * forward - sin * left, sin * forward + cos * left])
-    lever = np.round(lever / 0.1 / FRACTION) * FRACTION * 0.1
+    lever = np.round(lever / 0.1 / 2.0**-20) * 2.0**-20 * 0.1
     beams, at = lidar(FULL_CIRCLE, forward, left, yaw), 30 + lever[::-1] / 0.1
     mounted = at_pose(occupied, 0.1, 30, 30, heading, beams, of_ranges)
     there = at_pose(occupied, 0.1, *at, heading + yaw, lidar(), of_ranges)

@@ -7,10 +7,9 @@ from conftest import random_rooms
 from numba import njit
 from test_sad import mismatch_counts
 
-from locplan._kernels import bounds, simd
+from locplan._kernels import bitplanes, simd
 from locplan.field import Exponential, InverseSquare, MapPart, OffsetLattice, Sad, SearchWindow
-from locplan.field.estimators._sad_blocks import disc_blocks, kept_lines, scaled
-from locplan.field.estimators._sad_tiles import Due, Layout
+from locplan.field.estimators._sad_tiles import Due, Layout, disc_blocks, kept_lines, scaled
 from locplan.field.templates import disc
 from locplan.maps import FREE, load_map
 
@@ -45,7 +44,7 @@ def test_kept_lines_are_those_of_the_plain_loops(
     layout = lay_out(cells, rows, cols, radius, window)
     exact = mismatch_counts(layout)
     limit = int(np.quantile(exact.min(axis=2), 0.15)) >> shift
-    monkeypatch.setattr("locplan.field.estimators._sad_blocks.scaled", lambda _: (limit, shift))
+    monkeypatch.setattr("locplan.field.estimators._sad_tiles.scaled", lambda _: (limit, shift))
     found = kept(layout, limit << shift)
     sizes = [[(*at, edge) for at in zip(*disc_blocks(radius, edge), strict=True)] for edge in edges]
     for n in range(len(rows)):
@@ -217,9 +216,9 @@ def test_counts_of_blocks_equal_the_plain_loops():
     plane = (random_rooms((50, 47), seed=9) == FREE).astype(np.uint8)
     octets = np.stack([plane | 128, (1 - plane) | 2])  # only the first bit counts
     table = np.full((2, 51, 48), 77, np.uint16)
-    bounds.sum_up(octets, table)
+    bitplanes.sum_up(octets, table)
     counts = np.full((2, 12, 3, 6), 99, np.uint16)
-    bounds.count_blocks(table, 5, 2, 16, 2, counts)
+    bitplanes.count_blocks(table, 5, 2, 16, 2, counts)
     for q, rest, p in np.ndindex(12, 3, 6):
         at = 5 + 2 * (3 * p + rest), 2 + 2 * q
         assert counts[0, q, rest, p] == naive.block_counts(plane, 16, *at)
@@ -229,10 +228,10 @@ def test_counts_of_blocks_equal_the_plain_loops():
 def test_sums_of_more_than_sixteen_bits_wrap_around():
     octets = np.ones((2, 300, 300), np.uint8)
     table = np.empty((2, 301, 301), np.uint16)
-    bounds.sum_up(octets, table)
+    bitplanes.sum_up(octets, table)
     assert table[0, 300, 300] == 90000 % 2**16
     counts = np.empty((2, 1, 1, 40), np.uint16)
-    bounds.count_blocks(table, 0, 200, 64, 8, counts)
+    bitplanes.count_blocks(table, 0, 200, 64, 8, counts)
     assert counts[0, 0, 0, :30].tolist() == [64 * 64] * 30
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import corridor, drawn, random_rooms
+from naive import rotated
 from scipy.linalg import expm, logm
 
 from locplan.costs import Costmap, Path, path_metrics, profile
@@ -32,7 +33,6 @@ from locplan.field import (
     scalar,
     surface_normals,
 )
-from locplan.field._covariance import rotated
 from locplan.field._lattice import standing_cells
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.planners import plan
@@ -628,7 +628,7 @@ def test_normals_of_a_part_are_those_of_the_whole(monkeypatch):
     part = surface_normals(occupied[40:260, 30:300])
     inner = slice(NORMAL_REACH, -NORMAL_REACH)
     np.testing.assert_array_equal(part[inner, inner], whole[40:260, 30:300][inner, inner])
-    monkeypatch.setattr("locplan.field._surfaces.BAND", 37)
+    monkeypatch.setattr("locplan.field.estimators._beams.BAND", 37)
     np.testing.assert_array_equal(surface_normals(occupied), whole)
 
 

@@ -25,8 +25,9 @@ from locplan.field import (
     Sad,
     Scan,
     SearchWindow,
+    covariances_along,
+    covariances_at,
 )
-from locplan.field._reading import covariances_along, covariances_at
 from locplan.field._tiles import field_shapes
 from locplan.maps import environments
 from locplan.robots import Amcl, Lidar, Robot

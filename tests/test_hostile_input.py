@@ -19,6 +19,7 @@ from locplan.comparison import Journal, read_movingai_map, read_scenarios
 from locplan.errors import ConfigError, FieldError, LocplanError, MapError
 from locplan.export._registry import _is_untouched_export
 from locplan.field import (
+    CacheWarning,
     CovarianceField,
     FieldCache,
     FieldConfig,
@@ -28,10 +29,10 @@ from locplan.field import (
     SearchWindow,
     _cache as cache,
     covariance_field,
+    field_path,
     load_or_compute,
 )
 from locplan.field._lattice import _moves, standing_cells
-from locplan.field._store import CacheWarning, field_path
 from locplan.field._zarr import _checksum, write
 from locplan.maps import OccupancyGrid, load_map, name_of, save_map
 from locplan.recordings import read_drive

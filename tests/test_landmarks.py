@@ -15,11 +15,7 @@ from conftest import corridor, drawn, few_of, refused
 
 import locplan
 from locplan import Box, LocplanError, Path, Pole, place_landmarks, save_map
-from locplan._kernels import (
-    landmarks as kernels,
-    objectives as ways,
-    sightings,
-)
+from locplan._kernels import features as sightings, landmarks as kernels, objectives as ways
 from locplan._kernels.rays import cast, empty_squares
 from locplan.field import FieldConfig, Fused, covariances_along, scalar, surface_normals
 from locplan.landmarks import (
@@ -414,7 +410,7 @@ def test_the_objective_is_that_of_plain_matrices(outline):
 
 def test_a_ray_from_within_an_object_meets_nothing():
     for outline in OUTLINES:
-        assert kernels.entry(outline, 0.3, 0.01, 0.02, 1.0, 0.0)[0] == np.inf
+        assert kernels.entry(outline, np.cos(0.3), np.sin(0.3), 0.01, 0.02, 1.0, 0.0)[0] == np.inf
 
 
 def seen_by(robot):

@@ -17,11 +17,13 @@ from locplan.field import (
     Fisher,
     _cache as cache,
     covariance_field,
+    every_second_point,
     load_or_compute,
+    points_near,
     scalar,
 )
-from locplan.field._lattice import evaluated_points, every_second_point, filled, points_near
-from locplan.maps import FREE, OccupancyGrid, environments, save_map
+from locplan.field._lattice import filled
+from locplan.maps import OccupancyGrid, environments, save_map
 from locplan.planners import plan, planned_near_paths
 from locplan.robots import Lidar
 
@@ -47,8 +49,8 @@ def coarse(grid, whole) -> CovarianceField:
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("stride", [1, 2, 3])
 def test_every_point_is_chosen_or_has_a_chosen_one_around(seed, stride):
-    free = random_rooms((61, 50), seed=seed) == FREE
-    needed = evaluated_points(free, stride)
+    grid = OccupancyGrid(random_rooms((61, 50), seed=seed), 0.1)
+    needed = FieldConfig(stride=stride * 0.1).lattice_points(grid)
     chosen = every_second_point(needed)
     assert not (chosen & ~needed).any()
     rows, cols = np.nonzero(needed & ~chosen)

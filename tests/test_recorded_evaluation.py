@@ -20,8 +20,7 @@ from locplan._kernels import likelihood, posterior
 from locplan._kernels.likelihood import TOP, make_lattice
 from locplan._kernels.matches import recorded_posteriors
 from locplan.errors import ConfigError, RecordingError
-from locplan.field import FieldConfig, SearchWindow
-from locplan.field.estimators._scan import likelihood_field
+from locplan.field import FieldConfig, SearchWindow, likelihood_field
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.recordings import DriveEvaluation, Recording, drive_figure, evaluate_drive, match_scans
 from locplan.recordings._agreement import _axis, _worst_block

@@ -10,7 +10,7 @@ from conftest import few_of, random_rooms
 from locplan._kernels import bitplanes, sad as kernel
 from locplan.field import Exponential, InverseSquare, MapPart, OffsetLattice, Sad, SearchWindow
 from locplan.field.estimators import _sad as sad
-from locplan.field.estimators._sad_tiles import Layout, template_radius
+from locplan.field.estimators._sad_tiles import Layout
 from locplan.field.templates import cells_at, disc, local_map
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, load_map
 from locplan.paper.template_matching import sad_distribution
@@ -106,7 +106,7 @@ def test_kernel_is_bit_equal_on_real_maps(real_maps, name):
     window = Sad().window.on(grid.resolution)
     free = np.argwhere(grid.free)
     chosen = free[np.random.default_rng(0).integers(len(free), size=3)]
-    radius = template_radius(6.0, window, grid.shape)
+    radius = Sad(range=6.0).template_radius(grid.resolution, grid.shape)
     compare(grid.cells, *chosen.T, radius, window)
     compare(grid.cells, *chosen[:1].T, radius, window, visible=True)
 
@@ -237,7 +237,7 @@ def test_covariance_is_the_papers_formula_on_the_reference():
 def test_a_disc_larger_than_the_map_gives_the_same_as_one_just_large_enough():
     cells = random_rooms((21, 30), seed=6)
     at = MapPart.whole(cells, np.array([10]), np.array([12]), 0.05)
-    assert template_radius(4.75, Sad().window.on(0.05), cells.shape) == 95
+    assert Sad(range=4.75).template_radius(0.05, cells.shape) == 95
     compared = [Sad(range=reach).covariances(at)["covariance"] for reach in (50.0, 4.75)]
     np.testing.assert_allclose(compared[0], compared[1], rtol=1e-12)
 

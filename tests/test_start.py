@@ -19,8 +19,7 @@ from conftest import drawn
 from google_crc32c import value as crc32c
 from numcodecs.zstd import Zstd
 
-from locplan import __main__ as program, cli
-from locplan._kernels import compilation
+from locplan import __main__ as program, _kernels as compilation, cli
 from locplan._util import progress
 from locplan.field import (
     FieldConfig,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import few_of, random_rooms
 
-from locplan._kernels import scan_losses as losses, shortlist as lists
+from locplan._kernels import matches as lists, scan_losses as losses
 from locplan._kernels.lidar import Lidar as Beams
 from locplan._kernels.rays import empty_squares
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid

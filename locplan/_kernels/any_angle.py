@@ -7,28 +7,23 @@ their cells need no sorting.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from locplan._kernels import Array, Floats, Ints
 from locplan._kernels.rays import segment_cost
 from locplan._kernels.search import put, range_of
-
-TIE = 1e-13
-"""Relative difference up to which costs count as equal."""
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def shortcut(
-    half: NDArray[np.float64],
+    half: Floats,
     columns: int,
-    positions: NDArray[np.float64],
+    positions: Floats,
     lookahead: int,
     corner_cutting: bool,
     cheapest: float,
-) -> NDArray[Any]:
+) -> Array:
     """Indices of the positions of a path, (n, 2), to keep so that it costs least.
 
     Each position is reached in a straight line from one of the `lookahead` before it; of lines of
@@ -47,7 +42,7 @@ def shortcut(
         for i in range(j - 1, max(-1, j - 1 - lookahead), -1):
             from_row, from_col = positions[i, 0], positions[i, 1]
             apart = np.hypot(row - from_row, col - from_col)
-            enough = best[j] * (1 + TIE)
+            enough = best[j] * (1 + 1e-13)  # costs that rounding sets apart count as equal
             if best[i] + cheapest * apart > enough:
                 continue
             step = 0.0
@@ -69,13 +64,8 @@ def shortcut(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def shift(
-    half: NDArray[np.float64],
-    columns: int,
-    positions: NDArray[np.float64],
-    step: float,
-    sweeps: int,
-    corner_cutting: bool,
-) -> NDArray[Any]:
+    half: Floats, columns: int, positions: Floats, step: float, sweeps: int, corner_cutting: bool
+) -> Array:
     """Path with its inner positions shifted sideways by `step` while that lowers the cost."""
     count = len(positions)
     shifted, stirred = np.empty((count, 2)), np.empty(count, np.bool_)
@@ -111,14 +101,14 @@ def shift(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def cheapest_moves(
-    half: NDArray[np.float64],
+    half: Floats,
     start: int,
     goal: int,
-    offsets: NDArray[np.int64],
-    crossed: NDArray[np.int64],
-    lengths: NDArray[np.float64],
-    touched: NDArray[np.int64],
-) -> NDArray[Any]:
+    offsets: Ints,
+    crossed: Ints,
+    lengths: Floats,
+    touched: Ints,
+) -> Array:
     """Cells of the cheapest path from start to goal over moves of any shape, or none.
 
     Parameters
@@ -183,13 +173,7 @@ def cheapest_moves(
 
 
 @njit(inline="always")
-def _reached(
-    half: NDArray[np.float64],
-    cell: int,
-    cost: float,
-    crossed: NDArray[Any],
-    lengths: NDArray[Any],
-) -> float:
+def _reached(half: Floats, cell: int, cost: float, crossed: Array, lengths: Array) -> float:
     """Cost at the end of a move from a cell with this cost, over the cells that it crosses."""
     for k in range(crossed.size):
         if lengths[k] > 0:
@@ -198,7 +182,7 @@ def _reached(
 
 
 @njit(inline="always")
-def _touches(half: NDArray[np.float64], cell: int, touched: NDArray[Any]) -> bool:
+def _touches(half: Floats, cell: int, touched: Array) -> bool:
     """Whether a move from a cell touches a blocked one."""
     blocked = False
     for k in range(touched.size):
@@ -207,7 +191,7 @@ def _touches(half: NDArray[np.float64], cell: int, touched: NDArray[Any]) -> boo
 
 
 @njit(nogil=True, cache=True)
-def bucket_scale(half: NDArray[np.float64], lengths: NDArray[np.float64]) -> tuple[float, int]:
+def bucket_scale(half: Floats, lengths: Floats) -> tuple[float, int]:
     """Buckets per cost, and their number, a power of two (0: too many), for moves of `lengths`."""
     longest = 0.0
     for move in range(len(lengths)):

@@ -9,11 +9,11 @@ in cells; headings turn from the columns' direction towards the rows' [rad].
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from locplan._kernels import Array, Numbers
 
 STRAIGHT, DUBINS, REEDS_SHEPP = 0, 1, 2
 PIECES = 5
@@ -28,7 +28,7 @@ _ALSO_REVERSED = (2, 5, 6)
 @njit(nogil=True, cache=True)
 def dubins(
     x: float, y: float, heading: float, x1: float, y1: float, heading1: float
-) -> tuple[NDArray[Any], NDArray[Any]]:
+) -> tuple[Array, Array]:
     """The shortest curve forward from one pose to another: turns (5,), lengths (5,)."""
     turns, lengths = np.zeros(PIECES, np.int8), np.zeros(PIECES)
     least = np.inf
@@ -67,7 +67,7 @@ def dubins(
 @njit(nogil=True, cache=True)
 def reeds_shepp(
     x: float, y: float, heading: float, x1: float, y1: float, heading1: float
-) -> tuple[NDArray[Any], NDArray[Any]]:
+) -> tuple[Array, Array]:
     """The shortest curve, forward or in reverse, from one pose to another: turns, lengths (5,).
 
     It is one of the base words of the paper's sections 8.1-8.11 in their up to eight symmetric
@@ -105,9 +105,7 @@ def reeds_shepp(
 
 
 @njit(nogil=True, cache=True)
-def _word(
-    number: int, x: float, y: float, heading: float, sides: NDArray[Any], parts: NDArray[Any]
-) -> bool:
+def _word(number: int, x: float, y: float, heading: float, sides: Array, parts: Array) -> bool:
     """Fill in base word `number` from the origin to a pose; false if it does not lead there."""
     # The last circle's centre from the first one's, if both turn left, and if the last turns right.
     same = x - math.sin(heading), y - 1 + math.cos(heading)
@@ -121,12 +119,7 @@ def _word(
 
 @njit(nogil=True, cache=True)
 def _straight_word(
-    number: int,
-    same: tuple[float, float],
-    opposite: tuple[float, float],
-    heading: float,
-    sides: NDArray[Any],
-    parts: NDArray[Any],
+    number: int, same: Numbers, opposite: Numbers, heading: float, sides: Array, parts: Array
 ) -> bool:
     """Fill in a word of two turns around a straight: number 0 or 1."""
     if number == 0:  # 8.1: left, straight, left
@@ -148,12 +141,7 @@ def _straight_word(
 
 @njit(nogil=True, cache=True)
 def _turning_word(
-    number: int,
-    same: tuple[float, float],
-    opposite: tuple[float, float],
-    heading: float,
-    sides: NDArray[Any],
-    parts: NDArray[Any],
+    number: int, same: Numbers, opposite: Numbers, heading: float, sides: Array, parts: Array
 ) -> bool:
     """Fill in a word of turns alone: number 2, 3 or 4."""
     if number == 2:  # 8.3, 8.4: left, right in reverse, left
@@ -186,12 +174,7 @@ def _turning_word(
 
 @njit(nogil=True, cache=True)
 def _quarter_word(
-    number: int,
-    same: tuple[float, float],
-    opposite: tuple[float, float],
-    heading: float,
-    sides: NDArray[Any],
-    parts: NDArray[Any],
+    number: int, same: Numbers, opposite: Numbers, heading: float, sides: Array, parts: Array
 ) -> bool:
     """Fill in a word with quarters of a circle: number 5, 6 or 7."""
     apart, bearing = math.hypot(*same), math.atan2(same[1], same[0])
@@ -225,9 +208,7 @@ def _quarter_word(
 
 
 @njit(nogil=True, cache=True)
-def _outer_turns(
-    second: float, third: float, opposite: tuple[Any, ...], heading: float
-) -> tuple[float, float]:
+def _outer_turns(second: float, third: float, opposite: Numbers, heading: float) -> Numbers:
     """The first and last of four turns, whose middle two are known."""
     x, y = opposite
     between = _half(second - third)
@@ -269,7 +250,7 @@ def moved(
 @njit(nogil=True, cache=True)
 def arc_crossings(
     center_x: float, center_y: float, radius: float, low: float, high: float
-) -> NDArray[Any]:
+) -> Array:
     """Angles, ascending, at which an arc begins, crosses a border between cells, and ends.
 
     The angles are seen from its centre [rad]; some occur twice.
@@ -314,7 +295,7 @@ def arc(
 
 
 @njit(nogil=True, cache=True)
-def closer(angles: NDArray[Any], most: float) -> NDArray[Any]:
+def closer(angles: Array, most: float) -> Array:
     """Angles with further ones inserted where neighbours are more than `most` apart."""
     count = 1
     for n in range(len(angles) - 1):

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from locplan._kernels import Floats, Ints, Octets, Random
 from locplan._kernels.lidar import BeamDisturbances, Lidar, measured_ends
 from locplan._kernels.particles import (
     BeamScores,
@@ -40,19 +40,17 @@ class Start(NamedTuple):
 class Tracker(NamedTuple):
     """The particles of a filter, and its last pose."""
 
-    clouds: NDArray[np.float64]  # (2, 3, most) particles, and room for those that are drawn
-    weights: NDArray[np.float64]  # (most,)
+    clouds: Floats  # (2, 3, most) particles, and room for those that are drawn
+    weights: Floats  # (most,)
     histogram: Histogram
-    pose: NDArray[np.float64]  # (3,) mean of the heaviest cluster at the last resampling
-    state: NDArray[np.int64]
+    pose: Floats  # (3,) mean of the heaviest cluster at the last resampling
+    state: Ints
     # (6,) which cloud holds the particles, their number, that of their bins, the number of updates,
     # the index of the reported pose at the last one, and of that at the last resampling
 
 
 @njit(nogil=True, cache=True)
-def begin(
-    random: np.random.Generator, first: NDArray[np.float64], start: Start, settings: Filter
-) -> Tracker:
+def begin(random: Random, first: Floats, start: Start, settings: Filter) -> Tracker:
     """Draw a filter's particles about a pose that is off from `first` (3,) by as much."""
     most = settings.max_particles
     clouds, weights = np.empty((2, 3, most)), np.full(most, 1 / most)
@@ -70,7 +68,7 @@ def begin(
 
 
 @njit(nogil=True, cache=True)
-def is_due(tracker: Tracker, reported: NDArray[np.float64], n: int, settings: Filter) -> bool:
+def is_due(tracker: Tracker, reported: Floats, n: int, settings: Filter) -> bool:
     """Whether odometry (n, 3) has come far enough since the last update."""
     last = tracker.state[UPDATED]
     dx, dy = reported[n, 0] - reported[last, 0], reported[n, 1] - reported[last, 1]
@@ -79,13 +77,7 @@ def is_due(tracker: Tracker, reported: NDArray[np.float64], n: int, settings: Fi
 
 
 @njit(nogil=True, cache=True)
-def advance(
-    random: np.random.Generator,
-    tracker: Tracker,
-    reported: NDArray[np.float64],
-    n: int,
-    settings: Filter,
-) -> None:
+def advance(random: Random, tracker: Tracker, reported: Floats, n: int, settings: Filter) -> None:
     """Move the particles by the odometry (n, 3) from the last update to pose `n`."""
     state = tracker.state
     last = state[UPDATED]
@@ -97,12 +89,7 @@ def advance(
 
 @njit(nogil=True, cache=True)
 def correct(
-    random: np.random.Generator,
-    tracker: Tracker,
-    scores: BeamScores,
-    ends: NDArray[np.float64],
-    n: int,
-    settings: Filter,
+    random: Random, tracker: Tracker, scores: BeamScores, ends: Floats, n: int, settings: Filter
 ) -> bool:
     """Weigh the particles by the scan (beam, 2) at pose `n`, and resample every few updates.
 
@@ -126,7 +113,7 @@ def correct(
 
 
 @njit(nogil=True, cache=True)
-def estimate(tracker: Tracker, reported: NDArray[np.float64], n: int) -> tuple[float, float, float]:
+def estimate(tracker: Tracker, reported: Floats, n: int) -> tuple[float, float, float]:
     """The filter's pose at pose `n`: since the last resampling it has followed odometry."""
     pose, at = tracker.pose, tracker.state[AT]
     cos, sin = np.cos(pose[2] - reported[at, 2]), np.sin(pose[2] - reported[at, 2])
@@ -139,7 +126,7 @@ def estimate(tracker: Tracker, reported: NDArray[np.float64], n: int) -> tuple[f
 
 
 @njit(nogil=True, cache=True)
-def covariance_of(tracker: Tracker, covariance: NDArray[np.float64]) -> None:
+def covariance_of(tracker: Tracker, covariance: Floats) -> None:
     """Write the covariance of all particles, as AMCL publishes it, into `covariance` (3, 3).
 
     That of the heading is its circular variance; it has no covariance with the position.
@@ -174,15 +161,13 @@ class Odometry(NamedTuple):
 class World(NamedTuple):
     """A world, which may differ from the filter's map, and the robot's poses in it."""
 
-    squares: NDArray[np.uint8]  # (4, H + 2, W + 2) as `rays.empty_squares` gives them
+    squares: Octets  # (4, H + 2, W + 2) as `rays.empty_squares` gives them
     resolution: float  # edge of a cell [m]
-    poses: NDArray[np.float64]  # (n, 3) row, column [cells] and heading [rad], as `truth` has them
+    poses: Floats  # (n, 3) row, column [cells] and heading [rad], as `truth` has them
 
 
 @njit(nogil=True, cache=True)
-def odometry_along(
-    random: np.random.Generator, truth: NDArray[np.float64], odometry: Odometry
-) -> NDArray[np.float64]:
+def odometry_along(random: Random, truth: Floats, odometry: Odometry) -> Floats:
     """Reported odometry of a drive: poses (n, 3), the first one without error [m, m, rad]."""
     scale = 1 + odometry.distance_bias * random.standard_normal()
     bend = odometry.heading_bias * random.standard_normal()
@@ -208,8 +193,8 @@ def odometry_along(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def drive(
-    random: np.random.Generator,
-    truth: NDArray[np.float64],
+    random: Random,
+    truth: Floats,
     world: World,
     scores: BeamScores,
     lidar: Lidar,
@@ -217,7 +202,7 @@ def drive(
     odometry: Odometry,
     start: Start,
     settings: Filter,
-    errors: NDArray[np.float64],
+    errors: Floats,
 ) -> None:
     """Drive once, and write the filter's error at every pose into `errors`.
 
@@ -261,15 +246,15 @@ def drive(
 
 @njit(nogil=True, cache=True)
 def replay(
-    random: np.random.Generator,
-    first: NDArray[np.float64],
-    reported: NDArray[np.float64],
-    ends: NDArray[np.float64],
+    random: Random,
+    first: Floats,
+    reported: Floats,
+    ends: Floats,
     scores: BeamScores,
     start: Start,
     settings: Filter,
-    poses: NDArray[np.float64],
-    covariances: NDArray[np.float64],
+    poses: Floats,
+    covariances: Floats,
 ) -> None:
     """Track a recorded drive once, and write the filter's poses and covariances.
 

@@ -1,14 +1,18 @@
-"""What a robot sees where parts of a map are away, and how far parts that were moved pull it.
+"""Which poses of a robot see which objects, and what it sees where parts of a map are away.
 
-Rays, hits, sums and covariances are those of `landmarks` and `objectives`.
+Objects only shorten rays: what is hidden on the map stays hidden beside any others. Rays, hits,
+sums and covariances are those of `landmarks` and `objectives`.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from locplan._kernels import Bools, Floats, Ints, Octets, Singles
 from locplan._kernels.landmarks import (
     NORMAL_X,
     NORMAL_Y,
@@ -20,22 +24,98 @@ from locplan._kernels.landmarks import (
     XY,
     YT,
     YY,
+    Outline,
     Rays,
+    entry,
+    meeting,
     write_hit,
 )
 
 
+class Sightings(NamedTuple):
+    """The poses that see each object, in order, and their rays that meet it."""
+
+    starts: Ints  # (m + 1,) where those of each object begin
+    poses: NDArray[np.int32]  # (k,) the pose
+    rays: NDArray[np.int16]  # (k, 2) the first ray and how many follow it, itself counted
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def seeing_rays(
+    hits: Singles, rays: Rays, n: int, outline: Outline, x: float, y: float, heading: float
+) -> tuple[int, int]:
+    """First ray of a pose that an object at (x, y) shortens, and how many up to the last; or 0."""
+    begin, count = meeting(rays, n, outline, x, y)
+    from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
+    cos, sin = np.cos(heading), np.sin(heading)
+    first, last = -1, -1
+    for k in range(count):
+        b = (begin + k) % rays.beams
+        bearing = rays.first[n] + b * rays.step
+        dx, dy = np.cos(bearing), np.sin(bearing)
+        at, _, _ = entry(outline, cos, sin, from_x - x, from_y - y, dx, dy)
+        if at < hits[n, b, RANGE] and at <= rays.most:
+            first, last = k if first < 0 else first, k
+    if first < 0:
+        return 0, 0
+    return (begin + first) % rays.beams, last - first + 1
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def count_sightings(
+    candidates: Floats,
+    begin: int,
+    end: int,
+    hits: Singles,
+    rays: Rays,
+    outline: Outline,
+    counts: Ints,
+) -> None:
+    """Fill how many poses see each candidate x, y, heading from `begin` to `end`, (m,)."""
+    for m in range(begin, end):
+        seen = 0
+        for n in range(rays.first.size):
+            _, count = seeing_rays(
+                hits, rays, n, outline, candidates[m, 0], candidates[m, 1], candidates[m, 2]
+            )
+            seen += count > 0
+        counts[m] = seen
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def fill_sightings(
+    candidates: Floats,
+    begin: int,
+    end: int,
+    hits: Singles,
+    rays: Rays,
+    outline: Outline,
+    sightings: Sightings,
+) -> None:
+    """Fill the sightings of the candidates from `begin` to `end`; `starts` are known."""
+    for m in range(begin, end):
+        at = sightings.starts[m]
+        for n in range(rays.first.size):
+            first, count = seeing_rays(
+                hits, rays, n, outline, candidates[m, 0], candidates[m, 1], candidates[m, 2]
+            )
+            if count > 0:
+                sightings.poses[at] = n
+                sightings.rays[at, 0], sightings.rays[at, 1] = first, count
+                at += 1
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def look(
-    squares: NDArray[np.uint8],
-    normals: NDArray[np.float32],
+    squares: Octets,
+    normals: Singles,
     labels: NDArray[np.int32],
-    silent: NDArray[np.bool_],
+    silent: Bools,
     resolution: float,
     rays: Rays,
-    asked: NDArray[np.int64],
-    hits: NDArray[np.float32],
-    cells: NDArray[np.int64],
+    asked: Ints,
+    hits: Singles,
+    cells: Ints,
 ) -> None:
     """Fill the hits (k, 4) of some rays, and the cells that they meet (k,); -1 for none.
 
@@ -61,12 +141,8 @@ def look(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def biases(
-    pulls: NDArray[np.float64],
-    information: NDArray[np.float64],
-    after: NDArray[np.float64],
-    poses: NDArray[np.float64],
-    routes: NDArray[np.int64],
-) -> NDArray[np.float64]:
+    pulls: Floats, information: Floats, after: Floats, poses: Floats, routes: Ints
+) -> Floats:
     """Errors (n, 3, 2) of the filter's pose by a feature that stands elsewhere, to first order.
 
     The columns are those of a unit shift [m] of the feature along x and along y. On the way an

@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from locplan._kernels import Bools, Floats, Octets, Singles
 from locplan._kernels.rays import cast
 
 RANGE, NORMAL_X, NORMAL_Y, TURN = 0, 1, 2, 3
@@ -29,9 +29,9 @@ XX, XY, YY, XT, YT, TT, HITS = 0, 1, 2, 3, 4, 5, 6
 class Rays(NamedTuple):
     """The poses of the robot, and the rays at each."""
 
-    poses: NDArray[np.float64]  # (n, 2) the robot's centre [m]
-    levers: NDArray[np.float64]  # (n, 2) the lidar from there [m]
-    first: NDArray[np.float64]  # (n,) bearing of the first ray [rad]
+    poses: Floats  # (n, 2) the robot's centre [m]
+    levers: Floats  # (n, 2) the lidar from there [m]
+    first: Floats  # (n,) bearing of the first ray [rad]
     step: float  # from one ray to the next [rad]
     beams: int  # rays at a pose
     all_round: bool  # whether the last ray has the first as its neighbour
@@ -50,13 +50,13 @@ class Outline(NamedTuple):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def hits_of_map(
-    squares: NDArray[np.uint8],
-    normals: NDArray[np.float32],
+    squares: Octets,
+    normals: Singles,
     resolution: float,
     rays: Rays,
     begin: int,
     end: int,
-    hits: NDArray[np.float32],
+    hits: Singles,
 ) -> None:
     """Fill the hits (n, beams, 4) of the poses from `begin` to `end` on a map."""
     for n in range(begin, end):
@@ -66,13 +66,7 @@ def hits_of_map(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def write_hit(
-    squares: NDArray[np.uint8],
-    normals: NDArray[np.float32],
-    resolution: float,
-    rays: Rays,
-    n: int,
-    b: int,
-    hit: NDArray[np.float32],
+    squares: Octets, normals: Singles, resolution: float, rays: Rays, n: int, b: int, hit: Singles
 ) -> tuple[int, int, bool]:
     """Write the hit (4,) of a ray on a map; return the cell that it meets, and whether it counts.
 
@@ -89,28 +83,29 @@ def write_hit(
         hit[NORMAL_X] = hit[NORMAL_Y] = hit[TURN] = 0.0
         return row, col, False
     nx, ny = np.float64(normals[row, col, 1]), np.float64(normals[row, col, 0])
+    _set_hit(hit, rays, n, at, dx, dy, nx, ny)
+    return row, col, True
+
+
+@njit(inline="always")
+def _set_hit(
+    hit: Singles, rays: Rays, n: int, at: float, dx: float, dy: float, nx: float, ny: float
+) -> None:
+    """Write a hit at a range in the direction (dx, dy), where the surface has a normal."""
     hx, hy = rays.levers[n, 0] + at * dx, rays.levers[n, 1] + at * dy
     hit[RANGE], hit[NORMAL_X], hit[NORMAL_Y] = at, nx, ny
     hit[TURN] = hx * ny - hy * nx
-    return row, col, True
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def entry(
-    outline: Outline, heading: float, x: float, y: float, dx: float, dy: float
+    outline: Outline, cos: float, sin: float, x: float, y: float, dx: float, dy: float
 ) -> tuple[float, float, float]:
     """Range at which a ray from (x, y) enters an object at the origin, and the normal there.
 
-    The range is infinite where the ray misses it, or begins within it.
+    The object's heading has this cosine and sine. The range is infinite where the ray misses it,
+    or begins within it.
     """
-    return turned_entry(outline, np.cos(heading), np.sin(heading), x, y, dx, dy)
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def turned_entry(
-    outline: Outline, cos: float, sin: float, x: float, y: float, dx: float, dy: float
-) -> tuple[float, float, float]:
-    """The same of an object whose heading has this cosine and sine."""
     if outline.is_round:
         along = -(x * dx + y * dy)
         aside = x * dy - y * dx
@@ -172,15 +167,10 @@ def meeting(rays: Rays, n: int, outline: Outline, x: float, y: float) -> tuple[i
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def add_object(
-    hits: NDArray[np.float32],
-    rays: Rays,
-    outline: Outline,
-    x: float,
-    y: float,
-    heading: float,
-    touched: NDArray[np.bool_],
+    hits: Singles, rays: Rays, outline: Outline, x: float, y: float, heading: float, touched: Bools
 ) -> None:
     """Change the hits (n, beams, 4) as an object at (x, y) does, and mark the poses, (n,)."""
+    cos, sin = np.cos(heading), np.sin(heading)
     for n in range(rays.first.size):
         begin, count = meeting(rays, n, outline, x, y)
         from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
@@ -188,20 +178,18 @@ def add_object(
             b = (begin + k) % rays.beams
             bearing = rays.first[n] + b * rays.step
             dx, dy = np.cos(bearing), np.sin(bearing)
-            at, nx, ny = entry(outline, heading, from_x - x, from_y - y, dx, dy)
+            at, nx, ny = entry(outline, cos, sin, from_x - x, from_y - y, dx, dy)
             hit = hits[n, b]
             if at >= hit[RANGE] or at > rays.most:
                 continue
             touched[n] = True
             if at < rays.least:
                 nx, ny = 0.0, 0.0
-            hx, hy = rays.levers[n, 0] + at * dx, rays.levers[n, 1] + at * dy
-            hit[RANGE], hit[NORMAL_X], hit[NORMAL_Y] = at, nx, ny
-            hit[TURN] = hx * ny - hy * nx
+            _set_hit(hit, rays, n, at, dx, dy, nx, ny)
 
 
 @njit(inline="always")
-def _change(sums: NDArray[np.float64], hit: NDArray[np.float32], sign: float, rays: Rays) -> None:
+def _change(sums: Floats, hit: Singles, sign: float, rays: Rays) -> None:
     """Add a hit to the sums of a pose, or take it away."""
     if rays.least <= hit[RANGE] < np.inf:
         sign /= 1 + rays.swing * np.float64(hit[RANGE]) ** 2
@@ -216,12 +204,7 @@ def _change(sums: NDArray[np.float64], hit: NDArray[np.float32], sign: float, ra
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def sum_up(
-    hits: NDArray[np.float32],
-    rays: Rays,
-    touched: NDArray[np.bool_],
-    sums: NDArray[np.float64],
-) -> None:
+def sum_up(hits: Singles, rays: Rays, touched: Bools, sums: Floats) -> None:
     """Write the weighted sums of g g^T over the rays of touched poses, and the hits, (n, 7)."""
     for n in range(hits.shape[0]):
         if not touched[n]:
@@ -235,7 +218,7 @@ def sum_up(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def sums_of(hits: NDArray[np.float32], rays: Rays) -> NDArray[np.float64]:
+def sums_of(hits: Singles, rays: Rays) -> Floats:
     """Weighted sums of g g^T over the rays of each pose, and the number of its hits, (n, 7)."""
     sums = np.zeros((hits.shape[0], 7))
     sum_up(hits, rays, np.ones(hits.shape[0], np.bool_), sums)
@@ -244,8 +227,8 @@ def sums_of(hits: NDArray[np.float32], rays: Rays) -> NDArray[np.float64]:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def with_object(
-    sums: NDArray[np.float64],
-    hits: NDArray[np.float32],
+    sums: Floats,
+    hits: Singles,
     rays: Rays,
     n: int,
     outline: Outline,
@@ -254,7 +237,7 @@ def with_object(
     heading: float,
     begin: int,
     count: int,
-    changed: NDArray[np.float64],
+    changed: Floats,
 ) -> bool:
     """Write a pose's sums with an object at (x, y) into `changed` (7,); False if they stay.
 
@@ -273,13 +256,11 @@ def with_object(
     for k in range(count):
         b = (begin + k) % rays.beams
         dx, dy = cos * dx - sin * dy, sin * dx + cos * dy
-        at, nx, ny = turned_entry(outline, along, aside, from_x - x, from_y - y, dx, dy)
+        at, nx, ny = entry(outline, along, aside, from_x - x, from_y - y, dx, dy)
         if at >= hits[n, b, RANGE] or at > rays.most:
             continue
         any_ray = True
         _change(changed, hits[n, b], -1.0, rays)
-        hx, hy = rays.levers[n, 0] + at * dx, rays.levers[n, 1] + at * dy
-        new[RANGE], new[NORMAL_X], new[NORMAL_Y] = at, nx, ny
-        new[TURN] = hx * ny - hy * nx
+        _set_hit(new, rays, n, at, dx, dy, nx, ny)
         _change(changed, new, 1.0, rays)
     return any_ray

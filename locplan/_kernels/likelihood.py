@@ -15,20 +15,19 @@ two tables.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from locplan._kernels import Array, Floats, Octets, Shorts
 from locplan._kernels.simd import SHORTS
 
 TOP = 4095
 """Greatest cost: that of a beam whose endpoint is explained only by `z_rand`."""
 GROUP = 3
 """Number of offsets in y that are scored together."""
-NEGLIGIBLE = 30.0
-"""Offsets whose log-probability is this much below the greatest are left out [nat]."""
 FINE = 1024
 """Size of the fine one of two tables of exponentials; the coarse one is at multiples of it."""
 NOWHERE = np.uint32(1 << 31)
@@ -41,7 +40,7 @@ class LikelihoodField(NamedTuple):
     The layout extends so far that endpoints beyond it are near no wall at any offset.
     """
 
-    costs: NDArray[np.uint16]  # (row mod step, col mod step, row div step, col div step), flat
+    costs: Shorts  # (row mod step, col mod step, row div step, col div step), flat
     first: int  # row, and also column, of the map where the layout begins
     last_row: int  # the last row of the layout that an endpoint may have at its first offset
     last_col: int  # the last column
@@ -58,9 +57,7 @@ def likelihood_reach(resolution: float, sigma_hit: float, z_rand: float) -> int:
     return math.ceil(sigma_hit * math.sqrt(-2 * math.log(excess)) / resolution)
 
 
-def costs_of_squared_distance(
-    resolution: float, sigma_hit: float, z_rand: float
-) -> NDArray[np.uint16]:
+def costs_of_squared_distance(resolution: float, sigma_hit: float, z_rand: float) -> Shorts:
     """Costs at a squared distance of 0, 1, ... cells^2; the last one is `TOP`."""
     reach = likelihood_reach(resolution, sigma_hit, z_rand)
     squared = np.arange(reach**2 + 1) * resolution**2
@@ -69,7 +66,7 @@ def costs_of_squared_distance(
 
 
 @njit(nogil=True, cache=True)
-def distances_along_columns(walls: NDArray[np.uint8], reach: int) -> NDArray[Any]:
+def distances_along_columns(walls: Octets, reach: int) -> Array:
     """Number of rows to the nearest wall in the same column, at most ``reach + 1``.
 
     The result has `reach` more rows on either side of the map, (H + 2 reach, W).
@@ -92,14 +89,14 @@ def distances_along_columns(walls: NDArray[np.uint8], reach: int) -> NDArray[Any
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def lay_out(
-    walls: NDArray[np.uint8],
-    costs: NDArray[np.uint16],
+    walls: Octets,
+    costs: Shorts,
     reach: int,
     margin: int,
     step: int,
     width: int,
     plane: int,
-    planes: NDArray[np.uint16],
+    planes: Shorts,
 ) -> None:
     """Write the costs around all walls into the planes, with the map `margin` cells inside."""
     along_columns = distances_along_columns(walls, reach)
@@ -125,8 +122,8 @@ class Lattice(NamedTuple):
     """Offsets of the search window, and how the costs of all of them lie in memory."""
 
     half_steps: int
-    cos: NDArray[np.float64]  # (heading,)
-    sin: NDArray[np.float64]
+    cos: Floats  # (heading,)
+    sin: Floats
     offsets: int  # number of offsets in x, and also in y
     width: int  # number of costs of the offsets in x, in whole vectors
     plane: int  # number of costs of a heading
@@ -136,14 +133,14 @@ class Lattice(NamedTuple):
 class Weights(NamedTuple):
     """Two tables whose product is exp(-nats * cost)."""
 
-    coarse: NDArray[np.float64]  # at multiples of FINE
-    fine: NDArray[np.float64]  # at 0 .. FINE - 1
+    coarse: Floats  # at multiples of FINE
+    fine: Floats  # at 0 .. FINE - 1
     limit: int  # the greatest cost that they cover; beyond it weights are negligible
     nats: float  # log-likelihood of one step of cost
 
 
 @njit(nogil=True, cache=True)
-def make_lattice(half_steps: int, angles: NDArray[np.float64]) -> Lattice:
+def make_lattice(half_steps: int, angles: Floats) -> Lattice:
     """The lattice of ``2 * half_steps + 1`` offsets along x and y, and headings [rad]."""
     offsets = 2 * half_steps + 1
     width = -(-offsets // SHORTS) * SHORTS
@@ -161,6 +158,7 @@ def make_lattice(half_steps: int, angles: NDArray[np.float64]) -> Lattice:
 @njit(nogil=True, cache=True)
 def make_weights(nats: float, most: int) -> Weights:
     """Tables of weights for costs up to `most`, or up to where weights are negligible."""
-    multiples = int(min(NEGLIGIBLE / nats, float(most))) // FINE + 1
+    # Offsets whose log-probability is 30 nats below the greatest are left out.
+    multiples = int(min(30.0 / nats, float(most))) // FINE + 1
     coarse = np.exp(-nats * FINE * np.arange(multiples))
     return Weights(coarse, np.exp(-nats * np.arange(FINE)), multiples * FINE - 1, nats)

@@ -8,12 +8,11 @@ heading, it has a layer for each of several headings, evenly spaced from `first`
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from locplan._kernels import Array, Floats, Ints, Numbers
 from locplan._kernels.curves import (
     DUBINS,
     PIECES,
@@ -29,22 +28,15 @@ from locplan._kernels.curves import (
 )
 from locplan._kernels.rays import TOUCH, segment_cost
 
-FINEST = 0.02
-"""Greatest turn between two positions of a path [rad]; its length is then exact to 2e-5."""
-
-
-ABOVE = 1 + 1e-14
-"""Least cost per length of a motion: no motion costs less than its length after rounding."""
-
 
 @njit(nogil=True, cache=True)
 def motion_cost(
-    half: NDArray[np.float64],
+    half: Floats,
     columns: int,
     kind: int,
     radius: float,
-    start: tuple[Any, ...],
-    end: tuple[Any, ...],
+    start: Numbers,
+    end: Numbers,
     first: float,
     corner_cutting: bool,
 ) -> float:
@@ -89,9 +81,7 @@ def motion_cost(
 
 
 @njit(nogil=True, cache=True)
-def motion_poses(
-    kind: int, radius: float, start: tuple[Any, ...], end: tuple[Any, ...]
-) -> NDArray[Any]:
+def motion_poses(kind: int, radius: float, start: Numbers, end: Numbers) -> Array:
     """Poses (n, 3) along a motion, so dense in turns that straight lines can join them.
 
     There is a pose wherever a turn crosses a border between cells, so that the lines cross the
@@ -111,7 +101,7 @@ def motion_poses(
         if turns[n]:
             center_x, center_y, low, high = arc(x, y, heading, turns[n], lengths[n], radius)
             angles = arc_crossings(center_x, center_y, radius, low, high)
-            angles = closer(angles, FINEST)
+            angles = closer(angles, 0.02)  # the path's length is then exact to 2e-5
             if turns[n] * lengths[n] < 0:
                 angles = angles[::-1]
             inner = np.empty((max(1, len(angles) - 1), 3))
@@ -127,9 +117,7 @@ def motion_poses(
 
 
 @njit(nogil=True, cache=True)
-def _word(
-    kind: int, radius: float, start: tuple[Any, ...], end: tuple[Any, ...]
-) -> tuple[NDArray[Any], NDArray[Any]]:
+def _word(kind: int, radius: float, start: Numbers, end: Numbers) -> tuple[Array, Array]:
     """The shortest curve: turns (5,) and signed lengths (5,) [cells]."""
     x, y = (end[0] - start[0]) / radius, (end[1] - start[1]) / radius
     if kind == DUBINS:
@@ -141,12 +129,7 @@ def _word(
 
 @njit(nogil=True, cache=True)
 def _line_cost(
-    half: NDArray[np.float64],
-    columns: int,
-    start: tuple[Any, ...],
-    end: tuple[Any, ...],
-    first: float,
-    corner_cutting: bool,
+    half: Floats, columns: int, start: Numbers, end: Numbers, first: float, corner_cutting: bool
 ) -> float:
     """Cost of a straight line along which the heading turns evenly, the shorter way round."""
     layers = len(half)
@@ -170,12 +153,7 @@ def _line_cost(
 
 @njit(nogil=True, cache=True)
 def _arc_cost(
-    half: NDArray[np.float64],
-    columns: int,
-    piece: tuple[Any, ...],
-    radius: float,
-    first: float,
-    corner_cutting: bool,
+    half: Floats, columns: int, piece: Numbers, radius: float, first: float, corner_cutting: bool
 ) -> float:
     """Cost of one turn (x, y, heading, side, length)."""
     x, y, heading, turn, length = piece
@@ -217,7 +195,7 @@ def _layer(heading: float, layers: int) -> int:
 
 
 @njit(nogil=True, cache=True)
-def _changes(heading: float, turn: float, layers: int) -> NDArray[Any]:
+def _changes(heading: float, turn: float, layers: int) -> Array:
     """Shares of a turn from a heading at which another layer begins."""
     begin, end = heading / TURN * layers + 0.5, (heading + turn) / TURN * layers + 0.5
     low, high = math.ceil(min(begin, end)), math.floor(max(begin, end))
@@ -228,11 +206,11 @@ def _changes(heading: float, turn: float, layers: int) -> NDArray[Any]:
 
 @njit(nogil=True, cache=True)
 def world_cost(
-    half: NDArray[np.float64],
+    half: Floats,
     columns: int,
     kind: int,
     radius: float,
-    frame: tuple[Any, ...],
+    frame: Numbers,
     x0: float,
     y0: float,
     heading0: float,
@@ -253,19 +231,14 @@ def world_cost(
     start, end = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
     cost = motion_cost(half, columns, kind, radius, start, end, -frame[4], False)
     cost /= math.hypot(frame[0], frame[1])
-    return max(cost, ABOVE * math.hypot(x1 - x0, y1 - y0)) if cost < np.inf else blocked
+    # After rounding, too, no motion costs less than its length.
+    return max(cost, (1 + 1e-14) * math.hypot(x1 - x0, y1 - y0)) if cost < np.inf else blocked
 
 
 @njit(nogil=True, cache=True)
 def world_costs(
-    half: NDArray[np.float64],
-    columns: int,
-    kind: int,
-    radius: float,
-    frame: tuple[Any, ...],
-    poses: NDArray[np.float64],
-    pairs: NDArray[np.int64],
-) -> NDArray[Any]:
+    half: Floats, columns: int, kind: int, radius: float, frame: Numbers, poses: Floats, pairs: Ints
+) -> Array:
     """Costs of motions between pairs (m, 2) of poses (n, 3) in the world [m], or infinite."""
     result = np.empty(len(pairs))
     for n, (i, j) in enumerate(pairs):
@@ -280,14 +253,14 @@ def world_costs(
 def world_poses(
     kind: int,
     radius: float,
-    frame: tuple[Any, ...],
+    frame: Numbers,
     x0: float,
     y0: float,
     heading0: float,
     x1: float,
     y1: float,
     heading1: float,
-) -> NDArray[Any]:
+) -> Array:
     """Poses (n, 3) in the world along the motion whose cost `world_cost` returns."""
     along, across, col0, row0, yaw = frame
     start, end = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
@@ -304,9 +277,7 @@ def world_poses(
 
 
 @njit(nogil=True, cache=True)
-def _on_grid(
-    frame: tuple[Any, ...], x: float, y: float, heading: float
-) -> tuple[float, float, float]:
+def _on_grid(frame: Numbers, x: float, y: float, heading: float) -> tuple[float, float, float]:
     along, across, col0, row0, yaw = frame
     heading -= yaw
     heading -= TURN * round(heading / TURN)
@@ -314,9 +285,7 @@ def _on_grid(
 
 
 @njit(nogil=True, cache=True)
-def stands(
-    half: NDArray[np.float64], columns: int, frame: tuple[Any, ...], x: float, y: float
-) -> bool:
+def stands(half: Floats, columns: int, frame: Numbers, x: float, y: float) -> bool:
     """True if a position in the world [m] lies in a cell that is not blocked."""
     x, y, _ = _on_grid(frame, x, y, 0.0)
     col, row = math.floor(x), math.floor(y)

@@ -12,24 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from locplan._kernels.landmarks import (
-    HITS,
-    TT,
-    XT,
-    XX,
-    XY,
-    YT,
-    YY,
-    Outline,
-    Rays,
-    with_object,
-)
-from locplan._kernels.sightings import Sightings
-
-FORGOTTEN = 1e-6
-"""Share by which a variance may differ and yet count as what it was without an object."""
+from locplan._kernels import Floats, Ints, Singles
+from locplan._kernels.features import Sightings
+from locplan._kernels.landmarks import HITS, TT, XT, XX, XY, YT, YY, Outline, Rays, with_object
 
 
 class Sensing(NamedTuple):
@@ -54,7 +40,7 @@ class Motion(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def update(p: NDArray[np.float64], sums: NDArray[np.float64], sensing: Sensing) -> None:
+def update(p: Floats, sums: Floats, sensing: Sensing) -> None:
     """Turn a covariance P (6,) [xx, xy, yy, xt, yt, tt] into (P^-1 + I)^-1, I of the sums (7,)."""
     share = sensing.share / (1 + sensing.other * max(sums[HITS], 0.0))
     _invert(p)
@@ -64,7 +50,7 @@ def update(p: NDArray[np.float64], sums: NDArray[np.float64], sensing: Sensing) 
 
 
 @njit(inline="always")
-def _invert(m: NDArray[np.float64]) -> None:
+def _invert(m: Floats) -> None:
     """Invert a symmetric matrix (6,) in place."""
     a, b, d, c, e, f = m[XX], m[XY], m[YY], m[XT], m[YT], m[TT]
     one, two, three = d * f - e * e, c * e - b * f, b * e - c * d
@@ -78,7 +64,7 @@ def _invert(m: NDArray[np.float64]) -> None:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def move(p: NDArray[np.float64], dx: float, dy: float, motion: Motion) -> None:
+def move(p: Floats, dx: float, dy: float, motion: Motion) -> None:
     """Turn a covariance P (6,) into F P F^T + Q ds, as the robot moves by (dx, dy)."""
     way = np.hypot(dx, dy)
     xt, yt, tt = p[XT], p[YT], p[TT]
@@ -98,12 +84,8 @@ def move(p: NDArray[np.float64], dx: float, dy: float, motion: Motion) -> None:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def covariances(
-    sums: NDArray[np.float64],
-    poses: NDArray[np.float64],
-    routes: NDArray[np.int64],
-    sensing: Sensing,
-    motion: Motion,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    sums: Floats, poses: Floats, routes: Ints, sensing: Sensing, motion: Motion
+) -> tuple[Floats, Floats]:
     """Covariances (n, 6) before and after each look around, along routes.
 
     `routes` (r + 1,) are the indices at which the routes begin, and the number of all poses.
@@ -124,15 +106,16 @@ def covariances(
 
 
 @njit(inline="always")
-def _alike(p: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+def _alike(p: Floats, other: Floats) -> bool:
     """Whether an object that is out of sight no longer matters."""
-    alike = abs(p[XX] - other[XX]) <= FORGOTTEN * other[XX]
-    alike &= abs(p[YY] - other[YY]) <= FORGOTTEN * other[YY]
-    return alike and abs(p[TT] - other[TT]) <= FORGOTTEN * other[TT]
+    share = 1e-6  # by which a variance may differ from what it was
+    alike = abs(p[XX] - other[XX]) <= share * other[XX]
+    alike &= abs(p[YY] - other[YY]) <= share * other[YY]
+    return alike and abs(p[TT] - other[TT]) <= share * other[TT]
 
 
 @njit(inline="always")
-def _begin(p: NDArray[np.float64], motion: Motion) -> None:
+def _begin(p: Floats, motion: Motion) -> None:
     for k in range(6):
         p[k] = 0.0
     p[XX] = p[YY] = motion.start
@@ -141,17 +124,17 @@ def _begin(p: NDArray[np.float64], motion: Motion) -> None:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def uncertainties(
-    candidates: NDArray[np.float64],
-    indices: NDArray[np.int64],
+    candidates: Floats,
+    indices: Ints,
     sightings: Sightings,
-    hits: NDArray[np.float32],
-    sums: NDArray[np.float64],
+    hits: Singles,
+    sums: Floats,
     rays: Rays,
-    routes: NDArray[np.int64],
+    routes: Ints,
     outline: Outline,
     sensing: Sensing,
     motion: Motion,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Mean of P_xx + P_yy over all poses with each of some candidates besides, (m,) [m^2].
 
     Parameters
@@ -193,13 +176,13 @@ def _sum_with(
     place: tuple[float, float, float],
     stretch: tuple[int, int],
     sightings: Sightings,
-    hits: NDArray[np.float32],
-    sums: NDArray[np.float64],
+    hits: Singles,
+    sums: Floats,
     rays: Rays,
-    routes: NDArray[np.int64],
+    routes: Ints,
     models: tuple[Outline, Sensing, Motion],
-    before: NDArray[np.float64],
-    after: NDArray[np.float64],
+    before: Floats,
+    after: Floats,
 ) -> float:
     """Sum `value` of P_xx + P_yy over all poses, with an object besides that is seen in a stretch.
 
@@ -246,7 +229,7 @@ class Anchors(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def degeneracy_of(sums: NDArray[np.float64], sensing: Sensing, anchors: Anchors) -> float:
+def degeneracy_of(sums: Floats, sensing: Sensing, anchors: Anchors) -> float:
     """Degeneracy u of a pose with these sums (7,)."""
     share = sensing.share / (1 + sensing.other * max(sums[HITS], 0.0))
     turn = anchors.prior_turn + share * sums[TT]
@@ -262,9 +245,7 @@ def degeneracy_of(sums: NDArray[np.float64], sensing: Sensing, anchors: Anchors)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def degeneracies_at(
-    sums: NDArray[np.float64], sensing: Sensing, anchors: Anchors
-) -> NDArray[np.float64]:
+def degeneracies_at(sums: Floats, sensing: Sensing, anchors: Anchors) -> Floats:
     """Degeneracy u of each pose, (n,)."""
     values = np.empty(len(sums))
     for n in range(len(sums)):
@@ -274,17 +255,17 @@ def degeneracies_at(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def mean_changes(
-    candidates: NDArray[np.float64],
-    indices: NDArray[np.int64],
+    candidates: Floats,
+    indices: Ints,
     sightings: Sightings,
-    hits: NDArray[np.float32],
-    sums: NDArray[np.float64],
+    hits: Singles,
+    sums: Floats,
     rays: Rays,
     outline: Outline,
     sensing: Sensing,
     anchors: Anchors,
-    now: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    now: Floats,
+) -> Floats:
     """What each of some candidates changes in the mean of u over all poses, (m,).
 
     `now` (n,) are the degeneracies without it; see `uncertainties` for the rest.

@@ -11,12 +11,13 @@ indices of a flat grid with a blocked border (`locplan._kernels.search`).
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from locplan._kernels import Array, Floats, Ints, Numbers
 from locplan._kernels.search import COLUMNS, LENGTHS, ROWS
 
 SCALE = 1 << 34
@@ -31,13 +32,13 @@ STATUS, UNUSED, USED, WAITING, LOWEST, IN_HEAP, SOLUTIONS = range(7)
 class Labels(NamedTuple):
     """The labels of a search: paths from the start to a cell."""
 
-    state: NDArray[np.int64]
+    state: Ints
     """State of the search, at the indices STATUS to SOLUTIONS."""
     cell: NDArray[np.int32]
     """Cell in which each label's path ends."""
-    first: NDArray[np.float64]
+    first: Floats
     """First cost of each path."""
-    second: NDArray[np.float64]
+    second: Floats
     """Second cost of each path."""
     parent: NDArray[np.int32]
     """Label before each label on its path, or -1."""
@@ -47,24 +48,20 @@ class Labels(NamedTuple):
     """First label of every bucket."""
     heap: NDArray[np.int32]
     """Labels of the lowest bucket."""
-    heap_first: NDArray[np.float64]
-    heap_second: NDArray[np.float64]
+    heap_first: Floats
+    heap_second: Floats
     """Bounds on both costs of the heap's labels, by which it is ordered."""
-    least: NDArray[np.float64]
+    least: Floats
     """Least second cost of the paths that were expanded at each cell."""
 
 
 @njit(nogil=True, cache=True)
 def search(
     labels: Labels,
-    half: NDArray[np.float64],
+    half: Floats,
     columns: int,
     goal: int,
-    first_to_go: NDArray[np.float64],
-    second_to_go: NDArray[np.float64],
-    both_to_go: NDArray[np.float64],
-    multiplier: float,
-    most: float,
+    bounds: Numbers,
     corner_cutting: bool,
     expansions: int,
     solutions: NDArray[np.int32],
@@ -79,11 +76,10 @@ def search(
         Half the second cost's density in whole units, infinite where blocked.
     columns, goal : int
         Number of columns of the bordered grid; flat index of the goal.
-    first_to_go, second_to_go : (n,) arrays
-        Lower bounds on either cost to the goal.
-    both_to_go, multiplier, most
-        Paths with ``first + multiplier * second > most`` are left out; `both_to_go` is a lower
-        bound on that sum to the goal.
+    bounds : (first_to_go, second_to_go, both_to_go, multiplier, most)
+        Lower bounds on either cost to the goal, (n,) each. Paths with
+        ``first + multiplier * second > most`` are left out; `both_to_go` (n,) is a lower bound on
+        that sum to the goal.
     solutions : (m,) array of int32
         Receives the labels that reached the goal; the search pauses when it is full.
     """
@@ -93,31 +89,17 @@ def search(
         if state[IN_HEAP] == 0:
             if state[WAITING] == 0:
                 return np.inf
-            _open_bucket(labels, goal, first_to_go, second_to_go)
+            _open_bucket(labels, goal, bounds[0], bounds[1])
             continue
         begun = _expand_heap(
-            labels,
-            half,
-            columns,
-            goal,
-            first_to_go,
-            second_to_go,
-            both_to_go,
-            multiplier,
-            most,
-            corner_cutting,
-            begun,
-            expansions,
-            solutions,
+            labels, half, columns, goal, bounds, corner_cutting, begun, expansions, solutions
         )
         if state[STATUS] != FINISHED:
             return labels.heap_first[0]
 
 
 @njit(nogil=True, cache=True)
-def _open_bucket(
-    labels: Labels, goal: int, first_to_go: NDArray[Any], second_to_go: NDArray[Any]
-) -> None:
+def _open_bucket(labels: Labels, goal: int, first_to_go: Array, second_to_go: Array) -> None:
     """Move the labels of the lowest bucket that has any into the heap, and free those dominated."""
     state, heads, following = labels.state, labels.heads, labels.following
     heap, heap_first, heap_second = labels.heap, labels.heap_first, labels.heap_second
@@ -141,14 +123,10 @@ def _open_bucket(
 @njit(nogil=True, cache=True)
 def _expand_heap(
     labels: Labels,
-    half: NDArray[np.float64],
+    half: Floats,
     columns: int,
     goal: int,
-    first_to_go: NDArray[np.float64],
-    second_to_go: NDArray[np.float64],
-    both_to_go: NDArray[np.float64],
-    multiplier: float,
-    most: float,
+    bounds: Numbers,
     corner_cutting: bool,
     begun: int,
     expansions: int,
@@ -163,6 +141,7 @@ def _expand_heap(
     parents, following, heads = labels.parent, labels.following, labels.heads
     heap, heap_first, heap_second = labels.heap, labels.heap_first, labels.heap_second
     least = labels.least
+    first_to_go, second_to_go, both_to_go, multiplier, most = bounds
     corner = np.nan if corner_cutting else np.inf  # nothing equals NaN
     while state[IN_HEAP]:
         if begun == expansions or state[SOLUTIONS] == solutions.size:
@@ -216,7 +195,7 @@ def _expand_heap(
 
 
 @njit(nogil=True, cache=True)
-def path_of(labels: Labels, label: int) -> NDArray[Any]:
+def path_of(labels: Labels, label: int) -> Array:
     """Cells of a label's path, from the start on."""
     count, at = 0, label
     while at >= 0:
@@ -241,10 +220,10 @@ def _comes_before(first: float, second: float, other_first: float, other_second:
 
 @njit(inline="always")
 def _push(
-    state: NDArray[Any],
-    heap: NDArray[Any],
-    heap_first: NDArray[Any],
-    heap_second: NDArray[Any],
+    state: Array,
+    heap: Array,
+    heap_first: Array,
+    heap_second: Array,
     label: int,
     first: float,
     second: float,
@@ -262,9 +241,7 @@ def _push(
 
 
 @njit(inline="always")
-def _pop(
-    state: NDArray[Any], heap: NDArray[Any], heap_first: NDArray[Any], heap_second: NDArray[Any]
-) -> None:
+def _pop(state: Array, heap: Array, heap_first: Array, heap_second: Array) -> None:
     state[IN_HEAP] -= 1
     last = state[IN_HEAP]
     label, first, second = heap[last], heap_first[last], heap_second[last]

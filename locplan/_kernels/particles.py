@@ -13,12 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-BIN = 0.5
-"""Edge of the bins in which particles are counted and clustered [m]."""
-BIN_HEADING = 10 * np.pi / 180
-"""Extent of the bins in heading [rad]."""
+from locplan._kernels import Floats, Ints, Random, Singles
+
 STILL = 0.01
 """Distance below which the direction of a movement is ignored [m]."""
 FREE = -1
@@ -27,7 +24,7 @@ EXTENT = 1 << 20
 
 
 @njit(nogil=True, cache=True)
-def guide_of(shares: NDArray[np.float64]) -> NDArray[np.int64]:
+def guide_of(shares: Floats) -> Ints:
     """Index of the first share above each of n + 1 equal steps from 0 to the last share."""
     count = len(shares)
     guide = np.full(count + 1, count - 1)
@@ -40,7 +37,7 @@ def guide_of(shares: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 @njit(nogil=True, cache=True)
-def first_above(value: float, shares: NDArray[np.float64], near: int) -> int:
+def first_above(value: float, shares: Floats, near: int) -> int:
     """Index of the first share above a value, or the last index, found from an index nearby."""
     at = near
     while at > 0 and shares[at - 1] > value:
@@ -71,7 +68,7 @@ class Filter(NamedTuple):
 class BeamScores(NamedTuple):
     """Scores that a beam adds to a particle, by the cell in which it ends."""
 
-    values: NDArray[np.float32]  # (H + 2) (W + 2), flat: the map in a ring for all outside of it
+    values: Singles  # (H + 2) (W + 2), flat: the map in a ring for all outside of it
     rows: int  # including the ring
     cols: int
     resolution: float
@@ -82,11 +79,11 @@ class BeamScores(NamedTuple):
 class Histogram(NamedTuple):
     """Occupied bins, found by a hash table with open addressing."""
 
-    bin_of: NDArray[np.int64]  # (slots,) FREE or the bin; slots are a power of two
-    keys: NDArray[np.int64]  # (bins,)
-    slots: NDArray[np.int64]  # (bins,)
-    cluster: NDArray[np.int64]  # (bins,) FREE or the cluster
-    of_particle: NDArray[np.int64]  # (particles,) the bin of each
+    bin_of: Ints  # (slots,) FREE or the bin; slots are a power of two
+    keys: Ints  # (bins,)
+    slots: Ints  # (bins,)
+    cluster: Ints  # (bins,) FREE or the cluster
+    of_particle: Ints  # (particles,) the bin of each
 
 
 @njit(nogil=True, cache=True)
@@ -117,10 +114,10 @@ def slot_of(histogram: Histogram, key: int) -> int:
 
 @njit(nogil=True, cache=True)
 def key_of(x: float, y: float, heading: float) -> int:
-    """Key of the bin that contains a pose."""
-    i = int(np.floor(x / BIN)) + EXTENT
-    j = int(np.floor(y / BIN)) + EXTENT
-    k = int(np.floor(heading / BIN_HEADING)) + EXTENT
+    """Key of the bin that contains a pose; bins are AMCL's, of 0.5 m and 10 degrees."""
+    i = int(np.floor(x / 0.5)) + EXTENT
+    j = int(np.floor(y / 0.5)) + EXTENT
+    k = int(np.floor(heading / (10 * np.pi / 180))) + EXTENT
     return (i * (2 * EXTENT) + j) * (2 * EXTENT) + k
 
 
@@ -175,7 +172,7 @@ def find_clusters(histogram: Histogram, bins: int) -> int:
 
 @njit(nogil=True, cache=True)
 def heaviest_cluster_mean(
-    histogram: Histogram, bins: int, poses: NDArray[np.float64], count: int
+    histogram: Histogram, bins: int, poses: Floats, count: int
 ) -> tuple[float, float, float]:
     """Mean pose of the heaviest cluster: the one with most of the `count` equal particles."""
     sums = np.zeros((find_clusters(histogram, bins), 5))
@@ -210,8 +207,8 @@ def wrapped(angle: float) -> float:
 
 @njit(nogil=True, cache=True)
 def _glide(
-    random: np.random.Generator,
-    poses: NDArray[np.float64],
+    random: Random,
+    poses: Floats,
     count: int,
     way: float,
     bearing: float,
@@ -237,8 +234,8 @@ def _glide(
 
 @njit(nogil=True, cache=True)
 def move(
-    random: np.random.Generator,
-    poses: NDArray[np.float64],
+    random: Random,
+    poses: Floats,
     count: int,
     dx: float,
     dy: float,
@@ -273,13 +270,7 @@ def move(
 
 
 @njit(nogil=True, cache=True)
-def weigh(
-    scores: BeamScores,
-    ends: NDArray[np.float64],
-    poses: NDArray[np.float64],
-    count: int,
-    weights: NDArray[np.float64],
-) -> None:
+def weigh(scores: BeamScores, ends: Floats, poses: Floats, count: int, weights: Floats) -> None:
     """Multiply the weights (n,) of the first `count` particles (3, n) by how beams fit the map.
 
     `ends` (beam, 2) are ahead and to the left of the robot [cells]; NaN, without a return, is
@@ -313,14 +304,14 @@ def weigh(
 
 @njit(nogil=True, cache=True)
 def resample(
-    random: np.random.Generator,
-    poses: NDArray[np.float64],
-    weights: NDArray[np.float64],
+    random: Random,
+    poses: Floats,
+    weights: Floats,
     count: int,
     settings: Filter,
     histogram: Histogram,
     bins: int,
-    drawn: NDArray[np.float64],
+    drawn: Floats,
 ) -> tuple[int, int]:
     """Draw particles by their weights into ``drawn`` (3, n), up to the KLD sample size.
 

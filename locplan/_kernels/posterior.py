@@ -9,12 +9,13 @@ depend on their order.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from locplan._kernels import DONE, STOP, Array, Floats, Ints, Octets, Words
 from locplan._kernels.lidar import Lidar, move_ends, scan_ends
 from locplan._kernels.likelihood import (
     FINE,
@@ -26,23 +27,26 @@ from locplan._kernels.likelihood import (
     Weights,
     make_weights,
 )
-from locplan._kernels.simd import SHORTS, add_shorts, add_shorts_to, lanes_at_most, zero_shorts
+from locplan._kernels.simd import (
+    SHORTS,
+    WORD,
+    add_shorts,
+    add_shorts_to,
+    lanes_at_most,
+    zero_shorts,
+)
 
-STOP, DONE = 0, 1
-BATCH = 65535 // TOP
-"""Number of beams whose summed costs fit into sixteen bits."""
 CONNECTED = 0.01
 """Least share of the centre's probability of offsets that connect the central mode."""
-WORD = 64
 
 
 class Posteriors(NamedTuple):
     """Posteriors at n cells x m headings: moments of (dx, dy, theta) in steps of the lattice."""
 
-    mean: NDArray[np.float64]  # (n, m, 3)
-    covariance: NDArray[np.float64]  # (n, m, 3, 3), about the mean
-    entropy: NDArray[np.float64]  # (n, m) [nat]
-    ambiguity: NDArray[np.float64]  # (n, m) probability outside the central mode
+    mean: Floats  # (n, m, 3)
+    covariance: Floats  # (n, m, 3, 3), about the mean
+    entropy: Floats  # (n, m) [nat]
+    ambiguity: Floats  # (n, m) probability outside the central mode
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -52,9 +56,9 @@ def find_starts(
     first_col: int,
     cos: float,
     sin: float,
-    xs: NDArray[np.float64],
-    ys: NDArray[np.float64],
-    starts: NDArray[np.int64],
+    xs: Floats,
+    ys: Floats,
+    starts: Ints,
 ) -> None:
     """Write the index of each turned endpoint's cost at its first offset into `starts`.
 
@@ -80,7 +84,7 @@ def score(
     lattice: Lattice,
     row: int,
     col: int,
-    ends: NDArray[np.float64],
+    ends: Floats,
     costs: NDArray[np.uint32],
 ) -> None:
     """Add the costs of a scan's endpoints at all offsets to ``costs`` (theta, dy, dx), flat.
@@ -88,6 +92,7 @@ def score(
     ``ends`` (beam, 2) holds x, y from the robot [cells], NaN for beams without a return. Values
     added where `costs` holds no offset have no meaning.
     """
+    together = 65535 // TOP  # beams whose summed costs fit into sixteen bits
     returned = ~np.isnan(ends[:, 0])
     xs, ys = ends[returned, 0], ends[returned, 1]
     starts = np.empty(xs.size, np.int64)
@@ -100,9 +105,9 @@ def score(
             for i in range(0, lattice.width, SHORTS):
                 base = j * stride + i
                 to = k * lattice.plane + j * lattice.width + i
-                for batch in range(0, starts.size, BATCH):
+                for batch in range(0, starts.size, together):
                     a = b = c = zero_shorts()
-                    for n in range(batch, min(batch + BATCH, starts.size)):
+                    for n in range(batch, min(batch + together, starts.size)):
                         at = base + starts[n]
                         a = add_shorts(a, planes, at)
                         b = add_shorts(b, planes, at + stride)
@@ -113,7 +118,7 @@ def score(
 
 
 @njit(nogil=True, cache=True)
-def dilate(bits: NDArray[np.uint64], distance: int, guard: int, to: NDArray[np.uint64]) -> None:
+def dilate(bits: Words, distance: int, guard: int, to: Words) -> None:
     """Write ``bits | bits << distance | bits >> distance`` of one long number into `to`.
 
     The `guard` words at either end are left out.
@@ -127,9 +132,7 @@ def dilate(bits: NDArray[np.uint64], distance: int, guard: int, to: NDArray[np.u
 
 
 @njit(nogil=True, cache=True)
-def central_mode(
-    lattice: Lattice, costs: NDArray[np.uint32], excess: float, bits: NDArray[np.uint64]
-) -> NDArray[Any]:
+def central_mode(lattice: Lattice, costs: NDArray[np.uint32], excess: float, bits: Words) -> Array:
     """Offsets of the central mode, one bit for each of `costs` in words of 64.
 
     They are connected to the zero offset, each to any of 26 neighbours, and cost at most `excess`
@@ -194,9 +197,9 @@ def moments(
     lattice: Lattice,
     weights: Weights,
     costs: NDArray[np.uint32],
-    mode: NDArray[np.uint64],
-    mean: NDArray[np.float64],
-    covariance: NDArray[np.float64],
+    mode: Words,
+    mean: Floats,
+    covariance: Floats,
 ) -> tuple[float, float]:
     """Write mean and covariance, in steps, into arrays; return entropy [nat] and ambiguity.
 
@@ -242,10 +245,10 @@ def posterior_of(
     weights: Weights,
     row: int,
     col: int,
-    ends: NDArray[np.float64],
+    ends: Floats,
     costs: NDArray[np.uint32],
-    mean: NDArray[np.float64],
-    covariance: NDArray[np.float64],
+    mean: Floats,
+    covariance: Floats,
 ) -> tuple[float, float]:
     """`moments` of the scan whose beams end at `ends` (beam, 2); its `costs` are as of `score`."""
     for k in range(costs.size):
@@ -261,15 +264,15 @@ def posterior_of(
 def scan_posteriors(
     field: LikelihoodField,
     lattice: Lattice,
-    squares: NDArray[np.uint8],
+    squares: Octets,
     resolution: float,
-    rows: NDArray[np.int64],
-    cols: NDArray[np.int64],
-    headings: NDArray[np.float64],
+    rows: Ints,
+    cols: Ints,
+    headings: Floats,
     lidar: Lidar,
-    noise: NDArray[np.float64],
+    noise: Floats,
     temperature: float,
-    control: NDArray[np.int64],
+    control: Ints,
 ) -> Posteriors:
     """Posteriors of the scans that are seen from n cells in m headings of the robot.
 

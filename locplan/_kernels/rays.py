@@ -9,17 +9,13 @@ Positions are continuous (row, col) in cells: cell (r, c) covers [r, r + 1) x [c
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from locplan._kernels import Array, Bools, Floats, Octets
 
 TOUCH = 1e-6
 """Length up to which a line's part in a cell counts as only touching its corner [cells]."""
-
-LONGEST = 255
-"""Longest leap, the greatest number in a byte [cells]."""
 
 
 @njit(inline="always")
@@ -53,7 +49,7 @@ def _edge_offset(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def segment_cost(
-    half: NDArray[np.float64],
+    half: Floats,
     columns: int,
     row0: float,
     col0: float,
@@ -105,9 +101,7 @@ def segment_cost(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def cells_along(
-    positions: NDArray[np.float64],
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+def cells_along(positions: Floats) -> tuple[Array, Array, Array]:
     """Cells that a polyline of (n, 2) positions crosses, and its length in each [cells].
 
     They are in order of travel, one entry per visit. The length in a cell that is only touched
@@ -143,7 +137,7 @@ def cells_along(
 
 
 @njit(nogil=True, cache=True)
-def empty_squares(stops: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def empty_squares(stops: Bools) -> Octets:
     """Edge of the largest empty square that starts at each cell [cells].
 
     Parameters
@@ -172,24 +166,19 @@ def empty_squares(stops: NDArray[np.bool_]) -> NDArray[np.uint8]:
                         squares[quadrant, row, col + col_step],
                         squares[quadrant, row + row_step, col + col_step],
                     )
-                    squares[quadrant, row, col] = min(least + 1, LONGEST)
+                    squares[quadrant, row, col] = min(least + 1, 255)  # the longest leap, in a byte
     return squares
 
 
 @njit(inline="always")
-def _edge(squares: NDArray[np.uint8], quadrant: int, row: int, col: int) -> int:
+def _edge(squares: Octets, quadrant: int, row: int, col: int) -> int:
     # With unsigned indices numba need not check if they count from the end.
     return int(np.int64(squares[np.uintp(quadrant), np.uintp(row + 1), np.uintp(col + 1)]))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def cast(
-    squares: NDArray[np.uint8],
-    row: float,
-    col: float,
-    drow: float,
-    dcol: float,
-    max_range: float,
+    squares: Octets, row: float, col: float, drow: float, dcol: float, max_range: float
 ) -> tuple[float, int, int]:
     """Range of one ray [cells] and the cell (row, col) that stops it; inf, -1, -1 without a return.
 

@@ -8,17 +8,15 @@ are in compressed rows (`indptr`, `indices`), both directions.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from locplan._kernels import Array, Bools, Ints, Numbers
 from locplan._kernels.rays import TOUCH, segment_cost
 
 
 @njit(nogil=True, cache=True)
-def cover(inside: NDArray[Any], columns: int, cells: NDArray[Any], reach: float) -> NDArray[Any]:
+def cover(inside: Array, columns: int, cells: Array, reach: float) -> Array:
     """Cells, in their order, that are not connected within `reach` to one taken before."""
     covered = np.zeros(len(inside), np.bool_)
     seen = np.full(len(inside), -1, np.int32)
@@ -45,7 +43,7 @@ def cover(inside: NDArray[Any], columns: int, cells: NDArray[Any], reach: float)
 
 
 @njit(nogil=True, cache=True)
-def owners(inside: NDArray[Any], columns: int, nodes: NDArray[Any]) -> NDArray[Any]:
+def owners(inside: Array, columns: int, nodes: Array) -> Array:
     """Node nearest to each cell by steps of which every other may be diagonal, or -1."""
     owner = np.full(len(inside), -1, np.int32)
     queue = np.empty(len(inside), np.int32)
@@ -68,9 +66,7 @@ def owners(inside: NDArray[Any], columns: int, nodes: NDArray[Any]) -> NDArray[A
 
 
 @njit(nogil=True, cache=True)
-def clearances(
-    occupied: NDArray[Any], rows: NDArray[Any], cols: NDArray[Any], reach: int
-) -> NDArray[Any]:
+def clearances(occupied: Array, rows: Array, cols: Array, reach: int) -> Array:
     """Distances of cells' centres to the edge of the nearest occupied cell (row, col) [cells].
 
     Infinite where none is within `reach` rows and columns.
@@ -93,9 +89,7 @@ def clearances(
 
 
 @njit(nogil=True, cache=True)
-def line_cost(
-    half: NDArray[Any], columns: int, frame: tuple[Any, ...], a: NDArray[Any], b: NDArray[Any]
-) -> float:
+def line_cost(half: Array, columns: int, frame: Numbers, a: Array, b: Array) -> float:
     """Integral along the line between two positions, the costlier way [density x cells].
 
     Infinite where it is blocked either way, or an end lies outside the grid or at a blocked cell.
@@ -117,9 +111,7 @@ def line_cost(
 
 
 @njit(nogil=True, cache=True)
-def line_costs(
-    half: NDArray[Any], columns: int, frame: tuple[Any, ...], xy: NDArray[Any], pairs: NDArray[Any]
-) -> NDArray[Any]:
+def line_costs(half: Array, columns: int, frame: Numbers, xy: Array, pairs: Array) -> Array:
     """Costs, by `line_cost`, of the lines between pairs (m, 2) of positions (n, 2)."""
     result = np.empty(len(pairs))
     for n, (i, j) in enumerate(pairs):
@@ -128,9 +120,7 @@ def line_costs(
 
 
 @njit(nogil=True, cache=True)
-def usage(
-    order: NDArray[Any], before: NDArray[Any], indptr: NDArray[Any], indices: NDArray[Any]
-) -> NDArray[Any]:
+def usage(order: Array, before: Array, indptr: Array, indices: Array) -> Array:
     """Number of routes over each of a node's edges, without those that begin or end at the node."""
     use = np.zeros(len(indices))
     for nodes, parents in zip(order, before):  # noqa: B905, which numba does not know
@@ -148,16 +138,16 @@ def usage(
 
 @njit(nogil=True, cache=True)
 def moved(
-    half: NDArray[Any],
+    half: Array,
     columns: int,
-    frame: tuple[Any, ...],
-    xy: NDArray[Any],
-    indptr: NDArray[Any],
-    indices: NDArray[Any],
-    use: NDArray[Any],
+    frame: Numbers,
+    xy: Array,
+    indptr: Array,
+    indices: Array,
+    use: Array,
     shift: float,
     apart: float,
-) -> NDArray[Any]:
+) -> Array:
     """Positions of nodes, moved one after the other so that the routes through each cost less.
 
     Each stays within `shift` of where it was, and goes no closer to a neighbour than `apart`, both
@@ -198,9 +188,7 @@ def moved(
 
 
 @njit(nogil=True, cache=True)
-def spanner(
-    pairs: NDArray[Any], cost: NDArray[Any], count: int, detour: float, sure: int
-) -> NDArray[np.bool_]:
+def spanner(pairs: Array, cost: Array, count: int, detour: float, sure: int) -> Bools:
     """True for the pairs to keep, of pairs in order; the first `sure` ones are kept in any case.
 
     Another is left out if a way over pairs kept before it costs at most `detour` times as much.
@@ -243,7 +231,7 @@ def spanner(
 
 
 @njit(nogil=True, cache=True)
-def cross(a: NDArray[Any], b: NDArray[Any], c: NDArray[Any], d: NDArray[Any]) -> bool:
+def cross(a: Array, b: Array, c: Array, d: Array) -> bool:
     """Whether the lines a-b and c-d have a point in common that is no end of either."""
     ab0, ab1, cd0, cd1 = b[0] - a[0], b[1] - a[1], d[0] - c[0], d[1] - c[1]
     side_c = ab0 * (c[1] - a[1]) - ab1 * (c[0] - a[0])
@@ -256,7 +244,7 @@ def cross(a: NDArray[Any], b: NDArray[Any], c: NDArray[Any], d: NDArray[Any]) ->
 
 
 @njit(nogil=True, cache=True)
-def uncrossed(xy: NDArray[Any], pairs: NDArray[Any], size: float) -> NDArray[np.bool_]:
+def uncrossed(xy: Array, pairs: Array, size: float) -> Bools:
     """True for the pairs (m, 2) of positions whose lines cross none of those kept before them.
 
     `size` is the edge of the squares that lines are sorted into, which only speed depends on.
@@ -293,14 +281,8 @@ def uncrossed(xy: NDArray[Any], pairs: NDArray[Any], size: float) -> NDArray[np.
 
 @njit(nogil=True, cache=True)
 def sights(
-    half: NDArray[Any],
-    columns: int,
-    frame: tuple[Any, ...],
-    points: NDArray[Any],
-    xy: NDArray[Any],
-    within: float,
-    most: int,
-) -> NDArray[np.int64]:
+    half: Array, columns: int, frame: Numbers, points: Array, xy: Array, within: float, most: int
+) -> Ints:
     """Pairs (m, 2) of a point and a position that is less than `within` [m] away and seen.
 
     Of each point at most `most` are found, those of the square around it first.

@@ -18,13 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from locplan._kernels import DONE, STOP, Bools, Floats, Ints, Octets, Words
 from locplan._kernels.bitplanes import SQUARE
 from locplan._kernels.simd import LANES, add_difference, add_matches, add_to, store_negative, zeros
 from locplan._kernels.templates import Disc, Sight, Template, empty_template, list_templates
 
-STOP, DONE = 0, 1
 GROUP = 3 * LANES
 """Number of offsets in y that are counted together."""
 
@@ -35,15 +34,15 @@ class Tile(NamedTuple):
     A cell's *place* is that of its disc's first square, or of its disc sum, at the first offset.
     """
 
-    words: NDArray[np.uint64]  # (plane, col, row mod step, row div step), flat: the map's squares
-    below: NDArray[np.int64]  # laid out like words: cells set in the strip's rows below
-    disc_sums: NDArray[np.int64]  # (plane, col, row mod step, row div step), flat
-    octets: NDArray[np.uint8]  # (heading, plane, col, row), flat: strips of the turned maps
-    corners: NDArray[np.int64]  # (n, heading) places of the cells in octets
-    rests: NDArray[np.int64]  # (n,) rows of the cells mod step
-    places: NDArray[np.int64]  # (n,) places of the cells in words
-    sum_places: NDArray[np.int64]  # (n,) places of the cells in disc_sums
-    row_places: NDArray[np.int64]  # (row mod step, row of squares): further on in words
+    words: Words  # (plane, col, row mod step, row div step), flat: the map's squares
+    below: Ints  # laid out like words: cells set in the strip's rows below
+    disc_sums: Ints  # (plane, col, row mod step, row div step), flat
+    octets: Octets  # (heading, plane, col, row), flat: strips of the turned maps
+    corners: Ints  # (n, heading) places of the cells in octets
+    rests: Ints  # (n,) rows of the cells mod step
+    places: Ints  # (n,) places of the cells in words
+    sum_places: Ints  # (n,) places of the cells in disc_sums
+    row_places: Ints  # (row mod step, row of squares): further on in words
     strip_rows: int  # number of octets from a column to the next
     strip_plane: int
     square_col: int  # number of words from a square to the next in its row
@@ -57,12 +56,12 @@ class Tile(NamedTuple):
 
 @njit(nogil=True, cache=True)
 def write_covariance(
-    counts: NDArray[np.int64],
-    weight_of_count: NDArray[np.float64],
-    places: NDArray[np.float64],
+    counts: Ints,
+    weight_of_count: Floats,
+    places: Floats,
     offsets: int,
-    kept: NDArray[np.bool_],
-    covariance: NDArray[np.float64],
+    kept: Bools,
+    covariance: Floats,
 ) -> None:
     """Write the covariance of (dx, dy, theta) about the weighted mean, (3, 3) [steps].
 
@@ -132,15 +131,15 @@ def write_covariance(
 def tile_covariances(
     tile: Tile,
     sight: Sight | None,
-    kept: NDArray[np.bool_],
-    weight_of_count: NDArray[np.float64],
-    offset_places: NDArray[np.float64],
-    counts: NDArray[np.int64],
+    kept: Bools,
+    weight_of_count: Floats,
+    offset_places: Floats,
+    counts: Ints,
     template: Template,
-    masks: NDArray[np.uint64],
-    control: NDArray[np.int64],
+    masks: Words,
+    control: Ints,
     due: int,
-    result: NDArray[np.float64],
+    result: Floats,
 ) -> None:
     """Fill in the weighted covariances at all cells of a tile, (n, 3, 3) [steps].
 
@@ -182,12 +181,7 @@ def tile_covariances(
 # Inlined, since LLVM optimises a function anew within each one that calls it.
 @njit(inline="always")
 def count_lines(
-    tile: Tile,
-    template: Template,
-    cell: int,
-    lines: NDArray[np.bool_],
-    counts: NDArray[np.int64],
-    factor: int,
+    tile: Tile, template: Template, cell: int, lines: Bools, counts: Ints, factor: int
 ) -> None:
     """Write S / 127 of a cell's lines (theta, dx) into `counts`.
 
@@ -239,7 +233,7 @@ def count_lines(
 
 def empty_scratch(
     offsets: int, headings: int, disc: Disc, *, masked: bool
-) -> tuple[NDArray[np.int64], Template, NDArray[np.uint64]]:
+) -> tuple[Ints, Template, Words]:
     """Room for the counts of one cell, its templates, and its masks if there are any."""
     counts = np.empty(offsets * headings * -(-offsets // GROUP) * GROUP, np.int64)
     masks = np.empty((headings if masked else 0, disc.words.size), np.uint64)
@@ -247,7 +241,7 @@ def empty_scratch(
 
 
 @njit(nogil=True, cache=True)
-def see(sight: Sight, n: int, disc: Disc, masks: NDArray[np.uint64]) -> None:
+def see(sight: Sight, n: int, disc: Disc, masks: Words) -> None:
     """Write the cells of the disc seen from the n-th cell, turned to each heading, as bits."""
     radius, levels = sight.radius, sight.levels
     row, col = sight.rows[n], sight.cols[n]

@@ -8,49 +8,42 @@ moved to its edge. Positions are x (columns) and y (rows) in cells.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from locplan._kernels import Array, Floats, Ints, Octets, Singles
+
 TOP = 255
 """Loss of a beam's end far from all walls [steps]."""
-PARTS = 256
-"""Parts of a cell to which an end is rounded, so that sums are whole numbers."""
 ROUNDS = 24
 """Greatest number of rounds of the search with one step."""
-LATTICES = 6
-"""Greatest number of times that a pose moves to a better one of the lattice around it."""
 
 
 class LossTables(NamedTuple):
     """The losses around a map at some deviations, the widest first, and where the robot fits."""
 
     corners: NDArray[np.uint32]  # (level, row x col) losses at four centres, the lowest first
-    fits: NDArray[np.uint8]  # (row, col) of the map, 1 where the robot may stand
+    fits: Octets  # (row, col) of the map, 1 where the robot may stand
     margin: int  # cells around the map
     width: int  # number of words in a row
     height: int  # number of rows
-    steps: NDArray[np.float64]  # (level, steps) of the search [cells]; 0 where there is none
+    steps: Floats  # (level, steps) of the search [cells]; 0 where there is none
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def loss_at(
-    tables: LossTables,
-    level: int,
-    ends: NDArray[np.float32],
-    x: float,
-    y: float,
-    heading: float,
+    tables: LossTables, level: int, ends: Singles, x: float, y: float, heading: float
 ) -> float:
     """Sum of the losses of a scan's ends, (2, k) ahead and to the left [cells], at a pose [steps].
 
-    Ends are rounded down to 1/256 of a cell.
+    Ends are rounded down to 1/256 of a cell, so that sums are whole numbers.
     """
     cos, sin = np.float32(np.cos(heading)), np.float32(np.sin(heading))
     corners, width = tables.corners[level], tables.width
-    shift, zero, parts = tables.margin - 0.5, np.float32(0.0), np.float32(PARTS)
+    shift, zero, parts = tables.margin - 0.5, np.float32(0.0), np.float32(256)
     from_x, from_y = np.float32(x + shift), np.float32(y + shift)
     last_x, last_y = np.float32(width - 1.01), np.float32(tables.height - 1.01)
     total = np.int64(0)
@@ -65,7 +58,7 @@ def loss_at(
         low = np.int32(word & 255) * (256 - a) + np.int32(word >> 8 & 255) * a
         high = np.int32(word >> 16 & 255) * (256 - a) + np.int32(word >> 24) * a
         total += low * (256 - c) + high * c
-    return total / (PARTS * PARTS)
+    return total / (256 * 256)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -77,13 +70,7 @@ def fits(tables: LossTables, x: float, y: float) -> bool:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def refine(
-    tables: LossTables,
-    level: int,
-    ends: NDArray[np.float32],
-    lever: float,
-    pose: NDArray[np.float64],
-) -> float:
+def refine(tables: LossTables, level: int, ends: Singles, lever: float, pose: Floats) -> float:
     """Move a pose, x, y [cells] and heading [rad], to where no step lowers the loss; return it.
 
     Steps along the axes and turns that move an end `lever` cells away as far are tried in turn,
@@ -111,12 +98,7 @@ def refine(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def polish(
-    tables: LossTables,
-    ends: NDArray[np.float32],
-    lever: float,
-    pose: NDArray[np.float64],
-) -> float:
+def polish(tables: LossTables, ends: Singles, lever: float, pose: Floats) -> float:
     """Move a pose to where no step in any of 26 directions lowers the loss; return the loss.
 
     Steps along one axis alone stop where a turn would have to go with a move. The steps are those
@@ -144,7 +126,7 @@ def polish(
 
 
 @njit(nogil=True, cache=True)
-def are_alike(a: NDArray[np.float64], b: NDArray[np.float64], apart: float, turned: float) -> bool:
+def are_alike(a: Floats, b: Floats, apart: float, turned: float) -> bool:
     """Whether two poses are nearer than `apart` [cells] and `turned` [rad] to each other."""
     across, along = a[0] - b[0], a[1] - b[1]
     if across * across + along * along >= apart * apart:
@@ -153,9 +135,7 @@ def are_alike(a: NDArray[np.float64], b: NDArray[np.float64], apart: float, turn
 
 
 @njit(nogil=True, cache=True)
-def unlike(
-    poses: NDArray[np.float64], order: NDArray[np.int64], apart: float, turned: float
-) -> NDArray[Any]:
+def unlike(poses: Floats, order: Ints, apart: float, turned: float) -> Array:
     """Indices, in order, of the poses that are like none of those before that are kept."""
     kept = np.empty(order.size, np.int64)
     count = 0
@@ -172,16 +152,16 @@ def unlike(
 @njit(nogil=True, cache=True, error_model="numpy")
 def modes(
     tables: LossTables,
-    ends: NDArray[np.float32],
-    starts: NDArray[np.float64],
+    ends: Singles,
+    starts: Floats,
     lever: float,
     enough: float,
     slack: float,
-    home: NDArray[np.float64],
+    home: Floats,
     away: float,
     apart: float,
     turned: float,
-) -> tuple[NDArray[Any], NDArray[Any]]:
+) -> tuple[Array, Array]:
     """Poses of least loss that are found from starts, the best first, (n, 3), and losses (n,).
 
     But for the last deviation, every second beam is compared. A start is given up when its loss
@@ -229,7 +209,7 @@ def modes(
 
 
 @njit(nogil=True, cache=True)
-def _ascending(losses: NDArray[np.float64]) -> NDArray[Any]:
+def _ascending(losses: Floats) -> Array:
     """Indices of the finite losses, the least first."""
     return np.argsort(losses, kind="mergesort")[: int((losses < np.inf).sum())]
 
@@ -238,15 +218,15 @@ def _ascending(losses: NDArray[np.float64]) -> NDArray[Any]:
 def _refine_all(
     tables: LossTables,
     level: int,
-    ends: NDArray[np.float32],
+    ends: Singles,
     factor: float,
     lever: float,
-    order: NDArray[np.int64],
+    order: Ints,
     enough: float,
     slack: float,
     home: tuple[float, float, float],
-    poses: NDArray[np.float64],
-    losses: NDArray[np.float64],
+    poses: Floats,
+    losses: Floats,
 ) -> None:
     """Refine poses in the order of their losses; those given up get infinite ones, see `modes`."""
     before = losses.copy()
@@ -266,15 +246,15 @@ def _refine_all(
 @njit(nogil=True, cache=True, error_model="numpy")
 def joined_modes(
     tables: LossTables,
-    ends: NDArray[np.float32],
-    poses: NDArray[np.float64],
-    losses: NDArray[np.float64],
+    ends: Singles,
+    poses: Floats,
+    losses: Floats,
     first: int,
     barrier: float,
     reach: float,
     turned: float,
     step: float,
-) -> NDArray[Any]:
+) -> Array:
     """Mask of the modes that can be reached from the first without a rise of the loss, (n,).
 
     Two modes are joined if they are nearer than `reach` [cells] and `turned` [rad], and if nowhere
@@ -312,13 +292,13 @@ def joined_modes(
 @njit(nogil=True, cache=True, error_model="numpy")
 def settle(
     tables: LossTables,
-    ends: NDArray[np.float32],
+    ends: Singles,
     lever: float,
     half_steps: int,
     step: float,
     half_turns: int,
     turn: float,
-    pose: NDArray[np.float64],
+    pose: Floats,
 ) -> float:
     """Move a pose (3,) to the least loss of all offsets on a lattice about it, refined; return it.
 
@@ -330,7 +310,7 @@ def settle(
     last = len(tables.corners) - 1
     best = refine(tables, last, ends, lever, pose)
     found = np.empty(3)
-    for _ in range(LATTICES):
+    for _ in range(6):  # so often at most the pose moves to a better one of the lattice around it
         least = best
         for k in range(-half_turns, half_turns + 1):
             heading = pose[2] + k * turn

@@ -18,6 +18,8 @@ from numba.extending import intrinsic, models, register_model
 
 LANES, SHORTS, OCTETS = 8, 32, 64
 """Numbers in a vector of 64, 16 and 8 bits each: all are 512 bits."""
+WORD = 64
+"""Number of bits in a word."""
 MAX_SHORT, MAX_OCTET = 2**16 - 1, 2**8 - 1
 """Greatest numbers in lanes of 16 bits, where `add_distances` stays, and of 8, which wrap."""
 ARRAY = None

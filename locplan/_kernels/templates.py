@@ -9,26 +9,32 @@ disc's rim. Where N, the disc without T, leaves fewer of them it is listed inste
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels.bitplanes import ALL, PLANES, SQUARE
-from locplan._kernels.simd import LANES, full_lanes, load_word, lowest_bit, popcount, set_lanes
+from locplan._kernels import Array, Bools, Floats, Ints, Octets, Words
+from locplan._kernels.bitplanes import PLANES, SQUARE
+from locplan._kernels.simd import (
+    LANES,
+    WORD,
+    full_lanes,
+    load_word,
+    lowest_bit,
+    popcount,
+    set_lanes,
+)
 
-BITS = 64
-FLIPS = (np.uint64(0), ALL)
+FLIPS = (np.uint64(0), np.uint64(0xFFFF_FFFF_FFFF_FFFF))
 """What makes the squares of T, and of N, of those of T."""
-RUN_COST = 2
-"""A run takes about as long to compare as this many squares."""
 
 
 class Disc(NamedTuple):
     """The disc in squares, flat (col, row); columns are rounded up to whole vectors."""
 
-    words: NDArray[np.uint64]
+    words: Words
     cols: int
     rows: int
     cells: int
@@ -37,15 +43,15 @@ class Disc(NamedTuple):
 class Sight(NamedTuple):
     """Rays of templates of what is visible, and the ray that goes to each cell of the disc."""
 
-    cos: NDArray[np.float64]  # (ray,)
-    sin: NDArray[np.float64]
+    cos: Floats  # (ray,)
+    sin: Floats
     beam: NDArray[np.int32]  # (heading, square, bit)
     distance: NDArray[np.int32]  # (square, bit): squared distance, in half cells
     behind: int  # cells seen behind the one that a ray hits
     radius: int  # of the disc
-    levels: NDArray[np.uint8]  # the part of the map that the rays see
-    rows: NDArray[np.int64]  # (n,) rows of the cells in `levels`
-    cols: NDArray[np.int64]
+    levels: Octets  # the part of the map that the rays see
+    rows: Ints  # (n,) rows of the cells in `levels`
+    cols: Ints
 
 
 class Template(NamedTuple):
@@ -54,18 +60,18 @@ class Template(NamedTuple):
     Addresses are into the window's words, for the offsets that are first in x and y.
     """
 
-    squares: NDArray[np.uint64]
-    addresses: NDArray[np.int64]
-    run_starts: NDArray[np.int64]
-    run_ends: NDArray[np.int64]
-    bounds: NDArray[np.uint64]  # (heading, by T or by N, squares from, to, runs from, to)
-    ones: NDArray[np.int64]  # (heading,): |T| of both planes together
-    signs: NDArray[np.int64]  # (heading, plane): 1 where T is listed, -1 where N is, 0 both
-    partly: NDArray[np.uint64]  # (plane, side, chunk) scratch: a bit for each square of a column
-    full: NDArray[np.uint64]
+    squares: Words
+    addresses: Ints
+    run_starts: Ints
+    run_ends: Ints
+    bounds: Words  # (heading, by T or by N, squares from, to, runs from, to)
+    ones: Ints  # (heading,): |T| of both planes together
+    signs: Ints  # (heading, plane): 1 where T is listed, -1 where N is, 0 both
+    partly: Words  # (plane, side, chunk) scratch: a bit for each square of a column
+    full: Words
 
 
-def disc_squares(mask: NDArray[np.bool_]) -> Disc:
+def disc_squares(mask: Bools) -> Disc:
     """Disc of a mask of (2r + 1, 2r + 1) cells, in squares."""
     bits = by_squares(mask.astype(np.uint8))
     words = np.packbits(bits, axis=1, bitorder="little").view(np.uint64)[:, 0]
@@ -73,7 +79,7 @@ def disc_squares(mask: NDArray[np.bool_]) -> Disc:
     return Disc(words, cols, words.size // cols, int(np.count_nonzero(mask)))
 
 
-def by_squares(values: NDArray[Any]) -> NDArray[Any]:
+def by_squares(values: Array) -> Array:
     """Values of (2r + 1, 2r + 1) cells in the order of a disc's squares and bits, padded by 0."""
     size = len(values)
     cols = -(-size // SQUARE)
@@ -87,7 +93,7 @@ def by_squares(values: NDArray[Any]) -> NDArray[Any]:
 def empty_template(headings: int, disc: Disc) -> Template:
     """Room for the templates of one cell."""
     room = 2 * headings * PLANES * disc.words.size + 1
-    chunks = disc.cols * -(-disc.rows // BITS)
+    chunks = disc.cols * -(-disc.rows // WORD)
     return Template(
         np.empty(room, np.uint64),
         np.empty(room, np.int64),
@@ -104,14 +110,14 @@ def empty_template(headings: int, disc: Disc) -> Template:
 @njit(nogil=True, cache=True)
 def list_templates(
     template: Template,
-    octets: NDArray[np.uint8],
-    corners: NDArray[np.int64],
+    octets: Octets,
+    corners: Ints,
     strip_rows: int,
     plane_octets: int,
     disc: Disc,
-    masks: NDArray[np.uint64],
-    kept: NDArray[np.bool_],
-    row_addresses: NDArray[np.int64],
+    masks: Words,
+    kept: Bools,
+    row_addresses: Ints,
     col_stride: int,
     plane_stride: int,
 ) -> None:
@@ -170,7 +176,7 @@ def list_templates(
 # These are inlined, since LLVM optimises a function anew within each one that calls it. Arrays have
 # local names in them: numba counts references to those that are passed on.
 @njit(inline="always")
-def is_any(marks: NDArray[np.bool_]) -> bool:
+def is_any(marks: Bools) -> bool:
     """Whether any mark is set."""
     found = False
     for mark in marks:
@@ -181,44 +187,45 @@ def is_any(marks: NDArray[np.bool_]) -> bool:
 @njit(inline="always")
 def sort_squares(
     template: Template,
-    octets: NDArray[np.uint8],
+    octets: Octets,
     corner: int,
     strip_rows: int,
     disc: Disc,
-    mask: NDArray[np.uint64],
+    mask: Words,
     plane: int,
     side: int,
 ) -> int:
     """Mark the squares that T, or N, has partly or in full, and return the work to compare them."""
     rows, work, flip = disc.rows, 0, FLIPS[side]
     partly, full = template.partly, template.full
-    chunks = -(-rows // BITS)
+    chunks = -(-rows // WORD)
     for chunk in range(disc.cols * chunks):
-        j, first = chunk // chunks, chunk % chunks * BITS
+        j, first = chunk // chunks, chunk % chunks * WORD
         at = corner + SQUARE * (j * strip_rows + first)
         some, whole = np.uint64(0), np.uint64(0)
-        for i in range(0, min(BITS, rows - first), LANES):
+        for i in range(0, min(WORD, rows - first), LANES):
             here, place = at + SQUARE * i, j * rows + first + i
             shift = np.uint64(i)
             some |= set_lanes(octets, here, flip, mask, place) << shift
             whole |= full_lanes(octets, here, flip, mask, place) << shift
         partly[plane, side, chunk], full[plane, side, chunk] = some & ~whole, whole
         work += popcount(some & ~whole)
-        work += RUN_COST * popcount(whole & ~(whole << np.uint64(1)))
+        # A run takes about as long to compare as two squares.
+        work += 2 * popcount(whole & ~(whole << np.uint64(1)))
     return work
 
 
 @njit(inline="always")
 def list_squares(
     template: Template,
-    octets: NDArray[np.uint8],
+    octets: Octets,
     corner: int,
     strip_rows: int,
     disc: Disc,
-    mask: NDArray[np.uint64],
+    mask: Words,
     plane: int,
     side: int,
-    row_addresses: NDArray[np.int64],
+    row_addresses: Ints,
     place: int,
     col_stride: int,
     square: int,
@@ -230,9 +237,9 @@ def list_squares(
     """
     squares, addresses, run_starts, run_ends, _, _, _, partly, full = template
     rows, flip, ones = disc.rows, FLIPS[side], 0
-    chunks = -(-rows // BITS)
+    chunks = -(-rows // WORD)
     for chunk in range(disc.cols * chunks):
-        j, first = chunk // chunks, chunk % chunks * BITS
+        j, first = chunk // chunks, chunk % chunks * WORD
         at, column = corner + SQUARE * (j * strip_rows + first), place + j * col_stride
         some = partly[plane, side, chunk]
         while some:
@@ -247,7 +254,7 @@ def list_squares(
         while whole:  # a run ends below the first square that is not full
             start = lowest_bit(whole)
             above = ~(whole >> np.uint64(start))
-            length = lowest_bit(above) if above else BITS - start
+            length = lowest_bit(above) if above else WORD - start
             run_starts[run] = column + row_addresses[first + start]
             run_ends[run] = column + row_addresses[first + start + length]
             ones += SQUARE * SQUARE * length

@@ -10,16 +10,15 @@ Grids are flat with a blocked border and hold half of each cell's density, see
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from locplan._kernels import Array, Floats, Ints, Octets
 from locplan._kernels.search import COLUMNS, LENGTHS, ROWS, SQRT2, TIE
 
-EPSILON = 2.0**-53
-"""Greatest relative error of a sum of two numbers."""
 ROOM = 256
 """Number of cells, and of pages, for which there is room at first."""
 PAGE = 6
@@ -27,19 +26,19 @@ IN_PAGE = (1 << PAGE) - 1
 """A cell's place stands in a page of 2^6 cells of a row; a path needs few pages of a map."""
 
 
-def tolerance_of(cost: NDArray[np.float64], cheapest: float) -> float:
+def tolerance_of(cost: Floats, cheapest: float) -> float:
     """Cost by which rounding may set the steps of cheapest paths apart, for `steps_back`.
 
     Sums of so many steps of at least the cost `cheapest` are rounded by so much from either end.
     It stays below half a step: then the steps that are kept always lead towards the start.
     """
     greatest = greatest_cost(cost)
-    rounding = 4 * EPSILON * greatest / cheapest
+    rounding = 4 * 2.0**-53 * greatest / cheapest  # a sum errs by 2^-53 at most
     return min(greatest * min(rounding, TIE), cheapest / 2)
 
 
 @njit(nogil=True, cache=True)
-def greatest_cost(cost: NDArray[np.float64]) -> float:
+def greatest_cost(cost: Floats) -> float:
     """Greatest finite cost of a search, whose costs may be negative."""
     bits, none = cost.view(np.int64), np.int64(0x7FF0000000000000)  # that of infinity
     greatest = np.zeros(1, np.int64)
@@ -50,9 +49,7 @@ def greatest_cost(cost: NDArray[np.float64]) -> float:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def steps_back(
-    half: NDArray[np.float64], columns: int, cost: NDArray[np.float64], tolerance: float
-) -> NDArray[Any]:
+def steps_back(half: Floats, columns: int, cost: Floats, tolerance: float) -> Array:
     """Steps from each cell that cost at most `tolerance` more than a cheapest way to the start.
 
     `cost` is that of a finished search without a goal, in which no corner was cut. The result has
@@ -82,13 +79,7 @@ def steps_back(
 
 
 @njit(nogil=True, cache=True)
-def trace(
-    half: NDArray[np.float64],
-    columns: int,
-    cost: NDArray[np.float64],
-    goal: int,
-    corner_cutting: bool,
-) -> NDArray[Any]:
+def trace(half: Floats, columns: int, cost: Floats, goal: int, corner_cutting: bool) -> Array:
     """Cells from a search's start to `goal`; each is on the cheapest way to the next.
 
     Of cells through which the way costs the same, the first one is taken.
@@ -111,7 +102,7 @@ def trace(
 class Found(NamedTuple):
     """The few cells on cheapest paths, numbered as they were found."""
 
-    cells: NDArray[np.int64]
+    cells: Ints
     """The cells; the first one is the tip."""
     table: NDArray[np.int32]
     """Page of each 2^6 cells of the map; page 0 is empty."""
@@ -121,13 +112,8 @@ class Found(NamedTuple):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def cheapest_cells(
-    half: NDArray[np.float64],
-    columns: int,
-    steps: NDArray[np.uint8],
-    root: int,
-    tip: int,
-    from_root: bool,
-) -> NDArray[Any]:
+    half: Floats, columns: int, steps: Octets, root: int, tip: int, from_root: bool
+) -> Array:
     """Cells of the cheapest path between the cell that was searched from, `root`, and `tip`.
 
     It is bit by bit what a search from its first cell to its last one finds, and `trace` then
@@ -155,9 +141,7 @@ def cheapest_cells(
 
 
 @njit(nogil=True, cache=True)
-def _find(
-    size: int, columns: int, steps: NDArray[np.uint8], tip: int
-) -> tuple[Found, NDArray[np.int8]]:
+def _find(size: int, columns: int, steps: Octets, tip: int) -> tuple[Found, NDArray[np.int8]]:
     """The cells that steps lead to from `tip`, and the number of steps to each."""
     table, pages = np.zeros((size >> PAGE) + 1, np.int32), np.zeros(ROOM << PAGE, np.int32)
     cells, waits = np.empty(ROOM, np.int64), np.zeros(ROOM, np.int8)
@@ -189,9 +173,7 @@ def _find(
 
 
 @njit(nogil=True, cache=True)
-def _ordered(
-    found: Found, waits: NDArray[np.int8], columns: int, steps: NDArray[np.uint8]
-) -> NDArray[np.int64]:
+def _ordered(found: Found, waits: NDArray[np.int8], columns: int, steps: Octets) -> Ints:
     """Places of cells, each after all those from which a step leads to it; the last is the root."""
     order = np.empty(found.cells.size, np.int64)
     order[0], done, at = 0, 1, 0
@@ -211,14 +193,14 @@ def _ordered(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _summed(
-    half: NDArray[np.float64],
+    half: Floats,
     columns: int,
-    steps: NDArray[np.uint8],
+    steps: Octets,
     found: Found,
-    order: NDArray[np.int64],
+    order: Ints,
     start: int,
     from_root: bool,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Costs from `start`, summed up in the order in which a search from there does."""
     # Sums of floats depend on their order: only so are they those of the planner's own search.
     used = order.size

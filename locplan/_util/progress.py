@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
-from locplan._kernels.compilation import is_compiling
+from locplan._kernels import is_compiling
 
 if TYPE_CHECKING:
     from rich.progress import Progress

@@ -15,6 +15,7 @@ from ._config import (
     CalibrationWarning as CalibrationWarning,
     FieldConfig as FieldConfig,
     config_of as config_of,
+    config_spelled as config_spelled,
     equipped as equipped,
     lidar_of as lidar_of,
     load_config as load_config,
@@ -41,7 +42,6 @@ from ._reading import (
 )
 from ._registry import ESTIMATORS as ESTIMATORS, estimator_class as estimator_class
 from ._search_window import OffsetLattice as OffsetLattice, SearchWindow as SearchWindow
-from ._spelled import config_spelled as config_spelled
 from ._store import (
     CacheWarning as CacheWarning,
     field_path as field_path,
@@ -54,13 +54,13 @@ from ._summary import (
     sampled_covariances as sampled_covariances,
     values_at as values_at,
 )
-from ._surfaces import (
+from ._tiles import finished_chunks as finished_chunks, untouched_points as untouched_points
+from ._zarr import FIELD_SUFFIX as FIELD_SUFFIX, check_field_target as check_field_target
+from .estimators._beams import (
     NORMAL_REACH as NORMAL_REACH,
     surface_normals as surface_normals,
     wall_cells as wall_cells,
 )
-from ._tiles import finished_chunks as finished_chunks, untouched_points as untouched_points
-from ._zarr import FIELD_SUFFIX as FIELD_SUFFIX, check_field_target as check_field_target
 from .estimators._fisher import Fisher as Fisher
 from .estimators._fused import Fused as Fused
 from .estimators._sad import Exponential as Exponential, InverseSquare as InverseSquare, Sad as Sad

@@ -23,8 +23,6 @@ from locplan.robots import PRESETS, Lidar
 if TYPE_CHECKING:
     from filelock import BaseFileLock
 
-LIMIT = "5 GB"
-"""Greatest size of the folder, unless LOCPLAN_CACHE_SIZE sets another."""
 _UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _UNITS |= {f"{unit}I": 1024**power for power, unit in enumerate("KMGT", 1)}
 _DAY = 86400.0
@@ -106,7 +104,7 @@ def cache_folder(cache_dir: str | os.PathLike[str] | None = None) -> Path:
 
 def cache_limit() -> int:
     """Greatest size of the folder [bytes]: LOCPLAN_CACHE_SIZE, such as 500 MB, or else 5 GB."""
-    text = os.environ.get("LOCPLAN_CACHE_SIZE") or LIMIT
+    text = os.environ.get("LOCPLAN_CACHE_SIZE") or "5 GB"
     match = re.fullmatch(r"\s*(\d{1,15}(?:\.\d*)?)\s*([KMGT]?|[KMGT]I)B?\s*", text.upper())
     if not match:
         raise ConfigError(f"LOCPLAN_CACHE_SIZE must be a size such as 500 MB, not {shown(text)}")

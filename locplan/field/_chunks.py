@@ -17,10 +17,6 @@ from numpy.typing import NDArray
 
 from locplan._util.reading import MAX_JSON_BYTES, read_bytes
 
-CHECKSUM_BYTES = 4
-CODECS = ("bytes", "zstd", "crc32c")
-"""Codecs of an array's chunks, in the order in which they were applied."""
-
 
 def chunk_of(
     folder: Path, shape: tuple[int, ...], kind: str = "float64", separator: str = "."
@@ -66,7 +62,7 @@ def _decoded(file: Path, chunk: tuple[int, ...], kind: str) -> NDArray[Any]:
 
     values = np.empty(chunk, np.dtype(kind).newbyteorder("<"))
     content = read_bytes(file, 2 * values.nbytes + MAX_JSON_BYTES)
-    body, checksum = content[:-CHECKSUM_BYTES], content[-CHECKSUM_BYTES:]
+    body, checksum = content[:-4], content[-4:]
     if crc32c(body) != int.from_bytes(checksum, "little"):
         raise ValueError("its checksum is another one")
     Zstd().decode(body, out=values)  # no byte beyond them, whatever it declares
@@ -86,6 +82,6 @@ def _as_written(about: Any, shape: tuple[int, ...], kind: str, separator: str) -
         and about["chunk_key_encoding"]["configuration"]["separator"] == separator
         and about["fill_value"] == ("NaN" if kind == "float64" else 0)
         and not about["storage_transformers"]
-        and tuple(each["name"] for each in codecs) == CODECS
+        and [each["name"] for each in codecs] == ["bytes", "zstd", "crc32c"]  # as applied
         and codecs[0].get("configuration", {}).get("endian", "little") == "little"
     )

@@ -79,14 +79,15 @@ def covariance_field(
     config = config_of(config)
     values = tiles.nothing_known(grid, config)
     needed = tiles.needed_points(grid, config, points)
-    tiles.fill(values, grid, config, threads, executor, progress, needed)
+    for _ in tiles.finished_chunks(values, grid, config, threads, executor, progress, needed):
+        pass
     return CovarianceField.of(values, grid, config)
 
 
 PATIENCE = 10.0
 """Longest time that the scheduler may take to answer [s]."""
-ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?([^\s/:\[\]]+|\[[\da-fA-F:.]+\]):(?P<port>[0-9]{1,5})")
-"""Address of a scheduler: protocol, host and port."""
+
+
 WORKERLESS = 60.0
 """Longest time to wait for workers to come back when all are gone [s]."""
 
@@ -139,7 +140,8 @@ def check_scheduler(scheduler: str) -> None:
     LocplanError
         If it is no address, or dask is not installed.
     """
-    found = ADDRESS.fullmatch(scheduler)
+    host = r"[^\s/:\[\]]+|\[[\da-fA-F:.]+\]"
+    found = re.fullmatch(rf"((tcp|tls|ws|wss)://)?({host}):(?P<port>[0-9]{{1,5}})", scheduler)
     if not found or not 0 < int(found["port"]) < 2**16:
         raise LocplanError(
             f"the scheduler must be an address such as tcp://192.168.1.2:8786, not"

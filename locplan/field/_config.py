@@ -1,4 +1,4 @@
-"""The settings of a covariance field, checked when they are made, and their JSON files.
+"""The settings of a covariance field, checked when they are made: as JSON files, options, and code.
 
 Every command accepts such a file.
 """
@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +20,19 @@ from locplan import __version__
 from locplan._util.checks import Settings, file_path, instance, keep, positive, shown, whole
 from locplan._util.files import check_target, replacing
 from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_text
+from locplan._util.recipes import Spelled, number_text
 from locplan.errors import ConfigError, LocplanError
 from locplan.field._estimator import Estimator
 from locplan.field._lattice import evaluated_points, stride_cells
-from locplan.field._registry import estimator_class
-from locplan.field._settings import made_of, settings_of
+from locplan.field._registry import estimator_class, made_of, settings_of
 from locplan.field.estimators._sad import PAPER_RANGE, Sad
 from locplan.maps import OccupancyGrid
 from locplan.robots import Lidar, Robot
+
+if TYPE_CHECKING:
+    from locplan.field._estimator import Estimator
+    from locplan.robots import Lidar
+
 
 SHORT_LIDAR = Lidar(range=PAPER_RANGE, range_sigma=0.025)
 """Lidar that is simulated where none is named; its range is that of the paper's disc."""
@@ -247,8 +253,13 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
     CalibrationWarning
         If the calibration that wrote the file found that deviations are not in metres.
     """
-    content = read_content(path)
-    settings = _settings(content)
+    try:
+        content = parsed_json(read_text(file_path("a file of settings", path), MAX_JSON_BYTES))
+    except LocplanError as error:
+        raise ConfigError(str(error)) from None
+    except ValueError:
+        raise ConfigError(f"{path}: is no JSON; locplan calibrate writes such a file") from None
+    settings = content.get("config", content) if isinstance(content, dict) else None
     if not isinstance(settings, dict):
         raise ConfigError(f'{path}: must hold settings of a field, or them as its "config"')
     try:
@@ -264,23 +275,65 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
     return config
 
 
-def read_content(path: str | os.PathLike[str]) -> Any:
-    """All that a JSON file of settings holds.
+def config_spelled(config: FieldConfig, lidar: Lidar | None, *, whole: bool = True) -> Spelled:
+    """Options and code that make the settings of a field.
 
-    Raises
-    ------
-    ConfigError
-        If the file cannot be read, or is no JSON.
+    Where options cannot say them, the code writes them to a file, settings.json, which --config
+    reads.
+
+    Parameters
+    ----------
+    config : FieldConfig
+        The settings.
+    lidar : Lidar or None
+        Lidar of the robot, which is named robot in the code; None where it is not known.
+    whole : bool, default True
+        Whether `locplan plan` is to evaluate it everywhere, not only near its paths.
     """
-    try:
-        return parsed_json(read_text(file_path("a file of settings", path), MAX_JSON_BYTES))
-    except LocplanError as error:
-        raise ConfigError(str(error)) from None
-    except ValueError:
-        raise ConfigError(f"{path}: is no JSON; locplan calibrate writes such a file") from None
+    words, code = _options(config, lidar, whole), _code(config, lidar)
+    if words is not None:
+        return Spelled(words, code, [])
+    file = "settings.json"
+    return Spelled(["--config", file], code, [f"locplan.save_config({file!r}, config)"])
 
 
-def _settings(content: Any) -> Any:
-    if not isinstance(content, dict):
+def _options(config: FieldConfig, lidar: Lidar | None, whole: bool) -> list[str] | None:
+    """Options of the commands that make these settings of a field; None if none do."""
+    estimator: Any = config.estimator
+    words = []
+    if estimator.name != ("fused" if lidar else "sad"):
+        words += ["--estimator", estimator.name]
+    makes = _made(type(estimator), lidar, estimator.reach)
+    fitting = [more for more, made in makes if made == estimator]
+    if not fitting:
         return None
-    return content.get("config", content)
+    words += fitting[0]
+    if (whole and estimator.casts_rays) or config.stride != FieldConfig.stride:
+        words += ["--stride", number_text(config.stride)]
+    if config.headings != estimator.headings:
+        words += ["--headings", str(config.headings)]
+    return words
+
+
+def _made(
+    kind: type[Estimator], lidar: Lidar | None, reach: float
+) -> Iterator[tuple[list[str], Estimator]]:
+    """Further options, and the estimator that the commands make with each of them."""
+    if kind.casts_rays and lidar:
+        yield [], kind.of(lidar)
+    elif kind is Sad:
+        disc = ["--disc", number_text(reach)] if lidar or reach != Sad.range else []
+        for preset, made in (([], Sad()), (["--preset", "paper"], Sad.paper())):
+            yield disc + preset, replace(made, range=reach)
+            seen = replace(made, range=reach, template="visible")
+            yield [*disc, *preset, "--template", "visible"], seen
+
+
+def _code(config: FieldConfig, lidar: Lidar | None) -> str:
+    """Code that makes these settings, with robot.lidar for the lidar."""
+    if not type(config.estimator).__module__.startswith("locplan."):
+        # The user's own, which is registered by its name.
+        return f"locplan.FieldConfig.from_json({json.loads(json.dumps(config.to_json()))!r})"
+    text = repr(config).replace(repr(lidar), "robot.lidar") if lidar else repr(config)
+    text = re.sub(r"\b(Exponential|InverseSquare)\(", r"field.\1(", text)
+    return re.sub(r"\b(?=(field\.)?[A-Z]\w+\()(?<!\.)", "locplan.", text)

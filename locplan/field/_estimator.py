@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import Settings, keep, positive
 from locplan.errors import ConfigError
+from locplan.field._registry import settings_of
 from locplan.field._search_window import OffsetLattice
-from locplan.field._settings import settings_of
 from locplan.robots import Lidar
 
 Values = dict[str, NDArray[np.float64]]

@@ -29,15 +29,12 @@ from locplan.field._lattice import (
     read_on_map,
     stride_cells,
 )
-from locplan.field._reading import interpolated, merged, weights_at
+from locplan.field._reading import dataset_of, interpolated, merged, weights_at
 from locplan.field._search_window import OffsetLattice
 from locplan.maps import OccupancyGrid, check_grid
 
 if TYPE_CHECKING:
     from xarray import Dataset
-
-SATURATION = 1.05
-"""Factor on the least e up to which a place counts as saturated."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -183,7 +180,7 @@ class CovarianceField(Pictured, Valued):
         criterion = self.config.estimator.criterion
         values = self.scalar(criterion, with_q=True)[evenly_thinned(self.evaluated, self.lacking)]
         least, _ = self.anchors(criterion)
-        return float(np.mean(values <= SATURATION * least)) if values.size else 0.0
+        return float(np.mean(values <= 1.05 * least)) if values.size else 0.0
 
     @property
     def e_unit(self) -> str:
@@ -275,7 +272,6 @@ class CovarianceField(Pictured, Valued):
         LocplanError
             If xarray is not installed.
         """
-        from locplan.field._reading import dataset_of
 
         return dataset_of(self.values, self.e, self.e_unit, self.grid, self.config)
 
@@ -305,9 +301,13 @@ class CovarianceField(Pictured, Valued):
             If the maps differ in more than their cells.
         """
         check_grid(grid)
-        values = tiles.untouched_values(self.values, self.grid, grid, self.config)
+        same = tiles.untouched_points(self.grid, grid, self.config)
+        values = tiles.nothing_known(grid, self.config)
+        for name, known in self.values.items():
+            values[name][same] = known[same]
         made = grid, self.config, threads, executor, progress
-        tiles.fill(values, *made, tiles.needed_points(grid, self.config, points))
+        for _ in tiles.finished_chunks(values, *made, tiles.needed_points(*made[:2], points)):
+            pass
         return CovarianceField.of(values, grid, self.config)
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:

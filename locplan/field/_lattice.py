@@ -227,17 +227,6 @@ def corners_of(
     return found
 
 
-def read_at(
-    values: NDArray[np.float64], rows: NDArray[Any], cols: NDArray[Any], stride: int
-) -> NDArray[np.float64]:
-    """Read lattice values (h, w) as `read_on_map` does, but at some cells alone, free or not.
-
-    The rows and columns of the cells are broadcast together, and may lie between cells.
-    """
-    known = ~np.isnan(values)
-    return read_known_at(np.where(known, values, 0.0), known.astype(float), rows, cols, stride)
-
-
 def read_known_at(
     values: NDArray[np.float64],
     known: NDArray[np.float64],

@@ -13,10 +13,6 @@ from locplan.errors import ConfigError
 
 MAX_STEPS = 1000
 """Greatest number of steps from the centre of the search window to its edge."""
-MAX_OFFSETS = 10**7
-"""Greatest number of offsets of a window on a map, of which each takes memory in each thread."""
-SAME_STEP = 1e-6
-"""Share by which a step may differ from whole cells and still be the same."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -84,7 +80,8 @@ class SearchWindow(Settings):
         """
         step_cells = max(1, round(self.step / resolution))
         step = step_cells * resolution
-        exact &= resolution <= self.step and abs(step - self.step) > SAME_STEP * step
+        # Up to a millionth aside of whole cells a step is still the same.
+        exact &= resolution <= self.step and abs(step - self.step) > 1e-6 * step
         half_steps = round(self.half_width / (self.step if exact else step))
         if half_steps < 1:
             raise ConfigError(
@@ -99,7 +96,7 @@ class SearchWindow(Settings):
             half_rotations=math.floor(self.half_rotation_deg / self.rotation_step_deg + 1e-9),
             exact_step=self.step if exact else None,
         )
-        if lattice.size > MAX_OFFSETS:
+        if lattice.size > 10**7:  # each takes memory in each thread
             raise ConfigError(
                 f"a search window of {lattice.size} offsets takes too much memory; set larger steps"
             )

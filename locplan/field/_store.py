@@ -31,7 +31,7 @@ from locplan.field._compute import covariance_field
 from locplan.field._config import FieldConfig, config_of
 from locplan.field._estimator import Estimator, Values
 from locplan.field._field import CovarianceField
-from locplan.field._settings import is_ours, kinds_of
+from locplan.field._registry import is_ours, kinds_of
 from locplan.maps import OccupancyGrid, check_grid
 
 DECISIVE = ("format", "engine", "map_digest", "identity")

@@ -13,10 +13,8 @@ from locplan._util.tables import finite, table
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import SCALARS, mean_information
 from locplan.field._field import CovarianceField
-from locplan.field._lattice import read_at, well_spaced
+from locplan.field._lattice import read_known_at, well_spaced
 
-MIN_CLEARANCE = 0.15
-"""Least distance of a sample from walls [m]; closer ones would lie in slits and stray cells."""
 SATURATED = 1 / 3
 """A larger saturated share makes the table suggest what would resolve it."""
 
@@ -191,7 +189,8 @@ def sampled_covariances(
     """
     stride = field.stride
     clearance = field.grid.clearance[::stride, ::stride]
-    i, j = np.nonzero(field.evaluated & (clearance >= MIN_CLEARANCE))
+    # Closer to walls than 0.15 m they would lie in slits and stray cells.
+    i, j = np.nonzero(field.evaluated & (clearance >= 0.15))
     xy = np.stack(field.grid.grid_to_world(i * stride + 0.5, j * stride + 0.5), axis=1)
     chosen = well_spaced(xy, clearance[i, j], spacing)
     covariance = field.covariance[i[chosen], j[chosen]]
@@ -226,5 +225,8 @@ def values_at(
     """
     if logarithmic:
         values = np.log(np.maximum(values, np.finfo(float).tiny))
-    read = read_at(field.on_lattice(values), rows, cols, field.stride)
+    values = field.on_lattice(values)
+    known = ~np.isnan(values)
+    values = np.where(known, values, 0.0)
+    read = read_known_at(values, known.astype(float), rows, cols, field.stride)
     return np.exp(read, out=read) if logarithmic else read

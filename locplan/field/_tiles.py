@@ -17,21 +17,16 @@ from locplan._util.machine import check_memory, check_threads, usable_memory
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError, FieldError, LocplanError
 from locplan.field._config import FieldConfig
-from locplan.field._contract import check_halo, check_values, halo_of
-from locplan.field._covariance import rotated
+from locplan.field._covariance import check_halo, check_values, halo_of, rotated
 from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
 from locplan.field._lattice import evaluated_points, standing_cells
-from locplan.field._settings import is_ours
+from locplan.field._registry import is_ours
 from locplan.maps import OccupancyGrid
 
 ENGINE = 4
 """Version of the computation; it grows when the same map and config give other values."""
 TILE = 64
 """Greatest edge length of a tile, which is computed and stored as a whole [lattice points]."""
-TILE_SECONDS = 2.0
-"""Work of one thread after which a tile is finished at the latest, roughly [s]."""
-MAX_TILE_BYTES = 2e9
-"""Greatest memory that the computation of one tile may take [bytes]."""
 
 
 class Chunk(NamedTuple):
@@ -72,9 +67,9 @@ def nothing_known(grid: OccupancyGrid, config: FieldConfig) -> Values:
 
 
 def check_tiles(grid: OccupancyGrid, config: FieldConfig) -> None:
-    """Raise a ConfigError if a tile takes too much memory, which grows with range and window."""
+    """Raise a ConfigError if a tile takes over 2 GB, which grow with range and window."""
     taken = config.estimator.memory(grid.resolution, grid.shape)
-    if taken > MAX_TILE_BYTES:
+    if taken > 2e9:
         lattice = config.estimator.lattice(grid.resolution)
         raise ConfigError(
             f"cells of {grid.resolution:g} m are too fine for a range of"
@@ -140,20 +135,6 @@ def finished_chunks(
             yield chunk
 
 
-def fill(
-    values: Values,
-    grid: OccupancyGrid,
-    config: FieldConfig,
-    threads: int | None,
-    executor: Executor | None,
-    progress: ProgressCallback | None,
-    needed: NDArray[np.bool_],
-) -> None:
-    """Compute the missing values in place; see `finished_chunks`."""
-    for _ in finished_chunks(values, grid, config, threads, executor, progress, needed):
-        pass
-
-
 def computed_chunks(
     missing: NDArray[np.bool_],
     grid: OccupancyGrid,
@@ -175,7 +156,7 @@ def computed_chunks(
         return
     running: dict[_Tile, tuple[Chunk, _Points, MapPart]] = {}
     done: SimpleQueue[_Tile] = SimpleQueue()
-    waiting = tiles_of(missing, chunk_edge(config, grid.resolution))
+    waiting = chunks_of(missing, chunk_edge(config, grid.resolution))
     # Threads of this process share what the estimator prepares from the whole map.
     prepared = None if executor else estimator.prepare(grid.cells, grid.resolution)
     taken = estimator.memory(grid.resolution, grid.shape) if prepared is None else 0.0
@@ -184,7 +165,9 @@ def computed_chunks(
     try:
         while True:
             # So many at once bound the memory of their maps.
-            for chunk, points in islice(waiting, 256 - len(running)):
+            for chunk in islice(waiting, 256 - len(running)):
+                i, j = np.nonzero(missing[chunk.at])
+                points = i + chunk.top, j + chunk.left
                 part = part_of(grid, config, points, prepared)
                 with _one_line_errors(executor):
                     tile = pool.submit(compute, ENGINE, estimator, part)
@@ -192,14 +175,16 @@ def computed_chunks(
                 tile.add_done_callback(done.put)
             if not running:
                 break
-            ready = _next(done)
-            if ready:
+            if ready := _next(done):
                 chunk, points, part = running.pop(ready)
                 with _one_line_errors(executor):
                     computed = ready.result()
+                check_values(computed, estimator, part)
                 # The first tile alone shows whether the halo of a user's estimator suffices.
-                surroundings = None if finished or is_ours(estimator) else grid.cells
-                _accept(computed, estimator, part, surroundings, yaw)
+                if not (finished or is_ours(estimator)):
+                    check_halo(estimator, part, computed, grid.cells)
+                if yaw:
+                    computed["covariance"] = rotated(computed["covariance"], yaw)
                 finished += len(points[0])
                 yield chunk, points, computed
             if progress:
@@ -225,10 +210,11 @@ def compute(engine: int, estimator: Estimator, part: MapPart) -> Values:
 def chunk_edge(config: FieldConfig, resolution: float) -> int:
     """Edge length of the square tiles that are finished and stored as a whole [lattice points].
 
-    It follows from what the estimator says that a point costs, and not from the machine or the
-    map, so that a computation can be continued elsewhere.
+    A tile takes one thread two seconds at most, roughly. It follows from what the estimator says
+    that a point costs, and not from the machine or the map, so that a computation can be continued
+    elsewhere.
     """
-    points = TILE_SECONDS / (config.headings * config.estimator.seconds(resolution))
+    points = 2.0 / (config.headings * config.estimator.seconds(resolution))
     on_map = TILE_CELLS // config.stride_cells(resolution)
     return max(1, min(TILE, on_map, math.isqrt(int(min(points, TILE**2)))))
 
@@ -282,23 +268,6 @@ def untouched_points(
     return np.asarray((near[::stride, ::stride] == 0) & evaluated_points(after.free, stride))
 
 
-def untouched_values(
-    values: Values, before: OccupancyGrid, after: OccupancyGrid, config: FieldConfig
-) -> Values:
-    """Arrays for the second map: the first one's at `untouched_points`, and NaN elsewhere."""
-    same, kept = untouched_points(before, after, config), nothing_known(after, config)
-    for name, known in values.items():
-        kept[name][same] = known[same]
-    return kept
-
-
-def tiles_of(missing: NDArray[np.bool_], edge: int) -> Iterator[tuple[Chunk, _Points]]:
-    """Yield each chunk and its missing lattice points."""
-    for chunk in chunks_of(missing, edge):
-        i, j = np.nonzero(missing[chunk.at])
-        yield chunk, (i + chunk.top, j + chunk.left)
-
-
 def part_of(grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared: object) -> MapPart:
     """Cells of some lattice points, with all that is prepared or the piece of the map they need."""
     stride = config.stride_cells(grid.resolution)
@@ -312,21 +281,6 @@ def part_of(grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared:
         levels = levels[top : int(rows.max()) + reach + 1, left : int(cols.max()) + reach + 1]
     headings, at = config.heading_angles - grid.origin[2], (top, left)
     return MapPart(levels, rows, cols, grid.resolution, grid.shape, at, headings, prepared)
-
-
-def _accept(
-    computed: Values,
-    estimator: Estimator,
-    part: MapPart,
-    surroundings: NDArray[np.uint8] | None,
-    yaw: float,
-) -> None:
-    """Check a tile's values, with the map around it if that is given; turn them to the world."""
-    check_values(computed, estimator, part)
-    if surroundings is not None:
-        check_halo(estimator, part, computed, surroundings)
-    if yaw:
-        computed["covariance"] = rotated(computed["covariance"], yaw)
 
 
 def _next(done: SimpleQueue[_Tile]) -> _Tile | None:

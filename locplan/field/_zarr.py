@@ -28,33 +28,13 @@ from locplan.errors import FieldError, LocplanError
 from locplan.field import _tiles as tiles
 from locplan.field._chunks import chunk_of, read_array
 from locplan.field._config import FieldConfig
-from locplan.field._contract import check_values
+from locplan.field._covariance import check_values
 from locplan.field._estimator import MapPart, Values
 from locplan.field._lattice import evaluated_points
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 FORMAT = "locplan-field-4"
 FIELD_SUFFIX = ".zarr"
-METRES: dict[str, Any] = {
-    "long_name": "of the map's own axes, which the origin's yaw turns about the origin",
-    "units": "m",
-}
-"""Attributes of the coordinates y and x."""
-KINDS: dict[str, type] = {
-    "map_name": str,
-    "map_digest": str,
-    "map_shape": list,
-    "origin": list,
-    "identity": dict,
-    "config": dict,
-    "chunks": int,
-}
-"""Kinds of the attributes of a field's group that are read."""
-COVARIANCE: dict[str, Any] = {
-    "long_name": "covariance of a pose match (x, y, theta), world frame",
-    "units": "m2, m rad, rad2",
-}
-"""Attributes of the array of covariances."""
 
 
 def attributes(grid: OccupancyGrid, config: FieldConfig, **identity: str) -> dict[str, Any]:
@@ -81,13 +61,15 @@ def attributes(grid: OccupancyGrid, config: FieldConfig, **identity: str) -> dic
 def read_attributes(folder: Path) -> dict[str, Any]:
     """Read the attributes of a field's group."""
     try:
-        about: dict[str, Any] = parsed_json(_description(folder))["attributes"]
+        description = read_bytes(folder / "zarr.json", MAX_JSON_BYTES).decode("utf-8")
+        about: dict[str, Any] = parsed_json(description)["attributes"]
         if about["format"] != FORMAT:
             found = shown(about["format"])
             raise ValueError(f"its format is {found}, not {FORMAT}: compute it by this locplan")
         if about["checksum"] != _checksum(about):
             raise ValueError("its description does not match its checksum")
-        for name, kind in KINDS.items():
+        kinds = {"map_name": str, "map_digest": str, "map_shape": list, "origin": list}
+        for name, kind in {**kinds, "identity": dict, "config": dict, "chunks": int}.items():
             if not isinstance(about[name], kind):
                 raise ValueError(f"its {name} is {shown(about[name])}")
         return about
@@ -96,10 +78,6 @@ def read_attributes(folder: Path) -> dict[str, Any]:
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         what = _in_short(error)
     raise FieldError(f"{folder}: not a covariance field ({what})")
-
-
-def _description(folder: Path) -> str:
-    return read_bytes(folder / "zarr.json", MAX_JSON_BYTES).decode("utf-8")
 
 
 def check_field_target(path: Path, *, force: bool = False) -> None:
@@ -160,9 +138,9 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig, about: dict[s
     about = about | {"chunks": chunks}
     about["checksum"] = _checksum(about)
     group = zarr.create_group(folder, zarr_format=3, attributes=about)
-    described = {"covariance": COVARIANCE}
-    for layer in config.estimator.layers:
-        described[layer.name] = {"long_name": layer.label, "units": layer.unit}
+    quantities = {layer.name: (layer.label, layer.unit) for layer in config.estimator.layers}
+    whole = "covariance of a pose match (x, y, theta), world frame"
+    quantities["covariance"] = whole, "m2, m rad, rad2"
     places = coordinates(grid, config)
     for name, shape in tiles.field_shapes(grid, config).items():
         group.create_array(
@@ -174,7 +152,7 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig, about: dict[s
             fill_value=np.nan,
             compressors=compressed,
             dimension_names=(*places, "pose_row", "pose_col")[: len(shape)],
-            attributes=described[name],
+            attributes=dict(zip(("long_name", "units"), quantities[name], strict=True)),
         )
     group.create_array(
         "cells",
@@ -197,8 +175,10 @@ def coordinates(
 ) -> dict[str, tuple[NDArray[Any], dict[str, Any]]]:
     """Values and attributes of the coordinates y, x and, if there are several, heading."""
     stride, (x0, y0, _) = config.stride_cells(grid.resolution), grid.origin
+    meaning = "of the map's own axes, which the origin's yaw turns about the origin"
+    metres = {"long_name": meaning, "units": "m"}
     found = {
-        name: (start + (np.arange(-(-size // stride)) * stride + 0.5) * grid.resolution, METRES)
+        name: (start + (np.arange(-(-size // stride)) * stride + 0.5) * grid.resolution, metres)
         for name, start, size in zip("yx", (y0, x0), grid.shape, strict=True)
     }
     if config.headings != 1:
@@ -277,7 +257,10 @@ def read_values(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> tuple
     shapes = tiles.field_shapes(grid, config)
     values, damaged = {}, 0
     for name, shape in shapes.items():
-        values[name], lost = _read_array(folder, name, shape)
+        try:
+            values[name], lost = read_array(folder / name, shape)
+        except Exception as error:  # a damaged description fails in as many ways as JSON can be cut
+            raise FieldError(f"{folder}: not a covariance field ({_in_short(error)})") from None
         damaged += lost
     for name in shapes:  # a place is known if all its values are
         lost_here = np.isnan(values[name]).reshape(*shapes[name][:2], -1)[:, :, 0]
@@ -289,13 +272,6 @@ def has_todays_chunks(folder: Path, grid: OccupancyGrid, config: FieldConfig) ->
     """Return whether a field's chunks are as large as they would be if it were computed now."""
     shapes, edge = tiles.field_shapes(grid, config), _edge(grid, config)
     return all(chunk_of(folder / name, shapes[name])[:2] == (edge, edge) for name in shapes)
-
-
-def _read_array(folder: Path, name: str, shape: tuple[int, ...]) -> tuple[NDArray[np.float64], int]:
-    try:
-        return read_array(folder / name, shape)
-    except Exception as error:  # a damaged description fails in as many ways as JSON can be cut
-        raise FieldError(f"{folder}: not a covariance field ({_in_short(error)})") from None
 
 
 def read_grid(folder: Path, about: dict[str, Any]) -> OccupancyGrid:

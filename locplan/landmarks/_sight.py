@@ -288,7 +288,7 @@ class Sight:
 
     def _found(self) -> Any:
         """Which poses see which place, and by which rays."""
-        from locplan._kernels.sightings import Sightings, count_sightings, fill_sightings
+        from locplan._kernels.features import Sightings, count_sightings, fill_sightings
 
         own, given = self.own, (self.seen.hits, self.seen.rays, self.outline)
         counts, every = np.zeros(len(own), np.int64), np.arange(len(own))

@@ -260,7 +260,7 @@ def _of_lidar(
 
 def _ranges(database: Database, poses: Numbers, forward: float, left: float) -> Numbers:
     """Ranges all round of a lidar so mounted at poses x, y, heading, (n, 96) [m]."""
-    from locplan._kernels.shortlist import ranges_from
+    from locplan._kernels.matches import ranges_from
 
     beams = database.matching.beams(forward, left)
     ranges = np.empty((len(poses), TURNS))

@@ -77,8 +77,8 @@ def shortlisted(database: Database, ranges: Numbers) -> Numbers:
     ranges : (96,) array
         Ranges of one scan, as `find_modes` takes them [m].
     """
+    from locplan._kernels.matches import shortlist
     from locplan._kernels.scan_losses import unlike
-    from locplan._kernels.shortlist import shortlist
 
     matching, resolution = database.matching, database.grid.resolution
     returns = np.isfinite(ranges)

@@ -67,8 +67,8 @@ def prepared_beside(
 
 def _compiled() -> bool:
     """Whether the kernels of the planners that need no OMPL have been compiled before."""
+    from locplan._kernels import are_cached
     from locplan._kernels.any_angle import shift, shortcut
-    from locplan._kernels.compilation import are_cached
     from locplan._kernels.rays import cells_along
     from locplan._kernels.ways import trace
 

@@ -253,7 +253,7 @@ class Search:
                 self.problem.half,
                 self.problem.columns,
                 self.problem.target,
-                *self._bounds,
+                self._bounds,
                 self.problem.allow_corner_cutting,
                 STRETCH,
                 found,

@@ -236,7 +236,7 @@ def drives_prepared_beside(*, needed: bool = True) -> AbstractContextManager[Cal
 
 def _compiled() -> bool:
     """Whether numba's cache holds the kernels of drives."""
-    from locplan._kernels.compilation import are_cached
+    from locplan._kernels import are_cached
     from locplan._kernels.drives import drive
 
     return are_cached(drive)

@@ -19,11 +19,9 @@ from test_sad import mismatch_counts
 from benchmarks.opencv_forms import masked_norm, packed_hamming
 from locplan._kernels import sad as kernel
 from locplan._kernels.simd import LANES, add_matches, add_to, zeros
-from locplan.field import FieldConfig, Sad, covariance_field
-from locplan.field._estimator import MapPart
-from locplan.field._lattice import stride_cells
+from locplan.field import FieldConfig, MapPart, Sad, covariance_field
 from locplan.field.estimators import _sad as sad
-from locplan.field.estimators._sad_tiles import Layout, template_radius
+from locplan.field.estimators._sad_tiles import Layout
 from locplan.maps import load_map
 
 MAPS = (
@@ -47,7 +45,7 @@ def load(name):
 
 def lattice_tile(grid, config, seed, edge=32):
     """The lattice cells around a random free one, as many as a tile has."""
-    stride = stride_cells(config.stride, grid.resolution)
+    stride = config.stride_cells(grid.resolution)
     free = np.argwhere(grid.free[::stride, ::stride])
     centre = free[np.random.default_rng(seed).integers(len(free))]
     near = free[np.abs(free - centre).max(axis=1) <= edge]
@@ -90,7 +88,7 @@ def peak_words_per_second():
 def test_kernel_beside_opencv(benchmark, name):
     grid, config = load(name), FieldConfig()
     window = config.estimator.window.on(grid.resolution)
-    radius = template_radius(config.estimator.range, window, grid.shape)
+    radius = config.estimator.template_radius(grid.resolution, grid.shape)
     rows, cols = lattice_tile(grid, config, seed=1)
     compared = np.random.default_rng(2).integers(len(rows), size=3)
     part = MapPart.whole(grid.cells, rows[compared], cols[compared], grid.resolution)

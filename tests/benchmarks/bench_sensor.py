@@ -11,8 +11,7 @@ import pytest
 from numba import njit
 
 from locplan._kernels.rays import cast, empty_squares
-from locplan.field import Fisher, Scan
-from locplan.field._estimator import MapPart
+from locplan.field import Fisher, MapPart, Scan
 from locplan.maps import OCCUPIED, load_map
 from locplan.robots import Lidar
 

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from locplan._kernels.shortlist import shortlist
+from locplan._kernels.matches import shortlist
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.matching import TURNS, ScanDatabase, places_every
 from locplan.robots import Lidar, Robot

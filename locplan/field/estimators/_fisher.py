@@ -18,8 +18,12 @@ from numpy.typing import NDArray
 from locplan._util.checks import one_of
 from locplan.field._estimator import MapPart, Values
 from locplan.field._search_window import OffsetLattice
-from locplan.field._surfaces import NORMAL_REACH, surface_normals
-from locplan.field.estimators._beams import LidarEstimator, reach_of_beams
+from locplan.field.estimators._beams import (
+    NORMAL_REACH,
+    LidarEstimator,
+    reach_of_beams,
+    surface_normals,
+)
 from locplan.maps import OCCUPIED
 
 
@@ -85,7 +89,7 @@ class Fisher(LidarEstimator):
 
         See `locplan.field.Estimator.covariances`.
         """
-        from locplan._kernels.information import information
+        from locplan._kernels.lidar import information
 
         scene = part.prepared or self.prepare(part.levels, part.resolution)
         window = self.lattice(part.resolution)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,12 @@ from locplan._util.checks import Settings, instance, keep, one_of, positive, rea
 from locplan.errors import ConfigError
 from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
 from locplan.field._search_window import OffsetLattice, SearchWindow
-from locplan.field.estimators._sad_blocks import beside, kept_lines
-from locplan.field.estimators._sad_tiles import Due, Layout, template_radius
 from locplan.field.templates import disc
 from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Lidar
+
+if TYPE_CHECKING:
+    from locplan.field.estimators._sad_tiles import Layout
 
 LEVEL_STEP = 127
 """Difference of two neighbouring levels."""
@@ -29,16 +30,6 @@ PAPER_RANGE = 6.0
 """Radius of the paper's template disc [m]."""
 TAU = {"disc": 0.57, "visible": 0.23}
 """Scale of the exponential weights that ranks places best, for each template [m^2]."""
-
-
-LONG_RANGE = 10.0
-"""Range from which on offsets are rejected by the bound of `locplan._kernels.bounds` [m]."""
-LONG_RANGE_CELLS = 60
-"""Least range in cells for that: smaller discs hold too few blocks."""
-MIN_NATS = 40.0
-"""Offsets that are left out weigh less than exp(-MIN_NATS) of the zero lag."""
-NEGLIGIBLE = 1e-12
-"""Greatest share of a covariance that may be left out [m^2, rad^2]."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -148,6 +139,21 @@ class Sad(Estimator):
     def lattice(self, resolution: float) -> OffsetLattice:
         return self.window.on(resolution, exact=True)
 
+    def template_radius(self, resolution: float, map_shape: tuple[int, int]) -> int:
+        """Radius of the disc in whole cells, at least one.
+
+        Cells that are further away than the map is long are unknown at every offset and add no
+        mismatch, so that a larger disc gives the same sums.
+
+        Parameters
+        ----------
+        resolution, map_shape
+            See `locplan.field.Estimator.halo`.
+        """
+        window = self.lattice(resolution).counted
+        whole_map = math.ceil(math.hypot(*map_shape) + math.sqrt(2) * window.reach) + 2
+        return max(1, min(math.floor(self.range / resolution + 1e-9), whole_map))
+
     @property
     def reach(self) -> float:
         """Radius of the template disc [m]."""
@@ -190,58 +196,25 @@ class Sad(Estimator):
 
         See `locplan.field.Estimator.covariances`.
         """
+        from locplan.field.estimators._sad_tiles import Layout
+
         window = self.lattice(part.resolution)
-        radius = template_radius(self.range, window, part.map_shape)
+        radius = self.template_radius(part.resolution, part.map_shape)
         greatest = 2 * np.count_nonzero(disc(radius)) * LEVEL_STEP
         weights = self.offset_weights(np.arange(0, greatest + 1, LEVEL_STEP), part.resolution)
         layout = Layout.of(part, radius, window.counted)
-        in_steps = self._in_steps(layout, weights, window.places)
+        negligible, visible = self.negligible(part.resolution), self.template == "visible"
+        in_steps = _in_steps(layout, weights, window.places, negligible, visible)
         covariance = self.noise_level * in_steps * np.outer(window.steps, window.steps)
         covariance = covariance[:, : window.dimension, : window.dimension]
         return {"covariance": covariance + self.q(window) if self.adds_q else covariance}
 
-    def _in_steps(
-        self, layout: Layout, weights: NDArray[np.float64], places: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Covariances [lattice steps], (n, 3, 3); NaN where the computation was stopped.
-
-        `places` are those of the lattice's offsets among the layout's.
-        """
-        from locplan._kernels import sad
-
-        part, groups, visible = layout.part, layout.groups(), self.template == "visible"
-        cells, headings = len(part.rows), layout.window.angles.size
-        every = np.ones((headings, 1, layout.offsets), bool)
-        negligible = self.negligible(part.resolution)
-        kept, due = [every] * len(groups), Due(cells, cells)
-        if negligible is not None:  # half of the progress is for the bound
-            kept = kept_lines(layout, groups, negligible, Due(cells - cells // 2, cells * headings))
-            if (places % 1).any():  # what lies beside a kept line is read from both
-                kept = [beside(lines) for lines in kept]
-            due = Due(cells // 2, cells)
-        scratch = sad.empty_scratch(layout.offsets, headings, layout.disc, masked=visible)
-        result = np.full((cells, 3, 3), np.nan)
-        for group, lines in zip(groups, kept, strict=True):
-            found = np.full((group.cells.size, 3, 3), np.nan)
-            sad.tile_covariances(
-                layout.tile(group),
-                layout.sight(group) if visible else None,
-                lines,
-                weights,
-                places,
-                *scratch,
-                part.control,
-                due.for_steps(group.cells.size),
-                found,
-            )
-            result[group.cells] = found
-        return result
-
     def negligible(self, resolution: float) -> int | None:
         """Mismatch S / 127 beyond which offsets are left out; None where none are.
 
-        Only long ranges gain by it. The moments of what is left out add up to no more than 1e-12
-        of a covariance [m^2, rad^2].
+        Only ranges of 10 m or more gain by it, in cells so small that the disc holds enough blocks.
+        What is left out weighs less than exp(-40) of the zero lag, and its moments add up to no
+        more than 1e-12 of a covariance [m^2, rad^2].
 
         Parameters
         ----------
@@ -251,15 +224,14 @@ class Sad(Estimator):
         if (
             isinstance(self.weights, InverseSquare)
             or self.template != "disc"
-            or self.range < LONG_RANGE
-            or self.range < LONG_RANGE_CELLS * resolution
+            or self.range < max(10.0, 60 * resolution)
         ):
             return None
         window = self.lattice(resolution)
         turn = window.rotation_step * window.half_rotations
         greatest = max(window.step * window.half_steps, turn)
         moments = 2 * self.noise_level * window.size * greatest**2
-        nats = max(MIN_NATS, math.log(moments / NEGLIGIBLE))
+        nats = max(40.0, math.log(moments / 1e-12))
         return math.floor(nats * self.tau * 2 / resolution**2)
 
     def offset_weights(self, mismatch: NDArray[Any], resolution: float) -> NDArray[np.float64]:
@@ -292,7 +264,7 @@ class Sad(Estimator):
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
         window = self.lattice(resolution).counted
         # A turned cell lies within one cell of its rounded place, and so does its source.
-        return template_radius(self.range, window, map_shape) + max(window.reach, 2)
+        return self.template_radius(resolution, map_shape) + max(window.reach, 2)
 
     def memory(self, resolution: float, map_shape: tuple[int, int]) -> float:
         """Memory of a tile's turned maps, window and templates [bytes].
@@ -302,7 +274,7 @@ class Sad(Estimator):
         from locplan._kernels.bitplanes import SQUARE
 
         window = self.lattice(resolution).counted
-        radius, turns = template_radius(self.range, window, map_shape), window.angles.size
+        radius, turns = self.template_radius(resolution, map_shape), window.angles.size
         turned = min(TILE_CELLS, max(map_shape)) * math.sqrt(2) + 2.0 * radius
         still = min(TILE_CELLS, max(map_shape)) + 2.0 * (radius + window.reach)
         words = 32 / math.gcd(window.step_cells, SQUARE) ** 2 + 8
@@ -323,3 +295,46 @@ class Sad(Estimator):
         if self.negligible(resolution) is None:
             return 1e-12 * compared
         return 5e-8 * self.lattice(resolution).size + 1e-13 * compared
+
+
+def _in_steps(
+    layout: Layout,
+    weights: NDArray[np.float64],
+    places: NDArray[np.float64],
+    negligible: int | None,
+    visible: bool,
+) -> NDArray[np.float64]:
+    """Covariances [lattice steps], (n, 3, 3); NaN where the computation was stopped.
+
+    `places` are those of the lattice's offsets among the layout's; offsets with an S / 127 above
+    `negligible` are left out. Only the visible part of the disc counts where that is asked for.
+    """
+    from locplan._kernels import sad
+    from locplan.field.estimators._sad_tiles import Due, beside, kept_lines
+
+    part, groups = layout.part, layout.groups()
+    cells, headings = len(part.rows), layout.window.angles.size
+    every = np.ones((headings, 1, layout.offsets), bool)
+    kept, due = [every] * len(groups), Due(cells, cells)
+    if negligible is not None:  # half of the progress is for the bound
+        kept = kept_lines(layout, groups, negligible, Due(cells - cells // 2, cells * headings))
+        if (places % 1).any():  # what lies beside a kept line is read from both
+            kept = [beside(lines) for lines in kept]
+        due = Due(cells // 2, cells)
+    scratch = sad.empty_scratch(layout.offsets, headings, layout.disc, masked=visible)
+    result = np.full((cells, 3, 3), np.nan)
+    for group, lines in zip(groups, kept, strict=True):
+        found = np.full((group.cells.size, 3, 3), np.nan)
+        sad.tile_covariances(
+            layout.tile(group),
+            layout.sight(group) if visible else None,
+            lines,
+            weights,
+            places,
+            *scratch,
+            part.control,
+            due.for_steps(group.cells.size),
+            found,
+        )
+        result[group.cells] = found
+    return result

@@ -1,40 +1,33 @@
-"""Laying out the map and its turned copies for the kernels of `sad`, for many cells at once."""
+"""Laying out the map and its turned copies for the kernels of `sad`, for many cells at once.
+
+Blocks of cells, whose counts reject offsets, are laid out likewise.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels import bitplanes, sad, templates
+from locplan._kernels.bitplanes import PLANES, SQUARE
+from locplan._kernels.simd import MAX_SHORT, SHORTS
 from locplan.field._estimator import MapPart
 from locplan.field._search_window import OffsetLattice
 from locplan.field.templates import BEHIND, beam_count, beam_of_cell, disc, map_centre
-
-
-def template_radius(reach: float, window: OffsetLattice, map_shape: tuple[int, int]) -> int:
-    """Radius of the disc in whole cells, at least one, for a range of `reach` metres.
-
-    Cells that are further away than the map is long are unknown at every offset and add no
-    mismatch, so that a larger disc gives the same sums.
-    """
-    whole_map = math.ceil(math.hypot(*map_shape) + math.sqrt(2) * window.reach) + 2
-    return max(1, min(math.floor(reach / window.resolution + 1e-9), whole_map))
 
 
 @dataclass
 class Due:
     """Shares of a number of cells, in whole cells, for the parts of some work."""
 
-    cells: int
-    """Number of cells for all of the work."""
-    steps: int
-    """Number of steps of all of the work."""
-    done: int = 0
-    """Number of steps done."""
+    cells: int  # number of cells for all of the work
+    steps: int  # number of steps of all of the work
+    done: int = 0  # number of steps done
 
     def for_steps(self, steps: int) -> int:
         """Number of cells for the next steps."""
@@ -46,24 +39,17 @@ class Due:
 class Group(NamedTuple):
     """Cells whose covariances share one layout of the map."""
 
-    cells: NDArray[np.intp]
-    """Indices of the cells in their part of the map, (n,)."""
-    rows: NDArray[np.int64]
-    """Rows of the cells, from the first one's on, (n,)."""
-    cols: NDArray[np.int64]
-    """Columns of the cells, from the first one's on, (n,)."""
-    top: int
-    """Row of the layout's strips at which the discs of the first row begin, at any offset."""
-    left: int
-    """Column of the layout's strips at which the discs of the first column begin."""
+    cells: NDArray[np.intp]  # indices of the cells in their part of the map, (n,)
+    rows: NDArray[np.int64]  # rows of the cells, from the first one's on, (n,)
+    cols: NDArray[np.int64]  # columns of the cells, from the first one's on, (n,)
+    top: int  # row of the layout's strips at which the discs of the first row begin, at any offset
+    left: int  # column of the layout's strips at which the discs of the first column begin
+    # Greatest common divisor of the cells' distances and the step of the offsets [cells].
     spacing: int
-    """Greatest common divisor of the cells' distances and the step of the offsets [cells]."""
 
     @property
     def unit(self) -> int:
         """What the spacing has in common with a square's edge [cells]."""
-        from locplan._kernels.bitplanes import SQUARE
-
         return math.gcd(self.spacing, SQUARE)
 
     def spans(self, unit: int, reach: int) -> tuple[int, int]:
@@ -76,35 +62,25 @@ class Group(NamedTuple):
 class Layout:
     """The map around some cells and its turned copies, as the kernels read them."""
 
-    part: MapPart
-    """The cells, and the part of the map that they depend on."""
+    part: MapPart  # the cells, and the part of the map that they depend on
+    # Levels of the part, one type of array, so that kernels are compiled once.
     levels: NDArray[np.uint8]
-    """Levels of the part, one type of array, so that kernels are compiled once."""
-    window: OffsetLattice
-    """Offsets at which the template is compared."""
-    radius: int
-    """Radius of the template disc [cells]."""
-    disc: Any
-    """The disc in squares."""
-    first: tuple[int, int]
-    """Row and column of the whole map at which `still` begins."""
-    still: NDArray[np.uint8]
-    """Strips of the map, (plane, col, row)."""
+    window: OffsetLattice  # offsets at which the template is compared
+    radius: int  # radius of the template disc [cells]
+    disc: templates.Disc  # the disc in squares
+    first: tuple[int, int]  # row and column of the whole map at which `still` begins
+    still: NDArray[np.uint8]  # strips of the map, (plane, col, row)
+    # Strips of the map turned by each heading, (heading, plane, col, row).
     turned: NDArray[np.uint8]
-    """Strips of the map turned by each heading, (heading, plane, col, row)."""
-    tops: NDArray[np.int64]
-    """Rows of `turned` at which the cells' discs begin, (n, heading)."""
-    lefts: NDArray[np.int64]
-    """Columns of `turned` at which the cells' discs begin, (n, heading)."""
+    tops: NDArray[np.int64]  # rows of `turned` at which the cells' discs begin, (n, heading)
+    lefts: NDArray[np.int64]  # columns of `turned` at which the cells' discs begin, (n, heading)
 
     @classmethod
     def of(cls, part: MapPart, radius: int, window: OffsetLattice) -> Layout:
         """Lay out the map and its turned copies."""
-        from locplan._kernels import bitplanes, templates
-
         levels = np.array(part.levels, order="C")
         squares = templates.disc_squares(disc(radius))
-        diameter = squares.rows * bitplanes.SQUARE
+        diameter = squares.rows * SQUARE
         centre_row, centre_col = map_centre(part.map_shape)
         cos, sin = np.cos(window.angles), np.sin(window.angles)
 
@@ -115,7 +91,7 @@ class Layout:
         first_rows, first_cols = rows.min(axis=0), cols.min(axis=0)
         tops, lefts = rows - first_rows, cols - first_cols
         spans = int(lefts.max()) + diameter, int(tops.max()) + diameter
-        turned = np.empty((window.angles.size, bitplanes.PLANES, *spans), np.uint8)
+        turned = np.empty((window.angles.size, PLANES, *spans), np.uint8)
         middle = centre_row, centre_col
         first_rows, first_cols = first_rows - radius, first_cols - radius
         bitplanes.cut_strips(
@@ -125,9 +101,9 @@ class Layout:
         # The map: the rows and columns of the discs of any cell at any offset, in whole squares.
         around = radius + window.reach
         first = int(part.rows.min()) - around, int(part.cols.min()) - around
-        more = diameter + 2 * window.reach + 2 * bitplanes.SQUARE
+        more = diameter + 2 * window.reach + 2 * SQUARE
         spans = int(np.ptp(part.cols)) + more, int(np.ptp(part.rows)) + more
-        still = np.empty((1, bitplanes.PLANES, *spans), np.uint8)
+        still = np.empty((1, PLANES, *spans), np.uint8)
         no_turn = np.ones(1), np.zeros(1), np.array(first[:1]), np.array(first[1:])
         bitplanes.cut_strips(levels, *part.corner, 0.0, 0.0, *no_turn, still)
         return cls(part, levels, window, radius, squares, first, still[0], turned, tops, lefts)
@@ -144,8 +120,6 @@ class Layout:
         are in one group if they leave over the same when divided by what the step of the offsets
         has in common with a square's edge.
         """
-        from locplan._kernels.bitplanes import SQUARE
-
         unit = math.gcd(self.window.step_cells, SQUARE)
         over = self.part.rows % unit * unit + self.part.cols % unit
         return [self._group(np.flatnonzero(over == each)) for each in np.unique(over)]
@@ -164,16 +138,14 @@ class Layout:
             spacing=math.gcd(step, int(np.gcd.reduce(rows)), int(np.gcd.reduce(cols))),
         )
 
-    def tile(self, group: Group) -> Any:
+    def tile(self, group: Group) -> sad.Tile:
         """The tile of a group of cells."""
-        from locplan._kernels import bitplanes, sad
-
         unit = group.unit
-        step_units, square_units = self.window.step_cells // unit, bitplanes.SQUARE // unit
-        diameter = self.disc.rows * bitplanes.SQUARE
+        step_units, square_units = self.window.step_cells // unit, SQUARE // unit
+        diameter = self.disc.rows * SQUARE
         rows, cols = (span + diameter // unit for span in group.spans(unit, self.window.reach))
         lanes = -(-rows // step_units) + -(-self.offsets // sad.GROUP) * sad.GROUP
-        words = np.zeros((bitplanes.PLANES, cols, step_units, lanes), np.uint64)
+        words = np.zeros((PLANES, cols, step_units, lanes), np.uint64)
         below = np.zeros(words.shape, np.int64)
         bitplanes.lay_out_words(self.still, group.top, group.left, rows, unit, words, below)
         col_words, p = step_units * lanes, group.rows // unit
@@ -185,7 +157,7 @@ class Layout:
         sum_places = (sum_col * sum_steps + sum_row % sum_steps) * sum_lanes + sum_row // sum_steps
 
         strip_rows, strip_plane = self.turned.shape[3], self.turned[0, 0].size
-        heading = bitplanes.PLANES * strip_plane * np.arange(self.window.angles.size)
+        heading = PLANES * strip_plane * np.arange(self.window.angles.size)
         return sad.Tile(
             words=words.reshape(-1),
             below=below.reshape(-1),
@@ -212,12 +184,10 @@ class Layout:
 
         Their rows and columns are as far apart as the cells are.
         """
-        from locplan._kernels import bitplanes
-
         spacing, diameter = group.spacing, 2 * self.radius + 1
         rows, cols = group.spans(spacing, self.window.reach)
         steps = self.window.step_cells // spacing
-        sums = np.zeros((bitplanes.PLANES, cols, -(-rows // steps) * steps), np.int64)
+        sums = np.zeros((PLANES, cols, -(-rows // steps) * steps), np.int64)
         reached = diameter + (cols - 1) * spacing, diameter + (rows - 1) * spacing + 1
         bitplanes.disc_sums(
             self.still,
@@ -229,9 +199,9 @@ class Layout:
             np.empty(reached, np.int32),
             sums,
         )
-        return sums.reshape(bitplanes.PLANES, cols, -1, steps).swapaxes(2, 3)
+        return sums.reshape(PLANES, cols, -1, steps).swapaxes(2, 3)
 
-    def sight(self, group: Group) -> Any:
+    def sight(self, group: Group) -> templates.Sight:
         """Rays of the visible templates of a group of cells."""
         return _rays(self.radius, self.window)._replace(
             levels=self.levels,
@@ -241,22 +211,127 @@ class Layout:
 
 
 @lru_cache(maxsize=4)
-def _rays(radius: int, window: OffsetLattice) -> Any:
+def _rays(radius: int, window: OffsetLattice) -> templates.Sight:
     """Rays of the visible templates of no cells."""
-    from locplan._kernels.templates import Sight, by_squares
-
     angles = 2 * np.pi * np.arange(beam_count(radius)) / beam_count(radius)
     offset = 2 * np.arange(-radius, radius + 1, dtype=np.int32)
     beams = [beam_of_cell(radius, theta).astype(np.int32) for theta in window.angles]
     nowhere = np.empty(0, np.int64)
-    return Sight(
+    return templates.Sight(
         cos=np.cos(angles),
         sin=np.sin(angles),
-        beam=np.array([by_squares(beam) for beam in beams]),
-        distance=by_squares(offset[:, None] ** 2 + offset[None, :] ** 2),
+        beam=np.array([templates.by_squares(beam) for beam in beams]),
+        distance=templates.by_squares(offset[:, None] ** 2 + offset[None, :] ** 2),
         behind=BEHIND,
         radius=radius,
         levels=np.empty((0, 0), np.uint8),
         rows=nowhere,
         cols=nowhere,
     )
+
+
+def disc_blocks(radius: int, edge: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First rows and columns of blocks within a disc, from the disc's own on, (block,) each.
+
+    They begin at whole squares and do not overlap. The outer ones, which differ most when the map
+    is turned, come first.
+    """
+
+    def columns(start: int) -> list[tuple[int, int]]:
+        found = []
+        for left in range(start, 2 * radius + 2 - edge, edge):
+            across = max(abs(left - radius), abs(left + edge - 1 - radius))
+            half = math.isqrt(radius**2 - across**2)
+            low = -(-(radius - half) // SQUARE) * SQUARE
+            number = (radius + half + 1 - low) // edge
+            found += [(low + n * edge, left) for n in range(number)]
+        return found
+
+    best = max((columns(start) for start in range(0, edge, SQUARE)), key=len)
+    centre = radius - (edge - 1) / 2
+    best.sort(key=lambda block: -math.hypot(block[0] - centre, block[1] - centre))
+    places = np.array(best, np.int64).reshape(-1, 2)
+    return places[:, 0], places[:, 1]
+
+
+def scaled(greatest: int) -> tuple[int, int]:
+    """Limit below 65,535 for sums of numbers shifted to the right by so many bits, and the bits."""
+    shift = max(0, greatest.bit_length() - MAX_SHORT.bit_length())
+    shift += greatest >> shift >= MAX_SHORT
+    return greatest >> shift, shift
+
+
+def kept_lines(
+    layout: Layout,
+    groups: list[Group],
+    negligible: int,
+    due: Due,
+) -> list[NDArray[np.bool_]]:
+    """Lines of offsets that may have an S / 127 of at most `negligible`.
+
+    Of each group of cells, (theta, n, dx).
+    """
+    control, headings = layout.part.control, layout.window.angles.size
+    limit, shift = scaled(negligible)
+    kept = [np.ones((headings, group.cells.size, layout.offsets), bool) for group in groups]
+    still = np.empty((2, *(size + 1 for size in layout.still.shape[1:])), np.uint16)
+    bitplanes.sum_up(layout.still, still)
+    table = np.empty((2, *(size + 1 for size in layout.turned.shape[2:])), np.uint16)
+    laid_out = [_lay_out(layout, group, still, table.shape[2]) for group in groups]
+    for k in range(headings):
+        bitplanes.sum_up(layout.turned[k], table)
+        corners = layout.lefts[:, k] * table.shape[2] + layout.tops[:, k]
+        for group, (blocks, rests, addresses), lines in zip(groups, laid_out, kept, strict=True):
+            bitplanes.keep_lines(
+                blocks,
+                table,
+                corners[group.cells],
+                rests,
+                addresses,
+                limit,
+                shift,
+                lines[k],
+                control,
+                due.for_steps(group.cells.size),
+            )
+    return kept
+
+
+def beside(lines: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Lines that are kept, and those next to them along x, (theta, n, dx)."""
+    wide = lines.copy()
+    wide[:, :, 1:] |= lines[:, :, :-1]
+    wide[:, :, :-1] |= lines[:, :, 1:]
+    return wide
+
+
+def _lay_out(
+    layout: Layout, group: Group, still: NDArray[np.uint16], table_rows: int
+) -> tuple[bitplanes.Blocks, NDArray[np.int64], NDArray[np.int64]]:
+    """The blocks around a group of cells; rows mod step and places at which the cells begin."""
+    edges = (32, 16) if layout.radius < 180 else (64, 32)  # [cells], the large ones first
+    places = [disc_blocks(layout.radius, edge) for edge in edges]
+    unit, more = group.unit, max(0, 2 * layout.radius + 1 - min(edges))
+    step_units = layout.window.step_cells // unit
+    rows, cols = (span + more // unit for span in group.spans(unit, layout.window.reach))
+    lanes = -(-rows // step_units) + -(-layout.offsets // SHORTS) * SHORTS
+    counts = np.empty((len(edges), 2, cols, step_units, lanes), np.uint16)
+    col_stride, plane_stride = step_units * lanes, cols * step_units * lanes
+    addresses, corners, rest = [], [], np.arange(step_units)[:, None]
+    for n, (edge, (block_rows, block_cols)) in enumerate(zip(edges, places, strict=True)):
+        bitplanes.count_blocks(still, group.top, group.left, edge, unit, counts[n])
+        p, q = rest + block_rows // unit, block_cols // unit
+        address = p % step_units * lanes + p // step_units + q * col_stride
+        addresses.append(address + n * 2 * plane_stride)
+        corners.append(block_cols * table_rows + block_rows)
+    blocks = bitplanes.Blocks(
+        counts=counts.reshape(-1),
+        edges=np.array(edges),
+        starts=np.cumsum([0, *(len(block_rows) for block_rows, _ in places)]),
+        corners=np.concatenate(corners),
+        addresses=np.concatenate(addresses, axis=1),
+        line_stride=step_units * col_stride,
+        plane_stride=plane_stride,
+    )
+    p, q = group.rows // unit, group.cols // unit
+    return blocks, p % step_units, q * col_stride + p // step_units

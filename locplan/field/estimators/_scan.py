@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from locplan._util.checks import is_number, keep, shown
 from locplan.errors import ConfigError
 from locplan.field._estimator import Layer, MapPart, Values
-from locplan.field._surfaces import wall_cells
-from locplan.field.estimators._beams import LidarEstimator, reach_of_beams
+from locplan.field.estimators._beams import LidarEstimator, reach_of_beams, wall_cells
 from locplan.maps import OCCUPIED
 from locplan.robots import MAX_BEAMS
 
