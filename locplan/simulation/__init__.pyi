@@ -58,10 +58,13 @@ from .choice._figures import choice_figure as choice_figure
 from .choice._planner import SimulatedChoice as SimulatedChoice
 from .choice._race import Judgement as Judgement, Scores as Scores, judged as judged
 from .choice._settings import ChoiceSettings as ChoiceSettings
-from .tuning._bench import TuningBench as TuningBench
+from .tuning._bench import SimulatedBench as SimulatedBench, TuningBench as TuningBench
 from .tuning._figures import tuning_figure as tuning_figure
 from .tuning._files import check_tunable as check_tunable
-from .tuning._lint import BeamsLeft as BeamsLeft, filter_warnings as filter_warnings
 from .tuning._results import Tuning as Tuning
-from .tuning._space import DisturbanceLevel as DisturbanceLevel
+from .tuning._space import (
+    BeamsLeft as BeamsLeft,
+    DisturbanceLevel as DisturbanceLevel,
+    filter_warnings as filter_warnings,
+)
 from .tuning._tune import search_settings as search_settings, tune as tune
