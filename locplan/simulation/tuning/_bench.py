@@ -22,8 +22,8 @@ from locplan.planners import plan, random_queries
 from locplan.robots import Amcl, Lidar, Robot, score_values
 from locplan.simulation._arguments import DriveArguments, drive_arguments
 from locplan.simulation._drives import FLOOR, LOST
-from locplan.simulation._motion import poses_along
 from locplan.simulation._simulator import Simulator
+from locplan.simulation._worlds import poses_along
 from locplan.simulation.tuning._space import LEVELS, DisturbanceLevel
 
 

@@ -246,9 +246,7 @@ class Tuning(Result):
             What `save` takes, of which it says nothing.
         """
         names = "settings", "paths", "drives"
-        every = [
-            {"name": each.name, "robot": each.of(self.robot).summary()} for each in self.levels
-        ]
+        levels = [(each.name, each.of(self.robot).summary()) for each in self.levels]
         found: dict[str, object] = {
             "conclusion": self.conclusion,
             "map": {"name": self.grid.name, "digest": self.grid.digest},
