@@ -178,7 +178,7 @@ class Replay(Result):
     @property
     def notes(self) -> tuple[str, ...]:
         """What limits the replay, in sentences without a full stop."""
-        return sparse_notes(self.recording, self.robot.filter)
+        return sparse_notes(self.recording, self.robot.amcl)
 
     def summary(self) -> dict[str, object]:
         """All that was found, fit for JSON."""
@@ -282,7 +282,7 @@ def replay(
     arguments = tracks.arguments(robot)
     errors = np.empty((runs, len(recording), 3))
     covariances = np.empty((runs, len(recording), 3, 3))
-    ends = tracks.ends(robot.filter)
+    ends = tracks.ends(robot.amcl)
 
     def run(n: int) -> None:
         found = tracks.track(random_of(seed, REPLAY, n), ends, arguments)

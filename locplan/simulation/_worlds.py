@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Lock
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,9 @@ from locplan._util.poses import Poses
 from locplan._util.random_streams import random_of
 from locplan.costs import Costmap, Path, divided_poses
 from locplan.errors import LocplanError
-from locplan.maps import OccupancyGrid
+from locplan.maps import OccupancyGrid, own_axes
 from locplan.planners import plan_field
-from locplan.simulation._arguments import DriveArguments, Line
+from locplan.simulation._arguments import DriveArguments, Line, OwnFilter
 
 POSE_SPACING = 0.05
 """Greatest distance between two poses [m]."""
@@ -217,8 +218,55 @@ class Stage:
         cells = line.cells - [self.window[0].start, self.window[1].start, 0.0]
         errors = np.empty_like(line.truth)
         random = random_of(self.seed, DRIVE, stream, number)
-        drive(random, line.truth, World(world, self.resolution, cells), *arguments, errors)
+        follow: Any = track if arguments.scores is None else drive
+        follow(random, line.truth, World(world, self.resolution, cells), *arguments, errors)
         return errors
+
+
+def track(
+    random: np.random.Generator,
+    truth: Poses,
+    world: Any,
+    scores: None,
+    lidar: Any,
+    disturbances: Any,
+    odometry: Any,
+    start: Any,
+    own: OwnFilter,
+    errors: NDArray[np.float64],
+) -> None:
+    """Drive once with a filter that is not AMCL, as the kernel `drives.drive` does with AMCL.
+
+    The filter gets every scan, with all beams, and random numbers of its own. It is started at a
+    pose that is off by the deviation that it is given.
+    """
+    from locplan._kernels.drives import odometry_along
+    from locplan._kernels.lidar import measured_ends
+
+    own_random = random.spawn(1)[0]
+    reported = odometry_along(random, truth, odometry)
+    deviation = np.array([start.position, start.position, start.heading])
+    x, y, heading = truth[0] + deviation * random.standard_normal(3)
+    at = own.grid.grid_to_world(y / own.grid.resolution, x / own.grid.resolution)
+    first = np.array([*at, heading + own.grid.origin[2]])
+    tracker = own.settings.start(
+        own.grid, own.lidar, first, (start.position, start.heading), own_random
+    )
+    ends = np.empty((lidar.angles.size, 2))
+    for n, pose in enumerate(world.poses):
+        measured_ends(random, world.squares, world.resolution, pose, lidar, disturbances, ends)
+        rays = world.resolution * ends - (lidar.forward, lidar.left)
+        ranges = np.nan_to_num(np.hypot(*rays.T), nan=np.inf)  # without a return
+        tracker.motion(reported[n])
+        tracker.scan(ranges.astype(np.float32))
+        estimate = np.asarray(tracker.estimate(), float)
+        if estimate.shape != (3,) or not np.isfinite(estimate).all():
+            raise LocplanError(
+                f"{own.settings.title}: estimate() must be three finite numbers;"
+                " locplan.testing.check_filter checks a filter"
+            )
+        errors[n] = own_axes(own.grid, estimate[None])[0] - truth[n]
+    errors[:, 2] = np.remainder(errors[:, 2] + np.pi, 2 * np.pi) - np.pi
 
 
 class SharedWorlds:

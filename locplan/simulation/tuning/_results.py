@@ -153,7 +153,7 @@ class Tuning(Result):
     @property
     def own(self) -> Amcl:
         """The user's own settings."""
-        return self.robot.filter
+        return self.robot.amcl
 
     @property
     def levels(self) -> tuple[DisturbanceLevel, ...]:

@@ -164,7 +164,7 @@ def search_settings(
         own_seed = int(random_of(seed, stream).integers(2**31))
         return bench_of(own_seed, stream == JUDGE)
 
-    own = robot.filter
+    own = robot.amcl
     # Shares of the time that the three rungs, what is put back, and the judgement take.
     shares = 170, 200, 230, 130, 270
     steps = iter([scaled(*step) for step in zip(parts(progress, shares), shares, strict=True)])
