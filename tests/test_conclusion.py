@@ -8,7 +8,7 @@ import math
 import pytest
 
 from locplan._util.intervals import Interval
-from locplan.simulation._conclusion import FEW_PLACES, Ranked, Sizes, conclusion
+from locplan.simulation._predictors import FEW_PLACES, Ranked, Sizes, conclusion
 
 ABOVE, ZERO, BELOW = Interval(0.6, 0.4, 0.8), Interval(0.1, -0.2, 0.4), Interval(-0.3, -0.5, -0.1)
 CHANCE, FINDS = Interval(0.6, 0.4, 0.8), Interval(0.9, 0.7, 1.0)

@@ -5,11 +5,11 @@ import re
 import numpy as np
 import pytest
 from conftest import drawn
+from locplan.simulation.tuning._lint import beams_left
 
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import Amcl, Disturbances, Lidar, Robot
 from locplan.simulation import Simulator, filter_warnings
-from locplan.simulation.tuning._lint import beams_left
 
 LIDAR = Lidar(range=12.0, range_sigma=0.03)
 CLEAN = Disturbances(outliers=0.0, boundary_noise=0.0)

@@ -36,7 +36,7 @@ from locplan.simulation import (
     simulate_queries,
     simulation_figure,
 )
-from locplan.simulation._motion import approaches
+from locplan.simulation._worlds import approaches
 
 QUIET = {
     "boundary_noise": 0.0,

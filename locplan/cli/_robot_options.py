@@ -99,7 +99,7 @@ class RobotOptions:
         from locplan.simulation import filter_warnings
 
         others = read_parameters(self.nav2_file("amcl")).of("amcl")
-        for fault in filter_warnings(robot.filter, robot.known_lidar, others):
+        for fault in filter_warnings(robot.amcl, robot.known_lidar, others):
             warnings.warn(ParameterWarning(fault), stacklevel=2)
 
     def nav2_file(self, node: str = "") -> Path | None:

@@ -131,7 +131,7 @@ def key_features(
     routes = routes_of(grid, paths, places, robot.radius)
     half = ACROSS * grid.resolution / 2
     shape = Shape(half, half, is_round=True)
-    step = step_of(robot.filter)
+    step = step_of(robot.amcl)
     lines = lines_along(grid, routes, step)
     seen = surroundings(grid, lines, step, shape, robot)
     occupied = grid.cells == OCCUPIED

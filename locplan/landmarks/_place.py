@@ -127,10 +127,10 @@ def place_landmarks(
     else:
         ways = _ways_along(empty, routes_of(empty, paths, places, robot.radius), robot)
         if paths is not None and len(existing):
-            lines_along(grid, ways.routes, step_of(robot.filter))  # nor may an object stand on them
+            lines_along(grid, ways.routes, step_of(robot.amcl))  # nor may an object stand on them
     setting = Setting(empty, kind, ways.routes, ways.region, paths is None, robot)
     passages = Passages(empty, kind.shape, robot.radius, sites.clearance)
-    seen = surroundings(empty, ways.lines, step_of(robot.filter), kind.shape, robot)
+    seen = surroundings(empty, ways.lines, step_of(robot.amcl), kind.shape, robot)
     tried = _within_range(setting, ways, sites, seen.rays.most + kind.shape.reach)
     routes = np.column_stack(empty.world_to_grid(*ways.clear_of.T))
     keep, area = robot.radius + sites.clearance, cells_in(grid, sites.keep_out, "keep_out")
@@ -175,7 +175,7 @@ class _Ways(NamedTuple):
 def _ways_along(grid: OccupancyGrid, routes: dict[str, Path], robot: Robot) -> _Ways:
     """Poses along routes."""
     fine = [path.resampled(grid.resolution / 2).xy for path in routes.values()]
-    lines = lines_along(grid, routes, step_of(robot.filter))
+    lines = lines_along(grid, routes, step_of(robot.amcl))
     return _Ways(routes, None, lines, np.concatenate(fine))
 
 

@@ -81,7 +81,7 @@ def surroundings(
 ) -> Surroundings:
     """Look around on a map at poses in the world, about `step` [m] apart on each line."""
     rays = _rays_at(own_axes(grid, np.concatenate(lines)), shape, robot, grid.resolution)
-    update = max(robot.filter.update_min_d, 1e-3)
+    update = max(robot.amcl.update_min_d, 1e-3)
     a_step, a_metre = (
         _information(robot, rays.beams, grid.resolution, way / update) for way in (step, 1.0)
     )
@@ -124,7 +124,7 @@ def _rays_at(poses: Poses, shape: Shape, robot: Robot, resolution: float) -> Any
     """`landmarks.Rays` at poses in the map's own axes, so dense that no object is missed."""
     from locplan._kernels.landmarks import Rays
 
-    lidar, amcl = robot.known_lidar, robot.filter
+    lidar, amcl = robot.known_lidar, robot.amcl
     reach = amcl.reach(lidar)
     narrow = 2 * min(shape.half_length, shape.half_width)
     round_ = min(max(MIN_RAYS, RAYS_ACROSS * 2 * math.pi * reach / narrow), MAX_RAYS)
@@ -189,7 +189,7 @@ def _information(robot: Robot, rays: int, resolution: float, looks: float) -> An
     """
     from locplan._kernels.objectives import Sensing
 
-    lidar, amcl = robot.known_lidar, robot.filter
+    lidar, amcl = robot.known_lidar, robot.amcl
     share = math.ceil(lidar.beams / amcl.beam_step(lidar.beams)) / rays
     sigma = SIGMA * max(amcl.sigma_hit, resolution)
     likelihood = amcl.z_hit + amcl.z_rand / amcl.reach(lidar)
@@ -203,7 +203,7 @@ def _motion_of(robot: Robot) -> Any:
     """`objectives.Motion` of a filter with its updates, and of the odometry."""
     from locplan._kernels.objectives import Motion
 
-    amcl, odometry, disturbances = robot.filter, robot.odometry, robot.disturbances
+    amcl, odometry, disturbances = robot.amcl, robot.odometry, robot.disturbances
     step = amcl.update_min_d
     drift = math.radians(odometry.heading_drift_deg)
     if amcl.robot_model_type == OMNIDIRECTIONAL:

@@ -238,7 +238,7 @@ def calibrate_drive(
         "occlusion": scans.occlusion.value,
         "occlusion_deg": min(360.0, scans.occlusion_deg.value),
     }
-    odometry = odometry_noise(recording, robot.filter)
+    odometry = odometry_noise(recording, robot.amcl)
     if odometry:
         notes += odometry.notes
         changes |= odometry.settings()

@@ -165,7 +165,7 @@ class Replay(Result):
     @property
     def notes(self) -> tuple[str, ...]:
         """What limits the replay, in sentences without a full stop."""
-        return sparse_notes(self.recording, self.robot.filter)
+        return sparse_notes(self.recording, self.robot.amcl)
 
     def summary(self) -> dict[str, object]:
         """All that was found, fit for JSON."""
@@ -269,7 +269,7 @@ def replay(
     arguments = tracks.arguments(robot)
     errors = np.empty((runs, len(recording), 3))
     covariances = np.empty((runs, len(recording), 3, 3))
-    ends = tracks.ends(robot.filter)
+    ends = tracks.ends(robot.amcl)
 
     def run(some: NDArray[np.int64]) -> list[int]:
         numbers: list[int] = some.tolist()

@@ -296,7 +296,7 @@ def tune_on_drive(
     stretches = _stretches(recording)
     halves = stretches[::2], stretches[1::2]
     paths = len(halves[1])  # never more than those of the search
-    ends = tracks.ends(robot.filter)
+    ends = tracks.ends(robot.amcl)
     left = BeamsLeft(ends.shape[1], float(np.isfinite(ends[..., 0]).sum(axis=1).mean()))
 
     def bench_of(own_seed: int, judging: bool) -> RecordedBench:
@@ -313,7 +313,7 @@ def tune_on_drive(
         seed=seed,
         progress=progress,
         drive=recording.source.file or "the drive",
-        notes=sparse_notes(recording, robot.filter),
+        notes=sparse_notes(recording, robot.amcl),
     )
 
 

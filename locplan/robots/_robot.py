@@ -16,7 +16,7 @@ from locplan._util.plain_yaml import dumped
 from locplan._util.recipes import Spelled
 from locplan._util.stamps import stamp
 from locplan.errors import ConfigError
-from locplan.robots._amcl import Amcl
+from locplan.robots._amcl import Amcl, Filter
 from locplan.robots._files import (
     OWN,
     PARTS,
@@ -65,8 +65,8 @@ class Robot(Settings):
     """Distance from the goal at which the robot stops, >= 0 [m]."""
     inflation: Inflation | None = dataclasses.field(default=None, kw_only=True)
     """Inflation of the costmap that the robot's navigation plans on; None without one."""
-    filter: Amcl = dataclasses.field(default=Amcl(), kw_only=True)
-    """The filter that localizes the robot, with its parameters."""
+    filter: Amcl | Filter = dataclasses.field(default=Amcl(), kw_only=True)
+    """The filter that localizes the robot, with its parameters: Nav2's, or one of your own."""
     odometry: Odometry = dataclasses.field(default=Odometry(), kw_only=True)
     """Errors of the odometry."""
     disturbances: Disturbances = dataclasses.field(default=Disturbances(), kw_only=True)
@@ -83,7 +83,7 @@ class Robot(Settings):
             kinematics: Kinematics = ...,
             goal_tolerance: float = ...,
             inflation: Inflation | None = None,
-            filter: Amcl = ...,
+            filter: Amcl | Filter = ...,
             odometry: Odometry = ...,
             disturbances: Disturbances = ...,
         ) -> None: ...
@@ -93,8 +93,11 @@ class Robot(Settings):
             keep(self, lidar=Lidar.preset(self.lidar))
         for name, kind in PARTS.items():
             part = getattr(self, name)
+            if name == "filter" and hasattr(part, "start") and hasattr(part, "title"):
+                continue  # one that follows the protocol
             if part is not None or name not in ("lidar", "inflation"):
-                instance(name, part, kind)
+                own = "one of your own follows locplan.robots.Filter" if name == "filter" else ""
+                instance(name, part, kind, own)
         if not isinstance(self.footprint, Footprint):
             keep(self, footprint=number("footprint", self.footprint, 0.0))
         keep(self, margin=number("margin", self.margin, 0.0))
@@ -167,6 +170,7 @@ class Robot(Settings):
         """
         target = file_path("a robot's file", path)
         check_target(target, ".yaml")
+        _ = self.amcl  # a file cannot hold the code of another filter
         content = {**stamp("robot", VERSION), "robot": self.summary()}
         with replacing(target) as temporary:
             temporary.write_text(dumped(content, default_flow_style=None), encoding="utf-8")
@@ -174,8 +178,12 @@ class Robot(Settings):
     def summary(self) -> dict[str, Any]:
         """All settings by the names of the fields, fit for JSON and YAML."""
         about = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
+        own = not isinstance(self.filter, Amcl)
         for name in PARTS:
-            about[name] = None if about[name] is None else dataclasses.asdict(about[name])
+            if name == "filter" and own:
+                about[name] = {"title": self.filter.title, "settings": repr(self.filter)}
+            else:
+                about[name] = None if about[name] is None else dataclasses.asdict(about[name])
         if isinstance(self.footprint, Footprint):
             about["footprint"] = self.footprint.vertices.tolist()
         return about
@@ -222,6 +230,16 @@ class Robot(Settings):
         return self.lidar
 
     @property
+    def amcl(self) -> Amcl:
+        """The filter, where it is AMCL; a ConfigError where it is another."""
+        if not isinstance(self.filter, Amcl):
+            raise ConfigError(
+                f"the filter ({self.filter.title}) is not AMCL, whose parameters are read here;"
+                " give the robot an Amcl"
+            )
+        return self.filter
+
+    @property
     def outline(self) -> Footprint | None:
         """The footprint, where it is no circle."""
         return self.footprint if isinstance(self.footprint, Footprint) else None
@@ -259,7 +277,8 @@ class Robot(Settings):
                 known = ", ".join((*OWN, *of_part))
                 raise ConfigError(f"a robot has no setting {shown(name)}; it has {known}")
         for part, given in parts.items():
-            own[part] = dataclasses.replace(getattr(self, part) or PARTS[part](), **given)
+            before = self.amcl if part == "filter" else getattr(self, part) or PARTS[part]()
+            own[part] = dataclasses.replace(before, **given)
         return dataclasses.replace(self, **own)
 
 

@@ -5,12 +5,11 @@ from ._arguments import (
     check_of_one_map as check_of_one_map,
     drive_arguments as drive_arguments,
 )
-from ._calibration import Calibration as Calibration, calibrate as calibrate
+from ._calibration import Calibration as Calibration, check_calibration as check_calibration
 from ._drives import (
     DRIVEN as DRIVEN,
     LOST as LOST,
     PROFILE as PROFILE,
-    PROFILE_COLUMNS as PROFILE_COLUMNS,
     Drives as Drives,
     check_drives as check_drives,
     rmse_ratio as rmse_ratio,
@@ -26,8 +25,7 @@ from ._figures import (
     queries_figure as queries_figure,
     simulation_figure as simulation_figure,
 )
-from ._moments import calibrate_moments as calibrate_moments
-from ._motion import POSE_SPACING as POSE_SPACING, poses_along as poses_along
+from ._fitting import calibrate as calibrate, calibrate_moments as calibrate_moments
 from ._places import (
     Places as Places,
     choose_points as choose_points,
@@ -35,7 +33,6 @@ from ._places import (
     measure_maps as measure_maps,
 )
 from ._predictors import Predictor as Predictor
-from ._reports import check_calibration as check_calibration
 from ._routes import (
     Route as Route,
     Routes as Routes,
@@ -49,6 +46,7 @@ from ._simulate import (
     simulate as simulate,
 )
 from ._simulator import Simulator as Simulator
+from ._worlds import POSE_SPACING as POSE_SPACING, poses_along as poses_along
 from .choice._choice import Choice as Choice
 from .choice._choices import Choices as Choices, MapChoice as MapChoice
 from .choice._choose import choose as choose
@@ -58,10 +56,13 @@ from .choice._figures import choice_figure as choice_figure
 from .choice._planner import SimulatedChoice as SimulatedChoice
 from .choice._race import Judgement as Judgement, Scores as Scores, judged as judged
 from .choice._settings import ChoiceSettings as ChoiceSettings
-from .tuning._bench import TuningBench as TuningBench
+from .tuning._bench import SimulatedBench as SimulatedBench, TuningBench as TuningBench
 from .tuning._figures import tuning_figure as tuning_figure
 from .tuning._files import check_tunable as check_tunable
-from .tuning._lint import BeamsLeft as BeamsLeft, filter_warnings as filter_warnings
 from .tuning._results import Tuning as Tuning
-from .tuning._space import DisturbanceLevel as DisturbanceLevel
+from .tuning._space import (
+    BeamsLeft as BeamsLeft,
+    DisturbanceLevel as DisturbanceLevel,
+    filter_warnings as filter_warnings,
+)
 from .tuning._tune import search_settings as search_settings, tune as tune

@@ -16,6 +16,9 @@ from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import (
     FARTHEST_OBJECT,
     NEAREST_OBJECT,
+    Amcl,
+    Filter,
+    Lidar,
     Robot,
     beam_scores,
     filter_settings,
@@ -31,14 +34,23 @@ class Line(NamedTuple):
     """Row and column in the map that is driven in, and heading, (n, 3) [cells, cells, rad]."""
 
 
+class OwnFilter(NamedTuple):
+    """A filter that is not AMCL, with what it is started with."""
+
+    settings: Filter
+    grid: OccupancyGrid
+    """The filter's map."""
+    lidar: Lidar
+
+
 @dataclass(frozen=True)
 class DriveArguments:
     """Arguments of the kernels of drives, in the order in which they take them."""
 
     scores: Any
-    """`particles.BeamScores` of the map."""
+    """`particles.BeamScores` of the map; None where the filter is not AMCL."""
     lidar: Any
-    """`lidar.Lidar` with the beams that AMCL compares."""
+    """`lidar.Lidar` with the beams that AMCL compares, or with all beams."""
     disturbances: Any
     """`measured.BeamDisturbances`: outliers and occlusions."""
     odometry: Any
@@ -46,7 +58,7 @@ class DriveArguments:
     start: Any
     """`tracking.Start`: standard deviations of the filter's first pose."""
     filter: Any
-    """`particles.Filter`: AMCL's parameters."""
+    """`particles.Filter`: AMCL's parameters; or an `OwnFilter`."""
 
     def __iter__(self) -> Iterator[Any]:
         """The arguments one by one, as the kernels take them."""
@@ -79,18 +91,27 @@ def drive_arguments(
     from locplan._kernels.drives import Odometry, Start
     from locplan._kernels.lidar import BeamDisturbances, Lidar as Beams
 
-    lidar, amcl = robot.known_lidar, robot.filter
-    odometry, disturbances = robot.odometry, robot.disturbances
+    lidar, odometry, disturbances = robot.known_lidar, robot.odometry, robot.disturbances
+    start = Start(disturbances.start_sigma, math.radians(disturbances.start_sigma_deg))
+    known: Any = None
+    settings: Any
+    if isinstance(amcl := robot.filter, Amcl):
+        known = beam_scores(grid, amcl, lidar, scores)
+        angles, settings = lidar.angles[:: amcl.beam_step(lidar.beams)], filter_settings(amcl)
+        nearest, farthest = max(lidar.least_range, amcl.laser_min_range), amcl.reach(lidar)
+    else:
+        angles, nearest, farthest = lidar.angles, lidar.least_range, lidar.range
+        settings = OwnFilter(robot.filter, grid, lidar)
     return DriveArguments(
-        beam_scores(grid, amcl, lidar, scores),
+        known,
         Beams(
-            angles=np.ascontiguousarray(lidar.angles[:: amcl.beam_step(lidar.beams)]),
+            angles=np.ascontiguousarray(angles),
             forward=lidar.mount_x,
             left=lidar.mount_y,
             yaw=lidar.mount_yaw,
             sigma=lidar.range_sigma,
-            min_range=max(lidar.least_range, amcl.laser_min_range),
-            max_range=amcl.reach(lidar),
+            min_range=nearest,
+            max_range=farthest,
         ),
         BeamDisturbances(
             outliers=disturbances.outliers,
@@ -107,8 +128,8 @@ def drive_arguments(
             heading_bias=math.radians(odometry.heading_bias_deg),
             turn_bias=odometry.turn_bias,
         ),
-        Start(disturbances.start_sigma, math.radians(disturbances.start_sigma_deg)),
-        filter_settings(amcl),
+        start,
+        settings,
     )
 
 

@@ -40,8 +40,6 @@ PROFILE = (
     Column("heading_error_rms", "rad"),
 )
 """Columns of `Drives.profile`."""
-PROFILE_COLUMNS = tuple(each.name for each in PROFILE)
-"""Names of the columns of `Drives.profile`."""
 
 
 def check_drives(drives: int, *, or_none: bool = False) -> None:
@@ -202,8 +200,6 @@ Minimise = Literal["rmse", "lost", "goal-error", "heading"]
 MINIMISED: tuple[Minimise, ...] = get_args(Minimise)
 FLOOR = 1e-6
 """Mean square error that is added, so that no drive without error decides alone [m^2, rad^2]."""
-LAST = 1.0
-"""Length of the last stretch, of which "goal-error" is made [m]."""
 
 
 def log_errors(
@@ -231,7 +227,7 @@ def log_errors(
     else:
         squares = errors[..., 0] ** 2 + errors[..., 1] ** 2
     if minimise == "goal-error":
-        squares = squares[:, distance >= distance[-1] - LAST]
+        squares = squares[:, distance >= distance[-1] - 1.0]
     return np.asarray(0.5 * np.log(np.minimum(squares.mean(axis=1), worst**2) + FLOOR))
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, get_args
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,44 +23,15 @@ from locplan.field import equipped
 from locplan.maps import OccupancyGrid
 from locplan.robots import Robot
 from locplan.simulation._arguments import about_filter
-from locplan.simulation._conclusion import FAILED_MATCH, Ranked, Sizes, conclusion
-from locplan.simulation._places import DRIVES, PLACES, SCANS, ErrorKind, Places, measure_maps
-from locplan.simulation._predictors import PLANNED, Predictor, configs, predictions
-
-KINDS: tuple[ErrorKind, ...] = get_args(ErrorKind)
-KIND_LABELS: dict[ErrorKind, str] = {
-    "tracking": "error of a particle filter, 10 m drives",
-    "match": "error of single-scan matches",
-}
-SIZES = (
-    "tracking_median",
-    "lost_rate",
-    "tracking_kept_rmse",
-    "tracking_rmse",
-    "match_median",
-    "match_rmse",
-)
-"""Sizes of the errors at a place: those of `sizes_of`."""
-
-
-def sizes_of(places: Places) -> dict[str, NDArray[np.float64]]:
-    """Sizes of the errors at each place, (n,), by the names of `SIZES`."""
-    values = (
-        places.position_median("tracking"),
-        places.lost,
-        places.kept_rmse,
-        places.position_rmse("tracking"),
-        places.position_median("match"),
-        places.position_rmse("match"),
-    )
-    return dict(zip(SIZES, values, strict=True))
+from locplan.simulation._places import KINDS, ErrorKind, Places, measure_maps
+from locplan.simulation._predictors import Predictor, conclusion, configs, predictions
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Evaluation(Result):
     """Errors at places of some maps, and the values of each predictor there."""
 
-    _reported_by: ClassVar[str] = "locplan.simulation._reports:evaluation_report"
+    _reported_by: ClassVar[str] = "locplan.simulation._predictors:evaluation_report"
     _drawn_by: ClassVar[str] = "locplan.simulation:evaluation_figure"
     files: ClassVar[Results] = Results(
         "evaluation", ("evaluation.json", "evaluation.png", "places.csv")
@@ -138,20 +109,7 @@ class Evaluation(Result):
     @property
     def conclusion(self) -> list[str]:
         """Two sentences: if the errors depend on the place, and what to do."""
-        fields = [
-            Ranked(f"`{predictor}`", options, found.spearman, found.auc)
-            for predictor, options in PLANNED.items()
-            for found in [self.ranks[predictor, "tracking"]]
-        ]
-        found = {name: np.concatenate(values) for name, values in self._sizes.items()}
-        sizes = Sizes(
-            tracking_median=float(np.median(found["tracking_median"])),
-            tracking_rmse=float(np.quantile(found["tracking_rmse"], 0.9)),
-            lost=float(found["lost_rate"].mean()),
-            match_median=float(np.median(found["match_median"])),
-            failed=float((found["match_rmse"] > FAILED_MATCH).mean()),
-        )
-        return conclusion(len(found["lost_rate"]), self.agreement, fields, sizes)
+        return conclusion(self)
 
     def quantiles(self, number: int, size: str) -> list[float]:
         """Percentiles 10, 50 and 90 of the sizes of errors, over a map's places.
@@ -163,21 +121,16 @@ class Evaluation(Result):
         number : int
             Index of the map in `places`, from 0 on.
         size : str
-            "tracking_median", "lost_rate", "tracking_kept_rmse", "tracking_rmse",
-            "match_median" or "match_rmse"; "tracking" and "match" stand for their RMSE.
+            One of the names of `Places.sizes`.
 
         Returns
         -------
         list of float
             The three percentiles [m], or shares of "lost_rate"; NaN if no place is known.
         """
-        values = self._sizes.get(size, self._sizes.get(f"{size}_rmse"))
-        assert values is not None, size
-        known = values[number][~np.isnan(values[number])]
-        quantiles: list[float] = [np.nan] * 3
-        if known.size:
-            quantiles = np.quantile(known, (0.1, 0.5, 0.9)).tolist()
-        return quantiles
+        values = self.places[number].sizes[size]
+        known = values[~np.isnan(values)]
+        return np.quantile(known, (0.1, 0.5, 0.9)).tolist() if known.size else [np.nan] * 3
 
     def lost_rate(self, number: int) -> float:
         """Share of the drives to a map's places that were lost at any time, 0..1.
@@ -190,12 +143,6 @@ class Evaluation(Result):
         return float(self.places[number].lost.mean())
 
     @cached_property
-    def _sizes(self) -> dict[str, list[NDArray[np.float64]]]:
-        """Sizes of the errors at the places of each map, by the names of `SIZES`."""
-        every = [sizes_of(places) for places in self.places]
-        return {name: [each[name] for each in every] for name in SIZES}
-
-    @cached_property
     def _drawn(self) -> Resamples:
         return Resamples.of([len(places.points) for places in self.places])
 
@@ -203,14 +150,15 @@ class Evaluation(Result):
         """All ranks and settings, fit for JSON."""
         about: dict[str, object] = {
             "maps": [
-                {"name": each.grid.name, "digest": each.grid.digest, "places": len(each.points)}
+                {"name": places.grid.name, "digest": places.grid.digest}
+                | {"places": len(places.points)}
                 | {"lost_rate": self.lost_rate(n)}
                 | {
                     f"{each}_10_50_90": self.quantiles(n, each)
-                    for each in SIZES
+                    for each in places.sizes
                     if each != "lost_rate"
                 }
-                for n, each in enumerate(self.places)
+                for n, places in enumerate(self.places)
             ],
             "conclusion": self.conclusion,
             "agreement": list(self.agreement),
@@ -238,12 +186,12 @@ class Evaluation(Result):
         for places, found in zip(self.places, self.predictions, strict=True):
             headings = [places.heading_rmse(kind) for kind in KINDS]
             foreseen = [np.abs(each) for each in found.values()]  # counts of cells are negated
-            values = np.column_stack([places.xy, *sizes_of(places).values(), *headings, *foreseen])
+            values = np.column_stack([places.xy, *places.sizes.values(), *headings, *foreseen])
             rows += [(places.grid.name, *row) for row in values.tolist()]
         columns = (
             Column("map"),
             *POSITION,
-            *(Column(size, "" if size == "lost_rate" else "m") for size in SIZES),
+            *(Column(size, "" if size == "lost_rate" else "m") for size in self.places[0].sizes),
             *(Column(f"{kind}_heading_rmse", "rad") for kind in KINDS),
             *(Column(each.column) for each in self.predictions[0]),
         )
@@ -263,9 +211,9 @@ def evaluate(
     grids: Sequence[OccupancyGrid] | OccupancyGrid,
     robot: Robot | None = None,
     *,
-    places: int = PLACES,
-    drives: int = DRIVES,
-    scans: int = SCANS,
+    places: int = 100,
+    drives: int = 16,
+    scans: int = 16,
     disc: float | None = None,
     filter_map: OccupancyGrid | None = None,
     seed: int = 1,

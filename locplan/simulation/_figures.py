@@ -34,20 +34,14 @@ from locplan.plotting import (
 from locplan.robots import Robot
 from locplan.simulation._calibration import Calibration
 from locplan.simulation._drives import LOST, contrasts
-from locplan.simulation._evaluation import KIND_LABELS, KINDS, Evaluation
-from locplan.simulation._places import ErrorKind
+from locplan.simulation._evaluation import Evaluation
+from locplan.simulation._places import KINDS, ErrorKind
 from locplan.simulation._predictors import Predictor
 from locplan.simulation._routes import Routes
 from locplan.simulation._simulate import Simulation
 
 LETTERS = 11.5
 """Number of letters of a legend or a title that fit within an inch."""
-LABEL_AWAY = 6.0
-"""Distance of a point's number from it along both axes [points]."""
-PANEL_POINTS = 200.0
-"""Extent of the points of a panel, nearly [points]."""
-MAP_LETTERS = 60
-"""Number of letters from which on maps are counted, not named."""
 POOLED, WITHIN = "#0072b2", "#d55e00"
 MAP_MARKS = (
     ("#0072b2", "o"),
@@ -238,7 +232,7 @@ def _draw_ranks(axes: Axes, evaluation: Evaluation, kind: ErrorKind) -> None:
         xticks=(-1, -0.5, 0, 0.5, 1),
         xlabel="Spearman's rank correlation, 95 %",
     )
-    axes.set_title(KIND_LABELS[kind], fontsize="medium")
+    axes.set_title(KINDS[kind], fontsize="medium")
     axes.grid(axis="y", color="0.92")
     axes.set_yticks(rows, [_label(predictor) for predictor in predictors])
 
@@ -279,7 +273,7 @@ def calibration_figure(calibration: Calibration) -> Figure:
     axes.plot(calibration.predicted, calibration.measured, "o", color=POOLED, ms=4, alpha=0.5)
     axes.set(
         xlabel="rms deviation of the position by Σ [m]",
-        ylabel=f"{KIND_LABELS[calibration.error]}: RMSE [m]",
+        ylabel=f"{KINDS[calibration.error]}: RMSE [m]",
     )
     config = calibration.config
     tau = f", τ = {calibration.tau:.3g} m²" if calibration.fitted_tau else ""
@@ -306,9 +300,9 @@ def _equal_ends(axes: Any, values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _beside(points: NDArray[np.float64]) -> list[tuple[float, float]]:
     """Where the number of each point stands from it, away from the others [points]."""
-    sides = LABEL_AWAY * np.array([(1, 1), (-1, 1), (1, -1), (-1, -1)])
+    sides = 6.0 * np.array([(1, 1), (-1, 1), (1, -1), (-1, -1)])
     extent = float(np.ptp(points, axis=0).max()) or 1.0
-    size = extent / PANEL_POINTS
+    size = extent / 200.0  # the points of a panel take nearly as many typographic points
     taken, chosen = points, []
     for n, point in enumerate(points):
         others = np.delete(taken, n, axis=0)[:, None]
@@ -322,7 +316,7 @@ def _beside(points: NDArray[np.float64]) -> list[tuple[float, float]]:
 def _names(maps: Sequence[str]) -> str:
     """Names of maps, or their number where that is shorter."""
     names = ", ".join(each or "map" for each in maps)
-    return names if len(names) < MAP_LETTERS else f"{len(maps)} maps"
+    return names if len(names) < 60 else f"{len(maps)} maps"
 
 
 def _label(predictor: Predictor) -> str:

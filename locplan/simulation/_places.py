@@ -19,21 +19,15 @@ from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot
 from locplan.simulation._arguments import check_of_one_map
 from locplan.simulation._drives import LOST, MAX_DRIVES
-from locplan.simulation._motion import approaches
 from locplan.simulation._simulator import APPROACH, POINTS, Simulator
-
-APART = 1.0
-"""Least distance between places [m]."""
-PLACES = 100
-"""Number of places on each map."""
-DRIVES, SCANS = 16, 16
-"""Number of drives to each place, and of scans at each."""
-LENGTH = 10.0
-"""Length of a drive to a place [m]."""
-LAST = 0.1
-"""Share of each drive, at its end, whose error counts."""
+from locplan.simulation._worlds import approaches
 
 ErrorKind = Literal["tracking", "match"]
+KINDS: dict[ErrorKind, str] = {
+    "tracking": "error of a particle filter, 10 m drives",
+    "match": "error of single-scan matches",
+}
+"""The kinds of errors, and what people call them."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -115,6 +109,18 @@ class Places:
         """
         return np.sqrt(self.moments(kind)[:, 2, 2])
 
+    @property
+    def sizes(self) -> dict[str, NDArray[np.float64]]:
+        """Sizes of the errors at each place by name, (n,) [m]; "lost_rate" is a share."""
+        return {
+            "tracking_median": self.tracking_median,
+            "lost_rate": self.lost,
+            "tracking_kept_rmse": self.kept_rmse,
+            "tracking_rmse": self.position_rmse("tracking"),
+            "match_median": self.match_median,
+            "match_rmse": self.position_rmse("match"),
+        }
+
 
 def choose_points(
     grid: OccupancyGrid, count: int, *, robot_radius: float, seed: int
@@ -156,7 +162,7 @@ def choose_points(
     stride = _stride(grid)
     points = np.argwhere(labels[::stride, ::stride] == largest).reshape(-1, 2)
     priority = random_of(seed, POINTS).random(len(points))
-    spacing = APART / (stride * grid.resolution)
+    spacing = 1.0 / (stride * grid.resolution)
     chosen = well_spaced(points.astype(float), priority, spacing)[:count]
     if len(chosen) < 2:
         raise ConfigError(f"{grid.name or 'the map'}: is too small for two places 1 m apart")
@@ -168,8 +174,8 @@ def measure(
     points: NDArray[np.int64],
     *,
     robot_radius: float,
-    drives: int = DRIVES,
-    scans: int = SCANS,
+    drives: int = 16,
+    scans: int = 16,
     progress: ProgressCallback | None = None,
 ) -> Places:
     """Drive to each place, and match scans there.
@@ -202,13 +208,13 @@ def measure(
         lines = [
             line
             for row, col in _cells(grid, points)
-            for line in approaches(costs, (int(row), int(col)), drives, LENGTH, random)
+            for line in approaches(costs, (int(row), int(col)), drives, 10.0, random)
         ]
         errors = simulator.drive(lines, progress=callbacks[0])
         driven = errors.reshape(len(points), drives, -1, 3)
     if scans:
         matching = simulator.match(_cells(grid, points), scans, progress=callbacks[1])
-    last = driven[:, :, -max(1, round(LAST * driven.shape[2])) :]
+    last = driven[:, :, -max(1, round(0.1 * driven.shape[2])) :]  # the last metre of 10 m
     tracking = last.reshape(len(points), -1, 3)
     lost, kept = _lost_and_kept(driven, last)
     return Places(
@@ -228,9 +234,9 @@ def measure_maps(
     grids: Sequence[OccupancyGrid],
     robot: Robot | None = None,
     *,
-    places: int = PLACES,
-    drives: int = DRIVES,
-    scans: int = SCANS,
+    places: int = 100,
+    drives: int = 16,
+    scans: int = 16,
     filter_map: OccupancyGrid | None = None,
     seed: int = 1,
     threads: int | None = None,

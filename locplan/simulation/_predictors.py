@@ -1,22 +1,30 @@
-"""Predictors of where a robot is badly localized: every estimator, and two simple baselines."""
+"""Predictors of where a robot is badly localized, and what people read of how well they do."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
+import textwrap
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.formats import digits_of, in_metres, plain, short
+from locplan._util.intervals import Interval
+from locplan._util.tables import REPORT_WIDTH, table
 from locplan.field import FieldConfig, Fisher, Fused, Sad, Scan, covariances_at, scalar
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.robots import Lidar
+from locplan.simulation._drives import LOST
+from locplan.simulation._places import KINDS
+
+if TYPE_CHECKING:
+    from locplan.simulation._evaluation import Evaluation
+
 
 Array = NDArray[np.float64]
-SCALARS = ("e", "position_std", "heading_std")
-"""Scalars of each field that are tried."""
-CLEARANCE, FEW_WALLS = "clearance", "few occupied cells"
 
 
 class Predictor(NamedTuple):
@@ -25,7 +33,7 @@ class Predictor(NamedTuple):
     source: str
     """Name of the field, or of a baseline."""
     scalar: str
-    """One of `SCALARS`, or nothing for a baseline."""
+    """e, position_std or heading_std; nothing for a baseline."""
 
     @property
     def of_heading(self) -> bool:
@@ -40,20 +48,6 @@ class Predictor(NamedTuple):
     def column(self) -> str:
         """Name of the predictor's column in a CSV file."""
         return "_".join(filter(None, (self.source, self.scalar))).replace(" ", "_")
-
-
-PLANNED = {
-    Predictor("fused", "position_std"): "with --lidar",
-    Predictor("scan", "position_std"): "with --lidar and --estimator scan",
-    Predictor("fisher", "position_std"): "with --lidar and --estimator fisher",
-    Predictor("sad", "e"): "with --estimator sad, the default without a lidar",
-    Predictor("sad visible", "e"): "with --estimator sad --template visible",
-    Predictor("paper", "e"): "with --estimator sad --preset paper",
-    Predictor("paper visible", "e"): "with --estimator sad --preset paper --template visible",
-}
-"""Predictors that `locplan plan` makes its cost of, and its options for them.
-
-Those that real lasers speak for come first."""
 
 
 def configs(lidar: Lidar, disc: float | None = None) -> dict[str, FieldConfig]:
@@ -103,23 +97,158 @@ def predictions(
     for name, config in fields.items():
         config = dataclasses.replace(config, stride=FieldConfig.stride)
         covariance = covariances_at(grid, config, points, threads=threads)
-        for each in SCALARS:
+        for each in ("e", "position_std", "heading_std"):
             found[Predictor(name, each)] = scalar(covariance, each)
     config = next(iter(fields.values()))
     cells = points * config.stride_cells(grid.resolution)
-    found[Predictor(CLEARANCE, "")] = grid.clearance[tuple(cells.T)]
-    found[Predictor(FEW_WALLS, "")] = -occupied_in_range(grid, cells, config.estimator.reach)
+    found[Predictor("clearance", "")] = grid.clearance[tuple(cells.T)]
+    found[Predictor("few occupied cells", "")] = -_occupied_about(
+        grid, cells, config.estimator.reach / grid.resolution
+    )
     return found
 
 
-def occupied_in_range(grid: OccupancyGrid, cells: NDArray[np.int64], reach: float) -> Array:
-    """Number of occupied cells within `reach` [m] of each cell (n, 2), also behind walls, (n,)."""
+def _occupied_about(grid: OccupancyGrid, cells: NDArray[np.int64], radius: float) -> Array:
+    """Number of occupied cells within a radius [cells] of each cell, also behind walls, (n,)."""
     from scipy.spatial import cKDTree
 
     occupied = np.argwhere(grid.cells == OCCUPIED)
     if not len(occupied):
         return np.zeros(len(cells))
-    radius = reach / grid.resolution
-    return np.asarray(
-        cKDTree(occupied).query_ball_point(cells, radius, return_length=True).astype(float)
+    counts = cKDTree(occupied).query_ball_point(cells, radius, return_length=True)
+    return np.asarray(counts.astype(float))
+
+
+PLANNED = {
+    Predictor("fused", "position_std"): "with --lidar",
+    Predictor("scan", "position_std"): "with --lidar and --estimator scan",
+    Predictor("fisher", "position_std"): "with --lidar and --estimator fisher",
+    Predictor("sad", "e"): "with --estimator sad, the default without a lidar",
+    Predictor("sad visible", "e"): "with --estimator sad --template visible",
+    Predictor("paper", "e"): "with --estimator sad --preset paper",
+    Predictor("paper visible", "e"): "with --estimator sad --preset paper --template visible",
+}
+"""Predictors that `locplan plan` makes its cost of, and its options for them.
+
+Those that real lasers speak for come first."""
+
+
+def conclusion(evaluation: Evaluation) -> list[str]:
+    """Two sentences on what a user should do; one if the places are too few to tell."""
+    every = [places.sizes for places in evaluation.places]
+    found = {name: np.concatenate([sizes[name] for sizes in every]) for name in every[0]}
+    lost, rmse = float(found["lost_rate"].mean()), float(np.quantile(found["tracking_rmse"], 0.9))
+    if len(found["lost_rate"]) < 20:
+        return [f"{len(found['lost_rate'])} places are too few to tell: take at least 20."]
+    if rmse <= 0.1 and lost <= 0.005:  # the filter is good enough for any path
+        share = f"{100 * lost:.1f} % of the drives were" if lost else "no drive was"
+        return [
+            f"The filter holds its position: at 90 % of the places its RMSE is at most"
+            f" {in_metres(rmse)}, and {share} lost.",
+            "There is little to gain here, whether from other settings or from other paths.",
+        ]
+    failed = float((found["match_rmse"] > 0.25).mean())
+    tracking, match = (float(np.median(found[f"{kind}_median"])) for kind in KINDS)
+    return [_about_places(evaluation), _about_deeds(tracking, match, rmse, lost, failed)]
+
+
+def _about_places(evaluation: Evaluation) -> str:
+    """Whether the errors depend on the place, and which field ranks them.
+
+    The first field that ranks the places better than by chance is named: to name the greatest
+    correlation of many would be to name chance.
+    """
+    agreement = evaluation.agreement
+    ranks = {each: evaluation.ranks[each, "tracking"] for each in PLANNED}
+    for predictor, rank in ranks.items():
+        if _excludes(rank.spearman, 0.0, 2 * len(ranks)):
+            good = f"ranks the places ({short(rank.spearman)})"
+        elif _excludes(rank.auc, 0.5, 2 * len(ranks)):
+            good = f"finds the worst fifth of the places (AUC {short(rank.auc)})"
+        else:
+            continue
+        return (
+            f"Where the filter errs depends on the place, and `{predictor}` {good}: plan"
+            f" {PLANNED[predictor]}."
+        )
+    why = "no interval excludes chance"
+    wrong = [each for each in PLANNED if ranks[each].spearman.high < 0]
+    if wrong:
+        why = f"`{wrong[0]}` ranks them the wrong way round, {short(ranks[wrong[0]].spearman)}"
+    halves = f"the errors of two halves of the drives correlate by {short(agreement)}"
+    if agreement.low > 0:
+        return (
+            f"Where the filter errs depends on the place ({halves}), but no field that"
+            f" `locplan plan` takes was shown to rank the places ({why}): with this filter a path"
+            " by a field may not help; more places narrow the intervals."
+        )
+    none = f"No field that `locplan plan` takes ranks the errors of this filter ({why})"
+    if math.isnan(agreement.low):
+        return f"{none}."
+    return f"{none}, and they come from the filter rather than from the places ({halves})."
+
+
+def _excludes(interval: Interval, chance: float, looks: int) -> bool:
+    """Whether an interval lies above chance, as wide as `looks` of them make it (Bonferroni)."""
+    from scipy.special import ndtri
+
+    wider = ndtri(1 - 0.025 / looks) / ndtri(0.975)
+    return bool(interval.value - (interval.value - interval.low) * wider > chance)
+
+
+def _about_deeds(tracking: float, match: float, rmse: float, lost: float, failed: float) -> str:
+    """What to do: tune the filter, avoid places or mark them, or compare paths."""
+    avoid = "avoid these with `locplan plan`, or add landmarks there"
+    share = f"{100 * failed:.0f} % of the places" if failed else "no place"
+    failing = f"fail (RMSE above 0.25 m) at {share}"
+    medians = f"its median error is {in_metres(tracking)}, that of single scans {in_metres(match)}"
+    many = failed > 0.05
+    if tracking > 2 * match:
+        tune = f"Tune the filter first with `locplan tune`: {medians}"
+        if many:
+            return f"{tune}; and single scans {failing}: {avoid}."
+        return f"{tune}, and single scans {failing}."
+    if many:
+        return f"Single scans {failing}: {avoid}; the filter needs no tuning: {medians}."
+    return (
+        f"The filter is about as good as single scans ({medians}), but"
+        f" {100 * lost:.1f} % of the drives were lost (> {LOST:g} m at any time), and at"
+        f" 10 % of the places its RMSE exceeds {in_metres(rmse)}: compare paths with"
+        " `locplan plan`."
     )
+
+
+def evaluation_report(evaluation: Evaluation) -> str:
+    """Tables of how well each predictor ranks places, and of how large the errors were."""
+    several = len(evaluation.places) > 1
+    columns = ["predictor", "correlation", *(["in a map"] if several else []), "AUC"]
+    parts = []
+    for kind, label in KINDS.items():
+        rows = []
+        for predictor in evaluation.predictions[0]:
+            found = evaluation.ranks[predictor, kind]
+            within = [f"{found.within.value:.2f}"] if several else []
+            name = f"{predictor}{' *' if predictor.of_heading else ''}"
+            rows.append([name, short(found.spearman), *within, short(found.auc)])
+        parts += [f"{label}:", table(columns, rows)]
+    sizes = []
+    for n, places in enumerate(evaluation.places):
+        cells = [places.grid.name]
+        for size in places.sizes:
+            some = (plain(each, digits_of(each)) for each in evaluation.quantiles(n, size)[1:])
+            lost = f"{evaluation.lost_rate(n):.0%}"
+            cells.append(lost if size == "lost_rate" else "/".join(some))
+        sizes.append(cells)
+    columns = ["map", "median", "lost", "RMSE,\nkept", "RMSE", "scan\nmedian", "scan\nRMSE"]
+    parts += [
+        "Spearman's correlation of e and the deviations with the RMSE of the position (*: of the",
+        "heading) [95 %]; AUC: of finding the worst fifth of the places, by chance 0.5",
+        table(columns, sizes),
+        "errors of the position, 50/90 % of the places [m]; lost: of the drives, > 1 m at any"
+        " time;\nkept: those not lost",
+        f"{sum(len(each.points) for each in evaluation.places)} places, {evaluation.drives} drives"
+        f" to each, {evaluation.scans} scans there; with {evaluation.robot.title}",
+        "",
+        textwrap.fill(" ".join(evaluation.conclusion), REPORT_WIDTH),
+    ]
+    return "\n".join(parts)

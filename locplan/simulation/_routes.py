@@ -5,31 +5,29 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from locplan._util.formats import digits_of, plain, short
 from locplan._util.intervals import Interval, of_geometric_mean, of_mean
+from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback, parts
-from locplan._util.records import Column, Reported, Table
+from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
-from locplan._util.tables import file_name, finite
-from locplan.costs import Costmap, Path, about_costs
+from locplan._util.tables import file_name, finite, table
+from locplan.costs import Costmap, about_costs
 from locplan.errors import ConfigError
 from locplan.field import equipped
 from locplan.maps import OccupancyGrid
 from locplan.planners import AWARE, SHORTEST, Query, plan_beside_shortest
 from locplan.robots import Robot
 from locplan.simulation._arguments import about_filter
-from locplan.simulation._drives import Drives, check_drives, contrasts
-from locplan.simulation._simulate import DRIVES, drive_paths
+from locplan.simulation._drives import Drives, check_drives, rmse_ratio
+from locplan.simulation._simulate import drive_paths
 from locplan.simulation._simulator import Simulator
-
-
-def planned(costs: Costmap, query: Query) -> dict[str, Path]:
-    """Shortest and localizability-aware path by any-angle; empty if there is no path."""
-    plans = plan_beside_shortest(costs, query.start, query.goal)
-    return {name: plan.path for name, plan in plans.items() if plan.path is not None}
 
 
 @dataclass(frozen=True)
@@ -76,8 +74,10 @@ COLUMNS = (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Routes:
+class Routes(Pictured):
     """Drives along both paths of many queries on one map; intervals are over the queries."""
+
+    _drawn_by: ClassVar[str] = "locplan.simulation:queries_figure"
 
     grid: OccupancyGrid
     """The map."""
@@ -92,19 +92,17 @@ class Routes:
     @property
     def length_ratio(self) -> Interval:
         """Ratio of the aware to the shortest path's length: geometric mean over the queries."""
-        return of_geometric_mean(
-            np.array([each.length[1] / each.length[0] for each in self.routes])
-        )
+        return of_geometric_mean(np.divide(*self._pairs("length").T[::-1]))
 
     @property
     def rmse_ratio(self) -> Interval:
         """Ratio of the aware to the shortest path's position RMSE: geometric mean."""
-        return of_geometric_mean(np.array([each.rmse[1] / each.rmse[0] for each in self.routes]))
+        return of_geometric_mean(np.divide(*self._pairs("rmse").T[::-1]))
 
     @property
     def median(self) -> tuple[float, float]:
         """Median error along the shortest and the aware paths: geometric means [m]."""
-        return _geometric_means([each.median_error for each in self.routes])
+        return self._means("median_error")
 
     @property
     def kept_rmse(self) -> tuple[float, float]:
@@ -112,23 +110,23 @@ class Routes:
 
         They are over the queries of which both paths have such drives; NaN if there is none.
         """
-        return _geometric_means([each.kept_rmse for each in self.routes])
+        return self._means("kept_rmse")
 
     @property
     def rmse(self) -> tuple[float, float]:
         """RMSE along the shortest and the aware paths: geometric means over the queries [m]."""
-        return _geometric_means([each.rmse for each in self.routes])
+        return self._means("rmse")
 
     @property
     def lost(self) -> tuple[float, float]:
         """Share of lost drives along the shortest and the aware paths: means over the queries."""
-        shortest, aware = np.mean([each.lost for each in self.routes], axis=0).tolist()
+        shortest, aware = self._pairs("lost").mean(axis=0).tolist()
         return shortest, aware
 
     @property
     def lost_difference(self) -> Interval:
         """Difference in the share of lost drives, aware minus shortest: mean over the queries."""
-        return of_mean(np.array([each.lost[1] - each.lost[0] for each in self.routes]))
+        return of_mean(np.diff(self._pairs("lost"))[:, 0])
 
     @property
     def verdict(self) -> str:
@@ -139,6 +137,19 @@ class Routes:
         if ratio.high < 1:
             return "helps"
         return "harms" if ratio.low > 1 else "unclear"
+
+    def _pairs(self, name: str) -> NDArray[np.float64]:
+        """Values of the shortest and of the aware path of each query, (n, 2)."""
+        return np.array([getattr(each, name) for each in self.routes])
+
+    def _means(self, name: str) -> tuple[float, float]:
+        """Geometric means over the queries of which both values are known; NaN without one."""
+        pairs = self._pairs(name)
+        known = pairs[~np.isnan(pairs).any(axis=1)]
+        if not len(known):
+            return math.nan, math.nan
+        shortest, aware = np.exp(np.log(known).mean(axis=0)).tolist()
+        return shortest, aware
 
     def table(self) -> Table:
         """A row per query: both ends, and the errors along both paths."""
@@ -170,11 +181,11 @@ class Routes:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RoutesOnMaps(Reported):
+class RoutesOnMaps(Result):
     """Drives along both paths of queries on several maps."""
 
-    _reported_by: ClassVar[str] = "locplan.simulation._reports:routes_report"
-    _written_by: ClassVar[str] = "locplan.simulation._reports:write_routes"
+    _reported_by: ClassVar[str] = "locplan.simulation._routes:routes_report"
+    drawable = False  # each map has a figure of its own
     files: ClassVar[Results] = Results("queries", ("queries.json", "queries.csv"))
 
     maps: tuple[Routes, ...]
@@ -208,13 +219,52 @@ class RoutesOnMaps(Reported):
         """Summary of all maps' queries, fit for JSON."""
         return {"maps": [routes.summary() for routes in self.maps]}
 
+    def _write(self, folder: Path, *about: Any) -> None:
+        from locplan.plotting import save_figure
+
+        self.table().write_csv(folder / "queries.csv")
+        pictures = self.pictures([routes.grid.name for routes in self.maps])
+        for name, routes in zip(pictures, self.maps, strict=True):
+            save_figure(routes.figure(), folder / name)
+
+
+def routes_report(every: RoutesOnMaps) -> str:
+    """Table of both paths of many queries, one row per map."""
+    rows = []
+    for routes in every:
+        median, kept, rmse = (
+            [plain(each, digits_of(each)) for each in pair]
+            for pair in (routes.median, routes.kept_rmse, routes.rmse)
+        )
+        rows.append(
+            [
+                routes.grid.name,
+                f"{100 * (routes.length_ratio.value - 1):+.1f} %",
+                " -> ".join(median),
+                "{:.0%} -> {:.0%}".format(*routes.lost),
+                " -> ".join(kept),
+                rmse[0],
+                short(routes.rmse_ratio),
+                routes.verdict,
+            ]
+        )
+    columns = ["map", "length", "median", "lost", "RMSE, kept", "RMSE", "ratio", "aware paths"]
+    counts = sorted({len(routes.routes) for routes in every})
+    queries = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
+    return (
+        f"{table(columns, rows)}\nshortest -> aware paths of {queries} queries, geometric means;"
+        " errors of the\nposition [m]; lost: of the drives, > 1 m at any time; kept: those not"
+        " lost; RMSE: of all drives\nalong the shortest; ratio: of the RMSE, aware over shortest"
+        " [95 %]"
+    )
+
 
 def simulate_queries(
     costs: Costmap,
     queries: Sequence[Query],
     robot: Robot | None = None,
     *,
-    drives: int = DRIVES,
+    drives: int = 100,
     filter_map: OccupancyGrid | None = None,
     seed: int = 1,
     threads: int | None = None,
@@ -252,8 +302,12 @@ def simulate_queries(
         seed=seed,
         threads=threads,
     )
-    both = {query: planned(costs, query) for query in queries}
-    found = {query: paths for query, paths in both.items() if len(paths) == 2}
+    found = {}
+    for query in queries:
+        plans = plan_beside_shortest(costs, query.start, query.goal)
+        paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
+        if len(paths) == 2:
+            found[query] = paths
     if not found:
         raise ConfigError("no query has a path to drive; choose others, or a smaller robot radius")
     callbacks = parts(progress, [2 * drives] * len(found))
@@ -273,23 +327,13 @@ def simulate_queries(
 
 def _route(query: Query, drives: Mapping[str, Drives]) -> Route:
     shortest, aware = drives[SHORTEST], drives[AWARE]
-    ratio = contrasts({SHORTEST: shortest, AWARE: aware})[AWARE]
-    summary = {name: each.summary() for name, each in drives.items()}
+    ratio = rmse_ratio(aware, shortest)
     return Route(
         query,
-        (float(shortest.distance[-1]), float(aware.distance[-1])),
+        (shortest.length, aware.length),
         (shortest.median_error.value, aware.median_error.value),
         (shortest.lost_rate.value, aware.lost_rate.value),
         (shortest.kept_rmse.value, aware.kept_rmse.value),
         (shortest.rmse.value, aware.rmse.value),
-        {"paths": summary, "rmse_ratio": list(ratio)},
+        {"paths": {name: each.summary() for name, each in drives.items()}, "rmse_ratio": [*ratio]},
     )
-
-
-def _geometric_means(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Geometric means of the pairs of which both values are known; NaN if there is none."""
-    known = [pair for pair in pairs if not any(map(math.isnan, pair))]
-    if not known:
-        return math.nan, math.nan
-    first, second = np.exp(np.log(known).mean(axis=0)).tolist()
-    return first, second

@@ -16,7 +16,7 @@ from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
-from locplan._util.tables import finite
+from locplan._util.tables import finite, table
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OccupancyGrid
@@ -24,18 +24,15 @@ from locplan.planners import prepared_beside
 from locplan.robots import Lidar, Robot
 from locplan.simulation._arguments import about_filter
 from locplan.simulation._drives import DRIVEN, Drives, check_drives, contrasts, profiles
-from locplan.simulation._motion import poses_along
 from locplan.simulation._simulator import Simulator
-
-DRIVES = 100
-"""Number of drives along each path."""
+from locplan.simulation._worlds import poses_along
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Simulation(Result):
     """Drives along some paths on one map."""
 
-    _reported_by: ClassVar[str] = "locplan.simulation._reports:simulation_report"
+    _reported_by: ClassVar[str] = "locplan.simulation._simulate:simulation_report"
     _drawn_by: ClassVar[str] = "locplan.simulation:simulation_figure"
     files: ClassVar[Results] = Results(
         "simulation", ("simulation.json", "simulation.png", "errors.csv")
@@ -87,12 +84,24 @@ class Simulation(Result):
         profiles(self.drives).write_csv(folder / "errors.csv")
 
 
+def simulation_report(simulation: Simulation) -> str:
+    """Table of the errors along each path, side by side."""
+    head, *rows = simulation.table().turned()
+    if len(head) == 2:  # one path has no ratio
+        del rows[-1]
+    count = len(next(iter(simulation.drives.values())).errors)
+    return (
+        f"{table(head, rows)}\nerrors of the position, of {count} drives each"
+        f" [95 % intervals]\nwith {simulation.robot.title}"
+    )
+
+
 def simulate(
     grid: OccupancyGrid,
     paths: Mapping[str, Path | ArrayLike],
     robot: Robot | None = None,
     *,
-    drives: int = DRIVES,
+    drives: int = 100,
     filter_map: OccupancyGrid | None = None,
     seed: int = 1,
     threads: int | None = None,

@@ -1,4 +1,4 @@
-"""The part of a map that drives take place in, and their worlds: one a drive, made when driven."""
+"""Where simulated drives lead: poses along paths, the part of a map, and its worlds."""
 
 from __future__ import annotations
 
@@ -8,13 +8,133 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Lock
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.poses import Poses
 from locplan._util.random_streams import random_of
-from locplan.maps import OccupancyGrid
-from locplan.simulation._arguments import DriveArguments, Line
+from locplan.costs import Costmap, Path, divided_poses
+from locplan.errors import LocplanError
+from locplan.maps import OccupancyGrid, own_axes
+from locplan.planners import plan_field
+from locplan.simulation._arguments import DriveArguments, Line, OwnFilter
+
+POSE_SPACING = 0.05
+"""Greatest distance between two poses [m]."""
+AHEAD = 0.3
+"""Distance ahead on the path to the point that a robot faces if the path has no headings [m]."""
+TURN = 0.1
+"""Greatest turn between two poses [rad]."""
+BAND = 0.5
+"""Difference in length below which two paths count as equally long [m]."""
+
+
+def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
+    """Poses every 0.05 m along a path, in its own headings or facing the point 0.3 m ahead.
+
+    Parameters
+    ----------
+    path : Path
+        The path in the world.
+    grid : OccupancyGrid
+        The map.
+
+    Returns
+    -------
+    (n, 3) array
+        Poses x, y, heading in the world [m, m, rad], closer where the robot turns.
+
+    Raises
+    ------
+    LocplanError
+        If the path has no length, leaves the map, or crosses cells that are not free.
+    """
+    if path.length <= 0:
+        raise LocplanError("has no length; a path to drive must lead somewhere")
+    fine = path.resampled(POSE_SPACING, even=True)
+    rows, cols = (np.floor(v).astype(np.int64) for v in grid.world_to_grid(*fine.xy.T))
+    inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
+    free = inside & grid.free[np.where(inside, rows, 0), np.where(inside, cols, 0)]
+    if not free.all():
+        x, y = fine.xy[np.argmin(free)]
+        raise LocplanError(
+            f"leaves the free cells of {grid.name or 'the map'} at {x:.2f},{y:.2f};"
+            " drive a path that was planned on this map"
+        )
+    if fine.heading is not None:
+        return _turning(np.column_stack([fine.xy, fine.heading]))
+    return _turning(_facing_ahead(fine, fine.distance))
+
+
+def approaches(
+    costs: Costmap,
+    cell: tuple[int, int],
+    count: int,
+    length: float,
+    random: np.random.Generator,
+) -> list[Poses]:
+    """Drives along shortest paths that end in a cell, all with the same number of poses.
+
+    Parameters
+    ----------
+    costs : Costmap
+        Costmap that is blocked where the robot does not fit; the cell must be free.
+    cell : (row, col)
+        Cell in which the drives end.
+    count : int
+        Number of drives. They begin at random where the path to the cell is as long as `length`,
+        or as long as paths get there.
+    length : float
+        Length of the drives [m].
+    random : numpy.random.Generator
+        Source of the random beginnings.
+    """
+    near, (row, col) = _cut_out(costs, cell, length)
+    to_cell = plan_field(near, near.grid.cell_to_world(row, col))
+    distance = np.where(to_cell.cost <= length, to_cell.cost, -1.0)
+    rows, cols = np.nonzero(distance >= max(distance.max() - BAND, 0.0))
+    drives = []
+    for n in random.choice(len(rows), count, replace=len(rows) < count):
+        path = to_cell.path(near.grid.cell_to_world(int(rows[n]), int(cols[n])))
+        assert path is not None
+        drives.append(
+            _facing_ahead(path, np.linspace(0.0, path.length, round(length / POSE_SPACING) + 1))
+        )
+    return drives
+
+
+def _facing_ahead(path: Path, at: NDArray[np.float64]) -> Poses:
+    """Poses at distances along a path, each facing the point `AHEAD` of it."""
+    here, ahead = (
+        np.column_stack([np.interp(where, path.distance, v) for v in path.xy.T])
+        for where in (at, np.minimum(at + AHEAD, path.length))
+    )
+    dx, dy = (ahead - here).T
+    heading = np.arctan2(dy, dx)
+    moving = np.flatnonzero(np.hypot(dx, dy) > AHEAD / 10)
+    if moving.size:  # at the end nothing lies ahead: keep the last heading
+        last = np.searchsorted(moving, np.arange(len(at)), side="right") - 1
+        heading = heading[moving[np.maximum(last, 0)]]
+    return np.column_stack([here, np.unwrap(heading)])
+
+
+def _turning(poses: Poses) -> Poses:
+    """Poses with further ones inserted where the robot turns by more than `TURN` at once."""
+    return divided_poses(poses, np.abs(np.diff(poses[:, 2])) / TURN)
+
+
+def _cut_out(
+    costs: Costmap, cell: tuple[int, int], reach: float
+) -> tuple[Costmap, tuple[int, int]]:
+    """Part of a costmap within `reach` [m] of a cell, and the cell's row and column in it."""
+    cells = int(np.ceil(reach / costs.grid.resolution)) + 1
+    (top, left) = (max(0, index - cells) for index in cell)
+    part = slice(top, cell[0] + cells + 1), slice(left, cell[1] + cells + 1)
+    near = costs.grid.part(*part)
+    return Costmap.from_density(near, costs.density[part]), (cell[0] - top, cell[1] - left)
+
 
 DRIVE, WORLD = 0, 2
 """Streams of random numbers of drives and of their worlds."""
@@ -98,8 +218,55 @@ class Stage:
         cells = line.cells - [self.window[0].start, self.window[1].start, 0.0]
         errors = np.empty_like(line.truth)
         random = random_of(self.seed, DRIVE, stream, number)
-        drive(random, line.truth, World(world, self.resolution, cells), *arguments, errors)
+        follow: Any = track if arguments.scores is None else drive
+        follow(random, line.truth, World(world, self.resolution, cells), *arguments, errors)
         return errors
+
+
+def track(
+    random: np.random.Generator,
+    truth: Poses,
+    world: Any,
+    scores: None,
+    lidar: Any,
+    disturbances: Any,
+    odometry: Any,
+    start: Any,
+    own: OwnFilter,
+    errors: NDArray[np.float64],
+) -> None:
+    """Drive once with a filter that is not AMCL, as the kernel `drives.drive` does with AMCL.
+
+    The filter gets every scan, with all beams, and random numbers of its own. It is started at a
+    pose that is off by the deviation that it is given.
+    """
+    from locplan._kernels.drives import odometry_along
+    from locplan._kernels.lidar import measured_ends
+
+    own_random = random.spawn(1)[0]
+    reported = odometry_along(random, truth, odometry)
+    deviation = np.array([start.position, start.position, start.heading])
+    x, y, heading = truth[0] + deviation * random.standard_normal(3)
+    at = own.grid.grid_to_world(y / own.grid.resolution, x / own.grid.resolution)
+    first = np.array([*at, heading + own.grid.origin[2]])
+    tracker = own.settings.start(
+        own.grid, own.lidar, first, (start.position, start.heading), own_random
+    )
+    ends = np.empty((lidar.angles.size, 2))
+    for n, pose in enumerate(world.poses):
+        measured_ends(random, world.squares, world.resolution, pose, lidar, disturbances, ends)
+        rays = world.resolution * ends - (lidar.forward, lidar.left)
+        ranges = np.nan_to_num(np.hypot(*rays.T), nan=np.inf)  # without a return
+        tracker.motion(reported[n])
+        tracker.scan(ranges.astype(np.float32))
+        estimate = np.asarray(tracker.estimate(), float)
+        if estimate.shape != (3,) or not np.isfinite(estimate).all():
+            raise LocplanError(
+                f"{own.settings.title}: estimate() must be three finite numbers;"
+                " locplan.testing.check_filter checks a filter"
+            )
+        errors[n] = own_axes(own.grid, estimate[None])[0] - truth[n]
+    errors[:, 2] = np.remainder(errors[:, 2] + np.pi, 2 * np.pi) - np.pi
 
 
 class SharedWorlds:

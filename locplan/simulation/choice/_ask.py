@@ -28,7 +28,7 @@ from locplan.planners import (
     planner_for,
 )
 from locplan.robots import Robot
-from locplan.simulation._motion import poses_along
+from locplan.simulation._worlds import poses_along
 from locplan.simulation.choice._settings import ChoiceSettings
 
 AnyCandidate: TypeAlias = str | Planner | Path | Plan | ParetoFront | ArrayLike

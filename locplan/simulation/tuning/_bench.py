@@ -22,50 +22,9 @@ from locplan.planners import plan, random_queries
 from locplan.robots import Amcl, Lidar, Robot, score_values
 from locplan.simulation._arguments import DriveArguments, drive_arguments
 from locplan.simulation._drives import FLOOR, LOST
-from locplan.simulation._motion import poses_along
 from locplan.simulation._simulator import Simulator
+from locplan.simulation._worlds import poses_along
 from locplan.simulation.tuning._space import LEVELS, DisturbanceLevel
-
-APART = (8.0, 4.0, 2.0)
-"""Least distance from start to goal [m]; the first that the map is large enough for."""
-LONGEST = 16.0
-"""Length that longer paths are cut to, at random [m]."""
-SAMPLED = 8
-"""Number of poses, of which the error at one enters the median."""
-AT_ONCE = 8
-"""Number of settings that drive at once: each may hold scores as large as the map."""
-
-
-def random_paths(costs: Costmap, count: int, seed: int) -> list[Path]:
-    """Shortest paths of random queries, or parts of them, of 8 to 16 m where the map allows.
-
-    Raises
-    ------
-    ConfigError
-        If no two positions of the map that are joined lie 2 m apart.
-    """
-    for least in APART:
-        try:
-            queries = random_queries(costs, count, seed, least_distance=least)
-            break
-        except ConfigError as error:
-            if least == APART[-1]:
-                fault = str(error).split(";")[0]
-                raise ConfigError(f"{fault}; give a larger map, or a smaller robot") from None
-    random = np.random.default_rng(seed)
-    found = (plan(costs, each.start, each.goal).path for each in queries)
-    return [_cut(path, random.random()) for path in found if path is not None]
-
-
-def _cut(path: Path, where: float) -> Path:
-    """Part of a path that is at most `LONGEST`; `where` it begins is a number in 0..1."""
-    spare = path.length - LONGEST
-    if spare <= 0:
-        return path
-    first, last = where * spare, where * spare + LONGEST
-    inner = path.distance[(path.distance > first) & (path.distance < last)]
-    at = np.concatenate([[first], inner, [last]])
-    return Path(np.column_stack([np.interp(at, path.distance, v) for v in path.xy.T]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,10 +60,12 @@ class TuningBench(ABC):
         Number of threads.
     """
 
-    longest: ClassVar[float] = LONGEST
-    """Greatest length of a path that settings are driven along [m]."""
+    longest: ClassVar[float] = 16.0
+    """Length of a path beyond which settings are driven along a part of it [m]."""
     fewest_paths: ClassVar[int] = 5
     """Least number of paths, for intervals."""
+    at_once: ClassVar[int] = 8
+    """Number of settings that drive at once: each may hold scores as large as the map."""
 
     def __init__(
         self,
@@ -160,7 +121,7 @@ class TuningBench(ABC):
         names = ("laser_model_type", "laser_likelihood_max_dist", "sigma_hit", "z_hit", "z_rand")
         key = (reach, *(getattr(amcl, name) for name in names))
         if key not in self._scores:
-            if len(self._scores) == AT_ONCE:
+            if len(self._scores) == self.at_once:
                 del self._scores[next(iter(self._scores))]
             self._scores[key] = score_values(self.filter_map, amcl, self.lidar)
         return self._scores[key]
@@ -199,13 +160,15 @@ class TuningBench(ABC):
         total, done = sum(int(missing.sum()) for _, missing in pending), 0
         pool = ThreadPoolExecutor(self.threads)
         try:
-            for first in range(0, len(pending), AT_ONCE):
-                tasks = [
-                    task
-                    for amcl, missing in pending[first : first + AT_ONCE]
-                    for task in self._tasks(amcl, missing)
-                ]
-                for finished in as_completed([pool.submit(self._run, *task) for task in tasks]):
+            for first in range(0, len(pending), self.at_once):
+                tasks = []
+                for amcl, missing in pending[first : first + self.at_once]:
+                    arguments = self.arguments(amcl)
+                    for level, path in np.argwhere(missing.any(axis=2)).tolist():
+                        numbers = np.flatnonzero(missing[level, path]).tolist()
+                        own = self.driven[amcl], level, path, numbers, arguments[level]
+                        tasks.append(pool.submit(self._run, *own))
+                for finished in as_completed(tasks):
                     done += finished.result()
                     if progress:
                         progress(done, total)
@@ -235,23 +198,14 @@ class TuningBench(ABC):
         amcl : Amcl
             The setting.
         """
-        return sum(updates_along(line, amcl) for line in self.lines)
-
-    def _tasks(
-        self, amcl: Amcl, missing: NDArray[np.bool_]
-    ) -> list[tuple[Driven, int, int, list[int], Any]]:
-        """Arguments of `_run` for the missing drives (levels, paths, drives) of a setting."""
-        arguments = self.arguments(amcl)
-        return [
-            (
-                self.driven[amcl],
-                level,
-                path,
-                np.flatnonzero(missing[level, path]).tolist(),
-                arguments[level],
-            )
-            for level, path in np.argwhere(missing.any(axis=2)).tolist()
-        ]
+        count = 0
+        for line in self.lines:
+            count, (x, y, heading) = count + 1, line[0].tolist()  # the first pose, too
+            for at_x, at_y, at_heading in line[1:].tolist():
+                way = max(abs(at_x - x), abs(at_y - y))
+                if way > amcl.update_min_d or abs(at_heading - heading) > amcl.update_min_a:
+                    count, (x, y, heading) = count + 1, (at_x, at_y, at_heading)
+        return count
 
     def _run(
         self, into: Driven, level: int, path: int, drives: Sequence[int], arguments: Any
@@ -263,12 +217,12 @@ class TuningBench(ABC):
             position = np.nan_to_num(np.hypot(errors[:, 0], errors[:, 1]), nan=FARTHEST)
             into.lost[level, path, n] = position.max() > LOST
             into.squares[level, path, n] = (position**2).mean()
-            into.errors[level, path, n] = position[::SAMPLED].astype(np.float32)
+            into.errors[level, path, n] = position[::8].astype(np.float32)
         return len(drives)
 
 
-class Bench(TuningBench):
-    """Drives of settings in simulated worlds, at all levels of disturbance.
+class SimulatedBench(TuningBench):
+    """Drives of settings in simulated worlds, at a third of, once and three times the disturbances.
 
     Parameters
     ----------
@@ -298,12 +252,40 @@ class Bench(TuningBench):
         first = self.simulators[0]
         self._lines = [first.line(poses_along(path, grid)) for path in paths]
         self._stages = [[each.stage([line]) for line in self._lines] for each in self.simulators]
-        lines = [each.truth for each in self._lines]
-        own = {"seed": seed, "threads": first.threads}
-        super().__init__(
-            grid, first.filter_map, first.robot.known_lidar, LEVELS, lines, drives, **own
-        )
+        lines, own = [each.truth for each in self._lines], {"seed": seed, "threads": first.threads}
+        lidar = first.robot.known_lidar
+        super().__init__(grid, first.filter_map, lidar, LEVELS, lines, drives, **own)
         self.lengths = np.array([path.length for path in paths])
+
+    @staticmethod
+    def paths(costs: Costmap, count: int, seed: int) -> list[Path]:
+        """Shortest paths of random queries, or parts of them, of 8 to 16 m where the map allows.
+
+        Parameters
+        ----------
+        costs : Costmap
+            Costmap that is blocked where the robot does not fit.
+        count : int
+            Number of paths.
+        seed : int
+            Seed of the random numbers.
+
+        Raises
+        ------
+        ConfigError
+            If no two positions of the map that are joined lie 2 m apart.
+        """
+        for least in (8.0, 4.0, 2.0):  # the first that the map is large enough for
+            try:
+                queries = random_queries(costs, count, seed, least_distance=least)
+                break
+            except ConfigError as error:
+                fault = str(error).split(";")[0]
+        else:
+            raise ConfigError(f"{fault}; give a larger map, or a smaller robot")
+        random = np.random.default_rng(seed)
+        found = (plan(costs, each.start, each.goal).path for each in queries)
+        return [_cut(path, random.random()) for path in found if path is not None]
 
     def arguments(self, amcl: Amcl) -> list[DriveArguments]:
         """Arguments of the kernel at each level."""
@@ -321,11 +303,12 @@ class Bench(TuningBench):
         return stage.drive(self._lines[path], stage.world(path, drive), path, drive, arguments)
 
 
-def updates_along(line: Poses, amcl: Amcl) -> int:
-    """Number of updates of a filter along poses, the first one included."""
-    count, (x, y, heading) = 1, line[0].tolist()
-    for at_x, at_y, at_heading in line[1:].tolist():
-        way = max(abs(at_x - x), abs(at_y - y))
-        if way > amcl.update_min_d or abs(at_heading - heading) > amcl.update_min_a:
-            count, (x, y, heading) = count + 1, (at_x, at_y, at_heading)
-    return count
+def _cut(path: Path, where: float) -> Path:
+    """Part of a path as long as a bench drives; `where` it begins is a number in 0..1."""
+    spare = path.length - TuningBench.longest
+    if spare <= 0:
+        return path
+    first, last = where * spare, where * spare + TuningBench.longest
+    inner = path.distance[(path.distance > first) & (path.distance < last)]
+    at = np.concatenate([[first], inner, [last]])
+    return Path(np.column_stack([np.interp(at, path.distance, v) for v in path.xy.T]))

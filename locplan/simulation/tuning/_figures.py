@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import textwrap
 from collections.abc import Sequence
 from typing import Any
@@ -15,13 +16,8 @@ from locplan.simulation._figures import LETTERS
 from locplan.simulation.tuning._results import Tuning
 from locplan.simulation.tuning._space import changed_axes
 
-COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00")
-MARKERS = ("o", "s", "D", "^", "v")
-KEPT, BACK = "#0072b2", "0.7"
-WIDTH = 8.6
-"""Width of the figure [inch]."""
-LABEL = 46
-"""Number of letters after which a line of a label ends."""
+MARKS = (("#d55e00", "o"), ("#0072b2", "s"), ("#009e73", "D"), ("#cc79a7", "^"), ("#e69f00", "v"))
+"""Colour and marker of each setting."""
 
 
 def tuning_figure(tuning: Tuning) -> Figure:
@@ -34,7 +30,7 @@ def tuning_figure(tuning: Tuning) -> Figure:
     """
     gains = sorted(tuning.contributions.items(), key=lambda each: each[1])
     below = 1.1 + 0.28 * len(gains) if gains else 0.0
-    figure = Picture(figsize=(WIDTH, 4.6 + below), layout="constrained")
+    figure = Picture(figsize=(8.6, 4.6 + below), layout="constrained")
     rows: Any = [["errors", "lost"], *([["changes"] * 2] if gains else [])]
     heights = [3.4, below][: len(rows)]
     panels: Any = figure.subplot_mosaic(rows, height_ratios=heights)
@@ -44,7 +40,14 @@ def tuning_figure(tuning: Tuning) -> Figure:
         _draw_gains(panels["changes"], tuning, gains)
     handles, labels = errors.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
-    title = textwrap.fill(_title(tuning), int(LETTERS * WIDTH), break_on_hyphens=False)
+    what = f"stretches of {tuning.drive}" if tuning.drive else "random paths"
+    runs = "replays" if tuning.drive else "drives"
+    verdict = "" if tuning.changes else f"; nothing is clearly better than {tuning.judged[0].name}"
+    title = (
+        f"{tuning.grid.name or 'map'}, {tuning.robot.known_lidar.title}: {tuning.paths} {what},"
+        f" {tuning.drives} {runs} each, that nothing was chosen on{verdict}"
+    )
+    title = textwrap.fill(title, int(LETTERS * figure.get_figwidth()), break_on_hyphens=False)
     figure.suptitle(title, fontsize="medium")
     return figure
 
@@ -53,11 +56,11 @@ def _draw_judged(errors: Axes, lost: Axes, tuning: Tuning) -> None:
     """The error and the share of lost drives at each level, beside each other by setting."""
     at = np.arange(len(tuning.levels))
     count = len(tuning.judged)
-    for n, each in enumerate(tuning.judged):
+    for n, (each, (colour, marker)) in enumerate(zip(tuning.judged, itertools.cycle(MARKS))):
         aside = at + 0.14 * (n - (count - 1) / 2)
-        colour, marker = COLOURS[n % len(COLOURS)], MARKERS[n % len(MARKERS)]
-        cpu = "" if n == 0 else f", CPU x{_cpu(tuning, n):.2g}"
-        label = _broken(f"{each.name}{cpu}")
+        cpu = each.cpu_per_metre / tuning.judged[0].cpu_per_metre
+        label = f"{each.name}, CPU x{cpu:.2g}" if n else each.name
+        label = textwrap.fill(label, 46, break_on_hyphens=False)
         for axes, intervals, factor in (
             (errors, [level.rmse for level in each.levels], 1.0),
             (lost, [level.lost for level in each.levels], 100.0),
@@ -83,39 +86,13 @@ def _draw_judged(errors: Axes, lost: Axes, tuning: Tuning) -> None:
     lost.set_ylim(bottom=-0.04 * lost.get_ylim()[1])
 
 
-def _title(tuning: Tuning) -> str:
-    """What was driven, and whether anything is better than the user's own settings."""
-    what = f"stretches of {tuning.drive}" if tuning.drive else "random paths"
-    runs = "replays" if tuning.drive else "drives"
-    verdict = "" if tuning.changes else f"; nothing is clearly better than {tuning.judged[0].name}"
-    return (
-        f"{tuning.grid.name or 'map'}, {tuning.robot.known_lidar.title}: {tuning.paths} {what},"
-        f" {tuning.drives} {runs} each, that nothing was chosen on{verdict}"
-    )
-
-
 def _draw_gains(axes: Any, tuning: Tuning, gains: Sequence[tuple[str, float]]) -> None:
     """Draw how much each change gains, the largest on top."""
     kept = {axis.name for axis in changed_axes(tuning.own, tuning.candidate)}
-    colours = [KEPT if name in kept else BACK for name, _ in gains]
+    colours = ["#0072b2" if name in kept else "0.7" for name, _ in gains]
     percent = [100 * (ratio - 1) for _, ratio in gains]
     axes.barh([name for name, _ in gains], percent, color=colours)
     axes.axvline(0, color="0.4", linewidth=0.8)
     axes.set_xlabel("increase of the RMSE without it [%] (grey: put back)")
     where = "" if tuning.drive else ", at its worst level"
     axes.set_title(f"what each change gains{where}", fontsize="medium")
-
-
-def _cpu(tuning: Tuning, n: int) -> float:
-    """CPU time a metre, relative to that of the user's settings."""
-    return tuning.judged[n].cpu_per_metre / tuning.judged[0].cpu_per_metre
-
-
-def _broken(text: str) -> str:
-    """Text on lines of about `LABEL` letters."""
-    lines = [""]
-    for part in text.split(", "):
-        if lines[-1] and len(lines[-1]) + len(part) > LABEL:
-            lines.append("")
-        lines[-1] += f"{', ' if lines[-1] else ''}{part}"
-    return ",\n".join(lines)

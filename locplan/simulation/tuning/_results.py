@@ -21,18 +21,17 @@ from locplan.maps import OccupancyGrid
 from locplan.robots import Amcl, Robot
 from locplan.simulation._arguments import about_filter
 from locplan.simulation.tuning._bench import TuningBench
-from locplan.simulation.tuning._lint import BeamsLeft
 from locplan.simulation.tuning._space import (
     Axis,
+    BeamsLeft,
     DisturbanceLevel,
     Value,
     changed_axes,
-    changed_values,
     described,
 )
 
-OWN, NAV2 = "your settings", "Nav2's defaults"
-"""Names of settings that are judged besides those found; the user's own may be Nav2's defaults."""
+OWN = "your settings"
+"""Name of the user's settings, which may be Nav2's defaults."""
 
 
 @dataclass(frozen=True)
@@ -47,27 +46,18 @@ class AtLevel:
     """RMSE of the position along a path: geometric mean over the paths [m]."""
     kept_rmse: float
     """Root mean square position error of the drives that were not lost [m]."""
-    median: float
+    median_error: float
     """Median of the position error on the way [m]."""
     lost: Interval
     """Share of the drives that were lost at any time."""
-    ratio: Interval
+    rmse_ratio: Interval
     """Ratio of the RMSE to that of the user's settings: geometric mean over the paths."""
     lost_difference: Interval
     """Share of lost drives minus that of the user's settings: mean over the paths."""
 
     def summary(self) -> dict[str, object]:
         """The errors in numbers, fit for JSON."""
-        return {
-            "level": self.level.name,
-            "m": self.m,
-            "rmse": list(self.rmse),
-            "kept_rmse": self.kept_rmse,
-            "median_error": self.median,
-            "lost": list(self.lost),
-            "rmse_ratio": list(self.ratio),
-            "lost_difference": list(self.lost_difference),
-        }
+        return finite({**dataclasses.asdict(self), "level": self.level.name})
 
 
 @dataclass(frozen=True)
@@ -80,7 +70,7 @@ class Judged:
     """The setting."""
     levels: tuple[AtLevel, ...]
     """Its errors at each level of disturbance."""
-    ratio: Interval
+    rmse_ratio: Interval
     """Ratio of the RMSE to that of the user's settings: geometric mean over levels and paths."""
     cpu_per_update: float
     """CPU time of the simulation an update of the filter, the scan included [s]."""
@@ -95,13 +85,13 @@ class Judged:
     @property
     def better(self) -> bool:
         """True if it is better than the user's settings over all levels, and harms at none."""
-        harm = any(each.ratio.low > 1 or each.lost_difference.low > 0 for each in self.levels)
-        return self.ratio.high < 1 and not harm
+        harm = any(each.rmse_ratio.low > 1 or each.lost_difference.low > 0 for each in self.levels)
+        return self.rmse_ratio.high < 1 and not harm
 
     @property
     def better_everywhere(self) -> bool:
         """True if it is better than the user's settings at every level of disturbance."""
-        return self.better and all(each.ratio.high < 1 for each in self.levels)
+        return self.better and all(each.rmse_ratio.high < 1 for each in self.levels)
 
     def summary(self) -> dict[str, object]:
         """The setting and its errors in numbers, fit for JSON."""
@@ -109,7 +99,7 @@ class Judged:
             "name": self.name,
             "amcl": dataclasses.asdict(self.amcl),
             "levels": [each.summary() for each in self.levels],
-            "rmse_ratio": list(self.ratio),
+            "rmse_ratio": list(self.rmse_ratio),
             "worst": self.worst,
             "better": self.better,
             "better_at_every_level": self.better_everywhere,
@@ -122,7 +112,7 @@ class Judged:
 class Tuning(Result):
     """Settings of AMCL that were tuned on one map, and the evidence for them."""
 
-    _reported_by: ClassVar[str] = "locplan.simulation.tuning._reports:tuning_report"
+    _reported_by: ClassVar[str] = "locplan.simulation.tuning._files:tuning_report"
     _drawn_by: ClassVar[str] = "locplan.simulation:tuning_figure"
     files: ClassVar[Results] = Results("tuning", ("tuning.json", "tuning.png", "nav2_params.yaml"))
 
@@ -163,7 +153,7 @@ class Tuning(Result):
     @property
     def own(self) -> Amcl:
         """The user's own settings."""
-        return self.robot.filter
+        return self.robot.amcl
 
     @property
     def levels(self) -> tuple[DisturbanceLevel, ...]:
@@ -183,7 +173,8 @@ class Tuning(Result):
     @property
     def changes(self) -> dict[str, Value]:
         """Parameters to change, by their names; empty if nothing is clearly better."""
-        return changed_values(self.own, self.winner)
+        before, after = dataclasses.asdict(self.own), dataclasses.asdict(self.winner)
+        return {name: value for name, value in after.items() if value != before[name]}
 
     @property
     def conclusion(self) -> str:
@@ -195,20 +186,18 @@ class Tuning(Result):
         if not found.better:
             return (
                 f"nothing is clearly better than {own.name}: keep them (the best found, {changes},"
-                f" has {two_digits(found.ratio)} times their RMSE)"
+                f" has {two_digits(found.rmse_ratio)} times their RMSE)"
             )
+        levels = [each.level.name for each in found.levels if each.rmse_ratio.high < 1]
+        where = "better over all levels of disturbance together"
+        if self.drive:
+            where = "better on stretches of the drive that it was not chosen on"
+        elif found.better_everywhere:
+            where = "better at every level of disturbance"
+        elif levels:
+            where = f"clearly better at the levels {' and '.join(levels)} of disturbance"
         middle = len(own.levels) // 2  # the one that was asked for
         before, after = own.levels[middle], found.levels[middle]
-        levels = [each.level.name for each in found.levels if each.ratio.high < 1]
-        where = (
-            "better on stretches of the drive that it was not chosen on"
-            if self.drive
-            else "better at every level of disturbance"
-            if found.better_everywhere
-            else f"clearly better at the levels {' and '.join(levels)} of disturbance"
-            if levels
-            else "better over all levels of disturbance together"
-        )
         return (
             f"{changes}: RMSE {before.rmse.value:.2g} -> {after.rmse.value:.2g} m, lost"
             f" {100 * before.lost.value:.0f} -> {after.lost.value:.0%}; {where};"
@@ -229,7 +218,7 @@ class Tuning(Result):
             Column("ratio", "", f"RMSE over {OWN}'", interval=True),
         )
         rows = tuple(
-            (each.name, at.level.name, at.rmse, at.lost, at.ratio)
+            (each.name, at.level.name, at.rmse, at.lost, at.rmse_ratio)
             for each in self.judged
             for at in each.levels
         )
@@ -256,32 +245,24 @@ class Tuning(Result):
         *about, **more
             What `save` takes, of which it says nothing.
         """
+        names = "settings", "paths", "drives"
+        levels = [(each.name, each.of(self.robot).summary()) for each in self.levels]
         found: dict[str, object] = {
             "conclusion": self.conclusion,
             "map": {"name": self.grid.name, "digest": self.grid.digest},
             "verdict": "better" if self.changes else "nothing is clearly better",
-            "changes": dict(self.changes),
+            "changes": self.changes,
             "judged": [each.summary() for each in self.judged],
             "rmse_ratio_without": dict(self.contributions),
             "warnings": list(self.lints),
             "beams_compared": self.beams_left.compared,
             "beams_returned": self.beams_left.returned,
-            "rungs": [
-                dict(zip(("settings", "paths", "drives"), rung, strict=True)) for rung in self.rungs
-            ],
-            "paths": self.paths,
-            "drives": self.drives,
-            "seed": self.seed,
-            "judged_seed": self.judged_seed,
+            "rungs": [dict(zip(names, rung, strict=True)) for rung in self.rungs],
+            **{name: getattr(self, name) for name in ("paths", "drives", "seed", "judged_seed")},
             **about_filter(self.filter_map),
             "robot": self.robot.summary(),
             "drive": self.drive or None,
-            "levels": None
-            if self.drive
-            else [
-                {"name": level.name, "robot": level.of(self.robot).summary()}
-                for level in self.levels
-            ],
+            "levels": None if self.drive else [{"name": n, "robot": r} for n, r in levels],
         }
         return finite(found)
 
@@ -309,13 +290,7 @@ def judged(bench: TuningBench, name: str, amcl: Amcl, own: Amcl) -> Judged:
                 of_mean(differences[n]),
             )
         )
+    ratio = of_geometric_mean(np.exp(np.log(ratios).mean(axis=0)))
+    seconds = float(driven.seconds.sum()) / (len(bench.levels) * drives)
     metres = float(bench.lengths.sum())
-    rounds = len(bench.levels) * drives
-    return Judged(
-        name,
-        amcl,
-        tuple(levels),
-        of_geometric_mean(np.exp(np.log(ratios).mean(axis=0))),
-        float(driven.seconds.sum()) / (rounds * bench.updates(amcl)),
-        float(driven.seconds.sum()) / (rounds * metres),
-    )
+    return Judged(name, amcl, tuple(levels), ratio, seconds / bench.updates(amcl), seconds / metres)

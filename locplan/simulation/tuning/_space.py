@@ -1,25 +1,23 @@
-"""The settings of AMCL that tuning tries, and the levels of disturbance that it tries them at."""
+"""AMCL's parameters: what tuning tries, the levels of disturbance, and warnings of bad values."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from locplan.robots import MODELS, OMNIDIRECTIONAL, Amcl, Robot
+from locplan._util.checks import is_number
+from locplan._util.random_streams import random_of
+from locplan.costs import ROBOT_RADIUS
+from locplan.robots import MODELS, OMNIDIRECTIONAL, Amcl, Lidar, Robot
+from locplan.simulation._simulator import BEAMS, Simulator
 
 Value = float | str
 """A value of a parameter."""
-MAX_SETTINGS = 128
-"""Greatest number of settings that are tried; of more, some are drawn at random."""
-NEAR = 1.5
-"""Factor within which the user's own value takes the place of the listed one."""
-MAX_CLUTTER = 0.5
-"""Greatest share of outliers, of occluded scans and of changed cells that a level asks for."""
-
 NAMES = (
     *("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"),
     *("laser_likelihood_max_dist", "laser_max_range"),
@@ -49,7 +47,7 @@ class Axis:
         """Values to try: the user's own first, which take the place of listed ones near them."""
         mine = self.of(own)
         listed = [(value,) * len(self.fields) for value in self.values]
-        return [mine, *(values for values in listed if not _near(values, mine))]
+        return [mine, *(each for each in listed if not all(map(_near, each, mine)))]
 
     def put(self, amcl: Amcl, values: tuple[Value, ...]) -> Amcl:
         """Copy of the settings with these values."""
@@ -63,15 +61,53 @@ class Axis:
         return text if self.name == "laser_model_type" else f"{self.name} {text}"
 
 
-ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")
-AXES = (
-    Axis("alphas", ALPHAS, (0.2, 0.1, 0.05, 0.02)),
-    Axis("laser_model_type", ("laser_model_type",), MODELS),
-    Axis("update_min_d", ("update_min_d",), (0.25, 0.1)),
-    Axis("max_beams", ("max_beams",), (30, 60, 120, 180)),
-    Axis("sigma_hit", ("sigma_hit",), (0.1, 0.2)),
-)
-"""What is searched; see `axes_of`."""
+def _near(one: Value, other: Value) -> bool:
+    """Whether two values are equal, or within a factor 1.5 of each other."""
+    if isinstance(one, str) or isinstance(other, str) or not one > 0 < other:
+        return one == other
+    return abs(math.log(one / other)) < math.log(1.5)
+
+
+def axes_of(own: Amcl) -> tuple[Axis, ...]:
+    """What is searched for a robot: the omnidirectional motion model has one alpha more."""
+    count = 5 if own.robot_model_type == OMNIDIRECTIONAL else 4
+    alphas = tuple(f"alpha{n + 1}" for n in range(count))
+    return (
+        Axis("alphas", alphas, (0.2, 0.1, 0.05, 0.02)),
+        Axis("laser_model_type", ("laser_model_type",), MODELS),
+        Axis("update_min_d", ("update_min_d",), (0.25, 0.1)),
+        Axis("max_beams", ("max_beams",), (30, 60, 120, 180)),
+        Axis("sigma_hit", ("sigma_hit",), (0.1, 0.2)),
+    )
+
+
+def candidates(own: Amcl, random: np.random.Generator, most: int = 128) -> list[Amcl]:
+    """Settings to try, the user's own first; of more than `most`, some are drawn at random."""
+    every = [own]
+    for axis in axes_of(own):
+        every = [
+            axis.put(amcl, values) for amcl, values in itertools.product(every, axis.choices(own))
+        ]
+    if len(every) > most:
+        drawn = 1 + random.choice(len(every) - 1, most - 1, replace=False)
+        every = [own, *(every[n] for n in np.sort(drawn))]
+    return every
+
+
+def nav2_defaults(own: Amcl) -> Amcl:
+    """Nav2's defaults, with what is no parameter of Nav2 as in the user's own settings."""
+    values: dict[str, object] = {name: getattr(Amcl(), name) for name in NAMES}
+    return dataclasses.replace(own, **values)  # type: ignore[arg-type]
+
+
+def changed_axes(own: Amcl, amcl: Amcl) -> list[Axis]:
+    """What differs between two settings."""
+    return [axis for axis in axes_of(own) if axis.of(own) != axis.of(amcl)]
+
+
+def described(own: Amcl, amcl: Amcl) -> str:
+    """Text of what differs from the user's own, such as `alphas 0.05, likelihood_field_prob`."""
+    return ", ".join(axis.shown(amcl) for axis in changed_axes(own, amcl))
 
 
 @dataclass(frozen=True)
@@ -97,7 +133,8 @@ class DisturbanceLevel:
         changes = {name: value * self.odometry for name, value in odometry.items()}
         for name in ("boundary_noise", "outliers", "occlusion"):
             share = getattr(robot.disturbances, name)
-            changes[name] = min(share * self.clutter, max(share, MAX_CLUTTER))
+            # At most half of everything is disturbed, unless more was asked for.
+            changes[name] = min(share * self.clutter, max(share, 0.5))
         return robot.changed(changes)
 
 
@@ -109,63 +146,95 @@ LEVELS = (
 """The levels of disturbance; their names are those of the factor on odometry's errors."""
 
 
-def axes_of(own: Amcl) -> tuple[Axis, ...]:
-    """What is searched for a robot: the omnidirectional motion model has one alpha more."""
-    if own.robot_model_type != OMNIDIRECTIONAL:
-        return AXES
-    return tuple(
-        dataclasses.replace(axis, fields=(*ALPHAS, "alpha5")) if axis.fields == ALPHAS else axis
-        for axis in AXES
-    )
+@dataclass(frozen=True)
+class BeamsLeft:
+    """Beams of a scan that AMCL compares, and how many of them return, on the average."""
 
+    compared: int
+    """Number of beams that are compared."""
+    returned: float
+    """Mean number of these that return, over random places of the map."""
 
-def candidates(own: Amcl, random: np.random.Generator) -> list[Amcl]:
-    """Settings to try, the user's own first; at most `MAX_SETTINGS`, drawn at random."""
-    every = [own]
-    for axis in axes_of(own):
-        every = [
-            axis.put(amcl, values) for amcl, values in itertools.product(every, axis.choices(own))
+    @classmethod
+    def on_map(
+        cls, simulator: Simulator, *, places: int = 200, robot_radius: float = ROBOT_RADIUS
+    ) -> BeamsLeft:
+        """Count the beams that return at random places of the map where the robot fits.
+
+        Parameters
+        ----------
+        simulator : Simulator
+            The map, the lidar, the filter and the disturbances.
+        places : int, default 200
+            Number of places, each with a random heading.
+        robot_radius : float
+            Radius of the robot [m]; where it fits nowhere, all free cells count.
+        """
+        from locplan._kernels.lidar import measured_ends
+
+        random = random_of(simulator.seed, BEAMS)
+        grid, arguments = simulator.grid, simulator.arguments
+        cells = np.argwhere(grid.free & (grid.clearance >= robot_radius))
+        cells = cells if len(cells) else np.argwhere(grid.free)
+        some = cells[random.integers(0, len(cells), places)] if len(cells) else cells
+        ends = np.empty((arguments.lidar.angles.size, 2))
+        returned = 0
+        for n, cell in enumerate(some):
+            world = simulator.worlds[n % len(simulator.worlds)]
+            pose = np.array([*(cell + 0.5), random.uniform(-np.pi, np.pi)])
+            sensed = arguments.lidar, arguments.disturbances
+            measured_ends(random, world, grid.resolution, pose, *sensed, ends)
+            returned += int(np.isfinite(ends[:, 0]).sum())
+        return cls(len(ends), returned / places)
+
+    def __str__(self) -> str:
+        return f"of {self.compared} beams compared, {self.returned:.0f} return on this map"
+
+    def warnings(self) -> list[str]:
+        """A warning if fewer than half of the beams return."""
+        if self.returned >= self.compared / 2:
+            return []
+        return [
+            f"{self}: Nav2 skips the others, whose walls are out of the lidar's range or too near;"
+            " raise max_beams, or laser_max_range where it is below the lidar's range"
         ]
-    if len(every) > MAX_SETTINGS:
-        drawn = 1 + random.choice(len(every) - 1, MAX_SETTINGS - 1, replace=False)
-        every = [own, *(every[n] for n in np.sort(drawn))]
-    return every
 
 
-def nav2_defaults(own: Amcl) -> Amcl:
-    """Nav2's defaults, with what is no parameter of Nav2 as in the user's own settings."""
-    values: dict[str, object] = {name: getattr(Amcl(), name) for name in NAMES}
-    return dataclasses.replace(own, **values)  # type: ignore[arg-type]
+def filter_warnings(
+    amcl: Amcl, lidar: Lidar, others: Mapping[str, object] | None = None
+) -> list[str]:
+    """Return warnings about a filter's parameters, one line each.
 
-
-def changed_axes(own: Amcl, amcl: Amcl) -> list[Axis]:
-    """What differs between two settings."""
-    return [axis for axis in axes_of(own) if axis.of(own) != axis.of(amcl)]
-
-
-def changed_values(own: Amcl, amcl: Amcl) -> dict[str, Value]:
-    """Values of the settings that differ from the user's own, by name."""
-    return {
-        each.name: getattr(amcl, each.name)
-        for each in dataclasses.fields(Amcl)
-        if getattr(amcl, each.name) != getattr(own, each.name)
+    Parameters
+    ----------
+    amcl : Amcl
+        The parameters.
+    lidar : Lidar
+        The robot's lidar.
+    others : mapping, optional
+        Further parameters in the robot's file, such as `z_short`.
+    """
+    both = amcl.z_hit + amcl.z_rand
+    # Files of the beam model split 1 among four weights; a likelihood field reads but two.
+    rest = [(others or {}).get(name) for name in ("z_short", "z_max")]
+    total = both + sum(float(value) for value in rest if is_number(value))
+    sigma, far = amcl.sigma_hit, amcl.laser_likelihood_max_dist
+    least, most, reach = amcl.laser_min_range, amcl.laser_max_range, amcl.reach(lidar)
+    faults = {
+        f"z_hit and z_rand add up to {both:g}: likelihood fields use these two weights, which"
+        " should add up to 1": min(abs(both - 1), abs(total - 1)) > 0.01,
+        "alpha1 to alpha4 are all 0: the particles move as odometry says, and cannot correct it": (
+            amcl.alpha1 == amcl.alpha2 == amcl.alpha3 == amcl.alpha4 == 0
+        ),
+        f"laser_max_range ({most:g} m) is beyond the lidar's range of {lidar.range:g} m,"
+        " which counts instead": lidar.range < most < 100,  # Nav2's default, for no limit
+        f"laser_min_range ({least:g} m) is not below the range of {reach:g} m: no beam counts": (
+            least >= reach
+        ),
+        f"sigma_hit ({sigma:g} m) is wide: walls {2 * sigma:g} m apart look as one": sigma > 0.5,
+        f"sigma_hit ({sigma:g} m) is below the lidar's own noise of {lidar.range_sigma:g} m:"
+        " it rejects beams that are right": sigma < lidar.range_sigma,
+        f"laser_likelihood_max_dist ({far:g} m) is below twice sigma_hit ({sigma:g} m): beams"
+        " that miss the walls cost hardly more than those that hit them": far < 2 * sigma,
     }
-
-
-def described(own: Amcl, amcl: Amcl) -> str:
-    """Text of what differs from the user's own, such as `alphas 0.05, likelihood_field_prob`."""
-    return ", ".join(axis.shown(amcl) for axis in changed_axes(own, amcl))
-
-
-def _near(values: tuple[Value, ...], others: tuple[Value, ...]) -> bool:
-    """Whether all values are within a factor `NEAR` of the others, or equal."""
-    return all(
-        one == other
-        or (
-            not isinstance(one, str)
-            and not isinstance(other, str)
-            and one > 0 < other
-            and abs(math.log(one / other)) < math.log(NEAR)
-        )
-        for one, other in zip(values, others, strict=True)
-    )
+    return [text for text, present in faults.items() if present]

@@ -5,44 +5,34 @@ The search is successive halving; what of the best hardly matters is put back.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from locplan._util.checks import whole
-from locplan._util.progress import ProgressCallback
+from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan._util.random_streams import random_of
 from locplan.costs import Costmap
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Amcl, Robot
 from locplan.simulation._drives import check_drives
 from locplan.simulation._simulator import Simulator
-from locplan.simulation.tuning._bench import Bench, TuningBench, random_paths
-from locplan.simulation.tuning._files import PRODUCT
-from locplan.simulation.tuning._lint import BeamsLeft, beams_left, filter_warnings
-from locplan.simulation.tuning._results import NAV2, OWN, Tuning, judged
+from locplan.simulation.tuning._bench import SimulatedBench, TuningBench
+from locplan.simulation.tuning._results import OWN, Tuning, judged
 from locplan.simulation.tuning._space import (
+    BeamsLeft,
     candidates,
     changed_axes,
     described,
+    filter_warnings,
     nav2_defaults,
 )
 
-RUNGS = ((4, 4, 24), (2, 2, 5))
-"""Rungs before the last: what paths and drives are divided by, and how many settings stay."""
-FRUGAL = 2
-"""Number of settings that stay besides, of those that take no more beams than the user's own."""
 WORSE, WORSE_AT_A_COST = math.log(1.02), math.log(1.1)
 """Increase of the logarithm of the error up to which a change is put back, and one that makes the
 filter compare more beams a metre."""
-PATHS, DRIVES = 20, 8
-"""Number of random paths, and of drives along each at each level of disturbance."""
-MAX_PATHS = 1000
-"""Greatest number of paths."""
 SEARCH, JUDGE, DRAW = 11, 12, 13
 """Streams of random numbers, from which the seeds of both sets of drives are drawn."""
 
@@ -51,8 +41,8 @@ def tune(
     grid: OccupancyGrid,
     robot: Robot | None = None,
     *,
-    paths: int = PATHS,
-    drives: int = DRIVES,
+    paths: int = 20,
+    drives: int = 8,
     filter_map: OccupancyGrid | None = None,
     others: Mapping[str, object] | None = None,
     seed: int = 1,
@@ -113,27 +103,19 @@ def tune(
     ('your settings', 20)
     """
     check_grid(grid)
-    whole("paths", paths, TuningBench.fewest_paths, MAX_PATHS)
+    whole("paths", paths, TuningBench.fewest_paths, 1000)
     check_drives(drives)
     about = Simulator(grid, robot, filter_map=filter_map, seed=seed, threads=threads)
     costs = Costmap.blank(grid, robot_radius=about.robot.radius)
-    left = beams_left(about, robot_radius=about.robot.radius)
 
-    def bench_of(own_seed: int, judging: bool) -> Bench:
-        lines = random_paths(costs, paths, own_seed)
+    def bench_of(own_seed: int, judging: bool) -> SimulatedBench:
+        lines = SimulatedBench.paths(costs, paths, own_seed)
         own: Any = {"filter_map": filter_map, "seed": own_seed, "threads": threads}
-        return Bench(grid, about.robot, lines, drives, **own)
+        return SimulatedBench(grid, about.robot, lines, drives, **own)
 
-    return search_settings(
-        bench_of,
-        about.robot,
-        paths,
-        drives,
-        left=left,
-        others=others,
-        seed=seed,
-        progress=progress,
-    )
+    left = BeamsLeft.on_map(about, robot_radius=about.robot.radius)
+    own: Any = {"left": left, "others": others, "seed": seed, "progress": progress}
+    return search_settings(bench_of, about.robot, paths, drives, **own)
 
 
 def search_settings(
@@ -182,17 +164,21 @@ def search_settings(
         own_seed = int(random_of(seed, stream).integers(2**31))
         return bench_of(own_seed, stream == JUDGE)
 
-    steps, own = _steps(progress), robot.filter
+    own = robot.amcl
+    # Shares of the time that the three rungs, what is put back, and the judgement take.
+    shares = 170, 200, 230, 130, 270
+    steps = iter([scaled(*step) for step in zip(parts(progress, shares), shares, strict=True)])
     search = Search(bench(SEARCH), own, paths, drives)
     found = search.run(candidates(own, random_of(seed, DRAW)), steps)
     defaults = nav2_defaults(own)
-    names = {own: OWN, defaults: NAV2}  # the latter's name if they are the same
+    names = {own: OWN, defaults: "Nav2's defaults"}  # the latter's name if they are the same
     for each in (found.kept, found.frugal, found.best):
         names.setdefault(each, described(own, each))
     order = dict.fromkeys([own, found.kept, found.frugal, found.best, defaults])
-    changes_model = found.kept.laser_model_type == PRODUCT != own.laser_model_type
+    changes_model = found.kept.multiplies and not own.multiplies
     if changes_model and (others or {}).get("do_beamskip"):
-        notes = (*notes, SKIPS)
+        skips = "do_beamskip becomes false with the laser model, since only this one reads it"
+        notes = (*notes, f"{skips}, and it was not simulated")
     del search
     judge = bench(JUDGE)
     judge.drive([*order], paths, drives, progress=next(steps))
@@ -214,28 +200,7 @@ def search_settings(
     )
 
 
-SKIPS = (
-    "do_beamskip becomes false with the laser model, since only this one reads it, and it was not"
-    " simulated"
-)
-SHARES = (0.17, 0.2, 0.23, 0.13, 0.27)
-"""Shares of the time that the steps take: three rungs, what is put back, and the judgement."""
-
-
-def _steps(progress: ProgressCallback | None) -> Iterator[ProgressCallback]:
-    """Callbacks for the steps one after the other."""
-    before = [0.0, *itertools.accumulate(SHARES)]
-    for start, share in zip(before, SHARES, strict=False):
-
-        def update(done: int, total: int, start: float = start, share: float = share) -> None:
-            if progress:
-                progress(round(1000 * (start + share * done / max(total, 1))), 1000)
-
-        yield update
-
-
-@dataclass(frozen=True)
-class Found:
+class Found(NamedTuple):
     """What a search found."""
 
     best: Amcl
@@ -267,8 +232,10 @@ class Search:
         self.bench, self.own = bench, own
         # Nearly every setting is worst there; other levels are driven where they can matter.
         self.strongest = [len(bench.levels) - 1]
+        # A quarter, then half of the paths and of the drives, and how many settings stay.
         self.rungs = [
-            (max(1, paths // fewer), max(1, drives // rarer), stay) for fewer, rarer, stay in RUNGS
+            (max(1, paths // part), max(1, drives // part), stay)
+            for part, stay in ((4, 24), (2, 5))
         ]
         self.last = paths, drives
 
@@ -283,7 +250,7 @@ class Search:
             self.bench.drive(staying, paths, drives, self.strongest, next(progress))
             sizes.append((len(staying), paths, drives))
             ranked = sorted(staying, key=lambda amcl: self._known(amcl, paths, drives))
-            frugal = [amcl for amcl in ranked if amcl in set(allowed)][:FRUGAL]
+            frugal = [amcl for amcl in ranked if amcl in set(allowed)][:2]
             staying = [*dict.fromkeys([*ranked[:stay], *frugal])]
         self.bench.drive(staying, *self.last, self.strongest, next(progress))
         sizes.append((len(staying), *self.last))
