@@ -17,7 +17,7 @@ from locplan.simulation._drives import Drives, log_errors, worst_error
 from locplan.simulation._simulator import Simulator
 from locplan.simulation.choice._ask import lines_along
 from locplan.simulation.choice._driven import Driven
-from locplan.simulation.choice._race import KEPT, ROUNDS, Judgement, Scores
+from locplan.simulation.choice._race import FINALISTS, KEPT, ROUNDS, Judgement, Scores
 from locplan.simulation.choice._settings import ChoiceSettings
 
 STREAM = 1_000_000
@@ -58,7 +58,7 @@ class Driver:
             self._worst = worst_error(grid.shape, grid.resolution)
         kept = min(len(paths), KEPT + 1)
         self._done, self._total = 0, ROUNDS[0] * len(paths) + (ROUNDS[1] - ROUNDS[0]) * kept
-        self._total += 2 * settings.drives * (len(paths) > 1) + RIVAL_DRIVES
+        self._total += min(len(paths), FINALISTS + 1) * settings.drives + RIVAL_DRIVES
 
     def __call__(self, paths: Sequence[int], numbers: range) -> Scores:
         """Drive some paths with the drives of some numbers."""
