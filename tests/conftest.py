@@ -122,7 +122,7 @@ def coarse_fit(monkeypatch):
 
     For tests of what is said of a fit; those in test_map_fit.py hold the search itself.
     """
-    monkeypatch.setattr("locplan.recordings._fit_search.FINEST", 0.5)
+    monkeypatch.setattr("locplan.recordings._fit.FINEST", 0.5)
 
 
 @pytest.fixture

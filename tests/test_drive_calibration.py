@@ -211,9 +211,9 @@ def test_runs_of_short_beams_count_from_four_on():
 
 def test_scans_of_another_map_are_refused(grid, line):
     ranges = np.random.default_rng(0).uniform(0.5, 8.0, (len(line), LIDAR.beams))
-    with pytest.raises(RecordingError, match="scans fit the map, too few to calibrate"):
+    with pytest.raises(RecordingError, match="scans fit the map and lie in its free space"):
         scan_noise(Recording(ranges, LIDAR, line), grid)
-    with pytest.raises(RecordingError, match="has 9 scans, too few to calibrate: 10 are needed"):
+    with pytest.raises(RecordingError, match="has 9 scans, too few: 10 are needed"):
         scan_noise(Recording(ranges[:9], LIDAR, line[:9]), grid)
 
 

@@ -14,8 +14,7 @@ from locplan.cli import main
 from locplan.errors import RecordingError
 from locplan.maps import environments
 from locplan.recordings import replay, tune_on_drive
-from locplan.recordings._tracks import Tracks
-from locplan.recordings._tuning import RecordedBench, _stretches
+from locplan.recordings._tracks import RecordedBench, Tracks, _stretches
 from locplan.robots import Amcl, Disturbances, Robot, read_amcl
 from locplan.simulation import poses_along, tuning_figure
 

@@ -451,8 +451,8 @@ def test_logs_and_what_is_kept_of_them_are_bounded(tmp_path, monkeypatch, name):
     with write(tmp_path / name, "wt") as file:
         file.write(text)
     assert len(read_drive(tmp_path / name)) == 9
-    monkeypatch.setattr("locplan.recordings._csv.MAX_ARRAY_BYTES", 1024)
-    monkeypatch.setattr("locplan.recordings._scans.MAX_ROOM", 1024)
+    monkeypatch.setattr("locplan.recordings._tables.MAX_ARRAY_BYTES", 1024)
+    monkeypatch.setattr("locplan.recordings._logs.MAX_ROOM", 1024)
     assert len(read_drive(tmp_path / name, every=3)) == 3
     with pytest.raises(LocplanError, match=r"over 4 scans of . beams take too much.*every="):
         read_drive(tmp_path / name)

@@ -445,18 +445,19 @@ def test_progress_counts_messages_in_two_passes(tmp_path):
 
 def test_transforms_that_no_pose_needs_are_left_out():
     from locplan._util.frames import IDENTITY, FrameTree
-    from locplan.recordings._options import Options
-    from locplan.recordings._places import leave_out_others
+    from locplan.recordings._logs import Options
+    from locplan.recordings._places import Heard
 
     tree = FrameTree([1.0])
     tree.add_static("base_link", "laser", IDENTITY)
     edges = (("odom", "base_link"), ("base_link", "wheel"), ("world", "camera"))
     for parent, child in edges:
         tree.add(1.0, parent, child, IDENTITY)
-    leave_out_others(tree, Options(), "laser")
+    heard = Heard(tree, [1.0], "laser", Options(), "")
+    heard.leave_out_others()
     assert "wheel" in tree.frames  # nothing leads to the map yet
     tree.add(1.0, "map", "odom", IDENTITY)
-    leave_out_others(tree, Options(), "laser")
+    heard.leave_out_others()
     tree.add(1.0, "base_link", "wheel", IDENTITY)
     assert tree.frames == ("base_link", "laser", "map", "odom")
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval, of_resamples
-from locplan._util.poses import Numbers
+from locplan._util.poses import Numbers, way_along
 
 LENGTH = 10.0
 """Length of way of a block [m]."""
@@ -23,9 +23,7 @@ RESAMPLES = 1000
 
 def blocks_along(poses: Numbers, length: float = LENGTH) -> NDArray[np.int64]:
     """The block of the way that each of n poses belongs to, (n,)."""
-    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
-    way = np.concatenate([[0.0], np.cumsum(steps)])
-    return np.asarray((way / length).astype(np.int64))
+    return np.asarray((way_along(poses) / length).astype(np.int64))
 
 
 def draws_of(blocks: NDArray[np.int64], resamples: int = RESAMPLES) -> Numbers:

@@ -45,6 +45,12 @@ def after_way(poses: Numbers, ways: Numbers) -> Numbers:
     return np.stack([x, y, poses[..., 2] + turn], axis=-1)
 
 
+def turning(yaw: float) -> Numbers:
+    """The turn of x, y, heading by an angle [rad], (3, 3)."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
 def wrapped(angles: Any) -> Numbers:
     """Angles within -pi to pi [rad]."""
     return np.asarray((np.asarray(angles, np.float64) + np.pi) % (2 * np.pi) - np.pi)
@@ -53,3 +59,9 @@ def wrapped(angles: Any) -> Numbers:
 def way_length(poses: Numbers) -> float:
     """Length of the way over poses (n, 3) [m]."""
     return float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
+
+
+def way_along(poses: Numbers) -> Numbers:
+    """Length of the way from the first of the poses (n, 2) or (n, 3) to each, (n,) [m]."""
+    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    return np.concatenate([[0.0], np.cumsum(steps)])

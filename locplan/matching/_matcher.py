@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from locplan._util.poses import Numbers, ends_in_map
+from locplan._util.poses import Numbers, ends_in_map, turning
 from locplan.field import Scan
 from locplan.maps import OccupancyGrid
 from locplan.robots import Lidar
-
-EFFECTIVE_BEAMS = 15.0
-"""Number of independent beams that tell as much as a whole scan."""
 
 
 class Posteriors(NamedTuple):
@@ -56,7 +52,8 @@ class Matcher:
         lidar : Lidar
             The lidar, with its mount on the robot.
         """
-        return cls(grid, Scan(lidar, effective_beams=EFFECTIVE_BEAMS))
+        # So many independent beams tell as much as a whole scan.
+        return cls(grid, Scan(lidar, effective_beams=15.0))
 
     @cached_property
     def prepared(self) -> Any:
@@ -90,16 +87,10 @@ class Matcher:
         found = mean, covariance, best, summary
         field, lattice = self.prepared
         recorded_posteriors(field, lattice, cells, from_cell, self.settings.effective_beams, *found)
-        turn, steps = _turn(self.grid.origin[2]), self.window.steps
+        turn, steps = turning(self.grid.origin[2]), self.window.steps
         return Posteriors(
             mean * steps @ turn.T,
             turn @ (covariance * np.outer(steps, steps)) @ turn.T,
             best * steps @ turn.T,
             summary,
         )
-
-
-def _turn(yaw: float) -> Numbers:
-    """The turn from the map's axes into the world's, (3, 3)."""
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])

@@ -6,13 +6,16 @@ from ._evaluation import (
     evaluate_drive as evaluate_drive,
 )
 from ._figures import drive_figure as drive_figure, replay_figure as replay_figure
-from ._fit import MapFit as MapFit, fit_to_map as fit_to_map, scans_unlike as scans_unlike
-from ._matches import Matches as Matches, match_scans as match_scans
+from ._fit import MapFit as MapFit, fit_to_map as fit_to_map
+from ._logs import Source as Source, Topics as Topics
+from ._matches import (
+    Matches as Matches,
+    match_scans as match_scans,
+    scans_unlike as scans_unlike,
+)
 from ._odometry_noise import OdometryNoise as OdometryNoise, odometry_noise as odometry_noise
-from ._options import Source as Source, Topics as Topics
-from ._read import read_drive as read_drive
+from ._read import read_drive as read_drive, record_drive as record_drive
 from ._recording import Recording as Recording
 from ._replay import Consistency as Consistency, Replay as Replay, replay as replay
 from ._scan_noise import ScanNoise as ScanNoise, scan_noise as scan_noise
-from ._simulated import record_drive as record_drive
-from ._tuning import tune_on_drive as tune_on_drive
+from ._tracks import tune_on_drive as tune_on_drive

@@ -19,20 +19,8 @@ from locplan.recordings._matches import Matches
 
 Mask = NDArray[np.bool_]
 
-ELONGATED = 3.0
-"""Ratio of the measured deviations from which an ellipse has a direction."""
-ALIGNED = math.radians(15.0)
-"""Greatest angle between a measured and a predicted axis that agree [rad]."""
 PREFERRED = ("fused", "scan", "fisher", "sad")
 """The estimators, the one that is named first where it ranks the scans better than chance."""
-SHARP = 0.1
-"""Deviation up to which nine of ten scans fix the position well enough everywhere [m]."""
-GOOD = 0.5
-"""Rank correlation from which on a field is good enough to plan by."""
-MAX_OUTDATED = 0.3
-"""Share of outdated scans from which on nothing else is concluded."""
-MANY = 0.05
-"""Share of outdated scans from which on they are worth a sentence."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +37,12 @@ class Agreement:
     """Share of the elongated ellipses whose direction is right to 15 deg, 0..1; NaN without any."""
     factor: Interval
     """Predicted over measured deviation of the position: geometric mean; 1 where they agree."""
+
+    @property
+    def texts(self) -> list[str]:
+        """The columns of a table: rank correlation, AUC, direction, and factor."""
+        aligned = "-" if math.isnan(self.aligned.value) else f"{self.aligned.value:.0%}"
+        return [short(self.rank.spearman), short(self.rank.auc), aligned, short(self.factor)]
 
 
 def agreement(
@@ -69,10 +63,10 @@ def agreement(
     major, minor, direction = position_axes(measured)
     own, _, towards = position_axes(predicted)
     turned = np.abs((towards - direction + np.pi / 2) % np.pi - np.pi / 2)
-    elongated = (major > ELONGATED * minor).astype(float)
+    elongated = (major > 3 * minor).astype(float)  # a rounder ellipse has no direction
     return Agreement(
         _ranked(values, major, drawn),
-        _mean((turned < ALIGNED).astype(float), elongated, drawn),
+        _mean((turned < math.radians(15)).astype(float), elongated, drawn),
         Interval(*np.exp(_mean(np.log(own / major), np.ones(len(own)), drawn)).tolist()),
     )
 
@@ -119,7 +113,7 @@ def conclusions(
         The block of the drive that each scan belongs to.
     """
     apart = int(outdated.sum())
-    if apart > MAX_OUTDATED * len(outdated):
+    if apart > 0.3 * len(outdated):
         return [
             f"{apart} of {len(outdated)} scans do not fit the map at their poses: check how the"
             " lidar is mounted (mount), the poses, and that the map is of this place and time.",
@@ -134,17 +128,18 @@ def conclusions(
 def _about_fields(agreements: Mapping[str, Agreement]) -> str:
     names = [name for name in PREFERRED if name in agreements]
     names += [name for name in agreements if name not in names]
-    sure = [name for name in names if _is_better_than_chance(agreements[name].rank)]
+    ranks = {name: agreements[name].rank for name in names}
+    sure = [name for name, each in ranks.items() if each.spearman.low > 0 and each.auc.value > 0.5]
     for name in sure:
-        rank, factor = agreements[name].rank, agreements[name].factor
-        if rank.spearman.value >= GOOD:
+        rank, factor = ranks[name], agreements[name].factor
+        if rank.spearman.value >= 0.5:  # good enough to plan by
             return (
                 f"On this drive `{name}` says where the scans fix the pose badly: rank correlation"
                 f" {short(rank.spearman)}, AUC {short(rank.auc)} for the worst fifth, and its"
                 f" deviations are {plain(factor.value)} times the measured ones."
             )
-    best = max(names, key=lambda name: agreements[name].rank.spearman.value)
-    rank = agreements[best].rank
+    best = max(names, key=lambda name: ranks[name].spearman.value)
+    rank = ranks[best]
     if math.isnan(rank.spearman.low):
         return (
             f"The drive is too short to tell whether a field is right: `{best}` has a rank"
@@ -162,31 +157,31 @@ def _about_fields(agreements: Mapping[str, Agreement]) -> str:
     )
 
 
-def _is_better_than_chance(rank: Rank) -> bool:
-    return rank.spearman.low > 0 and rank.auc.value > 0.5
-
-
 def _about_places(matches: Matches, compared: Mask, blocks: NDArray[np.int64]) -> str:
     """Where the scans fix the position worst."""
     std = matches.position_std
     nine_of_ten = float(np.quantile(std[compared], 0.9))
-    if nine_of_ten <= SHARP:
+    if nine_of_ten <= 0.1:
         return (
             f"Nine of ten scans fix the position within {100 * nine_of_ten:.0f} cm: there is"
             " little to gain by other ways"
         )
     worst = _worst_block(blocks[compared], np.log(std[compared]))
     here = compared & (blocks == worst)
-    median, direction = float(np.median(std[here])), _axis(matches.direction[here])
+    count, median = int(here.sum()), float(np.median(std[here]))
+    scans = "the only scan compared fixes" if count == 1 else f"{count} scans fix"
+    every = len(np.unique(blocks))
+    left = every - len(np.unique(blocks[compared]))
+    without = f"; {left} of {every} stretches of 10 m have no scan to compare" if left else ""
     return (
-        f"The worst 10 m lie around {_middle(matches, here)}, where {_scans(int(here.sum()))} the"
-        f" position to {100 * median:.0f} cm along {direction}°{_not_compared(blocks, compared)}"
+        f"The worst 10 m lie around {_middle(matches, here)}, where {scans} the position to"
+        f" {100 * median:.0f} cm along {_axis(matches.direction[here])}°{without}"
     )
 
 
 def _about_map(matches: Matches, outdated: Mask, blocks: NDArray[np.int64]) -> str:
     """Where the map is out of date, if many scans say so."""
-    if outdated.sum() < max(1, MANY * len(outdated)):
+    if outdated.sum() < max(1, 0.05 * len(outdated)):
         return ""
     each, counts = np.unique(blocks[outdated], return_counts=True)
     most = outdated & (blocks == each[np.argmax(counts)])
@@ -202,17 +197,6 @@ def _worst_block(blocks: NDArray[np.int64], values: NDArray[np.float64]) -> int:
     return int(every[np.argmax(np.bincount(number, values) / counts)])
 
 
-def _scans(count: int) -> str:
-    return "the only scan compared fixes" if count == 1 else f"{count} scans fix"
-
-
-def _not_compared(blocks: NDArray[np.int64], compared: Mask) -> str:
-    """How many blocks have no scan that was compared, if any."""
-    every = len(np.unique(blocks))
-    left = every - len(np.unique(blocks[compared]))
-    return f"; {left} of {every} stretches of 10 m have no scan to compare" if left else ""
-
-
 def _axis(directions: NDArray[np.float64]) -> int:
     """Mean of axes, which have no sense, in whole degrees from 0 to 179."""
     return round(math.degrees(float(np.angle(np.exp(2j * directions).mean()))) / 2) % 180
@@ -222,13 +206,3 @@ def _middle(matches: Matches, chosen: Mask) -> str:
     """The middle of some scans' positions, to 0.1 m; no -0.0."""
     middle = matches.recording.poses[chosen, :2].mean(axis=0)
     return ",".join(f"{round(float(value), 1) + 0.0:.1f}" for value in middle)
-
-
-def agreement_texts(each: Agreement) -> list[str]:
-    """The columns of a table: rank correlation, AUC, direction, and factor."""
-    return [
-        short(each.rank.spearman),
-        short(each.rank.auc),
-        "-" if math.isnan(each.aligned.value) else f"{each.aligned.value:.0%}",
-        short(each.factor),
-    ]

@@ -10,6 +10,7 @@ import warnings
 from bz2 import BZ2Decompressor
 from collections.abc import Callable, Collection, Iterator
 from contextlib import closing, contextmanager
+from enum import StrEnum
 from functools import cache, partial
 from io import BufferedReader
 from pathlib import Path
@@ -26,28 +27,16 @@ MAX_CHUNK_BYTES = 2**26
 MAX_RATIO = 100
 """Greatest size of a file that is packed as a whole, once it is unpacked, to its own."""
 SUFFIXES = (".mcap", ".db3", ".bag")
-SCAN = "sensor_msgs/msg/LaserScan"
-TF = "tf2_msgs/msg/TFMessage"
-POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
-POSE = "geometry_msgs/msg/PoseStamped"
-ODOMETRY = "nav_msgs/msg/Odometry"
-OLDER = {"tf/msg/tfMessage": TF}
-"""Types of the same layout as the ones they stand for."""
-REMEDIES = {
-    ".mcap": "mend it with `mcap recover`",
-    ".bag": "mend it with `rosbag reindex`",
-    ".db3": "mend it with `sqlite3 FILE .recover`",
-}
-STEP = 1000
-"""Number of messages from one report of progress to the next."""
 
 
-class Topic(NamedTuple):
-    """A topic of a bag."""
+class Kind(StrEnum):
+    """Types of messages."""
 
-    name: str
-    type: str
-    messages: int
+    SCAN = "sensor_msgs/msg/LaserScan"
+    TF = "tf2_msgs/msg/TFMessage"
+    POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+    POSE = "geometry_msgs/msg/PoseStamped"
+    ODOMETRY = "nav_msgs/msg/Odometry"
 
 
 class Message(NamedTuple):
@@ -63,10 +52,6 @@ class Bag:
 
     def __init__(self, reader: Any, typestore: Any, ros1: bool) -> None:
         self._reader, self._typestore, self._ros1 = reader, typestore, ros1
-        self.topics = tuple(
-            Topic(each.topic, OLDER.get(each.msgtype, each.msgtype), int(each.msgcount))
-            for each in reader.connections
-        )
 
     @property
     def start(self) -> int:
@@ -75,11 +60,12 @@ class Bag:
 
     def of_type(self, *types: str) -> list[str]:
         """Names of the topics of these types that have messages."""
-        return list(dict.fromkeys(each.name for each in self.topics if each.type in types))
+        some = (each for each in self._reader.connections if _type(each) in types)
+        return list(dict.fromkeys(each.topic for each in some))
 
     def count(self, topics: Collection[str]) -> int:
         """Number of the messages of some topics."""
-        return sum(each.messages for each in self.topics if each.name in topics)
+        return sum(each.msgcount for each in self._reader.connections if each.topic in topics)
 
     def messages(
         self,
@@ -101,18 +87,24 @@ class Bag:
         total = self.count(topics)
         stream = self._reader.messages(connections=chosen, start=start, stop=stop)
         for number, (connection, logged, raw) in enumerate(stream):
-            if progress and number % STEP == 0:
+            if progress and number % 1000 == 0:
                 progress(min(number, total), total)
             if number % every == 0:
-                kind = OLDER.get(connection.msgtype, connection.msgtype)
-                yield Message(connection.topic, logged, decode(raw, kind))
+                yield Message(connection.topic, logged, decode(raw, _type(connection)))
         if progress:
             progress(total, total)
 
     def listed(self) -> str:
         """The topics and their types, for an error message."""
-        names = [f"{each.name} ({each.type.replace('/msg/', '/')})" for each in self.topics]
-        return ", ".join(sorted(set(names))) or "none"
+        every = self._reader.connections
+        names = {f"{each.topic} ({_type(each).replace('/msg/', '/')})" for each in every}
+        return ", ".join(sorted(names)) or "none"
+
+
+def _type(connection: Any) -> str:
+    """Type of a topic's messages, or the newer one of the same layout."""
+    kind = str(connection.msgtype)
+    return Kind.TF if kind == "tf/msg/tfMessage" else kind
 
 
 @contextmanager
@@ -147,17 +139,22 @@ def opened(path: Path) -> Iterator[Bag]:
             # These types are alike in all distributions: those that the bag holds are not needed.
             store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
             if ros1:  # its TFMessage is missing
-                store.register(
-                    get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF)
-                )
+                transforms = "geometry_msgs/TransformStamped[] transforms"
+                store.register(get_types_from_msg(transforms, Kind.TF))
             yield Bag(reader, store, ros1)
     except LocplanError:
         raise
     except Exception as error:  # rosbags lets errors of many kinds out where a bag is damaged
-        remedy = REMEDIES.get(file.suffix, "record it again")
-        raise RecordingError(
-            f"cannot be read as a bag ({_reason(error, file)}); {remedy}"
-        ) from None
+        lines = str(error).strip().splitlines() or [type(error).__name__]
+        reason = lines[0].replace(f"{str(file)!r} ", "").replace(str(file), "it").rstrip(".")[:200]
+        menders = {
+            ".mcap": "mcap recover",
+            ".bag": "rosbag reindex",
+            ".db3": "sqlite3 FILE .recover",
+        }
+        mender = menders.get(file.suffix)
+        remedy = f"mend it with `{mender}`" if mender else "record it again"
+        raise RecordingError(f"cannot be read as a bag ({reason}); {remedy}") from None
 
 
 def is_bag(path: Path) -> bool:
@@ -174,11 +171,6 @@ def _storage(path: Path) -> Path:
         found = ", ".join(each.name for each in files) or "no bag"
         raise RecordingError(f"is a folder without metadata.yaml, with {found}; name one file")
     return files[0]
-
-
-def _reason(error: Exception, file: Path) -> str:
-    lines = str(error).strip().splitlines() or [type(error).__name__]
-    return lines[0].replace(f"{str(file)!r} ", "").replace(str(file), "it").rstrip(".")[:200]
 
 
 @cache

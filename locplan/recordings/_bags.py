@@ -3,39 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan._util.frames import FrameTree, Track, Transform, frame_name
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
-from locplan.recordings._bag_files import (
-    ODOMETRY,
-    POSE,
-    POSE_WITH_COVARIANCE,
-    SCAN,
-    TF,
-    Bag,
-    Message,
-    opened,
-)
-from locplan.recordings._options import Options, Source
-from locplan.recordings._places import Heard, leave_out_others, located
+from locplan.recordings._bag_files import Bag, Kind, Message, opened
+from locplan.recordings._logs import Options, ScanRows, Source
+from locplan.recordings._places import Heard, PoseTopic
 from locplan.recordings._recording import Recording
-from locplan.recordings._scans import ScanRows
-
-BACK = 0.5
-"""Time by which a stamp may lie before an earlier one, as messages overtake each other [s]."""
-MARGIN = 5 * 10**9
-"""Time around a window in which poses are read [ns]."""
-LOOK = 500
-"""Number of messages of TF after which transforms that are not needed are left out."""
-NOT_ROBOTS = ("initialpose", "goal_pose", "goal", "move_base_simple/goal")
-"""Ends of topics whose poses are not where the robot is."""
 
 
 def read_bag(path: Path, options: Options, progress: ProgressCallback | None = None) -> Recording:
@@ -49,12 +29,10 @@ def read_bag(path: Path, options: Options, progress: ProgressCallback | None = N
     """
     with opened(path) as bag:
         topic = scan_topic(bag, options.scan_topic)
-        start, stop = _window(bag, options)
-        scans = _read_scans(bag, topic, options, start, stop, progress)
-        heard = _listen(bag, topic, options, scans, start, stop, progress)
-    place = located(heard, scans.frame, scans.times, options)
+        scans = _read_scans(bag, topic, options, progress)
+        heard = _listen(bag, topic, options, scans, progress)
+    place, notes = heard.located(), heard.notes
     kept: list[int] = np.flatnonzero(place.known).tolist()
-    notes = list(place.notes)
     if len(kept) < len(scans.times):
         notes.append(f"{len(scans.times) - len(kept)} of {len(scans.times)} scans have no pose")
     rows = scans.rows
@@ -86,7 +64,7 @@ def read_bag(path: Path, options: Options, progress: ProgressCallback | None = N
 
 def scan_topic(bag: Bag, named: str | None) -> str:
     """The topic of the scans: the one that is named, or the only one."""
-    topics = bag.of_type(SCAN)
+    topics = bag.of_type(Kind.SCAN)
     if named is not None:
         if named in topics:
             return named
@@ -122,28 +100,25 @@ class _Scans:
         return all(one < other for one, other in zip(self.order, self.order[1:], strict=False))
 
 
-def _window(bag: Bag, options: Options) -> tuple[int | None, int | None]:
+def _window(bag: Bag, options: Options, margin: float = 0.0) -> tuple[int | None, int | None]:
+    """Times of the log between which messages are read [ns], with a margin around them [s]."""
     if options.window is None:
         return None, None
-    start, end = (bag.start + round(each * 1e9) for each in options.window)
-    return start, end
+    (start, end), around = options.window, round(margin * 1e9)
+    return bag.start + round(start * 1e9) - around, bag.start + round(end * 1e9) + around
 
 
 def _read_scans(
-    bag: Bag,
-    topic: str,
-    options: Options,
-    start: int | None,
-    stop: int | None,
-    progress: ProgressCallback | None,
+    bag: Bag, topic: str, options: Options, progress: ProgressCallback | None
 ) -> _Scans:
     expected = bag.count([topic]) // options.every + 1 if options.window is None else 0
     rows, stamps, frame = ScanRows(options.range_limits, expected), list[float](), ""
     latest = -np.inf
-    for message in bag.messages([topic], start, stop, options.every, progress):
+    window = _window(bag, options)
+    for message in bag.messages([topic], *window, options.every, progress):
         scan = message.content
         stamp = seconds(scan.header.stamp, message.logged)
-        if stamp < latest - BACK:
+        if stamp < latest - 0.5:  # messages overtake each other, but not by as much
             raise RecordingError(
                 f"the clock of {topic} runs backwards by {latest - stamp:.3g} s at"
                 f" {(message.logged - bag.start) / 1e9:.3g} s; was simulated time reset? Read a"
@@ -167,66 +142,56 @@ def _read_scans(
 
 
 def _listen(
-    bag: Bag,
-    topic: str,
-    options: Options,
-    scans: _Scans,
-    start: int | None,
-    stop: int | None,
-    progress: ProgressCallback | None,
+    bag: Bag, topic: str, options: Options, scans: _Scans, progress: ProgressCallback | None
 ) -> Heard:
     """Transforms, poses and odometry near the times of the scans."""
-    first = None if start is None else start - MARGIN
-    last = None if stop is None else stop + MARGIN
+    window = _window(bag, options, 5.0)
     topics = _pose_topics(bag, options)
-    others = {each: kind for each, kind in topics.items() if kind != ODOMETRY}
-    first_heard = Heard(FrameTree([]), "", np.empty(0, np.int64))
-    for message in bag.messages(others, first, last, progress=progress):
-        _take(message, others, first_heard, scans.times)
-    knots = _knots(first_heard, scans.times)
-    times = knots.tolist()
+    listed = bag.listed()
+    poses = {each: kind for each, kind in topics.items() if kind != Kind.ODOMETRY}
+    heard = Heard(FrameTree([]), scans.times, scans.frame, options, listed)
+    for message in bag.messages(poses, *window, progress=progress):
+        _take(message, poses, heard, scans.times)
+    # The poses of AMCL are few: they need odometry at their own times, too.
+    samples = [
+        np.concatenate([part[:, 0] for part in each.track.samples()])
+        for each in heard.topics.values()
+        if each.kind == Kind.POSE_WITH_COVARIANCE
+    ]
+    knots = np.unique(np.concatenate([scans.times, *samples]))
+    times = knots[np.isfinite(knots)].tolist()
     tree = FrameTree(times)
-    of_tf = near_namespace(bag.of_type(TF), topic)
+    heard = replace(heard, tree=tree)
+    of_tf = near_namespace(bag.of_type(Kind.TF), topic)
     static = [each for each in of_tf if each.endswith("tf_static")]
-    heard = Heard(tree, bag.listed(), np.searchsorted(knots, scans.times), first_heard.topics)
     for message in bag.messages(static):
         for each in message.content.transforms:
             tree.add_static(each.header.frame_id, each.child_frame_id, transform(each.transform))
-    topics = {each: kind for each, kind in topics.items() if kind == ODOMETRY}
-    topics |= {each: TF for each in of_tf if each not in static}
+    others = topics.keys() - poses.keys()
+    topics = {each: kind for each, kind in topics.items() if each in others}
+    topics |= {each: Kind.TF for each in of_tf if each not in static}
     count = 0
-    for message in bag.messages(topics, first, last, progress=progress):
-        if topics[message.topic] != TF:
+    for message in bag.messages(topics, *window, progress=progress):
+        if topics[message.topic] != Kind.TF:
             _take(message, topics, heard, times)
             continue
         for each in message.content.transforms:
             time, pose = seconds(each.header.stamp, message.logged), transform(each.transform)
             tree.add(time, each.header.frame_id, each.child_frame_id, pose)
         count += 1
-        if count % LOOK == 0:
-            leave_out_others(tree, options, scans.frame)
+        if count % 500 == 0:
+            heard.leave_out_others()
     return heard
-
-
-def _knots(heard: Heard, times: Sequence[float]) -> NDArray[np.float64]:
-    """Times of the scans, and of the poses of AMCL, which are few and need odometry, too [s]."""
-    samples = [
-        np.concatenate([part[:, 0] for part in each.track.samples()])
-        for each in heard.topics.values()
-        if each.kind == POSE_WITH_COVARIANCE
-    ]
-    knots = np.unique(np.concatenate([times, *samples]))
-    return np.asarray(knots[np.isfinite(knots)])
 
 
 def _take(message: Message, topics: dict[str, str], heard: Heard, times: Sequence[float]) -> None:
     """Take a pose of a topic, of the type that is named for it."""
     content, kind = message.content, topics[message.topic]
     if message.topic not in heard.topics:
-        child = frame_name(content.child_frame_id) if kind == ODOMETRY else ""
+        child = frame_name(content.child_frame_id) if kind == Kind.ODOMETRY else ""
         frame = frame_name(content.header.frame_id)
-        heard.add_topic(message.topic, kind, frame, child, Track(times))
-    pose = content.pose if kind == POSE else content.pose.pose
+        heard.topics[message.topic] = PoseTopic(kind, frame, child, Track(times))
+    pose = content.pose if kind == Kind.POSE else content.pose.pose
     heard.topics[message.topic].track.add(
         seconds(content.header.stamp, message.logged),
         transform_of(pose.position, pose.orientation),
@@ -236,12 +201,12 @@ def _take(message: Message, topics: dict[str, str], heard: Heard, times: Sequenc
 def _pose_topics(bag: Bag, options: Options) -> dict[str, str]:
     """Topics of poses and odometry that may be needed, and their types."""
     topics: dict[str, str] = {}
-    for kind in (POSE_WITH_COVARIANCE, POSE, ODOMETRY):
+    for kind in (Kind.POSE_WITH_COVARIANCE, Kind.POSE, Kind.ODOMETRY):
         topics |= {each: kind for each in bag.of_type(kind) if _wanted(each, kind, options)}
     for name, option in ((options.pose_topic, "pose_topic"), (options.odom_topic, "odom_topic")):
         if name is not None and name not in topics:
-            others = (POSE_WITH_COVARIANCE, POSE) if option == "pose_topic" else ()
-            have = ", ".join(bag.of_type(*others, ODOMETRY)) or "none"
+            others = (Kind.POSE_WITH_COVARIANCE, Kind.POSE) if option == "pose_topic" else ()
+            have = ", ".join(bag.of_type(*others, Kind.ODOMETRY)) or "none"
             raise RecordingError(f"has no poses on {name}; topics for {option}= are: {have}")
     return topics
 
@@ -249,9 +214,10 @@ def _pose_topics(bag: Bag, options: Options) -> dict[str, str]:
 def _wanted(topic: str, kind: str, options: Options) -> bool:
     if topic in (options.pose_topic, options.odom_topic):
         return True
-    if kind == ODOMETRY:
+    if kind == Kind.ODOMETRY:
         return options.odom_topic is None
-    return options.pose_topic is None and not topic.endswith(NOT_ROBOTS)
+    not_the_robots = ("initialpose", "goal_pose", "goal", "move_base_simple/goal")
+    return options.pose_topic is None and not topic.endswith(not_the_robots)
 
 
 def near_namespace(topics: Sequence[str], scan: str) -> list[str]:

@@ -16,13 +16,14 @@ import numpy as np
 
 from locplan._util.blocks import blocks_along, intervals
 from locplan._util.checks import file_path, instance
+from locplan._util.files import replacing
 from locplan._util.intervals import Interval
-from locplan._util.notebook import called
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback, parts
-from locplan._util.tables import finite
-from locplan.errors import CalibrationError
-from locplan.field import Estimator, FieldConfig, Fused, config_of
+from locplan._util.results import digest_of
+from locplan._util.tables import finite, table
+from locplan.errors import CalibrationError, LocplanError
+from locplan.field import Estimator, FieldConfig, Fused, config_of, save_config
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._evaluation import evaluate_drive
 from locplan.recordings._odometry_noise import (
@@ -33,16 +34,7 @@ from locplan.recordings._odometry_noise import (
 from locplan.recordings._recording import Recording
 from locplan.recordings._scan_noise import ScanNoise, scan_noise
 from locplan.robots import Lidar, Robot
-from locplan.simulation import Calibration, calibrate_moments
-
-RESAMPLES = 100
-ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")
-FILTER_NOTE = (
-    "these alphas are the odometry's own, and not written as the filter's: one with so little"
-    " spread is soon lost; locplan tune --drive finds those for a filter"
-)
-MIN_SIGMA = 1e-3
-"""Least standard deviation of a range that is written [m]."""
+from locplan.simulation import Calibration, calibrate_moments, check_calibration
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -71,7 +63,38 @@ class DriveCalibration:
 
     def report(self) -> str:
         """Text for people: what was fitted, with units and intervals."""
-        return str(called("locplan.recordings._reports:drive_calibration_report", self))
+        rows = [["drive", repr(self.recording), ""]]
+        if (field := self.field) is not None:
+            name = field.config.estimator.name
+            rows += [
+                [f"noise level k of {name}", *_texts(field.noise_level, "")],
+                ["typically off by a factor", f"{field.factor:.2f}", ""],
+            ]
+        rows += [
+            ["scatter of the ranges", *_texts(self.scans.range_sigma, "m")],
+            ["outliers", *_texts(self.scans.outliers, "%")],
+            ["beams that are blocked", *_texts(self.scans.blocked, "%")],
+            ["scans with an object in view", *_texts(self.scans.occlusion, "%")],
+            ["angle of this object", *_texts(self.scans.occlusion_deg, "deg")],
+        ]
+        rows += [
+            [text, *_texts(getattr(self.odometry, name), unit)]
+            for text, name, unit in (
+                *((f"alpha{n}", f"alpha{n}", "") for n in range(1, 5)),
+                ("odometry: drift of the distance", "distance_drift", "m/√m"),
+                ("odometry: drift of the heading", "heading_drift_deg", "deg/√m"),
+                ("odometry: drift in turns", "turn_drift_deg", "deg/√rad"),
+                ("odometry: bias of distances", "distance_bias", ""),
+                ("odometry: bend to one side", "heading_bias_deg", "deg/m"),
+                ("odometry: bias of turns", "turn_bias", ""),
+                ("recorded poses: noise of the position", "position_noise", "m"),
+                ("recorded poses: noise of the heading", "heading_noise_deg", "deg"),
+            )
+            if self.odometry is not None
+        ]
+        rows += [["note", note, ""] for note in self.notes]
+        text = table(["", "value", "95 %"], rows)
+        return text if field is None or field.in_metres else f"{text}\n{field.warning}"
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> list[Path]:
         """Write the settings as `locplan.field.save_config` does, with those of simulated robots.
@@ -95,10 +118,28 @@ class DriveCalibration:
         LocplanError
             If a file cannot be written, or is in the way.
         """
-        write = "locplan.recordings._reports:write_drive_calibration"
+        from locplan.plotting import save_figure
+        from locplan.simulation import calibration_figure
+
         target = file_path("a calibration's file", path)
-        written: list[Path] = called(write, target, self, force=force)
-        return written
+        picture = check_calibration(target, force=force)
+        field = self.field
+        verdict = field.verdict if field else {"in_metres": False, "why": self.notes[-1]}
+        about = {"robot": self.robot.summary(), **verdict, "calibration": self.summary()}
+        if field is None:
+            with replacing(target) as settings:
+                save_config(settings, self.config, **about)
+            return [target]
+        with replacing(picture) as drawn, replacing(target) as settings:
+            try:
+                figure = calibration_figure(field)
+                figure.axes[0].set_ylabel("rms deviation by the recorded scan's posterior [m]")
+                save_figure(figure, drawn)
+                save_config(settings, self.config, **about, picture=digest_of(drawn))
+            except LocplanError as error:  # it names the files' last places
+                text = str(error).replace(str(drawn), str(picture))
+                raise type(error)(text.replace(str(settings), str(target))) from None
+        return [target, picture]
 
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON."""
@@ -110,6 +151,13 @@ class DriveCalibration:
             "notes": list(self.notes),
         }
         return finite(about)
+
+
+def _texts(interval: Interval, unit: str) -> tuple[str, str]:
+    """Texts of a value with its unit, and of its interval."""
+    factor = 100.0 if unit == "%" else 1.0
+    value, low, high = (f"{0 if abs(each) < 2e-5 else factor * each:.3g}" for each in interval)
+    return f"{value} {unit}".rstrip(), "" if np.isnan(interval.low) else f"{low} to {high}"
 
 
 def calibrate_drive(
@@ -194,7 +242,10 @@ def calibrate_drive(
     if odometry:
         notes += odometry.notes
         changes |= odometry.settings()
-        notes.append(FILTER_NOTE)
+        notes.append(
+            "these alphas are the odometry's own, and not written as the filter's: one with so"
+            " little spread is soon lost; locplan tune --drive finds those for a filter"
+        )
     elif recording.odometry is None:
         notes.append("the drive has no odometry: that of simulations stays as it was")
     else:
@@ -210,15 +261,8 @@ def calibrate_drive(
         notes.append(str(error))
     else:
         config = field.config
-    return DriveCalibration(
-        recording,
-        config,
-        field,
-        scans,
-        odometry,
-        robot.changed(changes),
-        tuple(notes),
-    )
+    robot = robot.changed(changes)
+    return DriveCalibration(recording, config, field, scans, odometry, robot, tuple(notes))
 
 
 def _with_noise(config: FieldConfig, sigma: float) -> FieldConfig:
@@ -227,7 +271,7 @@ def _with_noise(config: FieldConfig, sigma: float) -> FieldConfig:
     lidar: Lidar | None = getattr(estimator, "lidar", None)
     if lidar is None:
         return config
-    noisy = dataclasses.replace(lidar, range_sigma=max(MIN_SIGMA, sigma))
+    noisy = dataclasses.replace(lidar, range_sigma=max(1e-3, sigma))
     return dataclasses.replace(config, estimator=estimator.with_lidar(noisy))
 
 
@@ -262,7 +306,7 @@ def calibrated_field(
     blocks = blocks_along(recording.poses)[some]
 
     def interval_of(level_of: Callable[[Numbers], float]) -> Interval:
-        (log_level,) = intervals(lambda weights: np.log([level_of(weights)]), blocks, RESAMPLES)
+        (log_level,) = intervals(lambda weights: np.log([level_of(weights)]), blocks, 100)
         return Interval(*np.exp(log_level).tolist())
 
     return calibrate_moments(

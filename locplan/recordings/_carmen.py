@@ -6,6 +6,7 @@ import math
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,29 +16,12 @@ from locplan._util.checks import MAX_AMOUNT, MAX_RANGE
 from locplan._util.poses import Numbers, after_way, way_between, wrapped
 from locplan._util.reading import numbered_lines
 from locplan.errors import RecordingError
-from locplan.recordings._options import Options, Source
+from locplan.recordings._logs import Options, ScanRows, Source
 from locplan.recordings._recording import Recording
-from locplan.recordings._scans import ScanRows
 
-Indices = NDArray[np.int64]
-SAME = 1e-5
-"""Distance [m] and turn [rad] up to which a line of odometry repeats a pose."""
-REPEATED = 0.5
-"""Share of the scans whose poses are repeated, from which odometry counts as begun anew there."""
-OWN = 0.5
-"""Share of the scans that must have odometry of their own."""
 SUFFIXES = (".log", ".clf", ".log.gz", ".clf.gz")
 KINDS = ("ROBOTLASER1", "FLASER")
 """Kinds of lines with scans, the more telling one first: a log may have both of each scan."""
-PILE = 0.1
-"""Readings so near below the largest of a log count as no return [m]..."""
-PILED = 3e-3
-"""...if they are more than this share of all."""
-RIGID = (0.02, 0.02)
-"""Distance [m] and turn [rad] within which the lidar's pose on the robot counts as constant."""
-ALIKE = 0.02
-"""Distance up to which odometry counts as the poses themselves [m]."""
-Pose = tuple[float, ...]
 
 
 def _numbers() -> array[float]:
@@ -48,7 +32,7 @@ def _numbers() -> array[float]:
 class _Scans:
     """What the lines of one kind of scan say."""
 
-    rows: ScanRows = field(default_factory=lambda: ScanRows((0.0, MAX_RANGE)))
+    rows: ScanRows = field(default_factory=partial(ScanRows, (0.0, MAX_RANGE)))
     """Every n-th scan."""
     lidars: array[float] = field(default_factory=_numbers)
     """First pose of all lines, which is the lidar's: x, y, heading, x, ..."""
@@ -81,6 +65,7 @@ def read_carmen(path: Path, options: Options) -> Recording:
     RecordingError
         If the file is no such log, is damaged, or has no scans.
     """
+    options.refuse_others("a log of CARMEN", of_robot=True)
     log = _parsed(path, options)
     kind = _kind(log, options.scan_topic)
     found, kept = log.scans[kind], slice(None, None, options.every)
@@ -103,7 +88,7 @@ def read_carmen(path: Path, options: Options) -> Recording:
         notes=tuple(log.notes),
     )
     ranges.setflags(write=False)
-    drive = Recording(
+    return Recording(
         ranges,
         replace(lidar, least_range=least, range=most),
         poses[kept],
@@ -111,7 +96,6 @@ def read_carmen(path: Path, options: Options) -> Recording:
         None if reported is None else reported[kept],
         source,
     )
-    return drive if options.window is None else drive.window(*options.window)
 
 
 def _kind(log: _Log, named: str | None) -> str:
@@ -127,11 +111,12 @@ def _kind(log: _Log, named: str | None) -> str:
 
 def _limit(ranges: NDArray[np.float32]) -> float:
     """Greatest range of a lidar whose log does not name it: readings pile up at "no return" [m]."""
+    pile = 0.1  # readings so near below the largest count as no return if they are over 3 permille
     known = ranges[np.isfinite(ranges)]
     most = float(known.max(initial=0.0))
-    if (known > most - PILE).sum() > PILED * ranges.size and most > 2 * PILE:
-        return round(most - PILE, 3)
-    return round(min(most + PILE, MAX_RANGE), 3)
+    if (known > most - pile).sum() > 3e-3 * ranges.size and most > 2 * pile:
+        return round(most - pile, 3)
+    return round(min(most + pile, MAX_RANGE), 3)
 
 
 def _poses(
@@ -143,21 +128,17 @@ def _poses(
     one was corrected, and the second is odometry.
     """
     first, second = (np.array(each).reshape(-1, 3) for each in (scans.lidars, scans.robots))
-    cos, sin = np.cos(second[:, 2]), np.sin(second[:, 2])
-    dx, dy = (first - second)[:, :2].T
-    turn = wrapped(first[:, 2] - second[:, 2])
-    mounts = np.column_stack([cos * dx + sin * dy, cos * dy - sin * dx, turn])
+    mounts = way_between(second, first)
+    mounts[:, 2] = wrapped(mounts[:, 2])
     mount = np.median(mounts, axis=0)
-    off = np.abs(mounts - mount).max(0)
-    rigid = off[:2].max() < RIGID[0] and off[2] < RIGID[1]
-    if rigid:
+    if np.abs(mounts - mount).max() < 0.02:  # metres and radians
         poses, reported = second, None
         x, y, yaw = (float(value) for value in np.round(mount, 4))
     else:
         poses, reported, x, y, yaw = first, second, 0.0, 0.0, 0.0
     lines = odometry_at(poses, np.array(scans.stamps), scans.before, odometry)
     reported = reported if lines is None else lines
-    if reported is not None and np.hypot(*(reported - poses)[:, :2].T).max() < ALIKE:
+    if reported is not None and np.hypot(*(reported - poses)[:, :2].T).max() < 0.02:
         log.notes.append("its odometry is the poses, which may be odometry alone")
         reported = None
     return poses, reported, (x, y, yaw)
@@ -214,7 +195,7 @@ def _take(kind: str, words: list[str], scans: _Scans, before: int, every: int) -
     scans.before.append(before)
 
 
-def _finite(words: tuple[str, ...] | list[str]) -> Pose:
+def _finite(words: Sequence[str]) -> tuple[float, ...]:
     """Numbers as floats; a ValueError if one is not finite, or beyond all places and times."""
     values = tuple(map(float, words))
     if not all(abs(value) <= MAX_AMOUNT for value in values):
@@ -247,31 +228,23 @@ def odometry_at(
     after = np.clip(np.asarray(before) + 1, 0, len(lines) - 1)
     off = lines[after, :3] - poses
     off[:, 2] = wrapped(off[:, 2])
-    repeated = (np.abs(off) < SAME).all(1)
-    if repeated.mean() > REPEATED:
+    repeated = (np.abs(off) < 1e-5).all(1)
+    if repeated.mean() > 0.5:  # odometry begins anew at most scans
         own = at[1:] > after[:-1]
-        if len(own) and own.mean() < OWN:
+        if len(own) and own.mean() < 0.5:
             return None
-        return _put_together(lines, at, np.where(repeated, after, at))
-    return _between(lines, at, after, stamps)
-
-
-def _put_together(lines: Numbers, ends: Indices, begins: Indices) -> Numbers:
-    """Odometry from pieces: the k-th leads from the line begins[k] to the line ends[k + 1]."""
-    found = np.empty((len(ends), 3))
-    found[0] = lines[ends[0], :3]
-    for n in range(1, len(ends)):
-        begin = min(begins[n - 1], ends[n])
-        found[n] = after_way(found[n - 1], way_between(lines[begin, :3], lines[ends[n], :3]))
-    return found
-
-
-def _between(lines: Numbers, before: Indices, after: Indices, stamps: Numbers) -> Numbers:
-    """Odometry between the lines around each scan if their stamps tell where; else the former."""
-    gap = lines[after, 3] - lines[before, 3]
-    inside = (gap > 0) & (stamps >= lines[before, 3]) & (stamps <= lines[after, 3])
-    share = np.where(inside, (stamps - lines[before, 3]) / np.where(gap > 0, gap, 1.0), 0.0)
-    step = lines[after, :3] - lines[before, :3]
+        # The k-th piece leads from the line begins[k] to the line at[k + 1].
+        begins = np.where(repeated, after, at)
+        found = np.empty((len(at), 3))
+        found[0] = lines[at[0], :3]
+        for n in range(1, len(at)):
+            begin = min(begins[n - 1], at[n])
+            found[n] = after_way(found[n - 1], way_between(lines[begin, :3], lines[at[n], :3]))
+        return found
+    # Between the lines around each scan if their stamps tell where, else at the former.
+    gap = lines[after, 3] - lines[at, 3]
+    inside = (gap > 0) & (stamps >= lines[at, 3]) & (stamps <= lines[after, 3])
+    share = np.where(inside, (stamps - lines[at, 3]) / np.where(gap > 0, gap, 1.0), 0.0)
+    step = lines[after, :3] - lines[at, :3]
     step[:, 2] = wrapped(step[:, 2])
-    found: Numbers = lines[before, :3] + share[:, None] * step
-    return found
+    return np.asarray(lines[at, :3] + share[:, None] * step)

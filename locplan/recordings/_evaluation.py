@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,8 +18,7 @@ from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import POSE, Column, Result, Table
 from locplan._util.results import Results
-from locplan._util.tables import finite
-from locplan.errors import RecordingError
+from locplan._util.tables import REPORT_WIDTH, finite, table
 from locplan.field import (
     Estimator,
     FieldConfig,
@@ -32,22 +32,20 @@ from locplan.field import (
 )
 from locplan.maps import OccupancyGrid
 from locplan.recordings._agreement import Agreement, agreement, conclusions
-from locplan.recordings._matches import Matches, match_scans
+from locplan.recordings._matches import Matches, check_enough, match_scans
 from locplan.recordings._recording import Recording
 from locplan.robots import Lidar
 
 OUTDATED = -0.5
 """Log-likelihood a return below which a scan saw what is not on the map: a sixth of its returns
 ended away from all walls."""
-MIN_SCANS = 10
-"""Number of scans below which nothing is compared."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DriveEvaluation(Result):
     """Measured and predicted deviations along a recorded drive."""
 
-    _reported_by: ClassVar[str] = "locplan.recordings._reports:drive_report"
+    _reported_by: ClassVar[str] = "locplan.recordings._evaluation:drive_report"
     _drawn_by: ClassVar[str] = "locplan.recordings:drive_figure"
     files: ClassVar[Results] = Results("drive", ("drive.json", "drive.png", "scans.csv"))
 
@@ -197,11 +195,7 @@ def evaluate_drive(
         If too few scans were taken where the map is known and fits.
     """
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
-    if len(recording) < MIN_SCANS:
-        raise RecordingError(
-            f"the drive has {len(recording)} scans, too few to compare: {MIN_SCANS} are needed;"
-            " read more of them (every=), or record a longer one"
-        )
+    check_enough(len(recording), len(recording))
     if estimators is None:
         estimators = estimators_for(recording.lidar)
     tell = progress or (lambda done, total: None)
@@ -214,12 +208,7 @@ def evaluate_drive(
         tell(n, len(estimators) + 1)
     criteria = {name: each.criterion for name, each in estimators.items()}
     result = DriveEvaluation(matches, predicted, criteria)
-    if result.compared.sum() < MIN_SCANS:
-        raise RecordingError(
-            f"{int(result.compared.sum())} of {len(recording)} scans fit the map and lie in its"
-            " free space, too few to compare; is it the right map, and are the poses in its frame?"
-            " See locplan.recordings.fit_to_map"
-        )
+    check_enough(int(result.compared.sum()), len(recording))
     return result
 
 
@@ -237,3 +226,27 @@ def estimators_for(lidar: Lidar) -> dict[str, Estimator]:
         "scan": Scan(lidar),
         "fused": Fused.of(lidar),
     }
+
+
+def drive_report(found: DriveEvaluation) -> str:
+    """The drive, the agreement of each estimator, and the verdict."""
+    matches, some = found.matches, found.compared
+    low, middle, high = 100 * np.quantile(matches.position_std[some], (0.1, 0.5, 0.9))
+    apart = int(found.outdated.sum())
+    left = len(matches) - int(some.sum()) - apart
+    rows = [
+        ("map", matches.grid.name),
+        ("drive", repr(matches.recording)),
+        ("scans compared", f"{some.sum()} of {len(matches)}"),
+        ("set apart", f"{apart} that saw what is not on the map, {left} off the free space"),
+        ("deviation", f"median {middle:.1f} cm, 10 to 90 %: {low:.1f} to {high:.1f} cm"),
+    ]
+    columns = ["", "rank correlation", "AUC", "direction", "factor"]
+    estimators = [[name, *each.texts] for name, each in found.agreements.items()]
+    said = textwrap.fill(" ".join(found.verdict), REPORT_WIDTH, break_on_hyphens=False)
+    about = (
+        "predicted against measured deviations of the position [95 % intervals, stretches of 10 m];"
+        "\nAUC: for the worst fifth; direction: share of long ellipses right to 15 deg; factor:"
+        " predicted\nover measured"
+    )
+    return "\n".join([table([], rows), table(columns, estimators), about, said])

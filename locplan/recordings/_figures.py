@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from locplan._util.poses import way_along
 from locplan.costs import Path
 from locplan.field import position_axes
 from locplan.maps import OccupancyGrid
@@ -33,17 +34,7 @@ from locplan.recordings._replay import Replay
 from locplan.simulation import LOST
 
 RECORDED, ESTIMATED, FILTER = "black", "#0072b2", "#d55e00"
-DRAWN_RUNS = 20
-"""Number of runs whose ways are drawn."""
 MEASURED, PREDICTED, OUTDATED = "black", "#0072b2", "#009e73"
-GAP = 3.0
-"""Distance of scans from which on they are not joined by a line [m]."""
-DOT = 1e-3
-"""Length of a line that is a dot [m]; one without length is not drawn."""
-ELLIPSES = 14
-"""Number of poses along the drive at which ellipses are drawn."""
-LARGEST = 0.04
-"""Largest axis of an ellipse, as a share of the map's width."""
 
 
 def drive_figure(found: DriveEvaluation) -> Figure:
@@ -58,32 +49,22 @@ def drive_figure(found: DriveEvaluation) -> Figure:
     found : DriveEvaluation
         What `evaluate_drive` returned.
     """
-    grid, recording = found.matches.grid, found.matches.recording
-    shown = [Path(recording.poses[:, :2])]
-    part = map_around(grid, shown)
-    width, height = map_size(part)
-    figure = Picture(figsize=(width, height + 3.0), layout="constrained")
-    upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
-    name = next(
-        (each for each in PREFERRED if each in found.predicted), next(iter(found.predicted))
-    )
+    figure, upper, lower = _map_over_profile(found.matches.grid, found.matches.recording)
+    name = next(each for each in (*PREFERRED, *found.predicted) if each in found.predicted)
     predicted = position_axes(found.predicted[name])[0]
     measured = np.where(found.compared, found.matches.position_std, np.nan)
     both = 100 * np.concatenate([measured, predicted])
     both = both[np.isfinite(both)]
     low, high = np.quantile(both, (0.02, 0.98)).tolist()
     norm = LogNorm(low, max(high, 1.5 * low), clip=True)
-    draw_map(upper, part)
-    draw_inset(upper, grid, part, shown)
     _draw_line(upper, found, 100 * predicted, 7.0, norm)
     _draw_line(upper, found, 100 * measured, 4.0, None)
     lines = _draw_line(upper, found, 100 * measured, 2.6, norm)
     bar = figure.colorbar(lines, ax=upper, label="std. dev. of the position [cm]", shrink=0.8)
     label_plainly(bar.ax.yaxis)
     magnify = _draw_ellipses(upper, found, name)
-    xy = recording.poses[:, :2]
-    upper.plot(*xy[found.outdated].T, "x", color=OUTDATED, markersize=5, mew=1.6, zorder=6)
-    upper.set_title(title_of(recording, grid), fontsize="medium")
+    xy = found.matches.recording.poses[found.outdated, :2]
+    upper.plot(*xy.T, "x", color=OUTDATED, markersize=5, mew=1.6, zorder=6)
     handles = [
         Line2D([], [], color="0.6", linewidth=7, label=f"predicted by {name}"),
         Line2D([], [], color="0.3", linewidth=2.6, label="measured"),
@@ -96,7 +77,30 @@ def drive_figure(found: DriveEvaluation) -> Figure:
         handles.append(Line2D([], [], color=OUTDATED, marker="x", linestyle="", label=label))
     figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False)
     _draw_profile(lower, found, {"measured": measured, f"predicted by {name}": predicted})
-    text = textwrap.fill(" ".join(found.verdict), int(11 * width), break_on_hyphens=False)
+    return _said(figure, *found.verdict)
+
+
+def _map_over_profile(grid: OccupancyGrid, recording: Recording) -> tuple[Figure, Axes, Axes]:
+    """A figure with the map around a drive, and axes for what changes along it."""
+    shown = [Path(recording.poses[:, :2])]
+    part = map_around(grid, shown)
+    width, height = map_size(part)
+    figure = Picture(figsize=(width, height + 3.0), layout="constrained")
+    upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
+    draw_map(upper, part)
+    draw_inset(upper, grid, part, shown)
+    file = f", {recording.source.file}" if recording.source.file else ""
+    title = f"{grid.name or 'map'}{file}: {recording.lidar.title}"
+    upper.set_title(title, fontsize="medium")
+    lower.set_xlabel("distance along the drive [m]")
+    lower.grid(alpha=0.3)
+    return figure, upper, lower
+
+
+def _said(figure: Figure, *sentences: str) -> Figure:
+    """The figure with sentences below it."""
+    width = int(11 * figure.get_figwidth())
+    text = textwrap.fill(" ".join(sentences), width, break_on_hyphens=False)
     figure.supxlabel(text, fontsize="small")
     return figure
 
@@ -115,10 +119,10 @@ def _draw_line(
     xy = found.matches.recording.poses[:, :2]
     lines = np.stack([xy[:-1], xy[1:]], axis=1)
     means = (values[:-1] + values[1:]) / 2
-    shown = np.isfinite(means) & (np.hypot(*(xy[1:] - xy[:-1]).T) < GAP)
+    shown = np.isfinite(means) & (np.hypot(*(xy[1:] - xy[:-1]).T) < 3)
     joined = np.append(shown, False) | np.insert(shown, 0, False)
     alone = np.isfinite(values) & ~joined
-    dots = np.stack([xy[alone], xy[alone] + DOT], axis=1)
+    dots = np.stack([xy[alone], xy[alone] + 1e-3], axis=1)  # without length they are not drawn
     colours: dict[str, Any] = {"colors": "white"}
     if norm:
         every = np.concatenate([means[shown], values[alone]])
@@ -134,16 +138,10 @@ def _draw_line(
     return drawn
 
 
-def title_of(recording: Recording, grid: OccupancyGrid) -> str:
-    """The map, the drive's file, and the lidar."""
-    file = recording.source.file
-    return f"{grid.name or 'map'}{f', {file}' if file else ''}: {recording.lidar.title}"
-
-
 def _draw_ellipses(axes: Axes, found: DriveEvaluation, name: str) -> str:
     """Draw both ellipses at poses along the drive; return how much they are magnified."""
     some = np.flatnonzero(found.compared)
-    chosen = some[np.unique(np.linspace(0, len(some) - 1, ELLIPSES).round().astype(int))]
+    chosen = some[np.unique(np.linspace(0, len(some) - 1, 14).round().astype(int))]
     xy = found.matches.recording.poses[chosen, :2]
     every = [
         position_axes(covariance[chosen])
@@ -151,7 +149,8 @@ def _draw_ellipses(axes: Axes, found: DriveEvaluation, name: str) -> str:
     ]
     largest = max(float(major.max()) for major, _, _ in every)
     low, high = axes.get_xlim()
-    magnify = max(1.0, float(f"{LARGEST * (high - low) / (2 * largest):.1g}"))
+    # The largest takes 4 % of the map's width.
+    magnify = max(1.0, float(f"{0.04 * (high - low) / (2 * largest):.1g}"))
     for (major, minor, direction), colour, line in zip(
         every, (PREDICTED, MEASURED), (2.0, 1.2), strict=True
     ):
@@ -174,8 +173,7 @@ def _draw_profile(
     axes: Axes, found: DriveEvaluation, values: dict[str, NDArray[np.float64]]
 ) -> None:
     """Draw deviations along the way, and where scans are unlike the map."""
-    xy = found.matches.recording.poses[:, :2]
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
+    way = way_along(found.matches.recording.poses)
     for (label, each), colour, line in zip(
         values.items(), (MEASURED, PREDICTED), (1.2, 2.0), strict=True
     ):
@@ -184,10 +182,8 @@ def _draw_profile(
         at = way[found.outdated]
         low = 100 * min(float(np.nanmin(each)) for each in values.values())
         axes.plot(at, np.full(len(at), low), "x", color=OUTDATED, markersize=4)
-    axes.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), xlabel="distance along the drive [m]")
-    axes.set_ylabel("std. dev. [cm]")
+    axes.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), ylabel="std. dev. [cm]")
     label_plainly(axes.yaxis)
-    axes.grid(alpha=0.3)
 
 
 def replay_figure(replay: Replay) -> Figure:
@@ -198,19 +194,12 @@ def replay_figure(replay: Replay) -> Figure:
     replay : Replay
         What `locplan.recordings.replay` returned.
     """
-    grid, xy = replay.grid, replay.recording.poses[:, :2]
-    shown = [Path(xy)]
-    part = map_around(grid, shown)
-    width, height = map_size(part)
-    figure = Picture(figsize=(width, height + 3.0), layout="constrained")
-    upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
-    draw_map(upper, part)
-    draw_inset(upper, grid, part, shown)
-    for way in replay.poses[:DRAWN_RUNS, :, :2]:
+    figure, upper, lower = _map_over_profile(replay.grid, replay.recording)
+    xy, ways = replay.recording.poses[:, :2], replay.poses[:20, :, :2]
+    for way in ways:
         upper.plot(*way.T, color=ESTIMATED, linewidth=1.2, alpha=0.5, zorder=4)
     upper.plot(*xy.T, color=RECORDED, linewidth=1.0, linestyle=(0, (4, 2)), zorder=5)
     upper.plot(*xy[0], "o", color=RECORDED, markersize=6, zorder=6)
-    upper.set_title(title_of(replay.recording, grid), fontsize="medium")
     profile, deviation = replay.drives.profile(), replay.filter_std
     way, known = profile[:, 0], np.isfinite(deviation)
     low, high = profile[:, 6], profile[:, 7]
@@ -221,11 +210,9 @@ def replay_figure(replay: Replay) -> Figure:
     if top > LOST / 2:
         lower.axhline(LOST, color="0.5", linewidth=0.8, zorder=0)
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
-        style = {"ha": "left", "va": "bottom", "fontsize": "small", "bbox": box}
+        style: dict[str, Any] = {"ha": "left", "va": "bottom", "fontsize": "small", "bbox": box}
         lower.annotate("lost", (0, LOST), (4, 2), textcoords="offset points", **style)
-    lower.set(xlim=(0, max(way[-1], 1e-3)), ylim=(0, top))
-    lower.set(xlabel="distance along the drive [m]", ylabel="position [m]")
-    lower.grid(alpha=0.3)
+    lower.set(xlim=(0, max(way[-1], 1e-3)), ylim=(0, top), ylabel="position [m]")
     runs = f"{len(replay.errors)} runs"
     lower.legend(
         handles=[
@@ -239,16 +226,13 @@ def replay_figure(replay: Replay) -> Figure:
         frameon=False,
         fontsize="small",
     )
-    drawn = min(DRAWN_RUNS, len(replay.errors))
     figure.legend(
         handles=[
             Line2D([], [], color=RECORDED, linestyle=(0, (4, 2)), marker="o", label="recorded"),
-            Line2D([], [], color=ESTIMATED, label=f"AMCL replayed, {drawn} runs"),
+            Line2D([], [], color=ESTIMATED, label=f"AMCL replayed, {len(ways)} runs"),
         ],
         loc="outside upper center",
         ncols=2,
         frameon=False,
     )
-    text = " ".join([replay.verdict, *(f"Note: {each}." for each in replay.notes)])
-    figure.supxlabel(textwrap.fill(text, int(11 * width), break_on_hyphens=False), fontsize="small")
-    return figure
+    return _said(figure, replay.verdict, *(f"Note: {each}." for each in replay.notes))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -11,28 +12,19 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import instance
 from locplan._util.poses import Numbers, ends_in_map, moved, wrapped
-from locplan._util.progress import ProgressCallback
+from locplan._util.progress import ProgressCallback, parts
 from locplan.errors import RecordingError
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
-from locplan.recordings._fit_search import everywhere, nearby
-from locplan.recordings._matches import MIN_RETURNS
+from locplan.recordings._matches import FITS, at_walls, looked_up
 from locplan.recordings._recording import Recording
 
-NEAR_CELLS, NEAR = 2.0, 0.1
-"""Distance from a wall within which a beam ends at it: two cells, but at least 0.1 m. A cell's
-worth is lost by the map's and the end's own rounding, another one by the wall's thickness in a map
-of many scans; and 0.1 m is three deviations of a lidar's noise."""
-BLOCK = 512
-"""Number of scans that are compared with the map at once, which saves memory."""
-SCANS, BEAMS = 100, 60
-"""Greatest numbers of scans, and of beams of each, that are compared, evenly spaced."""
-FITS = 0.6
-"""Share of the beams that end at walls from which a map fits. Six real logs have .91 to 1.00 on the
-maps made of them, and at most .41 on those of each other, wherever the drive is moved."""
+Move = tuple[float, float, float]
 BETTER = 0.1
 """Gain in the share for which a move of the map is suggested."""
-FAR, TURNED = 0.1, math.radians(0.5)
-"""Shift [m] and turn [rad] of the drive below which a map counts as in its place."""
+FINEST = 0.2
+"""Least edge of the cells of the search at all turns [m]."""
+BLUR = 0.1
+"""Least deviation of the walls' blur at which moves are compared [m]."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +35,7 @@ class MapFit:
     """Share of the beams with a return that end within `distance` of a wall, 0..1."""
     best_share: float
     """The same after `move`."""
-    move: tuple[float, float, float]
+    move: Move
     """The move of the drive that fits best: a turn about the map frame's origin, then a shift
     [m, m, rad]; `Recording.moved` does it."""
     distance: float
@@ -62,7 +54,7 @@ class MapFit:
     def shifted(self) -> bool:
         """True if the map would fit, or fit clearly better, after a move."""
         x, y, turn = self.move
-        away = math.hypot(x, y) > FAR or abs(turn) > TURNED
+        away = math.hypot(x, y) > 0.1 or abs(turn) > math.radians(0.5)
         return away and self.best_share >= FITS and self.best_share >= self.share + BETTER
 
     @property
@@ -145,15 +137,14 @@ def fit_to_map(
         raise RecordingError(
             f"{grid.name or 'the map'} has no walls, that beams could end at; take another map"
         )
-    distance = max(NEAR_CELLS * grid.resolution, NEAR)
-    near = grid.closer_than(distance)
+    distance, near = at_walls(grid)
     sample = _sample(recording)
     ends = sample.ends()
     share = _share(grid, near, ends)
-    starts = [(0.0, 0.0, 0.0)]
+    search, starts = _Search(grid, ends, sample.poses[:, :2]), [(0.0, 0.0, 0.0)]
     if share < FITS:
-        starts += everywhere(grid, ends, sample.poses[:, :2], progress)
-    move = nearby(grid, ends, sample.poses[:, :2], starts)
+        starts += search.everywhere(progress)
+    move = search.nearby(starts)
     best = _share(grid, near, sample._replace(poses=moved(sample.poses, move)).ends())
     if best <= share:
         move, best = (0.0, 0.0, 0.0), share
@@ -163,8 +154,8 @@ def fit_to_map(
 
 def _sample(recording: Recording) -> _Sample:
     """Scans and beams that are evenly spaced."""
-    scans = np.unique(np.linspace(0, len(recording) - 1, SCANS).astype(np.int64))
-    beams = np.unique(np.linspace(0, recording.lidar.beams - 1, BEAMS).astype(np.int64))
+    scans = np.unique(np.linspace(0, len(recording) - 1, 100).astype(np.int64))
+    beams = np.unique(np.linspace(0, recording.lidar.beams - 1, 60).astype(np.int64))
     ends = recording[scans].ends_on_robot()
     if np.isfinite(ends[:, beams]).any():
         ends = ends[:, beams]
@@ -173,12 +164,10 @@ def _sample(recording: Recording) -> _Sample:
 
 def _share(grid: OccupancyGrid, near: NDArray[np.bool_], ends: Numbers) -> float:
     """Share of points that lie in the cells of a mask."""
-    row, col = (np.floor(part).astype(np.int64) for part in grid.world_to_grid(*ends.T))
-    inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
-    return float((inside & near[np.where(inside, row, 0), np.where(inside, col, 0)]).mean())
+    return float(looked_up(grid, near, ends, False).mean())
 
 
-def _origin(grid: OccupancyGrid, move: tuple[float, float, float]) -> tuple[float, float, float]:
+def _origin(grid: OccupancyGrid, move: Move) -> Move:
     """Origin of the map after the move the other way."""
     (x, y, yaw), (dx, dy, turn) = grid.origin, move
     cos, sin = math.cos(turn), math.sin(turn)
@@ -202,45 +191,132 @@ def _mount(grid: OccupancyGrid, near: NDArray[np.bool_], sample: _Sample, best: 
     return ""
 
 
-def scans_unlike(
-    recording: Recording, grid: OccupancyGrid, scans: NDArray[np.int64]
-) -> NDArray[np.bool_]:
-    """Tell which scans of a recorded drive are unlike a map.
+class _Search:
+    """The rigid moves of a drive that take the ends of its beams to a map's walls.
 
-    They are those of which fewer than 60 % of the returns end within two cells of a wall, at least
-    0.1 m. One with fewer than 10 returns is not judged.
-
-    Parameters
-    ----------
-    recording : Recording
-        The drive.
-    grid : OccupancyGrid
-        The map; the poses are in its world frame.
-    scans : (n,) array of int
-        Indices of the scans.
-
-    Returns
-    -------
-    (n,) array of bool
-        True for each of these scans that is unlike the map.
+    Ends of beams and places of the robot, (k, 2) and (n, 2), are in the map's frame [m].
     """
-    unlike = np.zeros(len(scans), np.bool_)
-    near = grid.closer_than(max(NEAR_CELLS * grid.resolution, NEAR))
-    for first in range(0, len(scans), BLOCK):
-        some = scans[first : first + BLOCK]
-        if np.isfinite(recording.ranges[some]).any():
-            unlike[first : first + BLOCK] = _unlike(recording[some], grid, near)
-    return unlike
+
+    def __init__(self, grid: OccupancyGrid, ends: Numbers, places: Numbers) -> None:
+        self.grid, self.middle = grid, places.mean(0)
+        self.out, self.stood = ends - self.middle, places - self.middle
+        self.radius = math.sqrt(float((self.out**2).sum(1).mean()))
+
+    def everywhere(self, progress: ProgressCallback | None = None) -> list[Move]:
+        """The moves that fit best of all turns and shifts, about the origin [m, m, rad].
+
+        The ends, rotated, are correlated with the walls by the Fourier transform; so are the places
+        of the robot with the free space, which tells walls from clutter. `progress` is called with
+        (done, total) turns.
+        """
+        from scipy.fft import irfft2, next_fast_len, rfft2
+
+        grid = self.grid
+        reach = float(np.abs(np.concatenate([self.out, self.stood])).max())
+        side = max(max(grid.shape) * grid.resolution, 2 * reach)
+        cell = max(FINEST, side / 224, grid.resolution)  # of which so many lie along a side at most
+        walls, free = self._coarse(cell)
+        half = math.ceil(math.hypot(reach, reach) / cell) + 1
+        shape = tuple(next_fast_len(each + 2 * half + 1, real=True) for each in walls.shape)
+        of_walls, of_free = (np.conj(rfft2(each, shape)) for each in (walls, free))
+        turns = 4 * max(1, min(math.ceil(2 * math.pi * self.radius / cell / 4), 180))
+        (tell,) = parts(progress, [turns])
+        found: list[tuple[float, float, float, float]] = []
+        for n in range(turns):
+            turn = 2 * math.pi * n / turns
+            rotated = (_rotated(each, turn) for each in (self.out, self.stood))
+            rasters = (_raster(each, cell, half) for each in rotated)
+            hits, stands = (rfft2(each / each.sum(), shape) for each in rasters)
+            score = irfft2(np.conj(hits * of_walls + 0.5 * stands * of_free), shape)
+            for _ in range(2):
+                row, col = divmod(int(np.argmax(score)), shape[1])
+                found.append((float(score[row, col]), turn, float(row), float(col)))
+                score[max(0, row - 3) : row + 4, max(0, col - 3) : col + 4] = -1.0
+            tell(n + 1, turns)
+        moves: list[Move] = []
+        for _, turn, *at in sorted(found, reverse=True):
+            # The raster's cell (half, half) holds the drive's middle; the transform is periodic.
+            shift = (s - n if s > n / 2 else s for s, n in zip(at, shape, strict=True))
+            rows, cols = ((each + half + 0.5) * cell / grid.resolution for each in shift)
+            x, y = map(float, grid.grid_to_world(rows, cols))
+            move = self._about_origin((x, y, turn + grid.origin[2]))
+            if all(self._apart(move, other) > 2 * cell for other in moves):
+                moves.append(move)
+            if len(moves) == 12:
+                break
+        return moves
+
+    def nearby(self, starts: list[Move]) -> Move:
+        """The best move around some: steps in x, y and turn are halved until none is better."""
+        size = self.grid.resolution
+        best, best_score = (0.0, 0.0, 0.0), -1.0
+        for start in starts:
+            at, step = self._about_middle(start), 0.4
+            while step > size / 4:
+                at = self._climbed(at, step, max(BLUR, size, step))
+                step /= 2
+            score = self._score(at, max(BLUR, size))
+            if score > best_score:
+                best, best_score = self._about_origin(at), score
+        return best
+
+    def _climbed(self, at: Move, step: float, blur: float) -> Move:
+        """The move from which no step of this size leads to a better one."""
+        score, turning = self._score(at, blur), step / max(self.radius, self.grid.resolution)
+        steps = np.array([*itertools.product((-1, 0, 1), repeat=3)]) * (step, step, turning)
+        for _ in range(30):
+            others = [(at[0] + x, at[1] + y, at[2] + turn) for x, y, turn in steps.tolist()]
+            better, there = max((self._score(other, blur), other) for other in others)
+            if better <= score:
+                break
+            score, at = better, there
+        return at
+
+    def _score(self, at: Move, blur: float) -> float:
+        """Mean nearness of the ends to walls, 0..1, and half the share of places that are free."""
+        grid, to = self.grid, np.array(at[:2])
+        distance = looked_up(grid, grid.clearance, to + _rotated(self.out, at[2]), np.inf)
+        free = looked_up(grid, grid.free, to + _rotated(self.stood, at[2]), 0.0)
+        return float(np.exp(-0.5 * (distance / blur) ** 2).mean() + 0.5 * free.mean())
+
+    def _coarse(self, cell: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Nearness to walls, and free space, in coarser cells along the map's own axes."""
+        grid = self.grid
+        counts = (math.ceil(each * grid.resolution / cell) for each in grid.shape)
+        at = np.ix_(
+            *(
+                np.minimum((np.arange(n) + 0.5) * cell / grid.resolution, side - 1).astype(np.int64)
+                for n, side in zip(counts, grid.shape, strict=True)
+            )
+        )
+        walls = np.exp(-0.5 * (grid.clearance[at] / (0.75 * cell)) ** 2)
+        return walls.astype(np.float32), grid.free[at].astype(np.float32)
+
+    def _about_origin(self, at: Move) -> Move:
+        """The move that takes the middle to a place with a turn, as a turn about the origin."""
+        x, y = _rotated(self.middle[None], at[2])[0]
+        return at[0] - float(x), at[1] - float(y), (at[2] + math.pi) % (2 * math.pi) - math.pi
+
+    def _about_middle(self, move: Move) -> Move:
+        """Where a move takes the middle, and its turn."""
+        x, y = _rotated(self.middle[None], move[2])[0]
+        return float(x) + move[0], float(y) + move[1], move[2]
+
+    def _apart(self, *moves: Move) -> float:
+        """Distance of the middle after either of two moves [m]; infinite if their turns differ."""
+        (x, y, turn), (u, v, angle) = map(self._about_middle, moves)
+        between = abs((turn - angle + math.pi) % (2 * math.pi) - math.pi)
+        return math.hypot(x - u, y - v) + (math.inf if between > 0.1 else 0.0)
 
 
-def _unlike(some: Recording, grid: OccupancyGrid, near: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Whether each scan is unlike the map whose cells near walls are given."""
-    ends = some.ends()
-    returned = np.isfinite(ends[..., 0])
-    row, col = grid.world_to_grid(*np.moveaxis(np.where(returned[..., None], ends, 0.0), -1, 0))
-    inside = returned & (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
-    cells = (np.where(inside, each, 0).astype(np.int64) for each in (row, col))
-    hits = (inside & near[tuple(cells)]).sum(axis=1)
-    count = returned.sum(axis=1)
-    unlike: NDArray[np.bool_] = (count >= MIN_RETURNS) & (hits < FITS * count)
-    return unlike
+def _raster(xy: Numbers, cell: float, half: int) -> NDArray[np.float32]:
+    """Number of points in each cell around the middle, (2 half + 1, 2 half + 1)."""
+    size = 2 * half + 1
+    col, row = (np.floor(part / cell + 0.5).astype(np.int64) + half for part in xy.T)
+    counts = np.bincount(row * size + col, minlength=size * size)
+    return counts.reshape(size, size).astype(np.float32)
+
+
+def _rotated(xy: Numbers, turn: float) -> Numbers:
+    cos, sin = math.cos(turn), math.sin(turn)
+    return np.column_stack([cos * xy[:, 0] - sin * xy[:, 1], sin * xy[:, 0] + cos * xy[:, 1]])

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from locplan._kernels.particles import STILL
 from locplan._util.blocks import blocks_along, intervals
 from locplan._util.intervals import Interval
-from locplan._util.poses import Numbers, way_between, wrapped
+from locplan._util.poses import Numbers, way_along, way_between, wrapped
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import updates_of, without_jumps
 from locplan.robots import Amcl
@@ -24,16 +24,11 @@ from locplan.robots import Amcl
 SPANS = (0.5, 1.0, 2.0, 4.0)
 """Lengths of the stretches over which odometry is compared with the poses [m]. Errors of the poses
 do not grow with them, those of odometry do."""
-METRES_PER_RAD = 0.3
-"""Length of way as which a turn counts in a stretch [m/rad]."""
 MIN_UPDATES = 40
 """Number of the filter's updates below which odometry is not calibrated."""
-ROUNDS, RESAMPLES = 12, 100
-"""Number of steps of the likelihood's ascent, and of resamples of blocks."""
-LITTLE_TURN = 2 * math.pi
-"""Sum of turns below which what turns do is hardly known [rad]."""
-TINY, FAR = 1e-12, 5.0
-"""Number of standard deviations beyond which an increment counts as a jump."""
+RESAMPLES = 100
+"""Number of resamples of blocks."""
+TINY = 1e-12
 
 
 @dataclass(frozen=True)
@@ -81,7 +76,7 @@ class OdometryNoise:
         Where the robot turned little, the drifts of heading and turns are hardly known.
         """
         names = ["distance_drift", "distance_bias", "heading_bias_deg"]
-        if self.turned >= LITTLE_TURN:
+        if self.turned >= 2 * math.pi:
             names += ["heading_drift_deg", "turn_drift_deg", "turn_bias"]
         return {name: abs(getattr(self, name).value) for name in names}
 
@@ -114,26 +109,25 @@ def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
     position, heading = np.nan_to_num([each.low for each in drifts[-2:]]).tolist()
     sure = position, math.radians(heading)
     alphas = intervals(lambda w: increments.fitted(w, *sure), blocks[updates[:-1]], RESAMPLES)
-    notes = _notes(recording, np.array([each.value for each in alphas]), sure, increments)
-    if jumps:
-        notes += (f"jumps of odometry against the recorded poses, which are left out: {jumps}",)
     turned = float(np.abs(wrapped(np.diff(recording.poses[:, 2]))).sum())
-    values: list[Any] = [*alphas, *drifts, turned, len(updates), notes]
+    notes = _notes(increments, np.array([each.value for each in alphas]), sure, turned)
+    if jumps:
+        notes.append(f"jumps of odometry against the recorded poses, which are left out: {jumps}")
+    values: list[Any] = [*alphas, *drifts, turned, len(updates), tuple(notes)]
     return OdometryNoise(*values)
 
 
 def _notes(
-    recording: Recording, alphas: Numbers, sure: tuple[float, float], increments: _Increments
-) -> tuple[str, ...]:
+    increments: _Increments, alphas: Numbers, sure: tuple[float, float], turned: float
+) -> list[str]:
     notes = []
-    poses, odometry = increments.shares(alphas, *sure)
-    if poses > odometry:
+    of_poses, of_odometry = increments.shares(alphas, *sure)
+    if of_poses > of_odometry:
         notes.append(
             "the recorded poses are noisier than the odometry between two updates of the filter:"
             " the alphas are uncertain; record better poses, as of SLAM or motion capture"
         )
-    turned = float(np.abs(wrapped(np.diff(recording.poses[:, 2]))).sum())
-    if turned < LITTLE_TURN:
+    if turned < 2 * math.pi:
         notes.append(
             f"the robot turned by {math.degrees(turned):.0f} deg in all, too little for alpha1,"
             " alpha4 and the drifts of heading and turns, which are not written"
@@ -141,10 +135,10 @@ def _notes(
     jumps = increments.jumps(alphas, *sure)
     if jumps > 0.01:
         notes.append(
-            f"{jumps:.0%} of the increments are beyond {FAR:g} standard deviations: the recorded"
-            " poses may jump, as those of a filter do"
+            f"{jumps:.0%} of the increments are beyond 5 standard deviations: the recorded poses"
+            " may jump, as those of a filter do"
         )
-    return tuple(notes)
+    return notes
 
 
 def _ways(poses: Numbers, begin: NDArray[np.int64], end: NDArray[np.int64]) -> Numbers:
@@ -174,10 +168,9 @@ class _Stretches:
     @classmethod
     def of(cls, poses: Numbers, odometry: Numbers) -> _Stretches:
         """Stretches of each length, one after the other."""
-        dx, dy, turns = np.diff(odometry, axis=0).T
-        steps, turns = np.hypot(dx, dy), np.abs(wrapped(turns))
-        way, turned = (np.concatenate([[0.0], np.cumsum(each)]) for each in (steps, turns))
-        progress = way + METRES_PER_RAD * turned
+        turns = np.abs(wrapped(np.diff(odometry[:, 2])))
+        way, turned = way_along(odometry), np.concatenate([[0.0], np.cumsum(turns)])
+        progress = way + 0.3 * turned  # a turn of 1 rad counts as 0.3 m of way
         begins, ends = [], []
         for span in SPANS:
             marks = np.searchsorted(progress, np.arange(0.0, progress[-1], span))
@@ -293,7 +286,7 @@ class _Increments:
     def jumps(self, alphas: Numbers, position: float, heading: float) -> float:
         """Share of the increments that are far off what the fit expects."""
         variance = self.features @ alphas + self.poses @ np.array([position**2, heading**2])
-        return float((self.residuals**2 > FAR**2 * (variance + TINY)).any(axis=0).mean())
+        return float((self.residuals**2 > 25 * (variance + TINY)).any(axis=0).mean())
 
 
 def _regressed(
@@ -328,7 +321,7 @@ def _variances(
     found = weights @ squares / scale if start is None else start
     # So that no value of hardly any variance counts for all others.
     least = 1e-3 * float(weights @ squares / max(weights.sum(), TINY)) + TINY
-    for _ in range(ROUNDS):
+    for _ in range(12):
         variance = np.maximum(features @ found + fixed, least)
         own = (weights / variance**2)[:, None] * features
         found = (found + _not_negative(own.T @ features, own.T @ (squares - fixed))) / 2

@@ -1,20 +1,28 @@
-"""Reading recorded drives of any kind."""
+"""How recordings come about: read from files of any kind, or taken of a simulated drive."""
 
 from __future__ import annotations
 
 import os
+from typing import TYPE_CHECKING, Any
 
-from locplan._util.checks import file_path
+import numpy as np
+
+from locplan._util.checks import file_path, instance, positive
 from locplan._util.files import keep_input
+from locplan._util.poses import way_along
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError, LocplanError, RecordingError
+from locplan.maps import OccupancyGrid, own_axes
 from locplan.recordings._bag_files import SUFFIXES as BAGS, is_bag
 from locplan.recordings._bags import read_bag
 from locplan.recordings._carmen import SUFFIXES as CARMEN, read_carmen
-from locplan.recordings._csv import read_csv
-from locplan.recordings._options import Options, Topics
+from locplan.recordings._logs import Options, Source, Topics
 from locplan.recordings._recording import Recording
-from locplan.recordings._tables import read_npz
+from locplan.recordings._tables import read_csv, read_npz
+from locplan.robots import Robot
+
+if TYPE_CHECKING:
+    from locplan.costs import Path
 
 
 def read_drive(
@@ -98,33 +106,111 @@ def read_drive(
     ...     read_drive(path)
     Recording(drive.csv, 2 scans of 1 beams, 0.5 m)
     """
-    options = Options(
-        every=every,
-        window=window,
-        **vars(topics or Topics()),
-        range_limits=range_limits,
-        mount=mount,
-    )
+    limits: Any = {"window": window, "range_limits": range_limits, "mount": mount}
+    options = Options(every=every, **vars(topics or Topics()), **limits)
     path = file_path("a recorded drive", file)
     if not path.exists():
         raise RecordingError(f"{path}: is not there; name a recorded drive")
     keep_input(path)
+    readers = {".csv": read_csv, ".npz": read_npz}
     try:
         if is_bag(path):
             return read_bag(path, options, progress)
         if path.name.lower().endswith(CARMEN):
-            options.refuse_those_for_bags("a log of CARMEN")
-            return read_carmen(path, options)
-        if path.suffix == ".csv":
-            drive = Recording(*read_csv(path, options))
-            return drive if window is None else drive.window(*window)
-        if path.suffix == ".npz":
-            drive = Recording(*read_npz(path, options))
-            drive = drive if window is None else drive.window(*window)
-            return drive.every(every) if every > 1 else drive
+            drive = read_carmen(path, options)
+        elif path.suffix in readers:
+            drive = Recording(*readers[path.suffix](path, options))
+        else:
+            known = ", ".join((*BAGS, *CARMEN, *readers))
+            raise RecordingError(f"is of no kind that is known ({known}, or a folder of rosbag2)")
+        drive = drive if window is None else drive.window(*window)
+        return drive.every(every) if path.suffix == ".npz" and every > 1 else drive
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
     except LocplanError as error:
         raise RecordingError(f"{path}: {error}") from None
-    known = ", ".join((*BAGS, *CARMEN, ".csv", ".npz"))
-    raise RecordingError(f"{path}: is of no kind that is known ({known}, or a folder of rosbag2)")
+
+
+def record_drive(
+    grid: OccupancyGrid,
+    path: Path,
+    robot: Robot | None = None,
+    *,
+    spacing: float = 0.2,
+    speed: float = 0.5,
+    seed: int = 1,
+) -> Recording:
+    """Record a simulated drive along a path, in a world that differs from the map a little.
+
+    The recorded poses are the true ones, and ranges are whole millimetres.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    path : Path
+        The way of the robot, in the world.
+    robot : Robot, optional
+        The robot with the lidar that is recorded; by default one of 6 m that sees all round.
+    spacing : float, default 0.2
+        Distance from scan to scan [m], above 0; it is rounded to multiples of 0.05 m.
+    speed : float, default 0.5
+        Speed of the robot [m/s], above 0.
+    seed : int, default 1
+        Seed of all random numbers, >= 0.
+
+    Returns
+    -------
+    Recording
+        The scans with times, true poses and odometry.
+
+    Raises
+    ------
+    LocplanError
+        If the path has no length, or leaves the free cells of the map.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> path = locplan.plan(locplan.Costmap.blank(grid), (2.0, 3.0), (20.0, 3.0)).path
+    >>> record_drive(grid, path, locplan.Robot(locplan.Lidar(range=6.0, beams=90)), spacing=0.5)
+    Recording(simulated, 37 scans of 90 beams, 18 m, with odometry)
+    """
+    from locplan._kernels.drives import odometry_along
+    from locplan._kernels.lidar import measured_ends
+    from locplan.costs import Path
+    from locplan.simulation import POSE_SPACING, Simulator, poses_along
+
+    instance("path", path, Path)
+    every = max(1, round(positive("spacing", spacing, "m") / POSE_SPACING))
+    positive("speed", speed, "m/s")
+    simulator = Simulator(grid, robot, seed=seed, threads=1)
+    lidar = simulator.robot.known_lidar
+    try:
+        line = poses_along(path, grid)
+    except LocplanError as error:
+        raise ConfigError(f"the path {error}") from None
+    random = np.random.default_rng(seed)
+    arguments = simulator.arguments
+    reported = odometry_along(random, own_axes(grid, line), arguments.odometry)[::every]
+    poses = line[::every]
+    sensor = arguments.lidar._replace(angles=lidar.angles)
+    rows, cols = grid.world_to_grid(*poses[:, :2].T)
+    headings = poses[:, 2] - grid.origin[2]
+    ranges, ends = np.empty((len(poses), lidar.beams)), np.empty((lidar.beams, 2))
+    for n, pose in enumerate(np.column_stack([rows, cols, headings])):
+        world, size = simulator.worlds[0], grid.resolution
+        measured_ends(random, world, size, pose, sensor, arguments.disturbances, ends)
+        away = ends * grid.resolution - (lidar.mount_x, lidar.mount_y)
+        ranges[n] = np.hypot(*away.T)
+    # A hundredth of a second a scan beside the way's time, so that turns on the spot take some.
+    times = way_along(line)[::every] / speed + 0.01 * np.arange(len(poses), dtype=float)
+    return Recording(
+        (np.rint(ranges * 1000) / 1000).astype(np.float32),
+        lidar,
+        np.round(poses, 5),
+        np.round(times, 3),
+        np.round(reported, 5).astype(np.float64),
+        Source(file="simulated", scans="simulated", poses="true", odometry="simulated"),
+    )

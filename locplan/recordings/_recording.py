@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import FARTHEST, instance, keep, number, printable, shown, whole
+from locplan._util.notebook import called
 from locplan._util.poses import (
     Numbers,
     ends_in_map,
@@ -19,19 +20,9 @@ from locplan._util.poses import (
     wrapped,
 )
 from locplan.errors import RecordingError
-from locplan.recordings._options import Contents, Source
-from locplan.recordings._tables import load, save
+from locplan.recordings._logs import Contents, Source
+from locplan.recordings._tables import save
 from locplan.robots import Kinematics, Lidar, Robot
-
-NO_SOURCE = Source()
-STANDING = 0.05
-"""Speed up to which a robot counts as standing [m/s]."""
-TURNING = 0.02
-"""Turn between two scans from which on a step is no straight one: an arc leads aside, too [rad]."""
-SIDEWAYS = 0.2
-"""Share of the straight way that an omnidirectional robot drives sideways at least."""
-BLOCK = 4096
-"""Number of scans that are checked at once, which saves memory."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -71,7 +62,7 @@ class Recording:
     """Times of the scans, (n,) [s]; None where the log has none that can be relied on."""
     odometry: Numbers | None = None
     """Poses by odometry at the scans, (n, 3) [m, m, rad], in a frame of its own; or None."""
-    source: Source = NO_SOURCE
+    source: Source = field(default_factory=Source)
     """The file, topics and frames that it was read from."""
 
     def __post_init__(self) -> None:
@@ -84,7 +75,8 @@ class Recording:
                 f"ranges must be (scans, beams) for {len(poses)} poses and {self.lidar.beams} beams"
                 f" of the lidar, not {ranges.shape}"
             )
-        parts = [ranges[n : n + BLOCK] for n in range(0, len(ranges), BLOCK)]
+        # In blocks of scans, which saves memory.
+        parts = [ranges[n : n + 4096] for n in range(0, len(ranges), 4096)]
         if not any(self.lidar.has_return(part).any() for part in parts):
             raise RecordingError(
                 f"no beam of {len(ranges)} scans ends within {self.lidar.least_range:g} to"
@@ -253,14 +245,14 @@ class Recording:
             steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
             with np.errstate(divide="ignore", invalid="ignore"):
                 speeds = steps / np.diff(self.times)
-            moving = speeds[np.isfinite(speeds) & (speeds > STANDING)]
+            moving = speeds[np.isfinite(speeds) & (speeds > 0.05)]  # else it counts as standing
             if moving.size:
                 own["speed"] = round(float(np.median(moving)), 2)
         if self.odometry is not None:
             ahead, aside, turn = way_between(self.odometry[:-1], self.odometry[1:]).T
-            straight = np.abs(wrapped(turn)) < TURNING
+            straight = np.abs(wrapped(turn)) < 0.02  # an arc leads aside, too
             way = np.hypot(ahead, aside)[straight].sum()
-            if np.abs(aside)[straight].sum() > SIDEWAYS * way:
+            if np.abs(aside)[straight].sum() > 0.2 * way:
                 own["drive"] = "omnidirectional"
         return replace(robot, kinematics=replace(robot.kinematics, **own))
 
@@ -304,7 +296,8 @@ class Recording:
         RecordingError
             If the file cannot be read, or holds no recording.
         """
-        return cls(*load(path))
+        drive: Recording = called("locplan.recordings:read_drive", path)
+        return drive
 
 
 def _poses(name: str, values: object) -> Numbers:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
+import textwrap
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from locplan._util.blocks import blocks_along, mean_interval
 from locplan._util.checks import instance, whole
+from locplan._util.formats import in_metres, in_percent
 from locplan._util.intervals import Interval
 from locplan._util.machine import check_memory, check_threads
 from locplan._util.poses import Numbers
@@ -21,28 +22,13 @@ from locplan._util.progress import ProgressCallback
 from locplan._util.random_streams import random_of
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
-from locplan._util.tables import finite
+from locplan._util.tables import REPORT_WIDTH, finite, table
 from locplan.maps import OccupancyGrid, check_grid
+from locplan.matching import in_batches
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
 from locplan.robots import Robot
-from locplan.simulation import PROFILE, Drives, about_filter, check_filter_map
-
-RUNS = 20
-"""Number of runs."""
-MAX_RUNS = 10_000
-WITHIN = 0.95
-"""Share of the poses that lie in an ellipse, if the filter's covariance is right."""
-ELLIPSE = -2 * math.log(1 - WITHIN)
-"""Square of the distance of this ellipse from its middle, in standard deviations."""
-MIDDLE = 2 * math.log(2)
-"""Median of this square, if the filter's covariance is right."""
-MIN_UPDATES = 10
-"""Number of resamplings below which the filter's covariance is not judged."""
-ROUNDING = 1e-8
-"""Variance that is added so that no covariance is singular [m^2]."""
-FEW_LOST = 0.05
-"""Share of lost runs from which on the verdict begins with it."""
+from locplan.simulation import DRIVEN, PROFILE, Drives, about_filter, check_filter_map
 
 
 @dataclass(frozen=True)
@@ -68,12 +54,12 @@ class Consistency:
     @property
     def sentence(self) -> str:
         """What this means for the filter's user."""
-        if self.updates < MIN_UPDATES:
+        if self.updates < 10:
             return (
                 f"The filter resampled its particles at {self.updates} of the scans, too few to"
                 " judge its covariance."
             )
-        share = f"{self.within.value:.0%} of the recorded positions lie in its {WITHIN:.0%} ellipse"
+        share = f"{self.within.value:.0%} of the recorded positions lie in its 95% ellipse"
         if self.within.value < 0.85:
             return (
                 f"The filter is overconfident: {share}, which would have to be {self.wider:.1f}"
@@ -91,7 +77,7 @@ class Consistency:
 class Replay(Result):
     """Runs of AMCL on one recorded drive, which differ by their random numbers alone."""
 
-    _reported_by: ClassVar[str] = "locplan.recordings._reports:replay_report"
+    _reported_by: ClassVar[str] = "locplan.recordings._replay:replay_report"
     _drawn_by: ClassVar[str] = "locplan.recordings:replay_figure"
     files: ClassVar[Results] = Results("replay", ("replay.json", "replay.png", "errors.csv"))
 
@@ -134,7 +120,8 @@ class Replay(Result):
         """Squared distance of the recorded position from the filter's, in its own standard
         deviations (NEES), (runs, n); NaN where it did not resample. Right covariances have 2 on
         average."""
-        covariance = self.covariances[..., :2, :2] + ROUNDING * np.eye(2)
+        # Another 0.1 mm, so that no covariance is singular.
+        covariance = self.covariances[..., :2, :2] + 1e-8 * np.eye(2)
         error = self.errors[..., :2]
         a, b, c = covariance[..., 0, 0], covariance[..., 0, 1], covariance[..., 1, 1]
         x, y = error[..., 0], error[..., 1]
@@ -143,9 +130,7 @@ class Replay(Result):
     @property
     def filter_std(self) -> Numbers:
         """Rms deviation of the position by the filter itself, the median over runs, (n,) [m]."""
-        covariance = self.covariances
-        deviation = np.sqrt(covariance[..., 0, 0] + covariance[..., 1, 1])
-        return np.asarray(np.median(deviation, axis=0))
+        return np.asarray(np.median(_rms(self.covariances), axis=0))
 
     @cached_property
     def consistency(self) -> Consistency:
@@ -154,12 +139,14 @@ class Replay(Result):
         if not at.any():
             none = math.nan
             return Consistency(Interval(none, none, none), none, none, none, 0)
-        squares, covariance = self.squares[:, at], self.covariances[:, at]
-        inside = (squares <= ELLIPSE).mean(axis=0)
+        # Where the covariance is right, these squares have a chi-square distribution of two
+        # degrees of freedom: 95 % of them are below -2 ln 0.05, and half below 2 ln 2.
+        squares = self.squares[:, at]
+        inside = (squares <= -2 * math.log(0.05)).mean(axis=0)
         return Consistency(
             mean_interval(inside, blocks_along(self.recording.poses)[at]),
-            math.sqrt(float(np.median(squares)) / MIDDLE),
-            float(np.median(np.sqrt(covariance[..., 0, 0] + covariance[..., 1, 1]))),
+            math.sqrt(float(np.median(squares)) / (2 * math.log(2))),
+            float(np.median(_rms(self.covariances[:, at]))),
             float(np.median(self.drives.position_error[:, at])),
             int(at.sum()),
         )
@@ -168,7 +155,7 @@ class Replay(Result):
     def verdict(self) -> str:
         """What this means for the filter's user: whether it is lost, and if it knows its errors."""
         lost = self.drives.lost_rate.value
-        if lost < FEW_LOST:
+        if lost < 0.05:
             return self.consistency.sentence
         return (
             f"The filter is lost in {lost:.0%} of the runs; locplan tune --drive looks for settings"
@@ -217,7 +204,7 @@ def replay(
     grid: OccupancyGrid,
     robot: Robot | None = None,
     *,
-    runs: int = RUNS,
+    runs: int = 20,
     filter_map: OccupancyGrid | None = None,
     seed: int = 1,
     threads: int | None = None,
@@ -274,7 +261,7 @@ def replay(
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
     robot = recording.robot(robot)
-    whole("runs", runs, 1, MAX_RUNS)
+    whole("runs", runs, 1, 10_000)
     whole("seed", seed, 0)
     workers = check_threads(threads)
     check_memory(f"{runs} runs of {len(recording)} scans", 12 * 8 * runs * len(recording), "fewer")
@@ -284,17 +271,40 @@ def replay(
     covariances = np.empty((runs, len(recording), 3, 3))
     ends = tracks.ends(robot.filter)
 
-    def run(n: int) -> None:
-        found = tracks.track(random_of(seed, REPLAY, n), ends, arguments)
-        errors[n], covariances[n] = found
+    def run(some: NDArray[np.int64]) -> list[int]:
+        numbers: list[int] = some.tolist()
+        for n in numbers:
+            errors[n], covariances[n] = tracks.track(random_of(seed, REPLAY, n), ends, arguments)
+        return numbers
 
-    with ThreadPoolExecutor(workers) as pool:
-        try:
-            tasks = [pool.submit(run, n) for n in range(runs)]
-            for done, task in enumerate(tasks, 1):
-                task.result()
-                if progress:
-                    progress(done, runs)
-        finally:
-            pool.shutdown(cancel_futures=True)
+    in_batches(run, runs, workers, progress, batch=1)
     return Replay(recording, grid, robot, seed, errors, covariances, filter_map)
+
+
+def _rms(covariance: Numbers) -> Numbers:
+    """Rms deviation of the position by covariances (..., 3, 3), (...) [m]."""
+    return np.sqrt(covariance[..., 0, 0] + covariance[..., 1, 1])
+
+
+def replay_report(replay: Replay) -> str:
+    """Table of the errors against the recorded poses, and of the filter's consistency."""
+    found, within = replay.consistency, replay.consistency.within
+    share = f"{within.value:.0%}" if np.isnan(within.low) else in_percent(within)
+    of_filter = [
+        ("within the 95% ellipse", share),
+        ("rms deviation by the filter", in_metres(found.filter_std)),
+    ]
+    rows = [
+        ("map", replay.grid.name),
+        ("drive", repr(replay.recording)),
+        ("runs", f"{len(replay.errors)}, each of {found.updates} updates"),
+        *Table.of(DRIVEN, [replay.drives]).turned(),
+        *(of_filter if found.updates else ()),
+        *(("note", note) for note in replay.notes),
+    ]
+    about = (
+        "errors against the recorded positions [95 % intervals over runs, of the ellipse by"
+        f" stretches of\n10 m]; with {replay.robot.title}"
+    )
+    said = textwrap.fill(replay.verdict, REPORT_WIDTH, break_on_hyphens=False)
+    return "\n".join([table([], rows), about, said])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,31 +14,16 @@ from locplan._util.intervals import Interval
 from locplan._util.machine import check_threads
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
-from locplan.errors import RecordingError
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.recordings._evaluation import MIN_SCANS
+from locplan.matching import in_batches
+from locplan.recordings._matches import check_enough
 from locplan.recordings._recording import Recording
 from locplan.robots import FARTHEST_OBJECT, NEAREST_OBJECT, Lidar
 
-MAX_SCANS = 300
-"""Number of scans, along the drive, that are compared with the map."""
-SETTLED_BEAMS = 61
-"""Approximate number of beams by which a scan is settled on the map."""
 FAR = 0.3
 """Difference of a range from the map's as which larger ones count in settling [m]."""
-STEPS = ((0.08, 1.5), (0.04, 0.75), (0.02, 0.4), (0.01, 0.2), (0.005, 0.1))
-"""Steps of the position [m] and heading [deg] by which a scan is settled, one after the other."""
-ROUNDS = 8
-"""Greatest number of rounds with each step."""
-FITTING = 0.5
-"""Share of a scan's beams that must end at the map's walls."""
-CELLS, DEVIATIONS = 3.0, 4.0
-"""Cells, and standard deviations, up to which a range agrees with the map's."""
-MIN_RUN = 4
-"""Number of neighbouring beams from which on they are blocked by one object."""
 MAD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
-RESAMPLES, TINY = 200, 1e-9
 
 
 @dataclass(frozen=True)
@@ -95,33 +79,23 @@ def scan_noise(
     RecordingError
         If too few scans fit the map.
     """
-    if len(recording) < MIN_SCANS:
-        raise RecordingError(
-            f"the drive has {len(recording)} scans, too few to calibrate: {MIN_SCANS} are needed;"
-            " read more of them (every=), or record a longer one"
-        )
-    chosen = np.unique(np.linspace(0, len(recording) - 1, MAX_SCANS).round().astype(int))
-    wall = _Walls(grid, recording)
-    results: list[tuple[float, Numbers]] = []
-    with ThreadPoolExecutor(check_threads(threads)) as pool:
-        for done, each in enumerate(pool.map(wall.compared, chosen.tolist()), 1):
-            results.append(each)
-            if progress:
-                progress(done, len(chosen))
-    moves = np.array([move for move, _ in results])
-    expected = np.array([ranges for _, ranges in results])
+    check_enough(len(recording), len(recording))
+    chosen = np.unique(np.linspace(0, len(recording) - 1, 300).round().astype(int))
+    walls = _Walls(grid, recording)
+
+    def compared(some: NDArray[np.int64]) -> list[tuple[float, Numbers]]:
+        return [walls.compared(scan) for scan in chosen[some].tolist()]
+
+    results = in_batches(compared, len(chosen), check_threads(threads), progress, batch=1)
+    moves, expected = (np.array(each) for each in zip(*results, strict=True))
     measured = recording.ranges[chosen].astype(np.float64)
     reach = recording.lidar.range
     met = np.isfinite(expected)
     with np.errstate(invalid="ignore"):
         residual = measured - np.where(met, expected, reach)
         near = met & (np.abs(residual) < FAR)
-        fits = near.sum(axis=1) > FITTING * np.maximum(met.sum(axis=1), 1)
-    if fits.sum() < MIN_SCANS:
-        raise RecordingError(
-            f"{int(fits.sum())} of {len(chosen)} scans fit the map, too few to calibrate; is it"
-            " the right one, and are the poses in its frame? See locplan.recordings.fit_to_map"
-        )
+        fits = near.sum(axis=1) > 0.5 * np.maximum(met.sum(axis=1), 1)
+    check_enough(int(fits.sum()), len(chosen))
     scans = _Scans.of(
         residual[fits],
         np.where(met, expected, reach)[fits],
@@ -131,11 +105,10 @@ def scan_noise(
         grid.resolution,
     )
     blocks = blocks_along(recording.poses)[chosen][fits]
-    found = intervals(scans.statistics, blocks, RESAMPLES)
+    found = intervals(scans.statistics, blocks, 200)
     apart = len(chosen) - int(fits.sum())
-    made: Any = ScanNoise
-    result: ScanNoise = made(*found, float(np.median(moves[fits])), int(fits.sum()), apart)
-    return result
+    values: list[Any] = [*found, float(np.median(moves[fits])), int(fits.sum()), apart]
+    return ScanNoise(*values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,8 +148,8 @@ class _Scans:
         deviation = np.abs(residual[near])
         order = np.argsort(deviation)
         sigma = MAD * float(np.median(deviation))
-        bound = max(DEVIATIONS * sigma, CELLS * resolution)
-        reach = lidar.range
+        bound = max(4 * sigma, 3 * resolution)  # up to which a range agrees with the map's
+        reach, nearest, farthest = lidar.range, NEAREST_OBJECT, FARTHEST_OBJECT
         short, measured = returned & (residual < -bound), walls + residual
         spacing = math.degrees(abs(lidar.angles[-1] - lidar.angles[0])) / max(1, lidar.beams - 1)
         return cls(
@@ -187,11 +160,8 @@ class _Scans:
             short.sum(axis=1).astype(float),
             (np.maximum(walls - bound, 0) / reach).sum(axis=1),
             residual.shape[1],
-            np.clip(
-                (walls - bound - NEAREST_OBJECT) / (FARTHEST_OBJECT - NEAREST_OBJECT), 0, 1
-            ).mean(axis=1),
-            spacing
-            * np.array([_in_runs(each) for each in short & (measured < FARTHEST_OBJECT)], float),
+            np.clip((walls - bound - nearest) / (farthest - nearest), 0, 1).mean(axis=1),
+            spacing * np.array([_in_runs(each) for each in short & (measured < farthest)], float),
         )
 
     def statistics(self, weights: Numbers) -> Numbers:
@@ -202,16 +172,16 @@ class _Scans:
         beams = weights.sum() * self.beams
         blocked = max(0.0, float(weights @ self.short - outliers * (weights @ self.before)) / beams)
         seen = weights * (self.angle > 0)
-        occlusion = min(1.0, float(seen.sum() / max(float(weights @ self.open), TINY)))
+        occlusion = min(1.0, float(seen.sum() / max(float(weights @ self.open), 1e-9)))
         angle = float(seen @ self.angle / seen.sum()) if seen.any() else 0.0
         return np.array([MAD * middle, outliers, blocked, occlusion, angle])
 
 
 def _in_runs(short: NDArray[np.bool_]) -> int:
-    """Number of beams in runs of at least `MIN_RUN` that are short."""
+    """Number of beams in runs of at least four that are short, as one object's are."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], short.astype(np.int8), [0]])))
     runs = edges[1::2] - edges[::2]
-    return int(runs[runs >= MIN_RUN].sum())
+    return int(runs[runs >= 4].sum())
 
 
 class _Walls:
@@ -224,7 +194,7 @@ class _Walls:
         lidar = recording.lidar
         self.grid, self.recording = grid, recording
         self.squares = empty_squares(grid.cells == OCCUPIED)
-        self.every = max(1, lidar.beams // SETTLED_BEAMS)
+        self.every = max(1, lidar.beams // 61)  # some sixty beams settle a scan
         self.beams, self.some = (
             Beams(
                 np.ascontiguousarray(lidar.angles[::step]),
@@ -257,9 +227,10 @@ class _Walls:
             return float(np.minimum(difference, FAR).mean()) if len(difference) else 0.0
 
         best = loss(pose)
-        for step, degrees in STEPS:
+        steps = ((0.08, 1.5), (0.04, 0.75), (0.02, 0.4), (0.01, 0.2), (0.005, 0.1))  # [m], [deg]
+        for step, degrees in steps:
             moves = np.diag([step, step, math.radians(degrees)])
-            for _ in range(ROUNDS):
+            for _ in range(8):
                 before = best
                 for move in (*moves, *-moves):
                     found = loss(pose + move)

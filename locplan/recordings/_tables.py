@@ -1,13 +1,25 @@
-"""Recordings as files of locplan: .npz without loss, and .csv that any program can write."""
+"""Recordings as files of locplan: .npz without loss, and .csv that any program can write.
+
+    # lidar: range=12.0, least_range=0.1, field_of_view_deg=180.0, mount_x=0.1
+    time,x,y,heading,odom_x,odom_y,odom_heading,range_0,range_1,range_2
+    0.0,1.0,2.0,0.0,0.0,0.0,0.0,2.5,1.25,
+    0.1,1.1,2.0,0.0,0.1,0.0,0.0,2.5,1.15,inf
+
+The line of the lidar has any fields of `locplan.Lidar` but the number of beams. Columns of time and
+odometry may be missing. An empty range, inf and nan mean no return. Lengths are in metres, times in
+seconds and headings in radians; names may end in their unit, such as x_m.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import os
+import re
 import zipfile
-import zlib
-from collections.abc import Callable
+from collections.abc import Iterator
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -17,42 +29,28 @@ from numpy.typing import NDArray
 from locplan._util.checks import file_path, shown
 from locplan._util.files import replacing
 from locplan._util.poses import Numbers
-from locplan._util.reading import opened, parsed_json
+from locplan._util.reading import numbered_lines, opened, parsed_json
 from locplan.errors import LocplanError, RecordingError
-from locplan.recordings._csv import read_csv, write_csv
-from locplan.recordings._options import MAX_ARRAY_BYTES, Contents, Options, Source, with_options
+from locplan.recordings._logs import Contents, Options, Source, check_room
 from locplan.robots import Lidar
 
+MAX_ARRAY_BYTES = 2**28
+"""Greatest size of a file's arrays together, unpacked; reading takes some six times as much."""
 NONE_MM = 65535
 """No return among ranges in whole millimetres, uint16."""
-NPZ_ARRAYS = ("ranges", "poses", "times", "odometry", "lidar", "source")
-Reader = Callable[[Path, Options], Contents]
+POSE = ["x", "y", "heading"]
+ODOMETRY = ["odom_x", "odom_y", "odom_heading"]
+LIDAR = "# lidar:"
 
 
 def save(drive: Contents, target: str | os.PathLike[str]) -> None:
     """Write a recording as .npz or .csv, whole or not at all."""
     path = file_path("a file to write", target)
-    if path.suffix not in (".npz", ".csv"):
+    writers = {".npz": _write_npz, ".csv": _write_csv}
+    if path.suffix not in writers:
         raise RecordingError(f"{path}: must end in .npz or .csv")
     with replacing(path) as temporary:
-        if path.suffix == ".npz":
-            _write_npz(drive, temporary)
-        else:
-            write_csv(drive, temporary)
-
-
-def load(source: str | os.PathLike[str]) -> Contents:
-    """Read a recording from .npz or .csv."""
-    path = file_path("a recording", source)
-    readers: dict[str, Reader] = {".npz": read_npz, ".csv": read_csv}
-    if path.suffix not in readers:
-        raise RecordingError(
-            f"{path}: must end in .npz or .csv; logs of robots are read by read_drive"
-        )
-    try:
-        return readers[path.suffix](path, Options())
-    except LocplanError as error:
-        raise RecordingError(f"{path}: {error}") from None
+        writers[path.suffix](drive, temporary)
 
 
 def read_npz(path: Path, options: Options) -> Contents:
@@ -63,107 +61,198 @@ def read_npz(path: Path, options: Options) -> Contents:
     RecordingError
         If the file is damaged, or its arrays are no recording.
     """
-    options.refuse_those_for_logs("an .npz file")
+    options.refuse_others("an .npz file", of_robot=False)
+    names = ("ranges", "poses", "times", "odometry", "lidar", "source")
     try:
-        arrays = _arrays(path)
-    except (zipfile.BadZipFile, zlib.error, EOFError, KeyError, NotImplementedError):
-        raise RecordingError("is damaged, or no .npz file; copy it again") from None
-    except (ValueError, MemoryError, RuntimeError, OverflowError, SyntaxError, TypeError) as error:
-        raise RecordingError(f"is damaged ({str(error)[:200]}); copy it again") from None
+        arrays = _arrays(path, names)
+    except LocplanError:
+        raise
     except OSError as error:
         raise RecordingError(f"cannot be read ({error.strerror or error})") from None
+    except Exception as error:  # a damaged archive fails in as many ways as it has parts
+        reason = str(error)[:200] or type(error).__name__
+        raise RecordingError(f"is damaged, or no .npz file ({reason}); copy it again") from None
     missing = [name for name in ("ranges", "poses", "lidar") if name not in arrays]
     if missing:
         raise RecordingError(
-            f"has no array {' and '.join(missing)}; a recording has {', '.join(NPZ_ARRAYS)}, of"
-            " which times, odometry and source may be missing"
+            f"has no array {' and '.join(missing)}; a recording has {', '.join(names)}, of which"
+            " times, odometry and source may be missing"
         )
     ranges = arrays["ranges"]
     if ranges.dtype == np.uint16:
         metres = (ranges / np.float64(1000)).astype(np.float32)
         ranges = np.where(ranges == NONE_MM, np.float32(np.inf), metres)
-    lidar = _lidar(arrays["lidar"], options)
-    return Contents(
-        ranges, lidar, arrays["poses"], arrays.get("times"), arrays.get("odometry"),
-        _source(arrays.get("source"), path),
-    )  # fmt: skip
+    lidar = options.lidar(_entries("lidar", arrays["lidar"]))
+    source = Source(file=path.name)
+    if "source" in arrays:
+        about = _entries("source", arrays["source"])
+        notes = tuple(map(str, about.pop("notes", ())))
+        try:
+            source = Source(notes=notes, **{name: str(value) for name, value in about.items()})
+        except TypeError as error:
+            raise RecordingError(
+                f"its source is not as Recording.save writes it: {error}"
+            ) from None
+    times, odometry = arrays.get("times"), arrays.get("odometry")
+    return Contents(ranges, lidar, arrays["poses"], times, odometry, source)
 
 
-def _lidar(text: NDArray[Any], options: Options) -> Lidar:
-    try:
-        values = parsed_json(str(text))
-        lidar = Lidar(**values)
-    except LocplanError as error:
-        raise RecordingError(f"its lidar cannot be: {error}") from None
-    except (TypeError, ValueError):
-        names = ", ".join(each.name for each in dataclasses.fields(Lidar))
-        raise RecordingError(
-            f"its lidar must be JSON with some of {names}, not {shown(str(text))}"
-        ) from None
-    return with_options(lidar, options)
-
-
-def _source(text: NDArray[Any] | None, path: Path) -> Source:
-    if text is None:
-        return Source(file=path.name)
-    try:
-        values = parsed_json(str(text))
-        notes = tuple(str(each) for each in values.pop("notes", ()))
-        return Source(notes=notes, **{str(key): str(value) for key, value in values.items()})
-    except (TypeError, ValueError, AttributeError):
-        raise RecordingError(
-            f"its source is no JSON as Recording.save writes it: {shown(str(text))}"
-        ) from None
-
-
-def _arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of a file, each of a size that its header and the archive agree on."""
+def _arrays(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+    """The arrays of these names in a file, as far as there are any."""
     found = {}
     with opened(path) as content, zipfile.ZipFile(content) as archive:
         sizes = {each.filename: each.file_size for each in archive.infolist()}
-        if (total := sum(sizes.get(f"{name}.npy", 0) for name in NPZ_ARRAYS)) > MAX_ARRAY_BYTES:
+        if (total := sum(sizes.get(f"{name}.npy", 0) for name in names)) > MAX_ARRAY_BYTES:
             most = MAX_ARRAY_BYTES / 1e6
-            raise ValueError(f"its arrays take {total / 1e6:.0f} MB, of at most {most:.0f} MB")
-        for name in NPZ_ARRAYS:
-            size = sizes.get(f"{name}.npy")
-            if size is None:
-                continue
-            with archive.open(f"{name}.npy") as member:
-                version = np.lib.format.read_magic(member)
-                read = (
-                    np.lib.format.read_array_header_1_0
-                    if version == (1, 0)
-                    else np.lib.format.read_array_header_2_0
-                )
-                shape, _, kind = read(member)
-                if int(np.prod([1, *shape], dtype=object)) * kind.itemsize > size:
-                    raise ValueError(f"{name} is cut off")
-            with archive.open(f"{name}.npy") as member:
-                found[name] = np.lib.format.read_array(member, allow_pickle=False)
+            raise RecordingError(f"its arrays take {total / 1e6:.0f} MB, of at most {most:.0f} MB")
+        for name in names:
+            if f"{name}.npy" in sizes:
+                # What a header promises beyond the content is never written to, and takes no room.
+                with archive.open(f"{name}.npy") as member:
+                    found[name] = np.lib.format.read_array(member, allow_pickle=False)
     return found
+
+
+def _entries(name: str, text: NDArray[Any]) -> dict[str, Any]:
+    """The entries of a text of JSON in an array."""
+    try:
+        values = parsed_json(str(text))
+    except ValueError:
+        values = None
+    if not isinstance(values, dict):
+        raise RecordingError(
+            f"its {name} must be JSON with entries by name, not {shown(str(text))}"
+        )
+    return values
 
 
 def _write_npz(drive: Contents, target: Path) -> None:
     ranges: NDArray[Any] = drive.ranges
     whole = np.where(np.isfinite(ranges), np.rint(ranges * np.float64(1000)), NONE_MM)
-    if whole.max() <= NONE_MM and _same(whole, ranges):
+    returns = np.isfinite(ranges)
+    exact = (whole[returns] / 1000).astype(np.float32) == ranges[returns]
+    if exact.all() and (whole[returns] < NONE_MM).all():  # nothing is lost
         ranges = whole.astype(np.uint16)
-    values: dict[str, NDArray[Any] | Numbers] = {
+    values = {
         "ranges": ranges,
         "poses": drive.poses,
         "lidar": np.array(json.dumps(dataclasses.asdict(drive.lidar))),
         "source": np.array(json.dumps(dataclasses.asdict(drive.source))),
+        "times": drive.times,
+        "odometry": drive.odometry,
     }
-    if drive.times is not None:
-        values["times"] = drive.times
-    if drive.odometry is not None:
-        values["odometry"] = drive.odometry
+    known: Any = {name: value for name, value in values.items() if value is not None}
     with open(target, "wb") as file:
-        np.savez_compressed(file, **values)  # type: ignore[arg-type]
+        np.savez_compressed(file, **known)
 
 
-def _same(millimetres: Numbers, ranges: NDArray[np.float32]) -> bool:
-    """Return whether ranges are whole millimetres, so that nothing is lost."""
-    returns = np.isfinite(ranges)
-    exact = (millimetres[returns] / 1000).astype(np.float32) == ranges[returns]
-    return bool(exact.all() and (millimetres[returns] < NONE_MM).all())
+def read_csv(path: Path, options: Options) -> Contents:
+    """Read a recording from CSV; only every n-th row is kept in memory.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be read, or its rows have another shape than its header.
+    """
+    options.refuse_others("a .csv file", of_robot=False)
+    lines = ((number, line.strip()) for number, line in numbered_lines(path))
+    values, names, number = _header(lines)
+    timed, reported = names[0] == "time", ODOMETRY[0] in names
+    before = [*["time"][:timed], *POSE, *ODOMETRY[: 3 * reported]]
+    beams = max(1, len(names) - len(before))
+    for name, needed in zip_longest(names, [*before, *(f"range_{n}" for n in range(beams))]):
+        if name != needed:
+            raise RecordingError(
+                f"line {number}: column {shown(name)} must be {needed}; the columns are"
+                f" [time,]{','.join(POSE)},[{','.join(ODOMETRY)},]range_0,..."
+            )
+    table, ranges = _rows(lines, len(before), beams, options.every)
+    if not len(table):
+        raise RecordingError(f"has no scan below its column names, line {number}")
+    times = table[:, 0] if timed else None
+    rises = times is None or bool((np.diff(times) > 0).all())
+    poses = table[:, timed : timed + 3]
+    return Contents(
+        ranges,
+        options.lidar({**values, "beams": beams}),
+        poses,
+        times if rises else None,
+        table[:, timed + 3 :] if reported else None,
+        Source(
+            file=path.name,
+            scans="columns range_0 ...",
+            poses=f"columns {', '.join(POSE)}",
+            odometry=f"columns {', '.join(ODOMETRY)}" if reported else "",
+            notes=() if rises else ("its times do not rise from scan to scan, and are left out",),
+        ),
+    )
+
+
+def _header(lines: Iterator[tuple[int, str]]) -> tuple[dict[str, Any], list[str], int]:
+    """The lidar's settings, the names of the columns, and the number of the line with these."""
+    values: dict[str, Any] = {}
+    for number, line in lines:
+        if line.lower().startswith(LIDAR):
+            for part in filter(None, map(str.strip, line[len(LIDAR) :].split(","))):
+                name, equals, value = map(str.strip, part.partition("="))
+                if not equals:
+                    raise RecordingError(f"line {number}: {shown(part)} must be NAME=VALUE")
+                try:
+                    values[name] = float(value)
+                except ValueError:
+                    values[name] = value  # which `Lidar` refuses with the name
+        elif line and not line.startswith("#"):
+            names = (each.strip().strip('"') for each in line.split(","))
+            return values, [re.sub("_(m|s|rad)$", "", each) for each in names], number
+    raise RecordingError(
+        f"is empty; it needs a line of column names: time,{','.join(POSE)},range_0,..."
+    )
+
+
+def _rows(
+    lines: Iterator[tuple[int, str]], before: int, beams: int, every: int
+) -> tuple[Numbers, NDArray[np.float32]]:
+    """Every n-th row: the columns before the ranges, and the ranges."""
+    places, rows = list[Numbers](), list[NDArray[np.float32]]()
+    filled = ((number, line) for number, line in lines if line and not line.startswith("#"))
+    for count, (number, line) in enumerate(filled):
+        if (columns := line.count(",") + 1) != before + beams:
+            raise RecordingError(
+                f"line {number} has {columns} columns and must have {before + beams}, as named"
+                " above"
+            )
+        if count % every:
+            continue
+        check_room(len(rows), beams, MAX_ARRAY_BYTES)
+        try:
+            row = np.array([cell.strip() or "inf" for cell in line.split(",")], np.float64)
+        except ValueError:
+            raise RecordingError(f"line {number} has a cell that is no number; mend it") from None
+        if not np.isfinite(row[:before]).all():
+            column = int(np.argmin(np.isfinite(row[:before])))
+            raise RecordingError(
+                f"line {number}, column {column + 1}: time, pose and odometry must be finite, not"
+                f" {shown(line.split(',')[column])}; take the row out"
+            )
+        places.append(row[:before])
+        with np.errstate(over="ignore"):
+            rows.append(row[before:].astype(np.float32))
+    return np.array(places), np.array(rows)
+
+
+def _write_csv(drive: Contents, target: Path) -> None:
+    """Write a recording as CSV: ranges to 0.1 mm, poses to a millionth, and times without loss."""
+    names = [each.name for each in dataclasses.fields(Lidar)]
+    described = [
+        f"{name}={getattr(drive.lidar, name)!r}" for name in names if name not in ("beams", "model")
+    ]
+    parts = {"time": drive.times, ",".join(POSE): drive.poses, ",".join(ODOMETRY): drive.odometry}
+    known = {name: np.c_[part] for name, part in parts.items() if part is not None}
+    columns = [*known, *(f"range_{beam}" for beam in range(drive.lidar.beams))]
+    with open(target, "w", encoding="utf-8", newline="\n") as file:
+        file.write(f"{LIDAR} {', '.join(described)}\n{','.join(columns)}\n")
+        for place, ranges in zip(np.hstack([*known.values()]), drive.ranges, strict=True):
+            cells = [] if drive.times is None else [repr(float(place[0]))]
+            cells += [f"{value:.6f}" for value in place[len(cells) :]]
+            cells += [f"{value:.4f}" if math.isfinite(value) else "" for value in ranges]
+            file.write(",".join(cells) + "\n")

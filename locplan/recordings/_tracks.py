@@ -1,31 +1,39 @@
-"""What AMCL gets of a recorded drive: odometry and ends of beams, in a map's own axes."""
+"""AMCL on a recorded drive: what it gets of one, and its settings tuned on stretches of it."""
 
 from __future__ import annotations
 
-import math
+import dataclasses
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.poses import Numbers, way_between, way_length, wrapped
+from locplan._util.checks import instance, whole
+from locplan._util.machine import check_threads
+from locplan._util.poses import Numbers, turning, way_along, way_between, way_length, wrapped
+from locplan._util.progress import ProgressCallback
+from locplan._util.random_streams import random_of
 from locplan.errors import RecordingError
-from locplan.maps import OccupancyGrid, own_axes
+from locplan.maps import OccupancyGrid, check_grid, own_axes
 from locplan.recordings._recording import Recording
 from locplan.robots import Amcl, Robot, compared_ends
-from locplan.simulation import DriveArguments, drive_arguments
+from locplan.simulation import (
+    BeamsLeft,
+    DisturbanceLevel,
+    DriveArguments,
+    Tuning,
+    TuningBench,
+    check_drives,
+    check_filter_map,
+    drive_arguments,
+    search_settings,
+)
 
 REPLAY = 14
 """Stream of random numbers of replays."""
-SPARSE = 1.5
-"""Factor on the filter's own distance between updates above which scans are too sparse for it."""
-STILL = 0.1
-"""Way of the odometry over that of the poses below which it stood still."""
-APART = (0.5, 0.5)
-"""Distance [m] and turn [rad] by which both differ from scan to scan in a jump..."""
-SHARE = 0.3
-"""...besides this share of the way and the turn."""
-ALL = slice(None)
 
 
 def updates_of(odometry: Numbers, amcl: Amcl) -> NDArray[np.int64]:
@@ -42,10 +50,10 @@ def updates_of(odometry: Numbers, amcl: Amcl) -> NDArray[np.int64]:
 def sparse_notes(recording: Recording, amcl: Amcl) -> tuple[str, ...]:
     """A note if the filter updates less often than it would with more scans."""
     assert recording.odometry is not None
-    xy = recording.odometry[updates_of(recording.odometry, amcl), :2]
-    way = np.hypot(*np.diff(xy, axis=0).T)
-    spacing = float(np.median(way)) if len(way) else 0.0
-    if spacing <= SPARSE * amcl.update_min_d:
+    at = recording.odometry[updates_of(recording.odometry, amcl), :2]
+    steps = np.hypot(*np.diff(at, axis=0).T)
+    spacing = float(np.median(steps)) if len(steps) else 0.0
+    if spacing <= 1.5 * amcl.update_min_d:
         return ()
     return (
         f"the filter updated every {spacing:.2g} m for lack of scans, in place of every"
@@ -70,23 +78,20 @@ class Tracks:
                 " record it, too, or name its topic (--odom-topic, odom_topic=)"
             )
         moved, reported = recording.length, way_length(recording.odometry)
-        if reported < STILL * moved:
+        if reported < 0.1 * moved:
             raise RecordingError(
                 f"the odometry moves by {reported:.1f} m, but the poses by {moved:.1f} m; is it the"
                 " right topic, and was it recorded?"
             )
-        row, col = (np.floor(each) for each in grid.world_to_grid(*recording.poses[0, :2]))
-        if not (0 <= row < grid.shape[0] and 0 <= col < grid.shape[1]):
-            x, y, _ = recording.poses[0]
+        x, y, _ = recording.poses[0].tolist()
+        if not grid.contains(*grid.world_to_cell(x, y)):
             raise RecordingError(
                 f"the drive begins at {x:.2f},{y:.2f}, off {grid.name or 'the map'}; is it the"
                 " right one? See locplan.recordings.fit_to_map"
             )
         self.odometry: Numbers = recording.odometry
         self.truth = own_axes(grid, recording.poses)
-        yaw = grid.origin[2]
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        self._turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        self._turn = turning(grid.origin[2])
 
     def arguments(self, robot: Robot, scores: NDArray[np.float32] | None = None) -> DriveArguments:
         """The arguments of the kernels; of the disturbances those of the start are read."""
@@ -103,7 +108,7 @@ class Tracks:
         random: np.random.Generator,
         ends: Numbers,
         arguments: DriveArguments,
-        part: slice = ALL,
+        part: slice = slice(None),
     ) -> tuple[Numbers, Numbers]:
         """Errors (n, 3) and covariances (n, 3, 3) of one run on a part of the drive, in the world.
 
@@ -148,17 +153,14 @@ def without_jumps(poses: Numbers, odometry: Numbers) -> tuple[Numbers, Numbers, 
     """
     true, reported = (way_between(each[:-1], each[1:]) for each in (poses, odometry))
     off = reported - true
-    apart, turned = np.hypot(off[:, 0], off[:, 1]), np.abs(wrapped(off[:, 2]))
-    far = apart > APART[0] + SHARE * np.minimum(_way(true), _way(reported))
-    far |= turned > APART[1] + SHARE * np.abs(wrapped(true[:, 2]))
+    apart, true_way, way = (np.hypot(each[:, 0], each[:, 1]) for each in (off, true, reported))
+    # Half a metre or half a radian, and three tenths of the step, are no jump yet.
+    far = apart > 0.5 + 0.3 * np.minimum(true_way, way)
+    far |= np.abs(wrapped(off[:, 2])) > 0.5 + 0.3 * np.abs(wrapped(true[:, 2]))
     if not far.any():
         return poses, odometry, 0
     joined = _joined(poses[0], true, far), _joined(odometry[0], reported, far)
     return *joined, int(far.sum())
-
-
-def _way(ways: Numbers) -> Numbers:
-    return np.hypot(ways[:, 0], ways[:, 1])
 
 
 def _joined(first: Numbers, ways: Numbers, left_out: NDArray[np.bool_]) -> Numbers:
@@ -169,3 +171,166 @@ def _joined(first: Numbers, ways: Numbers, left_out: NDArray[np.bool_]) -> Numbe
     x = first[0] + np.append(0.0, np.cumsum(cos * ahead - sin * left))
     y = first[1] + np.append(0.0, np.cumsum(sin * ahead + cos * left))
     return np.column_stack([x, y, wrapped(heading)])
+
+
+class RecordedBench(TuningBench):
+    """Replays of settings on some stretches of a recorded drive.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map that was driven in.
+    tracks : Tracks
+        What the filter gets of the drive.
+    stretches : sequence of slice
+        The scans of each stretch.
+    robot : Robot
+        Its disturbances are read for the deviation of the filter's first poses.
+    drives : int
+        Greatest number of replays of each stretch.
+    seed, threads : int
+        Seed of all random numbers, and number of threads.
+    """
+
+    def __init__(
+        self,
+        grid: OccupancyGrid,
+        tracks: Tracks,
+        stretches: Sequence[slice],
+        robot: Robot,
+        drives: int,
+        *,
+        seed: int,
+        threads: int,
+    ) -> None:
+        lines = [tracks.truth[each] for each in stretches]
+        levels, lidar = [DisturbanceLevel("recorded", 1.0, 1.0)], tracks.recording.lidar
+        own: Any = {"seed": seed, "threads": threads}
+        super().__init__(grid, tracks.grid, lidar, levels, lines, drives, **own)
+        self._tracks, self._stretches, self._robot = tracks, stretches, robot
+
+    def arguments(self, amcl: Amcl) -> list[Any]:
+        """The ends of beams that the filter compares, and the kernel's arguments."""
+        ends, robot = self._tracks.ends(amcl), dataclasses.replace(self._robot, filter=amcl)
+        return [(ends, self._tracks.arguments(robot, self.scores(amcl)))]
+
+    def errors(self, level: int, path: int, drive: int, arguments: Any) -> NDArray[np.float64]:
+        """Errors of one replay, in the world."""
+        random = random_of(self.seed, REPLAY, path, drive)
+        ends, own = arguments
+        return self._tracks.track(random, ends, own, self._stretches[path])[0]
+
+
+def tune_on_drive(
+    recording: Recording,
+    grid: OccupancyGrid,
+    robot: Robot | None = None,
+    *,
+    drives: int = 8,
+    filter_map: OccupancyGrid | None = None,
+    others: Mapping[str, object] | None = None,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Tuning:
+    """Find settings of AMCL that localize a robot better on its recorded drive than its own ones.
+
+    The drive is cut into stretches of up to 16 m. Settings are searched on every other one as
+    `locplan.simulation.tune` does on simulated paths, and what was found is judged against the
+    user's own on the others. There is but one level of disturbance, that of the recording; and the
+    recorded poses are the reference, so that they should not be those of the filter to be tuned.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive, with odometry.
+    grid : OccupancyGrid
+        The map; the poses are in its world frame.
+    robot : Robot, optional
+        The robot, from whose filter the search begins, with the deviation of the filter's first
+        pose on a stretch; Nav2's defaults without it.
+    drives : int, default 8
+        Number of replays of each stretch, 2 to 100,000.
+    filter_map : OccupancyGrid, optional
+        The filter's map in the same frame, where it differs from `grid`.
+    others : mapping of str to object, optional
+        Further parameters in the user's file, such as `z_short`, for the warnings.
+    seed : int, default 1
+        Seed of all random numbers, >= 0.
+    threads : int, optional
+        Number of threads, at least 1; all cores by default.
+    progress : callable, optional
+        Called with (done, total) in thousandths of the work.
+
+    Returns
+    -------
+    Tuning
+        The settings to use, and the evidence for them.
+
+    Raises
+    ------
+    RecordingError
+        If the drive has no odometry, is shorter than 30 m, or has too few scans.
+    ConfigError
+        If a number is out of its range.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> from locplan.recordings import record_drive
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> path = locplan.plan(locplan.Costmap.blank(grid), (2.0, 3.0), (36.0, 3.0)).path
+    >>> robot = locplan.Robot(locplan.Lidar(range=6.0, beams=60))
+    >>> drive = record_drive(grid, path, robot)
+    >>> own = robot.changed({"min_particles": 20, "max_particles": 20})
+    >>> tune_on_drive(drive, grid, own, drives=2).winner.max_particles
+    20
+    """
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
+    check_grid(grid)
+    check_drives(drives)
+    whole("seed", seed, 0)
+    workers = check_threads(threads)
+    robot = recording.robot(robot)
+    tracks = Tracks(recording, check_filter_map(filter_map, grid))
+    stretches = _stretches(recording)
+    halves = stretches[::2], stretches[1::2]
+    paths = len(halves[1])  # never more than those of the search
+    ends = tracks.ends(robot.filter)
+    left = BeamsLeft(ends.shape[1], float(np.isfinite(ends[..., 0]).sum(axis=1).mean()))
+
+    def bench_of(own_seed: int, judging: bool) -> RecordedBench:
+        some = halves[judging][:paths]
+        return RecordedBench(grid, tracks, some, robot, drives, seed=own_seed, threads=workers)
+
+    return search_settings(
+        bench_of,
+        robot,
+        paths,
+        drives,
+        left=left,
+        others=others,
+        seed=seed,
+        progress=progress,
+        drive=recording.source.file or "the drive",
+        notes=sparse_notes(recording, robot.filter),
+    )
+
+
+def _stretches(recording: Recording) -> list[slice]:
+    """The scans of equally long stretches of a drive, one after the other."""
+    way = way_along(recording.poses)
+    if way[-1] < 30:
+        raise RecordingError(
+            f"the drive is {way[-1]:.1f} m long, and tuning needs 30 m at least; record a longer"
+            " one"
+        )
+    count = max(2 * TuningBench.fewest_paths, int(np.ceil(way[-1] / TuningBench.longest)))
+    edges = np.searchsorted(way, np.linspace(0.0, way[-1], count + 1))
+    edges[-1] = len(way)
+    if np.diff(edges).min() < 3:
+        raise RecordingError(
+            f"the drive has {len(recording)} scans, too sparse to tune on: stretches of"
+            f" {way[-1] / count:.1f} m have fewer than 3; record more scans"
+        )
+    return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]

@@ -30,11 +30,6 @@ if TYPE_CHECKING:
 MODELS: Final[tuple[str, ...]] = ("likelihood_field", "likelihood_field_prob")
 DIFFERENTIAL: Final = "nav2_amcl::DifferentialMotionModel"
 OMNIDIRECTIONAL: Final = "nav2_amcl::OmniMotionModel"
-MIN_BEAMS = 2
-MAX_PARTICLES = 1_000_000
-"""Greatest number of particles of a filter."""
-TITLE_NAMES = 5
-"""Greatest number of parameters that a filter's title names."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -119,8 +114,8 @@ class Amcl(Settings):
         keep_checked(self, ("laser_min_range", "laser_max_range"), number)
         keep_checked(self, ("z_hit", "z_rand"), number, 0.0, 1.0)
         keep_checked(self, ("resample_interval",), whole)
-        keep_checked(self, ("min_particles", "max_particles"), whole, 1, MAX_PARTICLES)
-        keep_checked(self, ("max_beams",), whole, MIN_BEAMS)
+        keep_checked(self, ("min_particles", "max_particles"), whole, 1, 1_000_000)
+        keep_checked(self, ("max_beams",), whole, 2)
         if self.min_particles > self.max_particles:
             raise ConfigError(
                 f"min_particles ({self.min_particles}) must not exceed max_particles"
@@ -143,9 +138,8 @@ class Amcl(Settings):
         own = differing(self)
         if not own:
             return "Nav2's defaults"
-        more = len(own) - TITLE_NAMES
-        listed = ", ".join(own[:TITLE_NAMES])
-        return f"AMCL's {listed}{f' and {more} more' if more > 0 else ''}"
+        more = f" and {len(own) - 5} more" if len(own) > 5 else ""
+        return f"AMCL's {', '.join(own[:5])}{more}"
 
     @property
     def multiplies(self) -> bool:

@@ -16,10 +16,6 @@ from locplan._util.checks import shown
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
 
-EXAMPLE = "[[0.3,0.2],[0.3,-0.2],[-0.3,0]]"
-TURN = math.radians(2.0)
-"""Step in which turns are checked, with the outline grown to cover the angles between [rad]."""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Footprint:
@@ -71,7 +67,8 @@ class Footprint:
             return cls(np.array([[float(value) for value in pair] for pair in pairs]))
         except ValueError:
             raise ConfigError(
-                f"footprint must be corners such as {EXAMPLE}, not {shown(text)}"
+                "footprint must be corners such as [[0.3,0.2],[0.3,-0.2],[-0.3,0]], not"
+                f" {shown(text)}"
             ) from None
 
     def __repr__(self) -> str:
@@ -120,7 +117,8 @@ class Footprint:
         for xy, to, heading, turn in _moves(
             grid, np.asarray(getattr(poses, "poses", poses), np.float64)
         ):
-            count = max(1, math.ceil(abs(turn) / TURN))
+            # In steps of 2 deg, with the outline grown to cover the angles between.
+            count = max(1, math.ceil(abs(turn) / math.radians(2)))
             grown = outline / math.cos(turn / count / 2)
             for part in range(count):
                 body = _turned(grown, heading + turn * (part + 0.5) / count)

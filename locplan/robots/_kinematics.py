@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Literal
 
 from locplan._util.checks import Settings, instance, keep_checked, number, one_of, positive, whole
 from locplan.errors import ConfigError
-
-CAR_LIKE: Final = "car-like"
-DRIVES = ("differential", "omnidirectional", CAR_LIKE)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -39,11 +36,11 @@ class Kinematics(Settings):
     """Usual speed, above 0 [m/s]."""
 
     def __post_init__(self) -> None:
-        one_of("drive", self.drive, DRIVES)
+        one_of("drive", self.drive, ("differential", "omnidirectional", "car-like"))
         instance("reverse", self.reverse, bool, "give true or false")
         keep_checked(self, ("turning_radius",), number, 0.0)
         keep_checked(self, ("speed",), positive)
-        if (self.drive == CAR_LIKE) != (self.turning_radius > 0):
+        if (self.drive == "car-like") != (self.turning_radius > 0):
             raise ConfigError(
                 "a car-like robot, and no other, has a turning_radius above 0; this one is"
                 f" {self.drive} with {self.turning_radius:g} m"
@@ -77,8 +74,6 @@ class Inflation(Settings):
 
 NEAREST_OBJECT, FARTHEST_OBJECT = 0.5, 2.0
 """Least and greatest distance of an object that occludes the lidar [m]."""
-MAX_WORLDS = 1000
-"""Greatest number of worlds that differ from the map."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -155,10 +150,7 @@ class Disturbances(Settings):
     """Standard deviation of the filter's first heading, >= 0 [deg]."""
 
     def __post_init__(self) -> None:
-        shares = ("boundary_noise", "outliers", "occlusion")
-        keep_checked(self, shares, number, 0.0, 1.0)
-        keep_checked(self, ("worlds",), whole, 1, MAX_WORLDS)
+        keep_checked(self, ("boundary_noise", "outliers", "occlusion"), number, 0.0, 1.0)
+        keep_checked(self, ("worlds",), whole, 1, 1000)
         keep_checked(self, ("occlusion_deg",), number, 0.0, 360.0)
-        names = [each.name for each in dataclasses.fields(self)]
-        others = [name for name in names if name not in (*shares, "worlds", "occlusion_deg")]
-        keep_checked(self, others, number, 0.0)
+        keep_checked(self, ("start_sigma", "start_sigma_deg"), number, 0.0)

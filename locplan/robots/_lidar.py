@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +24,7 @@ from locplan._util.checks import (
 from locplan.errors import ConfigError
 from locplan.robots._lidar_presets import PRESETS
 
-FULL_CIRCLE = 360.0
-FULL_CIRCLE_TOLERANCE = 0.1
-"""Angle by which a scan may miss a full circle [deg]."""
 MAX_BEAMS = 100_000
-RANGE_SIGMA = 0.03
-"""Default standard deviation of a measured distance [m]."""
-MIN_SIGMA = 1e-6
-"""Least `range_sigma` [m]; with less, rounding errors would dominate a covariance."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -59,14 +53,14 @@ class Lidar(Settings):
     """Greatest distance that is measured [m], above 0 up to 10,000: that of bright walls."""
     least_range: float = 0.0
     """Distance below which a return counts as none [m], from 0 to below `range`."""
-    field_of_view_deg: float = FULL_CIRCLE
+    field_of_view_deg: float = 360.0
     """Angle that the beams cover, centred on `mount_yaw_deg` [deg], above 0 up to 360.
 
     Less than 360 makes what the lidar sees depend on the robot's heading.
     """
     beams: int = 360
     """Number of beams in the field of view, 1 to 100,000."""
-    range_sigma: float = RANGE_SIGMA
+    range_sigma: float = 0.03
     """Standard deviation of a measured distance [m], at least 1e-6.
 
     Simulated scans and `Fisher` of ranges read it; the other estimators do not.
@@ -81,7 +75,8 @@ class Lidar(Settings):
     """Direction of the middle beam on the robot, counter-clockwise from ahead [deg]."""
 
     def __post_init__(self) -> None:
-        keep_checked(self, ("range_sigma",), number, MIN_SIGMA)
+        # With less noise, rounding errors would dominate a covariance.
+        keep_checked(self, ("range_sigma",), number, 1e-6)
         keep_checked(self, ("range",), reach)
         keep_checked(self, ("field_of_view_deg",), positive, "deg")
         keep_checked(self, ("least_range",), number, 0.0)
@@ -90,7 +85,7 @@ class Lidar(Settings):
                 f"least_range ({self.least_range} m) must be below range ({self.range} m)"
             )
         keep_checked(self, ("mount_x", "mount_y", "mount_yaw_deg"), number)
-        if self.field_of_view_deg > FULL_CIRCLE:
+        if self.field_of_view_deg > 360:
             raise ConfigError(
                 f"field_of_view_deg must be at most 360 deg, not {shown(self.field_of_view_deg)}"
             )
@@ -162,18 +157,19 @@ class Lidar(Settings):
             )
         beams = round((angle_max - angle_min) / step) + 1
         width, between = (abs(math.degrees(turn)) for turn in ((beams - 1) * step, step))
-        if width > FULL_CIRCLE + FULL_CIRCLE_TOLERANCE:
+        if width > 360.1:
             raise ConfigError(f"a scan covers at most 360 deg, not {width:g}")
-        # A full circle may end a step before where it began, or with a second beam ahead.
-        full = width + between > FULL_CIRCLE - FULL_CIRCLE_TOLERANCE
-        beams -= width > FULL_CIRCLE - between / 2
+        # A full circle may end a step before where it began, or with a second beam ahead; a scan
+        # may miss it by a tenth of a degree.
+        full = width + between > 359.9
+        beams -= width > 360 - between / 2
         middle = (angle_min + angle_max) / 2
         return cls(
             range=range_max,
             least_range=range_min,
-            field_of_view_deg=FULL_CIRCLE if full else width,
+            field_of_view_deg=360.0 if full else width,
             beams=beams,
-            range_sigma=RANGE_SIGMA if range_sigma is None else range_sigma,
+            range_sigma=cls.range_sigma if range_sigma is None else range_sigma,
             mount_x=x,
             mount_y=y,
             mount_yaw_deg=math.degrees(yaw + (0.0 if full else middle)),
@@ -227,7 +223,7 @@ class Lidar(Settings):
     @property
     def sees_all_round(self) -> bool:
         """True if the beams cover the whole circle."""
-        return self.field_of_view_deg == FULL_CIRCLE
+        return self.field_of_view_deg == 360
 
     @property
     def sees_alike_in_all_headings(self) -> bool:
@@ -250,15 +246,19 @@ class Lidar(Settings):
             within = (ranges >= least) & (ranges > 0) & (ranges < np.float32(self.range))
         return np.asarray(within)
 
-    def ends_on_robot(self, ranges: NDArray[np.float32]) -> NDArray[np.float64]:
+    def ends_on_robot(
+        self, ranges: NDArray[Any], beams: slice = slice(None)
+    ) -> NDArray[np.float64]:
         """Ends of beams ahead and to the left of the robot, (n, beams, 2) [m]; NaN for none.
 
         Parameters
         ----------
         ranges : (n, beams) array
-            Distances along all the beams [m], in the order of `angles`.
+            Distances along the beams [m], in the order of `angles`.
+        beams : slice, optional
+            The beams, if these are not all.
         """
-        bearings = self.mount_yaw + self.angles
+        bearings = self.mount_yaw + self.angles[beams]
         known = np.where(np.isfinite(ranges), ranges, np.nan).astype(np.float64)
         ends = known[..., None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
         return np.asarray(ends + np.array([self.mount_x, self.mount_y]))

@@ -11,11 +11,6 @@ from locplan._util.checks import shown
 from locplan._util.reading import MAX_BYTES, read_bytes
 from locplan.errors import ConfigError
 
-KINDS = ("ray", "gpu_ray", "lidar", "gpu_lidar")
-"""Types of the sensors that are lidars, in the words of all versions of Gazebo."""
-MAX_TILT = 0.1
-"""Greatest sine of a tilt at which a lidar counts as horizontal."""
-
 
 class Sensor(NamedTuple):
     """What a file says of a planar lidar, in the words of `Lidar.from_scan`."""
@@ -42,7 +37,8 @@ def read_sensor(file: Path) -> Sensor:
             f"{file}: parameters name no lidar, their ranges only limit one; name a lidar of"
             " locplan.robots.PRESETS, or give the robot's URDF or SDF"
         )
-    sensors = [each for each in _root(file).iter("sensor") if each.get("type") in KINDS]
+    kinds = ("ray", "gpu_ray", "lidar", "gpu_lidar")  # in the words of all versions of Gazebo
+    sensors = [each for each in _root(file).iter("sensor") if each.get("type") in kinds]
     planar = [each for each in sensors if _number(each, ".//vertical/samples", 1.0, file) <= 1]
     if len(planar) != 1:
         names = ", ".join(shown(each.get("name")) for each in planar[:5])
@@ -59,10 +55,9 @@ def _described(sensor: ElementTree.Element, file: Path) -> Sensor:
     if beams < 2:
         raise ConfigError(f"{file}: its lidar has {beams} beams; there must be 2 at least")
     x, y, _, roll, pitch, yaw = _pose(sensor, file)
-    upside_down = math.cos(roll) < 0
-    if max(abs(math.sin(roll)), abs(math.sin(pitch))) > MAX_TILT or math.cos(pitch) < 0:
+    if max(abs(math.sin(roll)), abs(math.sin(pitch))) > 0.1 or math.cos(pitch) < 0:
         raise ConfigError(f"{file}: its lidar is tilted; locplan knows horizontal ones only")
-    if upside_down:
+    if math.cos(roll) < 0:  # it is mounted upside down
         first, last = -last, -first
     noise = sensor.find(".//noise")
     kind = "" if noise is None else noise.get("type") or noise.findtext("type") or ""

@@ -13,7 +13,7 @@ from locplan._util.checks import number, positive
 from locplan.errors import ConfigError, LocplanError, one_line
 from locplan.robots._amcl import DIFFERENTIAL, OMNIDIRECTIONAL, Amcl
 from locplan.robots._footprint import Footprint
-from locplan.robots._kinematics import CAR_LIKE, Inflation, Kinematics
+from locplan.robots._kinematics import Inflation, Kinematics
 from locplan.robots._parameters import (
     AMCL,
     GLOBAL_COSTMAP,
@@ -23,15 +23,6 @@ from locplan.robots._parameters import (
     read_parameters,
 )
 
-PADDING = 0.01
-"""Nav2's default of footprint_padding [m]."""
-INFLATION = "nav2_costmap_2d::InflationLayer"
-TURNING_RADIUS = 0.4
-"""Nav2's default of minimum_turning_radius [m]."""
-SMAC = {"DUBIN": False, "REEDS_SHEPP": True}
-"""Motion models of Nav2's planners for car-like robots, and whether these drive in reverse."""
-OLDER_NAMES = {"differential": DIFFERENTIAL, "omnidirectional": OMNIDIRECTIONAL}
-"""Motion models by their names before Nav2's Humble."""
 NO_MATTER = {
     "allow_parameter_qos_overrides",
     "always_reset_initial_pose",
@@ -109,8 +100,7 @@ def filter_of(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Amcl 
     taken = {name: value for name, value in given.items() if name in known}
     if not taken and all(each.is_shared for each in parameters.entries(AMCL)):
         return None
-    model = str(taken.pop("robot_model_type", DIFFERENTIAL))
-    model = OLDER_NAMES.get(model, model)
+    model = _motion_model(str(taken.pop("robot_model_type", DIFFERENTIAL)))
     foreign = model not in (DIFFERENTIAL, OMNIDIRECTIONAL)
     if not foreign:
         taken["robot_model_type"] = model
@@ -140,7 +130,7 @@ def _outline(path: str | os.PathLike[str], parameters: Nav2Parameters) -> dict[s
                 if footprint == "[]"
                 else Footprint.from_text(footprint)
             )
-            padding = own.get("footprint_padding", PADDING)
+            padding = own.get("footprint_padding", 0.01)  # as Nav2 has it
             return {"footprint": outline, "margin": number("footprint_padding", padding, 0.0)}
     return {}
 
@@ -149,7 +139,7 @@ def _inflation(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Infl
     """Inflation of the global costmap, or None where it has no such layer."""
     own = parameters.of(GLOBAL_COSTMAP)
     for layer in parameters.names(GLOBAL_COSTMAP, "plugins"):
-        if own.get(f"{layer}.plugin") == INFLATION:
+        if own.get(f"{layer}.plugin") == "nav2_costmap_2d::InflationLayer":
             names = [each.name for each in dataclasses.fields(Inflation)]
             given = {name: own[f"{layer}.{name}"] for name in names if f"{layer}.{name}" in own}
             with _at(path, f"global_costmap: {layer}"):
@@ -162,13 +152,19 @@ def _kinematics(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Kin
     own = parameters.of(PLANNER_SERVER)
     for planner in parameters.names(PLANNER_SERVER, "planner_plugins"):
         model = own.get(f"{planner}.motion_model_for_search")
-        if model in SMAC:
-            radius = own.get(f"{planner}.minimum_turning_radius", TURNING_RADIUS)
+        if model in ("DUBIN", "REEDS_SHEPP"):  # the latter drives in reverse, too
+            radius = own.get(f"{planner}.minimum_turning_radius", 0.4)
             with _at(path, f"planner_server: {planner}"):
-                return Kinematics(drive=CAR_LIKE, turning_radius=radius, reverse=SMAC[model])
-    model = parameters.of(AMCL).get("robot_model_type")
-    sideways = OLDER_NAMES.get(str(model), model) == OMNIDIRECTIONAL
+                reverse = model == "REEDS_SHEPP"
+                return Kinematics(drive="car-like", turning_radius=radius, reverse=reverse)
+    sideways = _motion_model(str(parameters.of(AMCL).get("robot_model_type"))) == OMNIDIRECTIONAL
     return Kinematics(drive="omnidirectional") if sideways else None
+
+
+def _motion_model(name: str) -> str:
+    """The name of AMCL's motion model, or that of one which was named otherwise before Humble."""
+    older = {"differential": DIFFERENTIAL, "omnidirectional": OMNIDIRECTIONAL}
+    return older.get(name, name)
 
 
 @contextmanager

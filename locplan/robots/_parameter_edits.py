@@ -20,9 +20,6 @@ from locplan.robots._parameters import (
 if TYPE_CHECKING:
     import yaml
 
-BOM = "\ufeff"
-ALIAS = re.compile(r"\s*:\s*(\*[^\s,\[\]{}]+)")
-ANCHOR = re.compile(r"&[^\s,\[\]{}]+\s*")
 Values = dict[str, float | str | bool]
 """Values by the names of their parameters."""
 
@@ -71,7 +68,7 @@ def edited_parameters(
         edits.append(_insertion(text, root, keys, new))
     for start, end, new_text in sorted(edits, reverse=True):
         text = text[:start] + new_text + text[end:]
-    made = (BOM if content.startswith(BOM.encode()) else "").encode() + text.encode()
+    made = text.encode("utf-8-sig" if content.startswith(b"\xef\xbb\xbf") else "utf-8")
     try:
         read = parameters_of(file, made, robot)
     except LocplanError:
@@ -102,10 +99,10 @@ def _replacement(
     """Beginning, end and new text of a value."""
     start, end = value.start_mark.index, value.end_mark.index
     if start < key.end_mark.index:  # an alias, whose node stands where its anchor is
-        alias = ALIAS.match(text, key.end_mark.index)
+        alias = re.compile(r"\s*:\s*(\*[^\s,\[\]{}]+)").match(text, key.end_mark.index)
         assert alias is not None
         return alias.start(1), alias.end(1), scalar_text(new)
-    anchor = ANCHOR.match(text, start)
+    anchor = re.compile(r"&[^\s,\[\]{}]+\s*").match(text, start)
     quote = text[start] if text[start : start + 1] in ("'", '"') else ""
     quote = quote if isinstance(new, str) else ""
     written = f"{quote}{scalar_text(new)}{quote}"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.poses import turning
 from locplan.maps import OCCUPIED, OccupancyGrid, own_axes
 
 if TYPE_CHECKING:
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
     from locplan.robots._amcl import Amcl
     from locplan.robots._lidar import Lidar
 
-BAND = 256
-"""Number of rows of a map that are processed at once."""
 UPDATED, RESAMPLED, NOW = range(3)
 """Rows of odometry that a running filter keeps: at the last update, the last resampling, now."""
 
@@ -88,8 +87,7 @@ class Particles:
 
     def covariance(self) -> NDArray[np.float64]:
         """Covariance of all particles, as AMCL publishes it where it has just resampled them."""
-        cos, sin = math.cos(self._grid.origin[2]), math.sin(self._grid.origin[2])
-        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        turn = turning(self._grid.origin[2])
         return np.asarray(turn @ self._covariance @ turn.T)
 
 
@@ -126,12 +124,10 @@ def compared_ends(amcl: Amcl, lidar: Lidar, ranges: NDArray[Any]) -> NDArray[np.
         Ends ahead and to the left of the robot; NaN without a return.
     """
     beams = slice(None, None, amcl.beam_step(lidar.beams))
-    some, bearings = ranges[:, beams], lidar.mount_yaw + lidar.angles[beams]
     least, most = max(lidar.least_range, amcl.laser_min_range), amcl.laser_max_range
+    some = ranges[:, beams]
     used = (some >= least) & (some < (most if most > 0 else math.inf))
-    known = np.where(used, some, np.nan).astype(np.float64)
-    ends = known[..., None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
-    return np.asarray(ends + np.array([lidar.mount_x, lidar.mount_y]))
+    return lidar.ends_on_robot(np.where(used, some, np.nan), beams)
 
 
 def beam_scores(
@@ -189,8 +185,8 @@ def score_values(grid: OccupancyGrid, amcl: Amcl, lidar: Lidar) -> NDArray[np.fl
     scores = np.full((grid.shape[0] + 2, grid.shape[1] + 2), beyond, np.float32)
     if occupied.any():
         cells = cv2.distanceTransform(1 - occupied, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        for top in range(0, len(cells), BAND):  # in parts, which saves memory on a large map
-            distance = np.minimum(cells[top : top + BAND] * grid.resolution, furthest)
+        for top in range(0, len(cells), 256):  # in parts, which saves memory on a large map
+            distance = np.minimum(cells[top : top + 256] * grid.resolution, furthest)
             scored = _score(distance.astype(np.float64), amcl, reach)
             scores[1 + top : 1 + top + len(scored), 1:-1] = scored
     return scores

@@ -1,0 +1,339 @@
+"""What is read of a log: the options, where it comes from, and its scans in one order of beams."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.checks import MAX_RANGE, Settings, keep_checked, number, shown, whole
+from locplan._util.poses import wrapped
+from locplan._util.tables import finite, table
+from locplan.errors import ConfigError, LocplanError, RecordingError
+from locplan.robots import MAX_BEAMS, Lidar
+
+FIRST_ROWS = 256
+"""Number of scans that room is made for at first."""
+MAX_ROOM = 2**30
+"""Greatest size of all ranges together [bytes]; room is made for no more, whatever a log says."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Topics(Settings):
+    """Topics and frames that are read of a robot's log, where it has several, or others than usual.
+
+    Raises
+    ------
+    ConfigError
+        If one is no name.
+
+    Examples
+    --------
+    >>> Topics(scan_topic="/front/scan")
+    Topics(scan_topic='/front/scan')
+    """
+
+    scan_topic: str | None = None
+    """Topic of the scans; in a log of CARMEN "FLASER" or "ROBOTLASER1". It is needed where there
+    are several."""
+    pose_topic: str | None = None
+    """Topic of the robot's poses, in place of TF. Only for bags."""
+    odom_topic: str | None = None
+    """Topic of the robot's odometry. Only for bags."""
+    map_frame: str = "map"
+    """Frame of the poses."""
+    base_frame: str | None = None
+    """Frame of the robot; by default that of odometry, or base_footprint or base_link. Only for
+    bags."""
+
+    def __post_init__(self) -> None:
+        for name in ("scan_topic", "pose_topic", "odom_topic", "base_frame"):
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, str) and value):
+                raise ConfigError(f"{name} must be a name, not {shown(value)}")
+        if not (isinstance(self.map_frame, str) and self.map_frame):
+            raise ConfigError(f"map_frame must be a name, not {shown(self.map_frame)}")
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Options(Topics):
+    """What is read of a log; `read_drive` explains each."""
+
+    every: int = 1
+    window: tuple[float, float] | None = None
+    range_limits: tuple[float, float] | None = None
+    mount: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        keep_checked(self, ("every",), whole)
+        keep_checked(self, ("window", "range_limits"), _numbers, 2, "two numbers")
+        keep_checked(self, ("mount",), _numbers, 3, "x, y [m] and yaw [rad] of the lidar")
+        if self.window and not 0 <= self.window[0] < self.window[1]:
+            raise ConfigError(
+                "window must be two times from the start on, the first one earlier [s], not"
+                f" {shown(self.window)}"
+            )
+        if self.range_limits and not 0 <= self.range_limits[0] < self.range_limits[1] <= MAX_RANGE:
+            raise ConfigError(
+                "range_limits must be a least and a greatest distance [m], not"
+                f" {shown(self.range_limits)}"
+            )
+
+    def refuse_others(self, what: str, *, of_robot: bool) -> None:
+        """Raise a ConfigError if an option is set that this kind of file cannot follow.
+
+        A log of a robot has topics of scans and a frame, only a bag has the others.
+        """
+        for name in () if of_robot else ("scan_topic", "map_frame"):
+            self._refuse(name, "logs of robots", what)
+        for name in ("pose_topic", "odom_topic", "base_frame"):
+            self._refuse(name, "bags", what)
+
+    def _refuse(self, name: str, kinds: str, what: str) -> None:
+        if getattr(self, name) != getattr(type(self), name):
+            raise ConfigError(f"{name} is for {kinds}, and {what} has none; leave it out")
+
+    def lidar(self, values: Mapping[str, Any]) -> Lidar:
+        """The lidar that a file describes, with the mount and the limits that were named."""
+        known = [each.name for each in fields(Lidar)]
+        for name in values:
+            if name not in known:
+                raise RecordingError(
+                    f"its lidar has no {shown(name)}; known are {', '.join(known)}"
+                )
+        try:
+            lidar = Lidar(**values)
+        except LocplanError as error:
+            raise RecordingError(f"its lidar cannot be: {error}") from None
+        if self.mount is not None:
+            x, y, yaw = self.mount
+            lidar = replace(lidar, mount_x=x, mount_y=y, mount_yaw_deg=math.degrees(yaw))
+        if self.range_limits is not None:
+            least, most = self.range_limits
+            lidar = replace(lidar, least_range=least, range=most)
+        return lidar
+
+
+def _numbers(name: str, values: Any, count: int, what: str) -> tuple[float, ...] | None:
+    """A number of numbers, or None."""
+    if values is None:
+        return None
+    try:
+        found = tuple(number(name, each) for each in values)
+    except TypeError:
+        found = ()
+    if len(found) != count:
+        raise ConfigError(f"{name} must be {what}, not {shown(values)}")
+    return found
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Source(Settings):
+    """Where a recording comes from: its file, and the topics and frames that were used."""
+
+    file: str = ""
+    """Name of the file or folder, without its path."""
+    scans: str = ""
+    """Topic of the scans, or the kind of lines."""
+    poses: str = ""
+    """Topic of the poses, or the frames that TF relates."""
+    odometry: str = ""
+    """Topic of the odometry, or the frames that TF relates; empty if there is none."""
+    map_frame: str = ""
+    """Frame that the poses are in."""
+    base_frame: str = ""
+    """Frame of the robot, whose poses these are."""
+    lidar_frame: str = ""
+    """Frame of the lidar."""
+    notes: tuple[str, ...] = ()
+    """What was assumed or left out, in sentences without a full stop."""
+
+
+class Contents(NamedTuple):
+    """The fields of a `Recording`."""
+
+    ranges: NDArray[Any]
+    lidar: Lidar
+    poses: NDArray[Any]
+    times: NDArray[Any] | None
+    odometry: NDArray[Any] | None
+    source: Source
+
+    def summary(self) -> dict[str, Any]:
+        """How long a drive is, how dense its scans are, and how many beams have a return."""
+        known = self.ranges[np.isfinite(self.ranges)]
+        steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
+        source, has_odometry = self.source, self.odometry is not None
+        return finite(
+            {
+                "file": source.file,
+                "scans": len(self.poses),
+                "beams": self.lidar.beams,
+                "lidar": self.lidar.title,
+                "length": float(steps.sum()),
+                "turned": float(np.abs(wrapped(np.diff(self.poses[:, 2]))).sum()),
+                "seconds": None if self.times is None else float(self.times[-1] - self.times[0]),
+                "spacing": float(np.median(steps)) if len(steps) else 0.0,
+                "returns": known.size / self.ranges.size,
+                "median_range": float(np.median(known)),
+                "poses": source.poses or "given",
+                "odometry": (source.odometry or "given") if has_odometry else "",
+                "notes": list(source.notes),
+            }
+        )
+
+    def report(self) -> str:
+        """The summary for people."""
+        about = self.summary()
+        took = "no times" if about["seconds"] is None else f"{about['seconds']:.4g} s"
+        returns = f"{about['returns']:.0%} of the beams, median {about['median_range']:.2g} m"
+        scans = f"{about['scans']:,} of {about['beams']} beams, {about['spacing']:.2g} m apart"
+        rows = [
+            ("drive", f"{about['file'] or 'a recording'}: {about['length']:.4g} m, {took}"),
+            ("scans", scans),
+            ("lidar", about["lidar"]),
+            ("returns", returns),
+            ("poses", about["poses"]),
+            ("odometry", about["odometry"] or "none"),
+            *(("note", note) for note in about["notes"]),
+        ]
+        return table([], rows)
+
+
+def check_room(count: int, beams: int, room: int) -> None:
+    """Raise a RecordingError if one more scan takes more than the room that there is [bytes]."""
+    # A scan counts as 256 bytes at least: its pose and times take memory, too.
+    if count == (most := room // max(256, 4 * beams)):
+        raise RecordingError(
+            f"over {most:,} scans of {beams} beams take too much memory; read every n-th (every=),"
+            " or a part of the log"
+        )
+
+
+class ScanRows:
+    """Scans in one array that grows, each brought to the beams of the first one.
+
+    Beams are kept counter-clockwise. A scan with other angles, as lidars whose motor is not
+    regulated have, takes for each beam the nearest of its own, if there is one within a step.
+    `expected` is the number of scans, if that is known.
+    """
+
+    def __init__(self, range_limits: tuple[float, float] | None = None, expected: int = 0) -> None:
+        self._limits, self._expected = range_limits, expected
+        self._rows: NDArray[np.float32] = np.empty((0, 0), np.float32)
+        self._count = 0
+        self._first, self._step, self._beams = 0.0, 0.0, 0
+        self._lidar = Lidar()
+        self.resampled = 0
+
+    def __len__(self) -> int:
+        """Return the number of scans."""
+        return self._count
+
+    def add(
+        self,
+        first: float,
+        step: float,
+        ranges: NDArray[np.float32] | Sequence[float],
+        least: float,
+        greatest: float,
+    ) -> None:
+        """Take a scan: angle of its first beam, from beam to beam [rad], ranges and limits [m].
+
+        Raises
+        ------
+        RecordingError
+            If it has no beams, or its angles cannot be.
+        """
+        with np.errstate(over="ignore"):  # beyond single precision lies no lidar's range
+            values = np.asarray(ranges, np.float32)
+        if not self._count:
+            self._begin(first, step, len(values), least, greatest)
+        check_room(self._count, self._beams, MAX_ROOM)
+        if self._count == len(self._rows):
+            self._rows.resize((FIRST_ROWS + self._count * 5 // 4, self._beams), refcheck=False)
+        if step < 0:
+            first, step, values = first + step * (len(values) - 1), -step, values[::-1]
+        row = self._rows[self._count]
+        off = abs(first - self._first) + abs(step - self._step) * self._beams
+        if len(values) >= self._beams and off < self._step / 10:
+            row[:] = values[: self._beams]
+        else:
+            self.resampled += 1
+            row[:] = self._resampled(first, step, values)
+        row[~self._lidar.has_return(row)] = np.inf
+        self._count += 1
+
+    def finish(self, kept: Sequence[int]) -> NDArray[np.float32]:
+        """The scans that are kept, in ascending order, (n, beams); nothing can be added after."""
+        for to, index in enumerate(kept):
+            if to != index:  # in place: a copy would take the memory twice
+                self._rows[to] = self._rows[index]
+        rows, self._rows = self._rows, np.empty((0, 0), np.float32)
+        rows.resize((len(kept), self._beams), refcheck=False)
+        self._count = 0
+        return rows
+
+    def lidar(self, mount: tuple[float, float, float], upside_down: bool) -> Lidar:
+        """The lidar with its pose on the robot [m, m, rad].
+
+        The beams of one that is upside down come clockwise: the rows have to be reversed.
+        """
+        middle = self._first + self._step * (self._beams - 1) / 2
+        yaw = mount[2] + (-middle if upside_down else middle)
+        turn = math.degrees((yaw + math.pi) % (2 * math.pi) - math.pi)
+        x, y = round(mount[0], 6), round(mount[1], 6)
+        return replace(self._lidar, mount_x=x, mount_y=y, mount_yaw_deg=round(turn, 4))
+
+    def _begin(self, first: float, step: float, count: int, least: float, most: float) -> None:
+        if not (math.isfinite(first) and math.isfinite(step) and step and 0 < count < MAX_BEAMS):
+            raise RecordingError(
+                f"its first scan has {count} beams from {first:g} rad on, {step:g} rad apart, which"
+                " is no scan"
+            )
+        if self._limits is not None:
+            least, most = self._limits
+        elif not 0 < most <= MAX_RANGE:
+            raise RecordingError(
+                f"its scans name a greatest range of {most:g} m; give the lidar's own as"
+                " range_limits=(least, greatest)"
+            )
+        if step < 0:
+            first, step = first + step * (count - 1), -step
+        lidar = Lidar.from_scan(
+            angle_min=first,
+            angle_max=first + step * (count - 1),
+            angle_increment=step,
+            range_min=min(max(_plain(least), 0.0), 0.999 * most) if math.isfinite(least) else 0.0,
+            range_max=_plain(most),
+        )
+        # Angles were stored in single precision, which has no more than four decimals.
+        lidar = replace(lidar, field_of_view_deg=round(lidar.field_of_view_deg, 4))
+        self._first, self._step, self._beams, self._lidar = first, step, lidar.beams, lidar
+        # Room that is not written yet takes no memory; a damaged file may promise anything.
+        room = min(max(self._expected, FIRST_ROWS), max(FIRST_ROWS, MAX_ROOM // 4 // lidar.beams))
+        self._rows = np.empty((room, lidar.beams), np.float32)
+
+    def _resampled(
+        self, first: float, step: float, values: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """A scan with other angles, at the beams of the first one; inf where it has none."""
+        row = np.full(self._beams, np.inf, np.float32)
+        if not (math.isfinite(first) and math.isfinite(step) and step and len(values)):
+            return row
+        angles = self._first + self._step * np.arange(self._beams)
+        turn = 2 * math.pi
+        beam = np.rint(((angles - first + step / 2) % turn - step / 2) / step).astype(np.int64)
+        seen = (beam >= 0) & (beam < len(values))
+        row[seen] = values[beam[seen]]
+        return row
+
+
+def _plain(value: float) -> float:
+    """A number without the further digits that single precision gave it."""
+    return float(f"{value:.7g}")
