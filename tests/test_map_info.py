@@ -3,6 +3,7 @@
 import json
 import math
 import shlex
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -136,6 +137,32 @@ def test_a_large_room_is_searched_on_a_coarser_grid(monkeypatch):
     assert coarse.pairs[0].distance == pytest.approx(exact, rel=0.05)
     for place in coarse.places:
         assert room_of(coarse, place) == place.room
+
+
+@pytest.mark.parametrize("radius", [0.2, 0.8])
+def test_a_map_in_bands_is_described_as_the_whole_one(monkeypatch, radius):
+    cells = np.pad(random_rooms((200, 300), seed=6, blocks=90), 1)
+    grid = OccupancyGrid(cells, 0.05, (1.0, 2.0, 0.4))
+    whole = describe_map(grid, robot_radius=radius)
+    assert len(whole.rooms) > 1
+    monkeypatch.setattr("locplan.planners._grid.BAND_CELLS", 7 * 302)
+    banded = describe_map(grid, robot_radius=radius)
+    np.testing.assert_array_equal(banded.room_of_cell, whole.room_of_cell)
+    assert banded.report() == whole.report()
+    assert banded.summary() == whole.summary()
+
+
+def test_a_large_map_takes_a_few_bytes_for_each_cell(monkeypatch):
+    """2^28 cells, the most that are read, are described in under 2 GB."""
+    monkeypatch.setattr("locplan.planners._grid.BAND_CELLS", 2**14)
+    cells = np.tile(np.pad(np.full((48, 60), FREE, np.uint8), 2), (20, 16))
+    grid = OccupancyGrid(cells, 0.05)
+    describe_map(grid)  # so that what is imported does not count
+    tracemalloc.start()
+    describe_map(grid)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 6 * cells.size
 
 
 def test_a_room_around_the_others_has_the_last_places():

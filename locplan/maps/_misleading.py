@@ -10,7 +10,7 @@ import numpy as np
 
 from locplan.maps._grid import OccupancyGrid
 from locplan.maps._occupancy import FREE, OCCUPIED
-from locplan.maps._source import DARK, MapSource
+from locplan.maps._source import DARK, ROWS, MapSource
 
 MIN_SHARE = 0.01
 """Least share of the pixels, or of the image's edge, that is worth a sentence."""
@@ -99,25 +99,30 @@ def _of_cells(grid: OccupancyGrid) -> list[str]:
     """What the cells themselves tell."""
     import cv2
 
-    free = np.asarray(grid.cells == FREE, np.uint8)
-    occupied = np.asarray(grid.cells == OCCUPIED, np.uint8)
-    if not free.any():
+    cells = grid.cells
+    if not (cells == FREE).any():
         return ["no cell is free, so that the robot can stand nowhere; check the thresholds"]
     doubts = []
-    rim = np.concatenate([free[0], free[-1], free[1:-1, 0], free[1:-1, -1]])
+    rim = np.concatenate([cells[0], cells[-1], cells[1:-1, 0], cells[1:-1, -1]]) == FREE
     if rim.mean() > MIN_SHARE:
         doubts.append(
             f"free space runs out of the image along {rim.sum() * grid.resolution:.3g} m"
             f" ({rim.mean():.0%} of its edge); what lies outside counts as unknown"
         )
-    if not occupied.any():
+    if not (cells == OCCUPIED).any():
         return [*doubts, "no cell is occupied, so that a lidar sees nothing; check the thresholds"]
     kernel = np.ones((7, 7), np.uint8)  # SLAM maps have a fringe of three unknown cells at walls
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-    inner = cv2.erode(free, cross, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    edge = (free > 0) & (inner == 0)
-    open_ = edge & (cv2.dilate(occupied, kernel) == 0)
-    share = np.count_nonzero(open_) / np.count_nonzero(edge)
+    count = np.zeros(2, np.int64)  # of the boundary's cells, and of the open ones
+    for top in range(0, len(cells), ROWS):
+        first = max(top - 3, 0)
+        around, own = cells[first : top + ROWS + 3], slice(top - first, top - first + ROWS)
+        free, occupied = ((around == level).astype(np.uint8) for level in (FREE, OCCUPIED))
+        inner = cv2.erode(free, cross, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+        edge = (free > inner)[own]
+        open_ = edge & (cv2.dilate(occupied, kernel)[own] == 0)
+        count += np.count_nonzero(edge), np.count_nonzero(open_)
+    share = count[1] / count[0]
     if share > 0.5:
         doubts.append(
             f"{share:.0%} of the free space's boundary is open to the unknown instead of walled;"

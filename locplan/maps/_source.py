@@ -226,7 +226,10 @@ def _as_of_walls(
     count = int(counts[dark].sum())
     if not count:
         return 0
-    image = np.asarray(dark[pixels] if seen is None else dark[pixels] & seen, np.uint8)
+    image = np.empty(pixels.shape, np.uint8)
+    for rows in range(0, len(pixels), ROWS):  # an index takes 8 bytes for each pixel
+        some = slice(rows, rows + ROWS)
+        image[some] = dark[pixels[some]] if seen is None else dark[pixels[some]] & seen[some]
     # From 1 m on a grey area is the unknown around or between rooms.
     width = min(int(1.0 / resolution), max(image.shape)) + 1
     wide = cv2.morphologyEx(image, cv2.MORPH_OPEN, np.ones((width, width), np.uint8))

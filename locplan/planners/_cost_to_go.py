@@ -6,13 +6,20 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path, check_costs
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
-from locplan.planners._grid import GridPlanner, bordered_index, cells_of, through_centres
+from locplan.planners._grid import (
+    GridPlanner,
+    bands,
+    bordered_index,
+    cells_of,
+    through_centres,
+)
 from locplan.planners._protocol import Found, Position
 from locplan.planners._result import Plan, finished
 
@@ -152,6 +159,8 @@ def plan_field(costs: Costmap, goal: Position, *, allow_corner_cutting: bool = F
 
 SEARCHED = 1_000_000
 """Most cells of the grid on which distances are measured; larger rooms are coarsened to it."""
+DEEP = 256
+"""Depth in a room, counted in cells, from which on it matters no more in large rooms."""
 
 
 @dataclass(frozen=True)
@@ -187,7 +196,7 @@ class PlacePair:
 
 def farthest_pairs(
     grid: OccupancyGrid,
-    room_of_cell: NDArray[np.int32],
+    room_of_cell: NDArray[Any],
     room: int,
     names: Sequence[str],
     least: float,
@@ -202,7 +211,7 @@ def farthest_pairs(
     ----------
     grid : OccupancyGrid
         The map.
-    room_of_cell : (H, W) array of int32
+    room_of_cell : (H, W) array of int
         Number of the room that each cell belongs to.
     room : int
         Number of the room.
@@ -242,7 +251,7 @@ class _Room:
     Its cells are counted row by row; a coarse cell is free if any of its cells is in the room.
     """
 
-    def __init__(self, grid: OccupancyGrid, room_of_cell: NDArray[np.int32], room: int) -> None:
+    def __init__(self, grid: OccupancyGrid, room_of_cell: NDArray[Any], room: int) -> None:
         import cv2
 
         self._grid, self._room_of_cell, self._room = grid, room_of_cell, room
@@ -253,13 +262,20 @@ class _Room:
         rows, cols = bottom + 1 - top, right + 1 - left
         factor = math.ceil(math.sqrt(rows * cols / SEARCHED))
         self._top, self._left, self._factor = top, left, factor
-        size = -(-rows // factor) * factor, -(-cols // factor) * factor
-        own = np.zeros((size[0] + 2, size[1] + 2), np.uint8)  # with a border, which is outside
-        own[1 : rows + 1, 1 : cols + 1] = inside[top : bottom + 1, left : right + 1]
-        depth = np.asarray(cv2.distanceTransform(own, cv2.DIST_L2, cv2.DIST_MASK_5))[1:-1, 1:-1]
-        coarse = size[0] // factor, size[1] // factor
-        self._blocks = depth.reshape(coarse[0], factor, coarse[1], factor).swapaxes(1, 2)
-        self._depth = self._blocks.max(axis=(2, 3)).ravel() * grid.resolution
+        coarse = -(-rows // factor), -(-cols // factor)
+        deepest, self._place = np.empty(coarse, np.float32), np.empty(coarse, np.int64)
+        inside = inside[top : bottom + 1, left : right + 1]
+        for band, around, inner in bands(coarse[0], coarse[1] * factor**2, -(-DEEP // factor)):
+            some = inside[around.start * factor : around.stop * factor]
+            # With a border, which is outside; in large rooms it ends depths beyond `DEEP`.
+            height, width = factor * (around.stop - around.start), factor * coarse[1]
+            own = np.zeros((height + 2, width + 2), np.uint8)
+            own[1 : len(some) + 1, 1 : cols + 1] = some
+            depth = np.asarray(cv2.distanceTransform(own, cv2.DIST_L2, cv2.DIST_MASK_5))[1:-1, 1:-1]
+            blocks = depth.reshape(-1, factor, coarse[1], factor)[inner].swapaxes(1, 2)
+            blocks = blocks.reshape(-1, coarse[1], factor**2)
+            deepest[band], self._place[band] = blocks.max(axis=2), blocks.argmax(axis=2)
+        self._depth = deepest.ravel() * grid.resolution
         free = self._depth > 0
         cells = np.where(free, FREE, UNKNOWN).astype(np.uint8).reshape(coarse)
         edge = grid.resolution * factor
@@ -283,7 +299,7 @@ class _Room:
     def position(self, place: int) -> tuple[float, float]:
         """World x, y [m] of the deepest cell of a coarse one, rounded if it stays in the room."""
         row, col = divmod(place, self._costs.grid.shape[1])
-        deep_row, deep_col = divmod(int(self._blocks[row, col].argmax()), self._factor)
+        deep_row, deep_col = divmod(int(self._place[row, col]), self._factor)
         row = self._top + row * self._factor + deep_row
         col = self._left + col * self._factor + deep_col
         x, y = self._grid.cell_to_world(row, col)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import number
 from locplan.costs import Costmap, Path, path_cost
+from locplan.maps import OccupancyGrid
 from locplan.planners._protocol import Found, Position
 
 if TYPE_CHECKING:
@@ -24,6 +27,8 @@ rising with the distance from walls: 0.44 and 0.35 at contrast 1 (30 and 18 % of
 single maps up to 1.05. From corner to corner through rooms, where nearly all cells are expanded,
 it is 0.49 at contrast 1, 0.84 at 1.2, and 1.06 to 1.09 from 1.5 on.
 """
+BAND_CELLS = 2**23
+"""Number of cells of a large map that are looked at at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,6 +190,85 @@ def connected_parts(costs: Costmap) -> tuple[int, NDArray[np.int32]]:
 
     count, labels = cv2.connectedComponents(np.isfinite(costs.density).astype("u1"), connectivity=4)
     return count, labels
+
+
+def bands(rows: int, cols: int, beyond: int) -> Iterator[tuple[slice, slice, slice]]:
+    """Bands of rows of a large array, so that what is made of each takes little memory.
+
+    Parameters
+    ----------
+    rows, cols : int
+        Shape of the array.
+    beyond : int
+        Number of rows beyond each band that are looked at, too.
+
+    Yields
+    ------
+    band, around, inner : slice
+        The rows of a band, those with the ones beyond, and where the band lies in these.
+    """
+    height = max(BAND_CELLS // cols, 1)
+    for top in range(0, rows, height):
+        bottom, first = min(top + height, rows), max(top - beyond, 0)
+        around = slice(first, min(bottom + beyond, rows))
+        yield slice(top, bottom), around, slice(top - first, bottom - first)
+
+
+def parts_of_map(
+    grid: OccupancyGrid, robot_radius: float
+) -> tuple[NDArray[np.float64], NDArray[Any]]:
+    """Find the parts of a map that a robot can reach, as `connected_parts` does, in little memory.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    robot_radius : float
+        Least distance from the robot's centre to an occupied cell [m].
+
+    Returns
+    -------
+    cells : (n,) array
+        Number of cells of each part, the parts in the order of their first cells by bands.
+    labels : (H, W) array of the smallest unsigned type
+        Number of the part of each cell, from 1 on; 0 where it is blocked.
+    """
+    import cv2
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    number("robot_radius", robot_radius, 0, 1e9)  # as a costmap does
+    rows, cols = grid.shape
+    near = math.ceil(robot_radius / grid.resolution) + 1
+    free = np.empty(grid.shape, np.uint8)
+    for band, around, inner in bands(rows, cols, near):
+        part = OccupancyGrid(grid.cells[around], grid.resolution)
+        free[band] = np.isfinite(Costmap.blank(part, robot_radius=robot_radius).density[inner])
+
+    def labelled() -> Iterator[tuple[slice, int, NDArray[np.int32]]]:
+        """Parts of each band alone: its rows, their number with 0, and their labels."""
+        for band, _, _ in bands(rows, cols, 0):
+            yield band, *cv2.connectedComponents(free[band], connectivity=4)
+
+    # Parts of a band are one where they touch across the seam to the next band.
+    sizes, seams, above, total = [], [], np.zeros(cols, np.int64), 0
+    for _, count, labels in labelled():
+        sizes.append(np.bincount(labels.ravel(), minlength=count)[1:])
+        first, last = (np.where(row > 0, row + total, 0) for row in labels[[0, -1]].astype(int))
+        touching = (above > 0) & (first > 0)
+        seams.append(np.unique([above[touching], first[touching]], axis=1) - 1)
+        above, total = last, total + count - 1
+    pairs = np.concatenate(seams, axis=1)
+    joined = coo_array((np.ones(pairs.shape[1], bool), pairs), (total, total))
+    count, part_of = connected_components(joined, directed=False) if total else (0, pairs[0])
+    cells = np.bincount(part_of, np.concatenate(sizes), count)
+    number_of, before = part_of + 1, 0
+    found = np.empty(grid.shape, np.min_scalar_type(count))
+    for band, count, labels in labelled():
+        own = number_of[before : before + count - 1]
+        found[band] = np.concatenate([[0], own]).astype(found.dtype)[labels]
+        before += count - 1
+    return cells, found
 
 
 def bordered_ends(

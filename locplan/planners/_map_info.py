@@ -6,7 +6,7 @@ import math
 import os
 import shlex
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from locplan._util.notebook import Pictured
 from locplan._util.records import POSITION, Column, Table
 from locplan._util.tables import in_square_metres, table
-from locplan.costs import ROBOT_RADIUS, Costmap
+from locplan.costs import ROBOT_RADIUS
 from locplan.maps import (
     FREE,
     OCCUPIED,
@@ -26,7 +26,7 @@ from locplan.maps import (
     read_map,
 )
 from locplan.planners._cost_to_go import NamedPlace, PlacePair, farthest_pairs
-from locplan.planners._grid import connected_parts
+from locplan.planners._grid import bands, parts_of_map
 
 LISTED = 8
 """Number of rooms in the table; the others are summed up."""
@@ -78,8 +78,8 @@ class MapInfo(Pictured):
     """Number of specks: rooms too small to count."""
     specks_area: float
     """Area of all specks [m^2]."""
-    room_of_cell: NDArray[np.int32]
-    """Number of the room of each cell, (H, W); 0 where there is none."""
+    room_of_cell: NDArray[Any]
+    """Number of the room of each cell, (H, W), of an unsigned type; 0 where there is none."""
     pairs: tuple[PlacePair, ...]
     """Pairs of places far apart in one room, the farthest of each room first."""
     warnings: tuple[str, ...]
@@ -243,16 +243,17 @@ def describe_map(
     if isinstance(grid, (str, os.PathLike)):
         grid, source = read_map(grid)
     check_grid(grid)
-    count, labels = connected_parts(Costmap.blank(grid, robot_radius=robot_radius))
     cell = grid.resolution**2
-    areas = np.bincount(labels.ravel(), minlength=count)[1:] * cell
+    cells, room_of_cell = parts_of_map(grid, robot_radius)
+    areas = cells * cell
     order = np.argsort(-areas, kind="stable")
     greatest = float(areas.max(initial=0.0))
     counted = (areas >= 1.0) | (areas >= greatest / 10)  # others are specks, such as noise
     large = [int(label) for label in order if counted[label]]
-    number_of = np.zeros(count, np.int32)
+    number_of = np.zeros(len(areas) + 1, room_of_cell.dtype)
     number_of[np.array(large, int) + 1] = np.arange(1, len(large) + 1)
-    room_of_cell = number_of[labels]
+    for band, _, _ in bands(*grid.shape, 0):  # an index takes 8 bytes for each cell
+        room_of_cell[band] = number_of[room_of_cell[band]]
     room_of_cell.setflags(write=False)
     rooms = tuple(Room(n, float(areas[label])) for n, label in enumerate(large, 1))
     free, occupied, unknown = (
@@ -276,7 +277,7 @@ def describe_map(
 
 
 def _pairs(
-    grid: OccupancyGrid, room_of_cell: NDArray[np.int32], rooms: tuple[Room, ...], radius: float
+    grid: OccupancyGrid, room_of_cell: NDArray[Any], rooms: tuple[Room, ...], radius: float
 ) -> tuple[PlacePair, ...]:
     """Pairs of places in the largest rooms, first in those inside."""
     rim = [room_of_cell[0], room_of_cell[-1], room_of_cell[1:-1, 0], room_of_cell[1:-1, -1]]
@@ -297,7 +298,10 @@ def _pairs(
 def _of_robot(grid: OccupancyGrid, radius: float, fits: bool) -> list[str]:
     """What misleads about the robot on this map."""
     if not fits and grid.free.any():
-        widest = float(grid.clearance[grid.free].max())
+        widest, near = 0.0, math.ceil(radius / grid.resolution) + 1
+        for band, around, inner in bands(*grid.shape, near):  # nowhere is it farther to a wall
+            clearance = OccupancyGrid(grid.cells[around], grid.resolution).clearance[inner]
+            widest = max(widest, float(clearance[grid.cells[band] == FREE].max(initial=0.0)))
         return [
             f"a robot of radius {radius:g} m fits nowhere: the widest place is {widest:.3g} m from"
             " its walls; give the robot's own footprint and margin if it is smaller"
