@@ -20,7 +20,7 @@ from locplan import (
     covariance_field,
     save_map,
 )
-from locplan._util.random_streams import random_of
+from locplan._util.intervals import random_of
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED
 from locplan.planners import Query

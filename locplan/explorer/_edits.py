@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import number
 from locplan._util.files import make_folder
-from locplan._util.windows import window_around
+from locplan._util.poses import window_around
 from locplan.errors import ConfigError
 from locplan.explorer._session import Session
 from locplan.explorer._wire import Ask

@@ -6,7 +6,7 @@ import dataclasses
 from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import printable
-from locplan._util.recipes import Recipe, Spelled, number_text
+from locplan._util.runs import Recipe, Spelled, number_text
 from locplan.explorer._view import MAX_DRIVES, View
 from locplan.field import config_spelled, lidar_of
 from locplan.planners import AWARE

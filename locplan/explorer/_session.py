@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from locplan._util.notebook import called
+from locplan._util.public import called
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
 from locplan.explorer._scene import Busy, Download, Opening, Scene

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from locplan._util.checks import one_of
-from locplan._util.plain_yaml import ROS_BOOLEANS, ROS_NUMBER
+from locplan._util.reading import ROS_BOOLEANS, ROS_NUMBER
 
 Distro = Literal["humble", "jazzy", "kilted", "lyrical", "rolling"]
 """A distribution of ROS 2."""

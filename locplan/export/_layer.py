@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan import __version__
-from locplan._util.extras import needed
+from locplan._util.public import needed
 from locplan.export._bags import write_messages
 from locplan.export._folders import export_folder
 from locplan.export._messages import (

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from locplan._util.plain_yaml import scalar_text
+from locplan._util.reading import scalar_text
 from locplan.costs import Costmap
 from locplan.export._distros import BRINGUP, LAUNCH, SERVERS, Distribution, distribution
 from locplan.export._folders import about_map

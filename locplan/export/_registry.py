@@ -86,8 +86,8 @@ class Format:
         force : bool, default False
             Whether a file that is there is replaced.
         """
-        from locplan._util.extras import needed
         from locplan._util.files import check_target
+        from locplan._util.public import needed
         from locplan.errors import LocplanError
         from locplan.export._folders import check_export_folder
 

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from locplan._util.recipes import Spelled, number_text
+from locplan._util.runs import Spelled, number_text
 from locplan.field._config import FieldConfig
 from locplan.field.estimators._sad import Sad
 

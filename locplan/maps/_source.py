@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.plain_yaml import fault_of, read_content, reason_of
+from locplan._util.reading import fault_of, read_content, reason_of
 from locplan.maps._occupancy import FREE, UNKNOWN
 from locplan.maps._yaml import Header
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from locplan._util.checks import FARTHEST, RESOLUTIONS, is_file_name, shown
-from locplan._util.plain_yaml import SCALAR_TAGS, compose, fault_of, read_content
+from locplan._util.reading import SCALAR_TAGS, compose, fault_of, read_content
 
 if TYPE_CHECKING:
     import yaml

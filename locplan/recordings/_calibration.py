@@ -14,12 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from locplan._util.blocks import blocks_along, intervals
 from locplan._util.checks import file_path, instance
-from locplan._util.intervals import Interval
-from locplan._util.notebook import called
+from locplan._util.intervals import Interval, blocks_along, intervals
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback, parts
+from locplan._util.public import called
 from locplan._util.tables import finite
 from locplan.errors import CalibrationError
 from locplan.field import Estimator, FieldConfig, Fused, config_of

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from locplan._util.files import replacing
-from locplan._util.formats import in_metres, in_percent
-from locplan._util.intervals import Interval
+from locplan._util.intervals import Interval, in_metres, in_percent
 from locplan._util.records import Table
 from locplan._util.results import digest_of
 from locplan._util.tables import REPORT_WIDTH, table

@@ -16,8 +16,7 @@ import numpy as np
 
 from locplan._util.checks import Settings, differing, file_path, instance, keep, number, shown
 from locplan._util.files import check_target, replacing
-from locplan._util.plain_yaml import compose, dumped, read_content
-from locplan._util.stamps import check_stamp, stamp
+from locplan._util.reading import check_stamp, compose, dumped, read_content, stamp
 from locplan.errors import ConfigError
 from locplan.robots._amcl import Amcl
 from locplan.robots._footprint import Footprint

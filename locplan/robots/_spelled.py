@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from locplan._util.recipes import Spelled
+from locplan._util.runs import Spelled
 from locplan.robots._lidar import Lidar
 from locplan.robots._lidar_presets import PRESETS
 from locplan.robots._robot import Robot

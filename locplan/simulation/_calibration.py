@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import file_path, shown
-from locplan._util.intervals import Interval, of_resamples
-from locplan._util.notebook import called
+from locplan._util.intervals import Interval, of_resamples, spearman
 from locplan._util.progress import ProgressCallback
-from locplan._util.ranking import spearman
+from locplan._util.public import called
 from locplan._util.tables import finite
 from locplan.errors import ConfigError
 from locplan.field import Estimator, Exponential, FieldConfig, Sad, config_of, covariances_at

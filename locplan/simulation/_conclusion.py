@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from locplan._util.formats import in_metres, short
-from locplan._util.intervals import Interval
+from locplan._util.intervals import Interval, in_metres, short
 from locplan.simulation._drives import LOST
 
 FEW_PLACES = 20

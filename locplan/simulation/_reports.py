@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from locplan._util.files import check_target, replacing
-from locplan._util.formats import digits_of, plain, short
+from locplan._util.intervals import digits_of, plain, short
 from locplan._util.reading import parsed_json, read_text
 from locplan._util.results import ResultFolder, digest_of
 from locplan._util.tables import REPORT_WIDTH, table, write_json

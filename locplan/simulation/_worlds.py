@@ -12,7 +12,7 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.random_streams import random_of
+from locplan._util.intervals import random_of
 from locplan.maps import OccupancyGrid
 from locplan.simulation._arguments import DriveArguments, Line
 

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
-from locplan._util.plain_yaml import scalar_text
+from locplan._util.reading import scalar_text
 from locplan.errors import LocplanError
 from locplan.robots import (
     Amcl,

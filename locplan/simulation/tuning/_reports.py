@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from string import ascii_uppercase
 
-from locplan._util.formats import two_digits
-from locplan._util.intervals import Interval
+from locplan._util.intervals import Interval, two_digits
 from locplan._util.tables import table
 from locplan.simulation.tuning._results import Judged, Tuning
 
