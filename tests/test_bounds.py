@@ -9,7 +9,7 @@ from conftest import drawn, refused
 
 import locplan
 from locplan import FieldConfig, LocplanError, Sad, Scan, compare, covariance_field, save_map
-from locplan._util import machine
+from locplan._util import checks
 from locplan.comparison import Execution, Journal, RandomQueries, Run, Task
 from locplan.errors import ConfigError
 from locplan.field import SearchWindow
@@ -41,8 +41,8 @@ def room(tmp_path):
 
 @pytest.fixture
 def small_machine(monkeypatch):
-    monkeypatch.setattr(machine, "usable_cores", lambda: 2)
-    monkeypatch.setattr(machine, "usable_memory", lambda: 10**9)
+    monkeypatch.setattr(checks, "usable_cores", lambda: 2)
+    monkeypatch.setattr(checks, "usable_memory", lambda: 10**9)
 
 
 CALLS = [
@@ -91,7 +91,7 @@ def test_a_field_that_does_not_fit_into_memory_is_refused(no_work, small_machine
 
 def test_drives_that_do_not_fit_into_memory_are_refused(no_work, monkeypatch):
     simulator = Simulator(GRID)
-    monkeypatch.setattr("locplan._util.machine.usable_memory", lambda: 10**6)
+    monkeypatch.setattr("locplan._util.checks.usable_memory", lambda: 10**6)
     with pytest.raises(ConfigError, match=r"1000 drives of 800 poses take .* drive fewer"):
         simulator.drive([np.zeros((800, 3))] * 1000)
 

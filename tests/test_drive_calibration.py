@@ -15,7 +15,7 @@ from small_drive import FILE, MAP
 from locplan import Costmap, Fused, load_config, load_map, plan, save_map
 from locplan._kernels.drives import odometry_along
 from locplan._kernels.particles import move
-from locplan._util.blocks import blocks_along, draws_of, intervals, mean_interval
+from locplan._util.intervals import blocks_along, draws_of, intervals, mean_interval
 from locplan._util.poses import moved, way_between
 from locplan.cli import main
 from locplan.errors import ConfigError, RecordingError

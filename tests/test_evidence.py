@@ -15,7 +15,7 @@ from scipy import stats
 
 import locplan
 from locplan import FieldConfig, LocplanError, simulation
-from locplan._util.ranking import RESAMPLES, Resamples, auc, rank, spearman
+from locplan._util.intervals import RESAMPLES, Resamples, auc, rank, spearman
 from locplan.errors import CalibrationError, ConfigError
 from locplan.field import (
     SHORT_LIDAR,

@@ -128,7 +128,7 @@ def test_wrong_options_are_refused_in_one_line(run, map_file, arguments, fault):
 
 
 def test_without_the_extra_one_line_tells_what_to_install(run, map_file, monkeypatch):
-    found = "locplan._util.extras.find_spec"
+    found = "locplan._util.public.find_spec"
     monkeypatch.setattr(found, lambda name: None if name == "uvicorn" else True)
     err = refused(run("explore", map_file, *ARGUMENTS))
     assert "the explorer needs uvicorn: pip install 'locplan[explore]'" in err

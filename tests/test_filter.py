@@ -20,7 +20,7 @@ from locplan import (
     covariance_field,
     save_map,
 )
-from locplan._util.random_streams import random_of
+from locplan._util.intervals import random_of
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED
 from locplan.planners import Query
@@ -182,10 +182,10 @@ def test_what_reads_amcls_parameters_says_so_of_another_filter(tmp_path):
         lambda: robot.changed({"alpha1": 0.1}),
         lambda: robot.save(tmp_path / "robot.yaml"),
     ):
-        with pytest.raises(ConfigError, match="a filter of my own.* is not AMCL") as caught:
+        with pytest.raises(ConfigError, match=r"a filter of my own.* is not AMCL") as caught:
             asked()
         assert "\n" not in str(caught.value)
-    with pytest.raises(LocplanError, match="a filter of my own: estimate.. must be three"):
+    with pytest.raises(LocplanError, match=r"a filter of my own: estimate.. must be three"):
         simulate(room(), THROUGH, dataclasses.replace(EXACT, filter=Wrapped(fault="x")), drives=2)
 
 

@@ -10,7 +10,7 @@ import pytest
 from conftest import drawn, few_of
 
 from locplan import save_map
-from locplan._util import leftovers
+from locplan._util.supervision import remove_named, temporary_folder
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="Windows has no fork and no groups")
 GUARD = 600
@@ -96,7 +96,7 @@ def test_temporary_files_of_a_killed_process_are_removed(tmp_path):
     (tmp_path / "kept.txt").write_text("before")
     code = """
 from locplan._util.files import replacing
-from locplan._util.leftovers import temporary_folder
+from locplan._util.supervision import temporary_folder
 with replacing("kept.txt") as file, replacing("new.txt"), temporary_folder() as folder:
     file.write_text("half")
     (folder / "part").write_text("half")
@@ -132,36 +132,31 @@ with replacing_folder("kept", None, lambda _: True) as folder:
     assert (tmp_path / "kept" / "result").read_text() == "before"
 
 
-def test_what_a_process_tells_may_come_in_pieces(tmp_path):
-    names = [tmp_path / name for name in ("a\nb", "c", os.fsdecode(b"\xff"))]
-    told = b"".join(b"+\0" + os.fsencode(name) + b"\0" for name in names)
-    told += b"-\0" + os.fsencode(names[1]) + b"\0"
-    for size in (1, 2, 7, len(told)):
-        for name in names:
-            name.mkdir(exist_ok=True)
-        heard = leftovers.Leftovers()
-        for n in range(0, len(told), size):
-            heard.hear(told[n : n + size])
-        heard.remove()
-        assert list(tmp_path.iterdir()) == [names[1]]
+def test_what_a_process_named_and_left_is_removed(tmp_path):
+    names = [tmp_path / name for name in ("a\nb", "c", os.fsdecode(b"\xff"), "kept")]
+    for name in (names[0], *names[2:]):  # it has removed the second one itself
+        name.mkdir()
+    named = b"\0".join(map(os.fsencode, names))  # the last one is cut off
+    remove_named(named)
+    assert list(tmp_path.iterdir()) == [names[3]]
 
 
 def test_the_next_run_removes_what_is_left_if_nobody_outlives_the_process(tmp_path):
     code = """
 from locplan._util.files import replacing
-from locplan._util.leftovers import temporary_folder
+from locplan._util.supervision import temporary_folder
 with replacing("new.txt") as file, temporary_folder():
     file.write_text("half")
     stuck()
 """
     process = begun(tmp_path, supervised(code))
     for folder in (tmp_path, tmp_path / "temporary"):
-        with leftovers.temporary_folder(folder) as own:
+        with temporary_folder(folder) as own:
             assert len(list(folder.glob(".locplan-tmp-*"))) == 2  # the process lives
     process.kill()
     process.communicate(timeout=GUARD)
     for folder in (tmp_path, tmp_path / "temporary"):
-        with leftovers.temporary_folder(folder) as own:
+        with temporary_folder(folder) as own:
             assert list(folder.glob(".locplan-tmp-*")) == [own]
 
 

@@ -41,7 +41,7 @@ HOMES = {
     "matplotlib": ("plotting", "_figures"),
     "ompl": ("planners.ompl._settings",),
     "yaml": (
-        "_util.plain_yaml",
+        "_util.reading",
         "maps._files",
         "maps._source",
         "robots._parameters",
@@ -55,7 +55,7 @@ HOMES = {
     "pandas": ("_util.records",),
     "cyclopts": ("cli",),
     "zarr": ("field._zarr",),
-    "fcntl": ("comparison._journal", "_util.leftovers"),
+    "fcntl": ("comparison._journal", "_util.supervision"),
     "resource": ("comparison._worker",),
     "filelock": ("field._cache", "field._store"),
     "distributed": ("field._compute",),

@@ -2,7 +2,7 @@
 
 import pytest
 
-from locplan._util.plain_yaml import scalar_text
+from locplan._util.reading import scalar_text
 from locplan.errors import LocplanError
 from locplan.robots import edited_parameters, read_parameters
 

@@ -444,7 +444,7 @@ def test_progress_counts_messages_in_two_passes(tmp_path):
 
 
 def test_transforms_that_no_pose_needs_are_left_out():
-    from locplan._util.frames import IDENTITY, FrameTree
+    from locplan._util.poses import IDENTITY, FrameTree
     from locplan.recordings._logs import Options
     from locplan.recordings._places import Heard
 
@@ -464,7 +464,7 @@ def test_transforms_that_no_pose_needs_are_left_out():
 
 def test_memory_is_taken_by_what_is_kept(tmp_path):
     """Of the moving transforms two samples a scan are kept, however many were recorded."""
-    from locplan._util.frames import IDENTITY, Track
+    from locplan._util.poses import IDENTITY, Track
 
     track = Track([1.0, 2.0, 3.0])
     for n in range(4000):
@@ -474,7 +474,7 @@ def test_memory_is_taken_by_what_is_kept(tmp_path):
 
 
 def test_samples_that_arrive_late_are_used():
-    from locplan._util.frames import IDENTITY, Track
+    from locplan._util.poses import IDENTITY, Track
 
     times = [1.0, 2.0, 3.0, 4.0]
     samples = [0.5, 0.9, 1.2, 1.95, 2.1, 2.9, 3.3, 3.6, 4.2]
@@ -487,7 +487,7 @@ def test_samples_that_arrive_late_are_used():
 
 
 def test_a_quaternion_and_its_negative_are_the_same_turn():
-    from locplan._util.frames import Track, in_plane
+    from locplan._util.poses import Track, in_plane
 
     track = Track([1.0])
     for time, yaw, sign in ((0.9, 0.4, 1.0), (1.1, 0.6, -1.0)):
@@ -497,7 +497,7 @@ def test_a_quaternion_and_its_negative_are_the_same_turn():
 
 
 def test_a_transform_and_its_inverse_cancel():
-    from locplan._util.frames import composed, in_plane, inverse
+    from locplan._util.poses import composed, in_plane, inverse
 
     random = np.random.default_rng(2)
     pose = np.concatenate([random.normal(size=(9, 3)), random.normal(size=(9, 4))], axis=1)

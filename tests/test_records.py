@@ -110,7 +110,7 @@ def test_outlines_are_closed_and_have_the_values(tmp_path):
 
 
 def test_a_frame_needs_pandas(monkeypatch):
-    monkeypatch.setattr("locplan._util.extras.find_spec", lambda name: None)
+    monkeypatch.setattr("locplan._util.public.find_spec", lambda name: None)
     with pytest.raises(LocplanError, match=r"a data frame needs pandas: .*locplan\[tables\]"):
         TABLE.to_frame()
 

@@ -10,7 +10,7 @@ from conftest import drawn, refused
 
 import locplan
 from locplan import FieldConfig, Robot, Sad, save_map
-from locplan._util.recipes import Recipe
+from locplan._util.runs import Recipe
 from locplan.field import config_spelled
 from locplan.robots import robot_spelled
 

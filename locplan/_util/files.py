@@ -9,7 +9,7 @@ from contextvars import ContextVar
 from pathlib import Path
 
 from locplan._util.checks import file_path
-from locplan._util.leftovers import ASIDE, temporary_folder
+from locplan._util.supervision import ASIDE, temporary_folder
 from locplan.errors import LocplanError
 
 PICTURES = (".png", ".pdf", ".svg")

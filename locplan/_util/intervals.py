@@ -1,11 +1,16 @@
-"""95 % intervals of shares, means, medians, and of root mean squares and their ratios."""
+"""Random numbers from one seed, intervals of statistics, rank correlations, and their text."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from locplan._util.poses import Numbers, way_along
 
 MIN_SAMPLES = 5
 """Least number of values that have an interval; fewer values have only a mean."""
@@ -92,3 +97,211 @@ def of_resamples(value: float, samples: NDArray[np.float64]) -> Interval:
         return Interval(value, np.nan, np.nan)
     low, high = np.quantile(known, (0.025, 0.975)).tolist()
     return Interval(value, low, high)
+
+
+def in_degrees(interval: Interval) -> Interval:
+    """An interval of an angle [rad] in degrees."""
+    return Interval(*np.degrees(interval).tolist())
+
+
+def in_percent(interval: Interval) -> str:
+    """Text of a share, such as 25% [12%, 40%]."""
+    return f"{interval.value:.0%} [{interval.low:.0%}, {interval.high:.0%}]"
+
+
+def plain(value: float, digits: int = 2) -> str:
+    """Text of a number such as a correlation: .25, -.25 or 1.25; a dash if it is not known."""
+    return "-" if np.isnan(value) else f"{value:.{digits}f}".replace("0.", ".", 1)
+
+
+def digits_of(length: float) -> int:
+    """Digits behind the point of an error [m]: millimetres below 0.1 m, or else centimetres."""
+    return 3 if length < 0.0995 else 2
+
+
+def in_metres(length: float) -> str:
+    """Text of an error, such as 0.25 m or 0.025 m."""
+    return f"{length:.{digits_of(length)}f} m"
+
+
+def short(interval: Interval) -> str:
+    """Text of a correlation or a ratio, such as .25 [.12, .40]."""
+    value, low, high = map(plain, interval)
+    return value if np.isnan(interval.low) else f"{value} [{low}, {high}]"
+
+
+def two_digits(interval: Interval) -> str:
+    """Text of a ratio, such as 0.25 [0.12, 0.40]."""
+    value, low, high = interval
+    return f"{value:.2f}" + ("" if np.isnan(low) else f" [{low:.2f}, {high:.2f}]")
+
+
+def with_unit(interval: Interval, unit: str) -> str:
+    """Text of a quantity, such as 0.25 m [0.12, 0.40]; a dash if it is not known."""
+    value, low, high = interval
+    if np.isnan(value):
+        return "-"
+    digits = digits_of(value)
+    ends = "" if np.isnan(low) else f" [{low:.{digits}f}, {high:.{digits}f}]"
+    return f"{value:.{digits}f} {unit}{ends}"
+
+
+MIN_BLOCKS = 5
+"""Number of blocks of a drive below which there are no intervals."""
+RESAMPLES = 1000
+
+
+def blocks_along(poses: Numbers, length: float = 10.0) -> NDArray[np.int64]:
+    """The block of the way, of some length [m], that each of n poses belongs to, (n,)."""
+    return np.asarray((way_along(poses) / length).astype(np.int64))
+
+
+def draws_of(blocks: NDArray[np.int64], resamples: int = RESAMPLES) -> Numbers:
+    """Number of times that the block of each of n values is drawn, (resamples, n).
+
+    There are no resamples of fewer than `MIN_BLOCKS` blocks.
+    """
+    known, number = np.unique(blocks, return_inverse=True)
+    if len(known) < MIN_BLOCKS:
+        return np.empty((0, len(blocks)))
+    return _draws(np.random.default_rng(0), len(known), resamples)[:, number]
+
+
+def mean_interval(values: Numbers, blocks: NDArray[np.int64]) -> Interval:
+    """Mean of values (n,), with a 95 % interval over their blocks; NaN where it has none."""
+    if not len(values):
+        return Interval(math.nan, math.nan, math.nan)
+    drawn = draws_of(blocks)
+    means = (drawn @ values) / drawn.sum(axis=1)
+    return of_resamples(float(values.mean()), means)
+
+
+def intervals(
+    statistic: Callable[[Numbers], Numbers], blocks: NDArray[np.int64], resamples: int
+) -> list[Interval]:
+    """Some statistics (k,) of weighted values, with 95 % intervals over the values' blocks.
+
+    `statistic` is called with weights (n,): 1 for all, and then how often each is drawn.
+    """
+    found = statistic(np.ones(len(blocks)))
+    drawn = np.array([statistic(each) for each in draws_of(blocks, resamples)])
+    samples = drawn.reshape(-1, len(found)).T
+    return [of_resamples(float(value), each) for value, each in zip(found, samples, strict=True)]
+
+
+@dataclass(frozen=True)
+class Rank:
+    """Rank statistics of one predictor.
+
+    Intervals are percentiles of a bootstrap over the places or, with several maps, over the maps
+    and then the places in each. They hold for more places like these.
+    """
+
+    spearman: Interval
+    """Spearman's coefficient over all places together."""
+    within: Interval
+    """Mean over the maps of Spearman's coefficient within each."""
+    auc: Interval
+    """Probability that a place among the worst 20 % ranks higher than one of the others, over all
+    places together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Resamples:
+    """Numbers of times that places and maps are drawn in each of `RESAMPLES` bootstraps."""
+
+    places: Sequence[Numbers]
+    """Draws of the places within each map, (RESAMPLES, n) a map."""
+    maps: Numbers
+    """Draws of the maps, (RESAMPLES, maps)."""
+
+    @classmethod
+    def of(cls, counts: Sequence[int], seed: int = 0) -> Resamples:
+        """Resamples of maps with these numbers of places."""
+        random = np.random.default_rng(seed)
+        places = [_draws(random, count) for count in counts]
+        maps = _draws(random, len(counts)) if len(counts) > 1 else np.ones((RESAMPLES, 1))
+        return cls(places, maps)
+
+
+def rank(values: Sequence[Numbers], errors: Sequence[Numbers], drawn: Resamples) -> Rank:
+    """Statistics of how well values rank errors.
+
+    Parameters
+    ----------
+    values, errors : sequence of (n,) arrays
+        Values and errors of each map; greater values should mean greater errors. Constant values
+        have the coefficient 0.
+    drawn : Resamples
+        Resamples of the same numbers of maps and places.
+    """
+    every, every_error = np.concatenate(values), np.concatenate(errors)
+    weights = np.concatenate(
+        [own * drawn.maps[:, m, None] for m, own in enumerate(drawn.places)], axis=1
+    )
+    within = np.array([spearman(v, e) for v, e in zip(values, errors, strict=True)])
+    within_drawn = np.stack(
+        [_spearmans(v, e, w) for v, e, w in zip(values, errors, drawn.places, strict=True)], axis=1
+    )
+    means = (within_drawn * drawn.maps).sum(axis=1) / drawn.maps.sum(axis=1)
+    return Rank(
+        of_resamples(spearman(every, every_error), _spearmans(every, every_error, weights)),
+        of_resamples(float(within.mean()), means),
+        of_resamples(auc(every, every_error), _aucs(every, every_error, weights)),
+    )
+
+
+def spearman(values: Numbers, errors: Numbers) -> float:
+    """Spearman's rank correlation, 0 if either is constant."""
+    return float(_spearmans(values, errors, np.ones((1, len(values))))[0])
+
+
+def auc(values: Numbers, errors: Numbers) -> float:
+    """Area under the ROC curve of finding the worst fifth, by Mann and Whitney; ties count half.
+
+    Examples
+    --------
+    >>> errors = np.array([0.1, 0.2, 0.3, 0.4, 5.0])
+    >>> auc(np.array([1.0, 2.0, 3.0, 4.0, 5.0]), errors), auc(np.ones(5), errors)
+    (1.0, 0.5)
+    """
+    return float(_aucs(values, errors, np.ones((1, len(values))))[0])
+
+
+def _ranks(values: Numbers, weights: Numbers) -> Numbers:
+    """Mean ranks, (m, n), of values that each occur as often as `weights` (m, n) say."""
+    _, group = np.unique(values, return_inverse=True)
+    order = np.argsort(group, kind="stable")
+    starts = np.flatnonzero(np.diff(group[order], prepend=-1))
+    sizes = np.add.reduceat(weights[:, order], starts, axis=1)
+    return (np.cumsum(sizes, axis=1) - (sizes - 1) / 2)[:, group]
+
+
+def _spearmans(values: Numbers, errors: Numbers, weights: Numbers) -> Numbers:
+    """Spearman's coefficient for each row of weights (m, n), (m,)."""
+    total = weights.sum(axis=1, keepdims=True)
+    a, b = (_ranks(v, weights) - (total + 1) / 2 for v in (values, errors))
+    size = np.sqrt((weights * a * a).sum(axis=1) * (weights * b * b).sum(axis=1))
+    return np.asarray(
+        np.divide((weights * a * b).sum(axis=1), size, out=np.zeros(len(a)), where=size > 0)
+    )
+
+
+def _aucs(values: Numbers, errors: Numbers, weights: Numbers) -> Numbers:
+    """AUC for each row of weights (m, n), (m,); the worst places are the same in all rows."""
+    bad = errors >= np.quantile(errors, 0.8, method="higher")
+    ranks = (weights * _ranks(values, weights))[:, bad].sum(axis=1)
+    count, others = weights[:, bad].sum(axis=1), weights[:, ~bad].sum(axis=1)
+    pairs = count * others
+    above = ranks - count * (count + 1) / 2
+    return np.asarray(np.divide(above, pairs, out=np.full(len(pairs), 0.5), where=pairs > 0))
+
+
+def _draws(random: np.random.Generator, count: int, resamples: int = RESAMPLES) -> Numbers:
+    """Number of times that each of `count` items is drawn, (resamples, count)."""
+    return random.multinomial(count, np.full(count, 1 / count), resamples).astype(float)
+
+
+def random_of(seed: int, *stream: int) -> np.random.Generator:
+    """Random numbers that are independent of those of any other stream."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=stream))

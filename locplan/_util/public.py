@@ -1,20 +1,21 @@
-"""The public names of a package: imported when they are first used, with all of their help.
-
-Their help has what the docstrings below the fields of a class say: of a dataclass, or of a named
-tuple.
-"""
+"""What is imported when it is first used: public names with their help, drawings, extras."""
 
 from __future__ import annotations
 
 import ast
 import dataclasses
 import inspect
+import io
 import re
 import textwrap
 from collections.abc import Callable
-from typing import Any
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any, ClassVar
 
 import lazy_loader
+
+from locplan.errors import LocplanError
 
 WRAPPED: dict[str, Any] = {
     "width": 96,
@@ -99,3 +100,51 @@ def _types_of(kind: type) -> dict[str, str]:
     hints = getattr(kind, "__annotations__", {})
     names = getattr(kind, "_fields", ())
     return {name: getattr(hints.get(name), "__forward_arg__", "") for name in names}
+
+
+class Pictured:
+    """An object with a figure, which is its display in a notebook."""
+
+    _drawn_by: ClassVar[str]
+    """Module and function that make the figure, by name: the object's package draws nothing."""
+
+    @property
+    def drawable(self) -> bool:
+        """Whether there is anything to draw."""
+        return True
+
+    def figure(self, *about: Any, **options: Any) -> Any:
+        """The figure of matplotlib that shows it.
+
+        Parameters
+        ----------
+        *about, **options
+            Further arguments of the function that draws it.
+        """
+        return called(self._drawn_by, self, *about, **options)
+
+    def _repr_png_(self) -> bytes | None:
+        return png_of(self.figure()) if self.drawable else None
+
+
+def called(function: str, *arguments: Any, **options: Any) -> Any:
+    """What a function returns that is named as package.module:function, which is imported now."""
+    module, _, name = function.partition(":")
+    return getattr(import_module(module), name)(*arguments, **options)
+
+
+def png_of(figure: object, dpi: int = 80) -> bytes:
+    """PNG image of a figure of matplotlib."""
+    written = io.BytesIO()
+    save = getattr(figure, "savefig")  # noqa: B009 - matplotlib is not imported for its type
+    save(written, format="png", dpi=dpi, bbox_inches="tight", pad_inches=0.1)
+    return written.getvalue()
+
+
+def needed(library: str, extra: str, what: str) -> None:
+    """Raise a LocplanError if a library of an extra is missing; `what` needs it.
+
+    It is called before the work whose result the library takes.
+    """
+    if find_spec(library) is None:
+        raise LocplanError(f"{what} needs {library}: pip install 'locplan[{extra}]'")

@@ -14,13 +14,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import file_path
-from locplan._util.extras import needed
 from locplan._util.files import replacing
-from locplan._util.geojson import closed, collection, feature, write_geojson
-from locplan._util.notebook import Pictured, called
+from locplan._util.public import Pictured, called, needed
 from locplan._util.results import Results
 from locplan._util.saved import Stored
-from locplan._util.tables import csv_cell, finite, table, write_json
+from locplan._util.tables import (
+    closed,
+    collection,
+    csv_cell,
+    feature,
+    finite,
+    table,
+    write_geojson,
+    write_json,
+)
 
 if TYPE_CHECKING:
     import pandas

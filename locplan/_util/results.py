@@ -16,9 +16,9 @@ from typing import Any
 
 from locplan._util.checks import is_file_name
 from locplan._util.files import check_folder, check_no_input, errors_in_one_line
-from locplan._util.leftovers import remove_abandoned, temporary_folder
 from locplan._util.reading import opened, parsed_json, read_text
 from locplan._util.runs import write_run
+from locplan._util.supervision import remove_abandoned, temporary_folder
 from locplan.errors import LocplanError
 
 MANIFEST = ".locplan.json"

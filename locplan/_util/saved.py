@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import file_path, shown
 from locplan._util.files import check_target, replacing
-from locplan._util.reading import opened, parsed_json, read_bytes
-from locplan._util.stamps import STAMP, check_stamp, stamp
+from locplan._util.reading import STAMP, check_stamp, opened, parsed_json, read_bytes, stamp
 from locplan.errors import LocplanError
 
 MAX_SAVED_BYTES = 2**32

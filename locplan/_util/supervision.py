@@ -4,21 +4,112 @@ Python acts on a signal only between two of its own instructions. While a kernel
 compiled, or a picture is drawn, that may take many seconds, and libraries lose an interrupt that
 comes within their callbacks. So the first process does nothing but wait. It passes a signal on,
 gives the second one a short time to end in good order, kills it otherwise, and removes its
-temporary files.
+temporary folders. Where nobody outlives a process that is killed, the next one that needs a
+temporary folder in the same place removes them: it knows by their locks that nobody needs them.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import select
+import shutil
 import signal
 import sys
 import time
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from tempfile import gettempdir, mkdtemp
+from typing import Any
 
-if TYPE_CHECKING:
-    from locplan._util.leftovers import Leftovers
+ASIDE = "aside"
+"""Folder in a temporary one of what is moved aside; it returns to its place unless replaced."""
+PREFIX = ".locplan-tmp-"
+_NAME = re.compile(re.escape(PREFIX) + r"[a-z0-9_]{8}")
+_listener: int | None = None
+"""Pipe through which the process that outlives this one learns of its temporary folders."""
+
+
+@contextmanager
+def temporary_folder(folder: Path | None = None) -> Iterator[Path]:
+    """Yield a new folder in `folder`, or where the system has such, that is removed at last.
+
+    Those that killed processes have left there are removed first.
+    """
+    parent = os.path.abspath(folder or gettempdir())
+    remove_abandoned(parent)
+    made, lock = _made(parent)
+    if _listener is not None:
+        with suppress(OSError):  # nobody listens any more
+            os.write(_listener, os.fsencode(made) + b"\0")
+    try:
+        yield Path(made)
+    finally:
+        remove(made)
+        if lock is not None:
+            os.close(lock)
+
+
+def remove_abandoned(folder: str | os.PathLike[str]) -> None:
+    """Remove the temporary folders in a folder that killed processes have left."""
+    with suppress(OSError):  # it cannot be listed, or is gone
+        for name in filter(_NAME.fullmatch, os.listdir(folder)):
+            path = os.path.join(folder, name)
+            with suppress(OSError):  # a process holds it, or it is another user's
+                lock = _lock(path, wait=False)
+                if lock is not None:
+                    remove(path)
+                    os.close(lock)
+
+
+def remove(temporary: str) -> None:
+    """Remove a temporary folder, after what was moved aside has returned to its place."""
+    aside = os.path.join(temporary, ASIDE)
+    for name in os.listdir(aside) if os.path.isdir(aside) else ():
+        place = os.path.join(os.path.dirname(temporary), name)
+        if not os.path.lexists(place):
+            os.rename(os.path.join(aside, name), place)
+    shutil.rmtree(temporary, ignore_errors=True)
+
+
+def remove_named(said: bytes) -> None:
+    """Remove those temporary folders, named each with a null behind, that are still there."""
+    for temporary in map(os.fsdecode, said.split(b"\0")[:-1]):
+        with suppress(OSError):
+            remove(temporary)
+
+
+def _made(parent: str) -> tuple[str, int | None]:
+    """A new folder, and the descriptor of its lock, None where there are no locks."""
+    while True:
+        made = mkdtemp(prefix=PREFIX, dir=parent)
+        try:
+            return made, _lock(made, wait=True)
+        except FileNotFoundError:
+            continue  # another process took it for abandoned before it was locked
+        except OSError:
+            return made, None
+
+
+def _lock(folder: str, *, wait: bool) -> int | None:
+    """Descriptor that holds the lock of a folder until it is closed; None on Windows.
+
+    It is an OSError if another process holds it, or has removed the folder meanwhile.
+    """
+    try:
+        import fcntl
+    except ModuleNotFoundError:
+        return None
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.stat(folder)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor
+
 
 INTERRUPTED = 128 + signal.SIGINT
 """Exit code after Ctrl-C."""
@@ -30,8 +121,6 @@ PASSED_ON = [
 """Signals that the first process passes on to the second."""
 _DIE_WITH_PARENT = 1  # Linux's PR_SET_PDEATHSIG
 
-_supervised = False
-
 
 def supervised(work: Callable[[], None]) -> int:
     """Run `work` in a process of its own, and return its exit code.
@@ -42,7 +131,6 @@ def supervised(work: Callable[[], None]) -> int:
     if not hasattr(os, "fork"):
         work()
         return 0
-    from locplan._util.leftovers import Leftovers
 
     passed_on = {each for each in PASSED_ON if signal.getsignal(each) != signal.SIG_IGN}
     woken, wake = os.pipe()
@@ -60,11 +148,10 @@ def supervised(work: Callable[[], None]) -> int:
         signal.signal(each, _ignore)  # the pipe tells of it
     signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    leftovers = Leftovers()
-    asked, status = _watch(process, woken, heard, leftovers)
+    asked, status, names = _watch(process, woken, heard)
     for each in passed_on:
         signal.signal(each, signal.SIG_IGN)
-    leftovers.remove()
+    remove_named(names)
     return _exit_code(asked, os.waitstatus_to_exitcode(status))
 
 
@@ -75,7 +162,7 @@ def end_if_supervised(code: int = INTERRUPTED) -> None:
 
     Threads that are within a kernel are not awaited.
     """
-    if _supervised:
+    if _listener is not None:
         os._exit(code)
 
 
@@ -93,12 +180,9 @@ def _work(
     work: Callable[[], None], said: int, parent: int, interruptible: bool, mask: set[Any]
 ) -> None:
     """Do the work in the second process, and end it."""
-    from locplan._util import leftovers
-
-    global _supervised
-    _supervised = True
+    global _listener
+    _listener = said
     try:
-        leftovers.tell(said)
         if interruptible:
             signal.signal(signal.SIGINT, _interrupt)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
@@ -112,32 +196,31 @@ def _work(
             signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _watch(process: int, woken: int, heard: int, leftovers: Leftovers) -> tuple[int | None, int]:
-    """Wait for the process; return the signal passed on, and its status."""
+def _watch(process: int, woken: int, heard: int) -> tuple[int | None, int, bytes]:
+    """Wait for the process; return the signal passed on, its status, and what it has said."""
     asked: int | None = None
     deadline: float | None = None
-    pipes = [woken, heard]
+    pipes, said = [woken, heard], b""
+    ended = status = 0
     while True:
+        if not ended:  # asked before the last look at the pipes
+            ended, status = os.waitpid(process, os.WNOHANG)
         left = None if deadline is None else max(0.0, deadline - time.monotonic())
-        ready = select.select(pipes, [], [], left)[0]
+        ready = select.select(pipes, [], [], 0 if ended else left)[0]
         if heard in ready:
-            said = os.read(heard, 1 << 16)
-            leftovers.hear(said)
-            if not said:
+            news = os.read(heard, 1 << 16)
+            said += news
+            if not news:
                 pipes.remove(heard)
+        elif ended:
+            return asked, status, said
+        if ended:
+            continue
         if woken in ready:
             for number in set(os.read(woken, 1 << 10)) - {signal.SIGCHLD}:
                 os.kill(process, number)
                 if asked is None:
                     asked, deadline = number, time.monotonic() + GRACE
-        ended, status = os.waitpid(process, os.WNOHANG)
-        if ended:
-            while heard in pipes and select.select([heard], [], [], 0)[0]:
-                said = os.read(heard, 1 << 16)
-                leftovers.hear(said)
-                if not said:
-                    break
-            return asked, status
         if deadline is not None and time.monotonic() >= deadline:
             os.kill(process, signal.SIGKILL)
             deadline = None

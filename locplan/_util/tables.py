@@ -12,10 +12,10 @@ import textwrap
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from locplan import __version__
 from locplan._util.files import replacing
@@ -151,3 +151,32 @@ def age(moment: float) -> str:
 def file_name(name: str) -> str:
     """A map's name with a dash for each character that some file systems refuse."""
     return "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
+
+
+def feature(
+    kind: Literal["Point", "LineString", "Polygon"],
+    coordinates: Any,
+    about: Mapping[str, Any],
+    **more: Any,
+) -> dict[str, Any]:
+    """A feature with its properties; null is what is not known."""
+    geometry = {"type": kind, "coordinates": coordinates}
+    return {"type": "Feature", **more, "properties": finite(dict(about)), "geometry": geometry}
+
+
+def closed(*rings: ArrayLike) -> list[list[list[float]]]:
+    """Coordinates of a polygon of rings (n, 2) [m], to a tenth of a millimetre."""
+    corners = (np.asarray(ring).round(4).tolist() for ring in rings)
+    return [[*ring, ring[0]] for ring in corners]
+
+
+def collection(name: str, features: Iterable[dict[str, Any]], **more: Any) -> dict[str, Any]:
+    """A collection of features."""
+    return {"type": "FeatureCollection", "name": name, **more, "features": [*features]}
+
+
+def write_geojson(file: Path, found: Mapping[str, Any], *, indent: int | None = None) -> None:
+    """Write a collection, as a whole or not at all."""
+    text = json.dumps(found, allow_nan=False, indent=indent)
+    with replacing(file) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")

@@ -59,8 +59,7 @@ def calibrate(
 
     Where that cannot be, the exit code is 3, the written file says so, and its use warns.
     """
-    from locplan._util.progress import progress_bar
-    from locplan._util.working import working
+    from locplan._util.progress import progress_bar, working
     from locplan.maps import find_maps, load_map
     from locplan.simulation import calibrate as fitted, check_calibration, measure_maps
 
@@ -110,8 +109,7 @@ def _from_drive(
     json: bool,
 ) -> int:
     """Fit the settings to a recorded drive."""
-    from locplan._util.progress import progress_bar
-    from locplan._util.working import working
+    from locplan._util.progress import progress_bar, working
     from locplan.recordings import calibrate_drive
 
     grid, recording = recorded.on_map(maps)

@@ -113,8 +113,7 @@ def compare(
     json: Json = False,
 ) -> None:
     """Run planners side by side, and report which one is best, where and by how much."""
-    from locplan._util.progress import progress_bar
-    from locplan._util.working import working
+    from locplan._util.progress import progress_bar, working
     from locplan.comparison import (
         PLANNERS,
         Comparison,

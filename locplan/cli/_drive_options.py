@@ -94,7 +94,7 @@ class DriveOptions:
         LocplanError
             If there are several maps, the map does not fit, or a file cannot be read.
         """
-        from locplan._util.working import working
+        from locplan._util.progress import working
         from locplan.maps import MapWarning, find_maps, load_map
         from locplan.recordings import fit_to_map
 

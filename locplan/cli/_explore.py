@@ -88,9 +88,8 @@ def explore(
     The page is for this machine alone, at the address that is printed. Ctrl-C ends it,
     with exit code 0.
     """
-    from locplan._util.progress import progress_bar
+    from locplan._util.progress import progress_bar, working
     from locplan._util.supervision import end_if_supervised
-    from locplan._util.working import working
     from locplan.explorer import Opening, RecordedDrive, check_installed, opened
 
     check_installed()

@@ -73,8 +73,8 @@ def export(
     json: Json = False,
 ) -> None:
     """Write cost maps, route graphs, bags and paths for navigation stacks, or plain files."""
+    from locplan._util.progress import working
     from locplan._util.tables import table
-    from locplan._util.working import working
 
     format = FORMATS[to]
     for option, value in (("--path", path), ("--start", start), ("--goal", goal)):

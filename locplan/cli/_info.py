@@ -45,7 +45,7 @@ def info(
 ) -> None:
     """Describe a map: size, what misleads, rooms, and places for start and goal."""
     from locplan._util.files import PICTURES, check_target
-    from locplan._util.working import working
+    from locplan._util.progress import working
     from locplan.costs import lidars_table
     from locplan.planners import describe_map
 

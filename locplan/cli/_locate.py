@@ -109,8 +109,7 @@ def locate(
 
     Places that explain a scan have weights, so that you see which ones look alike.
     """
-    from locplan._util.progress import progress_bar
-    from locplan._util.working import working
+    from locplan._util.progress import progress_bar, working
     from locplan.matching import ScanDatabase
     from locplan.twins import LocatedDrive, locate_drive
 

@@ -52,7 +52,7 @@ Criterion = Annotated[
 
 
 def _bearable(_: object, threads: int | None) -> None:
-    from locplan._util.machine import check_threads
+    from locplan._util.checks import check_threads
 
     check_threads(threads)
 

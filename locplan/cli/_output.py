@@ -37,7 +37,7 @@ class Output:
         saved : tuple, optional
             What belongs to it in its folder, by default the same.
         """
-        from locplan._util.working import working
+        from locplan._util.progress import working
 
         if self.output:
             with working("writing the results"):

@@ -51,7 +51,7 @@ def pareto(
     The knee is the path farthest below the chord between the front's ends, or else the shortest.
     """
     from locplan import planners
-    from locplan._util.working import working
+    from locplan._util.progress import working
     from locplan.costs import Costmap
     from locplan.field import about_field
 

@@ -89,7 +89,7 @@ def plot(
     """Draw the map with its field, or how well a place matches its surroundings."""
     from locplan import paper, plotting
     from locplan._util.files import PICTURES, check_target
-    from locplan._util.working import working
+    from locplan._util.progress import working
 
     _, configs = options.to_configs(robot_options, shown.ranges)
     given = shown.own()

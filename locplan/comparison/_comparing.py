@@ -16,10 +16,18 @@ from pathlib import Path
 from typing import Any
 
 from locplan import __version__
-from locplan._util.checks import instance, is_whole, positive, shown, whole
-from locplan._util.leftovers import temporary_folder
-from locplan._util.machine import check_memory, check_workers, usable_cores
+from locplan._util.checks import (
+    check_memory,
+    check_workers,
+    instance,
+    is_whole,
+    positive,
+    shown,
+    usable_cores,
+    whole,
+)
 from locplan._util.progress import ProgressCallback
+from locplan._util.supervision import temporary_folder
 from locplan.comparison._journal import Journal
 from locplan.comparison._movingai import read_map, read_scenarios
 from locplan.comparison._orders import orders_of, runs_of

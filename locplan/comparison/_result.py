@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from locplan._util.files import replacing
-from locplan._util.notebook import called
+from locplan._util.public import called
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import wrapped

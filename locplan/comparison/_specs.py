@@ -11,7 +11,7 @@ from typing import Any
 
 from locplan._util.checks import shown
 from locplan._util.code_digest import code_digest
-from locplan._util.extras import needed
+from locplan._util.public import needed
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners import (

@@ -24,7 +24,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from locplan._util.machine import usable_memory
+from locplan._util.checks import usable_memory
 from locplan.comparison import _worker as worker_module
 from locplan.comparison._runs import Run
 from locplan.comparison._specs import PlannerSpec

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import instance, number, one_of
-from locplan._util.notebook import Pictured
+from locplan._util.public import Pictured
 from locplan._util.saved import Saved
 from locplan.costs._cells import (
     CellWindow,

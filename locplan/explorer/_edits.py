@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import MAX_RANGE, number
 from locplan._util.files import make_folder
-from locplan._util.windows import window_around
+from locplan._util.poses import window_around
 from locplan.errors import ConfigError
 from locplan.explorer._asks import Ask, Cancelled
 from locplan.explorer._scene import Limits

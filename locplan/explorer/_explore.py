@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from locplan._util.checks import file_path, instance, whole
-from locplan._util.extras import needed
+from locplan._util.public import needed
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, Sad, config_of

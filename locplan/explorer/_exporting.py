@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import printable
 from locplan._util.files import make_folder
-from locplan._util.recipes import Recipe, Spelled
+from locplan._util.runs import Recipe, Spelled
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._scene import MAX_DRIVES
 from locplan.export import ExportJob, distribution, formats

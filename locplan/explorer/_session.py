@@ -14,7 +14,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
-from locplan._util.notebook import called
+from locplan._util.public import called
 from locplan._util.tables import finite
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.windows import window_around
+from locplan._util.poses import window_around
 from locplan.costs import Costmap
 from locplan.errors import PoseError
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.machine import check_threads
+from locplan._util.checks import check_threads
 from locplan._util.progress import ProgressCallback
 from locplan.costs import CellWindow, Costmap, changed_window, joined_windows
 from locplan.errors import one_line

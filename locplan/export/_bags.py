@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import shown
-from locplan._util.extras import needed
 from locplan._util.files import replacing
+from locplan._util.public import needed
 from locplan.costs import Path
 from locplan.errors import LocplanError
 from locplan.field import CovarianceField, position_axes, sampled_covariances, scalar

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from locplan._util.files import PICTURES, check_target, make_folder
+from locplan._util.progress import working
 from locplan._util.results import ResultFolder
 from locplan._util.tables import table
-from locplan._util.working import working
 from locplan.errors import LocplanError
 from locplan.field import FIELD_SUFFIX, SCALARS, CovarianceField, FieldSummary, check_field_target
 from locplan.maps import OccupancyGrid, find_maps, load_map, name_of

@@ -200,7 +200,7 @@ def check_routes(options: RoutesOptions, paths: int) -> None:
 
 def write_routes(target: Path, job: ExportJob, options: RoutesOptions) -> ExportSummary:
     """Choose the paths of queries by driving, and write them with the paths that are given."""
-    from locplan._util.working import working
+    from locplan._util.progress import working
     from locplan.export._geojson import nav2_routes
     from locplan.export._parameters import Robot
     from locplan.export._recommended import check_ways, chosen_ways

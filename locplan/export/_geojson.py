@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from locplan._util.geojson import collection, feature, write_geojson
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan._util.records import Column, Table
+from locplan._util.tables import collection, feature, write_geojson
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError
 from locplan.export._bags import bag, topics_of

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from locplan._util.plain_yaml import scalar_text
+from locplan._util.reading import scalar_text
 from locplan.export._travel_costs import PLANNERS, Conversion, Distribution, distribution
 from locplan.robots import (
     GLOBAL_COSTMAP,

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan import __version__
-from locplan._util.extras import needed
 from locplan._util.files import check_target, replacing
+from locplan._util.public import needed
 from locplan._util.tables import write_csv
 from locplan.costs import Costmap, Path
 from locplan.export._bags import (

@@ -12,8 +12,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from locplan._util.extras import needed
 from locplan._util.files import check_folder_target, check_target, replacing_folder
+from locplan._util.public import needed
 from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_text
 from locplan._util.results import digest_of
 from locplan._util.runs import write_run

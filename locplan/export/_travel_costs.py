@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import one_of
-from locplan._util.plain_yaml import ROS_BOOLEANS, ROS_NUMBER
+from locplan._util.reading import ROS_BOOLEANS, ROS_NUMBER
 from locplan.errors import ConfigError
 from locplan.export._registry import rendered
 

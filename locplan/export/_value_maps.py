@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.plain_yaml import dumped
+from locplan._util.reading import dumped
 from locplan.costs import Costmap, about_costs, costs_caption
 from locplan.export._registry import check_has_field, export_folder
 from locplan.maps import OccupancyGrid

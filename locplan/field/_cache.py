@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import file_path, shown
-from locplan._util.leftovers import remove_abandoned, temporary_folder
+from locplan._util.supervision import remove_abandoned, temporary_folder
 from locplan._util.tables import age, in_bytes, table
 from locplan.errors import ConfigError, FieldError, LocplanError
 from locplan.field import _zarr as field_files

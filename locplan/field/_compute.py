@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import shown
-from locplan._util.extras import needed
 from locplan._util.progress import ProgressCallback
+from locplan._util.public import needed
 from locplan.errors import LocplanError
 from locplan.field import _tiles as tiles
 from locplan.field._config import FieldConfig, config_of

@@ -20,7 +20,7 @@ from locplan import __version__
 from locplan._util.checks import Settings, file_path, instance, keep, positive, shown, whole
 from locplan._util.files import check_target, replacing
 from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_text
-from locplan._util.recipes import Spelled, number_text
+from locplan._util.runs import Spelled, number_text
 from locplan.errors import ConfigError, LocplanError
 from locplan.field._estimator import Estimator
 from locplan.field._lattice import evaluated_points, stride_cells

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import file_path, position
 from locplan._util.files import replacing_folder
-from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
+from locplan._util.public import Pictured
 from locplan._util.saved import Valued
 from locplan.errors import FieldError
 from locplan.field import _tiles as tiles, _zarr as field_files

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.machine import usable_cores
+from locplan._util.checks import usable_cores
 
 
 def stride_cells(stride: float, resolution: float) -> int:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.extras import needed
+from locplan._util.public import needed
 from locplan.field import _tiles as tiles
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import log_euclidean_mean, mean_information

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.machine import check_memory, check_threads, usable_memory
+from locplan._util.checks import check_memory, check_threads, usable_memory
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError, FieldError, LocplanError
 from locplan.field._config import FieldConfig

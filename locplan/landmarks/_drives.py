@@ -9,8 +9,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.intervals import random_of
 from locplan._util.progress import ProgressCallback
-from locplan._util.random_streams import random_of
 from locplan.costs import Costmap, Path
 from locplan.errors import LocplanError
 from locplan.field import CovarianceField, FieldConfig, Fused, covariance_field, points_near, scalar

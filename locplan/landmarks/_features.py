@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import whole
+from locplan._util.intervals import random_of
 from locplan._util.progress import ProgressCallback, parts
-from locplan._util.random_streams import random_of
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import Settings, keep_checked, number, positive, shown
-from locplan._util.windows import window_around
+from locplan._util.poses import window_around
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 

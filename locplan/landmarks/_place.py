@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import instance, whole
-from locplan._util.machine import check_threads
+from locplan._util.checks import check_threads, instance, whole
 from locplan._util.poses import Poses
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Path

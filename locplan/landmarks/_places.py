@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import Settings, keep, keep_checked, number, one_of, positive
-from locplan._util.windows import window_around
+from locplan._util.poses import window_around
 from locplan.costs import Path
 from locplan.landmarks._objects import Shape, checked_poses, filled_cells
 from locplan.maps import UNKNOWN, OccupancyGrid

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.machine import check_memory
+from locplan._util.checks import check_memory
 from locplan._util.poses import Poses
 from locplan.costs import Path
 from locplan.errors import LocplanError

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import whole
+from locplan._util.intervals import random_of
 from locplan._util.progress import ProgressCallback, parts
-from locplan._util.random_streams import random_of
 from locplan.landmarks._drives import drive_on
 from locplan.landmarks._landmarks import Landmarks, Trial
 from locplan.landmarks._objectives import MeanDegeneracy, Objective

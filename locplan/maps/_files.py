@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import file_path, printable
-from locplan._util.leftovers import temporary_folder
-from locplan._util.plain_yaml import fault_of, reason_of
-from locplan._util.reading import opened
+from locplan._util.reading import fault_of, opened, reason_of
 from locplan._util.runs import note_map
+from locplan._util.supervision import temporary_folder
 from locplan.errors import MapError
 from locplan.maps._grid import OccupancyGrid, check_grid
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN

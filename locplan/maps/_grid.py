@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util import checks
-from locplan._util.notebook import Pictured
+from locplan._util.public import Pictured
 from locplan.errors import MapError
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN, levels_of, parts_of
 

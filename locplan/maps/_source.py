@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import FARTHEST, RESOLUTIONS, is_file_name, shown
-from locplan._util.plain_yaml import SCALAR_TAGS, compose, fault_of, read_content, reason_of
+from locplan._util.reading import SCALAR_TAGS, compose, fault_of, read_content, reason_of
 from locplan.maps._occupancy import FREE, UNKNOWN
 
 if TYPE_CHECKING:

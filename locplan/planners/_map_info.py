@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.notebook import Pictured
+from locplan._util.public import Pictured
 from locplan._util.records import POSITION, Column, Table
 from locplan._util.tables import in_square_metres, table
 from locplan.costs import ROBOT_RADIUS

@@ -21,7 +21,7 @@ from matplotlib.ticker import FuncFormatter, Locator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from locplan._util.checks import printable
-from locplan._util.notebook import png_of
+from locplan._util.public import png_of
 from locplan.costs import DEGENERATE, Costmap
 from locplan.field import CovarianceField
 from locplan.planners import Plan

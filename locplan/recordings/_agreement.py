@@ -9,11 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.blocks import draws_of
-from locplan._util.formats import plain, short
-from locplan._util.intervals import Interval, of_resamples
+from locplan._util.intervals import (
+    Interval,
+    Rank,
+    Resamples,
+    draws_of,
+    of_resamples,
+    plain,
+    rank,
+    short,
+)
 from locplan._util.poses import Numbers
-from locplan._util.ranking import Rank, Resamples, rank
 from locplan.field import position_axes
 from locplan.recordings._matches import Matches
 

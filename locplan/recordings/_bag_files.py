@@ -18,8 +18,8 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from locplan._util import reading
-from locplan._util.extras import needed
 from locplan._util.progress import ProgressCallback
+from locplan._util.public import needed
 from locplan.errors import LocplanError, RecordingError
 
 MAX_CHUNK_BYTES = 2**26

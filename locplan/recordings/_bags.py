@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from locplan._util.frames import FrameTree, Track, Transform, frame_name
+from locplan._util.poses import FrameTree, Track, Transform, frame_name
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.recordings._bag_files import Bag, Kind, Message, opened

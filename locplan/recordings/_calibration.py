@@ -14,10 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from locplan._util.blocks import blocks_along, intervals
 from locplan._util.checks import file_path, instance
 from locplan._util.files import replacing
-from locplan._util.intervals import Interval
+from locplan._util.intervals import Interval, blocks_along, intervals
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.results import digest_of

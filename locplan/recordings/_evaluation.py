@@ -12,8 +12,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.blocks import blocks_along
 from locplan._util.checks import instance
+from locplan._util.intervals import blocks_along
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import POSE, Column, Result, Table

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import instance
-from locplan._util.machine import check_threads
+from locplan._util.checks import check_threads, instance
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._kernels.particles import STILL
-from locplan._util.blocks import blocks_along, intervals
-from locplan._util.intervals import Interval
+from locplan._util.intervals import Interval, blocks_along, intervals
 from locplan._util.poses import Numbers, way_along, way_between, wrapped
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import updates_of, without_jumps

@@ -14,8 +14,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.frames import FrameTree, Track, in_plane, upward
-from locplan._util.poses import Numbers, after_way, way_between, wrapped
+from locplan._util.poses import (
+    FrameTree,
+    Numbers,
+    Track,
+    after_way,
+    in_plane,
+    upward,
+    way_between,
+    wrapped,
+)
 from locplan.errors import RecordingError
 from locplan.recordings._bag_files import Kind
 from locplan.recordings._logs import Options

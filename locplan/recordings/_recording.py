@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import FARTHEST, instance, keep, number, printable, shown, whole
-from locplan._util.notebook import called
 from locplan._util.poses import (
     Numbers,
     ends_in_map,
@@ -19,6 +18,7 @@ from locplan._util.poses import (
     way_length,
     wrapped,
 )
+from locplan._util.public import called
 from locplan.errors import RecordingError
 from locplan.recordings._logs import Contents, Source
 from locplan.recordings._tables import save

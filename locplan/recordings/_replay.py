@@ -12,14 +12,17 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.blocks import blocks_along, mean_interval
-from locplan._util.checks import instance, whole
-from locplan._util.formats import in_metres, in_percent
-from locplan._util.intervals import Interval
-from locplan._util.machine import check_memory, check_threads
+from locplan._util.checks import check_memory, check_threads, instance, whole
+from locplan._util.intervals import (
+    Interval,
+    blocks_along,
+    in_metres,
+    in_percent,
+    mean_interval,
+    random_of,
+)
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
-from locplan._util.random_streams import random_of
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import REPORT_WIDTH, finite, table

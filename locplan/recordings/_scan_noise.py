@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.blocks import blocks_along, intervals
-from locplan._util.intervals import Interval
-from locplan._util.machine import check_threads
+from locplan._util.checks import check_threads
+from locplan._util.intervals import Interval, blocks_along, intervals
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.maps import OCCUPIED, OccupancyGrid

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import instance, whole
-from locplan._util.machine import check_threads
+from locplan._util.checks import check_threads, instance, whole
+from locplan._util.intervals import random_of
 from locplan._util.poses import Numbers, turning, way_along, way_between, way_length, wrapped
 from locplan._util.progress import ProgressCallback
-from locplan._util.random_streams import random_of
 from locplan.errors import RecordingError
 from locplan.maps import OccupancyGrid, check_grid, own_axes
 from locplan.recordings._recording import Recording

@@ -16,7 +16,7 @@ from locplan._util.checks import (
     positive,
     whole,
 )
-from locplan._util.notebook import called
+from locplan._util.public import called
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:

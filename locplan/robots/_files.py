@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from locplan._util.checks import file_path, number, positive, shown
-from locplan._util.plain_yaml import read_content
-from locplan._util.stamps import check_stamp
+from locplan._util.reading import check_stamp, read_content
 from locplan.errors import ConfigError, LocplanError, one_line
 from locplan.robots._amcl import DIFFERENTIAL, OMNIDIRECTIONAL, Amcl
 from locplan.robots._lidar import Lidar

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from locplan._util.plain_yaml import compose, read_content, scalar_text
+from locplan._util.reading import compose, read_content, scalar_text
 from locplan.errors import LocplanError
 from locplan.robots._parameters import (
     MAX_BYTES,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from locplan._util.checks import file_path, shown
-from locplan._util.plain_yaml import (
+from locplan._util.reading import (
     ROS_BOOLEANS,
     ROS_NUMBER,
     SCALAR_TAGS,

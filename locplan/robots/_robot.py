@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import Settings, differing, file_path, instance, keep, number, shown
 from locplan._util.files import check_target, replacing
-from locplan._util.plain_yaml import dumped
-from locplan._util.recipes import Spelled
-from locplan._util.stamps import stamp
+from locplan._util.reading import dumped, stamp
+from locplan._util.runs import Spelled
 from locplan.errors import ConfigError
 from locplan.robots._amcl import Amcl, Filter
 from locplan.robots._files import (

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import whole
-from locplan._util.intervals import Interval
+from locplan._util.intervals import Interval, Rank, Resamples, rank
 from locplan._util.progress import ProgressCallback, parts
-from locplan._util.ranking import Rank, Resamples, rank
 from locplan._util.records import POSITION, Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite

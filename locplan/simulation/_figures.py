@@ -15,8 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from locplan._util.formats import in_metres, short
-from locplan._util.intervals import Interval
+from locplan._util.intervals import Interval, in_metres, short
 from locplan.plotting import (
     PATH_STYLES,
     Picture,

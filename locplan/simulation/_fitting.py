@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from locplan._util.checks import one_of
-from locplan._util.intervals import Interval, of_resamples
+from locplan._util.intervals import Interval, of_resamples, spearman
 from locplan._util.progress import ProgressCallback
-from locplan._util.ranking import spearman
 from locplan.errors import CalibrationError, ConfigError
 from locplan.field import Estimator, Exponential, FieldConfig, Sad, config_of, covariances_at
 from locplan.simulation._calibration import Array, Calibration

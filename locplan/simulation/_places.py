@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import whole
+from locplan._util.intervals import random_of
 from locplan._util.progress import ProgressCallback, parts
-from locplan._util.random_streams import random_of
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
 from locplan.field import FieldConfig, well_spaced

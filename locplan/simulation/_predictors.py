@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.formats import digits_of, in_metres, plain, short
-from locplan._util.intervals import Interval
+from locplan._util.intervals import Interval, digits_of, in_metres, plain, short
 from locplan._util.tables import REPORT_WIDTH, table
 from locplan.field import FieldConfig, Fisher, Fused, Sad, Scan, covariances_at, scalar
 from locplan.maps import OCCUPIED, OccupancyGrid

@@ -11,10 +11,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.formats import digits_of, plain, short
-from locplan._util.intervals import Interval, of_geometric_mean, of_mean
-from locplan._util.notebook import Pictured
+from locplan._util.intervals import Interval, digits_of, of_geometric_mean, of_mean, plain, short
 from locplan._util.progress import ProgressCallback, parts
+from locplan._util.public import Pictured
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import file_name, finite, table

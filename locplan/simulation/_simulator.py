@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import whole
-from locplan._util.machine import check_memory, check_threads
+from locplan._util.checks import check_memory, check_threads, whole
+from locplan._util.intervals import random_of
 from locplan._util.poses import Poses
 from locplan._util.progress import ProgressCallback
-from locplan._util.random_streams import random_of
 from locplan.field import equipped
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid, own_axes
 from locplan.maps.environments import boundary_cells, with_boundary_noise

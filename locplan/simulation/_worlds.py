@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.intervals import random_of
 from locplan._util.poses import Poses
-from locplan._util.random_streams import random_of
 from locplan.costs import Costmap, Path, divided_poses
 from locplan.errors import LocplanError
 from locplan.maps import OccupancyGrid, own_axes

@@ -9,8 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import position, positive, shown
-from locplan._util.machine import check_threads
+from locplan._util.checks import check_threads, position, positive, shown
 from locplan._util.poses import Numbers, wrapped
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import Costmap

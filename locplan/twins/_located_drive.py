@@ -11,8 +11,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import instance, whole
-from locplan._util.machine import check_threads
+from locplan._util.checks import check_threads, instance, whole
 from locplan._util.poses import Numbers, wrapped
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import Column, Result, Table

@@ -10,8 +10,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from locplan._util.notebook import Pictured
 from locplan._util.poses import Numbers
+from locplan._util.public import Pictured
 from locplan._util.records import Column, Table
 from locplan._util.tables import finite
 from locplan.field import position_axes

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import check_threads
 from locplan._util.intervals import Interval, wilson
-from locplan._util.machine import check_threads
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite

@@ -10,8 +10,7 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from locplan import __version__
-from locplan._util.checks import is_whole, shown, whole
-from locplan._util.machine import check_threads
+from locplan._util.checks import check_threads, is_whole, shown, whole
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, named_maps
 from locplan.errors import ConfigError, LocplanError

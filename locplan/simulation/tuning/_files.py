@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from string import ascii_uppercase
 
-from locplan._util.formats import two_digits
-from locplan._util.intervals import Interval
-from locplan._util.plain_yaml import scalar_text
+from locplan._util.intervals import Interval, two_digits
+from locplan._util.reading import scalar_text
 from locplan._util.tables import table
 from locplan.errors import LocplanError
 from locplan.robots import (

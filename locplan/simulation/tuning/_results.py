@@ -11,9 +11,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from locplan._util.formats import two_digits
-from locplan._util.intervals import Interval, of_geometric_mean, of_mean, wilson
-from locplan._util.notebook import called
+from locplan._util.intervals import Interval, of_geometric_mean, of_mean, two_digits, wilson
+from locplan._util.public import called
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from locplan._util.checks import is_number
-from locplan._util.random_streams import random_of
+from locplan._util.intervals import random_of
 from locplan.costs import ROBOT_RADIUS
 from locplan.robots import MODELS, OMNIDIRECTIONAL, Amcl, Lidar, Robot
 from locplan.simulation._simulator import BEAMS, Simulator

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from locplan._util.checks import whole
+from locplan._util.intervals import random_of
 from locplan._util.progress import ProgressCallback, parts, scaled
-from locplan._util.random_streams import random_of
 from locplan.costs import Costmap
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Amcl, Robot
