@@ -15,7 +15,6 @@ from locplan.errors import FieldError
 from locplan.export._outlines import QUARTERS, Ring, rings_of, signed_area, thinned, untangled
 from locplan.export._registry import check_has_field
 from locplan.field import CovarianceField, mean_information, position_axes, scalar
-from locplan.maps import OccupancyGrid
 
 MIN_HOLE, MAX_FILLED = 0.1, 0.02
 """Area below which holes are filled [m^2], such as the legs of tables, and the greatest share of
@@ -146,7 +145,10 @@ def degenerate_areas(
         covariance = points.get(label)
         if covariance is None:
             covariance = _read(field, np.argwhere(inside) + np.array([low, left]))
-        outline, *holes = (_in_world(grid, corners) for corners in polygons[label])
+        outline, *holes = (
+            np.stack(grid.grid_to_world(*corners.T[::-1] / QUARTERS), axis=1)
+            for corners in polygons[label]
+        )
         areas.append(
             DegenerateArea(
                 f"area-{n}",
@@ -213,12 +215,6 @@ def _polygons(
         for label, ring, few in zip(owners, rings, untangled(rings, kept), strict=True):
             polygons.setdefault(label, []).append(ring[few])
     return polygons
-
-
-def _in_world(grid: OccupancyGrid, corners: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Corners [quarters of a cell] in the world [m]."""
-    cols, rows = corners.T / QUARTERS
-    return np.stack(grid.grid_to_world(rows, cols), axis=1)
 
 
 def _middle(inside: NDArray[np.bool_]) -> tuple[int, int]:

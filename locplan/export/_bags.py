@@ -141,12 +141,6 @@ def _poses(xy: NDArray[Any], yaw: NDArray[Any]) -> NDArray[np.float64]:
     return np.column_stack([xy, nothing, np.sin(yaw / 2), np.cos(yaw / 2)])
 
 
-def path_message(route: Path, header: Mapping[str, Any]) -> dict[str, Any]:
-    """nav_msgs/Path; poses without a heading face the way they go."""
-    poses = _poses(route.xy, route.facing)
-    return {"poses": [{"header": header, "pose": pose} for pose in poses]}
-
-
 def topics_of(names: Iterable[str]) -> dict[str, str]:
     """The topic of each path: its name as ROS allows it, with a number where that is taken."""
     topics: dict[str, str] = {}
@@ -244,7 +238,8 @@ def bag(
         }
     topics = topics_of(paths or {})
     for name, route in (paths or {}).items():
-        content[topics[name]] = "nav_msgs/Path", path_message(route, header)
+        poses = [{"header": header, "pose": pose} for pose in _poses(route.xy, route.facing)]
+        content[topics[name]] = "nav_msgs/Path", {"poses": poses}
     write_messages(target, content, header, stamp)
 
 

@@ -277,11 +277,6 @@ def _straightened(space: Space, net: Net, view: View, longest: float) -> Net:
         for end in (one, other):
             if len(joined[end]) == 2:
                 heapq.heappush(lines, line(end))
-    return net._replace(**_lines_of(joined))
-
-
-def _lines_of(joined: list[dict[int, float]]) -> dict[str, NDArray[Any]]:
-    """The edges and the cost of each, from the nodes that each node is joined to."""
     ends = [(i, j, cost) for i, to in enumerate(joined) for j, cost in sorted(to.items()) if i < j]
-    edges = np.array([(i, j) for i, j, _ in ends], np.int64).reshape(-1, 2)
-    return {"edges": edges, "cost": np.array([cost for *_, cost in ends])}
+    left = np.array(ends).reshape(-1, 3)
+    return net._replace(edges=left[:, :2].astype(np.int64), cost=left[:, 2].copy())

@@ -209,7 +209,15 @@ def layer(folder: str | FilePath, field: CovarianceField, *, frame: str = "map")
             for suffix in (".tfw", ".pgw"):
                 (temporary / name).with_suffix(suffix).write_text(world_file(grid), "ascii")
         save_figure(figures.legend_figure(field, norms, units), temporary / "legend.png")
-        _write_bag(temporary / "layer.mcap", field, list(units), frame)
+        every = layers_of(field)
+        layers = {name: every.pop(name) for name in units} | every
+        header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
+        content = {
+            "/locplan/map": ("nav_msgs/OccupancyGrid", occupancy_grid(grid, levels_of(grid))),
+            "/locplan/field": ("grid_map_msgs/GridMap", grid_map(field, layers)),
+            "/locplan/grid": ("foxglove_msgs/Grid", foxglove_grid(field, layers, header)),
+        }
+        write_messages(temporary / "layer.mcap", content, header, 0)
 
 
 def _units_of(field: CovarianceField) -> dict[str, str]:
@@ -241,18 +249,6 @@ def write_raster(file: FilePath, values: NDArray[np.float64]) -> None:
     tags[317] = 3  # the predictor of floats: two thirds of the size
     picture = Image.fromarray(np.ascontiguousarray(values[::-1], np.float32))
     picture.save(file, "tiff", tiffinfo=tags, compression="tiff_adobe_deflate")
-
-
-def _write_bag(file: FilePath, field: CovarianceField, names: list[str], frame: str) -> None:
-    grid, every = field.grid, layers_of(field)
-    layers = {name: every.pop(name) for name in names} | every
-    header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
-    content = {
-        "/locplan/map": ("nav_msgs/OccupancyGrid", occupancy_grid(grid, levels_of(grid))),
-        "/locplan/field": ("grid_map_msgs/GridMap", grid_map(field, layers)),
-        "/locplan/grid": ("foxglove_msgs/Grid", foxglove_grid(field, layers, header)),
-    }
-    write_messages(file, content, header, 0)
 
 
 def quantiles(field: CovarianceField) -> ExportSummary:

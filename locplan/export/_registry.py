@@ -110,18 +110,13 @@ class Format:
             if target.exists() and not force:
                 raise LocplanError(f"{target}: is there; choose another name, or --force")
         else:
-            check_export_folder(target)
+            check_folder_target(target, None, _is_untouched_export)
 
 
 def formats() -> dict[str, Format]:
     """All formats by name."""
     every = [each for module in MODULES for each in import_module(module).FORMATS]
     return {each.name: each for each in every}
-
-
-def check_export_folder(target: Path) -> None:
-    """Raise a LocplanError unless an export can be written there; to be called before long work."""
-    check_folder_target(target, None, _is_untouched_export)
 
 
 @contextmanager

@@ -171,10 +171,6 @@ def _theta_star_term(costs: NDArray[np.float64] | float) -> NDArray[np.float64]:
     return ((26 + 0.9 * np.asarray(costs)) / 252) ** 2
 
 
-def _theta_star_excess(costs: NDArray[np.float64], w: float) -> NDArray[np.float64]:
-    return (1 + w * _theta_star_term(costs)) / (1 + w * _theta_star_term(0)) - 1
-
-
 def _theta_star_weight(cost: float, excess: float) -> float:
     free, full = float(_theta_star_term(0)), float(_theta_star_term(cost))
     if full <= free * (1 + excess):
@@ -223,7 +219,7 @@ PLANNERS = {
             "thetastar",
             "nav2_theta_star_planner::ThetaStarPlanner",
             "w_traversal_cost",
-            _theta_star_excess,
+            lambda costs, w: (1 + w * _theta_star_term(costs)) / (1 + w * _theta_star_term(0)) - 1,
             _theta_star_weight,
             2.0,
             {"w_euc_cost": 1.0},
