@@ -1,4 +1,4 @@
-"""How scans are matched: with the whole map by the losses of beams' ends, and about a pose by posteriors."""
+"""How scans are matched: with the whole map by losses of beams' ends, or about a pose."""
 
 from __future__ import annotations
 

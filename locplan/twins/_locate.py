@@ -163,10 +163,7 @@ def located(
     poses = np.concatenate([found.poses[:SETTLED], starts[:UNMOVED]])
     tables, lever, step = places.tables, scan.lever, max(STEP / resolution, 1.0)
     losses = np.array(
-        [
-            settle(places.tables, ends, scan.lever, STEPS, step, TURNS_ASIDE, TURN, pose)
-            for pose in poses
-        ]
+        [settle(tables, ends, lever, STEPS, step, TURNS_ASIDE, TURN, pose) for pose in poses]
     )
     losses *= database.nats_a_loss / TOP
     stands = np.array([fits(places.tables, *pose[:2]) for pose in poses.tolist()], bool)
