@@ -209,7 +209,9 @@ def test_no_stretch_is_left_out_of_the_worst(blocks, worst):
     assert said in made_up(stds, np.zeros(7), blocks).verdict[1]
 
 
-@pytest.mark.parametrize(("directions", "axis"), [([179.0, 180.8, -0.3], 0), ([85.0, -89.0], 88)])
+@pytest.mark.parametrize(
+    ("directions", "axis"), [([179.0, 180.8, -0.3], 0), ([85.0, -89.0], 88), ([-45.0], 135)]
+)
 def test_an_axis_along_x_has_no_angle(directions, axis):
     count = len(directions)
     one = made_up(np.full(count, 0.5), np.radians(directions), [0] * count)
