@@ -55,12 +55,7 @@ PRESETS: dict[str, Preset] = {
     ),
     "ld19": Preset(12.0, 0.02, 360.0, 450, 0.01, "LDROBOT, LD19 data sheet v2.5, 2022"),
     "ydlidar-x4": Preset(
-        10.0,
-        0.12,
-        360.0,
-        720,
-        0.035,
-        "YDLIDAR, X4 data sheet v1.2, 2024; 3.5 % at 1 m",
+        10.0, 0.12, 360.0, 720, 0.035, "YDLIDAR, X4 data sheet v1.2, 2024; 3.5 % at 1 m"
     ),
     "lds-01": Preset(
         3.5, 0.12, 360.0, 360, 0.035, "ROBOTIS e-Manual, LDS-01; 3.5 % of the range at 1 m"
