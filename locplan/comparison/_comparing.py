@@ -20,9 +20,8 @@ from locplan._util.checks import instance, is_whole, positive, shown, whole
 from locplan._util.leftovers import temporary_folder
 from locplan._util.machine import check_memory, check_workers, usable_cores
 from locplan._util.progress import ProgressCallback
-from locplan.comparison._journal import Journal
-from locplan.comparison._movingai import read_map, read_scenarios
-from locplan.comparison._orders import orders_of, runs_of
+from locplan.comparison._benchmarks import read_map, read_scenarios
+from locplan.comparison._journal import Journal, orders_of, runs_of
 from locplan.comparison._result import Case, Comparison
 from locplan.comparison._specs import PlannerSpec, specs_of
 from locplan.comparison._worker import Order, put_costmap
@@ -44,10 +43,6 @@ from locplan.robots import Robot
 
 PLANNERS = ("grid", DEFAULT)
 """The planners that are compared by default."""
-MAX_SEEDS = 1000
-"""Greatest number of seeds."""
-MAX_SCENARIOS = 100
-"""Greatest number of queries from a MovingAI file, which may hold fifteen thousand."""
 
 
 @dataclass(frozen=True)
@@ -266,11 +261,11 @@ def _checked_baseline(baseline: str | None, labels: Sequence[str]) -> str:
 
 def _checked_seeds(seeds: Iterable[int]) -> list[int]:
     try:
-        first = list(itertools.islice(seeds, MAX_SEEDS + 1))
+        first = list(itertools.islice(seeds, 1001))
     except TypeError:
         raise ConfigError(f"seeds must be several whole numbers, not {shown(seeds)}") from None
-    if len(first) > MAX_SEEDS:
-        raise ConfigError(f"a comparison has at most {MAX_SEEDS:,} seeds")
+    if len(first) > 1000:
+        raise ConfigError("a comparison has at most 1,000 seeds")
     return [whole("each seed", seed, 1, MAX_SEED) for seed in first]
 
 
@@ -318,7 +313,8 @@ def _queries(asked: Any, costs: Costmap, headed: bool) -> tuple[Query, ...]:
     if isinstance(asked, RandomQueries):
         return queries_of(costs, asked.count, asked.least_distance, asked.seed, headed)
     if isinstance(asked, (str, os.PathLike)) and Path(asked).suffix == ".scen":
-        return tuple(read_scenarios(asked, costs.grid, count=MAX_SCENARIOS))
+        # A file may hold fifteen thousand.
+        return tuple(read_scenarios(asked, costs.grid, count=100))
     return queries_of(costs, asked, 0.0, 1, headed)
 
 
