@@ -337,7 +337,7 @@ def test_queries_come_in_every_form(tmp_path):
         ({"queries": [(1, 2)]}, "queries must be a number"),
         ({"queries": [((-50.0, 0.0), (6.0, 3.0))]}, "query 'query 1': start"),
         ({"weights": []}, "at least one weight"),
-        ({"baseline": "RRT"}, "none of the planners"),
+        ({"baseline": "RRT"}, "baseline must be one of"),
         ({"configs": {}}, "configs must be"),
         ({"queries": RandomQueries(least_distance=500.0)}, "no two positions"),
         ({"robot": "robot.yaml"}, "robot must be a Robot"),

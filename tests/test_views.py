@@ -20,7 +20,7 @@ from locplan.plotting import (
     zoomed_to,
 )
 from locplan.plotting._cells import field_cells
-from locplan.plotting._maps import SOLID, limits_of, shades
+from locplan.plotting._maps import limits_of, shades
 from locplan.plotting._picture import (
     MAX_TICKS,
     RoundNumbers,
@@ -126,7 +126,7 @@ def test_the_inside_of_solid_walls_is_grey():
     cells = np.full((60, 80), FREE, np.uint8)
     cells[:20], cells[40, :], cells[50:] = OCCUPIED, OCCUPIED, UNKNOWN
     drawn = shades(OccupancyGrid(cells, 0.1))
-    assert (drawn[:17] == SOLID).all()
+    assert (drawn[:17] == 3).all()
     assert (drawn[17:20] == 0).all()
     assert (drawn[40] == 0).all()
     assert (drawn[cells == FREE] == 2).all()
