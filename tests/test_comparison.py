@@ -13,7 +13,7 @@ from conftest import changed, random_rooms
 
 import locplan
 from locplan import save_map
-from locplan.comparison import Execution, PlannerSpec, RandomQueries
+from locplan.comparison import Execution, PlannerSpec, RandomQueries, _pictures as pictures
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import FieldConfig, Fisher, Sad
@@ -214,7 +214,8 @@ def test_the_limit_of_memory_stands_in_the_logs_in_megabytes(tmp_path):
 
 @pytest.mark.draws
 def test_all_files_are_written(compared, tmp_path, monkeypatch):
-    monkeypatch.setattr("locplan.comparison._pictures.FRONT_TIME", 600.0)
+    limits = pictures.Limits(front_time=600.0)
+    monkeypatch.setattr("locplan.comparison._pictures.Pictures.limits", limits)
     dataclasses.replace(compared, command="locplan compare").save(tmp_path / "out")
     assert {path.name for path in (tmp_path / "out").iterdir()} >= {*compared.files.names}
     with (tmp_path / "out" / "runs.csv").open(newline="") as file:
@@ -336,7 +337,7 @@ def test_queries_come_in_every_form(tmp_path):
         ({"queries": [(1, 2)]}, "queries must be a number"),
         ({"queries": [((-50.0, 0.0), (6.0, 3.0))]}, "query 'query 1': start"),
         ({"weights": []}, "at least one weight"),
-        ({"baseline": "RRT"}, "none of the planners"),
+        ({"baseline": "RRT"}, "baseline must be one of"),
         ({"configs": {}}, "configs must be"),
         ({"queries": RandomQueries(least_distance=500.0)}, "no two positions"),
         ({"robot": "robot.yaml"}, "robot must be a Robot"),

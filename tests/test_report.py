@@ -18,7 +18,7 @@ from PIL import Image
 from scipy.ndimage import binary_erosion
 
 import locplan
-from locplan.comparison import MEASURES, Case, Comparison, Run, Task
+from locplan.comparison import MEASURES, Case, Comparison, Run, Task, _pictures as pictures
 from locplan.comparison._marks import Backdrop
 from locplan.maps import OCCUPIED, environments
 from locplan.planners import Query
@@ -187,8 +187,8 @@ def test_the_query_whose_degenerate_metres_differ_most_is_drawn_large(
 def test_pictures_beyond_the_limit_are_counted(
     tmp_path: Path, case: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("locplan.comparison._pictures.MAX_THUMBNAILS", 3)
-    monkeypatch.setattr("locplan.comparison._report.MAX_RUNS", 5)
+    limits = pictures.Limits(thumbnails=3, runs=5)
+    monkeypatch.setattr("locplan.comparison._pictures.Pictures.limits", limits)
     page = written(tmp_path, several(case))
     assert page.count('aria-label="Paths of ') == 3
     assert "1 picture left out" in page

@@ -19,15 +19,6 @@ from locplan.plotting import (
     map_axes,
     zoomed_to,
 )
-from locplan.plotting._cells import field_cells
-from locplan.plotting._maps import SOLID, limits_of, shades
-from locplan.plotting._picture import (
-    MAX_TICKS,
-    RoundNumbers,
-    round_numbers,
-    weak_spots,
-)
-from locplan.plotting._views import cut
 from locplan.robots import Lidar, Robot
 from locplan.simulation import Route, Routes, queries_figure
 from locplan.simulation._figures import PANEL_POINTS, _beside
@@ -53,6 +44,12 @@ def field():
 @pytest.fixture(scope="module")
 def costs(field):
     return Costmap.from_field(field.grid, field, robot_radius=0.1)
+
+
+def limits_of(grid):
+    """Ends of x and of y in a picture of the map."""
+    axes = plotting.map_figure(grid).axes[0]
+    return axes.get_xlim(), axes.get_ylim()
 
 
 def between(costs, *cells):
@@ -98,11 +95,13 @@ def test_values_of_a_part_are_those_of_the_map(field):
     path = Path(np.column_stack(field.grid.grid_to_world(rows, cols)))
     part = zoomed_to(field.grid, [path])
     assert part.shape < field.grid.shape
-    np.testing.assert_array_equal(cut(field.grid.cells, field.grid, part), part.cells)
-    whole = field.on_map(field.e)
-    np.testing.assert_allclose(
-        field_cells(field, field.e, part=part), cut(whole, field.grid, part), rtol=1e-9
-    )
+    _, axes = map_axes(part)
+    shown = plotting.draw_field(axes, field, "e", part).get_array()
+    row, col = np.round(field.grid.world_to_grid(*part.origin[:2])).astype(int)
+    window = slice(row, row + part.shape[0]), slice(col, col + part.shape[1])
+    np.testing.assert_array_equal(field.grid.cells[window], part.cells)
+    whole = field.on_map(field.scalar("e", headings="mean"))
+    np.testing.assert_allclose(np.ma.filled(shown, np.nan), whole[window], rtol=1e-9)
 
 
 def test_paths_beside_the_map_show_all_of_it():
@@ -125,8 +124,8 @@ def test_plans_of_one_path_say_so(costs, field):
 def test_the_inside_of_solid_walls_is_grey():
     cells = np.full((60, 80), FREE, np.uint8)
     cells[:20], cells[40, :], cells[50:] = OCCUPIED, OCCUPIED, UNKNOWN
-    drawn = shades(OccupancyGrid(cells, 0.1))
-    assert (drawn[:17] == SOLID).all()
+    drawn = plotting.map_figure(OccupancyGrid(cells, 0.1)).axes[0].images[0].get_array()
+    assert (drawn[:17] == 3).all()
     assert (drawn[17:20] == 0).all()
     assert (drawn[40] == 0).all()
     assert (drawn[cells == FREE] == 2).all()
@@ -169,10 +168,18 @@ def test_a_well_marked_map_has_no_weak_spot_in_words():
     low, high = figure.axes[0].images[1].get_clim()
     assert "no weak spot: at most " in figure.axes[0].get_title()
     assert 1.5 * low < high < 90
-    assert weak_spots(field, np.full((2, 2), 15.0)) == "at most 15 cm"
-    weak = np.full((2, 2), 80.0)
-    assert weak_spots(field, weak) == "100% weak (21 cm or more)"
-    assert weak_spots(field, np.full((2, 2), np.nan)) == "nothing is known"
+    for deviation, said in (
+        (0.15, "at most 15 cm"),
+        (0.8, "100% weak (21 cm or more)"),
+        (np.nan, "nothing is known"),
+    ):
+        covariance = np.broadcast_to(np.diag([deviation**2] * 3), field.covariance.shape)
+        values = {
+            **field.values,
+            "covariance": np.where(field.evaluated[..., None, None], covariance, np.nan),
+        }
+        known = field.of(values, grid, field.config)
+        assert said in plotting.field_figure(known, "position_std").axes[0].get_title()
     unclear = dataclasses.replace(
         Costmap.from_field(grid, field, robot_radius=0.0), u=np.full(grid.shape, 0.2)
     )
@@ -207,8 +214,11 @@ def test_ellipses_and_headings_stay_within_the_axes():
     ],
 )
 def test_scales_have_some_round_numbers_and_not_too_many(ends):
-    found = round_numbers(*ends)
-    assert 3 <= len(found) <= MAX_TICKS
+    axes = Picture().subplots()
+    make_logarithmic(axes.xaxis)
+    axes.set_xlim(*ends)
+    found = axes.xaxis.get_majorticklocs()
+    assert 3 <= len(found) <= 8
     assert (np.diff(found) > 0).all()
     assert (found >= ends[0] * (1 - 1e-6)).all()
     assert (found <= ends[1] * (1 + 1e-6)).all()
@@ -245,4 +255,6 @@ def test_numbers_of_logarithmic_axes_are_plain():
     figure.canvas.draw()
     shown = [text.get_text() for text in axes.get_xticklabels()]
     assert {"0.3", "0.5", "1", "2"} <= set(shown)
-    assert len(RoundNumbers(4).tick_values(1.0, 1e9)) <= 4
+    make_logarithmic(axes.yaxis, 4)
+    axes.set_ylim(1.0, 1e9)
+    assert len(axes.yaxis.get_majorticklocs()) <= 4

@@ -1,3 +1,8 @@
+from ._benchmarks import (
+    read_movingai_map as read_movingai_map,
+    read_scenarios as read_scenarios,
+    write_ompl_logs as write_ompl_logs,
+)
 from ._comparing import (
     PLANNERS as PLANNERS,
     Execution as Execution,
@@ -6,8 +11,6 @@ from ._comparing import (
 )
 from ._contrasts import Contrast as Contrast
 from ._journal import Journal as Journal
-from ._movingai import read_movingai_map as read_movingai_map, read_scenarios as read_scenarios
-from ._ompl_log import write_ompl_logs as write_ompl_logs
 from ._result import Case as Case, Comparison as Comparison, Standing as Standing
 from ._runs import MEASURES as MEASURES, STATUSES as STATUSES, Run as Run, Task as Task
 from ._specs import PlannerSpec as PlannerSpec, specs_of as specs_of

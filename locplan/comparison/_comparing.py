@@ -8,7 +8,7 @@ import math
 import os
 import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -21,6 +21,7 @@ from locplan._util.checks import (
     check_workers,
     instance,
     is_whole,
+    one_of,
     positive,
     shown,
     usable_cores,
@@ -28,9 +29,8 @@ from locplan._util.checks import (
 )
 from locplan._util.progress import ProgressCallback
 from locplan._util.supervision import temporary_folder
-from locplan.comparison._journal import Journal
-from locplan.comparison._movingai import read_map, read_scenarios
-from locplan.comparison._orders import orders_of, runs_of
+from locplan.comparison._benchmarks import read_map, read_scenarios
+from locplan.comparison._journal import Journal, orders_of, runs_of
 from locplan.comparison._result import Case, Comparison
 from locplan.comparison._specs import PlannerSpec, specs_of
 from locplan.comparison._worker import Order, put_costmap
@@ -52,10 +52,6 @@ from locplan.robots import Robot
 
 PLANNERS = ("grid", DEFAULT)
 """The planners that are compared by default."""
-MAX_SEEDS = 1000
-"""Greatest number of seeds."""
-MAX_SCENARIOS = 100
-"""Greatest number of queries from a MovingAI file, which may hold fifteen thousand."""
 
 
 @dataclass(frozen=True)
@@ -171,8 +167,6 @@ def compare(
     """
     check_platform()
     execution = execution or Execution()
-    if robot is not None:
-        instance("robot", robot, Robot)
     queries = RandomQueries(queries) if is_whole(queries) else queries
     asked = [float(weights)] if isinstance(weights, (int, float)) else weights
     if asked is not None:
@@ -181,18 +175,21 @@ def compare(
     _check_each_once("seed", seeds)
     fields = named_configs(configs, robot)
     specs = _specs(planners, _driven(robot, fields), execution.time_limit)
-    baseline = _checked_baseline(baseline, [spec.label for spec in specs])
+    labels = [spec.label for spec in specs]
+    baseline = baseline or max(labels, key=lambda label: label == DEFAULT)
+    one_of("baseline", baseline, labels)
     began = datetime.now(UTC).astimezone()
+    limits: Any = {name: getattr(execution, name) for name in ("memory", "patience")}
+    file, again = execution.journal, {"resume": execution.resume, "anew": execution.anew}
     with (
-        _journal(execution) as journal,
+        nullcontext() if file is None else Journal(file, **again) as journal,
         temporary_folder() as folder,
-        _workers(execution, specs, folder) as workers,
+        Workers(specs, check_workers(execution.workers), **limits, scratch=folder) as workers,
     ):
         cases: list[Case] = []
         orders: list[Order] = []
-        headed = any(spec.planner.space != "R2" for spec in specs)
         radius = (robot or Robot()).radius
-        for case, costs in _cases(maps, fields, queries, radius, criterion, headed, execution):
+        for case, costs in _cases(maps, fields, queries, radius, criterion, specs, execution):
             home = folder / str(len(cases))
             put_costmap(costs, home)  # they may be many: no more than one is in memory here
             orders += orders_of(case, costs, home, specs, _weights(asked, case, costs), seeds)
@@ -207,17 +204,6 @@ def compare(
         "robot": robot and robot.summary(),
     }
     return Comparison(tuple(runs), baseline, {case.key: case for case in cases}, about)
-
-
-def _journal(execution: Execution) -> AbstractContextManager[Journal | None]:
-    if execution.journal is None:
-        return nullcontext()
-    return Journal(execution.journal, resume=execution.resume, anew=execution.anew)
-
-
-def _workers(execution: Execution, specs: Sequence[PlannerSpec], scratch: Path) -> Workers:
-    limits: Any = {name: getattr(execution, name) for name in ("memory", "patience")}
-    return Workers(specs, check_workers(execution.workers), **limits, scratch=scratch)
 
 
 def _about(execution: Execution, specs: Sequence[PlannerSpec], began: datetime) -> dict[str, Any]:
@@ -240,6 +226,8 @@ def named_configs(
     robot: Robot | None = None,
 ) -> dict[str, FieldConfig]:
     """The settings of fields by label."""
+    if robot is not None:
+        instance("robot", robot, Robot)
     if configs is None and robot is not None and robot.lidar is not None:
         configs = Fused.of(robot.lidar)
     if configs is None or isinstance(configs, (FieldConfig, Estimator)):
@@ -264,21 +252,13 @@ def _specs(planners: Any, robot: Robot | None, time_limit: float | None) -> list
     return [spec.with_time_limit(time_limit).with_robot(robot) for spec in specs_of(planners)]
 
 
-def _checked_baseline(baseline: str | None, labels: Sequence[str]) -> str:
-    if baseline is None:
-        return DEFAULT if DEFAULT in labels else labels[0]
-    if baseline not in labels:
-        raise ConfigError(f"baseline {shown(baseline)} is none of the planners {', '.join(labels)}")
-    return baseline
-
-
 def _checked_seeds(seeds: Iterable[int]) -> list[int]:
     try:
-        first = list(itertools.islice(seeds, MAX_SEEDS + 1))
+        first = list(itertools.islice(seeds, 1001))
     except TypeError:
         raise ConfigError(f"seeds must be several whole numbers, not {shown(seeds)}") from None
-    if len(first) > MAX_SEEDS:
-        raise ConfigError(f"a comparison has at most {MAX_SEEDS:,} seeds")
+    if len(first) > 1000:
+        raise ConfigError("a comparison has at most 1,000 seeds")
     return [whole("each seed", seed, 1, MAX_SEED) for seed in first]
 
 
@@ -294,10 +274,11 @@ def _cases(
     queries: Any,
     radius: float,
     criterion: str | None,
-    headed: bool,
+    specs: Sequence[PlannerSpec],
     execution: Execution,
 ) -> Iterator[tuple[Case, Costmap]]:
     """A case for each map and settings, with its costmap; all cases of a map have its queries."""
+    headed = any(spec.planner.space != "R2" for spec in specs)
     for name, given in named_maps(maps, read_map).items():
         if isinstance(queries, Mapping) and name not in queries:
             raise ConfigError(f"there are no queries for map {shown(name)}")
@@ -326,7 +307,8 @@ def _queries(asked: Any, costs: Costmap, headed: bool) -> tuple[Query, ...]:
     if isinstance(asked, RandomQueries):
         return queries_of(costs, asked.count, asked.least_distance, asked.seed, headed)
     if isinstance(asked, (str, os.PathLike)) and Path(asked).suffix == ".scen":
-        return tuple(read_scenarios(asked, costs.grid, count=MAX_SCENARIOS))
+        # A file may hold fifteen thousand.
+        return tuple(read_scenarios(asked, costs.grid, count=100))
     return queries_of(costs, asked, 0.0, 1, headed)
 
 

@@ -32,29 +32,14 @@ if TYPE_CHECKING:
 
     from locplan.comparison._result import Comparison
 
-ROW, AROUND = 0.19, 0.75
-"""Height of a query's row, and of what is above and below all rows [inch]."""
-APART = 0.25
-"""Greatest distance of a marker from the middle of its row, as a share of the row's height."""
-MAX_EXCESS = 1.5
-"""Factor on the usual greatest excess of J over the baseline's within which J is shown to scale."""
-MIN_EXCESS = 0.02
-"""Smallest excess that is taken as usual, so that rounding does not fill a picture."""
-LABEL = 24
-"""Greatest number of characters of a query's label."""
 WIDTH = 3.5
 """Width of every picture [inch]: that of a phone's screen, so that texts are legible there."""
-MAX_HEIGHT = 5.0
-"""Greatest height of a picture [inch]."""
-DPI = 250
-"""Resolution of the maps in pictures [pixels per inch]."""
 INK, MUTED, RULE = "#010203", "#040506", "#070809"
 """Placeholders that the page's colours of these names replace."""
 COLOURS = ("#1b1f24", "#0072b2", "#008a64", "#b8548f", "#c05000", "#2f93d1", "#a07800", "#6a51a3")
 """Colours of planners after Okabe and Ito: the page's --p0, --p1, ... in its light scheme."""
 DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1.6, 1.4, 1.6)), (0, (2, 1)))
 MARKERS = "osD^vPX"
-THEME = {INK: "ink", MUTED: "muted", RULE: "rule"} | {c: f"p{n}" for n, c in enumerate(COLOURS)}
 SETTINGS: dict[Any, Any] = {
     **dict.fromkeys(("font.size", "axes.labelsize", "xtick.labelsize", "ytick.labelsize"), 8.5),
     **dict.fromkeys(("text.color", "axes.labelcolor", "xtick.labelcolor", "ytick.labelcolor"), INK),
@@ -63,11 +48,6 @@ SETTINGS: dict[Any, Any] = {
     **{"grid.color": RULE, "grid.linewidth": 0.6},
     **{"svg.fonttype": "none", "svg.hashsalt": "locplan"},
 }
-NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
-MAX_ROWS = 100
-"""Greatest number of rows in the figure of a comparison."""
-REACH = 1.3
-"""Factor on the greatest values of the front and of most planners within which runs are shown."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +97,8 @@ def trade_off_picture(
     points = {planner: np.array(own).reshape(-1, 3) for planner, own in rows.items()}
     worst = [own[:, 1:].max(axis=0) for own in points.values() if len(own)]
     usual = np.median(worst, axis=0) if worst else np.zeros(2)
-    edge = REACH * np.maximum((front.length.max(), front.integral.max()), usual)
+    # Runs are shown up to a little beyond the front and most planners.
+    edge = 1.3 * np.maximum((front.length.max(), front.integral.max()), usual)
     sizes = marker_sizes(sorted({run.task.weight for run in runs}))
 
     def draw(figure: Figure) -> None:
@@ -228,9 +209,9 @@ def paths_picture(
         label_plainly(bar.ax.xaxis, 6)
         bar.outline.set_linewidth(0.5)
         width, height = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
-        figure.set_size_inches(WIDTH, min((WIDTH - 0.35) * height / width + 0.85, MAX_HEIGHT))
+        figure.set_size_inches(WIDTH, min((WIDTH - 0.35) * height / width + 0.85, 5.0))
 
-    return svg_of(draw, MAX_HEIGHT, alt, list(looks))
+    return svg_of(draw, 5.0, alt, list(looks))
 
 
 def filtered(planner: int) -> str:
@@ -245,16 +226,18 @@ def svg_of(
 
     Parts with the `gid` of `filtered` get the attribute data-planner.
     """
+    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     with mpl.rc_context(SETTINGS):
         figure = Picture(figsize=(WIDTH, height), layout="constrained")
         draw(figure)
         written = io.StringIO()
-        figure.savefig(written, format="svg", dpi=DPI, transparent=True, metadata=NO_METADATA)
+        figure.savefig(written, format="svg", dpi=250, transparent=True, metadata=nothing)
     svg = re.sub(r"<!--.*?-->\s*|<metadata>.*?</metadata>\s*", "", written.getvalue(), flags=re.S)
     svg = svg[svg.index("<svg") :]
     own = "s" + hashlib.sha256((alt + svg).encode(errors="replace")).hexdigest()[:10]
     svg = re.sub(r'(<[^>]* id="|url\(#|href="#)', rf"\g<1>{own}-", svg)
-    for colour, name in THEME.items():
+    theme = {INK: "ink", MUTED: "muted", RULE: "rule"} | {c: f"p{n}" for n, c in enumerate(COLOURS)}
+    for colour, name in theme.items():
         svg = svg.replace(colour, f"var(--{name})")
     svg = re.sub(
         rf'(<g) id="{own}-{filtered(0)[:-1]}(\d+)"',
@@ -273,8 +256,8 @@ def query_costs_picture(
     """A row for each query, a marker for each planner; an arrow stands for J beyond the edge."""
     values = np.array(list(ratios.values()))
     excess = np.median([np.nanmax(own) - 1 for own in values])
-    top = 1 + MAX_EXCESS * max(float(excess), MIN_EXCESS)
-    top = min(top, max(float(np.nanmax(values)), 1 + MIN_EXCESS))
+    # Up to half more than the usual excess is to scale; 2 % at least, lest rounding fill it.
+    top = min(1 + 1.5 * max(float(excess), 0.02), max(float(np.nanmax(values)), 1.02))
     bottom = min(1.0, float(np.nanmin(values)))
     margin = 0.05 * (top - bottom)
 
@@ -282,7 +265,7 @@ def query_costs_picture(
         axes = figure.subplots()
         axes.axvline(1, color=MUTED, linewidth=1.4)
         rows = np.arange(len(labels))
-        shifts = np.linspace(-APART, APART, len(ratios)) if len(ratios) > 1 else [0.0]
+        shifts = np.linspace(-0.25, 0.25, len(ratios)) if len(ratios) > 1 else [0.0]
         for (planner, own), shift in zip(ratios.items(), shifts, strict=True):
             if (own != 1).any():  # the baseline is the line
                 _draw_planner(axes, own, rows + shift, top, looks, planner)
@@ -291,7 +274,7 @@ def query_costs_picture(
         axes.set_xlabel("J / baseline's J")
         axes.grid()
 
-    return svg_of(draw, AROUND + ROW * len(labels), alt, list(looks))
+    return svg_of(draw, 0.75 + 0.19 * len(labels), alt, list(looks))
 
 
 def _draw_planner(
@@ -315,7 +298,7 @@ def _draw_planner(
 def _short(label: str) -> str:
     """The end of a label, which tells queries apart, as far as there is room for it."""
     text = printable(label)
-    return text if len(text) <= LABEL else f"…{text[-LABEL:]}"
+    return text if len(text) <= 24 else f"…{text[-24:]}"
 
 
 def comparison_figure(comparison: Comparison) -> Figure:
@@ -327,7 +310,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
         The comparison.
     """
     known = [row for row in comparison.standings() if row.summary.planner != comparison.baseline]
-    rows = known[:MAX_ROWS]
+    rows = known[:100]
     looks = looks_of(list(dict.fromkeys(run.task.planner for run in comparison.runs)))
     figure = Picture(figsize=(8, 1.2 + 0.3 * len(rows)), layout="constrained")
     axes = figure.subplots()

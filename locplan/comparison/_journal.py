@@ -1,24 +1,35 @@
-"""The journal: a file of all runs so far, from which a comparison can be resumed."""
+"""The orders of a comparison, each with all that decides it, and the journal of their runs."""
 
 from __future__ import annotations
 
+import hashlib
+import itertools
 import json
 import math
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
-from locplan._util.checks import file_path, is_number, is_whole
+import numpy as np
+
+from locplan import __version__
+from locplan._util.checks import file_path, is_number, is_whole, shown
 from locplan._util.files import make_folder
+from locplan._util.progress import ProgressCallback
 from locplan._util.reading import opened, parsed_json
 from locplan._util.tables import finite
+from locplan.comparison._result import Case
 from locplan.comparison._runs import STATUSES, Run, Task
-from locplan.errors import LocplanError
+from locplan.comparison._specs import PlannerSpec
+from locplan.comparison._worker import Order
+from locplan.comparison._workers import Workers
+from locplan.costs import Costmap
+from locplan.errors import ConfigError, LocplanError
+from locplan.planners import check_ends
 
-FORMAT = "locplan comparison 1"
-MAX_BYTES = 2**28
 Key = tuple[Task, str]
 """A task, and the digest of everything that decides its result."""
 
@@ -53,7 +64,7 @@ class Journal:
         make_folder(self.path.parent)
         try:
             if self.path.exists():
-                opened(self.path, MAX_BYTES).close()
+                opened(self.path, 2**28).close()
             self._file = self.path.open("a+", encoding="ascii")
         except OSError as error:
             raise self._unwritten(error) from None
@@ -110,11 +121,12 @@ class Journal:
             raise LocplanError(f"{self.path}: is no journal of a comparison") from None
         if torn and lines:
             self._file.truncate(sum(len(line) + 1 for line in lines))
-        if not lines and (not torn or json.dumps({"format": FORMAT}).startswith(torn)):
+        head = {"format": "locplan comparison 1"}
+        if not lines and json.dumps(head).startswith(torn):
             self._file.truncate(0)
-            self._append({"format": FORMAT})
+            self._append(head)
             return {}
-        if not lines or lines[0] != json.dumps({"format": FORMAT}):
+        if not lines or lines[0] != json.dumps(head):
             raise LocplanError(f"{self.path}: is no journal of a comparison; name another file")
         return dict(self._parsed(n, line) for n, line in enumerate(lines[1:], 2))
 
@@ -188,3 +200,89 @@ def _number(value: object) -> float:
     if value is not None and not is_number(value):
         raise ValueError("a number is missing")
     return math.nan if value is None else float(value)
+
+
+def orders_of(
+    case: Case,
+    costs: Costmap,
+    home: Path,
+    specs: Sequence[PlannerSpec],
+    weights: Sequence[float],
+    seeds: Sequence[int],
+) -> Iterator[Order]:
+    """The orders of a case, whose costmap is in the folder `home`."""
+    _check_queries(case, costs, {spec.planner.space for spec in specs})
+    decisive = [__version__, _content(costs)]
+    identities = [spec.identity() for spec in specs]
+    for weight, query, (n, spec) in itertools.product(weights, case.queries, enumerate(specs)):
+        for seed in spec.seeds(seeds):
+            task = Task(case.map, case.config, query.name, weight, spec.label, int(seed))
+            ends = query.start, query.goal
+            about = [*decisive, weight, *ends, identities[n], int(seed)]
+            text = json.dumps(about, sort_keys=True, default=repr)
+            digest = hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+            yield Order(task, home, *ends, n, digest)
+
+
+def _check_queries(case: Case, costs: Costmap, spaces: Iterable[str]) -> None:
+    """Raise a LocplanError unless all planners' spaces hold the ends of all queries."""
+    names = [query.name for query in case.queries]
+    if not names or len(set(names)) < len(names):
+        raise ConfigError(f"map {shown(case.map)} needs queries, each with a name of its own")
+    for query, space in itertools.product(case.queries, {"R2", *spaces}):
+        headed = slice(None) if space != "R2" else slice(2)
+        try:
+            check_ends(costs, query.start[headed], query.goal[headed], space=space)
+        except LocplanError as error:
+            where = f"map {shown(case.map)}, query {shown(query.name)}"
+            raise LocplanError(f"{where}: {error}") from None
+
+
+def _content(costs: Costmap) -> str:
+    """A digest of everything in a costmap that paths and measures depend on."""
+    content = hashlib.blake2b(digest_size=16)
+    # The simulated choice takes its lidar from the settings.
+    settings = costs.settings and json.dumps(costs.settings.to_json(), sort_keys=True)
+    content.update(repr((costs.grid.digest, costs.robot_radius, settings)).encode())
+    for layer in (costs.density, costs.u, costs.e, costs.u_of_heading, costs.e_of_heading):
+        if layer is not None:
+            content.update(np.ascontiguousarray(layer).view(np.uint8).data)
+    return content.hexdigest()
+
+
+def runs_of(
+    orders: Sequence[Order],
+    specs: Sequence[PlannerSpec],
+    workers: Workers,
+    journal: Journal | None,
+    progress: ProgressCallback | None,
+) -> list[Run]:
+    """The runs of all orders, in their order; those that the journal has are not made again."""
+    known = journal.runs if journal else {}
+    done = {order.task: known.get((order.task, order.digest)) for order in orders}
+    runs = {task: run for task, run in done.items() if run and not run.ended}
+    left = [order for order in orders if order.task not in runs]
+    digests = {order.task: order.digest for order in left}
+    if progress:
+        progress(len(runs), len(orders))
+    for run in workers.run(_longest_first(left, specs)):
+        runs[run.task] = run
+        if journal:
+            journal.add(run, digests[run.task])
+        if progress:
+            progress(len(runs), len(orders))
+    return [runs[order.task] for order in orders]
+
+
+def _longest_first(orders: Sequence[Order], specs: Sequence[PlannerSpec]) -> list[Order]:
+    """Sort by costmap, and within each put long runs first, so that none is left at the end."""
+    groups = dict.fromkeys((order.costs, order.task.weight) for order in orders)
+    place = {group: n for n, group in enumerate(groups)}
+
+    def key(order: Order) -> tuple[int, float]:
+        spec = specs[order.planner]
+        unknown = math.inf if spec.guarded else 0.0
+        limit = unknown if spec.time_limit is None else spec.time_limit
+        return place[order.costs, order.task.weight], -limit
+
+    return sorted(orders, key=key)

@@ -20,12 +20,6 @@ from locplan.comparison._result import Standing
 from locplan.field import CovarianceField
 from locplan.plotting import Picture, draw_field
 
-MAX_RATIO = 0.1
-"""Greatest distance of a scale's ends from 1, so that one bad planner does not hide the others."""
-SIZE = 640
-"""Length of the longer side of a map's image [pixels], the unit of the lines over it, too."""
-TOLERANCE = 0.7
-"""Greatest distance of a line from the path that it shows [pixels]."""
 SHAPES: Mapping[str, str] = {
     "o": "M4 0 A4 4 0 1 1 -4 0 A4 4 0 1 1 4 0 Z",
     "s": "M-4 -4 H4 V4 H-4 Z",
@@ -66,8 +60,8 @@ class Scale:
     def of(cls, rows: Iterable[Standing]) -> Scale:
         """A scale that shows 1 and the intervals of J's ratios, as far as they are near 1."""
         ends = [end for row in rows for end in row.cost.estimate[1:] if math.isfinite(end)]
-        low, high = max(min([*ends, 0.99]), 1 - MAX_RATIO), min(max([*ends, 1.01]), 1 + MAX_RATIO)
-        return cls(low, high)
+        # At most 10 % to either side, so that one bad planner does not hide the others.
+        return cls(max(min([*ends, 0.99]), 0.9), min(max([*ends, 1.01]), 1.1))
 
     def at(self, ratio: float) -> str:
         """The distance of a ratio from the left [pixels], with room for arrows at both ends."""
@@ -91,19 +85,20 @@ class Backdrop:
     @classmethod
     def of(cls, drawn: CovarianceField) -> Backdrop:
         """Draw a field without axes."""
-        figure = Picture(figsize=(1, 1), dpi=SIZE)
+        side = 640  # pixels of the longer side, the unit of the lines over it, too
+        figure = Picture(figsize=(1, 1), dpi=side)
         axes = figure.add_axes((0, 0, 1, 1))
         draw_field(axes, drawn)
         axes.set_axis_off()
         (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
         spans = np.array([right - left, top - bottom])
-        width, height = np.ceil(SIZE * spans / spans.max()).astype(int).tolist()
-        figure.set_size_inches(width / SIZE, height / SIZE)
+        width, height = np.ceil(side * spans / spans.max()).astype(int).tolist()
+        figure.set_size_inches(width / side, height / side)
         written, small = io.BytesIO(), io.BytesIO()
-        figure.savefig(written, format="png", dpi=SIZE, facecolor="white")
+        figure.savefig(written, format="png", dpi=side, facecolor="white")
         Image.open(written).convert("RGB").quantize(64).save(small, "png", optimize=True)
         data = f"data:image/png;base64,{base64.b64encode(small.getvalue()).decode()}"
-        return cls(np.array([left, bottom]), float(SIZE / spans.max()), (width, height), data)
+        return cls(np.array([left, bottom]), float(side / spans.max()), (width, height), data)
 
     def pixels(self, xy: Sequence[Sequence[float]]) -> NDArray[np.float32]:
         """Positions in the image, (n, 2); rows go down."""
@@ -113,7 +108,7 @@ class Backdrop:
 
     def line(self, xy: Sequence[Sequence[float]]) -> str:
         """A path as an SVG path, with no more vertices than it takes to show it."""
-        short = cv2.approxPolyDP(self.pixels(xy)[:, None], TOLERANCE, False)[:, 0]
+        short = cv2.approxPolyDP(self.pixels(xy)[:, None], 0.7, False)[:, 0]
         return "M" + " ".join(f"{x:.1f} {y:.1f}" for x, y in short.tolist())
 
 
@@ -146,7 +141,3 @@ def number(value: float) -> str:
     if size < -4:
         return f"{value:.1e}".replace("e-0", "e-")
     return f"{value:,.{1 - size if size < 0 else max(0, min(2, 3 - size))}f}"
-
-
-FILTERS = {each.__name__: each for each in (breakable, counted, dashes, key, number)}
-"""The filters that the templates use."""

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
@@ -31,21 +31,29 @@ from locplan.costs import Path as Route
 from locplan.field import CovarianceField
 from locplan.planners import ParetoFront, Query, pareto_front
 
-MAX_SCENES, MAX_FRONTS = 24, 8
-"""Greatest number of cases that a report draws, and of those with the front of a query."""
-FRONT_TIME = 20.0
-"""Time limit of the exact front of a query [s]."""
-MAX_QUERIES = 60
-"""Greatest number of queries in a picture of J of every query."""
-MAX_THUMBNAILS = 400
-"""Greatest number of small pictures."""
-WIDTHS = 4.5, 1.8
-"""Widths of the first and the last line [pixels of the screen], so that none hides another."""
-
 CaseKey = tuple[str, str]
 Attributes = dict[str, str]
 Legend = list[tuple[Mark | None, str]]
 """Marks with their texts; a dash stands for no mark."""
+
+
+class Limits(NamedTuple):
+    """How much a report shows."""
+
+    scenes: int = 24
+    """Number of cases that are drawn."""
+    fronts: int = 8
+    """Number of those with the front of a query."""
+    front_time: float = 20.0
+    """Time limit of the exact front of a query [s]."""
+    queries: int = 60
+    """Number of queries in a picture of J of every query."""
+    thumbnails: int = 400
+    """Number of small pictures."""
+    runs: int = 2000
+    """Number of runs in the table."""
+    failures: int = 200
+    """Number of kinds of failures in the table."""
 
 
 class Drawing(NamedTuple):
@@ -84,6 +92,7 @@ class Scene:
 class Pictures:
     """The pictures of a comparison."""
 
+    limits: ClassVar[Limits] = Limits()
     comparison: Comparison
     left_out: Counter[str] = field(default_factory=Counter)
     """Numbers of pictures beyond the limits."""
@@ -117,15 +126,15 @@ class Pictures:
     def scenes(self) -> dict[CaseKey, Scene]:
         """The scenes to draw; a case without one has no pictures of paths and no front."""
         scenes = {}
-        cases = itertools.islice(self.comparison.cases.items(), MAX_SCENES)
+        cases = itertools.islice(self.comparison.cases.items(), self.limits.scenes)
         for n, (key, case) in enumerate(cases):
             costs, made = case.costmap()
             if made is not None:
                 query = self._revealing(case)
                 ends = query.start[:2], query.goal[:2]
-                front = (
-                    pareto_front(costs, *ends, time_limit=FRONT_TIME) if n < MAX_FRONTS else None
-                )
+                front = None
+                if n < self.limits.fronts:
+                    front = pareto_front(costs, *ends, time_limit=self.limits.front_time)
                 scenes[key] = Scene(case, made, query, front if front and len(front) else None)
         return scenes
 
@@ -182,7 +191,7 @@ class Pictures:
         compared = [query for query in every if self._cost(setting, query, self.baseline) > 0]
         if not compared:
             return
-        shown = compared[:MAX_QUERIES]
+        shown = compared[: self.limits.queries]
         own = [self._cost(setting, query, self.baseline) for query in shown]
         ratios = {
             planner: np.array([self._cost(setting, query, planner) for query in shown]) / own
@@ -276,7 +285,7 @@ class Pictures:
 
     def galleries(self) -> Iterator[tuple[CaseKey, Backdrop, list[Thumbnail]]]:
         """Every query of every scene at every weight, as far as the limit goes."""
-        room = MAX_THUMBNAILS
+        room = self.limits.thumbnails
         for key, scene in self.scenes.items():
             groups = grouped(self.cases[key], lambda run: (run.task.query, run.task.weight))
             asked = [
@@ -293,7 +302,8 @@ class Pictures:
     def _thumbnail(self, backdrop: Backdrop, query: Query, runs: Sequence[Run]) -> Thumbnail:
         setting, found = setting_of(runs[0]), self._typical(runs)
         paths = {planner: run for planner, run in found.items() if run is not None}
-        widths = np.linspace(*WIDTHS, len(paths)) if len(paths) != 1 else WIDTHS[1:]
+        # Ever thinner [pixels of the screen], so that none hides another.
+        widths = np.linspace(4.5, 1.8, len(paths)) if len(paths) != 1 else [1.8]
         texts = {
             planner: f"{planner} {run.measures['cost']:.1f}" if run else f"{planner} no path"
             for planner, run in found.items()

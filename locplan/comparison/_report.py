@@ -14,9 +14,8 @@ from markupsafe import Markup
 
 from locplan._util.files import replacing
 from locplan.comparison._figures import COLOURS
-from locplan.comparison._marks import FILTERS, SHAPES, Scale
+from locplan.comparison._marks import SHAPES, Scale, breakable, counted, dashes, key, number
 from locplan.comparison._pictures import (
-    MAX_THUMBNAILS,
     Attributes,
     Pictures,
     attributes,
@@ -24,16 +23,6 @@ from locplan.comparison._pictures import (
 )
 from locplan.comparison._result import Comparison, Standing
 from locplan.comparison._runs import MEASURES, Run, grouped
-
-ABOUT = (
-    *("locplan", "python", "numpy", "numba", "scipy", "ompl", "machine", "workers", "began"),
-    *("time_limit", "random_queries"),
-)
-"""The keys of `Comparison.about` that a report shows."""
-MAX_RUNS = 2000
-"""Greatest number of runs in the table."""
-MAX_FAILURES = 200
-"""Greatest number of kinds of failures in the table."""
 
 
 class Report(Pictures):
@@ -91,7 +80,11 @@ class Report(Pictures):
     def settings(self) -> dict[str, str]:
         """Versions, options, the machine and the time, each by its name in the report."""
         about = self.comparison.about
-        settings = {key: str(about[key]) for key in ABOUT if key in about}
+        shown = (
+            *("locplan", "python", "numpy", "numba", "scipy", "ompl", "machine", "workers"),
+            *("began", "time_limit", "random_queries"),
+        )
+        settings = {key: str(about[key]) for key in shown if key in about}
         for case in self.comparison.cases.values():
             config = json.dumps(case.summary()["config"])
             made = f"{config}, u of {case.criterion}" if case.criterion else config
@@ -116,7 +109,8 @@ def write_report(path: Path, comparison: Comparison) -> None:
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
-    environment.filters |= FILTERS
+    filters = breakable, counted, dashes, key, number
+    environment.filters |= {each.__name__: each for each in filters}
     script = environment.get_template("report.js").render()
     text = environment.get_template("report.html").render(
         report=Report(comparison),
@@ -127,7 +121,7 @@ def write_report(path: Path, comparison: Comparison) -> None:
         shapes=SHAPES,
         attributes=attributes,
         task_attributes=_task_attributes,
-        limits={"runs": MAX_RUNS, "failures": MAX_FAILURES, "thumbnails": MAX_THUMBNAILS},
+        limits=Report.limits,
     )
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="replace")

@@ -17,8 +17,8 @@ from locplan._util.public import called
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import wrapped
+from locplan.comparison._benchmarks import write_ompl_logs
 from locplan.comparison._contrasts import Contrast, contrasts
-from locplan.comparison._ompl_log import write_ompl_logs
 from locplan.comparison._runs import RUN_COLUMNS, Run
 from locplan.comparison._statistics import Convergence, Setting, Summary, convergence, summaries
 from locplan.costs import Costmap
@@ -129,10 +129,6 @@ STANDINGS = (
     Column("seconds", "s", "time", 3, value=_median("seconds")),
     Column("sentence", value=lambda each: each.cost.sentence),
 )
-NOTE = (
-    "n: queries that planner and baseline both solved. Over these: the ratio of J, and the medians"
-    " of J, of the baseline's (base J), of degenerate metres (∫u) and of time."
-)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -228,7 +224,11 @@ class Comparison(Result):
             parts.append(str(Table.of(STANDINGS, rows)))
             said = [f"{r.summary.planner}: {r.cost.sentence or 'the baseline'}" for r in rows]
             parts += wrapped(said)
-        return "\n".join([*parts, *wrapped([NOTE])])
+        note = (
+            "n: queries that planner and baseline both solved. Over these: the ratio of J, and the"
+            " medians of J, of the baseline's (base J), of degenerate metres (∫u) and of time."
+        )
+        return "\n".join([*parts, *wrapped([note])])
 
     def to_frame(self) -> Any:
         """A pandas data frame with one row for every run; a LocplanError without pandas."""

@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 from locplan._util.records import Column
 from locplan.costs import DEGENERATE
 
-K = TypeVar("K")
-T = TypeVar("T")
+Key = TypeVar("Key")
+Record = TypeVar("Record")
 STATUSES = (
     *("solved", "unreachable", "infeasible", "timeout", "not found"),
     *("error", "crashed", "hung", "out of memory"),
@@ -80,6 +80,11 @@ class Run:
     expanded: int | None = None
     """Number of cells that a grid planner expanded; None for other planners."""
 
+    @property
+    def ended(self) -> bool:
+        """Whether it was ended from outside, which may go otherwise the next time."""
+        return self.status in ("crashed", "hung", "out of memory")
+
     def measure(self, name: str) -> float:
         """A measure; NaN where it is not known.
 
@@ -95,27 +100,27 @@ def _cell(name: str, run: Run) -> float | str:
     """What stands in a column; signs that UTF-8 does not have are question marks."""
     if name in MEASURES:
         return run.measure(name)
-    value: Any = getattr(run.task if name in TASK else run, name)
+    value: Any = getattr(run.task if hasattr(run.task, name) else run, name)
     if value is None:
         return math.nan
     return value.encode("utf-8", "replace").decode() if isinstance(value, str) else value
 
 
-TASK = tuple(each.name for each in dataclasses.fields(Task))
 RUN_COLUMNS = tuple(
-    Column(name, "s" if name == "wall_seconds" else "", value=partial(_cell, name))
-    for name in (*TASK, "status", "seconds", "wall_seconds", "note", "expanded")
-) + tuple(
-    dataclasses.replace(column, value=partial(_cell, name))
-    for name, column in MEASURES.items()
-    if name != "seconds"
+    dataclasses.replace(column, value=partial(_cell, column.name))
+    for column in (
+        *(Column(each.name) for each in dataclasses.fields(Task)),
+        *(Column("status"), Column("seconds"), Column("wall_seconds", "s")),
+        *(Column("note"), Column("expanded")),
+        *(column for name, column in MEASURES.items() if name != "seconds"),
+    )
 )
 """The columns of a table with a row for each run."""
 
 
-def grouped(records: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
+def grouped(records: Iterable[Record], key: Callable[[Record], Key]) -> dict[Key, list[Record]]:
     """The records by a key, in the order in which the keys come first."""
-    groups: dict[K, list[T]] = {}
+    groups: dict[Key, list[Record]] = {}
     for record in records:
         groups.setdefault(key(record), []).append(record)
     return groups

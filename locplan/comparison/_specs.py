@@ -36,13 +36,6 @@ from locplan.planners import (
 )
 from locplan.robots import Robot
 
-FURTHER = {
-    "simulated choice": Entry(
-        "locplan.simulation.choice._planner:SimulatedChoice", "simulated error"
-    )
-}
-"""The planners that only comparisons know by name, since they need more than a costmap."""
-
 
 @dataclass(frozen=True)
 class PlannerSpec:
@@ -229,13 +222,14 @@ def _parsed(text: str) -> PlannerSpec:
     squeezed = ",".join("=".join(word.strip() for word in part.split("=", 1)) for part in parts)
     label = f"{name.strip()}:{squeezed}" if parts else name.strip()
     limits = {limit: options.pop(limit, None) for limit in ("max_e", "budget")}
+    home = "locplan.simulation.choice._planner:SimulatedChoice"
+    # Only comparisons know it by name, since it needs more than a costmap.
+    known = PLANNERS | {"simulated choice": Entry(home, "simulated error")}
     try:
         if name.strip() in (*names(), "") or limits["budget"] is not None:
             planner = planner_for(name.strip(), options, **limits)
         else:
-            planner = planner_for(
-                named_planner(name.strip(), options, PLANNERS | FURTHER), **limits
-            )
+            planner = planner_for(named_planner(name.strip(), options, known), **limits)
     except LocplanError as error:
         raise ConfigError(f"planner {shown(label)}: {error}") from None
     return PlannerSpec(label, planner)

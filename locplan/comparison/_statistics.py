@@ -13,8 +13,6 @@ from locplan._util.intervals import Interval, wilson
 from locplan._util.tables import finite
 from locplan.comparison._runs import MEASURES, Run, grouped
 
-MOMENTS = 60
-"""Number of moments on the common grid of times."""
 Array = NDArray[np.float64]
 
 
@@ -182,7 +180,7 @@ def convergence(runs: Iterable[Run], baseline: str, pooled: bool = False) -> lis
     known = list(runs)
     references = baseline_costs(known, baseline)
     moments = [max(time, 1e-4) for run in known if run.history for time, _ in best_so_far(run)]
-    times = np.geomspace(min(moments), max(moments), MOMENTS) if moments else np.empty(0)
+    times = np.geomspace(min(moments), max(moments), 60) if moments else np.empty(0)
     curves = []
     for (setting, planner), group in by_planner(known, pooled).items():
         if not any(run.history for run in group):

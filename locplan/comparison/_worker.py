@@ -27,8 +27,6 @@ from locplan.costs import Costmap, Path as Route
 from locplan.errors import LocplanError
 from locplan.planners import Plan, Position
 
-READY = "ready"
-
 
 @dataclass(frozen=True)
 class Order:
@@ -48,7 +46,7 @@ class Order:
 def main(descriptor: int, parent: int) -> None:
     """Carry out the orders that come through a socket, until it is closed.
 
-    The first messages are the memory of a run [bytes] and the planners; the answer is `READY`, or
+    The first messages are the memory of a run [bytes] and the planners; the answer is empty, or
     the reason why they cannot be used. Each order that follows is answered by its run.
     """
     os.set_inheritable(descriptor, False)
@@ -64,7 +62,7 @@ def main(descriptor: int, parent: int) -> None:
         except Exception as error:
             connection.send(f"{type(error).__name__}: {error}")
             return
-        connection.send(READY)
+        connection.send("")
         while True:
             order = connection.recv()
             connection.send(perform(planners[order.planner], order, memory))

@@ -28,18 +28,8 @@ from locplan._util.checks import usable_memory
 from locplan.comparison import _worker as worker_module
 from locplan.comparison._runs import Run
 from locplan.comparison._specs import PlannerSpec
-from locplan.comparison._worker import READY, Order
+from locplan.comparison._worker import Order
 from locplan.errors import LocplanError
-
-GRACE = 10.0
-"""Time that a planner may take beyond twice its time limit [s]."""
-STARTING = 600.0
-"""Time that a worker may take to start; the very first start compiles [s]."""
-ATTEMPTS = 3
-"""Number of failed starts in a row after which a comparison ends."""
-_LOOK_EVERY = 0.5
-"""Interval between looks for workers that ended without closing their socket [s]."""
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
 
 def check_platform() -> None:
@@ -96,14 +86,14 @@ class Workers:
     def _made(self, order: Order) -> Run:
         worker = self._ready()
         own = self._planners[order.planner].time_limit
-        run = worker.run(order, self._patience if own is None else 2 * own + GRACE)
+        run = worker.run(order, self._patience if own is None else 2 * own + 10.0)
         if worker.alive:
             self._idle.append(worker)
         return run
 
     def _ready(self) -> _Worker:
         """A worker that waits for an order."""
-        for _ in range(ATTEMPTS):
+        for _ in range(3):  # failed starts in a row
             try:
                 worker = self._idle.pop()
             except IndexError:
@@ -133,13 +123,14 @@ class _Worker:
                 f"import sys; sys.path[:] = {sys.path!r}; from {worker_module.__name__} import main"
                 f"; main({theirs.fileno()}, {os.getpid()})"
             )
+            threads = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"
             # In a session of its own Ctrl-C reaches only the caller, and its children end with it.
             self._process = subprocess.Popen(
                 [sys.executable, "-c", command],
                 stdin=subprocess.DEVNULL,
                 stdout=2,  # the caller's output has nothing that a planner prints
                 pass_fds=[theirs.fileno()],
-                env={**os.environ, **_ONE_THREAD, "TMPDIR": str(scratch)},
+                env={**os.environ, **dict.fromkeys(threads, "1"), "TMPDIR": str(scratch)},
                 start_new_session=True,
             )
         self._connection, self._greeted = Connection(ours.detach()), False
@@ -158,10 +149,10 @@ class _Worker:
         A LocplanError says which planner it cannot use.
         """
         if not self._greeted:
-            said = self._answer(STARTING)
+            said = self._answer(600.0)  # the very first start compiles
             if said is None:
                 self.end()
-            elif said != READY:
+            elif said:
                 raise LocplanError(f"a planner cannot be used in a worker process: {said}")
             self._greeted = True
         return self.alive
@@ -176,7 +167,7 @@ class _Worker:
         if run is None:
             status, note = self._failure(wall, limit)
             run = Run(order.task, status, wall, wall, note=note)
-        if run.status in ("crashed", "hung", "out of memory"):
+        if run.ended:
             self.end()  # nobody knows how much memory one has left that ran out of it
         return dataclasses.replace(run, wall_seconds=wall)
 
@@ -192,7 +183,7 @@ class _Worker:
         with suppress(EOFError, OSError):
             while (left := deadline - time.perf_counter()) > 0:
                 alive = self.alive  # asked first: it may send and end meanwhile
-                if self._connection.poll(min(left, _LOOK_EVERY) if alive else 0):
+                if self._connection.poll(min(left, 0.5) if alive else 0):
                     return self._connection.recv()
                 if not alive:
                     break

@@ -9,8 +9,7 @@ import numpy as np
 
 from locplan._util.checks import FARTHEST, whole
 from locplan.errors import ConfigError
-from locplan.explorer._scene import MAX_DRIVES, rounded
-from locplan.explorer._snap import snapped
+from locplan.explorer._scene import MAX_DRIVES, rounded, snapped
 from locplan.explorer._textures import Texture
 from locplan.landmarks import PAYING_SHARE, Landmarks, parsed_object, place_landmarks
 from locplan.matching import ScanDatabase

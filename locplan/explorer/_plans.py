@@ -10,9 +10,8 @@ import numpy as np
 
 from locplan._util.checks import RESOLUTIONS
 from locplan.costs import Costmap, Path
-from locplan.explorer._scene import Scene
+from locplan.explorer._scene import FACTOR, Scene, stops_of
 from locplan.explorer._searches import Flood, Searches
-from locplan.explorer._snap import FACTOR, stops_of
 from locplan.field import read_known_at
 from locplan.maps import OccupancyGrid
 from locplan.planners import Position

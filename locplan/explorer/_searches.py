@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path
-from locplan.explorer._scene import Scene
-from locplan.explorer._snap import Floor
+from locplan.explorer._scene import Floor, Scene
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import AnyAngle, Bordered, Position, any_angle_path, bordered_index
 

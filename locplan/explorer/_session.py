@@ -19,9 +19,8 @@ from locplan._util.tables import finite
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._asks import Ask, Cancel, Work
-from locplan.explorer._scene import Download, Opening, Scene, View
+from locplan.explorer._scene import Download, Opening, Scene, View, stops_of
 from locplan.explorer._searches import Flood, Kept
-from locplan.explorer._snap import stops_of
 from locplan.explorer._textures import Texture, textures_of
 from locplan.explorer._upkeep import Upkeep
 from locplan.field import CovarianceField, equipped

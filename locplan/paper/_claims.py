@@ -19,10 +19,6 @@ from locplan.paper.template_matching import DIFFERENCES, mismatch, slid_along_x
 
 PLACES = {"A": "places", "B": "places", "C": "places", "D": "places", "E": "hall"}
 """The environment in which each of the paper's places lies, see `environments.landmarks`."""
-MARGIN = 1.01
-"""Factor by which values must differ to count as different."""
-CORRIDOR_ANGLE = np.radians(5)
-"""Greatest angle between the ellipse's major axis and the corridor, which runs along x [rad]."""
 
 _FREE_ROOM = ((FREE, 6.0),)
 _HALF_ROOM = ((FREE, 3.0), (OCCUPIED, 3.0))
@@ -125,14 +121,14 @@ def _above(lower: str, upper: str, name: str = "e") -> Test:
 
     def holds(found: Covariances) -> NDArray[np.bool_]:
         low, high = (np.array([scalar(found[k], name) for k in ks]) for ks in (lower, upper))
-        return np.asarray(low.max(axis=0) * MARGIN < high.min(axis=0))
+        return np.asarray(1.01 * low.max(axis=0) < high.min(axis=0))
 
     return holds
 
 
 def _lies_along_x(found: Covariances) -> NDArray[np.bool_]:
     major, minor, direction = position_axes(found["B"])
-    return np.asarray((abs(direction) < CORRIDOR_ANGLE) & (major > 2 * minor))
+    return np.asarray((abs(direction) < np.radians(5)) & (major > 2 * minor))
 
 
 CLAIMS: dict[str, Test] = {

@@ -30,10 +30,7 @@ MODEL_STYLES: dict[str, dict[str, Any]] = {
     "CC": {"color": "#56b4e9", "linestyle": (0, (6, 1, 1, 1))},
 }
 """Line styles of the models, which differ in dashes and colour; SAD, the paper's, is broad."""
-PLANES = (("x", "y"), ("x", "θ"), ("y", "θ"))
 MISMATCH_COLOURS = "cividis"
-MIN_SCALE = 1.0
-"""Least end of the mismatch's scale [m^2], so that a featureless place looks like one."""
 
 
 def place_figure(
@@ -151,13 +148,14 @@ def distribution_figure(
         The offsets.
     """
     turning = window.dimension == 3
-    planes = PLANES if turning else PLANES[:1]
+    planes = [("x", "y"), ("x", "θ"), ("y", "θ")][: 3 if turning else 1]
     figure = Picture(figsize=(4.2 * len(planes) + 0.8, 6.4 * len(distributions)))
     parts = figure.subfigures(len(distributions), 1, squeeze=False)[:, 0]
     for part, (label, mismatch) in zip(parts, distributions.items(), strict=True):
         nothing = "" if mismatch.any() else ": S = 0 everywhere"
         part.suptitle(label + nothing, fontsize="large")
-        norm = Normalize(0, max(mismatch.max(), MIN_SCALE))
+        # Up to 1 m^2 at least, so that a featureless place looks like one.
+        norm = Normalize(0, max(mismatch.max(), 1.0))
         for column, plane in enumerate(planes):
             offsets, values = _plane(mismatch, window, plane)
             above = part.add_subplot(2, len(planes), column + 1, projection="3d")

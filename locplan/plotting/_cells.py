@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 DRAWN_CELLS = 2000
 """Most cells along a side that are drawn one by one; beyond, blocks of them are."""
-SHARP = 1 / 3
-"""Number of cells along a pixel up to which the edges of cells are drawn sharply."""
 
 
 class CellImage(AxesImage):
@@ -65,7 +63,8 @@ class CellImage(AxesImage):
         nearest = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
         drawn = cv2.warpAffine(colours, to_cells[:2], size, flags=nearest)
         cells_a_pixel = float(np.hypot(*to_cells[0, :2]))
-        if self.get_interpolation() != "nearest" and cells_a_pixel > SHARP:
+        # Cells of three pixels and more have sharp edges.
+        if self.get_interpolation() != "nearest" and cells_a_pixel > 1 / 3:
             cells = round(cells_a_pixel)
             mixed = cv2.blur(colours, (cells, cells)) if cells > 1 else colours
             to_cells[:2, 2] += 0.5 * (cells % 2 == 0)  # a mean of two cells stands at the second
@@ -142,16 +141,16 @@ def values_of(image: AxesImage) -> NDArray[np.float64]:
     return np.asarray(np.ma.filled(values, np.nan))
 
 
-def shrunk(values: NDArray[Any], *, greatest: bool = False) -> NDArray[Any]:
-    """The least or the greatest value of each block of cells; small maps stay as they are.
+def shrunk(values: NDArray[Any], *, maximum: bool = False, most: int | None = None) -> NDArray[Any]:
+    """The minimum or the maximum of each block of cells; small maps stay as they are.
 
-    The least level is the darkest one, so that walls stay. NaN counts only where a block has
-    nothing else.
+    There are at most so many blocks along a side. The lowest level is the darkest one, so that
+    walls stay. NaN counts only where a block has nothing else.
     """
-    cells = block(values.shape)
+    cells = block(values.shape, most)
     if cells == 1:
         return values
-    pick = np.fmax if greatest else np.fmin
+    pick = np.fmax if maximum else np.fmin
     starts = [np.arange(0, size, cells) for size in values.shape]
     return np.asarray(pick.reduceat(pick.reduceat(values, starts[0], axis=0), starts[1], axis=1))
 
@@ -182,6 +181,6 @@ def field_cells(
     return np.where(free, read, np.nan)
 
 
-def block(shape: tuple[int, ...]) -> int:
+def block(shape: tuple[int, ...], most: int | None = None) -> int:
     """Number of cells along a side of the blocks that large maps are drawn in."""
-    return math.ceil(max(shape[:2]) / DRAWN_CELLS)
+    return math.ceil(max(shape[:2]) / (most or DRAWN_CELLS))

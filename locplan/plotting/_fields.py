@@ -42,20 +42,8 @@ from locplan.plotting.style import BLUE, ERROR_COLOURS
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-PANEL, PANELS = 3.6, 8.0
-"""Greatest width of a map among several, and of all of them together [inch]."""
-WALL_SHADE = 150
-"""Opacity of the white that shows walls over e = 0, 0..255."""
-E_QUANTILE = 0.98
-"""Quantile of the free cells' e at which the colour scale of `e_figure` ends by default."""
 TURN = "#d62728"
 """Colour of the heading's deviation."""
-WEDGE = 0.4
-"""Radius of the wedges that show the heading's deviation, as a share of the spacing."""
-
-
-OPTIONS = {"field": ("scalar",), "e": ("limits",), "ellipses": ("spacing", "magnify")}
-"""Options of `figure_of` that each of its figures reads."""
 
 
 def figure_of(
@@ -86,9 +74,10 @@ def figure_of(
     ConfigError
         If the figure or an option of it is unknown or out of its range.
     """
-    one_of("figure", figure, OPTIONS)
+    known = {"field": ("scalar",), "e": ("limits",), "ellipses": ("spacing", "magnify")}
+    one_of("figure", figure, known)
     for name in options:
-        one_of(f"an option of the figure {figure}", name, OPTIONS[figure])
+        one_of(f"an option of the figure {figure}", name, known[figure])
     configs = [config_of(each) for each in estimators]
     if options.get("scalar"):
         layers = [layer.name for layer in configs[0].estimator.layers]
@@ -157,7 +146,7 @@ def fields_figure(
     columns = max(map(len, rows))
     parts = parts or [next(iter(fields.values())).grid for fields in rows]
     heights = [height / width for width, height in map(map_size, parts)]
-    wide = min(PANEL, PANELS / columns)
+    wide = min(3.6, 8.0 / columns)  # of a map, and of all of them together [inch]
     size = wide * columns + 1, sum(wide * height + 0.6 for height in heights)
     figure = Picture(figsize=size, layout="constrained")
     grid = figure.subplots(len(rows), columns, squeeze=False, height_ratios=heights)
@@ -228,7 +217,8 @@ def draw_ellipses(
     if not len(xy):
         return
     major, minor, direction = position_axes(covariance)
-    reach = np.maximum(magnify * major, WEDGE * spacing)[:, None]
+    wedge = 0.4 * spacing
+    reach = np.maximum(magnify * major, wedge)[:, None]
     low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
     low, high = (
         np.minimum(low, (xy - reach).min(axis=0)),
@@ -243,7 +233,7 @@ def draw_ellipses(
     if covariance.shape[-1] == 3:
         half = np.degrees(scalar(covariance, "heading_std"))
         wedges = [
-            Wedge(centre, WEDGE * spacing, -turn, turn)
+            Wedge(centre, wedge, -turn, turn)
             for centre, turn in zip(xy, half.tolist(), strict=True)
         ]
         axes.add_collection(PatchCollection(wedges, color=TURN, alpha=0.6, linewidth=0.8))
@@ -270,15 +260,15 @@ def e_figure(
         known = np.concatenate([values[np.isfinite(values)] for values in maps])
         low, high = next(iter(fields.values())).anchors("e")
         least = low * (high / low) ** HARMLESS  # what is less has no strong colour
-        limits = 0.0, max(least, float(np.quantile(known, E_QUANTILE)) if known.size else 0.0)
+        limits = 0.0, max(least, float(np.quantile(known, 0.98)) if known.size else 0.0)
     figure, grid_of_axes = _side_by_side(fields)
     image = None
     for axes, (title, field), e in zip(grid_of_axes, fields.items(), maps, strict=True):
         draw_map(axes, field.grid)  # sets the axes; the values cover the map
         shown = np.nan_to_num(e, nan=0.0)
         image = draw_cells(axes, field.grid, shown, cmap=ERROR_COLOURS, norm=Normalize(*limits))
-        cells = shrunk(field.grid.cells)
-        walls = np.where(cells == OCCUPIED, WALL_SHADE, 0).astype(np.uint8)
+        cells = shrunk(field.grid.cells)  # half white over e = 0 shows walls
+        walls = np.where(cells == OCCUPIED, 150, 0).astype(np.uint8)
         white = np.full((*walls.shape, 3), 255, np.uint8)
         draw_cells(axes, field.grid, np.dstack([white, walls]))
         axes.set_title(f"{title}\n{weak_spots(field, e[np.isfinite(e)], 'e')}", fontsize="medium")

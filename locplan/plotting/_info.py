@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_rgba_array
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -17,15 +18,6 @@ from locplan.planners import MapInfo
 from locplan.plotting._cells import draw_cells, shrunk
 from locplan.plotting._maps import draw_map, map_axes
 from locplan.plotting.style import BLUE, GREEN, ORANGE, PURPLE, SKY, YELLOW
-
-ROOM_COLOURS = (SKY, ORANGE, GREEN, PURPLE, YELLOW, BLUE)
-"""Colours of the largest rooms."""
-OTHER_COLOUR = "#b08d57"
-"""Colour of all further rooms."""
-TINT = 115
-"""Opacity of the rooms' colours, 0..255."""
-LINES = 24
-"""Most grid lines along the map's longer side."""
 
 
 def info_figure(info: MapInfo) -> Figure:
@@ -38,9 +30,9 @@ def info_figure(info: MapInfo) -> Figure:
     """
     figure, axes = map_axes(info.grid)
     draw_map(axes, info.grid)
-    colours = [(0.0, 0.0, 0.0), *map(to_rgb, ROOM_COLOURS), to_rgb(OTHER_COLOUR)]
-    tints = np.array([(*(round(255 * part) for part in rgb), TINT) for rgb in colours], np.uint8)
-    tints[0, 3] = 0
+    colours = (SKY, ORANGE, GREEN, PURPLE, YELLOW, BLUE, "#b08d57")  # the last one of all others
+    shades = [to_rgba_array("black", 0.0), to_rgba_array(colours, 0.45)]
+    tints = np.round(255 * np.concatenate(shades)).astype(np.uint8)
     kind = np.minimum(info.room_of_cell, len(tints) - 1).astype(np.uint8)
     draw_cells(axes, info.grid, tints[shrunk(kind)])
     spacing = _spacing(max(*np.diff(axes.get_xlim()), *np.diff(axes.get_ylim())))
@@ -58,21 +50,20 @@ def info_figure(info: MapInfo) -> Figure:
     rooms = f"{len(info.rooms)} room{'' if len(info.rooms) == 1 else 's'}"
     robot = f"{rooms} for a robot of radius {info.robot_radius:g} m"
     axes.set_title(f"{info.grid.name or 'map'}: {size}\n{robot}", fontsize="medium")
-    _add_legend(figure, info)
+    _add_legend(figure, info, colours)
     return figure
 
 
-def _add_legend(figure: Figure, info: MapInfo) -> None:
+def _add_legend(figure: Figure, info: MapInfo, colours: Sequence[str]) -> None:
     """Name the rooms' colours and the places' positions below the map."""
-    handles: list[Patch | Line2D] = []
-    shown = info.rooms[: len(ROOM_COLOURS)]
-    for room, colour in zip(shown, ROOM_COLOURS, strict=False):
-        label = f"room {room.number}, {in_square_metres(room.area)}"
-        handles.append(Patch(facecolor=colour, alpha=TINT / 255, label=label))
-    if more := info.rooms[len(ROOM_COLOURS) :]:
-        area = sum(room.area for room in more)
-        label = f"{len(more)} more, {in_square_metres(area)}"
-        handles.append(Patch(facecolor=OTHER_COLOUR, alpha=TINT / 255, label=label))
+    count = len(colours) - 1
+    labels = [f"room {each.number}, {in_square_metres(each.area)}" for each in info.rooms[:count]]
+    if more := info.rooms[count:]:
+        labels.append(f"{len(more)} more, {in_square_metres(sum(room.area for room in more))}")
+    handles: list[Patch | Line2D] = [
+        Patch(facecolor=colour, alpha=0.45, label=label)
+        for label, colour in zip(labels, colours, strict=False)
+    ]
     plain: dict[str, Any] = {"linestyle": "", "markeredgewidth": 0}
     for place in info.places:
         label = f"{place.xy} m"
@@ -91,6 +82,6 @@ def _add_legend(figure: Figure, info: MapInfo) -> None:
 
 def _spacing(extent: float) -> float:
     """Distance of the grid lines [m]: 1, 2 or 5 times a power of ten."""
-    least = extent / LINES
+    least = extent / 24  # at most 24 lines
     power = 10.0 ** math.floor(math.log10(least))
     return next(factor * power for factor in (1, 2, 5, 10) if factor * power >= least)

@@ -30,18 +30,6 @@ if TYPE_CHECKING:
 
     from locplan.costs import Path
 
-MARGIN = 0.02
-"""Width of the margin around a map, as a share of its extent."""
-SOLID, RIM = 3, 0.006
-"""Shade of cells inside solid walls, and how deep they are: this share of the longer side."""
-LAYER_QUANTILE = 0.98
-"""Quantile of a layer's values at which its linear scale ends."""
-MIN_LINEAR_SCALE = 0.02
-"""Least share of a linear scale between its anchors that is shown."""
-MANY_DECADES = 500.0
-"""Ratio of the ends of small values' scale from which on it has powers of ten."""
-SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
 
 def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
     """Draw the map in world coordinates: walls black, unknown space grey, free space white.
@@ -55,7 +43,7 @@ def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
     grid : OccupancyGrid
         The map.
     """
-    draw_cells(axes, grid, shades(grid), cmap=MAP_COLOURS, vmin=0, vmax=SOLID)
+    draw_cells(axes, grid, shades(grid), cmap=MAP_COLOURS, vmin=0, vmax=3)
     xlim, ylim = limits_of(grid)
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", xlim=xlim, ylim=ylim)
 
@@ -65,9 +53,9 @@ def shades(grid: OccupancyGrid) -> NDArray[np.uint8]:
     import cv2
 
     levels = np.asarray(shrunk(grid.cells) // UNKNOWN)
-    deep = max(3, round(RIM * max(levels.shape)))
+    deep = max(3, round(0.006 * max(levels.shape)))
     around = np.ones((2 * deep + 1, 2 * deep + 1), np.uint8)
-    levels[cv2.erode((levels == 0).astype(np.uint8), around) == 1] = SOLID
+    levels[cv2.erode((levels == 0).astype(np.uint8), around) == 1] = 3
     return levels
 
 
@@ -142,9 +130,8 @@ def field_norm(field: CovarianceField, name: str, values: NDArray[np.float64]) -
     low, high = (factor * anchor for anchor in field.anchors(name))
     known = np.isfinite(values).any()
     if name in field.layers:
-        least = low + MIN_LINEAR_SCALE * (high - low)
-        most = float(np.nanquantile(values, LAYER_QUANTILE)) if known else high
-        return Normalize(low, min(high, max(least, most)))
+        most = float(np.nanquantile(values, 0.98)) if known else high
+        return Normalize(low, min(high, max(low + 0.02 * (high - low), most)))
     if known and not field.config.estimator.adds_q:
         low, high = np.nanmin(values), np.nanmax(values)
     low = max(low, np.finfo(float).tiny)
@@ -162,7 +149,7 @@ def field_bar(figure: Figure, image: AxesImage, axes: Any, label: str, **options
     extend = "max" if beyond else "neither"
     bar = figure.colorbar(image, ax=axes, label=label, extend=extend, **options)
     if isinstance(image.norm, LogNorm) and low and high:
-        if (low >= 0.1 and high <= 10_000) or high < MANY_DECADES * low:
+        if (low >= 0.1 and high <= 10_000) or high < 500 * low:  # few decades
             label_plainly(bar.ax.yaxis)
         else:
             bar.ax.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
@@ -172,7 +159,8 @@ def field_bar(figure: Figure, image: AxesImage, axes: Any, label: str, **options
 
 def _power_of_ten(value: float, _: object) -> str:
     """10 to a power in plain characters; matplotlib's own formulas take 0.3 s to begin with."""
-    return f"10{str(round(math.log10(value))).translate(SUPERSCRIPTS)}"
+    raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    return f"10{str(round(math.log10(value))).translate(raised)}"
 
 
 def draw_path(axes: Axes, path: Path, **style: Any) -> None:
@@ -263,7 +251,7 @@ def known_cells(grid: OccupancyGrid) -> tuple[int, int, int, int]:
 Ends = tuple[float, float]
 
 
-def limits_of(grid: OccupancyGrid, *, share: float = MARGIN) -> tuple[Ends, Ends]:
+def limits_of(grid: OccupancyGrid, *, share: float = 0.02) -> tuple[Ends, Ends]:
     """Ends of x and of y around the known cells, with a margin of a share of their extent [m]."""
     low, high, left, right = known_cells(grid)
     x, y = grid.grid_to_world(np.array([low, low, high, high]), np.array([left, right] * 2))

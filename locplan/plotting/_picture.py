@@ -30,17 +30,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-FIRST_DIGITS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))
-"""What the numbers of a scale may begin with, few first."""
 MIN_TICKS, MAX_TICKS = 3, 8
 """Number of ticks that tell a scale, and that are read."""
 HARMLESS = 1 / 3
 """The u up to which no place of a map is a weak spot."""
-PADDING = 0.1
-"""Margin around what is drawn, where none is given [inch]."""
-
-NO_LAYOUT: Any = {"figure.autolayout": False, "figure.constrained_layout.use": False}
-"""Settings of matplotlib under which a figure can have no layout engine."""
 
 
 class Picture(Figure):
@@ -88,8 +81,10 @@ class Picture(Figure):
             self._show_texts_as_they_are()
             with _any_glyphs():
                 engine.execute(self)
-                box = self.get_tightbbox(renderer).padded(options.pop("pad_inches", PADDING))
-            with rc_context(NO_LAYOUT):
+                box = self.get_tightbbox(renderer).padded(options.pop("pad_inches", 0.1))
+            # With these settings alone a figure can have no layout engine.
+            settings = ("figure.autolayout", "figure.constrained_layout.use")
+            with rc_context(dict.fromkeys(settings, False)):  # type: ignore[arg-type]
                 self.set_layout_engine(None)
             self._laid_out = True
             super().savefig(fname, **options | {"bbox_inches": box, "dpi": dpi})
@@ -184,7 +179,8 @@ def round_numbers(low: float, high: float, most: int = MAX_TICKS) -> NDArray[np.
     powers = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     within = low * (1 - 1e-9), high * (1 + 1e-9)
     found = np.array([])
-    for digits in FIRST_DIGITS:
+    # What the numbers may begin with, few first.
+    for digits in ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)):
         every = np.sort(np.outer(powers, digits).ravel())
         every = every[(within[0] <= every) & (every <= within[1])]
         if len(every) > most:

@@ -36,11 +36,6 @@ if TYPE_CHECKING:
 
     from locplan.planners import ParetoFront, Plan
 
-FRONT_PATHS = 12
-"""Greatest number of paths of a front that are drawn."""
-MIN_RATIO = 1.01
-"""Smallest ratio of the ends of the scale of a front's lengths."""
-
 
 def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan]) -> Figure:
     """Draw paths over the e field of the map and, below, u along each path.
@@ -202,7 +197,7 @@ def _u_figure(costs: Costmap, title: str, part: OccupancyGrid) -> tuple[Figure, 
     figure, axes = map_axes(part)
     draw_map(axes, part)
     u, density = (
-        shrunk(cut(each, costs.grid, part), greatest=True) for each in (costs.u, costs.density)
+        shrunk(cut(each, costs.grid, part), maximum=True) for each in (costs.u, costs.density)
     )
     u = np.where(np.isfinite(density), u, np.nan)
     greatest = float(np.nanmax(u, initial=0.0))
@@ -229,8 +224,8 @@ def front_figure(front: ParetoFront) -> Figure:
     draw_map(upper, part)
     draw_inset(upper, grid, part, shown)
     low, high = front.length[[0, -1]]
-    norm, colours = Normalize(low, max(high, MIN_RATIO * low)), colormaps[ERROR_COLOURS]
-    targets = np.linspace(low, high, FRONT_PATHS)
+    norm, colours = Normalize(low, max(high, 1.01 * low)), colormaps[ERROR_COLOURS]
+    targets = np.linspace(low, high, 12)  # more lines hide each other
     chosen = np.unique(np.abs(front.length[:, None] - targets).argmin(axis=0)).tolist()
     knee = front.knee
     thin: dict[str, Any] = {"linewidth": 1.6, "path_effects": []}

@@ -12,24 +12,12 @@ from numpy.typing import NDArray
 
 from locplan.costs import Path
 from locplan.maps import OccupancyGrid
+from locplan.plotting._cells import block, shrunk
 from locplan.plotting._maps import draw_map, known_cells, limits_of
 from locplan.plotting.style import LIGHT_MAP_COLOURS, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-MARGIN = 0.15
-"""Width of the map around the paths, as a share of the extent of all of them."""
-MIN_MARGIN = 3.0
-"""Least width of the map around the paths [m]."""
-SMALL = 0.6
-"""Share of the map's extent below which a part of it is small: an inset shows where it lies."""
-INSET = 0.3
-"""Longest side of the inset, as a share of that side of the Axes."""
-INSET_CELLS = 300
-"""Most cells along a side of an inset."""
-VISIBLE = 0.06
-"""Share of the inset below which its outline of the part gets a dot, too."""
 
 
 def map_around(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
@@ -51,7 +39,7 @@ def map_around(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
     at = np.concatenate([path.xy for path in paths])
     rows, cols = grid.world_to_grid(*at.T)
     extent = max(float(np.ptp(rows)), float(np.ptp(cols)))
-    margin = max(MARGIN * extent, MIN_MARGIN / grid.resolution)
+    margin = max(0.15 * extent, 3.0 / grid.resolution)  # 3 m at least
     ends = [
         (max(0, int(values.min() - margin)), min(size, int(values.max() + margin) + 1))
         for values, size in zip((rows, cols), grid.shape, strict=True)
@@ -87,7 +75,7 @@ def is_small(grid: OccupancyGrid, part: OccupancyGrid) -> bool:
     for each in (part, grid):
         low, high, left, right = known_cells(each)
         sizes.append(max(high - low, right - left))
-    return sizes[0] < SMALL * sizes[1]
+    return sizes[0] < 0.6 * sizes[1]
 
 
 def cut(values: NDArray[np.float64], grid: OccupancyGrid, part: OccupancyGrid) -> Any:
@@ -119,7 +107,9 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
     points = [path.resampled(0.5, even=True).xy for path in paths]
     size = _size(axes, grid)
     inset = axes.inset_axes((*_free_corner(axes, np.concatenate(points), size), *size))
-    draw_map(inset, coarse(grid))
+    cells = shrunk(grid.cells, most=300)
+    size_of_cell = grid.resolution * block(grid.shape, 300)
+    draw_map(inset, dataclasses.replace(grid, cells=cells, resolution=size_of_cell))
     inset.images[0].set_cmap(LIGHT_MAP_COLOURS)
     inset.set(**dict(zip(("xlim", "ylim"), limits_of(grid), strict=True)))
     inset.set(xlabel="", ylabel="", xticks=(), yticks=(), zorder=6)
@@ -127,16 +117,8 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
     x, y = part.grid_to_world(np.array([0, 0, height, height]), np.array([0, width, width, 0]))
     corners = np.stack([x, y], axis=1)
     inset.add_patch(Polygon(corners, fill=False, edgecolor=VERMILION, linewidth=2.2, zorder=5))
-    if max(part.shape) < VISIBLE * max(grid.shape):
+    if max(part.shape) < 0.06 * max(grid.shape):  # its outline is hard to see
         inset.plot(*corners.mean(axis=0), "o", color=VERMILION, markersize=5, zorder=5)
-
-
-def coarse(grid: OccupancyGrid) -> OccupancyGrid:
-    """A map of few cells, in which walls stay."""
-    size = -(-max(grid.shape) // INSET_CELLS)
-    rows, cols = (np.arange(0, each, size) for each in grid.shape)
-    cells = np.minimum.reduceat(np.minimum.reduceat(grid.cells, rows, axis=0), cols, axis=1)
-    return dataclasses.replace(grid, cells=cells, resolution=size * grid.resolution)
 
 
 def _size(axes: Axes, grid: OccupancyGrid) -> tuple[float, float]:
@@ -145,7 +127,7 @@ def _size(axes: Axes, grid: OccupancyGrid) -> tuple[float, float]:
         float(np.ptp(own) / np.ptp(all_of_it))
         for own, all_of_it in zip(limits_of(grid), (axes.get_xlim(), axes.get_ylim()), strict=True)
     )
-    scale = INSET / max(across, along)
+    scale = 0.3 / max(across, along)
     return across * scale, along * scale
 
 

@@ -1,8 +1,4 @@
-"""Runs as OMPL benchmark logs, from which `ompl_benchmark_statistics` makes a database.
-
-The format is that of `ompl::tools::Benchmark::saveResultsToStream`, as the script of OMPL 2.0
-reads it; Planner Arena 1.0 shows the database.
-"""
+"""What others have: maps and scenarios of MovingAI's benchmarks, and the benchmark logs of OMPL."""
 
 from __future__ import annotations
 
@@ -18,31 +14,118 @@ from pathlib import Path
 import numpy as np
 
 from locplan import __version__
+from locplan._util.checks import file_path, shown
+from locplan._util.reading import read_text
 from locplan.comparison._runs import MEASURES, Run
 from locplan.comparison._statistics import Array, baseline_costs, best_so_far, query_of
-from locplan.errors import LocplanError
+from locplan.errors import LocplanError, MapError
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map
+from locplan.planners import Query
 
-STATUS_NUMBERS: Mapping[str, int] = {
-    "solved": 6,
-    "timeout": 4,
-    "crashed": 7,
-    "infeasible": 9,
-    "unreachable": 10,
-    "error": 11,
-    "hung": 12,
-    "out of memory": 13,
-    "not found": 14,
+
+def read_map(file: Path) -> OccupancyGrid:
+    """Read a map of map_server or, if its name ends in .map, of MovingAI."""
+    return read_movingai_map(file) if file.suffix == ".map" else load_map(file)
+
+
+def read_movingai_map(file: str | os.PathLike[str], resolution: float = 1.0) -> OccupancyGrid:
+    """The map of a MovingAI benchmark: passable cells are free, all others are walls.
+
+    The file's first row of cells is the map's top, which has the greatest y.
+
+    Parameters
+    ----------
+    file : path
+        The .map file.
+    resolution : float, default 1.0
+        Edge of a cell [m].
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be read, or is no such map.
+    """
+    path = file_path("a map file", file)
+    lines = read_text(path).splitlines()
+    if "map" not in lines[:8] or not lines[0].startswith("type"):
+        raise MapError(f"{path}: is no MovingAI map; its first line must be 'type octile'")
+    rows = [row for row in lines[lines.index("map") + 1 :] if row]
+    if len({len(row) for row in rows}) != 1:
+        raise MapError(f"{path}: its rows must all have one length; download it anew")
+    letters = np.frombuffer("".join(rows[::-1]).encode("latin-1", "replace"), np.uint8)
+    passable = np.isin(letters, list(b".GS")).reshape(len(rows), -1)
+    cells = np.where(passable, np.uint8(FREE), np.uint8(OCCUPIED))
+    return OccupancyGrid(cells, resolution, name=path.stem)
+
+
+def read_scenarios(
+    file: str | os.PathLike[str], grid: OccupancyGrid, *, count: int | None = None
+) -> list[Query]:
+    """The scenarios of a MovingAI benchmark as queries, from cell centre to cell centre.
+
+    The rows of a .scen file count from the map's top.
+
+    Parameters
+    ----------
+    file : path
+        The .scen file.
+    grid : OccupancyGrid
+        The map that the scenarios are for.
+    count : int, optional
+        Greatest number of queries, taken evenly over the file, where they are sorted by length;
+        all by default.
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be read, or a scenario is not for this map.
+    """
+    path = file_path("a file of scenarios", file)
+    lines = read_text(path).splitlines()
+    if not lines or not lines[0].startswith("version"):
+        raise LocplanError(f"{path}: is no MovingAI scenario; its first line must be 'version 1'")
+    queries = [
+        _scenario(path, number, line, grid)
+        for number, line in enumerate(lines[1:], 2)
+        if line.strip()
+    ]
+    if count is None or count >= len(queries):
+        return queries
+    return [queries[n] for n in np.linspace(0, len(queries) - 1, count).round().astype(int)]
+
+
+def _scenario(path: Path, number: int, line: str, grid: OccupancyGrid) -> Query:
+    fields = line.split()
+    try:
+        cols, rows, start_col, start_row, goal_col, goal_row = map(int, fields[-7:-1])
+    except ValueError:
+        raise LocplanError(f"{path}: line {number}: is no scenario: {shown(line)}") from None
+    if (rows, cols) != grid.shape:
+        raise LocplanError(
+            f"{path}: line {number}: is for a map of {shown(cols)} x {shown(rows)} cells, but"
+            f" {grid.name or 'this one'} has {grid.shape[1]} x {grid.shape[0]}"
+        )
+    if not (grid.contains(start_row, start_col) and grid.contains(goal_row, goal_col)):
+        raise LocplanError(f"{path}: line {number}: begins or ends outside its map: {shown(line)}")
+    start = grid.cell_to_world(rows - 1 - start_row, start_col)
+    goal = grid.cell_to_world(rows - 1 - goal_row, goal_col)
+    return Query(f"scenario {number - 1}", start, goal)
+
+
+OUTCOMES: Mapping[str, str] = {
+    **dict.fromkeys(("Unknown status", "Invalid start", "Invalid goal"), ""),
+    "Unrecognized goal type": "",
+    "Timeout": "timeout",
+    "Approximate solution": "",
+    "Exact solution": "solved",
+    "Crash": "crashed",
+    "Aborted": "",
+    "Infeasible": "infeasible",
+    **{each.capitalize(): each for each in ("unreachable", "error", "hung", "out of memory")},
+    "Not found": "not found",
 }
-"""Numbers of the statuses; below 10 they are OMPL's own, so that its logs may join the database."""
-
-STATUS_NAMES = (
-    "Unknown status|Invalid start|Invalid goal|Unrecognized goal type|Timeout"
-    "|Approximate solution|Exact solution|Crash|Aborted|Infeasible"
-    "|Unreachable|Error|Hung|Out of memory|Not found"
-)
-
-SAMPLES = 100
-"""Number of moments at which the best cost is written, over a planner's longest run."""
+"""Statuses of runs by their names in logs, in the order of their numbers there; those up to
+"Infeasible" are OMPL's own, so that its logs may join the database."""
 
 
 def write_ompl_logs(
@@ -140,7 +223,7 @@ def _preamble(
         f"{most} runs per planner",
         f"{sum(run.wall_seconds for run in runs):.3f} seconds spent to collect the data",
         "1 enum type",
-        f"status|{STATUS_NAMES}",
+        f"status|{'|'.join(OUTCOMES)}",
     ]
 
 
@@ -161,7 +244,7 @@ def _properties(run: Run, reference: float) -> dict[str, float]:
     values = {
         "time REAL": run.seconds,
         "solved BOOLEAN": int(run.status == "solved"),
-        "status ENUM": STATUS_NUMBERS[run.status],
+        "status ENUM": list(OUTCOMES.values()).index(run.status),
         "planner seed INTEGER": run.task.seed,
         "wall time REAL": run.wall_seconds,
         "relative cost REAL": run.measures.get("cost", math.nan) / (reference or math.nan),
@@ -178,7 +261,7 @@ def _progress(runs: Sequence[Run], reference: float) -> list[str]:
         return []
     points = [best_so_far(run) for run in runs]
     end = max(time for each in points for time, _ in each)
-    moments = np.linspace(0.0, end, SAMPLES + 1)[1:]
+    moments = np.linspace(0.0, end, 101)[1:]
     return [
         "3 progress properties for each run",
         "best cost REAL",
