@@ -110,7 +110,7 @@ class Shape(Result, Stored):
 '''
 ADDED = {
     "field/estimators/_everywhere.py": (
-        *(ESTIMATOR, "field/_registry.py", '    "sad":'),
+        *(ESTIMATOR, "field/estimators/__init__.py", '    "sad":'),
         '    "everywhere": "locplan.field.estimators._everywhere:Everywhere",',
     ),
     "planners/_crow.py": (

@@ -1,31 +1,9 @@
-"""Kernels by numba: arrays and numbers in, arrays and numbers out.
-
-Here are the types of their arrays, how another thread follows and stops one that runs, and what
-numba has compiled. numpy and numba are not imported by this: whoever shows progress asks it.
-"""
+"""Kernels by numba: arrays and numbers in, arrays and numbers out; and what numba has compiled."""
 
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any, TypeAlias
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-Array: TypeAlias = "NDArray[Any]"
-Floats: TypeAlias = "NDArray[np.float64]"
-Singles: TypeAlias = "NDArray[np.float32]"
-Ints: TypeAlias = "NDArray[np.int64]"
-Bools: TypeAlias = "NDArray[np.bool_]"
-Octets: TypeAlias = "NDArray[np.uint8]"
-Shorts: TypeAlias = "NDArray[np.uint16]"
-Words: TypeAlias = "NDArray[np.uint64]"
-Numbers: TypeAlias = "tuple[Any, ...]"
-Random: TypeAlias = "np.random.Generator"
-
-STOP, DONE = 0, 1
-"""Places in the array `control` that threads share: set to stop early, and the places done."""
+from typing import Any
 
 
 def are_cached(*kernels: Any) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from locplan._kernels import Array, Floats, Ints
+from locplan._kernels.arrays import Array, Floats, Ints
 from locplan._kernels.rays import segment_cost
 from locplan._kernels.search import put, range_of
 

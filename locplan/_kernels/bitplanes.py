@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels import DONE, STOP, Bools, Floats, Ints, Octets, Shorts, Words
+from locplan._kernels.arrays import DONE, STOP, Bools, Floats, Ints, Octets, Shorts, Words
 from locplan._kernels.simd import (
     SHORTS,
     add_distances,

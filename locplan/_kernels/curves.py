@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
-from locplan._kernels import Array, Numbers
+from locplan._kernels.arrays import Array, Numbers
 
 STRAIGHT, DUBINS, REEDS_SHEPP = 0, 1, 2
 PIECES = 5

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from locplan._kernels import Floats, Ints, Octets, Random
+from locplan._kernels.arrays import Floats, Ints, Octets, Random
 from locplan._kernels.lidar import BeamDisturbances, Lidar, measured_ends
 from locplan._kernels.particles import (
     BeamScores,

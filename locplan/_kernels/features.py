@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels import Bools, Floats, Ints, Octets, Singles
+from locplan._kernels.arrays import Bools, Floats, Ints, Octets, Singles
 from locplan._kernels.landmarks import (
     NORMAL_X,
     NORMAL_Y,

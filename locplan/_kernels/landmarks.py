@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from locplan._kernels import Bools, Floats, Octets, Singles
+from locplan._kernels.arrays import Bools, Floats, Octets, Singles
 from locplan._kernels.rays import cast
 
 RANGE, NORMAL_X, NORMAL_Y, TURN = 0, 1, 2, 3

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from locplan._kernels import DONE, STOP, Floats, Ints, Octets, Random, Singles
+from locplan._kernels.arrays import DONE, STOP, Floats, Ints, Octets, Random, Singles
 from locplan._kernels.rays import cast
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels import Array, Floats, Octets, Shorts
+from locplan._kernels.arrays import Array, Floats, Octets, Shorts
 from locplan._kernels.simd import SHORTS
 
 TOP = 4095

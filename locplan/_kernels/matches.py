@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels import Array, Floats, Ints, Octets, Random, Shorts
+from locplan._kernels.arrays import Array, Floats, Ints, Octets, Random, Shorts
 from locplan._kernels.lidar import BeamDisturbances, Lidar, lever, measured_ends, scan_ends
 from locplan._kernels.likelihood import NOWHERE, TOP, Lattice, LikelihoodField, make_weights
 from locplan._kernels.posterior import posterior_of, score

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
-from locplan._kernels import Array, Floats, Ints, Numbers
+from locplan._kernels.arrays import Array, Floats, Ints, Numbers
 from locplan._kernels.curves import (
     DUBINS,
     PIECES,

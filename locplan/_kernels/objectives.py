@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from locplan._kernels import Floats, Ints, Singles
+from locplan._kernels.arrays import Floats, Ints, Singles
 from locplan._kernels.features import Sightings
 from locplan._kernels.landmarks import HITS, TT, XT, XX, XY, YT, YY, Outline, Rays, with_object
 

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels import Array, Floats, Ints, Numbers
+from locplan._kernels.arrays import Array, Floats, Ints, Numbers
 from locplan._kernels.search import COLUMNS, LENGTHS, ROWS
 
 SCALE = 1 << 34

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from locplan._kernels import Floats, Ints, Random, Singles
+from locplan._kernels.arrays import Floats, Ints, Random, Singles
 
 STILL = 0.01
 """Distance below which the direction of a movement is ignored [m]."""

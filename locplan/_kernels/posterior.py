@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels import DONE, STOP, Array, Floats, Ints, Octets, Words
+from locplan._kernels.arrays import DONE, STOP, Array, Floats, Ints, Octets, Words
 from locplan._kernels.lidar import Lidar, move_ends, scan_ends
 from locplan._kernels.likelihood import (
     FINE,

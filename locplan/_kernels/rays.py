@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from locplan._kernels import Array, Bools, Floats, Octets
+from locplan._kernels.arrays import Array, Bools, Floats, Octets
 
 TOUCH = 1e-6
 """Length up to which a line's part in a cell counts as only touching its corner [cells]."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from locplan._kernels import Array, Bools, Ints, Numbers
+from locplan._kernels.arrays import Array, Bools, Ints, Numbers
 from locplan._kernels.rays import TOUCH, segment_cost
 
 

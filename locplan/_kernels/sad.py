@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from locplan._kernels import DONE, STOP, Bools, Floats, Ints, Octets, Words
+from locplan._kernels.arrays import DONE, STOP, Bools, Floats, Ints, Octets, Words
 from locplan._kernels.bitplanes import SQUARE
 from locplan._kernels.simd import LANES, add_difference, add_matches, add_to, store_negative, zeros
 from locplan._kernels.templates import Disc, Sight, Template, empty_template, list_templates

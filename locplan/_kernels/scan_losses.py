@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels import Array, Floats, Ints, Octets, Singles
+from locplan._kernels.arrays import Array, Floats, Ints, Octets, Singles
 
 TOP = 255
 """Loss of a beam's end far from all walls [steps]."""

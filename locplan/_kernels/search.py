@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels import Array, Floats, Ints
+from locplan._kernels.arrays import Array, Floats, Ints
 from locplan._kernels.simd import prefetch
 
 MAX_BUCKETS = 1 << 16

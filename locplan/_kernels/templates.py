@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels import Array, Bools, Floats, Ints, Octets, Words
+from locplan._kernels.arrays import Array, Bools, Floats, Ints, Octets, Words
 from locplan._kernels.bitplanes import PLANES, SQUARE
 from locplan._kernels.simd import (
     LANES,

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels import Array, Floats, Ints, Octets
+from locplan._kernels.arrays import Array, Floats, Ints, Octets
 from locplan._kernels.search import COLUMNS, LENGTHS, ROWS, SQRT2, TIE
 
 ROOM = 256

@@ -36,11 +36,7 @@ from ._lattice import (
     read_known_at as read_known_at,
     well_spaced as well_spaced,
 )
-from ._reading import (
-    covariances_along as covariances_along,
-    covariances_at as covariances_at,
-)
-from ._registry import ESTIMATORS as ESTIMATORS, estimator_class as estimator_class
+from ._reading import covariances_along as covariances_along, covariances_at as covariances_at
 from ._search_window import OffsetLattice as OffsetLattice, SearchWindow as SearchWindow
 from ._store import (
     CacheWarning as CacheWarning,
@@ -56,6 +52,7 @@ from ._summary import (
 )
 from ._tiles import finished_chunks as finished_chunks, untouched_points as untouched_points
 from ._zarr import FIELD_SUFFIX as FIELD_SUFFIX, check_field_target as check_field_target
+from .estimators import ESTIMATORS as ESTIMATORS, estimator_class as estimator_class
 from .estimators._beams import (
     NORMAL_REACH as NORMAL_REACH,
     surface_normals as surface_normals,

@@ -17,7 +17,7 @@ from locplan._util.tables import age, in_bytes, table
 from locplan.errors import ConfigError, FieldError, LocplanError
 from locplan.field import _zarr as field_files
 from locplan.field._config import FieldConfig
-from locplan.field._registry import ESTIMATORS, estimator_class
+from locplan.field.estimators import ESTIMATORS, estimator_class
 from locplan.robots import PRESETS, Lidar
 
 if TYPE_CHECKING:

@@ -11,9 +11,7 @@ from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from locplan._kernels.arrays import Bools
 from locplan._util.checks import shown
 from locplan._util.progress import ProgressCallback
 from locplan._util.public import needed
@@ -29,7 +27,7 @@ def covariance_field(
     grid: OccupancyGrid,
     config: FieldConfig | Estimator | None = None,
     *,
-    points: NDArray[np.bool_] | None = None,
+    points: Bools | None = None,
     threads: int | None = None,
     executor: Executor | None = None,
     progress: ProgressCallback | None = None,

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan import __version__
+from locplan._kernels.arrays import Bools, Floats
 from locplan._util.checks import Settings, file_path, instance, keep, positive, shown, whole
 from locplan._util.files import check_target, replacing
 from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_text
@@ -24,7 +24,8 @@ from locplan._util.runs import Spelled, number_text
 from locplan.errors import ConfigError, LocplanError
 from locplan.field._estimator import Estimator
 from locplan.field._lattice import evaluated_points, stride_cells
-from locplan.field._registry import estimator_class, made_of, settings_of
+from locplan.field._settings import made_of, settings_of
+from locplan.field.estimators import estimator_class
 from locplan.field.estimators._sad import PAPER_RANGE, Sad
 from locplan.maps import OccupancyGrid
 from locplan.robots import Lidar, Robot
@@ -92,7 +93,7 @@ class FieldConfig(Settings):
         keep(self, headings=headings)
 
     @property
-    def heading_angles(self) -> NDArray[np.float64]:
+    def heading_angles(self) -> Floats:
         """World headings that a field has covariances for, (headings,) [rad]."""
         return 2 * np.pi * np.arange(self.headings) / self.headings
 
@@ -112,7 +113,7 @@ class FieldConfig(Settings):
         """
         return stride_cells(self.stride, resolution)
 
-    def lattice_points(self, grid: OccupancyGrid) -> NDArray[np.bool_]:
+    def lattice_points(self, grid: OccupancyGrid) -> Bools:
         """Mask of the lattice points that a field of a map has values at, (h, w).
 
         Parameters

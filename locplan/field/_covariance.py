@@ -7,8 +7,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from locplan._kernels.arrays import Bools, Floats, Octets
 from locplan._util.checks import shown, whole
 from locplan.errors import ConfigError, FieldError
 from locplan.field._estimator import Estimator, MapPart, Values
@@ -39,7 +40,7 @@ SCALARS = {
 """Label and shown unit of each scalar of a covariance by name, see `scalar`."""
 
 
-def scalar(covariance: ArrayLike, name: str) -> NDArray[np.float64]:
+def scalar(covariance: ArrayLike, name: str) -> Floats:
     """A scalar of covariances of (x, y, theta), or of (x, y) where there is no rotation.
 
     Parameters
@@ -83,9 +84,7 @@ def scalar(covariance: ArrayLike, name: str) -> NDArray[np.float64]:
     raise ConfigError(f"scalar must be one of {', '.join(SCALARS)}, not {shown(name)}")
 
 
-def position_axes(
-    covariance: ArrayLike,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def position_axes(covariance: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """Standard deviations along the error ellipse's axes and the first axis' direction.
 
     Parameters
@@ -107,9 +106,7 @@ def position_axes(
     return major, minor, 0.5 * np.arctan2(2 * xy, xx - yy)
 
 
-def log_euclidean_mean(
-    covariances: NDArray[np.float64], weights: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def log_euclidean_mean(covariances: Floats, weights: Floats) -> Floats:
     """Weighted mean of covariances in the matrix logarithm, (d, d).
 
     ln det of the mean, and so its ln e, is the weighted mean of those of the covariances.
@@ -124,9 +121,7 @@ def log_euclidean_mean(
     return _exp(np.einsum("n,nij->ij", weights / weights.sum(), _log(covariances)))
 
 
-def log_euclidean_means(
-    some: NDArray[np.float64], others: NDArray[np.float64], shares: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def log_euclidean_means(some: Floats, others: Floats, shares: Floats) -> Floats:
     """Mean of each two covariances (..., d, d) in the matrix logarithm; NaN where one is.
 
     The others have the shares (...), from 0 to 1, and the first the rest.
@@ -138,25 +133,27 @@ def log_euclidean_means(
     return means
 
 
-def _log(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
+def _log(covariances: Floats) -> Floats:
     values, vectors = np.linalg.eigh(covariances)
     logs = np.log(np.maximum(values, np.finfo(float).tiny))
     return np.asarray((vectors * logs[..., None, :]) @ np.swapaxes(vectors, -1, -2))
 
 
-def _exp(logs: NDArray[np.float64]) -> NDArray[np.float64]:
+def _exp(logs: Floats) -> Floats:
     values, vectors = np.linalg.eigh(logs)
     return np.asarray((vectors * np.exp(values)[..., None, :]) @ np.swapaxes(vectors, -1, -2))
 
 
-def rotated(covariance: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
+def rotated(covariance: Floats, yaw: float) -> Floats:
     """Covariances (..., d, d) of poses whose axes are turned counter-clockwise by `yaw` [rad]."""
+    if not yaw:  # even the sign of a zero stays
+        return covariance
     turn = np.eye(covariance.shape[-1])
     turn[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
     return turn @ covariance @ turn.T
 
 
-def mean_information(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
+def mean_information(covariances: Floats) -> Floats:
     """Inverse of the mean of the inverses of covariances, (..., d, d).
 
     It merges the headings of a robot: information adds up. 1e-12 m^2 or rad^2, far below what any
@@ -225,9 +222,7 @@ def check_values(values: object, estimator: Estimator, part: MapPart) -> None:
     _refuse(least < -rounding, "a covariance with a negative eigenvalue", estimator, part)
 
 
-def check_halo(
-    estimator: Estimator, part: MapPart, values: Values, levels: NDArray[np.uint8]
-) -> None:
+def check_halo(estimator: Estimator, part: MapPart, values: Values, levels: Octets) -> None:
     """Raise a FieldError if the map beyond an estimator's halo matters to some cells of a part.
 
     They are computed again, each alone, with free and occupied cells swapped beyond the halo.
@@ -276,7 +271,7 @@ def _check_array(
     _refuse(lost, f"a {name} that is not finite", estimator, part)
 
 
-def _refuse(bad: NDArray[np.bool_], what: str, estimator: Estimator, part: MapPart) -> None:
+def _refuse(bad: Bools, what: str, estimator: Estimator, part: MapPart) -> None:
     """Raise a FieldError that names the first of the bad places, if there are some."""
     if bad.any():
         where = _cell(part, np.argwhere(bad)[0][0])
@@ -295,9 +290,7 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join(map(shown, names))
 
 
-def _alone(
-    estimator: Estimator, part: MapPart, at: int, halo: int, levels: NDArray[np.uint8]
-) -> MapPart:
+def _alone(estimator: Estimator, part: MapPart, at: int, halo: int, levels: Octets) -> MapPart:
     """One cell of a part, with the map up to the halo and a ring of another map around that."""
     row, col = int(part.rows[at]), int(part.cols[at])
 
@@ -319,6 +312,6 @@ def _alone(
     )
 
 
-def _alike(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+def _alike(one: Floats, other: Floats) -> bool:
     greatest = np.abs(other).max(initial=MIN_ROUNDING)
     return one.shape == other.shape and bool((np.abs(one - other) <= TOLERANCE * greatest).all())

@@ -8,15 +8,15 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints, Octets
 from locplan._util.checks import Settings, keep, positive
 from locplan.errors import ConfigError
-from locplan.field._registry import settings_of
 from locplan.field._search_window import OffsetLattice
+from locplan.field._settings import settings_of
 from locplan.robots import Lidar
 
-Values = dict[str, NDArray[np.float64]]
+Values = dict[str, Floats]
 """Arrays by name: "covariance", and the layers of an estimator."""
 
 
@@ -45,11 +45,11 @@ class MapPart:
     It is what `Estimator.covariances` works on; only who writes an estimator needs to know it.
     """
 
-    levels: NDArray[np.uint8]
+    levels: Octets
     """Levels of the part, (h, w); it reaches `Estimator.halo` cells beyond each of the cells."""
-    rows: NDArray[np.int64]
+    rows: Ints
     """Rows of the cells in the whole map, (n,)."""
-    cols: NDArray[np.int64]
+    cols: Ints
     """Columns of the cells in the whole map, (n,)."""
     resolution: float
     """Edge of a cell [m]."""
@@ -57,11 +57,11 @@ class MapPart:
     """Shape of the whole map, about whose centre it is turned."""
     corner: tuple[int, int] = (0, 0)
     """Row and column of the whole map where the part begins."""
-    headings: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
+    headings: Floats = field(default_factory=lambda: np.zeros(1))
     """Headings of the robot in the grid's own axes, (k,) [rad]."""
     prepared: Any = None
     """Result of `Estimator.prepare` for these levels, or None."""
-    control: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, np.int64))
+    control: Ints = field(default_factory=lambda: np.zeros(2, np.int64))
     """Two numbers shared with other threads: 1 to stop early, and the number of cells done.
 
     With the first one alone the cells are not counted.
@@ -76,13 +76,7 @@ class MapPart:
         return f"MapPart({len(self.rows)} cells, {self.levels.shape} of {self.map_shape})"
 
     @classmethod
-    def whole(
-        cls,
-        cells: NDArray[np.uint8],
-        rows: NDArray[np.int64],
-        cols: NDArray[np.int64],
-        resolution: float,
-    ) -> MapPart:
+    def whole(cls, cells: Octets, rows: Ints, cols: Ints, resolution: float) -> MapPart:
         """Part that is a whole map, with some of its cells; the robot heads along the rows.
 
         Parameters
@@ -102,7 +96,7 @@ class Estimator(Settings, ABC):
     """Base class of the estimators of a pose match's covariance, frozen dataclasses of settings.
 
     A setting out of its range is a ConfigError when the estimator is made. A new estimator is a
-    subclass in a module of its own and a line in `locplan.field._registry`.
+    subclass in a module of its own and a line in `locplan.field.estimators`.
     """
 
     name: ClassVar[str]
@@ -204,7 +198,7 @@ class Estimator(Settings, ABC):
             on nothing else, which is checked on a few cells.
         """
 
-    def prepare(self, levels: NDArray[np.uint8], resolution: float) -> object:
+    def prepare(self, levels: Octets, resolution: float) -> object:
         """Prepare data from a map or a part of it, for all threads to share.
 
         Parameters
@@ -259,7 +253,7 @@ class Estimator(Settings, ABC):
         """Settings that decide the values of a field, fit for JSON."""
         return settings_of(self)
 
-    def perfect(self, lattice: OffsetLattice) -> NDArray[np.float64]:
+    def perfect(self, lattice: OffsetLattice) -> Floats:
         """Covariance up to which a match counts as perfect, so that u is 0, (d, d).
 
         Parameters
@@ -269,7 +263,7 @@ class Estimator(Settings, ABC):
         """
         return lattice.quantisation
 
-    def featureless(self, lattice: OffsetLattice) -> NDArray[np.float64]:
+    def featureless(self, lattice: OffsetLattice) -> Floats:
         """Covariance of a featureless place, where u is 1, (d, d).
 
         Parameters
@@ -279,7 +273,7 @@ class Estimator(Settings, ABC):
         """
         return self.noise_level * lattice.uniform_covariance + self.q(lattice)
 
-    def q(self, lattice: OffsetLattice) -> NDArray[np.float64]:
+    def q(self, lattice: OffsetLattice) -> Floats:
         """Q, the variance that the estimator's steps of offset cannot resolve, (d, d).
 
         Parameters

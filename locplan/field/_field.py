@@ -10,8 +10,8 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats
 from locplan._util.checks import file_path, position
 from locplan._util.files import replacing_folder
 from locplan._util.progress import ProgressCallback
@@ -59,10 +59,10 @@ class CovarianceField(Pictured, Valued):
 
     _drawn_by: ClassVar[str] = "locplan.plotting:field_figure"
 
-    covariance: NDArray[np.float64]
+    covariance: Floats
     grid: OccupancyGrid
     config: FieldConfig
-    layers: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    layers: Mapping[str, Floats] = field(default_factory=dict)
 
     @classmethod
     def of(cls, values: Values, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
@@ -97,12 +97,12 @@ class CovarianceField(Pictured, Valued):
         return stride_cells(self.config.stride, self.grid.resolution)
 
     @cached_property
-    def evaluated(self) -> NDArray[np.bool_]:
+    def evaluated(self) -> Bools:
         """Mask of the lattice points that hold a covariance, (h, w)."""
         return tiles.known_points(self.values)
 
     @cached_property
-    def lacking(self) -> NDArray[np.bool_]:
+    def lacking(self) -> Bools:
         """Mask of the lattice points that are read from their neighbours, (h, w).
 
         There are none unless only some points were asked for; see `load_or_compute`.
@@ -115,7 +115,7 @@ class CovarianceField(Pictured, Valued):
         return self.config.estimator.lattice(self.grid.resolution)
 
     @cached_property
-    def e(self) -> NDArray[np.float64]:
+    def e(self) -> Floats:
         """sqrt(det Sigma) (Eq. 10), (h, w) or (h, w, n) [m^2 rad]; NaN where not evaluated."""
         e = np.full(self.covariance.shape[:-2], np.nan)
         e[self.evaluated] = scalar(self.covariance[self.evaluated], "e")
@@ -123,7 +123,7 @@ class CovarianceField(Pictured, Valued):
 
     def scalar(
         self, name: str, *, headings: Literal["mean", "worst"] | None = None, with_q: bool = False
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """A scalar on the lattice, (h, w), or (h, w, n) for n headings.
 
         Parameters
@@ -150,12 +150,12 @@ class CovarianceField(Pictured, Valued):
         return values.max(axis=2) if values.ndim == 3 and headings == "worst" else values
 
     @cached_property
-    def mean_covariance(self) -> NDArray[np.float64]:
+    def mean_covariance(self) -> Floats:
         """Covariance of the mean information over the headings, (h, w, d, d)."""
         return merged(self.covariance, self.evaluated)
 
     @property
-    def quantised_covariance(self) -> NDArray[np.float64]:
+    def quantised_covariance(self) -> Floats:
         """What u is made of: Sigma + Q, even if Q was not to be added; shaped like `covariance`."""
         estimator = self.config.estimator
         return self.covariance if estimator.adds_q else self.covariance + estimator.q(self.window)
@@ -197,13 +197,11 @@ class CovarianceField(Pictured, Valued):
         """
         return quantity_of(self.config.estimator, self.e_unit, name)
 
-    def e_map(self) -> NDArray[np.float64]:
+    def e_map(self) -> Floats:
         """`e` on the map's free cells, (H, W) or (H, W, n) [m^2 rad], bilinear in ln e, or NaN."""
         return self.on_map(self.e)
 
-    def on_map(
-        self, values: NDArray[np.float64], *, logarithmic: bool = True
-    ) -> NDArray[np.float64]:
+    def on_map(self, values: Floats, *, logarithmic: bool = True) -> Floats:
         """Interpolate values to the map's free cells, (H, W) or (H, W, n); NaN elsewhere.
 
         Where a corner was not evaluated, the other corners take its weight.
@@ -226,7 +224,7 @@ class CovarianceField(Pictured, Valued):
         result = read_on_map(self.on_lattice(values), self.grid.free, self.stride)
         return np.exp(result, out=result) if logarithmic else result
 
-    def on_lattice(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def on_lattice(self, values: Floats) -> Floats:
         """Values with the `lacking` points filled by the mean of those around them, (h, w).
 
         Parameters
@@ -238,7 +236,7 @@ class CovarianceField(Pictured, Valued):
 
     def at(
         self, x: float | Sequence[float], y: float | None = None, heading: float | None = None
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Covariance at a world position, (d, d), as the axes of `covariance`.
 
         It is interpolated between the lattice points, and between headings, in the matrix
@@ -279,7 +277,7 @@ class CovarianceField(Pictured, Valued):
         self,
         grid: OccupancyGrid,
         *,
-        points: NDArray[np.bool_] | None = None,
+        points: Bools | None = None,
         threads: int | None = None,
         executor: Executor | None = None,
         progress: ProgressCallback | None = None,

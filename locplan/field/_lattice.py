@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._util.checks import usable_cores
 
 
@@ -21,7 +22,7 @@ def stride_cells(stride: float, resolution: float) -> int:
     return max(1, round(stride / resolution))
 
 
-def evaluated_points(free: NDArray[np.bool_], stride: int) -> NDArray[np.bool_]:
+def evaluated_points(free: Bools, stride: int) -> Bools:
     """Mask of the lattice points to evaluate, (h, w): each free cell needs one to read from."""
     needed = free[::stride, ::stride].copy()
     lonely = free & ~_covered(needed, free.shape, stride)
@@ -33,7 +34,7 @@ def evaluated_points(free: NDArray[np.bool_], stride: int) -> NDArray[np.bool_]:
     return needed
 
 
-def _covered(points: NDArray[np.bool_], shape: tuple[int, int], stride: int) -> NDArray[np.bool_]:
+def _covered(points: Bools, shape: tuple[int, int], stride: int) -> Bools:
     """Mask of the cells that `read_on_map` reads from at least one of the points, (H, W)."""
     for axis, size in enumerate(shape):
         at = np.arange(size)
@@ -43,7 +44,7 @@ def _covered(points: NDArray[np.bool_], shape: tuple[int, int], stride: int) -> 
     return points
 
 
-def every_second_point(points: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def every_second_point(points: Bools) -> Bools:
     """Choose every second lattice point in each direction, and those with none of them around.
 
     Parameters
@@ -64,14 +65,12 @@ def every_second_point(points: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(chosen | (points & ~around))
 
 
-def evenly_thinned(known: NDArray[np.bool_], lacking: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def evenly_thinned(known: Bools, lacking: Bools) -> Bools:
     """The known points of a lattice, thinned out where they are finer than elsewhere, (h, w)."""
     return known & every_second_point(known | lacking) if lacking.any() else known
 
 
-def points_near(
-    points: NDArray[np.bool_], stride: int, cells: NDArray[np.float64], distance: float
-) -> NDArray[np.bool_]:
+def points_near(points: Bools, stride: int, cells: Floats, distance: float) -> Bools:
     """Choose the lattice points that are near to some cells.
 
     Parameters
@@ -102,9 +101,7 @@ def points_near(
     return np.asarray(points & (cv2.dilate(there, disc.astype(np.uint8)) > 0))
 
 
-def filled(
-    values: NDArray[np.float64], known: NDArray[np.bool_], lacking: NDArray[np.bool_]
-) -> NDArray[np.float64]:
+def filled(values: Floats, known: Bools, lacking: Bools) -> Floats:
     """Fill the lacking points of a lattice (h, w) with the mean of the known ones around them.
 
     Where every second point is known this is their bilinear interpolation. Points with no known
@@ -122,9 +119,7 @@ def filled(
     return result
 
 
-def read_on_map(
-    values: NDArray[np.float64], free: NDArray[np.bool_], stride: int
-) -> NDArray[np.float64]:
+def read_on_map(values: Floats, free: Bools, stride: int) -> Floats:
     """Read the values of a lattice (h, w) bilinearly at the free cells, (H, W); NaN elsewhere.
 
     The last values extend to the map's edge. Where a corner is NaN, the other corners take its
@@ -151,7 +146,7 @@ def read_on_map(
     return result
 
 
-def _along_rows(values: NDArray[np.float64], cols: int, stride: int) -> NDArray[np.float64]:
+def _along_rows(values: Floats, cols: int, stride: int) -> Floats:
     """Values (h, w) interpolated along each row at all columns, (h, cols)."""
     last, col = values.shape[1] - 1, np.arange(cols)
     low, part = np.minimum(col // stride, last), col % stride / stride
@@ -159,9 +154,7 @@ def _along_rows(values: NDArray[np.float64], cols: int, stride: int) -> NDArray[
     return np.asarray(values[:, low] * (1 - part) + values[:, next_one] * part)
 
 
-def _between_rows(
-    values: NDArray[np.float64], first: int, count: int, stride: int
-) -> NDArray[np.float64]:
+def _between_rows(values: Floats, first: int, count: int, stride: int) -> Floats:
     """Rows from the lattice's row `first` on, `stride` for each of `count`, interpolated."""
     below = values[first : first + count, None]
     above = values[np.minimum(np.arange(first + 1, first + len(below) + 1), len(values) - 1), None]
@@ -172,7 +165,7 @@ def _between_rows(
 
 
 def standing_cells(
-    free: NDArray[np.bool_], rows: NDArray[np.intp], cols: NDArray[np.intp], reach: int
+    free: Bools, rows: NDArray[np.intp], cols: NDArray[np.intp], reach: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Cells to put a lidar on: each cell, or the nearest free one within `reach` rows and columns.
 
@@ -205,7 +198,7 @@ def _moves(reach: int) -> Iterator[tuple[int, int]]:
 
 
 def corners_of(
-    row: float, col: float, known: NDArray[np.bool_], lacking: NDArray[np.bool_]
+    row: float, col: float, known: Bools, lacking: Bools
 ) -> dict[tuple[int, int], float]:
     """The known points that a position on a lattice is read from bilinearly, with their weights.
 
@@ -228,12 +221,8 @@ def corners_of(
 
 
 def read_known_at(
-    values: NDArray[np.float64],
-    known: NDArray[np.float64],
-    rows: NDArray[Any],
-    cols: NDArray[Any],
-    stride: int,
-) -> NDArray[np.float64]:
+    values: Floats, known: Floats, rows: NDArray[Any], cols: NDArray[Any], stride: int
+) -> Floats:
     """Interpolate values of a lattice bilinearly at some cells of the map, free or not.
 
     Corners that are not known leave their weight to the others.
@@ -261,7 +250,7 @@ def read_known_at(
 
 def _sides(
     cells: NDArray[Any], stride: int, size: int
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
     """Lattice indices before and after each cell along one axis, and the share of the latter."""
     whole = np.floor(np.asarray(cells) / stride)
     low = np.minimum(whole.astype(np.intp), size - 1)
@@ -269,14 +258,14 @@ def _sides(
 
 
 def _between(
-    values: NDArray[np.float64],
+    values: Floats,
     left: NDArray[np.intp],
     right: NDArray[np.intp],
-    col_part: NDArray[np.float64],
+    col_part: Floats,
     row: NDArray[np.intp],
     above: NDArray[np.intp],
-    row_part: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    row_part: Floats,
+) -> Floats:
     """Values interpolated between the four corners around each cell."""
     here = values[row, left] * (1 - col_part) + values[row, right] * col_part
     there = values[above, left] * (1 - col_part) + values[above, right] * col_part
@@ -290,9 +279,7 @@ def _both_sides(position: float, size: int) -> list[tuple[int, float]]:
     return [(low, 1 - (position - low)), (min(low + 1, size - 1), position - low)]
 
 
-def well_spaced(
-    xy: NDArray[np.float64], priority: NDArray[np.float64], spacing: float
-) -> NDArray[np.int64]:
+def well_spaced(xy: Floats, priority: Floats, spacing: float) -> Ints:
     """Choose positions at least `spacing` apart that leave no gap, high priority first.
 
     Parameters

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._util.public import needed
 from locplan.field import _tiles as tiles
 from locplan.field._config import FieldConfig
@@ -24,11 +25,7 @@ if TYPE_CHECKING:
 
 
 def weights_at(
-    grid: OccupancyGrid,
-    stride: int,
-    known: NDArray[np.bool_],
-    lacking: NDArray[np.bool_],
-    xy: tuple[float, float],
+    grid: OccupancyGrid, stride: int, known: Bools, lacking: Bools, xy: tuple[float, float]
 ) -> dict[tuple[int, int], float]:
     """Lattice points that a world position [m] is read from, with their weights.
 
@@ -52,9 +49,7 @@ def weights_at(
     return corners_of(row, col, known, lacking)
 
 
-def interpolated(
-    covariances: NDArray[np.float64], weights: Iterable[float], heading: float | None
-) -> NDArray[np.float64]:
+def interpolated(covariances: Floats, weights: Iterable[float], heading: float | None) -> Floats:
     """Weighted mean of the covariances of some lattice points, (d, d); NaN without any.
 
     Parameters
@@ -72,7 +67,7 @@ def interpolated(
     return log_euclidean_mean(np.array(own), np.array([*weights]))
 
 
-def _towards(covariance: NDArray[Any], heading: float | None) -> NDArray[np.float64]:
+def _towards(covariance: NDArray[Any], heading: float | None) -> Floats:
     """Covariance of a lattice point for one heading [rad], or for all headings together."""
     if covariance.ndim == 2:
         return covariance
@@ -84,7 +79,7 @@ def _towards(covariance: NDArray[Any], heading: float | None) -> NDArray[np.floa
     return log_euclidean_mean(both, np.array([1 - share, share]))
 
 
-def merged(covariance: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
+def merged(covariance: Floats, known: Bools) -> Floats:
     """Covariances (h, w, d, d) of the mean information over the headings of (h, w, n, d, d)."""
     if covariance.ndim == 4:
         return covariance
@@ -94,12 +89,8 @@ def merged(covariance: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray
 
 
 def covariances_at(
-    grid: OccupancyGrid,
-    config: FieldConfig,
-    points: NDArray[np.int64],
-    *,
-    threads: int | None = None,
-) -> NDArray[np.float64]:
+    grid: OccupancyGrid, config: FieldConfig, points: Ints, *, threads: int | None = None
+) -> Floats:
     """Covariances at points of the config's lattice, (n, d, d), as a field has them.
 
     Several headings give the covariance of their mean information.
@@ -123,12 +114,8 @@ def covariances_at(
 
 
 def covariances_along(
-    grid: OccupancyGrid,
-    config: FieldConfig,
-    poses: NDArray[np.float64],
-    *,
-    threads: int | None = None,
-) -> NDArray[np.float64]:
+    grid: OccupancyGrid, config: FieldConfig, poses: Floats, *, threads: int | None = None
+) -> Floats:
     """Covariances at poses in the world, (n, d, d), as `CovarianceField.at` reads them.
 
     Parameters
@@ -161,8 +148,8 @@ def covariances_along(
 
 
 def _computed_at(
-    grid: OccupancyGrid, config: FieldConfig, points: NDArray[np.int64], threads: int | None
-) -> NDArray[np.float64]:
+    grid: OccupancyGrid, config: FieldConfig, points: Ints, threads: int | None
+) -> Floats:
     """Covariances at points (n, 2) of the lattice, (n, d, d), or (n, headings, d, d) of several."""
     tiles.check_tiles(grid, config)
     shape = tiles.field_shapes(grid, config)["covariance"]
@@ -177,7 +164,7 @@ def _computed_at(
 
 
 def dataset_of(
-    values: Values, e: NDArray[np.float64], e_unit: str, grid: OccupancyGrid, config: FieldConfig
+    values: Values, e: Floats, e_unit: str, grid: OccupancyGrid, config: FieldConfig
 ) -> Dataset:
     """A field's arrays and e with their coordinates; see `CovarianceField.to_xarray`."""
     needed("xarray", "tables", "to_xarray")

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import Settings, keep_checked, number, positive
 from locplan.errors import ConfigError
 
@@ -131,7 +131,7 @@ class OffsetLattice:
         return whole if self.exact_step is None else self.exact_step
 
     @property
-    def cells(self) -> NDArray[np.int64]:
+    def cells(self) -> Ints:
         """Offsets along x, and likewise along y, each rounded to whole cells."""
         return np.rint(self.offsets / self.resolution).astype(np.int64)
 
@@ -148,22 +148,22 @@ class OffsetLattice:
         return replace(self, half_steps=-(-self.reach // self.step_cells), exact_step=None)
 
     @property
-    def places(self) -> NDArray[np.float64]:
+    def places(self) -> Floats:
         """Places of the rounded offsets among those of `counted`, from 0 on [its steps]."""
         return self.cells / self.step_cells + self.counted.half_steps
 
     @property
-    def steps(self) -> NDArray[np.float64]:
+    def steps(self) -> Floats:
         """Spacing along x, y and theta, (3,) [m, m, rad]."""
         return np.array([self.step, self.step, self.rotation_step])
 
     @property
-    def offsets(self) -> NDArray[np.float64]:
+    def offsets(self) -> Floats:
         """Offsets along x, and likewise along y [m]."""
         return np.arange(-self.half_steps, self.half_steps + 1, dtype=np.float64) * self.step
 
     @property
-    def angles(self) -> NDArray[np.float64]:
+    def angles(self) -> Floats:
         """Angles of the turns, counter-clockwise [rad]."""
         steps = np.arange(-self.half_rotations, self.half_rotations + 1, dtype=np.float64)
         return steps * self.rotation_step
@@ -179,13 +179,13 @@ class OffsetLattice:
         return 3 if self.half_rotations else 2
 
     @property
-    def uniform_covariance(self) -> NDArray[np.float64]:
+    def uniform_covariance(self) -> Floats:
         """Covariance of a featureless place, where all offsets weigh the same (diagonal)."""
         counts = np.array([2 * self.half_steps + 1] * 2 + [2 * self.half_rotations + 1])
         variances = self.steps**2 * (counts**2 - 1) / 12
         return np.diag(variances[: self.dimension])
 
     @property
-    def quantisation(self) -> NDArray[np.float64]:
+    def quantisation(self) -> Floats:
         """Q, the variance within one step of the lattice (diagonal)."""
         return np.diag(self.steps[: self.dimension] ** 2 / 12)

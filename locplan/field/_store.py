@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools
 from locplan._util.checks import shown
 from locplan._util.code_digest import code_digest
 from locplan._util.files import replacing_folder
@@ -31,7 +31,7 @@ from locplan.field._compute import covariance_field
 from locplan.field._config import FieldConfig, config_of
 from locplan.field._estimator import Estimator, Values
 from locplan.field._field import CovarianceField
-from locplan.field._registry import is_ours, kinds_of
+from locplan.field._settings import is_ours, kinds_of
 from locplan.maps import OccupancyGrid, check_grid
 
 DECISIVE = ("format", "engine", "map_digest", "identity")
@@ -48,7 +48,7 @@ def load_or_compute(
     grid: OccupancyGrid,
     config: FieldConfig | Estimator | None = None,
     *,
-    points: NDArray[np.bool_] | None = None,
+    points: Bools | None = None,
     cache_dir: str | os.PathLike[str] | None = None,
     threads: int | None = None,
     executor: Executor | None = None,
@@ -183,7 +183,7 @@ class _Found:
 
     values: Values
     """Arrays of the field, NaN where they are not known."""
-    lacking: NDArray[np.bool_]
+    lacking: Bools
     """Lattice points that are needed and still to be computed, (h, w)."""
     sound: bool
     """True if there is a group that chunks can be written to."""
@@ -197,7 +197,7 @@ class _Found:
         expected: dict[str, Any],
         grid: OccupancyGrid,
         config: FieldConfig,
-        needed: NDArray[np.bool_],
+        needed: Bools,
     ) -> _Found:
         """Read what a path holds, if it is the field of the attributes expected."""
         values, complaint, sound = None, "", False

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.tables import finite, table
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import SCALARS, mean_information
@@ -140,7 +141,7 @@ class FieldSummary:
         return text if resolved else f"{text}\n{estimator.remedy}"
 
 
-def _percentiles(values: NDArray[np.float64]) -> Percentiles:
+def _percentiles(values: Floats) -> Percentiles:
     found = np.percentile(values, (10, 50, 90)).tolist() if values.size else [math.nan] * 3
     return Percentiles(*found)
 
@@ -168,9 +169,7 @@ def about_field(field: CovarianceField) -> str:
     return f"{made}{near_paths}; {share:.0%} of the map saturated{remedy}"
 
 
-def sampled_covariances(
-    field: CovarianceField, spacing: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def sampled_covariances(field: CovarianceField, spacing: float) -> tuple[Floats, Floats]:
     """Choose positions of a field with their covariances, far from walls first.
 
     Parameters
@@ -199,12 +198,12 @@ def sampled_covariances(
 
 def values_at(
     field: CovarianceField,
-    values: NDArray[np.float64],
+    values: Floats,
     rows: NDArray[Any],
     cols: NDArray[Any],
     *,
     logarithmic: bool = True,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Interpolate lattice values as `CovarianceField.on_map` does, at some cells alone.
 
     Parameters

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools
 from locplan._util.checks import check_memory, check_threads, usable_memory
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError, FieldError, LocplanError
@@ -20,7 +21,7 @@ from locplan.field._config import FieldConfig
 from locplan.field._covariance import check_halo, check_values, halo_of, rotated
 from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
 from locplan.field._lattice import evaluated_points, standing_cells
-from locplan.field._registry import is_ours
+from locplan.field._settings import is_ours
 from locplan.maps import OccupancyGrid
 
 ENGINE = 4
@@ -79,15 +80,13 @@ def check_tiles(grid: OccupancyGrid, config: FieldConfig) -> None:
         )
 
 
-def known_points(values: Values) -> NDArray[np.bool_]:
+def known_points(values: Values) -> Bools:
     """Mask of the lattice points that hold values, (h, w)."""
     covariance = values["covariance"]
     return ~np.isnan(covariance.reshape(*covariance.shape[:2], -1)[:, :, 0])
 
 
-def needed_points(
-    grid: OccupancyGrid, config: FieldConfig, points: NDArray[np.bool_] | None = None
-) -> NDArray[np.bool_]:
+def needed_points(grid: OccupancyGrid, config: FieldConfig, points: Bools | None = None) -> Bools:
     """Mask of the lattice points that a field needs, of `points` where only these are asked for.
 
     Raises
@@ -114,7 +113,7 @@ def finished_chunks(
     threads: int | None,
     executor: Executor | None,
     progress: ProgressCallback | None,
-    needed: NDArray[np.bool_],
+    needed: Bools,
 ) -> Generator[Chunk]:
     """Compute the missing values, and yield each chunk of the lattice when it is finished.
 
@@ -136,7 +135,7 @@ def finished_chunks(
 
 
 def computed_chunks(
-    missing: NDArray[np.bool_],
+    missing: Bools,
     grid: OccupancyGrid,
     config: FieldConfig,
     threads: int | None,
@@ -183,8 +182,7 @@ def computed_chunks(
                 # The first tile alone shows whether the halo of a user's estimator suffices.
                 if not (finished or is_ours(estimator)):
                     check_halo(estimator, part, computed, grid.cells)
-                if yaw:
-                    computed["covariance"] = rotated(computed["covariance"], yaw)
+                computed["covariance"] = rotated(computed["covariance"], yaw)
                 finished += len(points[0])
                 yield chunk, points, computed
             if progress:
@@ -219,7 +217,7 @@ def chunk_edge(config: FieldConfig, resolution: float) -> int:
     return max(1, min(TILE, on_map, math.isqrt(int(min(points, TILE**2)))))
 
 
-def chunks_of(points: NDArray[np.bool_], edge: int) -> Iterator[Chunk]:
+def chunks_of(points: Bools, edge: int) -> Iterator[Chunk]:
     """Chunks that hold at least one of the points, row by row."""
     height, width = points.shape
     for top in range(0, height, edge):
@@ -229,9 +227,7 @@ def chunks_of(points: NDArray[np.bool_], edge: int) -> Iterator[Chunk]:
                 yield chunk
 
 
-def untouched_points(
-    before: OccupancyGrid, after: OccupancyGrid, config: FieldConfig
-) -> NDArray[np.bool_]:
+def untouched_points(before: OccupancyGrid, after: OccupancyGrid, config: FieldConfig) -> Bools:
     """Mark the second map's lattice points whose covariances are those of the first.
 
     Parameters

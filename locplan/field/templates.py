@@ -9,15 +9,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Ints, Octets
 from locplan.maps import FREE, UNKNOWN
 
 BEHIND = 2
 """Number of cells behind the one that a ray hits that still belong to a visible template."""
 
 
-def disc(radius: int) -> NDArray[np.bool_]:
+def disc(radius: int) -> Bools:
     """Mark the cells of a disc, the template's shape, (2r + 1, 2r + 1).
 
     Parameters
@@ -37,7 +37,7 @@ def disc(radius: int) -> NDArray[np.bool_]:
     return np.asarray(offset[None, :] <= half_width[:, None])
 
 
-def local_map(cells: NDArray[np.uint8], row: int, col: int, radius: int) -> NDArray[np.uint8]:
+def local_map(cells: Octets, row: int, col: int, radius: int) -> Octets:
     """Cut the square around a cell out of a map, (2r + 1, 2r + 1); outside the map is unknown.
 
     Parameters
@@ -53,9 +53,7 @@ def local_map(cells: NDArray[np.uint8], row: int, col: int, radius: int) -> NDAr
     return cells_at(cells, row + offset[:, None], col + offset)
 
 
-def rotated_template(
-    cells: NDArray[np.uint8], row: int, col: int, radius: int, theta: float
-) -> NDArray[np.uint8]:
+def rotated_template(cells: Octets, row: int, col: int, radius: int, theta: float) -> Octets:
     """The square around a cell on the map turned counter-clockwise by `theta` [rad].
 
     The whole map is turned about its centre with nearest-neighbour sampling, and cropped around
@@ -84,9 +82,7 @@ def rotated_template(
     return cells_at(cells, source_row, source_col)
 
 
-def visible_part(
-    cells: NDArray[np.uint8], row: int, col: int, radius: int, theta: float
-) -> NDArray[np.bool_]:
+def visible_part(cells: Octets, row: int, col: int, radius: int, theta: float) -> Bools:
     """Mask of the visible part of a cell's disc, turned by `theta` [rad], (2r + 1, 2r + 1).
 
     A ray sees the cells on its way up to the first one that is not free, and `BEHIND` cells more,
@@ -126,7 +122,7 @@ def beam_count(radius: int) -> int:
     return max(360, math.ceil(2 * math.pi * radius))
 
 
-def beam_of_cell(radius: int, theta: float) -> NDArray[np.int64]:
+def beam_of_cell(radius: int, theta: float) -> Ints:
     """Index of the ray towards each cell of the square, (2r + 1, 2r + 1).
 
     Parameters
@@ -153,9 +149,7 @@ def map_centre(shape: tuple[int, int]) -> tuple[float, float]:
     return (shape[0] - 1) / 2, (shape[1] - 1) / 2
 
 
-def cells_at(
-    cells: NDArray[np.uint8], rows: NDArray[np.int64], cols: NDArray[np.int64]
-) -> NDArray[np.uint8]:
+def cells_at(cells: Octets, rows: Ints, cols: Ints) -> Octets:
     """Levels of a map at some cells; outside the map is unknown.
 
     Parameters

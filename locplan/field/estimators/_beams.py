@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats, Ints, Octets, Singles
 from locplan._util.checks import instance, keep, positive, whole
 from locplan.field._estimator import Estimator
 from locplan.field._search_window import OffsetLattice, SearchWindow
@@ -71,7 +71,7 @@ class LidarEstimator(Estimator):
     def lattice(self, resolution: float) -> OffsetLattice:
         return self.window.on(resolution)
 
-    def perfect(self, lattice: OffsetLattice) -> NDArray[np.float64]:
+    def perfect(self, lattice: OffsetLattice) -> Floats:
         """Deviations of 0.05 m, or of the lattice's steps where these are coarser, (d, d).
 
         See `locplan.field.Estimator.perfect`.
@@ -108,7 +108,7 @@ class LidarEstimator(Estimator):
         return count // 4 * 4 or count if self.lidar.sees_all_round else count
 
     @property
-    def beam_numbers(self) -> NDArray[np.int64]:
+    def beam_numbers(self) -> Ints:
         """Numbers of a real lidar's beams that count, evenly spaced, (beams_compared,)."""
         count = self.beams_compared
         return (2 * np.arange(count) + 1) * self.lidar.beams // (2 * count)
@@ -171,7 +171,7 @@ BAND = 1 << 20
 """Number of cells that are processed at once, which bounds the memory."""
 
 
-def surface_normals(occupied: NDArray[np.bool_]) -> NDArray[np.float32]:
+def surface_normals(occupied: Bools) -> Singles:
     """Find the unit normal of the surface at each occupied cell, without a sign.
 
     It is the main axis of the structure tensor (Bigün and Granlund, 1987) over the widest window
@@ -201,7 +201,7 @@ def surface_normals(occupied: NDArray[np.bool_]) -> NDArray[np.float32]:
     return normals
 
 
-def wall_cells(occupied: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def wall_cells(occupied: Bools) -> Octets:
     """Mark the occupied cells that have one of their 8 neighbours not occupied.
 
     Parameters
@@ -222,7 +222,7 @@ def wall_cells(occupied: NDArray[np.bool_]) -> NDArray[np.uint8]:
     return np.asarray(solid - enclosed)
 
 
-def _normals(occupied: NDArray[np.bool_]) -> NDArray[np.float32]:
+def _normals(occupied: Bools) -> Singles:
     import cv2
 
     edge: Any = {"borderType": cv2.BORDER_REPLICATE}
@@ -252,14 +252,14 @@ def _normals(occupied: NDArray[np.bool_]) -> NDArray[np.float32]:
     return normals
 
 
-def _summed(tensor: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+def _summed(tensor: Floats, width: int) -> Floats:
     import cv2
 
     edge: Any = {"borderType": cv2.BORDER_REPLICATE}
     return np.asarray(cv2.boxFilter(tensor, -1, (width, width), normalize=False, **edge))
 
 
-def _main_axes(tensors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _main_axes(tensors: Floats) -> tuple[Floats, Floats]:
     """Unit vectors of the axes' doubled angles, (n, 2), and agreement of the slopes, 0..1."""
     length = np.hypot(tensors[:, 0], tensors[:, 1])
     axes = tensors[:, :2] / np.maximum(length, 1.0)[:, None]

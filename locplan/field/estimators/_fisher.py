@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Octets, Singles
 from locplan._util.checks import one_of
 from locplan.field._estimator import MapPart, Values
 from locplan.field._search_window import OffsetLattice
@@ -30,8 +30,8 @@ from locplan.maps import OCCUPIED
 class Scene(NamedTuple):
     """Data of a map that simulated beams need."""
 
-    squares: NDArray[np.uint8]
-    normals: NDArray[np.float32]
+    squares: Octets
+    normals: Singles
 
 
 @dataclass(frozen=True, repr=False)
@@ -68,7 +68,7 @@ class Fisher(LidarEstimator):
             settings["sigma_hit"], settings["range_sigma"] = None, self.lidar.range_sigma
         return settings
 
-    def q(self, lattice: OffsetLattice) -> NDArray[np.float64]:
+    def q(self, lattice: OffsetLattice) -> Floats:
         """Zero, (d, d): nothing is compared in steps. See `locplan.field.Estimator.q`."""
         return np.zeros_like(lattice.quantisation)
 
@@ -109,7 +109,7 @@ class Fisher(LidarEstimator):
         covariance = self.noise_level * _inverse(known + prior)
         return {"covariance": covariance[:, part.heading_axis]}
 
-    def prepare(self, levels: NDArray[np.uint8], resolution: float) -> Scene:
+    def prepare(self, levels: Octets, resolution: float) -> Scene:
         """Empty squares and normals of a map or a part of it.
 
         See `locplan.field.Estimator.prepare`.
@@ -131,7 +131,7 @@ class Fisher(LidarEstimator):
         return min(reach, math.ceil(math.hypot(*map_shape)))
 
 
-def _inverse(information: NDArray[np.float64]) -> NDArray[np.float64]:
+def _inverse(information: Floats) -> Floats:
     """Inverses of matrices (..., d, d); NaN where a matrix holds NaN."""
     unknown = np.isnan(information[..., 0, 0])
     matrices = np.where(unknown[..., None, None], np.eye(information.shape[-1]), information)

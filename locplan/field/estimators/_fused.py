@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Octets
 from locplan._util.checks import instance
 from locplan.errors import ConfigError
 from locplan.field._covariance import log_euclidean_means, position_axes
@@ -113,13 +113,13 @@ class Fused(Estimator):
     def lattice(self, resolution: float) -> OffsetLattice:
         return self.scan.lattice(resolution)
 
-    def perfect(self, lattice: OffsetLattice) -> NDArray[np.float64]:
+    def perfect(self, lattice: OffsetLattice) -> Floats:
         return self.scan.perfect(lattice)
 
-    def featureless(self, lattice: OffsetLattice) -> NDArray[np.float64]:
+    def featureless(self, lattice: OffsetLattice) -> Floats:
         return self._mean(self.fisher.featureless(lattice), self.scan.featureless(lattice))
 
-    def q(self, lattice: OffsetLattice) -> NDArray[np.float64]:
+    def q(self, lattice: OffsetLattice) -> Floats:
         """Zero, (d, d): the scan's is within the mean already. See `locplan.field.Estimator.q`."""
         return self.fisher.q(lattice)
 
@@ -134,14 +134,12 @@ class Fused(Estimator):
         found = self.scan.covariances(replace(part, prepared=scenes.scan))
         return {**found, "covariance": self._mean(known["covariance"], found["covariance"])}
 
-    def _mean(
-        self, of_fisher: NDArray[np.float64], of_scan: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _mean(self, of_fisher: Floats, of_scan: Floats) -> Floats:
         major, minor, _ = position_axes(of_scan)
         of_both = np.clip((ELONGATED - major / minor) / (ELONGATED - ROUND), 0.0, 1.0)
         return self.noise_level * log_euclidean_means(of_fisher, of_scan, 1 - of_both / 2)
 
-    def prepare(self, levels: NDArray[np.uint8], resolution: float) -> Scenes:
+    def prepare(self, levels: Octets, resolution: float) -> Scenes:
         """Data of a map or a part of it for both estimators.
 
         See `locplan.field.Estimator.prepare`.

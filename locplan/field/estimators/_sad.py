@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import Settings, instance, keep, one_of, positive, reach, shown
 from locplan.errors import ConfigError
 from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
@@ -234,7 +235,7 @@ class Sad(Estimator):
         nats = max(40.0, math.log(moments / 1e-12))
         return math.floor(nats * self.tau * 2 / resolution**2)
 
-    def offset_weights(self, mismatch: NDArray[Any], resolution: float) -> NDArray[np.float64]:
+    def offset_weights(self, mismatch: NDArray[Any], resolution: float) -> Floats:
         """Weight of offsets with given sums of absolute differences (Eq. 9).
 
         S is held as mismatch area, ``mismatch / 254`` cells [m^2], so that tau and floor mean the
@@ -298,12 +299,8 @@ class Sad(Estimator):
 
 
 def _in_steps(
-    layout: Layout,
-    weights: NDArray[np.float64],
-    places: NDArray[np.float64],
-    negligible: int | None,
-    visible: bool,
-) -> NDArray[np.float64]:
+    layout: Layout, weights: Floats, places: Floats, negligible: int | None, visible: bool
+) -> Floats:
     """Covariances [lattice steps], (n, 3, 3); NaN where the computation was stopped.
 
     `places` are those of the lattice's offsets among the layout's; offsets with an S / 127 above

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._kernels import bitplanes, sad, templates
+from locplan._kernels.arrays import Bools, Ints, Octets
 from locplan._kernels.bitplanes import PLANES, SQUARE
 from locplan._kernels.simd import MAX_SHORT, SHORTS
 from locplan.field._estimator import MapPart
@@ -40,8 +41,8 @@ class Group(NamedTuple):
     """Cells whose covariances share one layout of the map."""
 
     cells: NDArray[np.intp]  # indices of the cells in their part of the map, (n,)
-    rows: NDArray[np.int64]  # rows of the cells, from the first one's on, (n,)
-    cols: NDArray[np.int64]  # columns of the cells, from the first one's on, (n,)
+    rows: Ints  # rows of the cells, from the first one's on, (n,)
+    cols: Ints  # columns of the cells, from the first one's on, (n,)
     top: int  # row of the layout's strips at which the discs of the first row begin, at any offset
     left: int  # column of the layout's strips at which the discs of the first column begin
     # Greatest common divisor of the cells' distances and the step of the offsets [cells].
@@ -64,16 +65,16 @@ class Layout:
 
     part: MapPart  # the cells, and the part of the map that they depend on
     # Levels of the part, one type of array, so that kernels are compiled once.
-    levels: NDArray[np.uint8]
+    levels: Octets
     window: OffsetLattice  # offsets at which the template is compared
     radius: int  # radius of the template disc [cells]
     disc: templates.Disc  # the disc in squares
     first: tuple[int, int]  # row and column of the whole map at which `still` begins
-    still: NDArray[np.uint8]  # strips of the map, (plane, col, row)
+    still: Octets  # strips of the map, (plane, col, row)
     # Strips of the map turned by each heading, (heading, plane, col, row).
-    turned: NDArray[np.uint8]
-    tops: NDArray[np.int64]  # rows of `turned` at which the cells' discs begin, (n, heading)
-    lefts: NDArray[np.int64]  # columns of `turned` at which the cells' discs begin, (n, heading)
+    turned: Octets
+    tops: Ints  # rows of `turned` at which the cells' discs begin, (n, heading)
+    lefts: Ints  # columns of `turned` at which the cells' discs begin, (n, heading)
 
     @classmethod
     def of(cls, part: MapPart, radius: int, window: OffsetLattice) -> Layout:
@@ -179,7 +180,7 @@ class Layout:
             disc=self.disc,
         )
 
-    def _disc_sums(self, group: Group) -> NDArray[np.int64]:
+    def _disc_sums(self, group: Group) -> Ints:
         """Disc sums of a group of cells at all offsets, (plane, col, row mod step, row div step).
 
         Their rows and columns are as far apart as the cells are.
@@ -230,7 +231,7 @@ def _rays(radius: int, window: OffsetLattice) -> templates.Sight:
     )
 
 
-def disc_blocks(radius: int, edge: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def disc_blocks(radius: int, edge: int) -> tuple[Ints, Ints]:
     """First rows and columns of blocks within a disc, from the disc's own on, (block,) each.
 
     They begin at whole squares and do not overlap. The outer ones, which differ most when the map
@@ -261,12 +262,7 @@ def scaled(greatest: int) -> tuple[int, int]:
     return greatest >> shift, shift
 
 
-def kept_lines(
-    layout: Layout,
-    groups: list[Group],
-    negligible: int,
-    due: Due,
-) -> list[NDArray[np.bool_]]:
+def kept_lines(layout: Layout, groups: list[Group], negligible: int, due: Due) -> list[Bools]:
     """Lines of offsets that may have an S / 127 of at most `negligible`.
 
     Of each group of cells, (theta, n, dx).
@@ -297,7 +293,7 @@ def kept_lines(
     return kept
 
 
-def beside(lines: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def beside(lines: Bools) -> Bools:
     """Lines that are kept, and those next to them along x, (theta, n, dx)."""
     wide = lines.copy()
     wide[:, :, 1:] |= lines[:, :, :-1]
@@ -307,7 +303,7 @@ def beside(lines: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 def _lay_out(
     layout: Layout, group: Group, still: NDArray[np.uint16], table_rows: int
-) -> tuple[bitplanes.Blocks, NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[bitplanes.Blocks, Ints, Ints]:
     """The blocks around a group of cells; rows mod step and places at which the cells begin."""
     edges = (32, 16) if layout.radius < 180 else (64, 32)  # [cells], the large ones first
     places = [disc_blocks(layout.radius, edge) for edge in edges]

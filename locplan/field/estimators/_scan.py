@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Octets
 from locplan._util.checks import is_number, keep, shown
 from locplan.errors import ConfigError
 from locplan.field._estimator import Layer, MapPart, Values
@@ -25,7 +25,7 @@ from locplan.robots import MAX_BEAMS
 class Scene(NamedTuple):
     """Data of a map that a simulated scan needs."""
 
-    squares: NDArray[np.uint8]
+    squares: Octets
     likelihood: Any
 
 
@@ -89,7 +89,7 @@ class Scan(LidarEstimator):
         }
 
     @property
-    def pattern(self) -> NDArray[np.float64]:
+    def pattern(self) -> Floats:
         """Standard normal deviations of the beams' ends, the same at all poses, (beams,).
 
         They are the quantiles at the base-2 van der Corput sequence: evenly spread, and different
@@ -109,7 +109,7 @@ class Scan(LidarEstimator):
         reversed_digits = numbers[:, None] >> digits & 1
         return np.asarray(ndtri(reversed_digits @ 0.5 ** (digits + 1.0)))
 
-    def prepare(self, levels: NDArray[np.uint8], resolution: float) -> Scene:
+    def prepare(self, levels: Octets, resolution: float) -> Scene:
         """Empty squares and the likelihood field of a map or a part.
 
         See `locplan.field.Estimator.prepare`.
@@ -167,7 +167,7 @@ def _noise(noise: object) -> tuple[float, float]:
 
 
 def likelihood_field(
-    levels: NDArray[np.uint8],
+    levels: Octets,
     resolution: float,
     step: int,
     half_steps: int,

@@ -1,50 +1,14 @@
-"""The estimators by name, and settings as objects of JSON.
-
-A new estimator needs a line here and a module with its class.
-"""
+"""Conversion of settings between dataclasses and objects of JSON."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
+from typing import Any, TypeVar, get_args, get_type_hints
 
-from locplan._util.checks import one_of, shown
+from locplan._util.checks import shown
 from locplan.errors import ConfigError
-
-if TYPE_CHECKING:
-    from locplan.field._estimator import Estimator
-
-
-ESTIMATORS: dict[str, str] = {
-    "sad": "locplan.field.estimators._sad:Sad",
-    "fisher": "locplan.field.estimators._fisher:Fisher",
-    "scan": "locplan.field.estimators._scan:Scan",
-    "fused": "locplan.field.estimators._fused:Fused",
-}
-"""Module and class of each estimator; imported when first used."""
-
-
-def estimator_class(name: str) -> type[Estimator]:
-    """Find the class of an estimator.
-
-    Parameters
-    ----------
-    name : str
-        A name in `ESTIMATORS`.
-
-    Raises
-    ------
-    ConfigError
-        If no estimator has this name.
-    """
-    one_of("estimator", name, ESTIMATORS)
-    module, _, attribute = ESTIMATORS[name].partition(":")
-    found: type[Estimator] = getattr(import_module(module), attribute)
-    return found
-
 
 T = TypeVar("T")
 

@@ -1,0 +1,22 @@
+"""Types of the kernels' arrays, and how another thread follows and stops a kernel that runs."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[Any]
+Floats: TypeAlias = NDArray[np.float64]
+Singles: TypeAlias = NDArray[np.float32]
+Ints: TypeAlias = NDArray[np.int64]
+Bools: TypeAlias = NDArray[np.bool_]
+Octets: TypeAlias = NDArray[np.uint8]
+Shorts: TypeAlias = NDArray[np.uint16]
+Words: TypeAlias = NDArray[np.uint64]
+Numbers: TypeAlias = tuple[Any, ...]
+Random: TypeAlias = np.random.Generator
+
+STOP, DONE = 0, 1
+"""Places in the array `control` that threads share: set to stop early, and the places done."""
