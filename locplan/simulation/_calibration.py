@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from locplan._util.checks import file_path
 from locplan._util.files import check_target, replacing
 from locplan._util.intervals import Interval
+from locplan._util.notebook import Pictured
 from locplan._util.reading import parsed_json, read_text
 from locplan._util.results import digest_of
 from locplan._util.tables import finite, table
@@ -26,11 +28,13 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Calibration:
+class Calibration(Pictured):
     """Noise level (and tau) of a field that fit the errors best, and the quality of the fit.
 
     The quality is measured at the places to which they were fitted.
     """
+
+    _drawn_by: ClassVar[str] = "locplan.simulation:calibration_figure"
 
     config: FieldConfig
     """Settings of the field, with the fitted `noise_level`, and with `tau` where it was fitted."""
@@ -127,14 +131,13 @@ class Calibration:
             If a file cannot be written, or is in the way.
         """
         from locplan.plotting import save_figure
-        from locplan.simulation import calibration_figure
 
         target = file_path("a calibration's file", path)
         picture = check_calibration(target, force=force)
         about = {**self.verdict, "robot": robot.summary(), "calibration": self.summary()}
         with replacing(picture) as drawn, replacing(target) as settings:
             try:
-                save_figure(calibration_figure(self), drawn)
+                save_figure(self.figure(), drawn)
                 save_config(settings, self.config, **about, picture=digest_of(drawn))
             except LocplanError as error:  # it names the files' last places
                 text = str(error).replace(str(drawn), str(picture))
