@@ -291,7 +291,7 @@ def errors(evaluations: dict[str, Evaluation]) -> str:
         cells = [places.grid.name]
         for evaluation in evaluations.values():
             alone = evaluation.of_map(number)
-            low, median, high = alone.quantiles(0, "tracking")
+            low, median, high = alone.quantiles(0, "tracking_rmse")
             ranks = [alone.ranks[p, "tracking"].spearman.value for p in shown(evaluation)]
             cells += [f"{low:.2f} / {median:.2f} / {high:.2f}", *(f"{r:.2f}" for r in ranks)]
         rows.append(cells)

@@ -102,7 +102,7 @@ def test_poor_settings_are_bettered_on_stretches_that_nothing_was_chosen_on(tune
     assert tuned.own == POOR
     assert tuned.changes
     assert tuned.winner.alpha1 < 1.0
-    assert tuned.found.ratio.high < 1
+    assert tuned.found.rmse_ratio.high < 1
     assert [level.name for level in tuned.levels] == ["recorded"]
     assert tuned.paths == 5
 

@@ -34,14 +34,8 @@ from locplan.robots import Amcl, Lidar, Robot
 from locplan.simulation import (
     Places,
     Predictor,
-    _reports as reports,
     calibrate,
     evaluate,
-)
-from locplan.simulation._predictors import (
-    configs,
-    occupied_in_range,
-    predictions,
 )
 
 
@@ -113,19 +107,19 @@ def test_several_maps_widen_the_interval_and_are_averaged():
 
 
 def test_predictions_are_what_the_fields_say(grid):
-    points = np.array([[15, 20], [60, 30], [18, 100]])
-    found = predictions(grid, configs(SHORT_LIDAR), points)
+    made = evaluate(grid, places=3, drives=1, scans=1)
+    (found,), (places,) = made.predictions, made.places
+    at = tuple(places.points.T)
     field = locplan.load_or_compute(grid)
-    assert found[Predictor("sad", "e")] == pytest.approx(field.e[tuple(points.T)])
+    assert found[Predictor("sad", "e")] == pytest.approx(field.e[at])
     paper = locplan.load_or_compute(grid, FieldConfig(Sad.paper()))
-    assert found[Predictor("paper", "e")] == pytest.approx(paper.e[tuple(points.T)])
+    assert found[Predictor("paper", "e")] == pytest.approx(paper.e[at])
     fused = locplan.load_or_compute(grid, locplan.Fused.of(SHORT_LIDAR))
-    assert found[Predictor("fused", "e")] == pytest.approx(fused.e[tuple(points.T)])
-    cells = points * 2
+    assert found[Predictor("fused", "e")] == pytest.approx(fused.e[at])
+    cells = places.points * 2
     assert found[Predictor("clearance", "")].tolist() == grid.clearance[tuple(cells.T)].tolist()
     walls = np.argwhere(grid.cells == 0)
     near = [np.sum(np.linalg.norm(walls - cell, axis=1) <= 60) for cell in cells]
-    assert occupied_in_range(grid, cells, 6.0).tolist() == near
     assert found[Predictor("few occupied cells", "")].tolist() == [-n for n in near]
 
 
@@ -253,12 +247,6 @@ def test_evaluations_are_written_and_drawn(evaluation, tmp_path):
 # Calibrations.
 
 
-@pytest.fixture
-def few_resamples(monkeypatch):
-    """Intervals are those of few resamples: for tests of the values alone."""
-    monkeypatch.setattr("locplan.simulation._calibration.RESAMPLES", 10)
-
-
 def made_up_places(grid, config, level, *, noise=0.1):
     """Places whose errors are those of a noise level, but for some scatter."""
     field = locplan.load_or_compute(grid, FieldConfig())
@@ -308,7 +296,7 @@ def test_a_calibration_finds_the_noise_level(grid, config):
         )
 
 
-def test_a_calibration_finds_tau_if_asked(grid, few_resamples):
+def test_a_calibration_finds_tau_if_asked(grid):
     tau = 0.2035  # about one that is tried
     places = made_up_places(grid, FieldConfig(Sad(weights=Exponential(tau))), 0.3, noise=0.02)
     result = calibrate([places], FieldConfig(), fit_tau=True)
@@ -350,7 +338,7 @@ def test_errors_below_what_q_adds_do_not_calibrate(places):
         calibrate([tiny])
 
 
-def test_a_few_large_errors_do_not_make_sigma_large(places, few_resamples):
+def test_a_few_large_errors_do_not_make_sigma_large(places):
     factors = np.ones(len(places.points))
     factors[np.argsort(places.position_rmse("tracking"))[:6]] = 1e4  # where Sigma is least
     wild = dataclasses.replace(places, tracking=places.tracking * factors[:, None, None])
@@ -359,7 +347,7 @@ def test_a_few_large_errors_do_not_make_sigma_large(places, few_resamples):
     assert result.factor <= result.factor_before
 
 
-def test_a_calibration_that_says_nothing_says_so(places, few_resamples):
+def test_a_calibration_that_says_nothing_says_so(places):
     order = np.argsort(places.position_rmse("tracking"))
     backwards = np.empty_like(places.tracking)
     backwards[order] = places.tracking[order[::-1]]
@@ -373,12 +361,10 @@ def test_a_calibration_that_says_nothing_says_so(places, few_resamples):
     assert simulation.calibration_figure(poor).axes[0].get_title().startswith("NOT IN METRES: sad")
 
 
-def test_settings_that_are_not_in_metres_warn_wherever_they_are_read(
-    places, few_resamples, tmp_path
-):
+def test_settings_that_are_not_in_metres_warn_wherever_they_are_read(places, tmp_path):
     good = calibrate([places])
     for result in (good, dataclasses.replace(good, r_squared=0.0)):
-        reports.write_calibration(tmp_path / "c.json", result, Robot())
+        result.save(tmp_path / "c.json", Robot(), force=True)
         about = json.loads((tmp_path / "c.json").read_text())
         assert about["in_metres"] is about["calibration"]["in_metres"] is result.in_metres
         if result.in_metres:
@@ -525,7 +511,7 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
     assert "--config has all settings of the field; leave out --stride" in err
 
 
-@pytest.mark.usefixtures("inline_workers", "few_resamples")
+@pytest.mark.usefixtures("inline_workers")
 def test_calibrations_that_are_not_in_metres_have_their_own_exit_code(
     run, grid, map_file, tmp_path, monkeypatch
 ):

@@ -5,11 +5,10 @@ import re
 import numpy as np
 import pytest
 from conftest import drawn
-from locplan.simulation.tuning._lint import beams_left
 
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import Amcl, Disturbances, Lidar, Robot
-from locplan.simulation import Simulator, filter_warnings
+from locplan.simulation import BeamsLeft, Simulator, filter_warnings
 
 LIDAR = Lidar(range=12.0, range_sigma=0.03)
 CLEAN = Disturbances(outliers=0.0, boundary_noise=0.0)
@@ -56,7 +55,7 @@ def hall(size: float) -> OccupancyGrid:
 
 def test_all_beams_return_in_a_small_room():
     simulator = Simulator(hall(4.0), robot=Robot(LIDAR, disturbances=CLEAN))
-    left = beams_left(simulator)
+    left = BeamsLeft.on_map(simulator)
     assert left.compared == 60  # every sixth of 360
     assert left.returned == 60
     assert left.warnings() == []
@@ -64,7 +63,7 @@ def test_all_beams_return_in_a_small_room():
 
 def test_few_beams_return_in_a_hall_wider_than_the_lidar_sees():
     lidar = Lidar(range=4.0)
-    left = beams_left(Simulator(hall(30.0), robot=Robot(lidar, filter=Amcl(max_beams=30))))
+    left = BeamsLeft.on_map(Simulator(hall(30.0), robot=Robot(lidar, filter=Amcl(max_beams=30))))
     assert 0 < left.returned < 0.5 * left.compared
     (warning,) = left.warnings()
     assert str(left) in warning
@@ -73,4 +72,4 @@ def test_few_beams_return_in_a_hall_wider_than_the_lidar_sees():
 
 def test_beams_are_counted_also_where_the_robot_fits_nowhere():
     grid = drawn("####", "#..#", "####", resolution=0.1)
-    assert beams_left(Simulator(grid, robot=Robot(LIDAR))).compared == 60
+    assert BeamsLeft.on_map(Simulator(grid, robot=Robot(LIDAR))).compared == 60

@@ -16,7 +16,6 @@ import locplan
 from locplan import FieldConfig, Lidar, LocplanError, OccupancyGrid, Path
 from locplan._kernels.likelihood import make_lattice
 from locplan._kernels.matches import match
-from locplan._util.intervals import of_geometric_mean, of_mean, of_median, of_rms
 from locplan.field import SHORT_LIDAR, Exponential, Sad, Scan, likelihood_field
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.planners import AWARE, SHORTEST, Query
@@ -36,7 +35,6 @@ from locplan.simulation import (
     simulate_queries,
     simulation_figure,
 )
-from locplan.simulation._worlds import approaches
 
 QUIET = {
     "boundary_noise": 0.0,
@@ -109,13 +107,26 @@ def test_paths_that_cannot_be_driven_are_refused(two_corridors, xy, reason):
         poses_along(Path(np.array(xy)), two_corridors)
 
 
-def test_approaches_end_in_the_cell_from_as_far_as_wanted(two_corridors):
-    costs = locplan.Costmap.blank(two_corridors, robot_radius=0.25)
-    cell = two_corridors.world_to_cell(20.0, 3.0)
-    lines = approaches(costs, cell, 12, 10.0, np.random.default_rng(0))
+def lines_to(grid, point, drives, robot_radius, monkeypatch):
+    """The lines that are driven to a lattice point."""
+    driven = []
+
+    def drive(self, lines, **_):
+        driven.extend(lines)
+        return np.zeros((len(lines), *lines[0].shape))
+
+    monkeypatch.setattr(Simulator, "drive", drive)
+    some = {"robot_radius": robot_radius, "drives": drives, "scans": 0}
+    places = measure(Simulator(grid), np.array([point]), **some)
+    ends = np.array([line[-1, :2] for line in driven])
+    assert ends == pytest.approx(np.tile(places.xy, (drives, 1)))
+    return driven
+
+
+def test_drives_end_at_the_place_and_come_from_afar(two_corridors, monkeypatch):
+    row, col = two_corridors.world_to_cell(20.0, 3.0)
+    lines = lines_to(two_corridors, (row // 2, col // 2), 12, 0.25, monkeypatch)
     assert len({line.shape for line in lines}) == 1
-    ends = np.array([line[-1, :2] for line in lines])
-    assert ends == pytest.approx(np.tile(two_corridors.cell_to_world(*cell), (12, 1)))
     ways = [np.hypot(*np.diff(line[:, :2], axis=0).T).sum() for line in lines]
     assert min(ways) > 9.4
     assert max(ways) <= 10.0 + 1e-6
@@ -123,11 +134,8 @@ def test_approaches_end_in_the_cell_from_as_far_as_wanted(two_corridors):
     assert starts.min() < 11 < 29 < starts.max()
 
 
-def test_approaches_in_a_small_room_are_as_long_as_there_is():
-    grid = open_space(3.0)
-    lines = approaches(
-        locplan.Costmap.blank(grid, robot_radius=0.0), (2, 2), 4, 10.0, np.random.default_rng(0)
-    )
+def test_drives_in_a_small_room_are_as_long_as_there_is(monkeypatch):
+    lines = lines_to(open_space(3.0), (1, 1), 4, 0.0, monkeypatch)
     assert all(2.0 < math.dist(line[0, :2], line[-1, :2]) < 4.3 for line in lines)
 
 
@@ -463,17 +471,28 @@ def test_errors_at_places_are_those_of_the_last_metre_and_lost_at_any_time(monke
     assert undriven.position_median("match") == pytest.approx(expected)
 
 
+def drives_with(position_errors):
+    """Drives whose position errors (drives, n) are known."""
+    errors = np.zeros((*np.shape(position_errors), 3))
+    errors[..., 0] = position_errors
+    return Drives(np.zeros((errors.shape[1], 3)), errors)
+
+
 def test_a_root_mean_square_is_within_its_interval_as_often_as_it_says():
-    random = np.random.default_rng(0)
-    inside = ratios = 0
+    random, inside = np.random.default_rng(0), 0
     for _ in range(400):
-        a, b = random.lognormal(0.0, 1.0, (2, 60))
-        low, high = of_rms(a)[1:]
+        low, high = drives_with(np.sqrt(random.lognormal(0.0, 1.0, (60, 1)))).rmse[1:]
         inside += low <= math.sqrt(math.exp(0.5)) <= high
-        low, high = of_rms(a, b)[1:]
-        ratios += low <= 1 <= high
     assert 0.88 < inside / 400 < 0.98
-    assert 0.90 < ratios / 400 < 0.98
+
+
+def test_a_ratio_of_drives_is_within_its_interval_as_often_as_it_says():
+    random, inside = np.random.default_rng(0), 0
+    for _ in range(400):
+        a, b = map(drives_with, random.lognormal(0.0, 1.0, (2, 60, 1)))
+        low, high = rmse_ratio(a, b)[1:]
+        inside += low <= 1 <= high
+    assert 0.92 < inside / 400 < 0.98
 
 
 def test_a_median_is_within_its_interval_as_often_as_it_says():
@@ -481,24 +500,27 @@ def test_a_median_is_within_its_interval_as_often_as_it_says():
     inside = plain = 0
     for _ in range(400):
         trials = random.normal(0.0, 1.0, (30, 1)) + random.normal(0.0, 0.5, (30, 20))
-        low, high = of_median(np.exp(trials))[1:]
+        low, high = drives_with(np.exp(trials)).median_error[1:]
         inside += low <= 1 <= high
-        low, high = of_median(np.exp(trials).reshape(-1, 1))[1:]  # values that are no trials
+        # Poses of one drive that are taken for drives.
+        low, high = drives_with(np.exp(trials).reshape(-1, 1)).median_error[1:]
         plain += low <= 1 <= high
     assert 0.92 < inside / 400 < 0.98
     assert plain / 400 < 0.6
 
 
-def test_intervals_of_too_little():
-    assert np.isnan(of_median(np.empty((0, 5)))).all()
-    assert of_median(np.array([[1.0, 2.0], [3.0, 4.0]])).value == 2.5
-    assert np.isnan(of_median(np.ones((4, 3)))[1:]).all()
-    assert np.isnan(of_mean(np.array([1.0, 2.0]))[1:]).all()
-    assert np.isnan(of_geometric_mean(np.ones(4))[1:]).all()
-    assert np.isnan(of_mean(np.array([]))).all()
-    assert of_rms(np.array([4.0])).value == 2.0
-    assert of_rms(np.zeros(5)).value == 0.0
-    assert of_geometric_mean(np.array([2.0, 8.0])).value == pytest.approx(4.0)
+def test_intervals_of_too_few_drives():
+    few = drives_with([[1.0, 2.0], [3.0, 4.0]])
+    assert few.median_error.value == 2.5
+    for interval in (few.median_error, few.rmse, few.typical_rmse, few.final_rmse):
+        assert np.isnan(interval[1:]).all()
+    assert few.rmse.value == pytest.approx(math.sqrt(7.5))
+    still = drives_with(np.zeros((5, 3)))
+    assert still.rmse.value == still.median_error.value == 0.0
+    two = drives_with([[2.0], [8.0]])
+    assert two.typical_rmse.value == pytest.approx(4.0)
+    assert rmse_ratio(two, drives_with([[1.0], [1.0]])).value == pytest.approx(4.0)
+    assert np.isnan(drives_with([[2.0]] * 6).kept_rmse).all()
 
 
 # What AMCL is told.

@@ -12,19 +12,18 @@ from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
 from locplan.robots import OMNIDIRECTIONAL, Amcl, Disturbances, Lidar, Robot, read_amcl
-from locplan.simulation import Simulator, Tuning, poses_along, tune, tuning_figure
-from locplan.simulation.tuning import _bench
-from locplan.simulation.tuning._bench import LONGEST, Bench, random_paths, updates_along
-from locplan.simulation.tuning._files import check_written, tuned_file
-from locplan.simulation.tuning._space import (
-    AXES,
-    LEVELS,
-    MAX_SETTINGS,
-    candidates,
-    changed_values,
-    described,
+from locplan.simulation import (
+    BeamsLeft,
+    DisturbanceLevel,
+    SimulatedBench,
+    Simulator,
+    Tuning,
+    TuningBench,
+    poses_along,
+    search_settings,
+    tune,
+    tuning_figure,
 )
-from locplan.simulation.tuning._tune import Search
 
 FEW = {"min_particles": 30, "max_particles": 60}
 GOOD = Amcl(**FEW, alpha1=0.05, alpha2=0.05, alpha3=0.05, alpha4=0.05)
@@ -45,19 +44,49 @@ def tuning():
     return tune(hall(), robot=Robot(LIDAR, filter=Amcl(**FEW)), paths=5, drives=4, threads=2)
 
 
-def random() -> np.random.Generator:
-    return np.random.default_rng(1)
+class Formula(TuningBench):
+    """A bench whose settings have known errors at each level: sums of what each value adds."""
+
+    def __init__(self, added=None, levels=(0.0, 0.1, 0.2), lines=None):
+        self.added, self.offsets = added or {}, levels
+        line = np.column_stack([np.arange(101) * 0.05, np.zeros(101), np.zeros(101)])
+        every = [DisturbanceLevel(f"level {n}", 1.0, 1.0) for n in range(3)]
+        own = {"seed": 1, "threads": 1}
+        super().__init__(hall(), hall(), LIDAR, every, lines or [line] * 20, 8, **own)
+
+    def arguments(self, amcl):
+        total = sum(each.get(getattr(amcl, name), 0.0) for name, each in self.added.items())
+        levels = self.offsets(amcl) if callable(self.offsets) else self.offsets
+        return [math.exp(total + level) for level in levels]
+
+    def errors(self, level, path, drive, arguments):
+        return np.array([[100 * arguments, 0.0, 0.0]])
+
+
+def found_by(bench, own=None):
+    """What is found on a bench that the search and the judgement share."""
+    left = BeamsLeft(60, 60.0)
+    own = Robot(LIDAR, filter=own or Amcl())
+    about = {"left": left, "others": None, "seed": 1, "progress": None}
+    return search_settings(lambda *_: bench, own, 20, 8, **about)
+
+
+def tried(own):
+    """Settings that a search begins with."""
+    bench = Formula()
+    count = found_by(bench, own).rungs[0][0]
+    return list(bench.driven)[:count]
 
 
 def test_all_combinations_are_tried_the_users_own_first():
-    found = candidates(Amcl(), random())
+    found = tried(Amcl())
     assert found[0] == Amcl()
-    assert len(set(found)) == len(found) == math.prod(len(axis.values) for axis in AXES) == 128
+    assert len(set(found)) == len(found) == 4 * 2 * 2 * 4 * 2 == 128
 
 
 def test_own_values_take_the_place_of_those_near_them():
     own = Amcl(max_beams=50, update_min_d=0.2, alpha1=0.1, **FEW)
-    found = candidates(own, random())
+    found = tried(own)
     assert {each.max_beams for each in found} == {30, 50, 120, 180}
     assert {each.update_min_d for each in found} == {0.1, 0.2}
     assert {each.min_particles for each in found} == {FEW["min_particles"]}
@@ -67,44 +96,43 @@ def test_own_values_take_the_place_of_those_near_them():
 
 def test_the_alpha_of_sideways_motion_is_tuned_where_it_counts():
     sideways = Amcl(robot_model_type=OMNIDIRECTIONAL)
-    found = candidates(sideways, random())
+    found = tried(sideways)
     assert {each.alpha5 for each in found} == {0.2, 0.1, 0.05, 0.02}
     assert {each.robot_model_type for each in found} == {OMNIDIRECTIONAL}
-    assert {each.alpha5 for each in candidates(Amcl(), random())} == {0.2}
-    quiet = next(each for each in found if changed_values(sideways, each) == dict.fromkeys(
-        ("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"), 0.05
-    ))  # fmt: skip
-    assert described(sideways, quiet) == "alphas 0.05"
+    assert {each.alpha5 for each in tried(Amcl())} == {0.2}
+    quiet = found_by(Formula({"alpha5": {0.05: -1.0}}), sideways)
+    assert quiet.changes == dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"), 0.05)
+    assert quiet.conclusion.startswith("alphas 0.05: RMSE")
 
 
 def test_of_too_many_settings_some_are_drawn():
     own = Amcl(max_beams=7, update_min_d=0.0, sigma_hit=0.02, alpha1=1.0)
-    found = candidates(own, random())
+    found = tried(own)
     assert found[0] == own
-    assert len(set(found)) == len(found) == MAX_SETTINGS
-    assert found == candidates(own, random())
+    assert len(set(found)) == len(found) == 128
+    assert found == tried(own)
 
 
 def test_changes_are_named():
-    own = Amcl()
-    other = dataclasses.replace(GOOD, laser_model_type="likelihood_field_prob", max_beams=30)
-    assert described(own, other) == "alphas 0.05, likelihood_field_prob, max_beams 30"
-    assert described(other, dataclasses.replace(other, alpha1=0.1)) == "alphas 0.1/0.05/0.05/0.05"
-    assert changed_values(GOOD, other) == {
-        "laser_model_type": "likelihood_field_prob",
-        "max_beams": 30,
-    }
+    added = {"alpha2": {0.05: -1.0}, "max_beams": {30: -1.0}}
+    added["laser_model_type"] = {"likelihood_field_prob": -1.0}
+    found = found_by(Formula(added))
+    assert found.conclusion.startswith("alphas 0.05, likelihood_field_prob, max_beams 30: ")
+    mixed = dataclasses.replace(GOOD, alpha1=0.1)
+    assert found_by(Formula({"alpha1": {0.1: -1.0}}), GOOD).conclusion.startswith("alphas 0.1:")
+    assert found_by(Formula({"alpha1": {0.05: -1.0}}), mixed).changes == {"alpha1": 0.05}
 
 
 def test_levels_scale_odometry_and_clutter_only():
     robot = Robot(disturbances=Disturbances(outliers=0.3, occlusion=0.6))
-    assert LEVELS[1].of(robot) == robot
+    levels = bench_of().levels
+    assert levels[1].of(robot) == robot
     base = robot.odometry
-    mild, strong = (LEVELS[n].of(robot).odometry for n in (0, 2))
+    mild, strong = (levels[n].of(robot).odometry for n in (0, 2))
     for name in ("distance_drift", "heading_drift_deg", "turn_drift_deg", "turn_bias"):
         assert getattr(mild, name) == pytest.approx(getattr(base, name) / 3)
         assert getattr(strong, name) == pytest.approx(getattr(base, name) * 3)
-    mild, strong = (LEVELS[n].of(robot).disturbances for n in (0, 2))
+    mild, strong = (levels[n].of(robot).disturbances for n in (0, 2))
     assert (mild.boundary_noise, strong.boundary_noise) == (0.05, 0.2)
     assert strong.outliers == 0.5  # at most half of the beams
     assert strong.occlusion == 0.6  # but never fewer than asked for
@@ -115,38 +143,38 @@ def test_random_paths_are_of_the_map_and_cut_to_length():
     cells = np.full((12, 500), FREE, np.uint8)
     cells[[0, -1]] = OCCUPIED
     grid = OccupancyGrid(cells, 0.1)
-    paths = random_paths(Costmap.blank(grid), 6, 3)
+    paths = SimulatedBench.paths(Costmap.blank(grid), 6, 3)
     lengths = [path.length for path in paths]
-    assert max(lengths) == pytest.approx(LONGEST)
+    assert max(lengths) == pytest.approx(SimulatedBench.longest)
     assert min(lengths) >= 8 - 1e-9
     for path in paths:
         poses_along(path, grid)  # raises where it leaves the free cells
     assert [path.xy.tolist() for path in paths] == [
-        path.xy.tolist() for path in random_paths(Costmap.blank(grid), 6, 3)
+        path.xy.tolist() for path in SimulatedBench.paths(Costmap.blank(grid), 6, 3)
     ]
-    assert random_paths(Costmap.blank(grid), 6, 4)[0].xy.tolist() != paths[0].xy.tolist()
+    assert SimulatedBench.paths(Costmap.blank(grid), 6, 4)[0].xy.tolist() != paths[0].xy.tolist()
 
 
 def test_small_maps_have_shorter_paths():
     cells = np.full((40, 40), FREE, np.uint8)
     grid = OccupancyGrid(cells, 0.1, name="room")
-    assert min(path.length for path in random_paths(Costmap.blank(grid), 5, 1)) >= 2 - 1e-9
+    assert min(path.length for path in SimulatedBench.paths(Costmap.blank(grid), 5, 1)) >= 2 - 1e-9
     with pytest.raises(ConfigError, match="room: no two positions") as caught:
-        random_paths(Costmap.blank(OccupancyGrid(cells[:10, :10], 0.1, name="room")), 5, 1)
+        SimulatedBench.paths(Costmap.blank(OccupancyGrid(cells[:10, :10], 0.1, name="room")), 5, 1)
     assert "larger map" in str(caught.value)
 
 
-def bench_of(paths: int = 3, drives: int = 4) -> Bench:
+def bench_of(paths: int = 3, drives: int = 4) -> SimulatedBench:
     grid = hall()
-    lines = random_paths(Costmap.blank(grid), paths, 1)
-    return Bench(grid, Robot(LIDAR), lines, drives, seed=5, threads=2)
+    lines = SimulatedBench.paths(Costmap.blank(grid), paths, 1)
+    return SimulatedBench(grid, Robot(LIDAR), lines, drives, seed=5, threads=2)
 
 
 def test_a_bench_drives_as_the_simulator_does():
     bench, grid = bench_of(), hall()
     bench.drive([GOOD], 3, 4)
-    lines = random_paths(Costmap.blank(grid), 3, 1)
-    for n, level in enumerate(LEVELS):
+    lines = SimulatedBench.paths(Costmap.blank(grid), 3, 1)
+    for n, level in enumerate(bench.levels):
         simulator = Simulator(grid, level.of(Robot(LIDAR, filter=GOOD)), seed=5)
         for path, line in enumerate(lines):
             own = simulator.drive_along(poses_along(line, grid), 4, stream=path)
@@ -166,7 +194,7 @@ def test_a_bench_remembers_what_was_driven():
 
 def test_a_bench_keeps_the_scores_of_few_settings(monkeypatch):
     """Each may be as large as the map."""
-    monkeypatch.setattr(_bench, "AT_ONCE", 2)
+    monkeypatch.setattr(TuningBench, "at_once", 2)
     bench = bench_of(paths=1, drives=2)
     settings = [Amcl(**FEW, sigma_hit=0.1 + 0.02 * n) for n in range(5)]
     done = []
@@ -178,36 +206,10 @@ def test_a_bench_keeps_the_scores_of_few_settings(monkeypatch):
 
 def test_updates_are_those_of_the_settings():
     line = np.column_stack([np.arange(101) * 0.05, np.zeros(101), np.zeros(101)])
-    assert updates_along(line, Amcl(update_min_d=0.24)) == 1 + 20
-    assert updates_along(line, Amcl(update_min_d=0.09)) == 1 + 50
+    assert Formula(lines=[line]).updates(Amcl(update_min_d=0.24)) == 1 + 20
+    assert Formula(lines=[line] * 2).updates(Amcl(update_min_d=0.09)) == 2 * (1 + 50)
     line[:, 2] = np.arange(101) * 0.15
-    assert updates_along(line, Amcl(update_min_d=9.0)) == 1 + 50
-
-
-class Formula:
-    """A bench whose settings have known errors at each level: sums of what each value adds."""
-
-    def __init__(self, added, levels=(0.0, 0.1, 0.2)):
-        self.added, self.offsets, self.driven, self.levels = added, levels, {}, range(3)
-
-    def drive(self, settings, paths, drives, levels=None, progress=None):
-        for amcl in settings:
-            self.driven.setdefault(amcl, set()).update(levels or self.levels)
-
-    def means(self, amcl, paths, drives):
-        total = sum(v.get(getattr(amcl, name), 0.0) for name, v in self.added.items())
-        levels = self.offsets(amcl) if callable(self.offsets) else self.offsets
-        values = [total + v if n in self.driven[amcl] else np.nan for n, v in enumerate(levels)]
-        return np.array(values)
-
-    def updates(self, amcl):
-        return round(100 / amcl.update_min_d)
-
-
-def found_by(bench, own=None):
-    own = own or Amcl()
-    search = Search(bench, own, 20, 8)
-    return search.run(candidates(own, random()), iter([None] * 4))
+    assert Formula(lines=[line]).updates(Amcl(update_min_d=9.0)) == 1 + 50
 
 
 def test_the_search_finds_the_best_and_puts_back_what_gains_nothing():
@@ -217,14 +219,14 @@ def test_the_search_finds_the_best_and_puts_back_what_gains_nothing():
         "sigma_hit": {0.2: 0.01},
     }
     found = found_by(Formula(added))
-    assert (found.best.alpha1, found.best.sigma_hit) == (0.05, 0.1)
-    assert found.best.laser_model_type == "likelihood_field_prob"
-    assert changed_values(Amcl(), found.kept) == {
+    assert found.changes == {
         **dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4"), 0.05),
         "laser_model_type": "likelihood_field_prob",
     }
-    assert found.without["laser_model_type"] == pytest.approx(math.e)
-    assert found.without["sigma_hit"] == pytest.approx(math.exp(0.01))
+    # The best is judged, too: it has a sigma_hit that gains next to nothing.
+    assert found.judged[-1].name == "alphas 0.05, likelihood_field_prob, sigma_hit 0.1"
+    assert found.contributions["laser_model_type"] == pytest.approx(math.e)
+    assert found.contributions["sigma_hit"] == pytest.approx(math.exp(0.01))
     assert found.rungs[0] == (128, 5, 2)
     assert found.rungs[-1][1:] == (20, 8)
 
@@ -232,17 +234,17 @@ def test_the_search_finds_the_best_and_puts_back_what_gains_nothing():
 def test_more_beams_a_metre_must_gain_more():
     for gain, kept in ((0.08, 60), (0.12, 180)):
         found = found_by(Formula({"max_beams": {180: -gain}}))
-        assert (found.best.max_beams, found.kept.max_beams) == (180, kept)
-        assert found.frugal.max_beams <= 60
+        assert (found.candidate.max_beams, "max_beams" in found.contributions) == (kept, True)
+        assert {60, 180} <= {each.amcl.max_beams for each in found.judged}
     for gain, kept in ((0.03, 0.1), (0.015, 0.2)):
-        assert found_by(Formula({"sigma_hit": {0.1: -gain}})).kept.sigma_hit == kept
+        assert found_by(Formula({"sigma_hit": {0.1: -gain}})).candidate.sigma_hit == kept
 
 
 def test_nothing_is_put_back_that_is_worse_at_another_level():
     def levels(amcl):
         return (0.5 if amcl.sigma_hit == 0.2 else 0.0), 0.1, 0.2
 
-    assert found_by(Formula({"sigma_hit": {0.2: 0.01}}, levels)).kept.sigma_hit == 0.1
+    assert found_by(Formula({"sigma_hit": {0.2: 0.01}}, levels)).candidate.sigma_hit == 0.1
 
 
 def test_the_worst_level_counts_whichever_it_is():
@@ -252,34 +254,34 @@ def test_the_worst_level_counts_whichever_it_is():
         return (0.9, 0.0, 0.1) if amcl == treacherous else (0.0, 0.1, 0.2)
 
     found = found_by(Formula({"sigma_hit": {0.1: -0.05}}, levels), GOOD)
-    assert found.best != treacherous
-    assert found.best.sigma_hit == 0.1
+    assert treacherous not in {each.amcl for each in found.judged}
+    assert found.candidate.sigma_hit == 0.1
 
 
-def test_own_settings_that_are_best_are_found(tuning):
+def test_own_settings_that_are_best_are_found():
     own = dataclasses.replace(GOOD, laser_model_type="likelihood_field_prob")
-    found = found_by(
-        Formula({"alpha1": {0.05: -1}, "laser_model_type": {own.laser_model_type: -1}}), own
-    )
-    assert found.best == found.kept == own
-    assert found.without == {}
+    added = {"alpha1": {0.05: -1}, "laser_model_type": {own.laser_model_type: -1}}
+    found = found_by(Formula(added), own)
+    assert found.candidate == found.winner == own
+    assert [each.name for each in found.judged] == ["your settings", "Nav2's defaults"]
+    assert found.contributions == found.changes == {}
 
 
 def test_tuning_gains_and_is_judged_on_other_paths(tuning):
     own, found = tuning.judged[0], tuning.found
     assert own.amcl == tuning.own == Amcl(**FEW)
     assert own.name == "your settings"
-    assert all(level.ratio.value == 1 for level in own.levels)
+    assert all(level.rmse_ratio.value == 1 for level in own.levels)
     assert not own.better
     assert found.amcl == tuning.candidate != tuning.own
     assert found.better
     assert tuning.winner == found.amcl
-    assert tuning.changes == changed_values(tuning.own, found.amcl)
-    assert found.ratio.high < 1
+    assert tuning.changes
+    assert found.rmse_ratio.high < 1
     assert found.worst < own.worst
     assert tuning.judged_seed != tuning.seed
     assert {each.name for each in tuning.judged} >= {"your settings", "Nav2's defaults"}
-    assert tuning.conclusion.startswith(described(tuning.own, tuning.winner))
+    assert tuning.conclusion.startswith(f"{found.name}: RMSE ")
     assert "times the CPU" in tuning.report()
     assert f"\n{LIDAR.title}: of 60 beams compared, " in tuning.report()
     assert json.loads(json.dumps(tuning.summary(), allow_nan=False))["verdict"] == "better"
@@ -310,17 +312,17 @@ def test_what_is_not_clearly_better_changes_nothing(tuning, tmp_path):
     file.write_text(PARAMS)
     nan = (1.0, math.nan, math.nan)
     worse = tuple(
-        dataclasses.replace(level, ratio=type(level.ratio)(1.2, 1.1, 1.3))
+        dataclasses.replace(level, rmse_ratio=type(level.rmse_ratio)(1.2, 1.1, 1.3))
         for level in tuning.found.levels
     )
     lossy = tuple(
-        dataclasses.replace(level, lost_difference=type(level.ratio)(0.1, 0.05, 0.2))
+        dataclasses.replace(level, lost_difference=type(level.rmse_ratio)(0.1, 0.05, 0.2))
         for level in tuning.found.levels
     )
-    interval = type(tuning.found.ratio)
+    interval = type(tuning.found.rmse_ratio)
     for change in (
-        {"ratio": interval(0.9, 0.8, 1.01)},
-        {"ratio": interval(*nan)},
+        {"rmse_ratio": interval(0.9, 0.8, 1.01)},
+        {"rmse_ratio": interval(*nan)},
         {"levels": worse},
         {"levels": lossy},
     ):
@@ -329,21 +331,34 @@ def test_what_is_not_clearly_better_changes_nothing(tuning, tmp_path):
         unclear = dataclasses.replace(tuning, judged=judged)
         assert unclear.winner == tuning.own
         assert unclear.changes == {}
-        assert tuned_file(unclear, file) == file.read_bytes()
+        unclear.save(tmp_path / "out", file)
+        assert (tmp_path / "out" / "nav2_params.yaml").read_bytes() == file.read_bytes()
         assert unclear.conclusion.startswith("nothing is clearly better than your settings")
         assert unclear.summary()["verdict"] == "nothing is clearly better"
 
 
+def saved(tuning, folder, params=None):
+    """The parameter file in a folder of results."""
+    tuning.save(folder, params)
+    return folder / "nav2_params.yaml"
+
+
 def test_a_new_file_has_all_parameters(tuning, tmp_path):
-    file = tmp_path / "nav2.yaml"
-    file.write_bytes(tuned_file(tuning, None))
+    file = saved(tuning, tmp_path / "out")
     assert read_amcl(file) == tuning.winner
     given = yaml.safe_load(file.read_text())["amcl"]["ros__parameters"]
     assert given["robot_model_type"] == "nav2_amcl::DifferentialMotionModel"
     assert given["scan_topic"] == "scan"
     assert "  # Nav2's default is 2000" in file.read_text()
-    with pytest.raises(LocplanError, match="could not be written"):
-        check_written(file, tuning.own)
+
+
+def test_a_file_that_says_something_else_is_not_left_behind(tuning, tmp_path, monkeypatch):
+    edited = "locplan.simulation.tuning._files.edited_parameters"
+    monkeypatch.setattr(edited, lambda path, *_: path.read_bytes())
+    (tmp_path / "mine.yaml").write_text(PARAMS)
+    with pytest.raises(LocplanError, match="could not be written as it was meant"):
+        saved(tuning, tmp_path / "out", tmp_path / "mine.yaml")
+    assert not (tmp_path / "out").exists()
 
 
 PARAMS = """amcl:
@@ -366,9 +381,9 @@ def test_the_users_file_is_copied_with_what_gains(tuning, tmp_path):
         for each in tuning.judged
     )
     own = dataclasses.replace(tuning, judged=judged, candidate=prob)
-    made = tmp_path / "made.yaml"
-    made.write_bytes(tuned_file(own, file))
-    check_written(made, prob)
+    made = saved(own, tmp_path / "out", file)
+    with pytest.warns(UserWarning, match="unknown_to_us"):
+        assert read_amcl(made) == prob
     text = made.read_text()
     assert "    # mine\n" in text
     assert "alpha1: 0.05  # set long ago\n" in text
@@ -381,17 +396,18 @@ def test_the_users_file_is_copied_with_what_gains(tuning, tmp_path):
 def test_one_of_several_robots_in_a_file_is_tuned(tuning, tmp_path):
     file = tmp_path / "fleet.yaml"
     file.write_text("robot1:\n  amcl:\n    ros__parameters:\n      alpha1: 0.2\n" + PARAMS)
-    tuning.save(tmp_path / "out", tmp_path / "fleet.yaml:robot1")
-    made = tmp_path / "out" / "nav2_params.yaml"
+    made = saved(tuning, tmp_path / "out", tmp_path / "fleet.yaml:robot1")
     assert made.read_text().endswith(PARAMS)
-    check_written(made, tuning.winner, tmp_path / "fleet.yaml:robot1")
+    read = Robot.from_nav2(f"{made}:robot1", LIDAR).filter
+    assert (read.alpha1, read.max_beams) == (tuning.winner.alpha1, tuning.winner.max_beams)
 
 
 def test_a_file_that_was_set_otherwise_for_the_run_gets_these_settings_too(tuning, tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text(PARAMS.replace("max_particles: 60", "max_particles: 500"))
-    (tmp_path / "made.yaml").write_bytes(tuned_file(tuning, file))
-    check_written(tmp_path / "made.yaml", tuning.winner)
+    made = saved(tuning, tmp_path / "out", file)
+    with pytest.warns(UserWarning, match="unknown_to_us"):
+        assert read_amcl(made) == tuning.winner
 
 
 def test_results_are_written_and_drawn(tuning, tmp_path):

@@ -21,7 +21,6 @@ from locplan.plotting import (
 )
 from locplan.robots import Lidar, Robot
 from locplan.simulation import Route, Routes, queries_figure
-from locplan.simulation._figures import PANEL_POINTS, _beside
 
 pytestmark = pytest.mark.draws
 
@@ -237,14 +236,24 @@ def test_queries_without_a_lost_drive_have_no_empty_panel(lost, panels):
     assert LIDAR.title in title.replace("\n", " ")
 
 
+def numbers_beside(points):
+    """Where the number of each query stands from its point in the figure [points]."""
+    routes = []
+    for x, y in np.exp(points):
+        query, pair = Query("a", (1.0, 1.0), (5.0, 5.0)), (float(x), float(y))
+        routes.append(Route(query, (5.0, 6.0), pair, (0.0, 0.0), pair, pair, {}))
+    figure = queries_figure(Routes(hall(), routes, {}))
+    return np.array([text.xyann for text in figure.axes[0].texts])
+
+
 def test_numbers_of_points_keep_apart():
     points = np.array([[0.0, 0.0], [0.02, 0.02], [0.5, 0.1], [1.0, 1.0]])
-    sides = _beside(points)
-    assert sides[0] != sides[1]
-    at = points + np.array(sides) / PANEL_POINTS
+    sides = numbers_beside(points)
+    assert (sides[0] != sides[1]).any()
+    at = points + sides / 200  # the points take about as much room [typographic points]
     assert np.hypot(*(at[0] - points[1])) > np.hypot(*(at[0] - points[0]))
     assert np.hypot(*(at[0] - at[1])) > 0.05
-    assert len(_beside(points[:1])) == 1
+    assert len(numbers_beside(points[:1])) == 1
 
 
 def test_numbers_of_logarithmic_axes_are_plain():

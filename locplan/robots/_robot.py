@@ -92,11 +92,9 @@ class Robot(Settings):
             keep(self, lidar=Lidar.preset(self.lidar))
         for name, kind in PARTS.items():
             part = getattr(self, name)
-            if name == "filter" and hasattr(part, "start") and hasattr(part, "title"):
-                continue  # one that follows the protocol
-            if part is not None or name not in ("lidar", "inflation"):
-                own = "one of your own follows locplan.robots.Filter" if name == "filter" else ""
-                instance(name, part, kind, own)
+            follows = hasattr(part, "start") and name == "filter"  # the protocol of filters
+            if not follows and (part is not None or name not in ("lidar", "inflation")):
+                instance(name, part, kind)
         if not isinstance(self.footprint, Footprint):
             keep(self, footprint=number("footprint", self.footprint, 0.0))
         keep(self, margin=number("margin", self.margin, 0.0))
@@ -177,12 +175,11 @@ class Robot(Settings):
     def summary(self) -> dict[str, Any]:
         """All settings by the names of the fields, fit for JSON and YAML."""
         about = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
-        own = not isinstance(self.filter, Amcl)
-        for name in PARTS:
-            if name == "filter" and own:
-                about[name] = {"title": self.filter.title, "settings": repr(self.filter)}
-            else:
-                about[name] = None if about[name] is None else dataclasses.asdict(about[name])
+        for name in PARTS.keys() - {"filter"}:
+            about[name] = about[name] and dataclasses.asdict(about[name])
+        code = {"title": self.filter.title, "settings": repr(self.filter)}  # of one's own
+        amcl = self.filter if isinstance(self.filter, Amcl) else None
+        about["filter"] = dataclasses.asdict(amcl) if amcl else code
         if isinstance(self.footprint, Footprint):
             about["footprint"] = self.footprint.vertices.tolist()
         return about
@@ -232,10 +229,7 @@ class Robot(Settings):
     def amcl(self) -> Amcl:
         """The filter, where it is AMCL; a ConfigError where it is another."""
         if not isinstance(self.filter, Amcl):
-            raise ConfigError(
-                f"the filter ({self.filter.title}) is not AMCL, whose parameters are read here;"
-                " give the robot an Amcl"
-            )
+            raise ConfigError(f"{self.filter.title} is not AMCL, whose parameters are read here")
         return self.filter
 
     @property

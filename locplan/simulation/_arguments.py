@@ -66,10 +66,7 @@ class DriveArguments:
 
 
 def drive_arguments(
-    grid: OccupancyGrid,
-    robot: Robot,
-    *,
-    scores: NDArray[np.float32] | None = None,
+    grid: OccupancyGrid, robot: Robot, *, scores: NDArray[np.float32] | None = None
 ) -> DriveArguments:
     """Arguments of the kernels of drives for a map and a robot.
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 from locplan._util.checks import file_path
 from locplan._util.files import check_target, replacing
 from locplan._util.intervals import Interval
+from locplan._util.public import Pictured
 from locplan._util.reading import parsed_json, read_text
 from locplan._util.results import digest_of
 from locplan._util.tables import finite, table
@@ -25,11 +28,13 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Calibration:
+class Calibration(Pictured):
     """Noise level (and tau) of a field that fit the errors best, and the quality of the fit.
 
     The quality is measured at the places to which they were fitted.
     """
+
+    _drawn_by: ClassVar[str] = "locplan.simulation:calibration_figure"
 
     config: FieldConfig
     """Settings of the field, with the fitted `noise_level`, and with `tau` where it was fitted."""
@@ -125,7 +130,19 @@ class Calibration:
         LocplanError
             If a file cannot be written, or is in the way.
         """
-        return write_calibration(file_path("a calibration's file", path), self, robot, force=force)
+        from locplan.plotting import save_figure
+
+        target = file_path("a calibration's file", path)
+        picture = check_calibration(target, force=force)
+        about = {**self.verdict, "robot": robot.summary(), "calibration": self.summary()}
+        with replacing(picture) as drawn, replacing(target) as settings:
+            try:
+                save_figure(self.figure(), drawn)
+                save_config(settings, self.config, **about, picture=digest_of(drawn))
+            except LocplanError as error:  # it names the files' last places
+                text = str(error).replace(str(drawn), str(picture))
+                raise type(error)(text.replace(str(settings), str(target))) from None
+        return [target, picture]
 
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON."""
@@ -174,35 +191,6 @@ def calibration_report(calibration: Calibration) -> str:
     return f"{table([], rows)}\n{verdict}"
 
 
-def write_calibration(
-    target: Path, calibration: Calibration, robot: Robot, *, force: bool = False
-) -> list[Path]:
-    """Write the calibrated settings as `locplan.save_config` does, and a picture beside them.
-
-    The file says whether deviations are in metres, so that `locplan.load_config` can warn, and
-    holds the robot that was simulated, for `Robot.load`.
-
-    Raises
-    ------
-    LocplanError
-        If a file cannot be written.
-    """
-    from locplan.plotting import save_figure
-    from locplan.simulation import calibration_figure
-
-    picture = check_calibration(target, force=force)
-    about = {**calibration.verdict, "robot": robot.summary()}
-    about["calibration"] = calibration.summary()
-    with replacing(picture) as drawn, replacing(target) as settings:
-        try:
-            save_figure(calibration_figure(calibration), drawn)
-            save_config(settings, calibration.config, **about, picture=digest_of(drawn))
-        except LocplanError as error:  # it names the files' last places
-            text = str(error).replace(str(drawn), str(picture)).replace(str(settings), str(target))
-            raise type(error)(text) from None
-    return [target, picture]
-
-
 def check_calibration(target: Path, *, force: bool = False) -> Path:
     """The picture beside a calibration, if both can be written; to be called before long work.
 
@@ -228,7 +216,12 @@ def check_calibration(target: Path, *, force: bool = False) -> Path:
     check_target(picture, ".png")
     if force:
         return picture
-    written = _picture_of(target) if target.exists() else None
+    written = None
+    if target.exists():
+        with suppress(LocplanError, ValueError):
+            content = parsed_json(read_text(target))
+            if isinstance(content, dict) and {"config", "calibration"} <= content.keys():
+                written = str(content.get("picture"))
     if target.exists() and not written:
         raise LocplanError(
             f"{target}: is there, and no calibration; name another file, or replace it with --force"
@@ -239,13 +232,3 @@ def check_calibration(target: Path, *, force: bool = False) -> Path:
             " --force"
         )
     return picture
-
-
-def _picture_of(path: Path) -> str | None:
-    """SHA-256 of the picture of a calibration, or None if the file is none."""
-    try:
-        content = parsed_json(read_text(path))
-    except (LocplanError, ValueError):
-        return None
-    known = isinstance(content, dict) and {"config", "calibration"} <= set(content)
-    return str(content.get("picture")) if known else None

@@ -203,10 +203,7 @@ FLOOR = 1e-6
 
 
 def log_errors(
-    distance: NDArray[np.float64],
-    errors: NDArray[np.float64],
-    minimise: Minimise,
-    worst: float,
+    distance: NDArray[np.float64], errors: NDArray[np.float64], minimise: Minimise, worst: float
 ) -> NDArray[np.float64]:
     """Logarithm of the root mean square error of each drive, (drives,).
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import whole
-from locplan._util.intervals import Interval, Rank, Resamples, rank
+from locplan._util.intervals import Interval, Rank, Resamples, digits_of, plain, rank, short
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import POSITION, Column, Result, Table
 from locplan._util.results import Results
-from locplan._util.tables import finite
+from locplan._util.tables import REPORT_WIDTH, finite, table
 from locplan.field import equipped
 from locplan.maps import OccupancyGrid
 from locplan.robots import Robot
@@ -30,7 +31,7 @@ from locplan.simulation._predictors import Predictor, conclusion, configs, predi
 class Evaluation(Result):
     """Errors at places of some maps, and the values of each predictor there."""
 
-    _reported_by: ClassVar[str] = "locplan.simulation._predictors:evaluation_report"
+    _reported_by: ClassVar[str] = "locplan.simulation._evaluation:evaluation_report"
     _drawn_by: ClassVar[str] = "locplan.simulation:evaluation_figure"
     files: ClassVar[Results] = Results(
         "evaluation", ("evaluation.json", "evaluation.png", "places.csv")
@@ -108,7 +109,8 @@ class Evaluation(Result):
     @property
     def conclusion(self) -> list[str]:
         """Two sentences: if the errors depend on the place, and what to do."""
-        return conclusion(self)
+        ranks = {each: rank for (each, kind), rank in self.ranks.items() if kind == "tracking"}
+        return conclusion(self.places, self.agreement, ranks)
 
     def quantiles(self, number: int, size: str) -> list[float]:
         """Percentiles 10, 50 and 90 of the sizes of errors, over a map's places.
@@ -198,6 +200,42 @@ class Evaluation(Result):
 
     def _write(self, folder: Path, *about: Any) -> None:
         self.table().write_csv(folder / "places.csv")
+
+
+def evaluation_report(evaluation: Evaluation) -> str:
+    """Tables of how well each predictor ranks places, and of how large the errors were."""
+    several = len(evaluation.places) > 1
+    columns = ["predictor", "correlation", *(["in a map"] if several else []), "AUC"]
+    parts = []
+    for kind, label in KINDS.items():
+        rows = []
+        for predictor in evaluation.predictions[0]:
+            found = evaluation.ranks[predictor, kind]
+            within = [f"{found.within.value:.2f}"] if several else []
+            name = f"{predictor}{' *' if predictor.of_heading else ''}"
+            rows.append([name, short(found.spearman), *within, short(found.auc)])
+        parts += [f"{label}:", table(columns, rows)]
+    sizes = []
+    for n, places in enumerate(evaluation.places):
+        cells = [places.grid.name]
+        for size in places.sizes:
+            some = (plain(each, digits_of(each)) for each in evaluation.quantiles(n, size)[1:])
+            lost = f"{evaluation.lost_rate(n):.0%}"
+            cells.append(lost if size == "lost_rate" else "/".join(some))
+        sizes.append(cells)
+    columns = ["map", "median", "lost", "RMSE,\nkept", "RMSE", "scan\nmedian", "scan\nRMSE"]
+    parts += [
+        "Spearman's correlation of e and the deviations with the RMSE of the position (*: of the",
+        "heading) [95 %]; AUC: of finding the worst fifth of the places, by chance 0.5",
+        table(columns, sizes),
+        "errors of the position, 50/90 % of the places [m]; lost: of the drives, > 1 m at any"
+        " time;\nkept: those not lost",
+        f"{sum(len(each.points) for each in evaluation.places)} places, {evaluation.drives} drives"
+        f" to each, {evaluation.scans} scans there; with {evaluation.robot.title}",
+        "",
+        textwrap.fill(" ".join(evaluation.conclusion), REPORT_WIDTH),
+    ]
+    return "\n".join(parts)
 
 
 LARGEST_DISC = 30.0

@@ -73,25 +73,17 @@ def simulation_figure(simulation: Simulation) -> Figure:
     every = np.concatenate([profile[:, 4] for profile in profiles.values()])
     low = max(styles.MIN_ERROR, float(every.min()))
     norm = LogNorm(low, max(float(every.max()), 2 * low), clip=True)
-    ratios, handles, image = contrasts(simulation.drives), [], None
+    colours: dict[str, Any] = {"cmap": styles.ERROR_COLOURS, "norm": norm}
+    ratios, handles = contrasts(simulation.drives), []
     for (name, profile), style in zip(profiles.items(), itertools.cycle(PATH_STYLES)):
         distance, xy, mean = profile[:, 0], profile[:, 1:3], profile[:, 4]
-        colour = style["color"]
+        colour, drives = style["color"], simulation.drives[name]
         draw_path(upper, simulation.paths[name], color=colour, linewidth=7, path_effects=[])
-        lines = np.stack([xy[:-1], xy[1:]], axis=1)
-        image = upper.add_collection(
-            LineCollection(
-                list(lines),
-                array=mean[:-1],
-                cmap=styles.ERROR_COLOURS,
-                norm=norm,
-                linewidths=4,
-                zorder=3,
-            )
-        )
+        lines = [*np.stack([xy[:-1], xy[1:]], axis=1)]
+        coloured = LineCollection(lines, array=mean[:-1], linewidths=4, zorder=3, **colours)
+        upper.add_collection(coloured)
         lower.fill_between(distance, profile[:, 6], profile[:, 7], color=colour, alpha=0.15, lw=0)
         lower.plot(distance, mean, linewidth=1.8, **style)
-        drives = simulation.drives[name]
         text = (
             f"{name}: {distance[-1]:.1f} m, median error {in_metres(drives.median_error.value)},"
             f" {drives.lost_rate.value:.0%} lost, RMSE {in_metres(drives.rmse.value)}"
@@ -103,24 +95,17 @@ def simulation_figure(simulation: Simulation) -> Figure:
         text = textwrap.fill(text, int(LETTERS * (width - 1)), break_on_hyphens=False)
         handles.append(Line2D([], [], linewidth=2, label=text, **style))
         draw_ends(upper, xy[0], xy[-1])
-    assert image is not None
-    bar = figure.colorbar(image, ax=upper, label="mean position error [m]", shrink=0.9)
+    bar = figure.colorbar(coloured, ax=upper, label="mean position error [m]", shrink=0.9)
     label_plainly(bar.ax.yaxis)
     lower.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
-    lower.annotate(
-        "lost",
-        (1, LOST),
-        (-4, -3),
-        ("axes fraction", "data"),
-        "offset points",
-        ha="right",
-        va="top",
-    )
+    where = "axes fraction", "data"
+    lower.annotate("lost", (1, LOST), (-4, -3), where, "offset points", ha="right", va="top")
     lower.set(xlabel="distance along the path [m]", ylabel="position error [m]")
     make_logarithmic(lower.yaxis)
     lower.margins(x=0.01)
-    handles += end_handles()
-    figure.legend(handles=handles, loc="outside lower center", frameon=False, ncols=1)
+    figure.legend(
+        handles=[*handles, *end_handles()], loc="outside lower center", frameon=False, ncols=1
+    )
     count = len(next(iter(simulation.drives.values())).errors)
     upper.set_title(
         f"{grid.name or 'map'}: {count} simulated drives of each path,"
@@ -139,17 +124,14 @@ def queries_figure(routes: Routes) -> Figure:
     routes : Routes
         Drives along both paths of some queries, as `simulate_queries` returns them.
     """
-    rmse = np.array([each.rmse for each in routes.routes])
-    lost = np.array([each.lost for each in routes.routes])
-    panels = 2 if lost.any() else 1
-    figure = Picture(figsize=(8.5 if panels == 2 else 6.6, 4.9), layout="constrained")
-    every = figure.subplots(1, panels, squeeze=False)[0]
-    left = every[0]
+    rmse, lost = routes.pairs("rmse"), routes.pairs("lost")
+    figure = Picture(figsize=(8.5 if lost.any() else 6.6, 4.9), layout="constrained")
+    left, *others = figure.subplots(1, 2 if lost.any() else 1, squeeze=False)[0]
     ends = _equal_ends(left, rmse)
     left.plot(ends, ends, color="0.6", linewidth=0.8, zorder=0)
     left.plot(*rmse.T, "o", color=POOLED, alpha=0.7)
     left.set(xlabel="RMSE along the shortest path [m]", ylabel="RMSE along the aware path [m]")
-    for right in every[1:]:
+    for right in others:
         right.plot((0, 1), (0, 1), color="0.6", linewidth=0.8, zorder=0)
         right.plot(*lost.T, "o", color=POOLED, alpha=0.7)
         right.set(
@@ -168,10 +150,11 @@ def queries_figure(routes: Routes) -> Figure:
         f"{routes.grid.name or 'map'}{lidar}, {len(routes.routes)} queries: {routes.verdict}",
         f"aware over shortest: RMSE {_formatted(routes.rmse_ratio)},"
         f" length {_formatted(routes.length_ratio)}",
-        *([] if lost.any() else ["no drive was lost on either path"]),
+        "" if lost.any() else "no drive was lost on either path",
     ]
     most = int(LETTERS * figure.get_figwidth())
-    title = "\n".join(textwrap.fill(line, most, break_on_hyphens=False) for line in lines)
+    filled = (textwrap.fill(line, most, break_on_hyphens=False) for line in lines if line)
+    title = "\n".join(filled)
     figure.suptitle(title, fontsize="medium")
     return figure
 
@@ -227,13 +210,12 @@ def _draw_ranks(axes: Axes, evaluation: Evaluation, kind: ErrorKind) -> None:
             axes.plot(interval.value, row + aside, "o", color=colour, markerfacecolor=fill)
     axes.axvline(0, color="0.6", linewidth=0.8, zorder=0)
     axes.set(
-        xlim=(-1.1, 1.1),
-        xticks=(-1, -0.5, 0, 0.5, 1),
-        xlabel="Spearman's rank correlation, 95 %",
+        xlim=(-1.1, 1.1), xticks=(-1, -0.5, 0, 0.5, 1), xlabel="Spearman's rank correlation, 95 %"
     )
     axes.set_title(KINDS[kind], fontsize="medium")
     axes.grid(axis="y", color="0.92")
-    axes.set_yticks(rows, [_label(predictor) for predictor in predictors])
+    of_heading = {True: " (of heading error)", False: ""}
+    axes.set_yticks(rows, [f"{each}{of_heading[each.of_heading]}" for each in predictors])
 
 
 def _draw_places(
@@ -318,11 +300,6 @@ def _names(maps: Sequence[str]) -> str:
     return names if len(names) < 60 else f"{len(maps)} maps"
 
 
-def _label(predictor: Predictor) -> str:
-    return f"{predictor}{' (of heading error)' if predictor.of_heading else ''}"
-
-
-def _formatted(interval: Interval, unit: str = "") -> str:
+def _formatted(interval: Interval) -> str:
     value, low, high = interval
-    ends = "" if np.isnan(low) else f" [{low:.3g}, {high:.3g}]"
-    return f"{value:.3g}{' ' * bool(unit)}{unit}{ends}"
+    return f"{value:.3g}" + ("" if np.isnan(low) else f" [{low:.3g}, {high:.3g}]")

@@ -1,27 +1,21 @@
-"""Predictors of where a robot is badly localized, and what people read of how well they do."""
+"""Predictors of where a robot is badly localized, and what their ranks and the errors come to."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-import textwrap
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.intervals import Interval, digits_of, in_metres, plain, short
-from locplan._util.tables import REPORT_WIDTH, table
+from locplan._util.intervals import Interval, Rank, in_metres, short
 from locplan.field import FieldConfig, Fisher, Fused, Sad, Scan, covariances_at, scalar
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.robots import Lidar
 from locplan.simulation._drives import LOST
-from locplan.simulation._places import KINDS
-
-if TYPE_CHECKING:
-    from locplan.simulation._evaluation import Evaluation
-
+from locplan.simulation._places import KINDS, Places
 
 Array = NDArray[np.float64]
 
@@ -132,9 +126,15 @@ PLANNED = {
 Those that real lasers speak for come first."""
 
 
-def conclusion(evaluation: Evaluation) -> list[str]:
-    """Two sentences on what a user should do; one if the places are too few to tell."""
-    every = [places.sizes for places in evaluation.places]
+def conclusion(
+    places: Sequence[Places], agreement: Interval, ranks: Mapping[Predictor, Rank]
+) -> list[str]:
+    """Two sentences on what a user should do; one if the places are too few to tell.
+
+    `agreement` is of the errors of half of the drives with those of the others, and `ranks` are of
+    each predictor with the errors of the filter.
+    """
+    every = [each.sizes for each in places]
     found = {name: np.concatenate([sizes[name] for sizes in every]) for name in every[0]}
     lost, rmse = float(found["lost_rate"].mean()), float(np.quantile(found["tracking_rmse"], 0.9))
     if len(found["lost_rate"]) < 20:
@@ -148,17 +148,16 @@ def conclusion(evaluation: Evaluation) -> list[str]:
         ]
     failed = float((found["match_rmse"] > 0.25).mean())
     tracking, match = (float(np.median(found[f"{kind}_median"])) for kind in KINDS)
-    return [_about_places(evaluation), _about_deeds(tracking, match, rmse, lost, failed)]
+    return [_about_places(agreement, ranks), _about_deeds(tracking, match, rmse, lost, failed)]
 
 
-def _about_places(evaluation: Evaluation) -> str:
+def _about_places(agreement: Interval, every: Mapping[Predictor, Rank]) -> str:
     """Whether the errors depend on the place, and which field ranks them.
 
     The first field that ranks the places better than by chance is named: to name the greatest
     correlation of many would be to name chance.
     """
-    agreement = evaluation.agreement
-    ranks = {each: evaluation.ranks[each, "tracking"] for each in PLANNED}
+    ranks = {each: every[each] for each in PLANNED}
     for predictor, rank in ranks.items():
         if _excludes(rank.spearman, 0.0, 2 * len(ranks)):
             good = f"ranks the places ({short(rank.spearman)})"
@@ -215,39 +214,3 @@ def _about_deeds(tracking: float, match: float, rmse: float, lost: float, failed
         f" 10 % of the places its RMSE exceeds {in_metres(rmse)}: compare paths with"
         " `locplan plan`."
     )
-
-
-def evaluation_report(evaluation: Evaluation) -> str:
-    """Tables of how well each predictor ranks places, and of how large the errors were."""
-    several = len(evaluation.places) > 1
-    columns = ["predictor", "correlation", *(["in a map"] if several else []), "AUC"]
-    parts = []
-    for kind, label in KINDS.items():
-        rows = []
-        for predictor in evaluation.predictions[0]:
-            found = evaluation.ranks[predictor, kind]
-            within = [f"{found.within.value:.2f}"] if several else []
-            name = f"{predictor}{' *' if predictor.of_heading else ''}"
-            rows.append([name, short(found.spearman), *within, short(found.auc)])
-        parts += [f"{label}:", table(columns, rows)]
-    sizes = []
-    for n, places in enumerate(evaluation.places):
-        cells = [places.grid.name]
-        for size in places.sizes:
-            some = (plain(each, digits_of(each)) for each in evaluation.quantiles(n, size)[1:])
-            lost = f"{evaluation.lost_rate(n):.0%}"
-            cells.append(lost if size == "lost_rate" else "/".join(some))
-        sizes.append(cells)
-    columns = ["map", "median", "lost", "RMSE,\nkept", "RMSE", "scan\nmedian", "scan\nRMSE"]
-    parts += [
-        "Spearman's correlation of e and the deviations with the RMSE of the position (*: of the",
-        "heading) [95 %]; AUC: of finding the worst fifth of the places, by chance 0.5",
-        table(columns, sizes),
-        "errors of the position, 50/90 % of the places [m]; lost: of the drives, > 1 m at any"
-        " time;\nkept: those not lost",
-        f"{sum(len(each.points) for each in evaluation.places)} places, {evaluation.drives} drives"
-        f" to each, {evaluation.scans} scans there; with {evaluation.robot.title}",
-        "",
-        textwrap.fill(" ".join(evaluation.conclusion), REPORT_WIDTH),
-    ]
-    return "\n".join(parts)

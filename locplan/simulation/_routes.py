@@ -91,12 +91,12 @@ class Routes(Pictured):
     @property
     def length_ratio(self) -> Interval:
         """Ratio of the aware to the shortest path's length: geometric mean over the queries."""
-        return of_geometric_mean(np.divide(*self._pairs("length").T[::-1]))
+        return of_geometric_mean(np.divide(*self.pairs("length").T[::-1]))
 
     @property
     def rmse_ratio(self) -> Interval:
         """Ratio of the aware to the shortest path's position RMSE: geometric mean."""
-        return of_geometric_mean(np.divide(*self._pairs("rmse").T[::-1]))
+        return of_geometric_mean(np.divide(*self.pairs("rmse").T[::-1]))
 
     @property
     def median(self) -> tuple[float, float]:
@@ -119,13 +119,13 @@ class Routes(Pictured):
     @property
     def lost(self) -> tuple[float, float]:
         """Share of lost drives along the shortest and the aware paths: means over the queries."""
-        shortest, aware = self._pairs("lost").mean(axis=0).tolist()
+        shortest, aware = self.pairs("lost").mean(axis=0).tolist()
         return shortest, aware
 
     @property
     def lost_difference(self) -> Interval:
         """Difference in the share of lost drives, aware minus shortest: mean over the queries."""
-        return of_mean(np.diff(self._pairs("lost"))[:, 0])
+        return of_mean(np.diff(self.pairs("lost"))[:, 0])
 
     @property
     def verdict(self) -> str:
@@ -137,13 +137,19 @@ class Routes(Pictured):
             return "helps"
         return "harms" if ratio.low > 1 else "unclear"
 
-    def _pairs(self, name: str) -> NDArray[np.float64]:
-        """Values of the shortest and of the aware path of each query, (n, 2)."""
+    def pairs(self, name: str) -> NDArray[np.float64]:
+        """Values of the shortest and of the aware path of each query, (n, 2).
+
+        Parameters
+        ----------
+        name : str
+            Name of the value in `Route`.
+        """
         return np.array([getattr(each, name) for each in self.routes])
 
     def _means(self, name: str) -> tuple[float, float]:
         """Geometric means over the queries of which both values are known; NaN without one."""
-        pairs = self._pairs(name)
+        pairs = self.pairs(name)
         known = pairs[~np.isnan(pairs).any(axis=1)]
         if not len(known):
             return math.nan, math.nan

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
@@ -20,7 +21,7 @@ from locplan.maps.environments import boundary_cells, with_boundary_noise
 from locplan.robots import Robot
 from locplan.simulation._arguments import DriveArguments, Line, check_filter_map, drive_arguments
 from locplan.simulation._drives import Drives
-from locplan.simulation._worlds import MARGIN, SharedWorlds, Stage, turned, window_about
+from locplan.simulation._worlds import MARGIN, Stage, turned, window_about
 
 MATCH_WINDOW, MATCH_STEP = 2.0, 0.05
 """Half width and spacing of the offsets at which single scans are matched [m]."""
@@ -119,11 +120,7 @@ class Simulator:
             return list(pool.map(make, range(count)))
 
     def drive(
-        self,
-        lines: Sequence[Poses],
-        *,
-        stream: int = 0,
-        progress: ProgressCallback | None = None,
+        self, lines: Sequence[Poses], *, stream: int = 0, progress: ProgressCallback | None = None
     ) -> NDArray[np.float64]:
         """Drive each line once, in a world of its own; all have the same number of poses.
 
@@ -185,17 +182,18 @@ class Simulator:
         errors = [np.empty((len(numbers), *line.shape)) for line in lines]
         own = [self.line(poses) for poses in lines]
         stage = self.stage(own)
-        # The lines of one drive follow each other, so that few worlds are in memory at once.
-        worlds = SharedWorlds(lambda number: stage.world(stream, number), len(own))
+
+        # A task makes a world for its lines: they are split where drives are fewer than threads.
+        parts = min(len(own), math.ceil(self.threads / max(1, len(numbers))))
 
         def run(task: int) -> None:
-            drive, line = divmod(task, len(own))
-            number = numbers[drive]
-            with worlds.of(number) as world:
-                made = stage.drive(own[line], world, stream, number, self.arguments)
-            errors[line][drive] = made
+            n, part = divmod(task, parts)
+            world = stage.world(stream, numbers[n])
+            for line, made in zip(own[part::parts], errors[part::parts], strict=True):
+                made[n] = stage.drive(line, world, stream, numbers[n], self.arguments)
 
-        self._in_threads(run, len(numbers) * len(own), progress)
+        steps = len(numbers) * len(own)
+        self._in_threads(run, len(numbers) * parts, progress, steps)
         return [turned(each, self.filter_map.origin[2]) for each in errors]
 
     def line(self, poses: Poses) -> Line:
@@ -249,11 +247,7 @@ class Simulator:
         return Drives(poses, errors[0])
 
     def match(
-        self,
-        cells: NDArray[np.int64],
-        scans: int,
-        *,
-        progress: ProgressCallback | None = None,
+        self, cells: NDArray[np.int64], scans: int, *, progress: ProgressCallback | None = None
     ) -> NDArray[np.float64]:
         """Match single scans on the map, by correlation over a window of +-2 m and +-60 deg.
 
@@ -282,12 +276,7 @@ class Simulator:
         step = max(1, round(MATCH_STEP / resolution))
         half_steps = round(MATCH_WINDOW / (step * resolution))
         field = likelihood_field(
-            self.grid.cells,
-            resolution,
-            step,
-            half_steps,
-            sigma_hit=0.1,
-            z_rand=0.05,
+            self.grid.cells, resolution, step, half_steps, sigma_hit=0.1, z_rand=0.05
         )
         angles = np.linspace(-np.pi / 3, np.pi / 3, 61)
         lattice = make_lattice(half_steps, angles)
@@ -328,9 +317,13 @@ class Simulator:
         return drive_arguments(self.filter_map, self.robot)
 
     def _in_threads(
-        self, run: Callable[[int], None], count: int, progress: ProgressCallback | None
+        self,
+        run: Callable[[int], None],
+        count: int,
+        progress: ProgressCallback | None,
+        steps: int | None = None,
     ) -> None:
-        """Run tasks in their order."""
+        """Run tasks in their order; they are reported as so many steps, by default one each."""
         _ = self.arguments, self.boundary  # made once, not by every thread
         pool = ThreadPoolExecutor(self.threads)
         try:
@@ -338,6 +331,6 @@ class Simulator:
             for done, task in enumerate(tasks, 1):
                 task.result()
                 if progress:
-                    progress(done, count)
+                    progress(done * (steps or count) // count, steps or count)
         finally:
             pool.shutdown(cancel_futures=True)

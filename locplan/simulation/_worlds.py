@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -69,11 +65,7 @@ def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
 
 
 def approaches(
-    costs: Costmap,
-    cell: tuple[int, int],
-    count: int,
-    length: float,
-    random: np.random.Generator,
+    costs: Costmap, cell: tuple[int, int], count: int, length: float, random: np.random.Generator
 ) -> list[Poses]:
     """Drives along shortest paths that end in a cell, all with the same number of poses.
 
@@ -267,46 +259,6 @@ def track(
             )
         errors[n] = own_axes(own.grid, estimate[None])[0] - truth[n]
     errors[:, 2] = np.remainder(errors[:, 2] + np.pi, 2 * np.pi) - np.pi
-
-
-class SharedWorlds:
-    """Worlds that some drives share: each is made for the first of them, and kept to the last.
-
-    Parameters
-    ----------
-    make : callable
-        Gives the world of a number.
-    users : int
-        Number of drives in each world.
-    """
-
-    def __init__(self, make: Callable[[int], NDArray[np.uint8]], users: int) -> None:
-        self._make, self._users = make, users
-        self._lock = Lock()
-        self._kept: dict[int, _Kept] = {}
-
-    @contextmanager
-    def of(self, number: int) -> Iterator[NDArray[np.uint8]]:
-        """The world of a number, for one of its drives."""
-        with self._lock:
-            kept = self._kept.setdefault(number, _Kept(self._users))
-        with kept.lock:  # others wait for the one that makes it
-            if kept.world is None:
-                kept.world = self._make(number)
-        yield kept.world
-        with self._lock:
-            kept.left -= 1
-            if not kept.left:
-                del self._kept[number]
-
-
-@dataclass
-class _Kept:
-    """A world, and how many drives are still to take place in it."""
-
-    left: int
-    world: NDArray[np.uint8] | None = None
-    lock: Lock = dataclasses.field(default_factory=Lock)
 
 
 def turned(errors: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:

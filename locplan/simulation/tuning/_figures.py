@@ -12,12 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from locplan.plotting import Picture, make_logarithmic
-from locplan.simulation._figures import LETTERS
+from locplan.simulation._figures import LETTERS, MAP_MARKS
 from locplan.simulation.tuning._results import Tuning
 from locplan.simulation.tuning._space import changed_axes
-
-MARKS = (("#d55e00", "o"), ("#0072b2", "s"), ("#009e73", "D"), ("#cc79a7", "^"), ("#e69f00", "v"))
-"""Colour and marker of each setting."""
 
 
 def tuning_figure(tuning: Tuning) -> Figure:
@@ -56,7 +53,7 @@ def _draw_judged(errors: Axes, lost: Axes, tuning: Tuning) -> None:
     """The error and the share of lost drives at each level, beside each other by setting."""
     at = np.arange(len(tuning.levels))
     count = len(tuning.judged)
-    for n, (each, (colour, marker)) in enumerate(zip(tuning.judged, itertools.cycle(MARKS))):
+    for n, (each, (colour, marker)) in enumerate(zip(tuning.judged, itertools.cycle(MAP_MARKS))):
         aside = at + 0.14 * (n - (count - 1) / 2)
         cpu = each.cpu_per_metre / tuning.judged[0].cpu_per_metre
         label = f"{each.name}, CPU x{cpu:.2g}" if n else each.name
