@@ -38,7 +38,7 @@ from locplan.robots import Robot
 
 FURTHER = {
     "simulated choice": Entry(
-        "locplan.simulation.choice._planner:SimulatedChoice", "simulated error"
+        "locplan.simulation.choice._choose:SimulatedChoice", "simulated error"
     )
 }
 """The planners that only comparisons know by name, since they need more than a costmap."""

@@ -219,8 +219,11 @@ class Own:
                 paths[name] = made.path
         if ask.settings.front:
             paths.update(_paths_of("front", pareto_front(costs, ask.start, ask.goal)))
+        limit = ask.settings.longest * found[SHORTEST].length if SHORTEST in found else math.inf
         for name, path in paths.items():
             fault = ask.fault_of(path, costs)
+            if path.length > limit and not fault and name not in self.paths:
+                fault = f"is longer than {limit:.1f} m, {ask.settings.longest:g} times the shortest"
             if fault:
                 left_out[name] = fault
                 continue
@@ -232,6 +235,16 @@ class Own:
 def why_without(made: Plan) -> str:
     """Why a plan has no path."""
     return f"{made.status}: {made.note}" if made.note else made.status
+
+
+def note_on(made: Plan) -> str:
+    """What a plan says of its path beside its metrics."""
+    said = [made.note] if made.note else []
+    if not made.minimises:
+        said.append("any path, since its planner minimises nothing")
+    if made.bound is not None:
+        said.append(f"no path within the budget is shorter than {made.bound:.2f} m")
+    return "; ".join(said)
 
 
 def lines_along(paths: Mapping[str, Path], grid: OccupancyGrid) -> dict[str, Poses]:

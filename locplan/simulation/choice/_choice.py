@@ -20,7 +20,14 @@ from locplan.errors import LocplanError
 from locplan.planners import Plan, Position
 from locplan.robots import Amcl, Robot
 from locplan.simulation.choice._driven import DRIVEN, PLANNED, Candidate, Driven
-from locplan.simulation.choice._race import CLEARLY_BETTER, PROBABLY_BETTER, ROUNDS, Judgement
+from locplan.simulation.choice._race import (
+    CLEARLY_BETTER,
+    LOSES_MORE,
+    NO_DIFFERENCE,
+    PROBABLY_BETTER,
+    ROUNDS,
+    Judgement,
+)
 from locplan.simulation.choice._settings import TUNED, ChoiceSettings
 
 FORMAT = 1
@@ -97,7 +104,7 @@ class Choice(Result):
     def best(self) -> int:
         """Index of the candidate to take: the aware path of the field where nothing was driven."""
         if self.judgement is None:
-            return min(1, len(self.candidates) - 1)
+            return int(len(self.candidates) > 1 and self.candidates[1].planner != "")
         takes = (CLEARLY_BETTER, *([PROBABLY_BETTER] if self.settings.bold else []))
         return self.judgement.leader if self.verdict in takes else 0
 
@@ -134,11 +141,11 @@ class Choice(Result):
         if chosen is leader:
             return f"take {leader.name}: {found.verdict} than the shortest, {error}{self._slight}"
         bold = "; --bold (bold=True) takes it" if self.verdict == PROBABLY_BETTER else ""
-        what = (
-            f"{leader.name} is {found.verdict}"
-            if bold or "undecided" in found.verdict
-            else (f"{found.verdict} to {leader.name}")
-        )
+        if found.verdict == LOSES_MORE:
+            return f"take the shortest: {leader.name} loses more drives, {error}"
+        what = f"{leader.name} is {found.verdict}"
+        if found.verdict == NO_DIFFERENCE:
+            what = f"{found.verdict} to {leader.name}"
         return f"take the shortest: {what}, {error}{more_lost}{bold}"
 
     @property
@@ -330,7 +337,7 @@ def at_length(shortest: Candidate, other: Candidate) -> str:
 def title_of(rival: Amcl) -> str:
     """What a rival's settings are called."""
     if rival == TUNED:
-        return "a filter with all alphas 0.05 and likelihood_field_prob"
+        return "this filter with all alphas 0.05 and likelihood_field_prob"
     return rival.title
 
 
