@@ -36,7 +36,7 @@ def main(
     maps: Sequence[str] = (),
     places: int = 100,
     drives: int = 64,
-    queries: int = 3,
+    queries: int = 2,
 ) -> None:
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
