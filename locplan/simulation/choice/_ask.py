@@ -34,12 +34,8 @@ from locplan.simulation.choice._settings import ChoiceSettings
 AnyCandidate: TypeAlias = str | Planner | Path | Plan | ParetoFront | ArrayLike
 """A planner by name or as an object, a path, a plan, a front, or positions (n, 2) [m]."""
 Candidates: TypeAlias = Mapping[str, AnyCandidate] | Sequence[AnyCandidate]
-FRONT_PATHS = 5
-"""Number of paths that are taken of a Pareto front, from its shortest to its longest."""
 NEAR = 0.5
 """Greatest distance of a path's ends from start and goal [m]."""
-FINE = 0.1
-"""Distance between the points that stand for a path where others are measured to it [m]."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +117,7 @@ def distances_to(points: NDArray[np.float64], path: Path) -> NDArray[np.float64]
     """Distance of each point to a path, to a few centimetres [m]."""
     from scipy.spatial import cKDTree
 
-    return np.asarray(cKDTree(path.resampled(FINE).xy).query(points)[0])
+    return np.asarray(cKDTree(path.resampled(0.1).xy).query(points)[0])
 
 
 @dataclass(frozen=True)
@@ -282,7 +278,8 @@ def _name_of(candidate: AnyCandidate, number: int) -> str:
 def _paths_of(name: str, given: AnyCandidate) -> Iterable[tuple[str, Path]]:
     if isinstance(given, ParetoFront):
         if len(given):
-            indices = np.unique(np.linspace(0, len(given) - 1, FRONT_PATHS).round()).tolist()
+            # from its shortest to its longest
+            indices = np.unique(np.linspace(0, len(given) - 1, 5).round()).tolist()
             for n, index in enumerate(indices, 1):
                 point = given.plan(int(index)).path
                 assert point is not None

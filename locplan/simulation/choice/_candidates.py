@@ -98,14 +98,6 @@ def deviation_along(path: Path, field: CovarianceField) -> tuple[float, float]:
 
 MARGIN = 3.0
 """Margin of the part of the map that paths are planned on; clearance counts up to there [m]."""
-INFLATION = Inflation(inflation_radius=0.7, cost_scaling_factor=3.0)
-"""Inflation of Nav2's bringup, where the robot's own is not known."""
-BESIDE, SHARE = 0.35, 0.1
-"""A path is another one if this share of its points lies farther from each other path [m]."""
-SAME = 0.1
-"""Distance up to which two paths are one [m]."""
-SPACING = 0.25
-"""Distance between the points that are compared [m]."""
 WEIGHTS = (4.0, 8.0, 12.0)
 """Weights of the degeneracy u of the aware paths."""
 
@@ -161,7 +153,8 @@ class Part:
     @property
     def inflated(self) -> NDArray[np.float64]:
         """Density that Nav2's planners see in an inflated costmap: 50 to 252, over 50."""
-        inflation = self.ask.robot.inflation or INFLATION
+        nav2s = Inflation(inflation_radius=0.7, cost_scaling_factor=3.0)  # of its bringup
+        inflation = self.ask.robot.inflation or nav2s
         beyond = self.clearance - self.ask.robot.radius
         cost = 4 * np.exp(-inflation.cost_scaling_factor * beyond)
         return 1 + np.where(self.clearance <= inflation.inflation_radius, np.minimum(cost, 4), 0)
@@ -246,11 +239,12 @@ def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]
             densities |= _aware(weight)
     for name, density in densities.items():
         path = part.planned(density(part))
-        if path is None or not is_beside(path, found.values(), SAME, 0.0):
+        if path is None or not is_beside(path, found.values(), 0.1, 0.0):
             continue
+        # Up to 0.1 m two paths are one; another one has a tenth of its points 0.35 m off all.
         # What Nav2 would drive is shown beside, and takes no other path's place.
         others = [each for label, each in found.items() if label not in INFLATED]
-        if name not in DENSITIES or is_beside(path, others, BESIDE, SHARE):
+        if name not in DENSITIES or is_beside(path, others, 0.35, 0.1):
             found[name] = path
     left_out: dict[str, str] = {}
     reserved = {**INFLATED, **DENSITIES, **AWARE}
@@ -260,5 +254,5 @@ def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]
 
 def is_beside(path: Path, others: Iterable[Path], distance: float, share: float) -> bool:
     """Whether more than a share of a path's points are farther from each other path [m]."""
-    points = path.resampled(SPACING, even=True).xy
+    points = path.resampled(0.25, even=True).xy
     return all(float((distances_to(points, each) > distance).mean()) > share for each in others)

@@ -18,7 +18,7 @@ from locplan._util.tables import file_name, wrapped, write_rows
 from locplan.costs import Costmap, Path
 from locplan.errors import LocplanError
 from locplan.planners import Plan, Position
-from locplan.robots import Amcl, Robot
+from locplan.robots import Robot
 from locplan.simulation.choice._driven import DRIVEN, PLANNED, Candidate, Driven
 from locplan.simulation.choice._race import (
     CLEARLY_BETTER,
@@ -32,16 +32,6 @@ from locplan.simulation.choice._settings import TUNED, ChoiceSettings
 
 FORMAT = 1
 """Version of choice.json."""
-MANY_LOST = 0.5
-"""Share of lost drives of the recommended path from which on paths are not the remedy."""
-UNTUNED = (
-    "half of its drives or more are lost: tune the filter first with `locplan tune`;"
-    " `locplan evaluate` tells if single scans fail as well"
-)
-SLIGHT = 0.02
-"""Difference of errors that hardly any robot feels [m]."""
-ALIKE = 0.05
-"""Difference of lengths below which two paths are equally long [m]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -154,7 +144,7 @@ class Choice(Result):
         if not (chosen and shortest and chosen.driven and shortest.driven):
             return ""
         gained = shortest.driven.error.value - chosen.driven.error.value
-        if self.settings.minimise != "rmse" or gained >= SLIGHT or shortest.driven.lost.any():
+        if self.settings.minimise != "rmse" or gained >= 0.02 or shortest.driven.lost.any():
             return ""
         return "; that is under 2 cm, and no drive is lost on the shortest either"
 
@@ -164,14 +154,18 @@ class Choice(Result):
         chosen, found = self.chosen, []
         if chosen is None or chosen.driven is None or self.judgement is None:
             return []
-        if chosen.driven.lost_rate.value >= MANY_LOST:
-            found.append(UNTUNED)
+        if chosen.driven.lost_rate.value >= 0.5:  # paths are not the remedy
+            found.append(
+                "half of its drives or more are lost: tune the filter first with `locplan tune`;"
+                " `locplan evaluate` tells if single scans fail as well"
+            )
         taken = self.judgement.ratio.value if self.best else 1.0
         rival, filter = self.rival and self.rival.ratio, self.settings.rival
         if rival and filter and rival.high < 1 and rival.value < 0.9 * taken:
+            preset = "this filter with all alphas 0.05 and likelihood_field_prob"
             found.append(
-                f"tune first, with `locplan tune`: on the shortest path {title_of(filter)}"
-                f" has x{short(rival)} of the error"
+                "tune first, with `locplan tune`: on the shortest path"
+                f" {preset if filter == TUNED else filter.title} has x{short(rival)} of the error"
             )
         return found
 
@@ -329,16 +323,9 @@ class Choice(Result):
 def at_length(shortest: Candidate, other: Candidate) -> str:
     """How much longer than the shortest path a candidate is in words; a user's may be shorter."""
     extra = other.path.length - shortest.path.length
-    if abs(extra) < ALIKE:
+    if abs(extra) < 0.05:
         return "at the same length"
     return f"for {abs(extra):.1f} m {'more' if extra > 0 else 'less'}"
-
-
-def title_of(rival: Amcl) -> str:
-    """What a rival's settings are called."""
-    if rival == TUNED:
-        return "this filter with all alphas 0.05 and likelihood_field_prob"
-    return rival.title
 
 
 def short(ratio: Interval) -> str:

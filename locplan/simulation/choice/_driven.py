@@ -23,9 +23,6 @@ from locplan.simulation.choice._ask import lines_along
 from locplan.simulation.choice._race import FINALISTS, KEPT, ROUNDS, Judgement, Scores
 from locplan.simulation.choice._settings import ChoiceSettings
 
-STEPS = 200
-"""Greatest number of places at which errors along a path are kept."""
-
 
 @dataclass(frozen=True, eq=False)
 class Driven:
@@ -60,7 +57,7 @@ class Driven:
         ratio : Interval
             Ratio of the error to the shortest path's.
         """
-        at = np.unique(np.linspace(0, len(drives.poses) - 1, STEPS).round().astype(int))
+        at = np.unique(np.linspace(0, len(drives.poses) - 1, 200).round().astype(int))
         low, median, high = np.quantile(drives.position_error[:, at], (0.1, 0.5, 0.9), axis=0)
         profile = np.column_stack([drives.distance[at], median, low, high])
         return cls(numbers, log_error, drives.lost, ratio, profile)
