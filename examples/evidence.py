@@ -5,8 +5,8 @@ Run: python examples/evidence.py [FOLDER [MAP.yaml ...]]
 
 from __future__ import annotations
 
-import dataclasses
 import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,53 +14,40 @@ from pathlib import Path
 import numpy as np
 
 import locplan
-from locplan._util.intervals import Interval
+from locplan._util.intervals import Interval, of_mean, wilson
 from locplan.field import SHORT_LIDAR
 from locplan.planners import random_queries
 from locplan.robots import Amcl, Robot
-from locplan.simulation import (
-    Drives,
-    Evaluation,
-    Simulator,
-    evaluate,
-    poses_along,
-)
+from locplan.simulation import Evaluation, evaluate, simulate
 
 OWN = Path(__file__).resolve().parent.parent / "maps"
 PRODUCT = {"laser_model_type": "likelihood_field_prob"}
-CALM = dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4"), 0.05)
+CALM = dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"), 0.05)
 PLACES_FILTERS = {"Nav2's defaults": Amcl(), "beams multiplied": Amcl(**PRODUCT)}
-LONG_LIDAR = dataclasses.replace(SHORT_LIDAR, range=12.0)
-ROUTE_FILTERS = {
-    "Nav2's defaults, 6 m": (Amcl(), SHORT_LIDAR),
-    "the same, no half cell": (Amcl(half_cell=False), SHORT_LIDAR),
-    "alphas 0.05, 6 m": (Amcl(**CALM), SHORT_LIDAR),
-    "alphas 0.05, beams multiplied, 6 m": (Amcl(**CALM, **PRODUCT), SHORT_LIDAR),
-    "alphas 0.05, 12 m": (Amcl(**CALM), LONG_LIDAR),
-    "alphas 0.05, beams multiplied, 12 m": (Amcl(**CALM, **PRODUCT), LONG_LIDAR),
-}
-"""The filters that drive, and their lidars; tuned ones beside Nav2's."""
-QUERIES_TRIED, QUERIES_TAKEN = 16, 4
-"""Random queries on each map, and the most that are taken of those with real alternatives."""
-ALTERNATIVES = 2
-"""Least number of ways beside the shortest of a query that counts."""
-LEAST_DISTANCE, LONGEST_DISTANCE = 10.0, 80.0
+ROUTE_FILTERS = {"Nav2's defaults": Amcl(), "alphas 0.05": Amcl(**CALM)}
+"""The filters that drive with a lidar of 6 m; a tuned one beside Nav2's."""
+LEAST_DISTANCE, LONGEST_DISTANCE = 10.0, 40.0
 """Least distance from start to goal, and greatest length of the shortest path [m]."""
-DRIVES = 32
-"""Drives of each path that judge, in other worlds than those that chose."""
-WEIGHTS = (4.0, 8.0, 12.0)
-SHORTEST, INFLATED = "shortest", "inflated"
-CHOICE, HINDSIGHT = "the simulated choice", "hindsight"
+SHORTEST, INFLATED, LEADER, CHOSEN = "shortest", "inflated", "winner of the race", "chosen"
 
 
 def main(
-    folder: str = "evidence", maps: Sequence[str] = (), places: int = 100, drives: int = DRIVES
+    folder: str = "evidence",
+    maps: Sequence[str] = (),
+    places: int = 100,
+    drives: int = 64,
+    queries: int = 2,
 ) -> None:
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     grids = [locplan.load_map(file) for file in maps or sorted(OWN.glob("*.yaml"))]
-    driven = [each for grid in grids for each in routes_of(grid, drives)]
-    text = [routes_table(driven), sizes_table(driven), maps_table(driven)]
+    driven = [
+        each
+        for name, amcl in ROUTE_FILTERS.items()
+        for grid in grids
+        for each in routes_of(grid, name, Robot(SHORT_LIDAR, filter=amcl), drives, queries)
+    ]
+    text = [routes_table(driven), maps_table(driven)]
     print("\n\n".join(text), flush=True)
     evaluations = {}
     for name, amcl in PLACES_FILTERS.items():
@@ -72,197 +59,180 @@ def main(
     print(f"wrote {target / 'evidence.md'}")
 
 
-# Routes: what an objective's path changes.
+# Routes: what the recommended path changes.
 
 
 @dataclass(frozen=True)
-class Driven:
-    """The drives of all paths of one query with one filter."""
+class Judged:
+    """A choice, and fresh drives of its paths, in other worlds than those that decided."""
 
-    grid: locplan.OccupancyGrid
+    map: str
     filter: str
-    lengths: Mapping[str, float]
-    drives: Mapping[str, Drives]
-    candidates: Sequence[str]
-    """The names of the paths among which the simulated choice is made, the shortest first."""
-    chosen: str
-    """The name of the path that it takes."""
+    choice: locplan.Choice
+    seconds: float
+    """Time of the choice beside the field [s]."""
+    log_error: Mapping[str, np.ndarray]
+    """Logarithm of the RMSE of each fresh drive of the paths [ln m]."""
+    lost: Mapping[str, np.ndarray]
+    """True for each fresh drive that was lost."""
 
-    def rmse(self, name: str) -> float:
-        """The error of a typical drive [m]."""
-        return self.drives[name].typical_rmse.value
+    def path_of(self, what: str) -> str:
+        """Name of the path that is chosen, led the race, or has this name."""
+        names = [each.name for each in self.choice.candidates]
+        best = {CHOSEN: self.choice.best, LEADER: self.choice.judgement.leader}
+        if what in best:
+            return names[best[what]]
+        return what if what in names else SHORTEST  # an inflated path may be the shortest
 
-    def path_of(self, objective: str) -> str:
-        """The path that an objective takes."""
-        if objective == HINDSIGHT:
-            return min(self.candidates, key=self.rmse)
-        if objective == CHOICE:
-            return self.chosen
-        return objective if objective in self.drives else self.candidates[0]
+    def ratio(self, what: str, beside: str = SHORTEST) -> Interval:
+        """Logarithm of the ratio of both paths' errors, with its interval over the drives."""
+        apart = self.log_error[self.path_of(what)] - self.log_error[self.path_of(beside)]
+        half = 2.0 * float(apart.std(ddof=1)) / len(apart) ** 0.5
+        return Interval(float(apart.mean()), float(apart.mean()) - half, float(apart.mean()) + half)
 
-    def changes(self, objective: str) -> Change:
-        """What an objective's path changes against the shortest."""
-        name, shortest = self.path_of(objective), self.candidates[0]
-        squares = [self.drives[path].mean_squares for path in (name, shortest)]
-        apart = 0.5 * np.log(squares[0] / squares[1])
-        deviation = apart.std(ddof=1) / np.sqrt(len(apart))
-        clear = name != shortest and abs(apart.mean()) > 2.1 * deviation
-        return Change(
-            float(apart.mean()),
-            self.lengths[name] / self.lengths[shortest] - 1,
-            float(self.drives[name].lost.mean()),
-            better=bool(clear and apart.mean() < np.log(0.9)),
-            worse=bool(clear and apart.mean() > -np.log(0.9)),
-        )
-
-
-@dataclass(frozen=True)
-class Change:
-    """What the path of an objective changes against the shortest, on one query."""
-
-    log_ratio: float
-    """The mean logarithm of the ratio of the RMSE of the drives."""
-    longer: float
-    """The share by which it is longer."""
-    lost: float
-    """The share of its judged drives that were lost."""
-    better: bool
-    """Its errors are significantly less, by more than a tenth."""
-    worse: bool
-    """Its errors are significantly more, by more than a tenth."""
+    def agreements(self) -> Iterator[bool]:
+        """Whether what the choice shows is what the fresh drives show, within their intervals."""
+        for what in dict.fromkeys((SHORTEST, self.path_of(LEADER))):
+            shown = next(each for each in self.choice.candidates if each.name == what).driven
+            log_error, lost = self.log_error[what], self.lost[what]
+            again = of_mean(log_error)
+            yield within(Interval(*np.log(shown.error)), again)
+            yield within(shown.lost_rate, wilson(float(lost.mean()), len(lost)))
+        if self.choice.judgement.leader:
+            yield within(Interval(*np.log(self.choice.judgement.ratio)), self.ratio(LEADER))
 
 
-def routes_of(grid: locplan.OccupancyGrid, count: int) -> Iterator[Driven]:
-    """Drive all paths of the queries with real alternatives, with each filter."""
-    sad = locplan.Costmap.from_field(grid, locplan.load_or_compute(grid, locplan.Sad()))
+def within(one: Interval, other: Interval) -> bool:
+    """Whether two independent values differ by no more than the interval of their difference."""
+    first, second = (one, other) if one.value < other.value else (other, one)
+    apart = np.hypot(first.high - first.value, second.value - second.low)
+    return bool(second.value - first.value <= apart + 1e-12)
+
+
+def routes_of(
+    grid: locplan.OccupancyGrid, name: str, robot: Robot, drives: int, count: int
+) -> Iterator[Judged]:
+    """Choose a path for some random queries, and drive the paths that count afresh."""
+    blank = locplan.Costmap.blank(grid, robot_radius=robot.radius)
     try:
-        queries = random_queries(sad, QUERIES_TRIED, 1, least_distance=LEAST_DISTANCE)
+        queries = random_queries(blank, 4 * count, 2, least_distance=LEAST_DISTANCE)
     except locplan.LocplanError:  # the map is too small
         return
-    for lidar in (SHORT_LIDAR, LONG_LIDAR):
-        scan = locplan.load_or_compute(grid, locplan.Scan(lidar))
-        costs = locplan.Costmap.from_field(grid, scan)
-        taken = 0
-        for query in queries:
-            known = Robot(lidar)
-            found = paths_of(locplan.choose(grid, *ends_of(query), known, costs=costs, drives=2))
-            long = not found or next(iter(found.values())).length > LONGEST_DISTANCE
-            if long or len(found) <= ALTERNATIVES or taken == QUERIES_TAKEN:
+    for query in queries:
+        ends = query.start[:2], query.goal[:2]
+        shortest = locplan.plan(blank, *ends).path
+        if shortest is None or shortest.length > LONGEST_DISTANCE or not count:
+            continue
+        count -= 1
+        yield judged(grid, name, robot, ends, drives)
+
+
+def judged(
+    grid: locplan.OccupancyGrid, name: str, robot: Robot, ends: tuple, drives: int
+) -> Judged:
+    """Choose a path for a query, and drive it, the shortest and the inflated one afresh."""
+    in_fields = 0.0
+
+    def compute(of: locplan.OccupancyGrid, points: np.ndarray | None = None) -> object:
+        nonlocal in_fields
+        began = time.perf_counter()
+        field = locplan.load_or_compute(of, locplan.Fused.of(robot.lidar), points=points)
+        in_fields += time.perf_counter() - began
+        return field
+
+    began = time.perf_counter()
+    choice = locplan.choose(grid, *ends, robot, compute=compute)
+    seconds = time.perf_counter() - began - in_fields
+    wanted = {SHORTEST, INFLATED, choice.candidates[choice.judgement.leader].name}
+    paths = {each.name: each.path for each in choice.candidates if each.name in wanted}
+    found = simulate(grid, paths, robot, drives=drives, seed=1001).drives
+    return Judged(
+        grid.name,
+        name,
+        choice,
+        seconds,
+        {path: np.log(each.mean_squares) / 2 for path, each in found.items()},
+        {path: each.lost for path, each in found.items()},
+    )
+
+
+def routes_table(driven: Sequence[Judged]) -> str:
+    """What the chosen path changes against the shortest and the inflated one, for each filter."""
+    rows = []
+    for name in dict.fromkeys(each.filter for each in driven):
+        own = [each for each in driven if each.filter == name]
+        maps = [each.map for each in own]
+        over = [[each.ratio(CHOSEN, other) for each in own] for other in (SHORTEST, INFLATED)]
+        moved = sum(each.choice.best > 0 for each in own)
+        better, worse = sum(r.high < 0 for r in over[0]), sum(r.low > 0 for r in over[0])
+        worst = [float(np.exp(each.ratio(CHOSEN).value)) for each in own if each.choice.best]
+        lost = [
+            np.mean([each.lost[each.path_of(w)].mean() for each in own])
+            for w in (SHORTEST, INFLATED, CHOSEN)
+        ]
+        verdicts = [each.choice.verdict for each in own]
+        undecided = sum("undecided" in each or "probably" in each for each in verdicts)
+        agree = [each for route in own for each in route.agreements()]
+        rows.append(
+            [
+                f"{name} ({len(own)} queries, {len(set(maps))} maps)",
+                *(text_of(over_queries([each.value for each in ratios], maps)) for ratios in over),
+                f"{moved}: {better}/{worse}",
+                " / ".join(f"{each:.0%}" for each in lost),
+                f"{sum(each > 0.95 for each in worst)}",
+                f"{undecided / len(own):.0%}",
+                f"{np.mean(agree):.0%} of {len(agree)}",
+                f"{np.median([each.seconds for each in own]):.1f} s",
+            ]
+        )
+    heads = (
+        "filter",
+        "error over the shortest's",
+        "over the inflated one's",
+        "moved: better/worse",
+        "lost: shortest / inflated / chosen",
+        "above .95",
+        "undecided",
+        "`plan` and `simulate` agree",
+        "time",
+    )
+    return markdown(heads, rows)
+
+
+def maps_table(driven: Sequence[Judged]) -> str:
+    """What the choice changes on each map, for each filter."""
+    rows = []
+    filters = list(dict.fromkeys(each.filter for each in driven))
+    for name in dict.fromkeys(each.map for each in driven):
+        cells = [name]
+        for kind in filters:
+            here = [each for each in driven if (each.map, each.filter) == (name, kind)]
+            if not here:
+                cells.append("")
                 continue
-            taken += 1
-            others = {
-                **{f"`scan`, weight {w:g}": planned(costs, w, ends_of(query)) for w in WEIGHTS},
-                "`sad`, weight 4": planned(sad, 4.0, ends_of(query)),
-            }
-            for name, (amcl, own) in ROUTE_FILTERS.items():
-                if own is lidar:
-                    yield driven_by(Robot(lidar, filter=amcl), name, costs, query, others, count)
-
-
-def driven_by(
-    robot: Robot,
-    name: str,
-    costs: locplan.Costmap,
-    query: locplan.Query,
-    others: Mapping[str, locplan.Path],
-    count: int,
-) -> Driven:
-    """Choose a path with a filter, and drive all candidates and others afresh."""
-    choice = locplan.choose(costs.grid, *ends_of(query), robot, costs=costs, rival=None)
-    found = paths_of(choice)
-    paths = {**found, **others}
-    lines = [poses_along(path, costs.grid) for path in paths.values()]
-    errors = Simulator(costs.grid, robot).drive_together(lines, count)
-    triples = zip(paths, lines, errors, strict=True)
-    drives = {path: Drives(line, each) for path, line, each in triples}
-    lengths = {path: each.length for path, each in paths.items()}
-    return Driven(costs.grid, name, lengths, drives, list(found), choice.chosen.name)
-
-
-def ends_of(query: locplan.Query) -> tuple:
-    return query.start[:2], query.goal[:2]
-
-
-def paths_of(choice: locplan.Choice) -> dict[str, locplan.Path]:
-    return {each.name: each.path for each in choice.candidates}
-
-
-def planned(costs: locplan.Costmap, weight: float, ends: tuple) -> locplan.Path:
-    path = locplan.plan(costs.with_weight(weight), *ends).path
-    assert path is not None
-    return path
-
-
-def routes_table(driven: Sequence[Driven]) -> str:
-    """What each objective changes against the shortest path, for each filter."""
-    objectives = [f"`scan`, weight {w:g}" for w in WEIGHTS]
-    rows = []
-    for objective in [SHORTEST, INFLATED, "`sad`, weight 4", *objectives, CHOICE, HINDSIGHT]:
-        cells = [objective]
-        for name in ROUTE_FILTERS:
-            own = [each for each in driven if each.filter == name]
-            changes = [each.changes(objective) for each in own]
-            ratios = ratio(changes, [each.grid.name for each in own])
-            longer = 100 * np.mean([each.longer for each in changes])
-            better = sum(each.better for each in changes)
-            worse = sum(each.worse for each in changes)
-            lost = np.mean([each.lost for each in changes])
-            cells.append(f"{text_of(ratios)} {better}/{worse}, +{longer:.1f} %, {lost:.0%} lost")
+            error = np.exp(np.mean([each.log_error[SHORTEST].mean() for each in here]))
+            lost = [
+                np.mean([e.lost[e.path_of(w)].mean() for e in here]) for w in (SHORTEST, CHOSEN)
+            ]
+            factor = np.exp(np.mean([each.ratio(CHOSEN).value for each in here]))
+            cells.append(
+                f"{len(here)}: {error:.2f} m, {lost[0]:.0%} → {lost[1]:.0%}, x{factor:.2f}"
+            )
         rows.append(cells)
-    counts = {name: sum(each.filter == name for each in driven) for name in ROUTE_FILTERS}
-    default, _, *others = ROUTE_FILTERS
-    pooled = [each for each in driven if each.filter in (default, *others)]
-    gains = [
-        sum(each.changes(objective).log_ratio for each in pooled)
-        for objective in (CHOICE, HINDSIGHT)
-    ]
-    share = f"the choice has {gains[0] / gains[1]:.0%} of the hindsight's gain"
-    heads = [f"{name} ({counts[name]} queries)" for name in ROUTE_FILTERS]
-    return f"{markdown(['objective', *heads], rows)}\n\n{share}"
+    return markdown(["map", *filters], rows)
 
 
-def sizes_table(driven: Sequence[Driven]) -> str:
-    """How large the errors are on the shortest paths, for each filter."""
-    rows = []
-    for name in ROUTE_FILTERS:
-        drives = [each.drives[SHORTEST] for each in driven if each.filter == name]
-        values = [(d.median_error.value, d.kept_rmse.value, d.rmse.value) for d in drives]
-        median, kept, rmse = np.exp(np.nanmean(np.log(values), axis=0)).tolist()
-        lost = np.mean([each.lost.mean() for each in drives])
-        rows.append([name, f"{median:.3f}", f"{lost:.0%}", f"{kept:.3f}", f"{rmse:.3f}"])
-    return markdown(["filter", "median [m]", "lost", "RMSE of the others", "RMSE of all"], rows)
-
-
-def maps_table(driven: Sequence[Driven]) -> str:
-    """What the simulated choice changes on each map, for each filter."""
-    rows = []
-    for name in dict.fromkeys(each.grid.name for each in driven):
-        own = [each for each in driven if each.grid.name == name]
-        cells = [name, str(sum(each.filter == own[0].filter for each in own))]
-        for kind in ROUTE_FILTERS:
-            here = [each for each in own if each.filter == kind]
-            changes = [each.changes(CHOICE) for each in here]
-            shortest = [each.drives[each.candidates[0]] for each in here]
-            median = np.median([each.median_error.value for each in shortest])
-            before = np.mean([each.lost.mean() for each in shortest])
-            after = np.mean([each.lost for each in changes])
-            factor = np.exp(np.mean([each.log_ratio for each in changes]))
-            cells.append(f"{median:.2f} m, {before:.0%} → {after:.0%}, x{factor:.2f}")
-        rows.append(cells)
-    return markdown(["map", "queries", *ROUTE_FILTERS], rows)
-
-
-def ratio(changes: Sequence[Change], maps: Sequence[str], resamples: int = 1000) -> Interval:
-    """The geometric mean of the RMSE ratios, with its 95 % interval over maps and queries."""
+def over_queries(logs: Sequence[float], maps: Sequence[str], resamples: int = 1000) -> Interval:
+    """The geometric mean of ratios, with its 95 % interval over maps and queries."""
     random = np.random.default_rng(0)
-    logs, names = np.array([each.log_ratio for each in changes]), np.array(maps)
-    groups = [logs[names == name] for name in dict.fromkeys(maps)]
+    values, names = np.array(logs), np.array(maps)
+    groups = [values[names == name] for name in dict.fromkeys(maps)]
     means = []
     for _ in range(resamples):
         drawn = [groups[n] for n in random.integers(0, len(groups), len(groups))]
         means.append(np.concatenate([random.choice(g, len(g)) for g in drawn]).mean())
     low, high = np.exp(np.quantile(means, (0.025, 0.975))).tolist()
-    return Interval(float(np.exp(logs.mean())), low, high)
+    return Interval(float(np.exp(values.mean())), low, high)
 
 
 # Places: how well the fields rank errors.

@@ -30,10 +30,10 @@ from locplan import (
 from locplan.errors import ConfigError, PoseError
 from locplan.field import SHORT_LIDAR
 from locplan.maps import FREE, OCCUPIED, environments
-from locplan.planners import plan_beside_shortest
+from locplan.planners import AnyAngle, Found, plan_beside_shortest
 from locplan.plotting import map_around
 from locplan.robots import Amcl, Footprint, Inflation, Kinematics, Lidar, Robot
-from locplan.simulation import choice_figure
+from locplan.simulation import ChoiceSettings, choice_figure
 from locplan.simulation._drives import FLOOR, MINIMISED, log_errors
 
 START, GOAL = (1.0, 3.0), (11.0, 3.0)
@@ -198,6 +198,38 @@ def test_a_users_paths_are_kept_whatever_their_names_and_lengths(grid, costs):
     assert names_of(found)[-2:] == ["own shortest", "own way around 1"]
 
 
+def test_a_planners_path_that_is_too_long_is_left_out(grid, costs):
+    class Winding(AnyAngle):
+        name = "winding"
+
+        def solve(self, costs, start, goal):
+            xy = [start, (1, 5), (11, 4.5), (1, 5), (11, 4.5), goal]
+            return Found(Path(xy), "solved")
+
+    for drives in (QUICK["drives"], 0):
+        asked = {**QUICK, "drives": drives}
+        found = choose(grid, START, GOAL, costs=costs, candidates=Winding(), **asked)
+        assert "winding" not in names_of(found)
+        assert "1.5 times the shortest" in found.left_out["winding"]
+
+
+def test_without_drives_or_a_field_the_shortest_is_taken(grid, costs):
+    own = {"mine": Path([START, (2.0, 1.0), (10.0, 1.0), GOAL])}
+    found = choose(grid, START, GOAL, costs=costs, candidates=own, **{**QUICK, "drives": 0})
+    assert names_of(found) == ["shortest", "mine"]
+    assert found.chosen is found.shortest
+
+
+def test_the_settings_that_are_compared_keep_the_robots_own_particles_and_beams():
+    own = Amcl(max_particles=700, max_beams=31, alpha1=0.4)
+    rival = ChoiceSettings().rival_of(own)
+    assert (rival.max_particles, rival.max_beams, rival.alpha1) == (700, 31, 0.05)
+    assert rival.laser_model_type == "likelihood_field_prob"
+    assert ChoiceSettings().rival_of(rival) is None
+    assert ChoiceSettings(rival=own).rival_of(Amcl()) == own
+    assert ChoiceSettings(rival=None).rival_of(own) is None
+
+
 def test_a_candidate_without_a_path_is_left_out(grid, costs):
     no_path = plan(costs, START, (11.6, 5.6))  # it ends in the closed cell
     found = choose(grid, START, GOAL, costs=costs, candidates={"none": no_path}, **QUICK)
@@ -305,7 +337,7 @@ def test_equal_seeds_give_equal_choices_on_any_number_of_threads(grid, costs, ch
 
 @pytest.mark.parametrize("minimise", MINIMISED)
 def test_what_is_minimised_is_what_is_confirmed_and_shown(corridors, minimise):
-    found = two_ways(corridors, minimise=minimise)
+    found = two_ways(corridors, minimise=minimise, drives=32)
     if minimise != "heading":
         assert found.chosen.driven.error.value < 0.9 * found.shortest.driven.error.value
     shown = found.report()
@@ -330,7 +362,7 @@ def test_progress_counts_the_drives_up_to_the_greatest_number(grid, costs):
     calls = []
     found = choose(grid, START, GOAL, costs=costs, progress=lambda *at: calls.append(at), **QUICK)
     count = len(found.candidates)
-    total = 4 * count + 4 * min(4, count) + 2 * 4 + 8
+    total = 4 * count + 4 * min(6, count) + 4 * min(4, count) + 8
     done = [done for done, _ in calls]
     assert done == [*range(1, len(done) + 1)]
     assert {every for _, every in calls} == {total}

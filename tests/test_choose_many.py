@@ -18,7 +18,6 @@ from locplan.planners import Query
 from locplan.robots import Amcl, Robot
 from locplan.simulation import choose, choose_many
 from locplan.simulation.choice import _choose_many as module
-from locplan.simulation.choice._choices import COLUMNS
 
 LIDAR = Lidar(range=4.0, range_sigma=0.01, beams=60)
 AMCL = Amcl(min_particles=100, max_particles=300)
@@ -146,7 +145,7 @@ def test_an_executor_that_fails_is_one_line(costs):
         def submit(self, *_):
             raise OSError("no\nworkers")
 
-    with pytest.raises(LocplanError, match=r"failed at far \(OSError: no workers\)"):
+    with pytest.raises(LocplanError, match=r"'far': the executor failed \(OSError: no"):
         choose_many(costs, QUERIES, executor=Broken(), **QUICK)
 
 
@@ -159,17 +158,17 @@ def test_what_choices_bring_is_told_for_all_queries(made):
     assert made.left == sum(each.choice.best > 0 for each in made)
     lost = [[e.driven.lost.mean() for e in (c.choice.shortest, c.choice.chosen)] for c in made]
     assert made.lost == pytest.approx(np.mean(lost, axis=0))
-    rows = made.rows()
-    assert [row[1] for row in rows] == ["far", "near", "back"]
-    assert {len(row) for row in rows} == {len(COLUMNS)}
-    far = dict(zip(COLUMNS, rows[0], strict=True))
-    assert far["length_chosen_m"] == made[0].choice.path.length
+    rows = made.table().records()
+    assert [row["query"] for row in rows] == ["far", "near", "back"]
+    far = rows[0]
+    assert (far["start_x"], far["goal_y"]) == (QUERIES[0].start[0], QUERIES[0].goal[1])
+    assert far["length_chosen"] == made[0].choice.path.length
     assert far["error_shortest"] == pytest.approx(made[0].choice.shortest.driven.error.value)
     about = json.loads(json.dumps(made.summary()))
     assert (about["queries"], about["left_the_shortest"]) == (3, made.left)
     assert [each["query"] for each in about["choices"]] == ["far", "near", "back"]
-    text = " ".join(made.table().split())
-    assert f"two_corridors 3 {made.left} " in text
+    text = " ".join(made.report().split())
+    assert f"two_corridors 3 of 3 {made.left} " in text
     assert f"{made.error_ratio.value:.2f}" in text
     assert f"{made.lost[0]:.0%} -> {made.lost[1]:.0%}" in text
 
@@ -184,7 +183,7 @@ def test_maps_have_their_own_queries(costs):
     ]
     assert math.dist(found[1].query.start, found[1].query.goal) >= 10.0
     assert found[1].choice.robot.lidar.range == 6.0  # the default
-    assert "all maps" in found.table()
+    assert "all maps" in found.report()
     assert len(found.of_map("hall")) == 1
     with pytest.raises(ConfigError, match="no queries for map 'hall'"):
         choose_many(maps, {"corridors": QUERIES[:1]}, **QUICK)
@@ -196,11 +195,11 @@ def test_queries_without_a_path_count_as_such():
     found = choose_many(Costmap.blank(parted), ends, **QUICK)
     assert [each.choice.status for each in found] == ["unreachable", "solved"]
     assert (len(found.solved), found.left) == (1, 0)
-    assert "1 of 2" in found.table()
-    assert found.rows()[0][6] == ""
+    assert "1 of 2" in found.report()
+    assert found.table().records()[0]["chosen"] == ""
     assert found.error_ratio.value == 1.0
     only = choose_many(Costmap.blank(parted), ends[:1], **QUICK)
-    assert "0 of 1 have a path" in only.table()
+    assert "0 of 1" in only.report()
     assert json.dumps(only.summary())
 
 

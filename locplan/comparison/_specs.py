@@ -222,7 +222,7 @@ def _parsed(text: str) -> PlannerSpec:
     squeezed = ",".join("=".join(word.strip() for word in part.split("=", 1)) for part in parts)
     label = f"{name.strip()}:{squeezed}" if parts else name.strip()
     limits = {limit: options.pop(limit, None) for limit in ("max_e", "budget")}
-    home = "locplan.simulation.choice._planner:SimulatedChoice"
+    home = "locplan.simulation.choice._choose:SimulatedChoice"
     # Only comparisons know it by name, since it needs more than a costmap.
     known = PLANNERS | {"simulated choice": Entry(home, "simulated error")}
     try:

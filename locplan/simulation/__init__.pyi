@@ -48,12 +48,14 @@ from ._simulate import (
 from ._simulator import Simulator as Simulator
 from ._worlds import POSE_SPACING as POSE_SPACING, poses_along as poses_along
 from .choice._choice import Choice as Choice
-from .choice._choices import Choices as Choices, MapChoice as MapChoice
-from .choice._choose import choose as choose
-from .choice._choose_many import choose_many as choose_many
+from .choice._choose import SimulatedChoice as SimulatedChoice, choose as choose
+from .choice._choose_many import (
+    Choices as Choices,
+    MapChoice as MapChoice,
+    choose_many as choose_many,
+)
 from .choice._driven import Candidate as Candidate, Driven as Driven
 from .choice._figures import choice_figure as choice_figure
-from .choice._planner import SimulatedChoice as SimulatedChoice
 from .choice._race import Judgement as Judgement, Scores as Scores, judged as judged
 from .choice._settings import ChoiceSettings as ChoiceSettings
 from .tuning._bench import SimulatedBench as SimulatedBench, TuningBench as TuningBench

@@ -34,12 +34,8 @@ from locplan.simulation.choice._settings import ChoiceSettings
 AnyCandidate: TypeAlias = str | Planner | Path | Plan | ParetoFront | ArrayLike
 """A planner by name or as an object, a path, a plan, a front, or positions (n, 2) [m]."""
 Candidates: TypeAlias = Mapping[str, AnyCandidate] | Sequence[AnyCandidate]
-FRONT_PATHS = 5
-"""Number of paths that are taken of a Pareto front, from its shortest to its longest."""
 NEAR = 0.5
 """Greatest distance of a path's ends from start and goal [m]."""
-FINE = 0.1
-"""Distance between the points that stand for a path where others are measured to it [m]."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +117,7 @@ def distances_to(points: NDArray[np.float64], path: Path) -> NDArray[np.float64]
     """Distance of each point to a path, to a few centimetres [m]."""
     from scipy.spatial import cKDTree
 
-    return np.asarray(cKDTree(path.resampled(FINE).xy).query(points)[0])
+    return np.asarray(cKDTree(path.resampled(0.1).xy).query(points)[0])
 
 
 @dataclass(frozen=True)
@@ -219,8 +215,11 @@ class Own:
                 paths[name] = made.path
         if ask.settings.front:
             paths.update(_paths_of("front", pareto_front(costs, ask.start, ask.goal)))
+        limit = ask.settings.longest * found[SHORTEST].length if SHORTEST in found else math.inf
         for name, path in paths.items():
             fault = ask.fault_of(path, costs)
+            if path.length > limit and not fault and name not in self.paths:
+                fault = f"is longer than {limit:.1f} m, {ask.settings.longest:g} times the shortest"
             if fault:
                 left_out[name] = fault
                 continue
@@ -232,6 +231,16 @@ class Own:
 def why_without(made: Plan) -> str:
     """Why a plan has no path."""
     return f"{made.status}: {made.note}" if made.note else made.status
+
+
+def note_on(made: Plan) -> str:
+    """What a plan says of its path beside its metrics."""
+    said = [made.note] if made.note else []
+    if not made.minimises:
+        said.append("any path, since its planner minimises nothing")
+    if made.bound is not None:
+        said.append(f"no path within the budget is shorter than {made.bound:.2f} m")
+    return "; ".join(said)
 
 
 def lines_along(paths: Mapping[str, Path], grid: OccupancyGrid) -> dict[str, Poses]:
@@ -269,7 +278,8 @@ def _name_of(candidate: AnyCandidate, number: int) -> str:
 def _paths_of(name: str, given: AnyCandidate) -> Iterable[tuple[str, Path]]:
     if isinstance(given, ParetoFront):
         if len(given):
-            indices = np.unique(np.linspace(0, len(given) - 1, FRONT_PATHS).round()).tolist()
+            # from its shortest to its longest
+            indices = np.unique(np.linspace(0, len(given) - 1, 5).round()).tolist()
             for n, index in enumerate(indices, 1):
                 point = given.plan(int(index)).path
                 assert point is not None

@@ -1,35 +1,103 @@
-"""Candidates of a choice: paths of least cost on a few densities of a map."""
+"""Candidates of a choice: paths of least cost on a few densities of a map, with a field or none."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path
+from locplan.field import CovarianceField, FieldConfig, values_at
 from locplan.maps import OccupancyGrid
-from locplan.planners import (
-    SHORTEST,
-)
+from locplan.planners import SHORTEST, planned_near_paths
 from locplan.robots import Inflation
 from locplan.simulation._worlds import Window, window_about
 from locplan.simulation.choice._ask import Ask, Own, distances_to
 
+
+class Compute(Protocol):
+    """A function that gives the field of a map, or its values at some lattice points."""
+
+    def __call__(
+        self, grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
+    ) -> CovarianceField: ...
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the costmap comes from: it is given, or made of a field."""
+
+    given: Costmap | None
+    """The costmap that was given."""
+    config: FieldConfig
+    """Settings of the field."""
+    compute: Compute
+    """Gives the field."""
+
+    def blank(self, grid: OccupancyGrid, robot_radius: float) -> Costmap:
+        """Costmap on which every metre costs the same, blocked where the given one is."""
+        if self.given is None:
+            return Costmap.blank(grid, robot_radius=robot_radius)
+        density = np.where(np.isfinite(self.given.density), 1.0, np.inf)
+        return dataclasses.replace(
+            Costmap.from_density(grid, density), robot_radius=self.given.robot_radius
+        )
+
+    def costs(
+        self, ask: Ask, paths_on: Callable[[Costmap], Iterable[Path]]
+    ) -> tuple[Costmap, CovarianceField | None]:
+        """The costmap with its field, which is fine near some paths where that takes long."""
+        if self.given:
+            return self.given, None
+
+        def costmap_of(field: CovarianceField) -> Costmap:
+            return Costmap.from_field(
+                ask.grid,
+                field,
+                weight=ask.settings.weight,
+                robot_radius=ask.robot.radius,
+                criterion=ask.settings.criterion,
+            )
+
+        if not self.config.estimator.casts_rays or self.config.stride != FieldConfig.stride:
+            field = self.compute(ask.grid)
+            return costmap_of(field), field
+
+        def planned(field: CovarianceField) -> tuple[Costmap, list[Path]]:
+            costs = costmap_of(field)
+            return costs, [*paths_on(costs)]
+
+        field, (costs, _) = planned_near_paths(
+            ask.grid,
+            self.config,
+            lambda points: self.compute(ask.grid, points),
+            planned,
+            lambda found: found[1],
+        )
+        return costs, field
+
+
+def deviation_along(path: Path, field: CovarianceField) -> tuple[float, float]:
+    """Mean and greatest of the largest position deviation in a field along a path [m]."""
+    grid = field.grid
+    at = grid.world_to_grid(*path.resampled(grid.resolution, even=True).xy.T)
+    rows, cols = (
+        np.clip(np.floor(each).astype(int), 0, size - 1)
+        for each, size in zip(at, grid.shape, strict=True)
+    )
+    found = values_at(field, field.scalar("position_std", headings="mean"), rows, cols)
+    found = found[grid.free[rows, cols] & np.isfinite(found)]
+    return (float(found.mean()), float(found.max())) if found.size else (math.nan, math.nan)
+
+
 MARGIN = 3.0
 """Margin of the part of the map that paths are planned on; clearance counts up to there [m]."""
-INFLATION = Inflation(inflation_radius=0.7, cost_scaling_factor=3.0)
-"""Inflation of Nav2's bringup, where the robot's own is not known."""
-BESIDE, SHARE = 0.35, 0.1
-"""A path is another one if this share of its points lies farther from each other path [m]."""
-SAME = 0.1
-"""Distance up to which two paths are one [m]."""
-SPACING = 0.25
-"""Distance between the points that are compared [m]."""
 WEIGHTS = (4.0, 8.0, 12.0)
 """Weights of the degeneracy u of the aware paths."""
 
@@ -85,7 +153,8 @@ class Part:
     @property
     def inflated(self) -> NDArray[np.float64]:
         """Density that Nav2's planners see in an inflated costmap: 50 to 252, over 50."""
-        inflation = self.ask.robot.inflation or INFLATION
+        nav2s = Inflation(inflation_radius=0.7, cost_scaling_factor=3.0)  # of its bringup
+        inflation = self.ask.robot.inflation or nav2s
         beyond = self.clearance - self.ask.robot.radius
         cost = 4 * np.exp(-inflation.cost_scaling_factor * beyond)
         return 1 + np.where(self.clearance <= inflation.inflation_radius, np.minimum(cost, 4), 0)
@@ -170,11 +239,12 @@ def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]
             densities |= _aware(weight)
     for name, density in densities.items():
         path = part.planned(density(part))
-        if path is None or not is_beside(path, found.values(), SAME, 0.0):
+        if path is None or not is_beside(path, found.values(), 0.1, 0.0):
             continue
+        # Up to 0.1 m two paths are one; another one has a tenth of its points 0.35 m off all.
         # What Nav2 would drive is shown beside, and takes no other path's place.
         others = [each for label, each in found.items() if label not in INFLATED]
-        if name not in DENSITIES or is_beside(path, others, BESIDE, SHARE):
+        if name not in DENSITIES or is_beside(path, others, 0.35, 0.1):
             found[name] = path
     left_out: dict[str, str] = {}
     reserved = {**INFLATED, **DENSITIES, **AWARE}
@@ -184,5 +254,5 @@ def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]
 
 def is_beside(path: Path, others: Iterable[Path], distance: float, share: float) -> bool:
     """Whether more than a share of a path's points are farther from each other path [m]."""
-    points = path.resampled(SPACING, even=True).xy
+    points = path.resampled(0.25, even=True).xy
     return all(float((distances_to(points, each) > distance).mean()) > share for each in others)

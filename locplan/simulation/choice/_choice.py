@@ -18,23 +18,20 @@ from locplan._util.tables import file_name, wrapped, write_rows
 from locplan.costs import Costmap, Path
 from locplan.errors import LocplanError
 from locplan.planners import Plan, Position
-from locplan.robots import Amcl, Robot
+from locplan.robots import Robot
 from locplan.simulation.choice._driven import DRIVEN, PLANNED, Candidate, Driven
-from locplan.simulation.choice._race import CLEARLY_BETTER, PROBABLY_BETTER, ROUNDS, Judgement
+from locplan.simulation.choice._race import (
+    CLEARLY_BETTER,
+    LOSES_MORE,
+    NO_DIFFERENCE,
+    PROBABLY_BETTER,
+    ROUNDS,
+    Judgement,
+)
 from locplan.simulation.choice._settings import TUNED, ChoiceSettings
 
 FORMAT = 1
 """Version of choice.json."""
-MANY_LOST = 0.5
-"""Share of lost drives of the recommended path from which on paths are not the remedy."""
-UNTUNED = (
-    "half of its drives or more are lost: tune the filter first with `locplan tune`;"
-    " `locplan evaluate` tells if single scans fail as well"
-)
-SLIGHT = 0.02
-"""Difference of errors that hardly any robot feels [m]."""
-ALIKE = 0.05
-"""Difference of lengths below which two paths are equally long [m]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,7 +94,7 @@ class Choice(Result):
     def best(self) -> int:
         """Index of the candidate to take: the aware path of the field where nothing was driven."""
         if self.judgement is None:
-            return min(1, len(self.candidates) - 1)
+            return int(len(self.candidates) > 1 and self.candidates[1].planner != "")
         takes = (CLEARLY_BETTER, *([PROBABLY_BETTER] if self.settings.bold else []))
         return self.judgement.leader if self.verdict in takes else 0
 
@@ -134,11 +131,11 @@ class Choice(Result):
         if chosen is leader:
             return f"take {leader.name}: {found.verdict} than the shortest, {error}{self._slight}"
         bold = "; --bold (bold=True) takes it" if self.verdict == PROBABLY_BETTER else ""
-        what = (
-            f"{leader.name} is {found.verdict}"
-            if bold or "undecided" in found.verdict
-            else (f"{found.verdict} to {leader.name}")
-        )
+        if found.verdict == LOSES_MORE:
+            return f"take the shortest: {leader.name} loses more drives, {error}"
+        what = f"{leader.name} is {found.verdict}"
+        if found.verdict == NO_DIFFERENCE:
+            what = f"{found.verdict} to {leader.name}"
         return f"take the shortest: {what}, {error}{more_lost}{bold}"
 
     @property
@@ -147,7 +144,7 @@ class Choice(Result):
         if not (chosen and shortest and chosen.driven and shortest.driven):
             return ""
         gained = shortest.driven.error.value - chosen.driven.error.value
-        if self.settings.minimise != "rmse" or gained >= SLIGHT or shortest.driven.lost.any():
+        if self.settings.minimise != "rmse" or gained >= 0.02 or shortest.driven.lost.any():
             return ""
         return "; that is under 2 cm, and no drive is lost on the shortest either"
 
@@ -157,14 +154,18 @@ class Choice(Result):
         chosen, found = self.chosen, []
         if chosen is None or chosen.driven is None or self.judgement is None:
             return []
-        if chosen.driven.lost_rate.value >= MANY_LOST:
-            found.append(UNTUNED)
+        if chosen.driven.lost_rate.value >= 0.5:  # paths are not the remedy
+            found.append(
+                "half of its drives or more are lost: tune the filter first with `locplan tune`;"
+                " `locplan evaluate` tells if single scans fail as well"
+            )
         taken = self.judgement.ratio.value if self.best else 1.0
         rival, filter = self.rival and self.rival.ratio, self.settings.rival
         if rival and filter and rival.high < 1 and rival.value < 0.9 * taken:
+            preset = "this filter with all alphas 0.05 and likelihood_field_prob"
             found.append(
-                f"tune first, with `locplan tune`: on the shortest path {title_of(filter)}"
-                f" has x{short(rival)} of the error"
+                "tune first, with `locplan tune`: on the shortest path"
+                f" {preset if filter == TUNED else filter.title} has x{short(rival)} of the error"
             )
         return found
 
@@ -322,16 +323,9 @@ class Choice(Result):
 def at_length(shortest: Candidate, other: Candidate) -> str:
     """How much longer than the shortest path a candidate is in words; a user's may be shorter."""
     extra = other.path.length - shortest.path.length
-    if abs(extra) < ALIKE:
+    if abs(extra) < 0.05:
         return "at the same length"
     return f"for {abs(extra):.1f} m {'more' if extra > 0 else 'less'}"
-
-
-def title_of(rival: Amcl) -> str:
-    """What a rival's settings are called."""
-    if rival == TUNED:
-        return "a filter with all alphas 0.05 and likelihood_field_prob"
-    return rival.title
 
 
 def short(ratio: Interval) -> str:

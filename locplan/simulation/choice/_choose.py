@@ -5,38 +5,36 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import instance
+from locplan._util.checks import instance, whole
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path, about_costs, check_costs, check_criterion, path_metrics
 from locplan.errors import ConfigError
-from locplan.field import CovarianceField, FieldConfig, Fused, Sad, load_or_compute
-from locplan.maps import OccupancyGrid, check_grid
-from locplan.planners import SHORTEST, Plan, Position, check_ends
+from locplan.field import CovarianceField, FieldConfig, Fused, Sad, equipped, load_or_compute
+from locplan.maps import FREE, OccupancyGrid, check_grid
+from locplan.planners import SHORTEST, AnyAngle, Found, Plan, Position, check_ends
 from locplan.robots import Robot
 from locplan.simulation._arguments import about_filter
+from locplan.simulation._drives import Minimise
 from locplan.simulation._simulator import Simulator
-from locplan.simulation.choice._ask import Ask, Candidates, Own, why_without
-from locplan.simulation.choice._candidates import WEIGHTS, Part, candidates_of
+from locplan.simulation.choice._ask import Ask, Candidates, Own, note_on, why_without
+from locplan.simulation.choice._candidates import (
+    WEIGHTS,
+    Compute,
+    Part,
+    Source,
+    candidates_of,
+    deviation_along,
+)
 from locplan.simulation.choice._choice import Choice
-from locplan.simulation.choice._driven import Candidate
-from locplan.simulation.choice._driver import Driver
+from locplan.simulation.choice._driven import Candidate, Driver
 from locplan.simulation.choice._race import judged
 from locplan.simulation.choice._settings import ChoiceSettings
-from locplan.simulation.choice._source import Compute, Source, deviation_along
-
-PRICE_OF_LOSS = {"lost": 100.0}
-"""What a lost drive adds to the logarithm of its error in the race, 1 by default."""
-NO_LIDAR = (
-    "nothing is driven: name the robot's lidar (--lidar NAME, in Python robot=locplan.Robot(NAME))"
-    " to drive candidates with its filter, and to have one recommended"
-)
-CAR_LIKE = "nothing is driven or recommended: paths with headings or a turning radius are not yet"
-UNDRIVEN = "nothing is driven, as asked, and nothing is recommended"
 
 
 def choose(
@@ -56,9 +54,9 @@ def choose(
     """Choose the path to take: drive candidates in simulation until one is shown to be better.
 
     Candidates are the shortest path, the one on the robot's own inflated costmap, paths clear of
-    walls, ways around, and localizability-aware paths. They race over a few drives; the winner and
-    the shortest are then driven afresh until the ratio of their errors is known. Only a path that
-    is clearly better, and does not lose more drives, replaces the shortest.
+    walls, ways around, and localizability-aware paths. They race over a few drives; the leading
+    ones and the shortest are then driven afresh until the ratio of their errors is known. Only a
+    path that is clearly better, and does not lose more drives, replaces the shortest.
 
     Where the robot's lidar is not known, nothing is driven: the aware path of the field is then
     given beside the shortest one.
@@ -118,8 +116,7 @@ def choose(
     robot, source = _robot_and_source(grid, robot, costs, compute, threads)
     if asked.criterion is not None:
         check_criterion(asked.criterion, source.config)
-    blank = source.blank(grid, robot.radius)
-    own = Own.of(candidates)
+    blank, own = source.blank(grid, robot.radius), Own.of(candidates)
     begin, *via, end = check_ends(blank, start, goal, asked.via, space=own.space)
     ask = Ask(grid, begin, end, dataclasses.replace(asked, via=tuple(via)), robot)
     ask.check()
@@ -130,8 +127,7 @@ def choose(
     shortest = ask.flat.planned(blank, limited=False)
     if shortest.path is None:
         return _made(ask, seed, shortest, source.given)
-    why_not = _why_not(ask, own)
-    if why_not:
+    if why_not := _why_not(ask, own):
         return _planned_only(ask, own, source, shortest, seed, why_not)
     if begin == end and not via:
         raise ConfigError("start and goal are one place; a choice needs a way to drive")
@@ -161,13 +157,15 @@ def _driven(
     part = Part.about(costs, shortest, asked.longest * shortest.length, ask)
     paths, left_out = candidates_of(part, own)
     if asked.is_limited:  # planners find short paths, not always the shortest, within limits
-        paths = _shortest_first(paths)
+        name = min(paths, key=lambda each: paths[each].length)
+        others = {each: path for each, path in paths.items() if each not in (name, SHORTEST)}
+        paths = {SHORTEST: paths[name], **others}
     driver = Driver(simulator, paths, asked, progress)
     until = math.inf if asked.time_limit is None else time.monotonic() + asked.time_limit
     found = judged(
         driver,
         asked.price * np.log([path.length / paths[SHORTEST].length for path in paths.values()]),
-        PRICE_OF_LOSS.get(asked.minimise, 1.0),
+        100.0 if asked.minimise == "lost" else 1.0,
         asked.drives,
         lambda: time.monotonic() > until,
     )
@@ -182,13 +180,6 @@ def _driven(
         judgement=found,
         rival=driver.rival(found),
     )
-
-
-def _shortest_first(paths: dict[str, Path]) -> dict[str, Path]:
-    """Paths, of which the shortest one stands first and is called so."""
-    name = min(paths, key=lambda each: paths[each].length)
-    others = {each: path for each, path in paths.items() if each not in (name, SHORTEST)}
-    return {SHORTEST: paths[name], **others}
 
 
 def _robot_and_source(
@@ -224,10 +215,18 @@ def _robot_and_source(
 def _why_not(ask: Ask, own: Own) -> str:
     """Why nothing is driven; empty if candidates are."""
     if own.space != "R2" or ask.robot.kinematics.turning_radius:
-        return CAR_LIKE
+        return (
+            "nothing is driven or recommended: paths with headings or a turning radius are not yet"
+        )
     if ask.robot.lidar is None:
-        return NO_LIDAR
-    return "" if ask.settings.drives else UNDRIVEN
+        return (
+            "nothing is driven: name the robot's lidar (--lidar NAME, in Python"
+            " robot=locplan.Robot(NAME)) to drive candidates with its filter, and to have one"
+            " recommended"
+        )
+    if not ask.settings.drives:
+        return "nothing is driven, as asked, and nothing is recommended"
+    return ""
 
 
 def _made(ask: Ask, seed: int, shortest: Plan | None, costs: Costmap | None) -> Choice:
@@ -267,22 +266,17 @@ def _planned_only(
         plans = ask.beside_shortest(costs, own.planner)
     paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
     left_out = {name: why_without(plan) for name, plan in plans.items() if plan.path is None}
-    own.add_to(paths, left_out, costs, ask, but=own.planner)
+    own.add_to(paths, left_out, costs, ask, but=own.planner if len(plans) > 1 else None)
     last = plans[next(reversed(plans))]
     made = []
     for name, path in paths.items():
-        own_plan = plans.get(name)
-        made.append(
-            Candidate(
-                name,
-                path,
-                path_metrics(costs, path),
-                deviation=(math.nan, math.nan) if field is None else deviation_along(path, field),
-                planner=own_plan.planner if own_plan else "",
-                note=note_on(own_plan) if own_plan else "",
-                history=own_plan.history if own_plan else (),
-            )
-        )
+        planned = plans.get(name)
+        deviation = (math.nan, math.nan) if field is None else deviation_along(path, field)
+        each = Candidate(name, path, path_metrics(costs, path), deviation=deviation)
+        if planned:
+            note, history = note_on(planned), planned.history
+            each = dataclasses.replace(each, planner=planned.planner, note=note, history=history)
+        made.append(each)
     return dataclasses.replace(
         _made(ask, seed, last, costs),
         status="solved" if last.path else last.status,
@@ -292,11 +286,65 @@ def _planned_only(
     )
 
 
-def note_on(made: Plan) -> str:
-    """What a plan says of its path beside its metrics."""
-    said = [made.note] if made.note else []
-    if not made.minimises:
-        said.append("any path, since its planner minimises nothing")
-    if made.bound is not None:
-        said.append(f"no path within the budget is shorter than {made.bound:.2f} m")
-    return "; ".join(said)
+@dataclass(frozen=True)
+class SimulatedChoice:
+    """The planner that drives dissimilar paths in simulation, and returns the one it recommends.
+
+    It drives on one thread, since a comparison's workers run at the same time.
+    """
+
+    name: ClassVar[str] = "simulated choice"
+    space: ClassVar[str] = "R2"
+    minimises: ClassVar[str | None] = "simulated error"
+
+    drives: int = 64
+    """Greatest number of confirming drives of a path, 2 to 1024."""
+    minimise: Minimise = "rmse"
+    """Error that decides: "rmse", "goal-error", "heading" or "lost", see `ChoiceSettings`."""
+    price: float = 0.3
+    """What the logarithm of the length counts in the race, >= 0."""
+    longest: float = 1.5
+    """Greatest length of a candidate, in lengths of the shortest path, >= 1."""
+    bold: bool = False
+    """Whether a path that is only probably better is taken, too."""
+    robot: Robot | str | None = None
+    """The robot, or a file of it that `Robot.load` reads; its size is that of the costmap. By
+    default it has Nav2's filter, and the lidar of the costmap's field."""
+    seed: int | None = None
+    """Seed of the drives, >= 0; by default 1, or each seed of a comparison."""
+
+    def __post_init__(self) -> None:
+        if isinstance(self.robot, str):  # once: workers need no file
+            object.__setattr__(self, "robot", Robot.load(self.robot))
+
+    def check(self) -> None:
+        """Raise a ConfigError unless the options are within their ranges."""
+        ChoiceSettings.of(self._settings)
+        if self.seed is not None:
+            whole("seed", self.seed, 0)
+        if self.robot is not None:
+            instance("robot", self.robot, Robot)
+
+    @property
+    def _settings(self) -> dict[str, Any]:
+        names = "drives", "minimise", "price", "longest", "bold"
+        return {name: getattr(self, name) for name in names} | {"rival": None}
+
+    def prepare(self) -> None:
+        """Load the kernels of the planners and of the drives."""
+        grid = OccupancyGrid(np.full((8, 8), FREE, np.uint8), 0.1)
+        costs = Costmap.blank(grid, robot_radius=0.05)
+        SimulatedChoice(drives=2).solve(costs, (0.25, 0.35), (0.55, 0.35))
+
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+        """Choose among paths of this costmap, and return the chosen one.
+
+        See `locplan.planners.Planner.solve`.
+        """
+        if start[:2] == goal[:2]:
+            return AnyAngle().solve(costs, start, goal)
+        config = costs.settings.config if costs.settings else None
+        robot = equipped(None if isinstance(self.robot, str) else self.robot, config)
+        own = {**self._settings, "seed": 1 if self.seed is None else self.seed, "threads": 1}
+        choice = choose(costs.grid, start[:2], goal[:2], robot, costs=costs, **own)
+        return Found(choice.path, choice.status)

@@ -1,17 +1,24 @@
-"""The simulated choice for many queries: here, in processes, or on a cluster."""
+"""The simulated choice for many queries, here, in processes or on a cluster; what it brings."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from locplan import __version__
 from locplan._util.checks import check_threads, is_whole, shown, whole
+from locplan._util.intervals import Interval, of_geometric_mean
 from locplan._util.progress import ProgressCallback
+from locplan._util.records import Column, Table
+from locplan._util.tables import finite
 from locplan.costs import Costmap, named_maps
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import Fused, equipped, load_or_compute
@@ -19,14 +26,167 @@ from locplan.planners import Query, check_ends, check_random, queries_of
 from locplan.robots import Robot
 from locplan.simulation._arguments import check_of_one_map
 from locplan.simulation.choice._choice import Choice
-from locplan.simulation.choice._choices import Choices, MapChoice
 from locplan.simulation.choice._choose import choose
+from locplan.simulation.choice._driven import Candidate
 from locplan.simulation.choice._settings import ChoiceSettings
 
-LEAST_DISTANCE = 10.0
-"""Least straight distance between start and goal of random queries [m]."""
 IN_FLIGHT = 64
 """Greatest number of choices at an executor at once, which bounds the memory of their maps."""
+
+
+@dataclass(frozen=True)
+class MapChoice:
+    """The choice for one query."""
+
+    map: str
+    """Name of the map."""
+    query: Query
+    """Start and goal that were asked for."""
+    choice: Choice
+    """The candidates of the query, and the one to take."""
+
+    @property
+    def lengths(self) -> tuple[float, float]:
+        """Length of the shortest and of the chosen path [m]; NaN without a path."""
+        return self._both(lambda each: each.path.length)
+
+    @property
+    def errors(self) -> tuple[float, float]:
+        """Typical error of both: geometric mean over the drives [m], or [rad] of headings."""
+        return self._both(lambda each: each.driven.error.value if each.driven else math.nan)
+
+    @property
+    def lost(self) -> tuple[float, float]:
+        """Share of lost drives of both, 0..1; NaN without a path."""
+        return self._both(lambda each: each.driven.lost_rate.value if each.driven else math.nan)
+
+    def _both(self, value: Callable[[Candidate], float]) -> tuple[float, float]:
+        both = self.choice.shortest, self.choice.chosen
+        first, second = (math.nan if each is None else value(each) for each in both)
+        return first, second
+
+
+def _pair(name: str, values: str, unit: str = "") -> tuple[Column, Column]:
+    """Columns of a pair of values, of the shortest and of the chosen path."""
+    return (
+        Column(f"{name}_shortest", unit, value=lambda each: getattr(each, values)[0]),
+        Column(f"{name}_chosen", unit, value=lambda each: getattr(each, values)[1]),
+    )
+
+
+@dataclass(frozen=True, repr=False)
+class Choices:
+    """Choices for many queries; intervals are over the queries that have a path.
+
+    Errors are those of the drives that confirmed the choice: those of paths that were taken are
+    promised some 10 % too small.
+    """
+
+    choices: tuple[MapChoice, ...]
+    """Choices in the order of the maps and of their queries."""
+
+    def __repr__(self) -> str:
+        ratio = f"error {self.error_ratio.value:.2f} of the shortest's"
+        return f"Choices({len(self)} queries, {self.left} left the shortest, {ratio})"
+
+    def __len__(self) -> int:
+        return len(self.choices)
+
+    def __iter__(self) -> Iterator[MapChoice]:
+        return iter(self.choices)
+
+    def __getitem__(self, number: int) -> MapChoice:
+        return self.choices[number]
+
+    @property
+    def solved(self) -> tuple[MapChoice, ...]:
+        """Choices for the queries that have a path."""
+        return tuple(each for each in self.choices if each.choice.candidates)
+
+    @property
+    def left(self) -> int:
+        """Number of queries for which another path than the shortest is recommended."""
+        return sum(each.choice.best > 0 for each in self.solved)
+
+    @property
+    def error_ratio(self) -> Interval:
+        """Ratio of the chosen paths' error to the shortest's: geometric mean over the queries."""
+        return of_geometric_mean(np.array([e.errors[1] / e.errors[0] for e in self.solved]))
+
+    @property
+    def length_ratio(self) -> Interval:
+        """Ratio of the chosen paths' length to the shortest's: geometric mean."""
+        return of_geometric_mean(np.array([e.lengths[1] / e.lengths[0] for e in self.solved]))
+
+    @property
+    def lost(self) -> tuple[float, float]:
+        """Share of lost drives along the shortest and the chosen paths: means over the queries."""
+        both = np.array([each.lost for each in self.solved] or [(math.nan, math.nan)])
+        shortest, chosen = both.mean(axis=0).tolist()
+        return shortest, chosen
+
+    def of_map(self, name: str) -> Choices:
+        """Choices for the queries on the map of a name."""
+        return Choices(tuple(each for each in self.choices if each.map == name))
+
+    def table(self) -> Table:
+        """A row per query: both ends, and the figures of the shortest and of the chosen path."""
+        columns = (
+            Column("map", title="map"),
+            Column("query", title="query", value=lambda each: each.query.name),
+            Column("start_x", "m", value=lambda each: each.query.start[0]),
+            Column("start_y", "m", value=lambda each: each.query.start[1]),
+            Column("goal_x", "m", value=lambda each: each.query.goal[0]),
+            Column("goal_y", "m", value=lambda each: each.query.goal[1]),
+            Column("chosen", value=lambda each: getattr(each.choice.chosen, "name", "")),
+            *_pair("length", "lengths", "m"),
+            *_pair("error", "errors"),
+            *_pair("lost", "lost"),
+        )
+        return Table.of(columns, self.choices)
+
+    def summary(self) -> dict[str, object]:
+        """What the choices bring, and each of them, fit for JSON; shortest before chosen."""
+        about = {
+            "queries": len(self),
+            "solved": len(self.solved),
+            "left_the_shortest": self.left,
+            "error_ratio": list(self.error_ratio),
+            "length_ratio": list(self.length_ratio),
+            "lost": list(self.lost),
+            "choices": [
+                {"map": each.map, "query": each.query.name, **each.choice.summary()}
+                for each in self.choices
+            ],
+        }
+        return finite(about)
+
+    def report(self) -> str:
+        """Text of what the choices bring, one row per map and one of all maps."""
+        groups = {name: self.of_map(name) for name in dict.fromkeys(each.map for each in self)}
+        if len(groups) > 1:
+            groups["all maps"] = self
+        columns = (
+            Column("map", title="map"),
+            Column("solved", title="queries"),
+            Column("left", title="detours", digits=0),
+            Column("length_ratio", title="length"),
+            Column("error_ratio", title="error", interval=True),
+            Column("lost", title="lost"),
+        )
+        rows = (
+            (
+                *(name, f"{len(group.solved)} of {len(group)}", group.left),
+                *(group.length_ratio.value, group.error_ratio),
+                "{:.0%} -> {:.0%}".format(*group.lost) if group.solved else "-",
+            )
+            for name, group in groups.items()
+        )
+        last = (
+            "detours leave the shortest path; chosen over shortest, by the drives that confirmed it"
+            " [95 % intervals]"
+        )
+        return f"{Table(columns, tuple(rows))}\n{last}"
 
 
 class _Case(NamedTuple):
@@ -45,7 +205,7 @@ def choose_many(
     *,
     executor: Executor | None = None,
     seed: int = 1,
-    least_distance: float = LEAST_DISTANCE,
+    least_distance: float = 10.0,
     query_seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
@@ -130,20 +290,15 @@ def choose_many(
             cases.append(_Case(name, costs, query, seed + len(cases)))
     if not cases:
         raise ConfigError("there is no query; give at least one")
-    made = _here(cases, asked, threads) if executor is None else _at(executor, cases, asked)
     choices = []
-    for case, choice in zip(cases, made, strict=True):
+    made = None if executor is None else _at(executor, cases, asked)
+    for case in cases:
+        with _where(case.map, case.query):
+            choice = _chosen(case, asked, threads) if made is None else next(made)
         choices.append(MapChoice(case.map, case.query, choice))
         if progress:
             progress(len(choices), len(cases))
     return Choices(tuple(choices))
-
-
-def _here(cases: list[_Case], asked: dict[str, Any], threads: int | None) -> Iterator[Choice]:
-    """The choices, made one after the other with threads inside."""
-    for case in cases:
-        with _where(case.map, case.query):
-            yield _chosen(case, asked, threads)
 
 
 def _at(executor: Executor, cases: list[_Case], asked: dict[str, Any]) -> Iterator[Choice]:
@@ -153,14 +308,16 @@ def _at(executor: Executor, cases: list[_Case], asked: dict[str, Any]) -> Iterat
     try:
         while True:
             while len(running) < IN_FLIGHT and (case := next(waiting, None)):
-                with _one_line_errors(case):
-                    running.append((case, executor.submit(chosen, __version__, case, asked)))
+                running.append((case, executor.submit(chosen, __version__, case, asked)))
             if not running:
                 return
             case, task = running.popleft()
-            with _where(case.map, case.query), _one_line_errors(case):
-                found = task.result()
-            yield dataclasses.replace(found, costs=case.costs)
+            yield dataclasses.replace(task.result(), costs=case.costs)
+    except LocplanError:
+        raise
+    except Exception as error:  # each executor has its own error for dead workers
+        what = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")[:200]
+        raise LocplanError(f"the executor failed ({what})") from error
     finally:
         for _, task in running:
             task.cancel()
@@ -172,17 +329,14 @@ def chosen(version: str, case: _Case, asked: dict[str, Any]) -> Choice:
         raise ConfigError(
             f"a worker has locplan {__version__}, not {version}; install the same one there"
         )
-    nowhere: Any = None
-    return dataclasses.replace(_chosen(case, asked, 1), costs=nowhere)
+    return dataclasses.replace(_chosen(case, asked, 1), costs=None)
 
 
 def _chosen(case: _Case, asked: dict[str, Any], threads: int | None) -> Choice:
-    start, goal = case.query.start[:2], case.query.goal[:2]
-    config = case.costs.settings.config if case.costs.settings else None
-    own = {**asked, "robot": equipped(asked["robot"], config)}
-    return choose(
-        case.costs.grid, start, goal, costs=case.costs, seed=case.seed, threads=threads, **own
-    )
+    grid, costs, query = case.costs.grid, case.costs, case.query
+    robot = equipped(asked["robot"], costs.settings.config if costs.settings else None)
+    about = {**asked, "robot": robot, "seed": case.seed, "threads": threads}
+    return choose(grid, query.start[:2], query.goal[:2], costs=costs, **about)
 
 
 @contextmanager
@@ -193,15 +347,3 @@ def _where(name: str, query: Query) -> Iterator[None]:
     except LocplanError as error:
         where = f"map {shown(name)}, query {shown(query.name)}"
         raise type(error)(f"{where}: {error}") from None
-
-
-@contextmanager
-def _one_line_errors(case: _Case) -> Iterator[None]:
-    """Turn any failure of a foreign executor into an error of one line."""
-    try:
-        yield
-    except LocplanError:
-        raise
-    except Exception as error:  # each executor has its own error for dead workers
-        what = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")[:200]
-        raise LocplanError(f"the executor failed at {case.query.name} ({what})") from error

@@ -1,24 +1,27 @@
-"""Candidates of a choice, and how their drives went."""
+"""Candidates of a choice, and their drives by number in the part of the map about them."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.intervals import Interval, of_mean, wilson
+from locplan._util.intervals import Interval, of_geometric_mean, of_mean, wilson
+from locplan._util.poses import Poses
+from locplan._util.progress import ProgressCallback
 from locplan._util.records import Column
 from locplan._util.tables import finite
 from locplan.costs import Path, PathMetrics
-from locplan.simulation._drives import Drives
-
-STEPS = 200
-"""Greatest number of places at which errors along a path are kept."""
+from locplan.simulation._drives import Drives, log_errors, worst_error
+from locplan.simulation._simulator import Simulator
+from locplan.simulation.choice._ask import lines_along
+from locplan.simulation.choice._race import FINALISTS, KEPT, ROUNDS, Judgement, Scores
+from locplan.simulation.choice._settings import ChoiceSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +57,7 @@ class Driven:
         ratio : Interval
             Ratio of the error to the shortest path's.
         """
-        at = np.unique(np.linspace(0, len(drives.poses) - 1, STEPS).round().astype(int))
+        at = np.unique(np.linspace(0, len(drives.poses) - 1, 200).round().astype(int))
         low, median, high = np.quantile(drives.position_error[:, at], (0.1, 0.5, 0.9), axis=0)
         profile = np.column_stack([drives.distance[at], median, low, high])
         return cls(numbers, log_error, drives.lost, ratio, profile)
@@ -183,41 +186,133 @@ def _of_drives(name: str, unit: str, title: str, digits: int = 2, people: str = 
 
 
 _NAMED = (Column("name", title="path"), _of_metrics("length", "m", "length", 1))
-_REST = tuple(
-    _of_metrics(name, unit)
-    for name, unit in (
-        ("cost", "m"),
-        ("integrated_u", "m"),
-        ("integrated_e", "m² rad m"),
-        ("mean_e", "m² rad"),
-        ("max_e", "m² rad"),
-        ("degenerate_share", ""),
-        ("longest_degenerate", "m"),
-        ("clearance", "m"),
-    )
+_E = (
+    _of_metrics("mean_e", "m² rad"),
+    _of_metrics("max_e", "m² rad"),
+    _of_metrics("degenerate_share", ""),
+    _of_metrics("longest_degenerate", "m"),
+    _of_metrics("clearance", "m"),
 )
-_TITLES = {
-    "integrated_u": ("degenerate", 1),
-    "integrated_e": ("∫e ds", 3),
-}
-PLANNED = (
+PLANNED: tuple[Column, ...] = (
     *_NAMED,
-    *(
-        dataclasses.replace(each, title=_TITLES[each.name][0], digits=_TITLES[each.name][1])
-        if each.name in _TITLES
-        else each
-        for each in _REST
-    ),
+    _of_metrics("cost", "m"),
+    _of_metrics("integrated_u", "m", "degenerate", 1),
+    _of_metrics("integrated_e", "m² rad m", "∫e ds", 3),
+    *_E,
     Column("position_std", "m", "mean std", 1, "cm", value=lambda each: each.deviation[0]),
     Column("max_position_std", "m", "max std", 1, "cm", value=lambda each: each.deviation[1]),
 )
 """Columns of candidates that were not driven."""
-DRIVEN = (
+DRIVEN: tuple[Column, ...] = (
     *_NAMED,
     _of_drives("error", "m", "error"),
     _of_drives("ratio", "", "ratio"),
     _of_drives("lost_rate", "", "lost", 0, "%"),
     Column("drives", value=lambda each: len(each.driven.numbers)),
-    *_REST,
+    _of_metrics("cost", "m"),
+    _of_metrics("integrated_u", "m"),
+    _of_metrics("integrated_e", "m² rad m"),
+    *_E,
 )
 """Columns of candidates that were driven."""
+
+
+STREAM = 1_000_000
+"""Stream of the random numbers of these drives, above those of `simulate` and its queries."""
+RIVAL_DRIVES = 8
+"""Number of drives of the shortest path with the rival's settings."""
+
+
+class Driver:
+    """Drives of candidates by their numbers, and what is kept of them.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        The map, the robot and the seed.
+    paths : mapping of str to Path
+        The candidates, the shortest first.
+    settings : ChoiceSettings
+        What counts.
+    progress : callable, optional
+        Called with (done, total) drives.
+    """
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        paths: dict[str, Path],
+        settings: ChoiceSettings,
+        progress: ProgressCallback | None,
+    ) -> None:
+        grid = simulator.grid
+        self._lines = [*lines_along(paths, grid).values()]
+        self._whole, self._simulator = simulator, simulator.about(self._lines)
+        self._settings, self._progress = settings, progress
+        self._errors: dict[tuple[int, int], NDArray[np.float64]] = {}
+        self._worst = math.pi
+        if settings.minimise != "heading":
+            self._worst = worst_error(grid.shape, grid.resolution)
+        kept = min(len(paths), KEPT + 1)
+        self._done, self._total = 0, ROUNDS[0] * len(paths) + (ROUNDS[1] - ROUNDS[0]) * kept
+        self._total += min(len(paths), FINALISTS + 1) * settings.drives + RIVAL_DRIVES
+
+    def __call__(self, paths: Sequence[int], numbers: range) -> Scores:
+        """Drive some paths with the drives of some numbers."""
+        for path, errors in zip(paths, self._drive(self._simulator, paths, numbers), strict=True):
+            for number, each in zip(numbers, errors, strict=True):
+                self._errors[path, number] = each
+        return Scores(
+            np.array([self._log_errors(path, numbers) for path in paths]),
+            np.array([self._drives(path, numbers).lost for path in paths]),
+        )
+
+    def shown(self, path: int, found: Judgement) -> Driven:
+        """What is shown of a candidate: the confirmation's drives, or those of the race."""
+        leads = found.leader and path in (0, found.leader)
+        own = found.drives if leads else range(ROUNDS[-1])
+        numbers = range(own.start, max(n + 1 for p, n in self._errors if p == path and n in own))
+        ratio = Interval(math.nan, math.nan, math.nan)
+        if path:
+            apart = self._log_errors(path, numbers) - self._log_errors(0, numbers)
+            ratio = found.ratio if leads else of_geometric_mean(np.exp(apart))
+        errors = self._log_errors(path, numbers)
+        return Driven.of(self._drives(path, numbers), numbers, errors, ratio)
+
+    def rival(self, found: Judgement) -> Driven | None:
+        """Drives of the shortest path with the rival's filter, beside those that are shown."""
+        rival = self._settings.rival_of(self._simulator.robot.filter)
+        if rival is None:
+            return None
+        numbers = found.drives[:RIVAL_DRIVES]
+        robot = dataclasses.replace(self._simulator.robot, filter=rival)
+        simulator = self._whole.about(self._lines, robot)
+        line = self._lines[0]
+        drives = Drives(line, self._drive(simulator, [0], numbers)[0])
+        errors = self._scored(drives)
+        ratio = of_geometric_mean(np.exp(errors - self._log_errors(0, numbers)))
+        if self._progress:
+            self._progress(self._total, self._total)
+        return Driven.of(drives, numbers, errors, ratio)
+
+    def _drive(
+        self, simulator: Simulator, paths: Sequence[int], numbers: range
+    ) -> list[NDArray[np.float64]]:
+        def step(done: int, _: int) -> None:
+            if self._progress:
+                self._progress(self._done + done, self._total)
+
+        lines: list[Poses] = [self._lines[path] for path in paths]
+        errors = simulator.drive_together(lines, numbers, stream=STREAM, progress=step)
+        self._done += len(paths) * len(numbers)
+        return errors
+
+    def _drives(self, path: int, numbers: range) -> Drives:
+        return Drives(self._lines[path], np.array([self._errors[path, n] for n in numbers]))
+
+    def _log_errors(self, path: int, numbers: range) -> NDArray[np.float64]:
+        return self._scored(self._drives(path, numbers))
+
+    def _scored(self, drives: Drives) -> NDArray[np.float64]:
+        minimise = self._settings.minimise
+        return log_errors(drives.distance, drives.errors, minimise, self._worst)

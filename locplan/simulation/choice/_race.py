@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -210,38 +210,42 @@ def confirmed(
         apart = {each: known[each].log_error[0] - known[0].log_error[0] for each in running}
         ratios = {each: interval_of(apart[each], *levels) for each in running}
         all_lost = {path: lost[path] + known[path].lost.sum() for path in paths}
-        running.sort(key=lambda each: ratios[each].value)
-        safe = [
-            each
-            for each in running
-            if all_lost[each] <= all_lost[0] and ratios[each].value <= WORTHWHILE
-        ]
-        clear = [each for each in safe if ratios[each].high < 0]
-        leader, verdict = [*clear, *safe, *running][0], ""
-        if clear:
-            verdict = CLEARLY_BETTER
-        elif all(ratio.low > WORTHWHILE for ratio in ratios.values()):
-            verdict = NO_DIFFERENCE
-        elif not looks or (enough and enough()):
-            probable = PROBABLY_BETTER if safe else LOSES_MORE
-            worthwhile = ratios[leader].value <= WORTHWHILE
-            verdict = probable if worthwhile else f"undecided after {count} drives"
+        losing = {each for each in running if all_lost[each] > all_lost[0]}
+        last = not looks or bool(enough and enough())
+        leader, verdict = _verdict(ratios, losing, count if last else None)
         if verdict:
             shown = Interval(*np.exp(ratios[leader]).tolist())
-            more_lost = bool(all_lost[leader] > all_lost[0])
-            return Judgement(leader, verdict, shown, range(first, first + count), more_lost)
+            return Judgement(leader, verdict, shown, range(first, first + count), leader in losing)
         # Finalists surely worse than the best one, or than what is worthwhile, stay behind.
-        best = apart[leader]
-        running = [
+        behind = {
             each
             for each in running
-            if each == leader
-            or max(
-                interval_of(apart[each] - best, UNSURE).low,
-                interval_of(apart[each], UNSURE).low - WORTHWHILE,
-            )
-            <= 0
-        ]
+            if interval_of(apart[each] - apart[leader], UNSURE).low > 0
+            or interval_of(apart[each], UNSURE).low > WORTHWHILE
+        }
+        running = [each for each in running if each == leader or each not in behind]
+
+
+def _verdict(
+    ratios: Mapping[int, Interval], losing: Collection[int], drives: int | None
+) -> tuple[int, str]:
+    """The leader at a look by the logarithms of the ratios, and the verdict on it.
+
+    It is empty if more drives are to come, and there is no number of all drives.
+    """
+    order = sorted(ratios, key=lambda each: ratios[each].value)
+    safe = [each for each in order if each not in losing and ratios[each].value <= WORTHWHILE]
+    clear = [each for each in safe if ratios[each].high < 0]
+    leader = [*clear, *safe, *order][0]
+    if clear:
+        return leader, CLEARLY_BETTER
+    if all(ratio.low > WORTHWHILE for ratio in ratios.values()):
+        return leader, NO_DIFFERENCE
+    if drives is None:
+        return leader, ""
+    if ratios[leader].value > WORTHWHILE:
+        return leader, f"undecided after {drives} drives"
+    return leader, PROBABLY_BETTER if safe else LOSES_MORE
 
 
 def looks_of(drives: int) -> list[int]:

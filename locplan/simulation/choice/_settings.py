@@ -15,15 +15,12 @@ from locplan.robots import Amcl
 from locplan.simulation._drives import MINIMISED, Minimise
 from locplan.simulation.choice._race import MAX_DRIVES
 
-TUNED = Amcl(
-    alpha1=0.05,
-    alpha2=0.05,
-    alpha3=0.05,
-    alpha4=0.05,
-    alpha5=0.05,
-    laser_model_type="likelihood_field_prob",
-)
-"""Settings of a filter that are good for most robots indoors."""
+CALM: dict[str, Any] = {
+    **dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"), 0.05),
+    "laser_model_type": "likelihood_field_prob",
+}
+TUNED = Amcl(**CALM)
+"""Settings of a filter that are good for most robots indoors; the rest is the robot's own."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -48,7 +45,8 @@ class ChoiceSettings(Settings):
     budget: float | None = None
     """Greatest integral of u of a candidate, >= 0 [m]; None sets no limit."""
     longest: float = 1.5
-    """Greatest length of a candidate, in lengths of the shortest path, >= 1."""
+    """Greatest length of a candidate, in lengths of the shortest path, >= 1; paths that are given
+    may be longer."""
     front: bool = False
     """Whether up to 5 paths of the Pareto front of length against degeneracy are candidates."""
     weight: float | None = None
@@ -74,7 +72,8 @@ class ChoiceSettings(Settings):
     """The filter's map in the same frame, where it differs from the one that is driven in."""
     rival: Amcl | None = TUNED
     """Filter that is driven along the shortest path, too, to tell whether settings gain more than
-    paths; None drives none."""
+    paths; None drives none. The default stands for the robot's own filter with all alphas 0.05 and
+    likelihood_field_prob."""
 
     def __post_init__(self) -> None:
         keep(self, via=tuple(self.via), longest=number("longest", self.longest, 1.0))
@@ -130,6 +129,19 @@ class ChoiceSettings(Settings):
         """
         via = tuple(tuple(each) for each in about["via"])
         return cls.of({**about, "via": via, "rival": about["rival"] and Amcl(**about["rival"])})
+
+    def rival_of(self, own: object) -> Amcl | None:
+        """The rival of a robot's own filter; None without one, or if it is the same.
+
+        Parameters
+        ----------
+        own : Filter
+            The robot's filter, of any kind.
+        """
+        rival = self.rival
+        if rival == TUNED and isinstance(own, Amcl):
+            rival = dataclasses.replace(own, **CALM)
+        return None if rival == own else rival
 
     @property
     def is_limited(self) -> bool:
