@@ -41,8 +41,8 @@ def framed(tmp_path_factory):
 def test_the_server_listens_on_this_machine_alone(server):
     with socket.create_connection(("127.0.0.1", server.port)):
         pass
-    with pytest.raises(OSError, match="refused"):  # another address of this machine
-        socket.create_connection(("127.0.0.2", server.port))
+    with pytest.raises(OSError):  # noqa: PT011  # another address of this machine
+        socket.create_connection(("127.0.0.2", server.port), timeout=5)
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
