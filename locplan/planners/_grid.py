@@ -261,7 +261,7 @@ def parts_of_map(
     pairs = np.concatenate(seams, axis=1)
     joined = coo_array((np.ones(pairs.shape[1], bool), pairs), (total, total))
     count, part_of = connected_components(joined, directed=False) if total else (0, pairs[0])
-    cells = np.bincount(part_of, np.concatenate(sizes), count)
+    cells = np.bincount(part_of, np.concatenate(sizes), count).astype(np.float64)
     number_of, before = part_of + 1, 0
     found = np.empty(grid.shape, np.min_scalar_type(count))
     for band, count, labels in labelled():
