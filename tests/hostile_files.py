@@ -35,8 +35,8 @@ from locplan.comparison import Journal, PlannerSpec, read_movingai_map, read_sce
 from locplan.costs import Costmap, Path as Route, path_metrics
 from locplan.errors import LocplanError
 from locplan.export import distribution
-from locplan.export._folders import _is_untouched_export
 from locplan.export._parameters import Robot, with_costmap
+from locplan.export._registry import _is_untouched_export
 from locplan.field import (
     CovarianceField,
     FieldCache,

@@ -561,7 +561,7 @@ def test_export_writes_every_format(run, room, tmp_path, to, name):
         (("--to", "nav2"), "--to must be one of nav2-keepout"),
         (("--to", "ros-map", "--planner", "smac2d"), "--planner is for --to nav2-keepout"),
         (("--to", "csv", "--slowest", "0.5"), "--slowest is for --to nav2-speed"),
-        (("--to", "nav2-speed", "--slowest", "5"), "slowest must be a share"),
+        (("--to", "nav2-speed", "--slowest", "5"), "slowest must be 0.01 to 1"),
         (("--to", "nav2-keepout", "--planner", "teb"), "planner must be one of"),
         (("--to", "nav2-keepout", "--planner-param", "inf"), "must be a positive number"),
         (("--to", "nav2-keepout", "--distro", "foxy"), "distro must be one of"),
@@ -728,7 +728,7 @@ def test_usage_errors_say_what_would_be_right(run, words, message):
 
 def test_choices_are_those_of_the_library():
     from locplan.costs._degeneracy import SCALARS
-    from locplan.export._distros import NavPlannerName
+    from locplan.export._formats import NavPlannerName
     from locplan.export._travel_costs import PLANNERS as NAV_PLANNERS
     from locplan.field import Scan
 

@@ -17,9 +17,7 @@ import locplan
 from locplan.costs import DEGENERATE, Costmap
 from locplan.errors import ConfigError, FieldError
 from locplan.export import degenerate_areas, save_degenerate_areas
-from locplan.export._areas import half_free
-from locplan.export._autoware import without_holes
-from locplan.export._outlines import meeting, rings_of, signed_area, thinned, untangled
+from locplan.export._outlines import meeting
 from locplan.field import CovarianceField, FieldConfig, Sad, Scan, SearchWindow
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid, environments
 from locplan.robots import Lidar
@@ -43,6 +41,19 @@ def made_up(cells, *, blur=0.5, seed=0, resolution=0.05, origin=(1.5, -2.0, 0.0)
     covariance[~free] = np.nan
     field = CovarianceField(covariance, grid, config)
     return Costmap.from_field(grid, field), field
+
+
+def marked(mask, resolution=1.0):
+    """The areas of the cells of a mask, (H, W), on a free map."""
+    costs, field = made_up(np.full(mask.shape, FREE, np.uint8), resolution=resolution)
+    costs = dataclasses.replace(costs, u=mask.astype(float))
+    return degenerate_areas(costs, field, threshold=0.5, min_area=0.0)
+
+
+def signed_area(ring):
+    """Area of a ring (n, 2), negative if it runs clockwise."""
+    (x, y), (ahead, above) = np.array(ring).T, np.roll(ring, -1, axis=0).T
+    return np.sum(x * above - ahead * y) / 2
 
 
 def inside(areas, grid):
@@ -193,49 +204,40 @@ def test_polygons_hold_the_cells_and_are_valid(seed, blur):
 @pytest.mark.parametrize("density", [0.3, 0.5, 0.6, 0.8])
 def test_rings_of_noise_never_meet(density):
     mask = np.random.default_rng(7).random((40, 50)) < density
-    rings = rings_of(mask)
+    areas = marked(mask)
     number, _ = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
-    corners = [ring.corners for ring in rings]
-    outer = [ring for ring in rings if signed_area(ring.corners) > 0]
-    assert len(outer) == number - 1
-    assert all(mask[ring.cell] for ring in rings)
-    assert not meeting(corners).any()
-    few = [
-        thinned([ring], 1.0)[0] if signed_area(ring) > 0 else np.arange(len(ring))
-        for ring in corners
-    ]
-    left = [ring[k] for ring, k in zip(corners, untangled(corners, few), strict=True)]
-    assert sum(map(len, left)) < 0.9 * sum(map(len, corners))
-    lines = [
-        (n, k, len(ring), ring[k], ring[(k + 1) % len(ring)])
-        for n, ring in enumerate(left)
-        for k in range(len(ring))
-    ]
-    for (n, k, size, a, b), (other, j, _, c, d) in near_pairs(lines[:400], lines):
-        if not (n == other and (abs(k - j) == 1 or abs(k - j) == size - 1)):
+    assert len(areas) == number - 1
+    lines = []
+    for area in areas:
+        check_valid(area)
+        for n, ring in enumerate((area.outline, *area.holes)):
+            lines += [
+                (area.name, n, k, len(ring), ring[k], ring[(k + 1) % len(ring)])
+                for k in range(len(ring))
+            ]
+    edges = sum(np.count_nonzero(np.diff(np.pad(mask, 1), axis=axis)) for axis in (0, 1))
+    assert len(lines) < 0.9 * edges
+    for (*ring, k, size, a, b), (*other, j, _, c, d) in near_pairs(lines[:400], lines):
+        if not (ring == other and (abs(k - j) == 1 or abs(k - j) == size - 1)):
             assert not crosses(a, b, c, d)
 
 
 def test_a_ring_follows_the_edges_of_cells():
-    mask = np.array([[1, 1, 0], [1, 1, 0], [0, 0, 0]], bool)
-    (ring,) = rings_of(mask)
-    assert signed_area(ring.corners) == 4 * 16
-    (few,) = thinned([ring.corners], 1.0)
-    assert {tuple(each) for each in ring.corners[few].tolist()} == {(0, 0), (8, 0), (8, 8), (0, 8)}
+    (area,) = marked(np.array([[1, 1, 0], [1, 1, 0], [0, 0, 0]], bool))
+    corners = {tuple(each) for each in (area.outline - (1.5, -2.0)).tolist()}
+    assert corners == {(0, 0), (2, 0), (2, 2), (0, 2)}
 
 
 def test_narrow_holes_and_stripes_keep_their_shape():
     mask = np.ones((40, 40), bool)
     mask[20, 10:13] = False
-    rings = sorted((ring.corners for ring in rings_of(mask)), key=signed_area)
-    hole, outer = (ring[k] for ring, k in zip(rings, thinned(rings, 1.0), strict=True))
-    assert signed_area(hole) == pytest.approx(-3 * 16, rel=0.1)
-    assert signed_area(outer) == pytest.approx(1600 * 16, rel=0.01)
+    (area,) = marked(mask, resolution=0.5)
+    assert [signed_area(hole) for hole in area.holes] == [pytest.approx(-3 / 4, rel=0.1)]
+    assert signed_area(area.outline) == pytest.approx(1600 / 4, rel=0.01)
     row, col = np.indices((30, 30))
     stripe = np.abs(col - 2 * row) <= 1
-    (ring,) = rings_of(stripe)
-    (few,) = thinned([ring.corners], 1.0)
-    assert signed_area(ring.corners[few]) == pytest.approx(16 * stripe.sum(), rel=0.02)
+    (area,) = marked(stripe)
+    assert signed_area(area.outline) == pytest.approx(stripe.sum(), rel=0.02)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -302,18 +304,22 @@ def test_areas_between_the_points_of_the_lattice_are_read():
     assert ends[0] <= area.position_std <= ends[1]
 
 
-def test_the_default_is_half_of_a_corridor_without_features(corridors):
+def test_the_default_is_half_of_a_corridor_without_features(tmp_path, corridors):
+    def default(costs, field):
+        save_degenerate_areas(tmp_path / "areas", costs, field)
+        return json.loads((tmp_path / "areas" / "export.json").read_text())["threshold"]
+
     costs, field = corridors
-    assert half_free(costs, field) == pytest.approx(0.176, abs=0.002)
-    assert half_free(costs, field) == pytest.approx(costs.u[60, 400] / 2, rel=0.01)
+    assert default(costs, field) == pytest.approx(0.176, abs=0.002)
+    assert default(costs, field) == pytest.approx(costs.u[60, 400] / 2, rel=0.01)
     grid = drawn("....", "....", "....", resolution=0.2)
     by_scan = locplan.covariance_field(grid, Scan(Lidar(range=2.0)))
-    assert half_free(Costmap.from_field(grid, by_scan), by_scan) == DEGENERATE
+    assert default(Costmap.from_field(grid, by_scan), by_scan) == DEGENERATE
     for law in ("linear", "cube-root"):
         other = Costmap.from_field(costs.grid, field, law=law)
-        assert half_free(other, field) == pytest.approx(other.u[60, 400] / 2, rel=0.02)
+        assert default(other, field) == pytest.approx(other.u[60, 400] / 2, rel=0.02)
     turn = Costmap.from_field(costs.grid, field, criterion="heading_std")
-    assert half_free(turn, field) == DEGENERATE
+    assert default(turn, field) == DEGENERATE
 
 
 def test_geojson_is_wound_and_closed_as_rfc_7946_has_it(tmp_path):
@@ -419,11 +425,14 @@ def test_autoware_reads_polygons_without_holes_and_their_covariances(tmp_path):
         np.testing.assert_allclose(matrix, np.diag(expected), atol=1e-6)
 
 
-def test_cuts_to_holes_keep_the_area():
-    outline = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
-    square = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0]])
-    holes = [square + at for at in ([1.0, 1.0], [4.0, 1.0], [4.0, 1.5 + 3], [7.0, 1.0])]
-    ring = without_holes(outline, holes)
+def test_cuts_to_holes_keep_the_area(tmp_path):
+    mask = np.ones((20, 20), bool)
+    for row, col in ((2, 2), (2, 8), (9, 8), (2, 14)):
+        mask[row : row + 2, col : col + 2] = False
+    costs, field = made_up(np.full(mask.shape, FREE, np.uint8), resolution=0.5)
+    costs = dataclasses.replace(costs, u=mask.astype(float))
+    save_degenerate_areas(tmp_path / "out", costs, field, threshold=0.5, min_area=2.0)
+    ((_, ring),) = lanelet2_polygons(tmp_path / "out" / "degenerate_areas.osm")
     assert signed_area(ring) == pytest.approx(100 - 4)
 
 

@@ -408,7 +408,7 @@ def test_wrong_input_is_refused_before_any_run(tmp_path):
         ("gird", "planner must be one of"),
         ("grid:time_limit=2", "has no option 'time_limit'"),
         ("BITstar:time_limit", "must be NAME=VALUE"),
-        ("BITstar:time_limit=soon", "must be positive, seconds"),
+        ("BITstar:time_limit=soon", "must be a positive number of seconds"),
         ("BITstar:seed=0", "seed must be a whole number"),
         ("BITstar:progress=yes", "progress must be a function"),
         ("BITstar:name=grid", "has no option 'name'"),

@@ -17,7 +17,7 @@ from hostile_files import GRID, OPEN, RUN, SMALL, cache_files, made_field
 
 from locplan.comparison import Journal, read_movingai_map, read_scenarios
 from locplan.errors import ConfigError, FieldError, LocplanError, MapError
-from locplan.export._folders import _is_untouched_export
+from locplan.export._registry import _is_untouched_export
 from locplan.field import (
     CovarianceField,
     FieldCache,

@@ -12,7 +12,7 @@ from test_bag import cell_positions, cells, matrices, read, yaw_of
 
 from locplan.export import layer
 from locplan.export._figures import legend_figure, norm_of
-from locplan.export._layer import world_file
+from locplan.export._plain_files import world_file
 from locplan.field import CovarianceField, FieldConfig, Sad, SearchWindow, covariance_field
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
 from locplan.plotting import draw_field

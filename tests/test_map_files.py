@@ -27,7 +27,6 @@ from locplan.maps import (
     load_map,
     save_map,
 )
-from locplan.maps._source import MAX_YAML_BYTES
 
 F, U, X = FREE, UNKNOWN, OCCUPIED
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -291,7 +290,7 @@ def test_bad_entries_are_refused_by_name(tmp_path, changes, phrase):
         (b"image: \xff\n", "not YAML in UTF-8"),
         (b"image: \0\n", "not YAML in UTF-8"),
         (b"a: " + b"[" * 20000, "brackets over 100 deep"),
-        (b"a: b\n" * MAX_YAML_BYTES, "not its image"),
+        (b"a: b\n" * 2**16, "not its image"),
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "git lfs pull"),
     ],
 )

@@ -13,7 +13,7 @@ from locplan._kernels import curves, motions, search
 from locplan.costs import Costmap, path_metrics
 from locplan.errors import ConfigError, PoseError
 from locplan.maps import FREE, OccupancyGrid
-from locplan.planners.ompl._motions import Motions
+from locplan.planners.ompl import Motions
 
 SHORTEST = {"Dubins": curves.dubins, "ReedsShepp": curves.reeds_shepp}
 SPACES = {"Dubins": base.DubinsStateSpace, "ReedsShepp": base.ReedsSheppStateSpace}

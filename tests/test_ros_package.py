@@ -17,12 +17,12 @@ from rosbags.typesys import Stores, get_typestore
 
 import locplan
 from locplan import export
-from locplan.export._distros import LAUNCH
 from locplan.field import FieldConfig, Sad, Scan, load_or_compute
 from locplan.maps import OccupancyGrid, load_map
 from locplan.robots import Lidar
 
 ROOT = Path(__file__).resolve().parent.parent
+LAUNCH = "localizability.launch.xml"
 PACKAGE = ROOT / "examples" / "ros2" / "locplan_ros"
 DECLARED = {
     "map_server": {"yaml_filename", "topic_name", "frame_id"},

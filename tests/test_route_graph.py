@@ -14,7 +14,6 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
 from locplan.export import RouteGraph, _net, roadmap, routes_figure, to_geojson
-from locplan.export._geojson import MAX_ID
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.planners import plan_field
 
@@ -270,7 +269,7 @@ def test_geojson_makes_nav2s_scorers_add_up_to_j() -> None:
     nodes, lines = loaded(json.dumps(to_geojson(graph), allow_nan=False))
     ids = [*nodes, *(line["id"] for line in lines)]
     assert len(set(ids)) == len(ids) == len(graph.nodes) + 2 * len(graph.edges)
-    assert all(type(n) is int and 1 <= n <= MAX_ID for n in ids)
+    assert all(type(n) is int and 1 <= n <= 2**16 - 1 for n in ids)
     ways = {(line["startid"], line["endid"]): line for line in lines}
     assert len(ways) == len(lines)
     for (start, end), line in ways.items():
@@ -318,7 +317,7 @@ def test_what_cannot_be() -> None:
     alone = Costmap.blank(OccupancyGrid(np.full((2, 2), FREE), 0.1), robot_radius=0.0)
     with pytest.raises(ConfigError, match="without edges"):
         to_geojson(roadmap(alone, min_area=0.0))
-    count = MAX_ID
+    count = 2**16 - 1
     many = RouteGraph(*(np.zeros((count, 2)),), np.zeros((9, 2), int), *(np.zeros(9),) * 4)
     with pytest.raises(ConfigError, match="times as large"):
         to_geojson(many)

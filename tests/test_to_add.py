@@ -117,9 +117,9 @@ ADDED = {
         *(PLANNER, "planners/_registry.py", '    "grid":'),
         '    "crow": Entry("locplan.planners._crow:Crow", None),',
     ),
-    "export/_formats/_name.py": (
+    "export/_name.py": (
         *(FORMAT, "export/_registry.py", '"""Modules that have FORMATS'),
-        'MODULES.append("locplan.export._formats._name")',
+        'MODULES.append("locplan.export._name")',
     ),
     "cli/_hello.py": (COMMAND, "cli/_application.py", '    "info":', '    "hello": "Start",'),
     "plotting/_bare.py": (

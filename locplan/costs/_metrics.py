@@ -158,29 +158,22 @@ def profile(
 
 def _crossed(grid: OccupancyGrid, path: Path, headings: int) -> list[NDArray[Any]]:
     """Headings, rows and columns of the cells that a path crosses, and lengths in them [m]."""
-    parts = []
-    for heading, xy in path.by_heading(headings) if headings > 1 else [(0, path.xy)]:
-        row, col, lengths = _crossed_cells(grid, xy)
-        parts.append((np.full_like(row, heading), row, col, lengths))
-    return [np.concatenate(part) for part in zip(*parts, strict=True)]
-
-
-def _crossed_cells(
-    grid: OccupancyGrid, xy: NDArray[Any]
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     from locplan._kernels.rays import cells_along
 
-    positions = np.column_stack(grid.world_to_grid(*xy.T))
-    if np.abs(np.diff(positions, axis=0)).sum() > 10**7:
-        raise LocplanError(
-            f"the path crosses over {10**7} cells of {grid.resolution:g} m; give a path in"
-            " metres on this map"
-        )
-    row, col, lengths = cells_along(positions)
-    if lengths.size == 0:  # the path has no length
-        row, col = np.floor(positions[:1]).astype(np.int64).T
-        lengths = np.zeros(1)
-    return row, col, lengths * grid.resolution
+    parts = []
+    for heading, xy in path.by_heading(headings) if headings > 1 else [(0, path.xy)]:
+        positions = np.column_stack(grid.world_to_grid(*xy.T))
+        if np.abs(np.diff(positions, axis=0)).sum() > 10**7:
+            raise LocplanError(
+                f"the path crosses over {10**7} cells of {grid.resolution:g} m; give a path in"
+                " metres on this map"
+            )
+        row, col, lengths = cells_along(positions)
+        if lengths.size == 0:  # the path has no length
+            row, col = np.floor(positions[:1]).astype(np.int64).T
+            lengths = np.zeros(1)
+        parts.append((np.full_like(row, heading), row, col, lengths * grid.resolution))
+    return [np.concatenate(part) for part in zip(*parts, strict=True)]
 
 
 def _along(layers: NDArray[Any], at: Sequence[NDArray[Any]], outside: float) -> NDArray[np.float64]:

@@ -8,19 +8,12 @@ from ._batch import (
     field_runs_table as field_runs_table,
     run_field_jobs as run_field_jobs,
 )
-from ._distros import (
-    DISTRIBUTIONS as DISTRIBUTIONS,
-    Distribution as Distribution,
-    DistroWarning as DistroWarning,
-    distribution as distribution,
-)
 from ._figures import routes_figure as routes_figure, values_figure as values_figure
 from ._geojson import (
     nav2_routes as nav2_routes,
     route_graph as route_graph,
     to_geojson as to_geojson,
 )
-from ._layer import layer as layer
 from ._lif import lif as lif, to_lif as to_lif, with_stations as with_stations
 from ._nav2 import (
     ParametersChanged as ParametersChanged,
@@ -30,7 +23,7 @@ from ._nav2 import (
     nav2_static as nav2_static,
 )
 from ._parameters import RobotWarning as RobotWarning
-from ._plain_files import field as field, path as path
+from ._plain_files import field as field, layer as layer, path as path
 from ._recommended import RecommendedWays as RecommendedWays, recommended_ways as recommended_ways
 from ._registry import (
     ExportJob as ExportJob,
@@ -39,5 +32,11 @@ from ._registry import (
     formats as formats,
 )
 from ._roadmap import RouteGraph as RouteGraph, roadmap as roadmap
-from ._travel_costs import Conversion as Conversion
+from ._travel_costs import (
+    DISTRIBUTIONS as DISTRIBUTIONS,
+    Conversion as Conversion,
+    Distribution as Distribution,
+    DistroWarning as DistroWarning,
+    distribution as distribution,
+)
 from ._value_maps import YawWarning as YawWarning, percent as percent, ros_map as ros_map

@@ -12,20 +12,13 @@ from numpy.typing import NDArray
 from locplan._util.checks import instance, number
 from locplan.costs import DEGENERATE, Costmap, check_costs
 from locplan.errors import FieldError
-from locplan.export._folders import check_has_field
 from locplan.export._outlines import QUARTERS, Ring, rings_of, signed_area, thinned, untangled
+from locplan.export._registry import check_has_field
 from locplan.field import CovarianceField, mean_information, position_axes, scalar
-from locplan.maps import OccupancyGrid
 
-MIN_AREA = 1.0
-"""Default of the least area [m^2]: some 25 points of a lattice of 0.2 m; fewer may be chance."""
 MIN_HOLE, MAX_FILLED = 0.1, 0.02
 """Area below which holes are filled [m^2], such as the legs of tables, and the greatest share of
 their area in all."""
-TOLERANCE = 1.0
-"""Greatest distance of a polygon from the cells' edges [cells]; it makes steps straight."""
-FALLBACK = 50
-"""Number of cells whose covariances are read where no lattice point lies in an area."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,6 +57,11 @@ class DegenerateArea:
     """Covariance of the mean information over the area, (d, d) [m, m, rad]; d = 2 without
     rotation. Where directions differ, it is smaller than each place's."""
 
+    @property
+    def agrees(self) -> bool:
+        """Whether the area counts as uncertain along one line, which robots drive along."""
+        return self.agreement >= 0.5
+
     def __repr__(self) -> str:
         return (
             f"DegenerateArea({self.name}: {self.area:.3g} m², u {self.u_mean:.2f},"
@@ -72,11 +70,7 @@ class DegenerateArea:
 
 
 def degenerate_areas(
-    costs: Costmap,
-    field: CovarianceField,
-    *,
-    threshold: float | None = None,
-    min_area: float = MIN_AREA,
+    costs: Costmap, field: CovarianceField, *, threshold: float | None = None, min_area: float = 1.0
 ) -> tuple[DegenerateArea, ...]:
     """Find the areas where u is at least a threshold, the largest first.
 
@@ -151,7 +145,10 @@ def degenerate_areas(
         covariance = points.get(label)
         if covariance is None:
             covariance = _read(field, np.argwhere(inside) + np.array([low, left]))
-        outline, *holes = (_in_world(grid, corners) for corners in polygons[label])
+        outline, *holes = (
+            np.stack(grid.grid_to_world(*corners.T[::-1] / QUARTERS), axis=1)
+            for corners in polygons[label]
+        )
         areas.append(
             DegenerateArea(
                 f"area-{n}",
@@ -211,19 +208,13 @@ def _polygons(
         filled = (areas[holes] > -min_hole) & (total <= MAX_FILLED * areas[first])
         corners = [own[n].corners for n in (first, *np.array(holes, int)[~filled].tolist())]
         rings += corners
-        kept += thinned(corners, TOLERANCE)
+        kept += thinned(corners, 1.0)  # [cells], which makes steps straight
         owners += [label] * len(corners)
     polygons: dict[int, list[NDArray[np.int64]]] = {}
     if rings:
         for label, ring, few in zip(owners, rings, untangled(rings, kept), strict=True):
             polygons.setdefault(label, []).append(ring[few])
     return polygons
-
-
-def _in_world(grid: OccupancyGrid, corners: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Corners [quarters of a cell] in the world [m]."""
-    cols, rows = corners.T / QUARTERS
-    return np.stack(grid.grid_to_world(rows, cols), axis=1)
 
 
 def _middle(inside: NDArray[np.bool_]) -> tuple[int, int]:
@@ -249,7 +240,7 @@ def _points_of(field: CovarianceField, labels: NDArray[np.int32]) -> dict[int, N
 
 def _read(field: CovarianceField, cells: NDArray[np.int64]) -> NDArray[np.float64]:
     """Covariances at some cells (n, 2) of an area that lies between the lattice's points."""
-    some = cells[:: -(-len(cells) // FALLBACK)].tolist()
+    some = cells[:: -(-len(cells) // 50)].tolist()
     read = np.array([field.at(field.grid.cell_to_world(row, col)) for row, col in some])
     return np.asarray(read[np.isfinite(read).all(axis=(1, 2))])
 

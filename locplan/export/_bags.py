@@ -1,75 +1,160 @@
-"""ROS 2 bags, MCAP files, written without ROS: their messages' definitions and bytes."""
+"""ROS 2 bags, MCAP files, written without ROS: maps, masks, fields and paths as messages."""
 
 from __future__ import annotations
 
+import itertools
+import math
 import os
+import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import shown
 from locplan._util.extras import needed
 from locplan._util.files import replacing
 from locplan.costs import Path
 from locplan.errors import LocplanError
-from locplan.export._messages import (
-    ellipse_markers,
-    foxglove_grid,
-    grid_map,
-    layers_of,
-    levels_of,
-    occupancy_grid,
-    path_message,
-    topics_of,
-)
-from locplan.field import CovarianceField
-from locplan.maps import OccupancyGrid
+from locplan.field import CovarianceField, position_axes, sampled_covariances, scalar
+from locplan.maps import OCCUPIED, OccupancyGrid
 
-_TYPES = {
-    "builtin_interfaces/Time": "int32 sec, uint32 nanosec",
-    "builtin_interfaces/Duration": "int32 sec, uint32 nanosec",
-    "std_msgs/Header": "builtin_interfaces/Time stamp, string frame_id",
-    "std_msgs/ColorRGBA": "float32 r, float32 g, float32 b, float32 a",
-    "std_msgs/MultiArrayDimension": "string label, uint32 size, uint32 stride",
-    "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim, uint32 data_offset",
-    "std_msgs/Float32MultiArray": "std_msgs/MultiArrayLayout layout, float32[] data",
-    "geometry_msgs/Point": "float64 x, float64 y, float64 z",
-    "geometry_msgs/Vector3": "float64 x, float64 y, float64 z",
-    "geometry_msgs/Quaternion": "float64 x, float64 y, float64 z, float64 w",
-    "geometry_msgs/Pose": "geometry_msgs/Point position, geometry_msgs/Quaternion orientation",
-    "geometry_msgs/PoseStamped": "std_msgs/Header header, geometry_msgs/Pose pose",
-    "nav_msgs/Path": "std_msgs/Header header, geometry_msgs/PoseStamped[] poses",
-    "nav_msgs/MapMetaData": "builtin_interfaces/Time map_load_time, float32 resolution,"
-    " uint32 width, uint32 height, geometry_msgs/Pose origin",
-    "nav_msgs/OccupancyGrid": "std_msgs/Header header, nav_msgs/MapMetaData info, int8[] data",
-    "grid_map_msgs/GridMapInfo": "float64 resolution, float64 length_x, float64 length_y,"
-    " geometry_msgs/Pose pose",
-    "grid_map_msgs/GridMap": "std_msgs/Header header, grid_map_msgs/GridMapInfo info,"
-    " string[] layers, string[] basic_layers, std_msgs/Float32MultiArray[] data,"
-    " uint16 outer_start_index, uint16 inner_start_index",
-    "foxglove_msgs/Vector2": "float64 x, float64 y",
-    "foxglove_msgs/PackedElementField": "string name, uint32 offset, uint8 type",
-    "foxglove_msgs/Grid": "builtin_interfaces/Time timestamp, string frame_id,"
-    " geometry_msgs/Pose pose, uint32 column_count, foxglove_msgs/Vector2 cell_size,"
-    " uint32 row_stride, uint32 cell_stride, foxglove_msgs/PackedElementField[] fields,"
-    " uint8[] data",
-    "sensor_msgs/CompressedImage": "std_msgs/Header header, string format, uint8[] data",
-    "visualization_msgs/UVCoordinate": "float32 u, float32 v",
-    "visualization_msgs/MeshFile": "string filename, uint8[] data",
-    "visualization_msgs/Marker": "std_msgs/Header header, string ns, int32 id, int32 type,"
-    " int32 action, geometry_msgs/Pose pose, geometry_msgs/Vector3 scale,"
-    " std_msgs/ColorRGBA color, builtin_interfaces/Duration lifetime, bool frame_locked,"
-    " geometry_msgs/Point[] points, std_msgs/ColorRGBA[] colors, string texture_resource,"
-    " sensor_msgs/CompressedImage texture, visualization_msgs/UVCoordinate[] uv_coordinates,"
-    " string text, string mesh_resource, visualization_msgs/MeshFile mesh_file,"
-    " bool mesh_use_embedded_materials",
-    "visualization_msgs/MarkerArray": "visualization_msgs/Marker[] markers",
-}
-_NUMBERS = {"bool": "?", "int8": "b", "uint8": "B", "uint16": "H", "int32": "i", "uint32": "I"}
+_THICKNESS = 0.02  # of ellipses, which are flat cylinders, and of their axes [m]
+
+
+def occupancy_grid(grid: OccupancyGrid, mask: ArrayLike) -> dict[str, Any]:
+    """nav_msgs/OccupancyGrid of values 0..100 and -1, (H, W)."""
+    values = np.asarray(mask)
+    if values.shape != grid.shape or not np.issubdtype(values.dtype, np.integer):
+        raise LocplanError(f"a mask needs integers of shape {grid.shape}, not {values.shape}")
+    if values.min() < -1 or values.max() > 100:
+        raise LocplanError("a mask holds 0..100, or -1 for unknown")
+    rows, cols = grid.shape
+    x, y, yaw = grid.origin
+    origin = _poses(np.array([[x, y]]), np.array([yaw]))[0]
+    info = {"resolution": grid.resolution, "width": cols, "height": rows, "origin": origin}
+    return {"info": info, "data": values.ravel()}
+
+
+def levels_of(grid: OccupancyGrid) -> NDArray[np.int8]:
+    """The map as ROS has it, (H, W): 0 free, 100 occupied, -1 unknown."""
+    return np.select([grid.free, grid.cells == OCCUPIED], [0, 100], -1).astype(np.int8)
+
+
+def layers_of(field: CovarianceField) -> dict[str, NDArray[np.float64]]:
+    """The layers of a field by name, (h, w) each."""
+    covariance = field.mean_covariance
+    names = ("e", "position_std", "heading_std")[: covariance.shape[-1]]
+    layers = {name: scalar(covariance, name) for name in names}
+    layers["principal_axis"] = position_axes(covariance)[2]
+    return layers | {name: field.scalar(name, headings="mean") for name in field.layers}
+
+
+def foxglove_grid(
+    field: CovarianceField, layers: Mapping[str, NDArray[np.float64]], header: Mapping[str, Any]
+) -> dict[str, Any]:
+    """foxglove_msgs/Grid: cells around the lattice's points, row by row from the lowest y."""
+    grid, stride = field.grid, field.stride
+    step = stride * grid.resolution
+    corner = np.array(grid.grid_to_world((1 - stride) / 2, (1 - stride) / 2))
+    values = np.stack(list(layers.values()), axis=-1).astype("<f4")
+    size = values.shape[2] * values.itemsize
+    # A PackedElementField of type 7 is a float32.
+    fields = [{"name": name, "offset": 4 * n, "type": 7} for n, name in enumerate(layers)]
+    return {
+        "timestamp": header["stamp"],
+        "frame_id": header["frame_id"],
+        "pose": _poses(corner[None], np.array([grid.origin[2]]))[0],
+        "column_count": values.shape[1],
+        "cell_size": {"x": step, "y": step},
+        "row_stride": values.shape[1] * size,
+        "cell_stride": size,
+        "fields": fields,
+        "data": np.frombuffer(values.tobytes(), np.uint8),
+    }
+
+
+def grid_map(field: CovarianceField, layers: Mapping[str, NDArray[np.float64]]) -> dict[str, Any]:
+    """grid_map_msgs/GridMap: the first cell has the highest x and y, and x changes first."""
+    grid, stride = field.grid, field.stride
+    step = stride * grid.resolution
+    if abs(math.sin(2 * grid.origin[2])) > 1e-9:
+        step *= 2 / 3  # fine enough to meet every lattice point
+    ends = [np.array([0, n]) * stride + (1 - stride) / 2 for n in field.covariance.shape[:2]]
+    around = np.array(grid.grid_to_world(*np.meshgrid(*ends))).reshape(2, 4)
+    low, high = around.min(axis=1), around.max(axis=1)
+    cols, rows = np.maximum(np.ceil((high - low) / step - 1e-6), 1).astype(int)
+    middle = (low + high) / 2
+    x = middle[0] + (np.arange(cols)[::-1] - (cols - 1) / 2) * step
+    y = middle[1] + (np.arange(rows)[::-1] - (rows - 1) / 2) * step
+    near = [np.rint((v - 0.5) / stride).astype(int) for v in grid.world_to_grid(*np.meshgrid(x, y))]
+    inside = [(k >= 0) & (k < n) for k, n in zip(near, field.covariance.shape, strict=False)]
+    outside = ~(inside[0] & inside[1])
+    i, j = (np.where(outside, 0, k) for k in near)
+    dim = [
+        {"label": "column_index", "size": rows, "stride": rows * cols},
+        {"label": "row_index", "size": cols, "stride": cols},
+    ]
+    data = [np.where(outside, np.nan, values[i, j]).ravel() for values in layers.values()]
+    pose = _poses(middle[None], np.zeros(1))[0]
+    size = {"length_x": cols * step, "length_y": rows * step}
+    return {
+        "info": {"resolution": step, **size, "pose": pose},
+        "layers": list(layers),
+        "basic_layers": list(layers)[:1],
+        "data": [{"layout": {"dim": dim}, "data": values} for values in data],
+    }
+
+
+def ellipse_markers(
+    field: CovarianceField, header: Any, spacing: float, magnify: float
+) -> Iterator[dict[str, Any]]:
+    """visualization_msgs/Marker: flat cylinders (type 3), and last the major axes (a line list)."""
+    xy, covariance = sampled_covariances(field, spacing)
+    major, minor, direction = position_axes(covariance)
+    low, high = np.log(field.anchors("position_std"))
+    shade = (np.log(np.maximum(major, 1e-9)) - low) / (high - low)
+    # Blue and vermilion, which colour-blind people distinguish, of small and large deviations.
+    sharp, degenerate = np.array([0.0, 0.45, 0.7, 0.7]), np.array([0.84, 0.37, 0.0, 0.7])
+    colors = sharp + np.clip(shade, 0, 1)[:, None] * (degenerate - sharp)
+    scale = np.stack([2 * magnify * major, 2 * magnify * minor], axis=1)
+    scale = np.column_stack([np.maximum(scale, 1e-3), np.full(len(scale), _THICKNESS)])
+    for n, pose in enumerate(_poses(xy, direction)):
+        kind = {"header": header, "ns": "ellipses", "id": n, "type": 3}
+        yield kind | {"pose": pose, "scale": scale[n], "color": colors[n]}
+    arm = (magnify * major)[:, None] * np.stack([np.cos(direction), np.sin(direction)], 1)
+    ends = np.stack([xy - arm, xy + arm], axis=1).reshape(-1, 2)
+    points = np.column_stack([ends, np.full(len(ends), _THICKNESS)])
+    lines = {"header": header, "ns": "axes", "type": 5, "points": points}
+    black = np.array([0.0, 0.0, 0.0, 1.0])
+    pose = _poses(np.zeros((1, 2)), np.zeros(1))[0]
+    yield lines | {"pose": pose, "scale": np.array([0.02, 0.0, 0.0]), "color": black}
+
+
+def _poses(xy: NDArray[Any], yaw: NDArray[Any]) -> NDArray[np.float64]:
+    """Position and quaternion, (n, 7)."""
+    nothing = np.zeros((len(xy), 3))
+    return np.column_stack([xy, nothing, np.sin(yaw / 2), np.cos(yaw / 2)])
+
+
+def topics_of(names: Iterable[str]) -> dict[str, str]:
+    """The topic of each path: its name as ROS allows it, with a number where that is taken."""
+    topics: dict[str, str] = {}
+    taken = set()
+    for name in names:
+        token = "_".join(re.findall("[A-Za-z0-9]+", name))
+        token = token if token and not token[0].isdigit() else f"path_{token}".rstrip("_")
+        numbered = (token if n == 1 else f"{token}_{n}" for n in itertools.count(1))
+        topic = next(each for each in numbered if each not in taken)
+        taken.add(topic)
+        topics[name] = f"/locplan/path/{topic}"
+    return topics
+
+
 _INFINITE = "{sec: 9223372036, nsec: 854775807}"
 # Integers, which rosbag2 reads from Humble on: keep the last, reliable, transient local, automatic.
 _LATCHED = (
@@ -153,7 +238,8 @@ def bag(
         }
     topics = topics_of(paths or {})
     for name, route in (paths or {}).items():
-        content[topics[name]] = "nav_msgs/Path", path_message(route, header)
+        poses = [{"header": header, "pose": pose} for pose in _poses(route.xy, route.facing)]
+        content[topics[name]] = "nav_msgs/Path", {"poses": poses}
     write_messages(target, content, header, stamp)
 
 
@@ -182,20 +268,19 @@ def write_messages(
         writer.finish()  # type: ignore[no-untyped-call]
 
 
+_NUMBERS = {"bool": "?", "int8": "b", "uint8": "B", "uint16": "H", "int32": "i", "uint32": "I"}
 _NUMBERS |= {"float32": "f", "float64": "d"}
-_PACK = {kind: struct.Struct("<" + code) for kind, code in _NUMBERS.items()}
-_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 
 
 def schema(kind: str) -> str:
     """The definitions of a message type and of its parts, as MCAP's "ros2msg"."""
-    needed = [kind]
-    for name in needed:  # grows
-        parts = (part.removesuffix("[]") for part, _ in _fields(name))
-        needed += [part for part in dict.fromkeys(parts) if part in _TYPES and part not in needed]
-    texts = ["\n".join(f"{part} {label}" for part, label in _fields(name)) for name in needed]
-    heads = ["", *(f"{'=' * 80}\nMSG: {name}\n" for name in needed[1:])]
-    return "\n".join(head + text for head, text in zip(heads, texts, strict=True)) + "\n"
+    types, used = _types(), [kind]
+    for name in used:  # grows
+        parts = (part.removesuffix("[]") for part, _ in types[name])
+        used += [part for part in dict.fromkeys(parts) if part in types and part not in used]
+    head = "=" * 80 + "\nMSG: "
+    texts = (f"{head}{name}\n" + "\n".join(map(" ".join, types[name])) for name in used)
+    return "\n".join(texts).removeprefix(f"{head}{kind}\n") + "\n"
 
 
 def encode(kind: str, message: Mapping[str, Any]) -> bytes:
@@ -205,7 +290,7 @@ def encode(kind: str, message: Mapping[str, Any]) -> bytes:
     """
     out = bytearray()
     _append(out, kind, message)
-    return _LITTLE_ENDIAN + out
+    return b"\x00\x01\x00\x00" + out  # little-endian
 
 
 def _append(out: bytearray, kind: str, value: Any) -> None:
@@ -214,10 +299,10 @@ def _append(out: bytearray, kind: str, value: Any) -> None:
     if item != kind:
         _append(out, "uint32", 0 if value is None else len(value))
     if isinstance(value, np.ndarray):
-        code = _code(item)
         if value.size:
-            _align(out, struct.calcsize(code))
-            out += np.ascontiguousarray(value, "<" + code).tobytes()
+            code = np.dtype("<" + _code(item))
+            _align(out, code.itemsize)
+            out += np.ascontiguousarray(value, code).tobytes()
     elif item != kind:
         for one in value or ():
             _append(out, item, one)
@@ -225,11 +310,11 @@ def _append(out: bytearray, kind: str, value: Any) -> None:
         text = (value or "").encode() + b"\x00"
         _append(out, "uint32", len(text))
         out += text
-    elif kind in _PACK:
-        _align(out, _PACK[kind].size)
-        out += _PACK[kind].pack(value or 0)
+    elif kind in _NUMBERS:
+        _align(out, struct.calcsize(_NUMBERS[kind]))
+        out += struct.pack("<" + _NUMBERS[kind], value or 0)
     else:
-        for part, label in _fields(kind):
+        for part, label in _types()[kind]:
             _append(out, part, value and value.get(label))
 
 
@@ -238,10 +323,13 @@ def _align(out: bytearray, size: int) -> None:
 
 
 @cache
-def _fields(kind: str) -> list[tuple[str, str]]:
-    return [(part, label) for part, label in map(str.split, _TYPES[kind].split(","))]
+def _types() -> dict[str, list[list[str]]]:
+    """The type and the name of each field of the messages, by the messages' types."""
+    text = files("locplan.export").joinpath("templates/messages.msg").read_text("utf-8")
+    parts = (part.split("\n") for part in text.split("MSG: ")[1:])
+    return {name: [line.split() for line in lines if line] for name, *lines in parts}
 
 
 @cache
 def _code(kind: str) -> str:
-    return _NUMBERS[kind] if kind in _NUMBERS else _code(_fields(kind)[0][0])
+    return _NUMBERS[kind] if kind in _NUMBERS else _code(_types()[kind][0][0])

@@ -22,8 +22,6 @@ from numpy.typing import NDArray
 
 from locplan.costs import Costmap, costs_caption
 from locplan.export._areas import DegenerateArea
-from locplan.export._autoware import AGREES
-from locplan.export._folders import PREVIEW
 from locplan.export._roadmap import RouteGraph
 from locplan.field import CovarianceField
 from locplan.maps import UNKNOWN, OccupancyGrid
@@ -39,21 +37,13 @@ from locplan.plotting import (
     style,
 )
 
-_ROWS = 256
 EDGE_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.2, 1.0, 256)))
 """Colours of edges, the costly ones dark; all of them can be told from white."""
-WIDTH = 0.07
-"""Width of an edge as a share of the median length, both as drawn; nodes are twice as wide."""
-MIN_SCALE = 25.0
-"""Least end of the scale of a mask's values, which ends at the greatest of them."""
-LONGEST = 1000
-"""Longest side of a picture [cells]; cells of larger maps are merged, and walls and the greatest
-values stay."""
 
 
 def save_preview(folder: FilePath, figure: Figure, dpi: int = style.PREVIEW_DPI) -> None:
     """Write the picture of an export into its folder."""
-    save_figure(figure, folder / PREVIEW, dpi=dpi)
+    save_figure(figure, folder / "preview.png", dpi=dpi)
 
 
 def values_figure(
@@ -79,7 +69,7 @@ def values_figure(
     figure, axes = map_axes(grid)
     draw_map(axes, grid)
     if (shown >= 0).any():
-        known, norm = np.ma.masked_less(shown, 0), Normalize(0.0, max(MIN_SCALE, shown.max()))
+        known, norm = np.ma.masked_less(shown, 0), Normalize(0.0, max(25.0, shown.max()))
         image = draw_cells(axes, grid, known, cmap=style.FIELD_COLOURS, norm=norm)
         bar = figure.colorbar(image, ax=axes, label=label, shrink=0.9)
         if falling:
@@ -106,17 +96,19 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
     per_metre = graph.cost / graph.length
     order = np.argsort(per_metre, kind="stable")  # the costliest on top
     width, _ = map_size(costs.grid)
-    shown = 72 * width / np.ptp(axes.get_xlim()) * np.median(graph.length) if len(order) else 0.0
+    # An edge is as wide as a share of the median length, both as drawn; nodes are twice as wide.
+    scale = 72 * width / np.ptp(axes.get_xlim())
+    drawn = 0.07 * scale * np.median(graph.length) if len(order) else 0.0
     lines = LineCollection(
         list(graph.nodes[graph.edges[order]]),
         array=per_metre[order],
         cmap=EDGE_COLOURS,
         norm=Normalize(1.0, max(1.1, per_metre.max(initial=1.0))),
-        linewidths=np.clip(WIDTH * shown, 0.6, 1.8),
+        linewidths=np.clip(drawn, 0.6, 1.8),
         capstyle="round",
     )
     axes.add_collection(lines)
-    size = np.clip(2 * WIDTH * shown, 0.8, 3.6)
+    size = np.clip(2 * drawn, 0.8, 3.6)
     axes.plot(*graph.nodes.T, "o", color="black", markersize=size, markeredgewidth=0, zorder=3)
     figure.colorbar(lines, ax=axes, label="cost per metre of an edge", shrink=0.9)
     axes.set_title(f"{title}{costs_caption(costs)}", fontsize="medium")
@@ -124,8 +116,11 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
 
 
 def _shrunk(grid: OccupancyGrid, values: NDArray[Any]) -> tuple[OccupancyGrid, NDArray[Any]]:
-    """A map that is no finer than a picture shows, with its values."""
-    step = -(-max(grid.shape) // LONGEST)
+    """A map that is no finer than a picture shows, with its values.
+
+    Of cells that are merged, walls and the greatest values stay.
+    """
+    step = -(-max(grid.shape) // 1000)
     if step == 1:
         return grid, values
     down, right = (-size % step for size in grid.shape)
@@ -156,12 +151,11 @@ def write_coloured(file: FilePath, values: NDArray[np.float64], norm: Normalize)
     from PIL import Image
 
     colours = np.zeros((*values.shape, 4), np.uint8)
-    for first in range(0, len(values), _ROWS):
-        some = values[::-1][first : first + _ROWS]
+    for first in range(0, len(values), 256):  # some rows at a time, which saves memory
+        some = values[::-1][first : first + 256]
         known = np.isfinite(some)
-        colours[first : first + _ROWS][known] = style.FIELD_COLOURS(
-            np.asarray(norm(some[known])), bytes=True
-        )
+        shades = style.FIELD_COLOURS(np.asarray(norm(some[known])), bytes=True)
+        colours[first : first + 256][known] = shades
     Image.fromarray(colours, "RGBA").save(file, "png", compress_level=3)
 
 
@@ -196,14 +190,6 @@ def legend_figure(
     return figure
 
 
-EDGE = "#a0522d"
-"""Colour of the areas' outlines."""
-ARM = 0.02
-"""Half the length of the lines that show directions, as a share of the map's longer side."""
-NAMED = 25
-"""Greatest number of areas that are named in a picture, the largest first."""
-
-
 def areas_figure(grid: OccupancyGrid, areas: Sequence[DegenerateArea], title: str) -> Figure:
     """A figure of areas with their names, and the line along which each is uncertain.
 
@@ -217,14 +203,13 @@ def areas_figure(grid: OccupancyGrid, areas: Sequence[DegenerateArea], title: st
     figure, axes = map_axes(grid)
     draw_map(axes, grid)
     shapes = [_path(area) for area in areas]
-    faces = PathCollection(
-        shapes, facecolors=style.ORANGE, edgecolors=EDGE, alpha=0.75, linewidths=1.0
-    )
+    sienna, looks = "#a0522d", {"alpha": 0.75, "linewidths": 1.0}
+    faces = PathCollection(shapes, facecolors=style.ORANGE, edgecolors=sienna, **looks)
     axes.add_collection(faces, autolim=False)
-    longest = ARM * max(*np.ptp([axes.get_xlim(), axes.get_ylim()], axis=1))
+    longest = 0.02 * max(*np.ptp([axes.get_xlim(), axes.get_ylim()], axis=1))
     lines = []
     for area in areas:
-        if area.agreement >= AGREES:
+        if area.agrees:
             size = min(longest, 0.4 * math.sqrt(area.area))
             arm = size * np.array([np.cos(area.direction), np.sin(area.direction)])
             lines.append([area.middle - arm, area.middle + arm])
@@ -235,7 +220,7 @@ def areas_figure(grid: OccupancyGrid, areas: Sequence[DegenerateArea], title: st
         label = f"{area.name}: {100 * area.position_std:.0f} cm"
         x, y = metre * np.array(area.middle)
         box = Bbox.from_extents(x - 2.6 * len(label), y, x + 2.6 * len(label), y + 12)
-        if len(taken) < NAMED and not any(box.overlaps(other) for other in taken):
+        if len(taken) < 25 and not any(box.overlaps(other) for other in taken):
             taken.append(box)
             text = axes.annotate(
                 label, area.middle, (0, 4), textcoords="offset points", ha="center", fontsize=8

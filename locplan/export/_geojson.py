@@ -16,27 +16,13 @@ from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan._util.records import Column, Table
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError
-from locplan.export._bags import bag
-from locplan.export._distros import SERVERS, Server, distribution, lines_on_serving, write_servers
-from locplan.export._folders import PREVIEW, about_map, export_folder
-from locplan.export._messages import topics_of
+from locplan.export._bags import bag, topics_of
 from locplan.export._recommended import RecommendedWays, recommended_ways
+from locplan.export._registry import export_folder
 from locplan.export._roadmap import RouteGraph, roadmap
+from locplan.export._travel_costs import Server, distribution, write_servers
 from locplan.export._value_maps import where_unturned, without_yaw
 from locplan.maps import OccupancyGrid
-
-GRAPH = "graph.geojson"
-BAG = "routes.mcap"
-TABLE = "routes.csv"
-COLUMNS = (
-    *(Column("query"), Column("start_id"), Column("goal_id")),
-    *(Column("cost", "m"), Column("followed"), Column("topic")),
-)
-"""What the table says of each query."""
-MAX_ID = 65535
-"""Greatest id of a node or an edge: Nav2's messages have 16 bits for it."""
-SHARES = 90, 10
-"""Steps of progress of making a graph and of writing it."""
 
 
 def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
@@ -66,10 +52,11 @@ def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
     ids = len(graph.nodes) + (1 if graph.directed else 2) * len(graph.edges)
     if not len(graph.edges):
         raise ConfigError("Nav2 takes no graph without edges; a smaller spacing may make some")
-    if ids > MAX_ID:
+    most = 2**16 - 1  # Nav2's messages have 16 bits for the id of a node or an edge
+    if ids > most:
         raise ConfigError(
-            f"Nav2 has {MAX_ID} ids for nodes and directed edges, but these are {ids};"
-            f" a spacing {1.1 * math.sqrt(ids / MAX_ID):.2g} times as large should do"
+            f"Nav2 has {most} ids for nodes and directed edges, but these are {ids};"
+            f" a spacing {1.1 * math.sqrt(ids / most):.2g} times as large should do"
         )
     xy = graph.nodes.tolist()
     features = [feature("Point", at, {"id": n, "frame": frame}) for n, at in enumerate(xy, 1)]
@@ -126,23 +113,16 @@ def route_graph(
     runs = distribution(distro)
     runs.warn()
     given, costs = costs, dataclasses.replace(costs, grid=without_yaw(costs.grid))
-    laying, writing = parts(progress, SHARES)
-    graph = roadmap(costs, spacing=spacing, progress=scaled(laying, SHARES[0]))
+    laying, writing = parts(progress, (90, 10))
+    graph = roadmap(costs, spacing=spacing, progress=scaled(laying, 90))
     name = costs.grid.name or "a map"
-    readme = [
-        f"- {GRAPH}: lanes of {len(graph.nodes)} nodes and {len(graph.edges)} edges both ways, each"
-        " straight and free, with length, integrated_e, integrated_u and penalty [m]; export.json:"
-        " the input.",
-        f"- {SERVERS}: the route server with the scorers that add up to J; {PREVIEW}.",
-        *lines_on_serving(runs, GRAPH),
-        *about_map(given),
-    ]
     about = {"kind": "route-graph", "spacing": spacing, "distro": distro} | about_costs(costs)
     title = f"{name}: {len(graph.nodes)} nodes, {len(graph.edges)} edges each way"
-    with export_folder(FilePath(folder), f"Route graph of {name}", about, readme) as temporary:
+    known = {"map": name, "graph": graph, "runs": runs, "costs": given}
+    with export_folder(folder, "route-graph.md", about, **known) as temporary:
         weight = None if np.isnan(costs.weight) else costs.weight
         _write_graph(temporary, costs, graph, frame, title, weight)
-        writing(SHARES[1] - 1, SHARES[1])
+        writing(9, 10)
     return graph
 
 
@@ -160,19 +140,16 @@ def _write_graph(
     """
     from locplan.export import _figures
 
-    write_geojson(folder / GRAPH, to_geojson(graph, frame))
+    write_geojson(folder / "graph.geojson", to_geojson(graph, frame))
     _figures.save_preview(folder, _figures.routes_figure(costs, graph, title))
-    files = {"graph_filepath": GRAPH}
+    files = {"graph_filepath": "graph.geojson"}
     server = Server("nav2_route", "route_server", "route_server", _route_server(weight), files)
     write_servers(folder, [server], "lifecycle_manager_localizability_routes")
 
 
 def _route_server(weight: float | None) -> dict[str, Any]:
-    scorer: dict[str, Any] = {"plugin": "nav2_route::PenaltyScorer"}
-    if weight is None:
-        scorer |= {"penalty_tag": "penalty", "weight": 1.0}
-    else:
-        scorer |= {"penalty_tag": "integrated_u", "weight": weight}
+    tag, factor = ("penalty", 1.0) if weight is None else ("integrated_u", weight)
+    scorer = {"plugin": "nav2_route::PenaltyScorer", "penalty_tag": tag, "weight": factor}
     return {
         "graph_file_loader": "GeoJsonGraphFileLoader",
         "GeoJsonGraphFileLoader": {"plugin": "nav2_route::GeoJsonGraphFileLoader"},
@@ -228,31 +205,16 @@ def nav2_routes(
     if grid.origin[2]:
         paths = {name: _unturned(grid, path) for name, path in paths.items()}
     ways = recommended_ways(unturned, paths)
-    graph = ways.graph
     name = grid.name or "a map"
-    readme = [
-        f"- {GRAPH}: the ways of {len(ways.ways)} queries, {len(graph.edges)} directed edges"
-        f" between {len(graph.nodes)} nodes; the route server takes the recommended way of"
-        f" {len(ways.followed)} of them ({ways.changed} edges do not cost J for that).",
-        f"- {TABLE}: the nodes of each query's start and goal, for ComputeRoute by ids;"
-        f" {BAG}: its path (nav_msgs/Path on its topic); {PREVIEW}; export.json: the input.",
-        f"- {SERVERS}: the route server with the scorers that add up to these costs.",
-        *lines_on_serving(runs, GRAPH),
-        *about_map(costs),
-    ]
-    if ways.contradicted:
-        readme.append(
-            f"- Other routes are cheaper for {', '.join(ways.contradicted)}, whose ways contradict"
-            " others: ask for these by places on the way, one after the other, or send the paths."
-        )
     about = {"kind": "nav2-routes", "distro": distro, "changed_edges": ways.changed}
     about |= {"queries": list(ways.ways), "followed": list(ways.followed)} | about_costs(costs)
-    with export_folder(FilePath(folder), f"Routes on {name}", about, readme) as temporary:
+    known = {"map": name, "ways": ways, "runs": runs, "costs": costs}
+    with export_folder(folder, "nav2-routes.md", about, **known) as temporary:
         count = len(ways.ways)
         title = f"{name}: recommended ways of {count} quer{'y' if count == 1 else 'ies'}"
-        _write_graph(temporary, unturned, graph, frame, title)
-        bag(temporary / BAG, unturned.grid, paths=paths, frame=frame)
-        _table(ways, topics_of(paths)).write_csv(temporary / TABLE)
+        _write_graph(temporary, unturned, ways.graph, frame, title)
+        bag(temporary / "routes.mcap", unturned.grid, paths=paths, frame=frame)
+        _table(ways, topics_of(paths)).write_csv(temporary / "routes.csv")
     return ways
 
 
@@ -269,4 +231,8 @@ def _table(ways: RecommendedWays, topics: Mapping[str, str]) -> Table:
         cost = float(sum(matrix[one, other] for one, other in pairwise(way)))
         followed = "yes" if name in ways.followed else "no"
         rows.append((name, way[0] + 1, way[-1] + 1, round(cost, 3), followed, topics[name]))
-    return Table(COLUMNS, tuple(rows))
+    columns = (
+        *(Column("query"), Column("start_id"), Column("goal_id")),
+        *(Column("cost", "m"), Column("followed"), Column("topic")),
+    )
+    return Table(columns, tuple(rows))

@@ -12,29 +12,17 @@ from numpy.typing import NDArray
 from locplan._kernels.route import line_costs
 from locplan._kernels.search import bordered_half
 from locplan.costs import Costmap, Path
+from locplan.export._net import Pairs, Positions
 
 MERGED = 2.0
 """Greatest distance of a lane that a way can join [m]."""
 SAME = 0.01
 """Greatest distance of ends that are one place [m]."""
-GRAZED = 0.05
-"""Length of a line within blocked cells that counts as none [cells]: planned paths touch their
-corners, and Nav2 keeps positions in single precision."""
-DISCOUNT = 0.5
-"""Share by which a lane is cheaper for further ways, so that they take it."""
 SPACING = 0.5
 """Greatest distance of the positions at which a way can join a lane [m]."""
-LINK = 3.0
-"""Greatest length of a line by which a way joins a lane [m]."""
 COSTLIER = 1.1
 """Greatest cost of a way over the lanes of others, as a multiple of its own."""
-STRAIGHTER = 1.001
-"""Greatest cost of a straight line, as a multiple of the two that it replaces."""
 
-Positions = NDArray[np.float64]
-"""World positions (n, 2) [m]."""
-Pairs = NDArray[np.int64]
-"""Pairs of nodes (m, 2)."""
 Ways = dict[str, list[int]]
 """The nodes of each way, from start to goal."""
 
@@ -61,8 +49,11 @@ class Lines:
     def costs(self, xy: Positions, pairs: Pairs) -> NDArray[np.float64]:
         """J of the lines between pairs of positions [m]; infinite through what is blocked."""
         within = line_costs(self.blocked, self.columns, self.frame, xy, pairs)
+        # A twentieth of a cell counts as none: planned paths touch the corners of blocked cells,
+        # and Nav2 keeps positions in single precision.
+        grazed = 0.05
         if self.aside:
-            beyond = np.flatnonzero(within > GRAZED)
+            beyond = np.flatnonzero(within > grazed)
             ends = xy[pairs[beyond]]
             along = ends[:, 1] - ends[:, 0]
             length = np.maximum(np.hypot(*along.T), 1e-9)[:, None]
@@ -73,7 +64,7 @@ class Lines:
                 found = line_costs(self.blocked, self.columns, self.frame, *beside)
                 within[beyond] = np.minimum(within[beyond], found)
         price = line_costs(self.price, self.columns, self.frame, xy, pairs)
-        return np.where(within <= GRAZED, price * self.resolution, np.inf)
+        return np.where(within <= grazed, price * self.resolution, np.inf)
 
     def integrals(
         self, layer: NDArray[np.float64], xy: Positions, pairs: Pairs
@@ -169,12 +160,12 @@ def _with_lane(
         of_own[there] = away.argmin(axis=0)[there]
         beside = away.min(axis=1) <= MERGED
         lanes = lanes[beside[lanes].all(axis=1)]
-        link = np.argwhere((away <= LINK) & beside[:, None])
+        link = np.argwhere((away <= 3.0) & beside[:, None])  # [m]
         links = np.column_stack([link[:, 0], of_own[link[:, 1]]])
     chain = np.column_stack([of_own[:-1], of_own[1:]])
     pairs = np.concatenate([chain, links, lanes])
     cost = lines.costs(both, pairs)
-    cost[len(chain) + len(links) :] *= 1 - DISCOUNT
+    cost[len(chain) + len(links) :] /= 2  # lanes are cheaper for further ways, which then take them
     usable = np.isfinite(cost) & (pairs[:, 0] != pairs[:, 1])
     pairs, order = np.unique(np.sort(pairs[usable], axis=1)[::-1], axis=0, return_index=True)
     graph = coo_array((cost[usable][::-1][order], pairs.T), shape=(len(both), len(both))).tocsr()
@@ -224,7 +215,7 @@ def straightened(lines: Lines, nodes: Positions, ways: Ways) -> tuple[Positions,
             continue
         pairs = np.array([(one, node), (node, other), (one, other)])
         before, after, straight = lines.costs(nodes, pairs)
-        if straight <= STRAIGHTER * (before + after):
+        if straight <= 1.001 * (before + after):
             replaced[frozenset((one, other))] = gone
             beside[one] = beside[one] - {node} | {other}
             beside[other] = beside[other] - {node} | {one}

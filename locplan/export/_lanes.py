@@ -22,7 +22,17 @@ from scipy.spatial import cKDTree
 
 from locplan._kernels.route import line_cost, line_costs, sights, spanner, uncrossed
 from locplan._util.progress import ProgressCallback
-from locplan.export._net import MERGED, Net, Space, merged, relaxed, spanned, symmetric
+from locplan.export._net import (
+    MERGED,
+    Net,
+    Pairs,
+    Positions,
+    Space,
+    merged,
+    relaxed,
+    spanned,
+    symmetric,
+)
 
 SEEN, KEPT, NEAR, LONGEST = 2.0, 2.5, 4.0, 4.0
 """Distances in spacings: from which free space sees a node at first and in the end, of nodes that
@@ -31,14 +41,8 @@ ROOM, CLOSE = 0.5, 1.5
 """Nodes that are closer than this share of their clearance, or this many spacings, are merged."""
 ROOMY = CLOSE / ROOM
 """Clearance from which on more makes no difference [spacings]."""
-SPAN = 4.0
-"""A place is joined to those within this many times its distance from the nearest one before."""
 GAP = 1.8
 """A gap between lanes is closed where the way around costs more than this many times as much."""
-RISE = 0.01
-"""A bend is straightened if that costs at most this share more."""
-ENOUGH = 4
-"""Number of nodes that a point is known to see, at most."""
 ROUNDS = 4
 """Number of rounds of thinning, straightening and moving."""
 
@@ -47,7 +51,7 @@ def lanes(
     space: Space,
     net: Net,
     places: NDArray[np.int64],
-    points: NDArray[np.float64],
+    points: Positions,
     clearance: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     spacing: float,
     detour: float,
@@ -82,13 +86,7 @@ def lanes(
     return _joined(space, drawn, NEAR * spacing, spacing)
 
 
-def _with_spurs(
-    space: Space,
-    drawn: Net,
-    ends: NDArray[np.float64],
-    points: NDArray[np.float64],
-    within: float,
-) -> Net:
+def _with_spurs(space: Space, drawn: Net, ends: Positions, points: Positions, within: float) -> Net:
     """The net with lines to ends that are seen by points which see no node."""
     unseen = np.ones(len(points), np.bool_)
     unseen[sights(*space, points, drawn.xy, within, 1)[:, 0]] = False
@@ -105,7 +103,7 @@ def _with_spurs(
     return _without_unused(Net(xy, edges, np.concatenate([drawn.cost, cost[least]])))
 
 
-def _most_seen(pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+def _most_seen(pairs: Pairs) -> NDArray[np.int64]:
     """Nodes that all points of pairs (point, node) see one of, those first that most see."""
     found = []
     while len(pairs):
@@ -135,10 +133,8 @@ def _joined(space: Space, net: Net, within: float, size: float) -> Net:
 class View:
     """Points that see nodes, and which nodes may leave without one of them seeing none."""
 
-    def __init__(
-        self, space: Space, points: NDArray[np.float64], xy: NDArray[np.float64], within: float
-    ) -> None:
-        pairs = sights(*space, points, xy, within, ENOUGH)
+    def __init__(self, space: Space, points: Positions, xy: Positions, within: float) -> None:
+        pairs = sights(*space, points, xy, within, 4)  # a point is known to see four at most
         self._nodes_seen = np.bincount(pairs[:, 0], minlength=len(points))
         order = np.argsort(pairs[:, 1], kind="stable")
         ends = np.cumsum(np.bincount(pairs[:, 1], minlength=len(xy)))
@@ -193,7 +189,7 @@ def _routes(
     while (nearest >= 0).any():
         progress(int((nearest < 0).sum()), len(places))
         place = int(np.argmax(nearest))
-        start, limit = places[place], SPAN * nearest[place]
+        start, limit = places[place], 4 * nearest[place]  # it is joined to those within that
         away = dijkstra(graph, indices=start, limit=limit)
         over = dijkstra(
             weighted.matrix(np.where(chosen, net.cost, np.inf)), indices=start, limit=2 * limit
@@ -212,11 +208,7 @@ def _routes(
 
 
 def _look_everywhere(
-    space: Space,
-    net: Net,
-    chosen: NDArray[np.bool_],
-    points: NDArray[np.float64],
-    within: float,
+    space: Space, net: Net, chosen: NDArray[np.bool_], points: Positions, within: float
 ) -> None:
     """Add lanes to nodes that are seen by points which see no node of a lane, by most first."""
     weighted = _Weighted(net)
@@ -277,7 +269,7 @@ def _straightened(space: Space, net: Net, view: View, longest: float) -> Net:
         if other in joined[one]:
             continue
         cost = line_cost(*space, net.xy[one], net.xy[other])
-        if not 0 < cost <= (1 + RISE) * (before + after) or not view.leave(node):
+        if not 0 < cost <= 1.01 * (before + after) or not view.leave(node):
             continue
         joined[node] = {}
         del joined[one][node], joined[other][node]
@@ -285,11 +277,6 @@ def _straightened(space: Space, net: Net, view: View, longest: float) -> Net:
         for end in (one, other):
             if len(joined[end]) == 2:
                 heapq.heappush(lines, line(end))
-    return net._replace(**_lines_of(joined))
-
-
-def _lines_of(joined: list[dict[int, float]]) -> dict[str, NDArray[Any]]:
-    """The edges and the cost of each, from the nodes that each node is joined to."""
     ends = [(i, j, cost) for i, to in enumerate(joined) for j, cost in sorted(to.items()) if i < j]
-    edges = np.array([(i, j) for i, j, _ in ends], np.int64).reshape(-1, 2)
-    return {"edges": edges, "cost": np.array([cost for *_, cost in ends])}
+    left = np.array(ends).reshape(-1, 3)
+    return net._replace(edges=left[:, :2].astype(np.int64), cost=left[:, 2].copy())

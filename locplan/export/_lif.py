@@ -26,11 +26,6 @@ from locplan.export._roadmap import RouteGraph, roadmap, space_of
 from locplan.export._value_maps import where_unturned, without_yaw
 from locplan.planners import Station
 
-LANES = 2
-"""Number of edges to the lanes that a station gets at most."""
-VERSION = "1.0.0"
-"""Version of the format."""
-SUFFIX = ".json"
 VEHICLE = "locplan.robot"
 """Type of vehicle unless another is named, as MANUFACTURER.SERIES."""
 
@@ -123,7 +118,7 @@ def to_lif(
             "projectIdentification": name,
             "creator": f"locplan {__version__}",
             "exportTimestamp": stamp,
-            "lifVersion": VERSION,
+            "lifVersion": "1.0.0",
         },
         "layouts": [
             {
@@ -185,7 +180,7 @@ def lif(
         If the file cannot be written, or no layout can be made, see `roadmap` and `to_lif`.
     """
     file = Path(target)
-    check_target(file, SUFFIX)
+    check_target(file, ".json")
     grid = costs.grid
     if grid.origin[2]:
         xy = where_unturned(grid, np.array([(each.x, each.y) for each in stations]).reshape(-1, 2))
@@ -245,12 +240,11 @@ def with_stations(
         away = np.hypot(*(graph.nodes - xy).T)
         lines = np.column_stack([np.arange(len(away)), np.full(len(away), len(away))])
         cost = line_costs(*space, np.vstack([graph.nodes, xy]), lines)
-        seen = np.argsort(cost, kind="stable")[:LANES]
+        seen = np.argsort(cost, kind="stable")[:2]
         seen = seen[np.isfinite(cost[seen])]
         if len(seen) == 0:
-            raise ConfigError(
-                f"no node is seen from station {station.name}; take a smaller spacing"
-            )
+            remedy = "take a smaller spacing"
+            raise ConfigError(f"no node is seen from station {station.name}; {remedy}")
         if away[seen[0]] < resolution:
             at.append(int(seen[0]))
             continue

@@ -7,49 +7,33 @@ speed_filter.cpp, static_layer.cpp and the documentation of their servers.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import shown
+from locplan._util.checks import number
 from locplan.costs import Costmap, about_costs, costs_caption
 from locplan.errors import ConfigError
 from locplan.export import _value_maps as value_maps
-from locplan.export._distros import (
-    Server,
-    write_servers,
-    write_yaml,
-)
-from locplan.export._folders import PREVIEW, check_has_field, export_folder
 from locplan.export._parameters import (
-    STATIC_LAYERS,
     Robot,
     added_parameters,
     changed_parameters,
-    mask_readme,
-    needs_of_layer,
-    needs_of_planner,
-    needs_of_speed,
     with_costmap,
     with_planner,
 )
-from locplan.export._travel_costs import Conversion, planner_named, values_for
+from locplan.export._registry import check_has_field, export_folder
+from locplan.export._travel_costs import (
+    Conversion,
+    Server,
+    checked_planner,
+    values_for,
+    write_servers,
+    write_yaml,
+)
 from locplan.robots import Nav2Parameters
-
-PARAMS = "nav2.yaml"
-MASK = "mask"
-LETHAL = 100
-"""Value of a mask where no robot may be."""
-MAX_SLOWED = 99
-"""Greatest value of a speed mask: 100 would mean full speed."""
-FILTERS: dict[str, dict[str, Any]] = {
-    "keepout": {"type": 0, "base": 0.0, "multiplier": 1.0},
-    "speed": {"type": 1, "base": 100.0, "multiplier": -1.0},
-}
-"""Type of each filter, and the linear map from its mask's values to costs or speeds."""
 
 
 class ParametersChanged(UserWarning):
@@ -167,8 +151,7 @@ def nav2_speed(
     title = f"Speed mask: the robot keeps {least} % of its speed or more"
     about = {"slowest": slowest, "least_percent": least}
     robot.warn(robot.of_speed("localizability_speed_filter"))
-    merged = with_costmap(robot, "speed")
-    _write(folder, "speed", title, costs, values, robot, merged, about, needs_of_speed())
+    _write(folder, "speed", title, costs, values, robot, with_costmap(robot, "speed"), about)
     return least
 
 
@@ -216,12 +199,10 @@ def keepout_mask(
     if np.isnan(greatest):
         greatest = float(costs.density[passable].max()) - 1
     density = costs.unblocked_density
-    values, conversion = values_for(
-        density, planner_named(planner), greatest, planner_param, static=static
-    )
-    values[~passable & costs.grid.free & ~costs.grid.closer_than(costs.robot_radius - 1e-9)] = (
-        LETHAL
-    )
+    runs = checked_planner(planner, planner_param)
+    values, conversion = values_for(density, runs, greatest, planner_param, static=static)
+    near = costs.grid.closer_than(costs.robot_radius - 1e-9)
+    values[~passable & costs.grid.free & ~near] = 100  # lethal
     return values, conversion
 
 
@@ -230,23 +211,15 @@ def speed_mask(costs: Costmap, slowest: float) -> NDArray[np.int8]:
 
     Arguments and errors are those of `nav2_speed`.
     """
-    check_slowest(slowest)
+    number("slowest", slowest, 0.01, 1)
     check_has_field(costs)
     known = ~np.isnan(costs.u)
     if not known.any():
         raise ConfigError("u is not known in any cell of the map, so a mask would be empty")
     values = np.full(costs.grid.shape, -1, np.int8)
     given_up = np.floor(100 * (1 - slowest) * costs.u[known] + 0.5)
-    values[known] = np.minimum(given_up, MAX_SLOWED)
+    values[known] = np.minimum(given_up, 99)  # 100 would mean full speed
     return values
-
-
-def check_slowest(slowest: float) -> None:
-    """Raise a ConfigError unless it is a share of the speed that leaves some."""
-    if not 0.01 <= slowest <= 1:
-        raise ConfigError(
-            f"slowest must be a share of the speed from 0.01 to 1, not {shown(slowest)}"
-        )
 
 
 def _write_charged(
@@ -271,10 +244,7 @@ def _write_charged(
     what = "layer" if kind == "static" else "mask"
     title = f"Localizability {what} for {conversion.planner.plugin} ({called})"
     about = {"planner_id": called, "conversion": conversion.summary()}
-    needs = needs_of_planner(conversion, called)
-    if kind == "static":
-        needs += needs_of_layer([*STATIC_LAYERS])
-    _write(folder, kind, title, costs, values, robot, merged, about, needs)
+    _write(folder, kind, title, costs, values, robot, merged, about, conversion, called)
     return conversion
 
 
@@ -287,32 +257,37 @@ def _write(
     robot: Robot,
     merged: Nav2Parameters,
     about: dict[str, Any],
-    needs: Sequence[str],
+    conversion: Conversion | None = None,
+    called: str = "",
 ) -> None:
-    """Write the folder of a mask; `needs` says what the mask needs besides itself."""
+    """Write the folder of a mask, for a planner that is called so, or for the speed filter."""
     theirs = robot.parameters.content
     changed = list(changed_parameters(theirs, merged.content))
-    added = list(added_parameters(theirs, merged.content))
     if robot.file and changed:
-        text = f"{PARAMS} has other values than {robot.file.name}: {'; '.join(changed)}"
+        text = f"nav2.yaml has other values than {robot.file.name}: {'; '.join(changed)}"
         warnings.warn(ParametersChanged(text), stacklevel=4)
-    readme = mask_readme(costs, robot, needs, added, changed, params=PARAMS, preview=PREVIEW)
-    about = {**about, "distro": robot.distribution.name, "changed_parameters": changed}
-    base = f"localizability_{kind}"
+    base, is_speed = f"localizability_{kind}", kind == "speed"
     parameters = {"topic_name": f"/{base}_mask", "frame_id": "map"}
-    files = {"yaml_filename": f"{MASK}.yaml"}
+    files = {"yaml_filename": "mask.yaml"}
     servers = [Server("nav2_map_server", "map_server", f"{base}_mask_server", parameters, files)]
-    if kind in FILTERS:
+    if kind != "static":
         topics = {"filter_info_topic": f"/{base}_info", "mask_topic": f"/{base}_mask"}
+        # The linear map from the mask's values to costs, or to speeds in per cent.
+        law = {"type": 0, "base": 0.0, "multiplier": 1.0}
+        if is_speed:
+            law = {"type": 1, "base": 100.0, "multiplier": -1.0}
         node = "costmap_filter_info_server", f"{base}_info_server"
-        servers.append(Server("nav2_map_server", *node, topics | FILTERS[kind]))
-    about = {"kind": f"nav2-{kind}"} | about_costs(costs) | about
+        servers.append(Server("nav2_map_server", *node, topics | law))
+    about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
+    about |= {"distro": robot.distribution.name, "changed_parameters": changed}
     grid = value_maps.without_yaw(costs.grid)
-    with export_folder(Path(folder), title, about, readme) as temporary:
-        write_yaml(temporary / PARAMS, merged.content)
-        value_maps.write_values(temporary / MASK, values, grid)
+    known = {"title": title, "costs": costs, "kind": kind, "called": called}
+    known |= {"file": robot.file and robot.file.name, "conversion": conversion, "changed": changed}
+    known["added"] = list(added_parameters(theirs, merged.content))
+    with export_folder(folder, "nav2-mask.md", about, **known) as temporary:
+        write_yaml(temporary / "nav2.yaml", merged.content)
+        value_maps.write_values(temporary / "mask", values, grid)
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
-        is_speed = kind == "speed"
         label = "speed limit [% of the robot's own]" if is_speed else f"{kind} mask [0-100]"
         above = f"{title}{costs_caption(costs)}"
         value_maps.write_preview(temporary, grid, values, label, above, falling=is_speed)

@@ -27,17 +27,13 @@ merged, the greatest move of a node, and the least distance of neighbours after 
 ASIDE = 1.5
 """Greatest length of the way over a third node, as a multiple of the straight line; a line that
 crosses another is kept where the way around costs more than this."""
-LEVELS = 65535
-"""Steps of worth that cells are sorted by; numbers of 16 bits are sorted ten times as fast."""
-BAND = 1 << 20
-"""Number of cells whose worth is computed at once, which bounds the memory."""
-LANDMARKS = 32
-"""Number of nodes whose routes nodes move for."""
 COVERED = 6
 """Number of rounds that add nodes, about."""
-DETOUR = 1.05
-"""A line is left out of the net where a way costs at most this many times as much."""
 
+Positions = NDArray[np.float64]
+"""World positions (n, 2) [m]."""
+Pairs = NDArray[np.int64]
+"""Pairs of nodes (m, 2)."""
 Space = tuple[NDArray[Any], int, tuple[Any, ...]]
 """Half the density with its border, its columns, and the frame; see `locplan._kernels.route`."""
 
@@ -45,9 +41,9 @@ Space = tuple[NDArray[Any], int, tuple[Any, ...]]
 class Net(NamedTuple):
     """Nodes and the lines between them, each both ways."""
 
-    xy: NDArray[np.float64]
+    xy: Positions
     """World positions (n, 2) [m]."""
-    edges: NDArray[np.int64]
+    edges: Pairs
     """Pairs of nodes (m, 2)."""
     cost: NDArray[np.float64]
     """Cost of each edge (m,) [density x cells]."""
@@ -68,9 +64,10 @@ def fine_net(
     pairs = np.unique(np.vstack([pairs, np.column_stack((near @ near).tocoo().coords)]), axis=0)
     pairs = pairs[pairs[:, 0] < pairs[:, 1]].astype(np.int64)
     progress(COVERED, COVERED + 2)
-    net = spanned(space, xy, pairs, DETOUR, spacing)
+    # A line is left out where a way costs at most 1.05 times as much.
+    net = spanned(space, xy, pairs, 1.05, spacing)
     progress(COVERED + 1, COVERED + 2)
-    return spanned(space, relaxed(space, net, reach), pairs, DETOUR, spacing)
+    return spanned(space, relaxed(space, net, reach), pairs, 1.05, spacing)
 
 
 def symmetric(pairs: NDArray[Any], values: NDArray[Any], count: int) -> csr_array:
@@ -79,9 +76,7 @@ def symmetric(pairs: NDArray[Any], values: NDArray[Any], count: int) -> csr_arra
     return csr_array(coo_array((np.tile(values, 2), tuple(ends)), shape=(count, count)))
 
 
-def spanned(
-    space: Space, xy: NDArray[np.float64], pairs: NDArray[np.int64], detour: float, size: float
-) -> Net:
+def spanned(space: Space, xy: Positions, pairs: Pairs, detour: float, size: float) -> Net:
     """Of the pairs a spanner whose lines hardly cross, as connected as all of them."""
     cost = line_costs(*space, xy, pairs)
     cost[cost == 0] = np.inf  # Nav2 takes no edge of length 0
@@ -99,15 +94,16 @@ def spanned(
 def relaxed(space: Space, net: Net, reach: float) -> NDArray[np.float64]:
     """The nodes, moved to where the routes through them cost less."""
     graph = symmetric(net.edges, net.cost, len(net.xy))
-    starts = np.unique(np.linspace(0, len(net.xy) - 1, LANDMARKS).astype(int))
+    # Those between 32 nodes all over the net stand for all routes.
+    starts = np.unique(np.linspace(0, len(net.xy) - 1, 32).astype(int))
     away, before = dijkstra(graph, indices=starts, return_predecessors=True)
     use = usage(np.argsort(away, kind="stable"), before, graph.indptr, graph.indices)
-    xy: NDArray[np.float64]
+    xy: Positions
     xy = moved(*space, net.xy, graph.indptr, graph.indices, use, SHIFT * reach, APART * reach)
     return xy
 
 
-def neighbours(count: int, pairs: NDArray[np.int64]) -> list[set[int]]:
+def neighbours(count: int, pairs: Pairs) -> list[set[int]]:
     """The nodes that each of `count` nodes is joined to."""
     joined: list[set[int]] = [set() for _ in range(count)]
     for i, j in pairs.tolist():
@@ -118,11 +114,11 @@ def neighbours(count: int, pairs: NDArray[np.int64]) -> list[set[int]]:
 
 def merged(
     space: Space,
-    xy: NDArray[np.float64],
-    pairs: NDArray[np.int64],
+    xy: Positions,
+    pairs: Pairs,
     within: float | NDArray[np.float64],
     leave: Callable[[int], bool] = lambda node: True,
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+) -> tuple[Positions, Pairs]:
     """The nodes and lines without nodes that a near one replaces, as it sees their neighbours.
 
     A node goes only if `leave`, which may take note of it, says so.
@@ -156,7 +152,7 @@ def _cover(
     inside: NDArray[np.bool_],
     reach: float,
     progress: ProgressCallback,
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+) -> tuple[Positions, Pairs]:
     """Nodes (n, 2) and free lines between them (m, 2) that join all connected cells."""
     flat, columns = inside.reshape(-1), inside.shape[1]
     clearance = cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
@@ -188,14 +184,14 @@ def _by_worth(
     def worth(some: NDArray[np.int64]) -> NDArray[np.float64]:
         return np.asarray(np.minimum(clearance[some] / (CLEAR * reach), 1.0) - 2 * space[0][some])
 
-    strips = [cells[first : first + BAND] for first in range(0, len(cells), BAND)]
+    band = 1 << 20  # so many cells at once, which bounds the memory
+    strips = [cells[first : first + band] for first in range(0, len(cells), band)]
     ends = np.array([(each.min(), each.max()) for each in map(worth, strips)])
     least, most = ends[:, 0].min(), ends[:, 1].max()
-    steps = np.empty(len(cells), np.uint16)
-    for n, strip in enumerate(strips):
-        part = LEVELS * (most - worth(strip)) / max(most - least, 1e-9)
-        steps[n * BAND : n * BAND + len(strip)] = part.astype(np.uint16)
-    return cells[np.argsort(steps, kind="stable")]
+    # Numbers of 16 bits are sorted ten times as fast.
+    scale = 65535 / max(most - least, 1e-9)
+    steps = [(scale * (most - worth(strip))).astype(np.uint16) for strip in strips]
+    return cells[np.argsort(np.concatenate(steps), kind="stable")]
 
 
 def _shortest_by_two(graph: csr_array, pairs: NDArray[Any]) -> NDArray[np.float64]:

@@ -1,19 +1,16 @@
-"""Nav2's parameters: a robot's own with ours, and what a README.md says of them."""
+"""Nav2's parameters: a robot's own with ours, and what is changed and added by them."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from locplan._util.plain_yaml import scalar_text
-from locplan.costs import Costmap
-from locplan.export._distros import BRINGUP, LAUNCH, SERVERS, Distribution, distribution
-from locplan.export._folders import about_map
-from locplan.export._travel_costs import NO_LIMIT, PLANNERS, Conversion
+from locplan.export._travel_costs import PLANNERS, Conversion, Distribution, distribution
 from locplan.robots import (
     GLOBAL_COSTMAP,
     LOCAL_COSTMAP,
@@ -21,11 +18,6 @@ from locplan.robots import (
     Nav2Parameters,
     read_parameters,
 )
-
-PLANNER = "smac2d"
-"""The planner of Nav2 that a mask is for where the robot's own is not known."""
-SPEED_TOPIC = "/speed_limit"
-"""Topic of the limits that the controller server obeys."""
 
 
 class RobotWarning(UserWarning):
@@ -58,9 +50,9 @@ class Robot:
 
     @property
     def planner(self) -> str:
-        """Its first planner of those that a mask can be for, as `PLANNERS` names it."""
+        """Its first planner of those that a mask can be for, as `PLANNERS` names it, or smac2d."""
         known = {each.plugin: name for name, each in PLANNERS.items()}
-        return next((known[each] for each in self.planners.values() if each in known), PLANNER)
+        return next((known[each] for each in self.planners.values() if each in known), "smac2d")
 
     def warn(self, notes: Iterator[str]) -> None:
         """Warn of what does not go together."""
@@ -113,39 +105,31 @@ class Robot:
         return {name: str(server.get(f"{name}.plugin", "")) for name in names}
 
 
-OWN_PLANNER = "Localizability"
-"""Name of our planner beside a robot's own."""
-STATIC_LAYERS = {"trinary_costmap": False, "use_maximum": True, "lethal_cost_threshold": 100}
-"""Parameters of a costmap that Nav2 applies to all its static layers."""
-QUADRATIC = "use_quadratic_cost_penalty"
-"""A parameter of SmacPlannerHybrid from jazzy on."""
-INSCRIBED = {"inscribed_obstacle_cost_value": 99}
-"""A further one from lyrical on; layers hold less than this."""
-FIRST_LAYERS: dict[str, dict[str, Any]] = {
-    "static_layer": {
-        "plugin": "nav2_costmap_2d::StaticLayer",
-        "map_subscribe_transient_local": True,
-    },
-    "inflation_layer": {"plugin": "nav2_costmap_2d::InflationLayer"},
-}
-"""Layers of a costmap that names none itself; obstacles are left to the robot's own layers."""
-
-
 def with_costmap(robot: Robot, kind: str) -> Nav2Parameters:
     """Parameters with our filter or static layer in the global costmap, and in its list of them."""
+    changes: dict[str, Any]
     costmap = robot.parameters.of(GLOBAL_COSTMAP)
     base = f"localizability_{kind}"  # topics are absolute: Kilted is the first to resolve others
     if kind == "static":
         plugin = f"{base}_layer"
-        names = robot.parameters.names(GLOBAL_COSTMAP, "plugins", list(FIRST_LAYERS))
+        names = robot.parameters.names(
+            GLOBAL_COSTMAP, "plugins", ["static_layer", "inflation_layer"]
+        )
         if plugin not in names:  # before the inflation, and behind what knows the walls
             at = names.index("static_layer") + 1 if "static_layer" in names else len(names)
             names.insert(at, plugin)
         own: dict[str, Any] = {"plugin": "nav2_costmap_2d::StaticLayer", "enabled": True}
         own |= {"map_topic": f"/{base}_mask", "map_subscribe_transient_local": True}
-        layers = {plugin: own} | ({} if costmap.get("plugins") else FIRST_LAYERS)
-        shared = STATIC_LAYERS | (INSCRIBED if robot.distribution.inscribed_value else {})
-        changes = {**shared, "plugins": names}
+        layers = {plugin: own}
+        if not costmap.get("plugins"):  # obstacles are left to the robot's own layers
+            first = {"plugin": "nav2_costmap_2d::StaticLayer"}
+            layers["static_layer"] = {**first, "map_subscribe_transient_local": True}
+            layers["inflation_layer"] = {"plugin": "nav2_costmap_2d::InflationLayer"}
+        # Nav2 applies these to all static layers of a costmap; layers hold less than 99.
+        changes = {"trinary_costmap": False, "use_maximum": True, "lethal_cost_threshold": 100}
+        if robot.distribution.inscribed_value:
+            changes["inscribed_obstacle_cost_value"] = 99
+        changes["plugins"] = names
         for layer, settings in layers.items():
             changes |= _settings(layer, settings)
     else:
@@ -154,7 +138,7 @@ def with_costmap(robot: Robot, kind: str) -> Nav2Parameters:
         own = {"plugin": f"nav2_costmap_2d::{kind.title()}Filter", "enabled": True}
         own |= {"filter_info_topic": f"/{base}_info"}
         if kind == "speed":
-            own |= {"speed_limit_topic": SPEED_TOPIC}
+            own |= {"speed_limit_topic": "/speed_limit"}  # which the controller server obeys
         names = names if plugin in names else [*names, plugin]
         changes = {"filters": names, **_settings(plugin, own)}
     return robot.parameters.changed(GLOBAL_COSTMAP, changes)
@@ -171,11 +155,11 @@ def with_planner(
     planner, runs = conversion.planner, robot.distribution
     server, names = merged.of(PLANNER_SERVER), list(robot.planners)
     alike = [name for name, plugin in robot.planners.items() if plugin == planner.plugin]
-    name = alike[0] if alike else OWN_PLANNER if names else "GridBased"
+    name = alike[0] if alike else "Localizability" if names else "GridBased"
     plugin = planner.plugin.replace("::", "/") if runs.slashes else planner.plugin
     own: dict[str, Any] = {"plugin": plugin, "allow_unknown": False, **planner.assumed}
     if not runs.quadratic_penalty:
-        own.pop(QUADRATIC, None)
+        own.pop("use_quadratic_cost_penalty", None)
     if planner.parameter is not None:
         own[planner.parameter] = float(conversion.param)
     if planner.planning_time is not None:
@@ -223,71 +207,3 @@ def added_parameters(theirs: Any, merged: Any, name: str = "") -> Iterator[str]:
 def _inner(name: str, key: str) -> str:
     """The name of a parameter within another one; nodes' own levels are left out."""
     return name if key in ("ros__parameters", name) else f"{name}.{key}".strip(".")
-
-
-def mask_readme(
-    costs: Costmap,
-    robot: Robot,
-    needs: Sequence[str],
-    added: Sequence[str],
-    changed: Sequence[str],
-    *,
-    params: str,
-    preview: str,
-) -> list[str]:
-    """Lines on the files, the commands, the needs of a mask, and the parameters that are ours."""
-    own = f"all of {robot.file.name} (but its comments), with ours" if robot.file else "ours alone"
-    merging = "" if robot.file else "; merge them into the robot's own, as `--robot` does"
-    file = f"$PWD/{params}" if robot.file else "PARAMS.yaml"
-    lines = [
-        f"- mask.yaml, mask.pgm: the mask of {costs.grid.name or 'the map'} (grey 0-100 as it"
-        f" is, not 0-255); {SERVERS} and {LAUNCH} publish it.",
-        f"- {params}: Nav2's parameters, {own}{merging}; {preview}; export.json: the input.",
-        f"- `ros2 launch ./{LAUNCH}` (in this folder)",
-        f"- `{BRINGUP.replace('PARAMS.yaml', file)}`",
-        *needs,
-        f"- Another mask goes beside this one with `locplan export ... --robot {params}`.",
-        *about_map(costs),
-    ]
-    if robot.file and changed:
-        lines += ["", f"{params} has other values than {robot.file.name} here:", ""]
-        lines += [f"- {each}" for each in changed]
-    if robot.file and added:
-        lines += ["", f"{params} has these beside:", "", *(f"- {each}" for each in added)]
-    return lines
-
-
-def needs_of_planner(conversion: Conversion, called: str) -> list[str]:
-    """Lines that say which parameters of a planner a mask needs, and why."""
-    planner = conversion.planner
-    lines = [
-        f"- All planners of Nav2 charge the mask, but only `{called}` so that J comes out: name it"
-        " as the planner_id in the behaviour tree (ComputePathToPose), or by a PlannerSelector."
-    ]
-    if planner.parameter:
-        lines.append(
-            f"- The mask changes little without `{planner.parameter}: {conversion.param:g}` (Nav2's"
-            f" own default is {planner.default:g}). It raises the price of inflated cells as well."
-        )
-    lines.append("- `allow_unknown: false`: the mask says nothing of unknown space.")
-    if planner.planning_time is not None:
-        lines.append(
-            "- A mask can make the search expand several times as many cells, hence"
-            f" `max_iterations: {NO_LIMIT}` (no limit; the default of 1,000,000 ends it without a"
-            f" path on large maps) and `max_planning_time: {planner.planning_time:g}` [s] or more,"
-            " for which the planner server is busy at worst."
-        )
-    return lines
-
-
-def needs_of_layer(shared: Sequence[str]) -> list[str]:
-    """A line on the parameters that a static layer shares with the robot's own."""
-    return [f"- {', '.join(f'`{each}`' for each in shared)} hold for all static layers."]
-
-
-def needs_of_speed() -> list[str]:
-    """A line on who obeys the limits."""
-    return [
-        f"- The controller server obeys the limits on {SPEED_TOPIC}; with a namespace set the topic"
-        " on both sides (speed_limit_topic)."
-    ]

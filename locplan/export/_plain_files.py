@@ -1,4 +1,4 @@
-"""Paths and fields as files that anything reads."""
+"""Paths and fields as files that anything reads, and the deviations of a field as a layer."""
 
 from __future__ import annotations
 
@@ -9,15 +9,24 @@ from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from locplan import __version__
+from locplan._util.extras import needed
 from locplan._util.files import check_target, replacing
 from locplan._util.tables import write_csv
 from locplan.costs import Costmap, Path
+from locplan.export._bags import (
+    foxglove_grid,
+    grid_map,
+    layers_of,
+    levels_of,
+    occupancy_grid,
+    write_messages,
+)
+from locplan.export._registry import ExportSummary, export_folder
 from locplan.field import CovarianceField, position_axes
-
-PATH_FILES = (".csv", ".json", ".yaml")
-FIELD_FILES = (".csv", ".npz", ".png")
+from locplan.maps import OccupancyGrid
 
 
 def path(
@@ -47,7 +56,7 @@ def path(
         If the suffix is another, or the file cannot be written.
     """
     file = FilePath(target)
-    check_target(file, *PATH_FILES)
+    check_target(file, ".csv", ".json", ".yaml")
     if step is not None:
         route = route.resampled(step)
     poses = np.column_stack([route.xy, route.facing, route.distance])
@@ -99,7 +108,7 @@ def field(target: str | os.PathLike[str], computed: CovarianceField) -> None:
         If the suffix is another, or the file cannot be written.
     """
     file = FilePath(target)
-    check_target(file, *FIELD_FILES)
+    check_target(file, ".csv", ".npz", ".png")
     if file.suffix.lower() == ".csv":
         _field_csv(file, computed)
     elif file.suffix.lower() == ".npz":
@@ -150,3 +159,110 @@ def _positions(computed: CovarianceField) -> tuple[np.ndarray, np.ndarray]:
     h, w = computed.evaluated.shape
     rows, cols = np.mgrid[:h, :w] * computed.stride + 0.5
     return computed.grid.grid_to_world(rows, cols)
+
+
+def layer(folder: str | FilePath, field: CovarianceField, *, frame: str = "map") -> None:
+    """Write the deviations of position and heading as coloured pictures, rasters and a bag.
+
+    position_std.png and heading_std.png show the map's cells as plots do, transparent where
+    nothing is known; position_std.tif [m] and heading_std.tif [rad] hold their values. World files
+    (.pgw, .tfw) place them, with the map's yaw. The bag has "/locplan/map", nav_msgs/OccupancyGrid,
+    "/locplan/field", grid_map_msgs/GridMap, and "/locplan/grid", foxglove_msgs/Grid, as `bag`
+    writes them, but position_std and heading_std come first.
+
+    Parameters
+    ----------
+    folder : path
+        The folder; one that holds such an export without changes is replaced.
+    field : CovarianceField
+        The field; several headings are merged by their mean information. Without rotation there
+        is no heading.
+    frame : str, default "map"
+        The frame of all coordinates.
+
+    Raises
+    ------
+    LocplanError
+        If the package mcap is missing, or the folder cannot be written.
+    """
+    from locplan.export import _figures as figures
+    from locplan.plotting import save_figure
+
+    needed("mcap", "ros", "a layer")
+    grid = field.grid
+    units = _units_of(field)
+    about = {
+        "kind": "layer",
+        "locplan": __version__,
+        "map": {"name": grid.name, "digest": grid.digest},
+        "frame": frame,
+        "config": field.config.to_json(),
+    }
+    known = {"map": grid.name or "a map", "units": units, "frame": frame}
+    with export_folder(folder, "layer.md", about, **known) as temporary:
+        norms = {}
+        for name in units:
+            values = field.on_map(field.scalar(name, headings="mean"))
+            norms[name] = figures.norm_of(field, name, values)
+            write_raster(temporary / f"{name}.tif", values)
+            figures.write_coloured(temporary / f"{name}.png", values, norms[name])
+            for suffix in (".tfw", ".pgw"):
+                (temporary / name).with_suffix(suffix).write_text(world_file(grid), "ascii")
+        save_figure(figures.legend_figure(field, norms, units), temporary / "legend.png")
+        every = layers_of(field)
+        layers = {name: every.pop(name) for name in units} | every
+        header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
+        content = {
+            "/locplan/map": ("nav_msgs/OccupancyGrid", occupancy_grid(grid, levels_of(grid))),
+            "/locplan/field": ("grid_map_msgs/GridMap", grid_map(field, layers)),
+            "/locplan/grid": ("foxglove_msgs/Grid", foxglove_grid(field, layers, header)),
+        }
+        write_messages(temporary / "layer.mcap", content, header, 0)
+
+
+def _units_of(field: CovarianceField) -> dict[str, str]:
+    """The scalars that a layer of this field has, with their units in files."""
+    units = {"position_std": "m", "heading_std": "rad"}
+    return dict(list(units.items())[: field.covariance.shape[-1] - 1])
+
+
+def world_file(grid: OccupancyGrid) -> str:
+    """The six lines of a world file for a picture whose first row is the map's last one.
+
+    They are the steps of x and y along a row, those down a column, and the centre of the first
+    pixel [m].
+    """
+    step, yaw = grid.resolution, grid.origin[2]
+    along = step * np.cos(yaw), step * np.sin(yaw)
+    down = step * np.sin(yaw), -step * np.cos(yaw)
+    numbers = *along, *down, *grid.cell_to_world(grid.shape[0] - 1, 0)
+    return "".join(f"{float(number):.12f}\n" for number in numbers)
+
+
+def write_raster(file: FilePath, values: NDArray[np.float64]) -> None:
+    """Write values (H, W) of the map's cells as a TIFF of 32-bit floats, NaN where unknown."""
+    from PIL import Image
+    from PIL.TiffImagePlugin import ImageFileDirectory_v2
+
+    tags = ImageFileDirectory_v2()
+    tags[42113] = "nan"  # GDAL's value of no data
+    tags[317] = 3  # the predictor of floats: two thirds of the size
+    picture = Image.fromarray(np.ascontiguousarray(values[::-1], np.float32))
+    picture.save(file, "tiff", tiffinfo=tags, compression="tiff_adobe_deflate")
+
+
+def quantiles(field: CovarianceField) -> ExportSummary:
+    """The median and the greatest deviations, in the files' units and in those for people."""
+    values: dict[str, float] = {}
+    rows = []
+    for name in _units_of(field):
+        known = field.scalar(name, headings="mean")[field.evaluated]
+        shown = field.quantity(name)
+        if known.size:
+            median, most = float(np.median(known)), float(known.max())
+            values |= {f"{name}_median": median, f"{name}_max": most}
+            texts = [f"{shown.factor * value:.3g} {shown.unit}" for value in (median, most)]
+            rows.append((shown.label, f"median {texts[0]}, at most {texts[1]}"))
+        else:
+            rows.append((shown.label, "not known anywhere"))
+    return ExportSummary(values, tuple(rows))

@@ -6,6 +6,7 @@ changes the costs of edges as little as that takes.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,31 +14,18 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.progress import progress_bar
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
-from locplan.export._joined_ways import (
-    SAME,
-    Lines,
-    Pairs,
-    Positions,
-    apart,
-    divided,
-    joined,
-    straightened,
-)
+from locplan.export._joined_ways import SAME, Lines, apart, divided, joined, straightened
+from locplan.export._net import Pairs, Positions
+from locplan.export._registry import ExportJob, ExportSummary
 from locplan.export._roadmap import FINENESS, RouteGraph, check_precision
 
 MARGIN = 0.02
 """Least cost by which any other route exceeds a recommended way [m]."""
-CONTRADICTED, BACK = 1e3, 1e1
-"""Prices of a way, and of the way back, costlier than another route, in changed costs, since
-ways may contradict one another."""
-ROUNDS = 50
-"""Greatest number of rounds in which costs are changed."""
 ONE_PLACE = 2 * SAME
 """Greatest distance of ends that can become one node [m]: each may lie that far from it."""
-CHANGED = 1e-6
-"""Least change of a cost that counts [m]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,6 +46,17 @@ class RecommendedWays:
     def contradicted(self) -> tuple[str, ...]:
         """Names of the other queries: their ways contradict those of the ones that are followed."""
         return tuple(name for name in self.ways if name not in self.followed)
+
+    def summary(self) -> dict[str, object]:
+        """The size of the graph and what is followed by name, fit for JSON."""
+        sizes = {"nodes": len(self.graph.nodes), "edges": len(self.graph.edges)}
+        return {**sizes, "followed": list(self.followed), "changed_edges": self.changed}
+
+    def rows(self) -> tuple[tuple[str, str], ...]:
+        """The same for people: labels and texts."""
+        followed = "ways that the server takes", f"{len(self.followed)} of {len(self.ways)}"
+        other = "other routes are cheaper", ", ".join(self.contradicted)
+        return (self.graph.rows()[0], followed, *([other] if self.contradicted else []))
 
     def __repr__(self) -> str:
         return f"RecommendedWays({len(self.followed)} of {len(self.ways)} followed, {self.graph})"
@@ -111,15 +110,43 @@ def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWa
     edges = np.array(sorted({two for way in both for two in pairwise(way)}))
     length = np.hypot(*(nodes[edges[:, 0]] - nodes[edges[:, 1]]).T)
     price = np.maximum(lines.costs(nodes, edges), length)
-    weights = np.repeat([CONTRADICTED, BACK], len(there))
+    # Ways may contradict one another: the price of one, or of the way back, that is not followed.
+    weights = np.repeat([1e3, 1e1], len(there))
     cost, followed = followed_costs(nodes, edges, price, length, both, weights)
     e, u = (lines.integrals(layer, nodes, edges) for layer in (costs.e, costs.u))
     return RecommendedWays(
         RouteGraph(nodes, edges, length, cost, e, u, directed=True),
         {name: tuple(way) for name, way in ways.items()},
-        int((np.abs(cost - price) > CHANGED).sum()),
+        int((np.abs(cost - price) > 1e-6).sum()),
         tuple(name for name, is_followed in zip(ways, followed, strict=False) if is_followed),
     )
+
+
+def chosen_ways(
+    job: ExportJob, queries: str | os.PathLike[str], drives: int
+) -> tuple[dict[str, Path], ExportSummary]:
+    """The paths of the queries in a file, chosen by driving, and what the choices bring."""
+    from locplan.planners import read_queries
+    from locplan.simulation import choose_many
+
+    asked = read_queries(queries)
+    for query in asked:
+        if query.name in job.paths:
+            raise ConfigError(f"a path and a query are both named {query.name}; rename one")
+    with progress_bar("driving the candidates", "queries") as progress:
+        choices = choose_many(job.costs, asked, job.robot, drives=drives, progress=progress)
+    before, after = choices.lost
+    paths = {each.query.name: each.choice.path for each in choices}
+    without = [name for name, path in paths.items() if path is None]
+    rows = [
+        ("queries", f"{len(choices)}, {choices.left} leave the shortest path"),
+        ("drives that are lost", f"{before:.0%} -> {after:.0%}"),
+    ]
+    if without:
+        rows.append(("without a path", ", ".join(without)))
+    values = {"left_the_shortest": choices.left, "lost": [before, after], "no_path": without}
+    found = {name: path for name, path in paths.items() if path is not None}
+    return found, ExportSummary(values, tuple(rows))
 
 
 def check_ways(costs: Costmap, paths: Mapping[str, Path]) -> None:
@@ -169,7 +196,7 @@ def followed_costs(
         used[n, [index[two] for two in pairwise(way)]] = 1
     cost = price
     excess, of_way = np.empty((0, len(edges))), np.empty(0, int)  # a way's edges less a route's
-    for _ in range(ROUNDS):
+    for _ in range(50):
         routes = {
             n: route
             for n, route in enumerate(_cheapest_routes(edges, cost, used, ways))
@@ -179,10 +206,13 @@ def followed_costs(
         for row, route in zip(others, routes.values(), strict=True):
             row[[index[two] for two in pairwise(route)]] = 1
         numbers = np.array(list(routes), int)
-        if _all_known(of_way, excess, numbers, used[numbers] - others):
+        more = used[numbers] - others
+        if all(
+            ((of_way == n) & (excess == row).all(axis=1)).any()
+            for n, row in zip(numbers, more, strict=True)
+        ):
             break
-        of_way = np.concatenate([of_way, numbers])
-        excess = np.vstack([excess, used[numbers] - others])
+        of_way, excess = np.concatenate([of_way, numbers]), np.vstack([excess, more])
         cost = _least_changed(price, least, excess, of_way, weights)
     return cost, [n not in routes for n in range(len(ways))]
 
@@ -206,19 +236,6 @@ def _cheapest_routes(
         while route[-1] != way[0]:
             route.append(int(before[route[-1]]))
         yield route[::-1]
-
-
-def _all_known(
-    of_way: NDArray[np.int64],
-    excess: NDArray[np.float64],
-    new_of: NDArray[np.int64],
-    new_excess: NDArray[np.float64],
-) -> bool:
-    """Whether all new rows are among the old ones."""
-    return all(
-        ((of_way == n) & (excess == row).all(axis=1)).any()
-        for n, row in zip(new_of, new_excess, strict=True)
-    )
 
 
 def _least_changed(

@@ -1,22 +1,36 @@
-"""The formats of exports; a new one is a module in `_formats` and its name here."""
+"""The formats of exports, and the folders that they write whole or not at all."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from locplan._util.extras import needed
+from locplan._util.files import check_folder_target, check_target, replacing_folder
+from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_text
+from locplan._util.results import digest_of
+from locplan._util.runs import write_run
+from locplan.errors import ConfigError, LocplanError
+
 if TYPE_CHECKING:
+    from jinja2 import Environment
+
     from locplan._util.progress import ProgressCallback
     from locplan.costs import Costmap, Path as Route
     from locplan.field import CovarianceField
     from locplan.robots import Robot
 
-MODULES = [f"locplan.export._formats.{name}" for name in ("_nav2", "_files")]
+MODULES = ["locplan.export._formats"]
 """Modules that have FORMATS, a tuple of `Format`, and import heavy libraries when they write."""
+ABOUT = "export.json"
+"""The file of a folder that says what it was made of."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +62,10 @@ class ExportSummary:
 
 @dataclass(frozen=True)
 class NoOptions:
-    """The options of a format that has none."""
+    """The options of a format that has none, and what all options are."""
+
+    def __post_init__(self) -> None:
+        """Raise a LocplanError where an option is wrong; each kind of options checks its own."""
 
 
 @dataclass(frozen=True)
@@ -86,11 +103,6 @@ class Format:
         force : bool, default False
             Whether a file that is there is replaced.
         """
-        from locplan._util.extras import needed
-        from locplan._util.files import check_target
-        from locplan.errors import LocplanError
-        from locplan.export._folders import check_export_folder
-
         if self.library:
             needed(self.library, "ros", f"--to {self.name}")
         if self.suffixes:
@@ -98,10 +110,68 @@ class Format:
             if target.exists() and not force:
                 raise LocplanError(f"{target}: is there; choose another name, or --force")
         else:
-            check_export_folder(target)
+            check_folder_target(target, None, _is_untouched_export)
 
 
 def formats() -> dict[str, Format]:
     """All formats by name."""
     every = [each for module in MODULES for each in import_module(module).FORMATS]
     return {each.name: each for each in every}
+
+
+@contextmanager
+def export_folder(
+    target: str | Path, readme: str, about: Mapping[str, Any], **known: Any
+) -> Iterator[Path]:
+    """A new folder that takes the place of `target` when the block ends well.
+
+    It gets a README.md, which is the template `readme` with what is `known`, and export.json, which
+    lists the files; a folder is replaced only if this file says that it is an export without
+    changes.
+    """
+    target = Path(target)
+    with replacing_folder(target, None, _is_untouched_export) as folder:
+        yield folder
+        (folder / "README.md").write_text(rendered(readme, **known), "utf-8")
+        write_run(folder, target)
+        files = {file.name: digest_of(file) for file in sorted(folder.iterdir())}
+        text = json.dumps({**about, "files": files}, indent=2, allow_nan=False)
+        (folder / ABOUT).write_text(text + "\n", "utf-8")
+
+
+def rendered(template: str, **known: Any) -> str:
+    """The text of one of our templates with what is known."""
+    return _templates().get_template(template).render(known)
+
+
+@cache
+def _templates() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    return Environment(
+        loader=PackageLoader("locplan.export"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        keep_trailing_newline=True,
+    )
+
+
+def check_has_field(costs: Costmap) -> None:
+    """Raise a ConfigError unless the costmap knows how degenerate its cells are."""
+    import numpy as np
+
+    if np.isnan(costs.u).all() and np.isfinite(costs.density).any():
+        raise ConfigError("this export needs a costmap made of a field (Costmap.from_field)")
+
+
+def _is_untouched_export(folder: Path) -> bool:
+    if not folder.is_dir():
+        return False
+    there = {file.name for file in folder.iterdir()}
+    try:
+        files = parsed_json(read_text(folder / ABOUT, MAX_JSON_BYTES))["files"]
+        return there == {ABOUT, *files} and all(
+            digest_of(folder / name) == digest for name, digest in files.items()
+        )
+    except (LocplanError, OSError, ValueError, TypeError, KeyError, AttributeError):
+        return not there

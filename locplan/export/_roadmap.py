@@ -17,7 +17,7 @@ from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
 from locplan.export._lanes import ROOMY, lanes
-from locplan.export._net import Net, Space, fine_net, symmetric
+from locplan.export._net import Net, Positions, Space, fine_net, symmetric
 from locplan.maps import OCCUPIED, OccupancyGrid
 
 FINENESS = 0.02
@@ -95,6 +95,19 @@ class RouteGraph:
         """Number of parts of the graph that no route joins."""
         return int(connected_components(self.matrix, directed=False)[0])
 
+    def summary(self) -> dict[str, int]:
+        """The size of the graph by name, fit for JSON."""
+        nodes, edges = len(self.nodes), len(self.edges)
+        return {"nodes": nodes, "edges": edges, "components": self.components}
+
+    def rows(self) -> tuple[tuple[str, str], ...]:
+        """The size of the graph for people: labels and texts."""
+        each_way = "" if self.directed else " each way"
+        return (
+            ("nodes, edges", f"{len(self.nodes):,}, {len(self.edges):,}{each_way}"),
+            ("parts not joined", f"{self.components:,}"),
+        )
+
     @property
     def matrix(self) -> csr_array:
         """J between nodes, (n, n), for `scipy.sparse.csgraph`; symmetric unless directed."""
@@ -151,8 +164,6 @@ def check_precision(grid: OccupancyGrid) -> None:
 FINE, PLACES, POINTS = 0.8, 2.0, 0.5
 """Distances in spacings: of the nodes of the net that lanes are drawn from, of the places that
 lanes join, and of the points that are to see nodes."""
-SHARES = 50, 4, 40, 6
-"""Steps of progress of the net, the places, the lanes and their costs."""
 
 
 def roadmap(
@@ -203,7 +214,7 @@ def roadmap(
             "spacing must be at least two cells, detour at least 1 and min_area at least 0, not"
             f" {spacing:g} m, {detour:g} and {min_area:g} m^2"
         )
-    netting, placing, drawing, measuring = parts(progress, SHARES)
+    netting, placing, drawing, measuring = parts(progress, (50, 4, 40, 6))
     space = space_of(costs)
     passable = np.isfinite(costs.density)
     _, piece, stats, _ = cv2.connectedComponentsWithStats(passable.astype(np.uint8), connectivity=4)
@@ -213,20 +224,20 @@ def roadmap(
     if not inside.any():
         raise ConfigError(f"no connected free space is as large as {min_area:g} m^2")
     finest = max(FINE * spacing, 2 * grid.resolution)
-    net = fine_net(costs, space, inside, finest, scaled(netting, SHARES[0]))
+    net = fine_net(costs, space, inside, finest, scaled(netting, 50))
     points = _points(costs, inside, reach, net)
     places = _places(costs, inside, reach, net)
-    placing(SHARES[1], SHARES[1])
+    placing(4, 4)
     occupied, far = grid.cells == OCCUPIED, math.ceil(ROOMY * reach) + 1
 
-    def clearance(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    def clearance(xy: Positions) -> NDArray[np.float64]:
         row, col = (np.floor(at).astype(np.int64) for at in grid.world_to_grid(*xy.T))
         return np.asarray(clearances(occupied, row, col, far) * grid.resolution)
 
-    laying = scaled(drawing, SHARES[2])
+    laying = scaled(drawing, 40)
     drawn = lanes(space, net, places, points, clearance, spacing, detour, laying)
     graph = graph_over(costs, space, drawn.xy, drawn.edges)
-    measuring(SHARES[3], SHARES[3])
+    measuring(6, 6)
     return graph
 
 
@@ -239,9 +250,7 @@ def _places(costs: Costmap, inside: NDArray[np.bool_], reach: float, net: Net) -
     return np.sort(first[np.searchsorted(cells, taken)])
 
 
-def _points(
-    costs: Costmap, inside: NDArray[np.bool_], reach: float, net: Net
-) -> NDArray[np.float64]:
+def _points(costs: Costmap, inside: NDArray[np.bool_], reach: float, net: Net) -> Positions:
     """Positions (n, 2) [m] of cells on a lattice, and of the nodes, which are in narrow places."""
     step = max(1, int(POINTS * reach))
     row, col = np.argwhere(inside[1:-1, 1:-1][step // 2 :: step, step // 2 :: step]).T

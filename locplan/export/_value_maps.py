@@ -12,13 +12,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.plain_yaml import dumped
 from locplan.costs import Costmap, about_costs, costs_caption
-from locplan.export._folders import PREVIEW, check_has_field, export_folder
+from locplan.export._registry import check_has_field, export_folder
 from locplan.maps import OccupancyGrid
 
-MASK_DPI = 90
-"""Pixels an inch of the pictures of masks."""
-MODES = ("raw", "scale", "scale-ros1")
 _LOW, _HIGH = 20, 216
 """Greys, counted from white, between which the 1..99 of "scale-ros1" lie."""
 
@@ -30,21 +28,16 @@ class YawWarning(UserWarning):
 def without_yaw(grid: OccupancyGrid) -> OccupancyGrid:
     """The map without its yaw, which Nav2's and ROS 1's planners ignore; warns if there is one."""
     x, y, yaw = grid.origin
-    if yaw:
-        warnings.warn(
-            YawWarning(
-                f"{grid.name or 'the map'} has a yaw of {yaw:g} rad, which the stacks ignore:"
-                " written as they have it, unturned"
-            ),
-            stacklevel=2,
-        )
-    return dataclasses.replace(grid, origin=(x, y, 0.0)) if yaw else grid
+    if not yaw:
+        return grid
+    text = f"{grid.name or 'the map'} has a yaw of {yaw:g} rad, which the stacks ignore:"
+    warnings.warn(YawWarning(f"{text} written as they have it, unturned"), stacklevel=2)
+    return dataclasses.replace(grid, origin=(x, y, 0.0))
 
 
 def where_unturned(grid: OccupancyGrid, xy: NDArray[np.float64]) -> NDArray[np.float64]:
     """World positions (n, 2) as they are on the map without its yaw [m]."""
-    x, y, _ = grid.origin
-    unturned = dataclasses.replace(grid, origin=(x, y, 0.0))
+    unturned = dataclasses.replace(grid, origin=(*grid.origin[:2], 0.0))
     return np.column_stack(unturned.grid_to_world(*grid.world_to_grid(*xy.T)))
 
 
@@ -57,7 +50,6 @@ def write_values(
     255 for unknown, which Nav2 and ROS 1 read alike. It is a .png in the modes "scale" for Nav2
     and "scale-ros1" for ROS 1, whose scale has other steps.
     """
-    import yaml
     from PIL import Image
 
     free, occupied = 0.0, 1.0
@@ -81,8 +73,7 @@ def write_values(
         "occupied_thresh": occupied,
         "free_thresh": free,
     }
-    text = yaml.safe_dump(entries, default_flow_style=None, sort_keys=False, allow_unicode=True)
-    stem.with_suffix(".yaml").write_text(text, encoding="utf-8")
+    stem.with_suffix(".yaml").write_text(dumped(entries, default_flow_style=None), "utf-8")
 
 
 def write_preview(
@@ -98,7 +89,7 @@ def write_preview(
     from locplan.export import _figures
 
     figure = _figures.values_figure(grid, values, label, f"{grid.name or 'map'}: {title}", falling)
-    _figures.save_preview(folder, figure, MASK_DPI)
+    _figures.save_preview(folder, figure, dpi=90)
 
 
 def percent(costs: Costmap) -> NDArray[np.int8]:
@@ -135,19 +126,10 @@ def ros_map(folder: str | Path, costs: Costmap) -> None:
         If the folder cannot be written, or there is no field.
     """
     values = percent(costs)
-    name = costs.grid.name or "a map"
-    readme = [
-        "- raw.yaml, raw.pgm: u in per cent, grey 0-100 as it is and 255 unknown, for every stack.",
-        "- scale.yaml (Nav2), scale_ros1.yaml (ROS 1): the same in mode scale, with their PNGs;"
-        f" {PREVIEW}; export.json: the input.",
-        "- `ros2 run nav2_map_server map_server --ros-args -p yaml_filename:=$PWD/raw.yaml`, then"
-        " `ros2 run nav2_util lifecycle_bringup map_server`",
-        "- ROS 1: `rosrun map_server map_server raw.yaml`",
-    ]
     about = {"kind": "ros-map"} | about_costs(costs)
     grid = without_yaw(costs.grid)
-    with export_folder(Path(folder), f"Localizability of {name}", about, readme) as temporary:
-        for mode in MODES:
+    with export_folder(folder, "ros-map.md", about, map=grid.name or "a map") as temporary:
+        for mode in ("raw", "scale", "scale-ros1"):
             write_values(temporary / mode.replace("-", "_"), values, grid, mode)
         above = f"as it is published{costs_caption(costs)}"
         write_preview(temporary, costs.grid, values, "degeneracy u [%]", above)

@@ -32,6 +32,10 @@ LOOKAHEAD = 20
 """Greatest number of positions that one straight line may replace."""
 
 
+SHIFTS = (2.0, 1.0, 0.5)
+"""Steps by which positions are shifted, one after the other [cells]."""
+
+
 @dataclass(frozen=True)
 class AnyAngle:
     """This planner finds a path of straight lines in any direction.
@@ -164,7 +168,7 @@ def _improved(
         spacing *= 4  # one straightening looks at four times the scale of the one before
         positions = subdivided(positions, spacing)
     positions = subdivided(positions, 8.0)
-    for step in (2.0, 1.0, 0.5):  # [cells], each in at most 20 sweeps over all positions
+    for step in SHIFTS:  # in at most 20 sweeps over all positions
         positions = shift(half, columns, positions, step, 20, cutting)
     kept = shortcut(half, columns, positions, LOOKAHEAD // 2, cutting, cheapest)
     xy = np.column_stack(costs.grid.grid_to_world(*(positions[kept] - 1).T))

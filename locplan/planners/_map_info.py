@@ -133,10 +133,9 @@ class MapInfo(Pictured):
         parts = [table([], self._facts()), self._rooms_table()]
         for pair in self.pairs:
             ends = " / ".join(f"{place.name} {place.xy}" for place in (pair.start, pair.goal))
-            parts += [
-                f"{ends}: {_metres(pair.distance)} by the shortest way",
-                f"  {self.command(pair)}",
-            ]
+            digits = 0 if pair.distance >= 9.95 else 1
+            parts.append(f"{ends}: {pair.distance:.{digits}f} m by the shortest way")
+            parts.append(f"  {self.command(pair)}")
         if self.pairs:
             parts.append(
                 f"{LIDAR} stands for your lidar, or the robot that carries it (locplan plan --help"
@@ -159,13 +158,11 @@ class MapInfo(Pictured):
         for name in ("free", "occupied", "unknown"):
             level = getattr(self, name)
             facts.append([name, f"{in_square_metres(level.area)} ({level.share:.1%})"])
-        if self.source:
-            negate = ", negate" if self.source.negate else ""
-            thresholds = (
-                f"free_thresh {self.source.free_thresh:g},"
-                f" occupied_thresh {self.source.occupied_thresh:g}"
-            )
-            facts.append(["read with", f"mode {self.source.mode}{negate}, {thresholds}"])
+        if source := self.source:
+            mode = f"mode {source.mode}{', negate' if source.negate else ''}"
+            free, occupied = f"{source.free_thresh:g}", f"{source.occupied_thresh:g}"
+            thresholds = f"free_thresh {free}, occupied_thresh {occupied}"
+            facts.append(["read with", f"{mode}, {thresholds}"])
         return facts
 
     def _rooms_table(self) -> str:
@@ -178,9 +175,8 @@ class MapInfo(Pictured):
             places = ", ".join(place.name for place in self.places if place.room == room.number)
             rows.append([str(room.number), in_square_metres(room.area), places or "–"])
         if more := self.rooms[LISTED:]:
-            rows.append(
-                [f"{len(more)} more", in_square_metres(sum(room.area for room in more)), "–"]
-            )
+            area = sum(room.area for room in more)
+            rows.append([f"{len(more)} more", in_square_metres(area), "–"])
         if self.specks:
             name = "1 speck" if self.specks == 1 else f"{self.specks} specks"
             rows.append([name, in_square_metres(self.specks_area), "–"])
@@ -204,12 +200,8 @@ class MapInfo(Pictured):
             "specks": {"count": self.specks, "area": self.specks_area},
             "places": self.table().records(),
             "pairs": [
-                {
-                    "start": pair.start.name,
-                    "goal": pair.goal.name,
-                    "distance": pair.distance,
-                    "command": self.command(pair),
-                }
+                {"start": pair.start.name, "goal": pair.goal.name, "distance": pair.distance}
+                | {"command": self.command(pair)}
                 for pair in self.pairs
             ],
             "warnings": list(self.warnings),
@@ -320,7 +312,3 @@ def _of_robot(grid: OccupancyGrid, radius: float, fits: bool) -> list[str]:
             " that gaps and walls are only roughly known"
         ]
     return []
-
-
-def _metres(distance: float) -> str:
-    return f"{distance:.0f} m" if distance >= 9.95 else f"{distance:.1f} m"

@@ -267,7 +267,10 @@ def planned_near_paths(
         field = field_of(points)
         points = points | field.evaluated
         found = planned(field)
-        cells = _cells_along(paths_of(found), grid, max(resolution, stride * resolution / 2))
+        spacing = max(resolution, stride * resolution / 2)
+        along = [path.resampled(spacing).xy for path in paths_of(found)]
+        xy = np.concatenate([*along, np.empty((0, 2))])
+        cells = np.stack(grid.world_to_grid(*xy.T), axis=1) - 0.5  # from the first cell's centre
         # Within 0.3 m of a path, or one and a half strides, the field must be fine, ...
         close = points_near(needed, stride, cells, max(0.3 / resolution, 1.5 * stride))
         if not (close & ~points).any():
@@ -277,10 +280,3 @@ def planned_near_paths(
         del field, found  # saves memory on a large map
     field = field_of(points)
     return field, planned(field)
-
-
-def _cells_along(paths: Iterable[Path], grid: OccupancyGrid, spacing: float) -> NDArray[np.float64]:
-    """Positions every `spacing` metres along paths [cells from the first cell's centre], (n, 2)."""
-    along = [path.resampled(spacing).xy for path in paths]
-    xy = np.concatenate([*along, np.empty((0, 2))])
-    return np.stack(grid.world_to_grid(*xy.T), axis=1) - 0.5

@@ -140,21 +140,10 @@ def finished(
     note = found.note
     if found.status == "unreachable" and not note:
         note = f"no path joins start and goal for a robot of radius {costs.robot_radius:g} m"
-    return Plan(
-        status=found.status,
-        planner=planner,
-        start=tuple(start),
-        goal=tuple(goal),
-        path=found.path,
-        metrics=None if found.path is None else path_metrics(costs, found.path),
-        solve_time=elapsed,
-        bound=found.bound,
-        feasible_from=found.feasible_from,
-        expanded=found.expanded,
-        history=found.history,
-        note=note,
-        costs=costs,
-    )
+    known = {each.name: getattr(found, each.name) for each in dataclasses.fields(found)}
+    known |= {"note": note, "solve_time": elapsed, "costs": costs}
+    metrics = None if found.path is None else path_metrics(costs, found.path)
+    return Plan(planner=planner, start=tuple(start), goal=tuple(goal), metrics=metrics, **known)
 
 
 POINT = Column("length", "m", "length"), Column("integral", title="integral")
@@ -260,9 +249,8 @@ class ParetoFront(Result, Stored):
     def report(self) -> str:
         """Up to twelve paths with what each metre more saves, the knee marked."""
         if self.status == "timeout":
-            return (
-                f"timeout: no path was found within {self.solve_time:.2f} s; raise the time limit"
-            )
+            within = f"{self.solve_time:.2f} s"
+            return f"timeout: no path was found within {within}; raise the time limit"
         if not len(self):
             return "unreachable: no path leads to the goal"
         unit = "m" if self.objective == "u" else f"{self.costs.e_unit} m"
@@ -271,12 +259,9 @@ class ParetoFront(Result, Stored):
         rows = []
         for index in sorted({*map(int, shown), self.knee}):
             longer = self.length[index] / self.length[0] - 1
-            texts = [f"{self.length[index]:.2f} m", f"+{longer:.1%}"]
-            texts += [
-                f"{rounded_up(self.integral[index])} {unit}",
-                "knee" if index == self.knee else "",
-            ]
-            rows.append([str(index), *texts])
+            texts = [str(index), f"{self.length[index]:.2f} m", f"+{longer:.1%}"]
+            knee = "knee" if index == self.knee else ""
+            rows.append([*texts, f"{rounded_up(self.integral[index])} {unit}", knee])
         how = "exact" if self.epsilon == 0 else f"within {self.epsilon:.2%} of every path"
         count = f"{len(self)} path{'' if len(self) == 1 else 's'}"
         last = f"{count}, {how}; {self.labels:,} labels, {self.solve_time:.2f} s"

@@ -6,7 +6,8 @@
 - `CostObjective` is the objective J, with the length as its admissible heuristic,
 - `ClearMotionValidator` checks a whole motion in one call,
 - `problem_definition` and `state_of` make a query,
-- `grow_roadmap` keeps a PRM's roadmap for any number of queries.
+- `grow_roadmap` keeps a PRM's roadmap for any number of queries,
+- `KINDS` says what each of OMPL's planners can do here.
 
 All take a `Motions`, which holds the costmap and the kind of motion. States are in the world's
 metres and radians. OMPL's Python bindings are those of the package ompl, from 2.0.1.

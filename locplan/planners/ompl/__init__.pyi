@@ -9,4 +9,4 @@ from ._setup import (
     state_of as state_of,
     state_space as state_space,
 )
-from ._stopping import Limits as Limits
+from ._stopping import KINDS as KINDS, Kind as Kind, Limits as Limits

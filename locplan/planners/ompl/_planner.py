@@ -18,12 +18,7 @@ from locplan.planners._any_angle import AnyAngle, straightened
 from locplan.planners._grid import blank_costs, cheapest_cells, connected_parts, through_centres
 from locplan.planners._protocol import MAX_SEED, Found, Position, check_space
 from locplan.planners.ompl._motions import Motions
-from locplan.planners.ompl._stopping import (
-    KINDS,
-    OPTIMAL,
-    Limits,
-    able,
-)
+from locplan.planners.ompl._stopping import KINDS, OPTIMAL, Limits, able
 
 
 @dataclass(frozen=True)
@@ -144,8 +139,10 @@ class Ompl:
         limits, ahead = self.limits, known[0].xy if known else None
         began = time.perf_counter()
         if KINDS[self.name].roadmap:
-            given = {"seed": self.seed or 1, "settings": self.settings, "ahead": ahead}
-            roadmap = grow_roadmap(motions, self.name, limits=limits, **given)
+            seed = self.seed or 1
+            roadmap = grow_roadmap(
+                motions, self.name, limits=limits, seed=seed, settings=self.settings, ahead=ahead
+            )
             poses = roadmap.poses_between(start, goal)
         else:
             poses = _by_tree(self, motions, start, goal, limits, ahead)
@@ -171,7 +168,7 @@ def _by_tree(
     from locplan.planners.ompl._settings import base, logged, planner_of, util
     from locplan.planners.ompl._setup import (
         LeadingGoal,
-        poses_of,
+        pose_reader,
         problem_definition,
         space_information,
     )
@@ -192,10 +189,10 @@ def _by_tree(
         status = tree.solve(base.PlannerTerminationCondition(ends)).getStatus()
         kinds = base.PlannerStatus.PlannerStatusType
         if status in (kinds.INVALID_START, kinds.INVALID_GOAL):
-            ends_given = f"{tuple(start)} or {tuple(goal)}"
-            raise LocplanError(f"OMPL refuses {ends_given} as a state in {motions.space}")
+            raise LocplanError(f"OMPL refuses {start} or {goal} as a state in {motions.space}")
         if status != kinds.EXACT_SOLUTION:
             return None
-        poses = poses_of(problem.getSolutionPath(), motions.space)
+        path, pose = problem.getSolutionPath(), pose_reader(motions.space)
+        poses = np.array([pose(path.getState(n)) for n in range(path.getStateCount())])
     poses[[0, -1], : len(start)] = start, goal
     return poses

@@ -35,7 +35,9 @@ class CostObjective(base.PathLengthOptimizationObjective):
         self._cost = _cost_of(motions)
         self._length = space_information.getStateSpace().distance
         if motions.space == "SE2":  # the distance of this space counts turns
-            self._length = _distance_of_positions
+            self._length = lambda one, other: math.hypot(
+                one.getX() - other.getX(), one.getY() - other.getY()
+            )
 
     def motionCost(self, state: base.State, other: base.State) -> base.Cost:
         """Exact integral of the density along the motion [m].
@@ -180,12 +182,6 @@ def pose_reader(space: str) -> Callable[[base.State], Pose]:
     return lambda state: (state.getX(), state.getY(), state.getYaw())
 
 
-def poses_of(path: base.Path, space: str) -> np.ndarray:
-    """The poses (n, 3) of one of OMPL's paths."""
-    pose = pose_reader(space)
-    return np.array([pose(path.getState(n)) for n in range(path.getStateCount())])
-
-
 def _cost_of(motions: Motions) -> Callable[[base.State, base.State], float]:
     """Make the function of J between two states, finite and fast: it is called all the time."""
     from locplan._kernels.motions import world_cost
@@ -202,11 +198,6 @@ def _cost_of(motions: Motions) -> Callable[[base.State, base.State], float]:
         return float(world_cost(half, columns, kind, radius, frame, *start, *end, BLOCKED))
 
     return between_positions if motions.space == "R2" else between_poses
-
-
-def _distance_of_positions(state: base.State, other: base.State) -> float:
-    """Distance between the positions of two states [m]."""
-    return math.hypot(state.getX() - other.getX(), state.getY() - other.getY())
 
 
 class LeadingGoal(base.GoalSampleableRegion):

@@ -7,9 +7,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from locplan._util.checks import is_number, shown, whole
+from locplan._util.checks import positive, whole
 from locplan._util.progress import ProgressCallback
-from locplan.errors import ConfigError
 from locplan.planners._protocol import SPACES
 
 _NOT_DUBINS = tuple(space for space in SPACES if space != "Dubins")
@@ -83,10 +82,9 @@ class Limits:
     """Time since the start [s] and the best J [m], whenever it was seen to fall."""
 
     def __post_init__(self) -> None:
-        for name, unit in (("time_limit", "seconds"), ("convergence", "a share of J")):
-            value = getattr(self, name)
-            if value is not None and not (is_number(value) and value > 0):
-                raise ConfigError(f"{name} must be positive, {unit}, not {shown(value)}")
+        for name, unit in (("time_limit", "seconds"), ("convergence", "")):
+            if getattr(self, name) is not None:
+                positive(name, getattr(self, name), unit)
         if self.iterations is not None:
             whole("iterations", self.iterations)
         if self.time_limit is None and self.iterations is None:
@@ -127,6 +125,12 @@ class Limits:
         began, iteration = time.perf_counter(), 0
         best: list[tuple[int, float]] = [(0, math.inf)]
 
+        def settled() -> bool:  # J fell by less than a share over the latter half of iterations
+            if self.convergence is None:
+                return False
+            earlier = next(cost for at, cost in reversed(best) if at <= iteration / 2)
+            return best[-1][1] > earlier * (1 - self.convergence)
+
         def ends() -> bool:
             nonlocal iteration
             iteration += 1
@@ -135,7 +139,7 @@ class Limits:
                 if best_cost and (cost := best_cost()) < best[-1][1]:
                     best.append((iteration, cost))
                     self.history.append((elapsed, cost))
-                if iteration >= settled_after and _settled(best, iteration, self.convergence):
+                if iteration >= settled_after and settled():
                     return True
                 if self.progress and iteration % 512 == 0:
                     in_ms = 1000 * elapsed, 1000 * time_limit
@@ -144,11 +148,3 @@ class Limits:
             return elapsed >= time_limit or iteration > most
 
         return ends
-
-
-def _settled(best: list[tuple[int, float]], iteration: int, convergence: float | None) -> bool:
-    """Return whether J fell by less than a share over the latter half of iterations."""
-    if convergence is None:
-        return False
-    earlier = next(cost for at, cost in reversed(best) if at <= iteration / 2)
-    return best[-1][1] > earlier * (1 - convergence)

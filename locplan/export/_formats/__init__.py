@@ -1,1 +1,0 @@
-"""The formats of exports, each with its options; `locplan.export._registry` lists the modules."""
