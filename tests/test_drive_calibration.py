@@ -15,13 +15,11 @@ from small_drive import FILE, MAP
 from locplan import Costmap, Fused, load_config, load_map, plan, save_map
 from locplan._kernels.drives import odometry_along
 from locplan._kernels.particles import move
-from locplan._util.blocks import blocks_along, draws_of, intervals, mean_interval
-from locplan._util.poses import moved, way_between
+from locplan._util import blocks as of_blocks, poses as of_poses
 from locplan.cli import main
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import environments
 from locplan.recordings import Recording, calibrate_drive, odometry_noise, scan_noise
-from locplan.recordings._scan_noise import _in_runs
 from locplan.robots import Amcl, Disturbances, Odometry, Robot
 from locplan.simulation import Simulator, poses_along
 
@@ -86,7 +84,7 @@ def test_drifts_of_odometry_are_found(grid, winding):
 
 def test_biases_of_odometry_are_found(grid, winding, few_resamples):
     odometry = winding.copy()
-    steps = way_between(winding[:-1], winding[1:])
+    steps = of_poses.way_between(winding[:-1], winding[1:])
     for n, (ahead, aside, turn) in enumerate(steps):
         x, y, heading = odometry[n]
         cos, sin = math.cos(heading), math.sin(heading)
@@ -116,7 +114,7 @@ def test_the_alphas_of_amcls_own_model_are_found(grid, winding, few_resamples):
     true = Amcl(alpha1=0.05, alpha2=0.02, alpha3=0.04, alpha4=0.03, update_min_d=0.01)
     settings = Simulator(grid, robot=Robot(filter=true)).arguments.filter
     random, poses = np.random.default_rng(2), [np.zeros(3)]
-    steps = way_between(winding[:-1], winding[1:])
+    steps = of_poses.way_between(winding[:-1], winding[1:])
     for ahead, aside, turn in steps:
         particle = poses[-1][:, None].copy()
         # Odometry in the particle's own axes, as AMCL applies it.
@@ -176,7 +174,7 @@ def test_jumps_of_odometry_are_left_out(few_resamples):
     drive = Recording.load(FILE)
     plain = odometry_noise(drive, Amcl())
     odometry, poses = drive.odometry.copy(), drive.poses.copy()
-    odometry[150:] = moved(odometry[150:], (-7.0, 3.0, 2.0))
+    odometry[150:] = of_poses.moved(odometry[150:], (-7.0, 3.0, 2.0))
     poses[300:, 0] += 4.0
     found = odometry_noise(dataclasses.replace(drive, poses=poses, odometry=odometry), Amcl())
     assert found.notes[-1].endswith("which are left out: 2")
@@ -203,10 +201,14 @@ def test_walls_that_differ_from_the_map_are_no_objects():
     assert found.occlusion_deg.value == pytest.approx(Disturbances.occlusion_deg, abs=3)
 
 
-def test_runs_of_short_beams_count_from_four_on():
+def test_runs_of_short_beams_count_from_four_on(grid, line):
+    plain = recorded(grid, line[::4], disturbances=Disturbances(**EXACT))
     short = np.array([1, 1, 1, 0, 1, 1, 1, 1, 0, 1, 1, 1, 1, 1], bool)
-    assert _in_runs(short) == 9
-    assert _in_runs(~short) == 0
+    for first, count in ((short, 9), (short[:3], 0)):
+        ranges = plain.ranges.copy()
+        ranges[:, 10 : 10 + len(first)][:, first] = 0.3
+        found = scan_noise(dataclasses.replace(plain, ranges=ranges), grid)
+        assert found.occlusion_deg.value == pytest.approx(count * 270 / 90), count
 
 
 def test_scans_of_another_map_are_refused(grid, line):
@@ -219,15 +221,15 @@ def test_scans_of_another_map_are_refused(grid, line):
 
 def test_blocks_are_drawn_as_a_whole():
     poses = np.column_stack([np.arange(0, 80, 0.5), np.zeros(160), np.zeros(160)])
-    blocks = blocks_along(poses)
+    blocks = of_blocks.blocks_along(poses)
     assert np.bincount(blocks).tolist() == [20] * 8
-    drawn = draws_of(blocks)
+    drawn = of_blocks.draws_of(blocks)
     assert (drawn.sum(axis=1) == 160).all()
     assert (drawn.reshape(len(drawn), 8, 20).std(axis=2) == 0).all()
-    value, low, high = mean_interval(blocks.astype(float), blocks)
+    value, low, high = of_blocks.mean_interval(blocks.astype(float), blocks)
     assert (value, low < value < high) == (3.5, True)
-    assert math.isnan(mean_interval(np.ones(60), blocks[:60]).low)
-    (total,) = intervals(lambda weights: np.array([weights.sum()]), blocks, 50)
+    assert math.isnan(of_blocks.mean_interval(np.ones(60), blocks[:60]).low)
+    (total,) = of_blocks.intervals(lambda weights: np.array([weights.sum()]), blocks, 50)
     assert total == (160, 160, 160)
 
 

@@ -12,11 +12,11 @@ from made_drives import recorded
 from locplan import Costmap, plan, save_map
 from locplan.cli import main
 from locplan.errors import RecordingError
-from locplan.maps import environments
+from locplan.maps import environments, own_axes
 from locplan.recordings import replay, tune_on_drive
-from locplan.recordings._tracks import RecordedBench, Tracks, _stretches
+from locplan.recordings._tracks import Tracks
 from locplan.robots import Amcl, Disturbances, Robot, read_amcl
-from locplan.simulation import poses_along, tuning_figure
+from locplan.simulation import TuningBench, poses_along, tuning_figure
 
 FEW = {"min_particles": 60, "max_particles": 120}
 POOR = Amcl(**FEW, alpha1=1.0, alpha2=1.0, alpha3=1.0, alpha4=1.0)
@@ -40,28 +40,49 @@ def tuned(grid, drive):
     return tune_on_drive(drive, grid, robot=Robot(filter=POOR), drives=2)
 
 
-def test_stretches_are_the_whole_drive_in_equal_parts(drive):
-    stretches = _stretches(drive)
-    assert len(stretches) == 10
-    scans = np.concatenate([np.arange(len(drive))[each] for each in stretches])
-    assert scans.tolist() == list(range(len(drive)))
-    assert {round(drive[each].length, 1) for each in stretches} <= {3.3, 3.4}
+STILL = Amcl(min_particles=20, max_particles=20, alpha1=0.0, alpha2=0.0, alpha3=0.0, alpha4=0.0)
 
 
-def test_a_drive_on_the_bench_is_the_replay_of_its_stretch(grid, drive):
-    stretch = slice(100, 140)
-    still = Amcl(**FEW, alpha1=0.0, alpha2=0.0, alpha3=0.0, alpha4=0.0)
-    robot = Robot(filter=still, disturbances=Disturbances(start_sigma=0.0, start_sigma_deg=0.0))
-    bench = RecordedBench(grid, Tracks(drive, grid), [stretch], robot, 3, seed=1, threads=1)
-    bench.drive([still], 1, 3)
+@pytest.fixture(scope="module")
+def benches(grid, drive):
+    """The benches of a search and of its judgement, each with the poses of its stretches."""
+    seen, made = [], TuningBench.__init__
+
+    def noted(self, where, of_filter, lidar, levels, lines, *others, **named):
+        seen.append((self, lines))
+        made(self, where, of_filter, lidar, levels, lines, *others, **named)
+
+    robot = Robot(filter=STILL, disturbances=Disturbances(start_sigma=0.0, start_sigma_deg=0.0))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(TuningBench, "__init__", noted)
+        tune_on_drive(drive, grid, robot, drives=2)
+    return seen
+
+
+def test_stretches_are_the_whole_drive_in_equal_parts(benches, grid, drive):
+    (_, search), (_, judge) = benches
+    stretches = [each for pair in zip(search, judge, strict=True) for each in pair]
+    assert len(stretches) == 10  # every other one to search on, the others to judge by
+    np.testing.assert_allclose(np.concatenate(stretches), own_axes(grid, drive.poses))
+    lengths = [float(np.hypot(*np.diff(each[:, :2], axis=0).T).sum()) for each in stretches]
+    assert {round(each, 1) for each in lengths} <= {3.3, 3.4}
+
+
+def test_a_drive_on_the_bench_is_the_replay_of_its_stretch(benches, grid, drive):
+    bench, lines = benches[1]
     # Without noise all particles are one, whatever the random numbers.
-    alone = replay(drive[stretch], grid, robot, runs=2)
-    expected = alone.drives.mean_squares[0]
-    assert bench.driven[still].squares == pytest.approx(np.full((1, 1, 3), expected))
-    assert bench.lengths == pytest.approx([drive[stretch].length])
+    robot = Robot(filter=STILL, disturbances=Disturbances(start_sigma=0.0, start_sigma_deg=0.0))
+    begin = len(benches[0][1][0])
+    stretch = drive[begin : begin + len(lines[0])]
+    expected = replay(stretch, grid, robot, runs=2).drives.mean_squares[0]
+    bench.drive([STILL], 1, 2)
+    assert bench.driven[STILL].squares[:, :1] == pytest.approx(np.full((1, 1, 2), expected))
+    assert bench.lengths[0] == pytest.approx(stretch.length)
     other = Amcl(**FEW)
-    bench.drive([other], 1, 3)
-    assert np.ptp(bench.driven[other].squares) > 0  # every replay has random numbers of its own
+    bench.drive([other], 1, 2)
+    assert (
+        np.ptp(bench.driven[other].squares[:, 0]) > 0
+    )  # every replay has random numbers of its own
 
 
 def test_a_stretch_is_tracked_as_a_drive_of_its_own(grid, drive):
@@ -96,23 +117,6 @@ def test_reports_speak_of_the_drive(tuned):
     json.dumps(about, allow_nan=False)
     figure = tuning_figure(tuned)
     assert "5 stretches of the drive" in figure.get_suptitle().replace("\n", " ")
-
-
-def test_search_and_judgement_have_other_stretches(monkeypatch, grid, drive):
-    seen = []
-    made = RecordedBench.__init__
-
-    def noted(self, where, tracks, stretches, *others, **named):
-        seen.append(stretches)
-        made(self, where, tracks, stretches, *others, **named)
-
-    monkeypatch.setattr(RecordedBench, "__init__", noted)
-    tune_on_drive(
-        drive, grid, robot=Robot(filter=Amcl(min_particles=20, max_particles=20)), drives=2
-    )
-    search, judge = ({each.start for each in stretches} for stretches in seen)
-    assert len(search) == len(judge) == 5
-    assert not search & judge
 
 
 def test_drives_that_nothing_can_be_tuned_on_are_refused(grid, drive):

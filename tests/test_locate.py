@@ -18,7 +18,7 @@ from locplan import Lidar, LocplanError, Path, ScanDatabase, load_map, locate
 from locplan._kernels.scan_losses import fits, loss_at, refine, settle
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.matching import Matching, ends_of, make_database, turning_lever
+from locplan.matching import Matching, ScanOnMap, make_database
 from locplan.recordings import Recording, match_scans
 from locplan.twins import locate_drive, locate_figure, located_drive_figure
 
@@ -268,7 +268,8 @@ def test_settling_finds_the_least_loss_as_the_plain_search_does(different):
     database = make_database(different, Matching(lidar=LIDAR))
     ranges = scan_at(different, LIDAR, *POSES[0])
     compared = database.matching.compared(ranges[None])[0]
-    ends, lever = ends_of(database, compared), turning_lever(database, compared)
+    scan = ScanOnMap(database, compared)
+    ends, lever = scan.ends, scan.lever
     tables, last = database.tables, len(database.tables.corners) - 1
 
     def refined(pose):

@@ -13,6 +13,7 @@ from conftest import SHARED_DATA, few_of
 from drive_bags import BEGIN, KINDS, back, on, read_with, times_of, write_drive, writing
 from small_drive import FILE
 
+from locplan._util import frames
 from locplan.errors import LocplanError, RecordingError
 from locplan.recordings import Recording, read_drive
 from locplan.robots import Lidar
@@ -444,66 +445,58 @@ def test_progress_counts_messages_in_two_passes(tmp_path):
 
 
 def test_transforms_that_no_pose_needs_are_left_out():
-    from locplan._util.frames import IDENTITY, FrameTree
     from locplan.recordings._logs import Options
     from locplan.recordings._places import Heard
 
-    tree = FrameTree([1.0])
-    tree.add_static("base_link", "laser", IDENTITY)
+    tree = frames.FrameTree([1.0])
+    tree.add_static("base_link", "laser", frames.IDENTITY)
     edges = (("odom", "base_link"), ("base_link", "wheel"), ("world", "camera"))
     for parent, child in edges:
-        tree.add(1.0, parent, child, IDENTITY)
+        tree.add(1.0, parent, child, frames.IDENTITY)
     heard = Heard(tree, [1.0], "laser", Options(), "")
     heard.leave_out_others()
     assert "wheel" in tree.frames  # nothing leads to the map yet
-    tree.add(1.0, "map", "odom", IDENTITY)
+    tree.add(1.0, "map", "odom", frames.IDENTITY)
     heard.leave_out_others()
-    tree.add(1.0, "base_link", "wheel", IDENTITY)
+    tree.add(1.0, "base_link", "wheel", frames.IDENTITY)
     assert tree.frames == ("base_link", "laser", "map", "odom")
 
 
 def test_memory_is_taken_by_what_is_kept(tmp_path):
     """Of the moving transforms two samples a scan are kept, however many were recorded."""
-    from locplan._util.frames import IDENTITY, Track
-
-    track = Track([1.0, 2.0, 3.0])
+    track = frames.Track([1.0, 2.0, 3.0])
     for n in range(4000):
-        track.add(n / 1000, (n, *IDENTITY[1:]))
+        track.add(n / 1000, (n, *frames.IDENTITY[1:]))
     assert track._before.shape == track._after.shape == (3, 8)
     np.testing.assert_allclose(track.at_times()[:, 0], [1000, 2000, 3000])
 
 
 def test_samples_that_arrive_late_are_used():
-    from locplan._util.frames import IDENTITY, Track
-
     times = [1.0, 2.0, 3.0, 4.0]
     samples = [0.5, 0.9, 1.2, 1.95, 2.1, 2.9, 3.3, 3.6, 4.2]
     wanted = np.array(times) * 10
     for seed in range(20):
-        track = Track(times)
+        track = frames.Track(times)
         for time in np.random.default_rng(seed).permutation(samples):
-            track.add(float(time), (10 * float(time), *IDENTITY[1:]))
+            track.add(float(time), (10 * float(time), *frames.IDENTITY[1:]))
         np.testing.assert_allclose(track.at_times()[:, 0], wanted)
 
 
 def test_a_quaternion_and_its_negative_are_the_same_turn():
-    from locplan._util.frames import Track, in_plane
-
-    track = Track([1.0])
+    track = frames.Track([1.0])
     for time, yaw, sign in ((0.9, 0.4, 1.0), (1.1, 0.6, -1.0)):
         turn = (sign * math.sin(yaw / 2), sign * math.cos(yaw / 2))
         track.add(time, (yaw, 0.0, 0.0, 0.0, 0.0, *turn))
-    np.testing.assert_allclose(in_plane(track.at_times()), [[0.5, 0.0, 0.5]], atol=1e-12)
+    np.testing.assert_allclose(frames.in_plane(track.at_times()), [[0.5, 0.0, 0.5]], atol=1e-12)
 
 
 def test_a_transform_and_its_inverse_cancel():
-    from locplan._util.frames import composed, in_plane, inverse
-
     random = np.random.default_rng(2)
     pose = np.concatenate([random.normal(size=(9, 3)), random.normal(size=(9, 4))], axis=1)
     pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
-    identity = composed(pose, inverse(pose))
+    identity = frames.composed(pose, frames.inverse(pose))
     np.testing.assert_allclose(identity[:, :6], 0.0, atol=1e-12)
     plane = np.array([[1.0, 2.0, 0.0, 0.0, 0.0, math.sin(0.35), math.cos(0.35)]])
-    np.testing.assert_allclose(in_plane(composed(plane, plane))[0], on((1, 2, 0.7), (1, 2, 0.7)))
-    np.testing.assert_allclose(in_plane(inverse(plane))[0], back((1, 2, 0.7)))
+    twice = frames.in_plane(frames.composed(plane, plane))[0]
+    np.testing.assert_allclose(twice, on((1, 2, 0.7), (1, 2, 0.7)))
+    np.testing.assert_allclose(frames.in_plane(frames.inverse(plane))[0], back((1, 2, 0.7)))

@@ -21,10 +21,15 @@ from locplan._kernels.likelihood import TOP, make_lattice
 from locplan._kernels.matches import recorded_posteriors
 from locplan.errors import ConfigError, RecordingError
 from locplan.field import FieldConfig, SearchWindow
-from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.recordings import DriveEvaluation, Recording, drive_figure, evaluate_drive, match_scans
-from locplan.recordings._agreement import _axis, _worst_block
+from locplan.recordings import (
+    DriveEvaluation,
+    Matches,
+    Recording,
+    drive_figure,
+    evaluate_drive,
+    match_scans,
+)
 
 CARMEN = SHARED_DATA / "carmen"
 
@@ -49,10 +54,9 @@ def test_posteriors_are_those_of_the_plain_loops():
     levels = np.full((24, 30), FREE, np.uint8)
     levels[random.random(levels.shape) < 0.06] = OCCUPIED
     resolution, effective, beams = 0.1, 6.0, 14
-    window = SearchWindow(
-        half_width=0.3, step=0.1, half_rotation_deg=8.0, rotation_step_deg=4.0
-    ).on(resolution)
-    field = likelihood_field(levels, resolution, window.step_cells, window.half_steps, 0.1, 0.05)
+    searched = SearchWindow(half_width=0.3, step=0.1, half_rotation_deg=8.0, rotation_step_deg=4.0)
+    window = searched.on(resolution)
+    field = Scan(Lidar(), window=searched).prepare(levels, resolution).likelihood
     cells = np.array([[10, 12], [4, 20], [15, 6]])
     ends = random.uniform(-6, 6, (3, beams, 2))
     ends[random.random(ends.shape[:2]) < 0.2] = np.nan
@@ -211,12 +215,44 @@ def test_drives_that_cannot_be_compared_are_refused(office, drive):
     ],
 )
 def test_no_stretch_is_left_out_of_the_worst(blocks, worst):
-    assert _worst_block(np.array(blocks), np.array([0, 1, 2, 5.5, 4, 5, 6.0])) == worst
+    stds = 0.1 * np.exp([0, 1, 2, 5.5, 4, 5, 6.0])
+    here = np.flatnonzero(np.array(blocks) == worst)
+    said = f"lie around {here.mean():.1f},0.0, where"
+    assert said in made_up(stds, np.zeros(7), blocks).verdict[1]
 
 
-def test_an_axis_along_x_has_no_angle():
-    assert _axis(np.radians([179.0, 180.8, -0.3])) == 0
-    assert _axis(np.radians([85.0, -89.0])) == 88
+@pytest.mark.parametrize(
+    ("directions", "axis"), [([179.0, 180.8, -0.3], 0), ([85.0, -89.0], 88), ([-45.0], 135)]
+)
+def test_an_axis_along_x_has_no_angle(directions, axis):
+    count = len(directions)
+    one = made_up(np.full(count, 0.5), np.radians(directions), [0] * count)
+    assert f"along {axis}°" in one.verdict[1]
+
+
+def made_up(stds, directions, blocks):
+    """An evaluation of scans 1 m apart with these deviations, in these blocks."""
+    count, turns = len(stds), np.zeros((len(stds), 3, 3))
+    turns[:, 2, 2] = 1.0
+    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(directions)
+    turns[:, 1, 0], turns[:, 0, 1] = np.sin(directions), -np.sin(directions)
+    own = np.zeros((count, 3, 3))
+    own[:, 0, 0], own[:, 1, 1], own[:, 2, 2] = stds**2, (0.1 * stds) ** 2, 1e-4
+    covariance = turns @ own @ turns.transpose(0, 2, 1)
+    lidar, poses = Lidar(beams=12), np.column_stack([np.arange(count), *np.zeros((2, count))])
+    found = DriveEvaluation(
+        Matches(
+            Recording(np.ones((count, 12)), lidar, poses),
+            OccupancyGrid(np.full((9, 9), FREE, np.uint8), 0.1),
+            Scan(lidar),
+            *(np.zeros((count, 3)), np.zeros((count, 3)), covariance),
+            *(np.zeros(count), np.zeros(count), np.zeros(count), np.full(count, 12)),
+        ),
+        {"scan": covariance},
+        {"scan": "position_std"},
+    )
+    vars(found)["blocks"] = np.array(blocks)
+    return found
 
 
 @pytest.mark.draws

@@ -155,12 +155,10 @@ def test_a_turned_map_gives_the_same_errors_in_the_world(grid, drive, replayed):
 
 
 def test_odometry_may_be_in_any_frame(grid, drive, replayed):
-    from locplan._util.poses import moved
-
     # The filter updates by the distance along x or y of odometry: a quarter turn keeps both.
-    shifted = moved(drive.odometry, (5.0, 1.0, math.pi / 2))
+    turned = dataclasses.replace(drive, poses=drive.odometry).moved(5.0, 1.0, math.pi / 2)
     found = replay(
-        dataclasses.replace(drive, odometry=shifted), grid, robot=Robot(filter=SHARP), runs=6
+        dataclasses.replace(drive, odometry=turned.poses), grid, robot=Robot(filter=SHARP), runs=6
     )
     assert found.errors == pytest.approx(replayed.errors, abs=1e-6)
 

@@ -242,14 +242,14 @@ def test_a_description_has_the_lidar(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("robot: {speed: 1}", "a robot has no 'speed'; it has lidar, footprint"),
+        ("robot: {speed: 1}", "a robot has no 'speed'; it has lidar, kinematics"),
         ("robot: {filter: {alpha9: 1}}", "filter has no 'alpha9'; it has alpha1"),
         ("robot: {filter: {alpha1: -1}}", "filter: alpha1 must be at least 0"),
         ("robot: {filter: mine}", "filter must be an Amcl, not 'mine'"),
         ("robot: {lidar: [3]}", "lidar must hold settings by name"),
         ("robot: {lidar: sonar}", "lidar must be one of"),
         ("robot: {margin: -1}", "margin must be at least 0, not -1"),
-        ("robot: {footprint: [[1, 2]]}", "footprint must be three or more corners"),
+        ("robot: {footprint: [[1, 2]]}", "footprint must be three or more finite corners"),
         ("robot: {kinematics: {drive: car-like}}", "kinematics: a car-like robot"),
         ("robot: 3", "has no parameters of Nav2's nodes"),
     ],

@@ -14,7 +14,7 @@ from locplan._kernels import scan_losses as losses, shortlist as lists
 from locplan._kernels.lidar import Lidar as Beams
 from locplan._kernels.rays import empty_squares
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.matching import TURNS, Matching, ends_of, find_modes, losses_at, make_database
+from locplan.matching import TURNS, Matching, ScanOnMap, make_database
 from locplan.robots import Lidar
 
 CAP = 8
@@ -176,9 +176,10 @@ def test_no_pose_away_from_home_is_better_than_the_best_mode(seed):
     database = make_database(grid, Matching(lidar=Lidar(range=5.0), robot_radius=0.2))
     home = np.array([*database.positions[len(database.positions) // 3], 0.4])
     (ranges,) = database.scans_at(home[None])
-    found = find_modes(database, ranges, home)
+    scan = ScanOnMap(database, ranges)
+    found = scan.modes(home)
     away = np.hypot(*(found.poses[:, :2] - home[:2]).T) * grid.resolution > 2.0
-    ends = ends_of(database, ranges).astype(float)
+    ends = scan.ends.astype(float)
     tables, last = database.tables, len(database.tables.corners) - 1
     values = (tables.corners[last] & 255).reshape(tables.height, tables.width).astype(float)
     reach = np.hypot(*ends)
@@ -202,13 +203,13 @@ def test_no_pose_away_from_home_is_better_than_the_best_mode(seed):
         return far and losses.fits(tables, x, y)
 
     def loss(x, y, heading):
-        return losses.loss_at(tables, last, ends_of(database, ranges), x, y, heading)
+        return losses.loss_at(tables, last, ScanOnMap(database, ranges).ends, x, y, heading)
 
     rows, cols = grid.shape
     box = [(0.0, cols), (0.0, rows), (-math.pi, math.pi)]
     where, expected = naive.best_pose(bound, loss, fits, box, (1.0, 1.0, math.radians(3.0)))
     assert where is not None
-    (exact,) = losses_at(database, ranges, np.array([where]))
+    (exact,) = ScanOnMap(database, ranges).losses_at(np.array([where]))
     assert exact < 15  # beyond, modes need not be found
     assert expected > 0
     assert found.losses[away].min() <= exact + 0.05

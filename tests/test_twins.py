@@ -16,7 +16,7 @@ from scipy.ndimage import affine_transform
 import locplan
 from locplan import Lidar, LocplanError, ScanDatabase, find_twins
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, save_map
-from locplan.matching import Matching, find_all_modes, find_modes, make_database, places_every
+from locplan.matching import Matching, ScanOnMap, find_all_modes, make_database, places_every
 from locplan.robots import Disturbances, Robot
 from locplan.twins import LAYERS, GlobalMatches, twins_figure
 
@@ -246,13 +246,13 @@ def test_modes_without_a_home_are_those_of_a_scan():
     database = make_database(two_rooms(), Matching(lidar=LIDAR))
     home = np.array([[15.5, 30.5, 1.1]])
     scans = database.scans_at(home)
-    found = find_modes(database, scans[0])
+    found = ScanOnMap(database, scans[0]).modes()
     assert found.losses[0] <= found.losses[1]
     at = {tuple(np.round(pose[:2] - home[0, :2]).astype(int)) for pose in found.poses[:2]}
     assert at == {(0, 0), (ROOM + GAP, 0)}
     (again,) = find_all_modes(database, scans)
     np.testing.assert_array_equal(again.poses, found.poses)
-    assert find_modes(database, np.full(96, np.inf)).poses.shape == (0, 3)
+    assert ScanOnMap(database, np.full(96, np.inf)).modes().poses.shape == (0, 3)
 
 
 def test_few_effective_beams_find_many_more_twins(equal_rooms):

@@ -3,12 +3,13 @@ from ._database import (
     make_database as make_database,
     places_every as places_every,
 )
-from ._matcher import Matcher as Matcher, Posteriors as Posteriors
 from ._matching import (
     GLOBAL_EFFECTIVE_BEAMS as GLOBAL_EFFECTIVE_BEAMS,
     STEP as STEP,
     TURNS as TURNS,
+    Matcher as Matcher,
     Matching as Matching,
+    Posteriors as Posteriors,
 )
 from ._modes import (
     APART as APART,
@@ -16,16 +17,9 @@ from ._modes import (
     ENOUGH as ENOUGH,
     MIN_RETURNS as MIN_RETURNS,
     TURNED as TURNED,
-    ends_of as ends_of,
+    ScanOnMap as ScanOnMap,
     find_all_modes as find_all_modes,
-    find_modes as find_modes,
     in_batches as in_batches,
-    joined_to as joined_to,
-    losses_at as losses_at,
-    moved_to_least as moved_to_least,
-    refined as refined,
-    shortlisted as shortlisted,
-    turning_lever as turning_lever,
 )
 from ._scan_database import (
     CLEARANCE as CLEARANCE,

@@ -18,22 +18,8 @@ from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.matching._matching import TURNS, Matching, loss_tables
 
-SHARES = 20, 10, 30
-"""Steps of progress of the losses, the places and the ranges, which take about that much time."""
-LATTICE = 0.4
-"""Spacing of the places that scans are compared with [m]."""
-CODES_A_METRE = 16
-"""Number of codes of a range; they begin anew after 16 m."""
-CAP = 8
-"""Difference of two ranges from which on a beam costs no more [codes], half a metre."""
-NO_RETURN = 32
-"""How far the code of no return lies behind that of the lidar's range [codes]."""
-BRANCH = 0.1
-"""Least area of a region where the robot fits, against the largest, that counts as reachable."""
 BAND = 1 << 20
 """Number of cells that are looked through at once, which bounds the memory."""
-BLOCK = 1 << 14
-"""Number of places whose ranges are computed at once, which bounds the memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,14 +72,17 @@ class Database:
         return ranges
 
     def codes_of(self, ranges: Numbers) -> NDArray[np.uint8]:
-        """Codes of ranges, of which 16 are a metre.
+        """Codes of ranges, of which 16 are a metre; they begin anew after 16 m.
 
         Parameters
         ----------
         ranges : array
             Ranges, infinite without a return [m].
         """
-        return _codes(ranges, self.matching.lidar.range)
+        # No return lies two metres behind the lidar's range, which no wall does.
+        none = 16 * self.matching.lidar.range + 32
+        counts = np.where(np.isfinite(ranges), 16 * ranges, none)
+        return np.asarray(np.floor(counts).astype(np.int64) % 256, np.uint8)
 
     def in_world(self, poses: Numbers) -> Numbers:
         """Poses in the world, (n, 3) [m, m, rad].
@@ -154,14 +143,13 @@ def make_database(
             f"a robot of radius {matching.robot_radius:g} m fits nowhere in"
             f" {grid.name or 'the map'}; give a smaller radius"
         )
-    losing, placing, casting = parts(progress, SHARES)
-    tables = loss_tables(grid, matching, fits, scaled(losing, SHARES[0]))
-    lidar_fits = _of_lidar(grid, matching, fits)
-    positions = places_every(LATTICE, lidar_fits, grid.resolution, scaled(placing, SHARES[1]))
+    shares = 20, 10, 30  # of the time that the parts take
+    losing, placing, casting = map(scaled, parts(progress, shares), shares)
+    tables = loss_tables(grid, matching, fits, losing)
+    positions = places_every(0.4, _of_lidar(grid, matching, fits), grid.resolution, placing)
     squares = empty_squares(occupied)
     made = Database(grid, matching, fits, positions, np.empty(0, np.uint8), tables, squares)
-    codes = _all_codes(made, scaled(casting, SHARES[2]))
-    return dataclasses.replace(made, codes=codes)
+    return dataclasses.replace(made, codes=_all_codes(made, casting))
 
 
 def _all_codes(database: Database, progress: ProgressCallback) -> NDArray[np.uint8]:
@@ -171,8 +159,8 @@ def _all_codes(database: Database, progress: ProgressCallback) -> NDArray[np.uin
     count = len(database.positions)
     blocks = -(-count // OCTETS)
     padded = np.zeros((blocks * OCTETS, TURNS), np.uint8)
-    for first in range(0, count, BLOCK):
-        some = database.positions[first : first + BLOCK]
+    for first in range(0, count, 1 << 14):  # in blocks, which bounds the memory
+        some = database.positions[first : first + (1 << 14)]
         poses = np.column_stack([some, np.zeros(len(some))])
         ranges = _ranges(database, poses, 0.0, 0.0)
         padded[first : first + len(some)] = database.codes_of(ranges)
@@ -194,7 +182,7 @@ def reachable(
     _, labels, stats, _ = cv2.connectedComponentsWithStats(fits, connectivity=4)
     areas = stats[:, cv2.CC_STAT_AREA].copy()
     areas[0] = 0
-    large = areas >= max(1.0, BRANCH * areas.max())
+    large = areas >= max(1.0, 0.1 * areas.max())
     for row, col in places:
         large[labels[row, col]] = True
     large[0] = False
@@ -267,9 +255,3 @@ def _ranges(database: Database, poses: Numbers, forward: float, left: float) -> 
     at = np.ascontiguousarray(poses[:, [1, 0, 2]])
     ranges_from(database.squares, database.grid.resolution, at, beams, ranges)
     return ranges
-
-
-def _codes(ranges: Numbers, farthest: float) -> NDArray[np.uint8]:
-    none = CODES_A_METRE * farthest + NO_RETURN
-    counts = np.where(np.isfinite(ranges), CODES_A_METRE * ranges, none)
-    return np.asarray(np.floor(counts).astype(np.int64) % 256, np.uint8)

@@ -1,18 +1,20 @@
-"""How scans are matched with a whole map, and the losses of beams' ends around it."""
+"""How scans are matched: with the whole map by losses of beams' ends, or about a pose."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import Settings, instance, keep, keep_checked, number, positive, whole
+from locplan._util.checks import Settings, instance, keep_checked, number, positive, whole
+from locplan._util.poses import Numbers, ends_in_map, turning
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError
-from locplan.field import wall_cells
+from locplan.field import Scan, wall_cells
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.robots import Lidar
 
@@ -57,14 +59,9 @@ class Matching(Settings):
 
     def __post_init__(self) -> None:
         instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
-        keep(
-            self,
-            global_effective_beams=positive(
-                "global_effective_beams", self.global_effective_beams, "beams"
-            ),
-            sigma_hit=positive("sigma_hit", self.sigma_hit, "m"),
-            z_rand=positive("z_rand", self.z_rand),
-        )
+        keep_checked(self, ("global_effective_beams",), positive, "beams")
+        keep_checked(self, ("sigma_hit",), positive, "m")
+        keep_checked(self, ("z_rand",), positive)
         if self.z_rand >= 1:
             raise ConfigError(f"z_rand must be below 1, not {self.z_rand:g}")
         keep_checked(self, ("robot_radius",), number, 0.0)
@@ -143,8 +140,6 @@ class Matching(Settings):
 
 BAND = 1 << 20
 """Number of cells of a strip, which bounds the memory."""
-STEPS = (0.5, 0.25, 0.125)
-"""Steps of the refinement, against the deviation; only with the least one there are several."""
 
 
 def loss_tables(
@@ -185,7 +180,8 @@ def loss_tables(
                 words |= each << np.uint32(8 * n)
         if progress:
             progress(top + count, height)
-    steps = sigmas[:, None] / resolution * STEPS
+    # Steps of the refinement: only with the least deviation there are several.
+    steps = sigmas[:, None] / resolution * (0.5, 0.25, 0.125)
     steps[:-1, 1:] = 0
     return LossTables(
         corners.reshape(len(sigmas), -1),
@@ -215,3 +211,86 @@ def _losses_of_squares(
     losses = np.rint(TOP * np.log(hit + z_rand) / math.log(z_rand)).astype(np.uint32)
     losses[:, -1] = TOP
     return losses
+
+
+class Posteriors(NamedTuple):
+    """The posteriors of n scans about n poses, in the world's frame."""
+
+    mean: Numbers
+    """Mean offset from the pose, (n, 3) [m, m, rad]."""
+    covariance: Numbers
+    """Covariance about the mean, (n, 3, 3) [m, m, rad]."""
+    best: Numbers
+    """Most probable offset, (n, 3) [m, m, rad]."""
+    summary: Numbers
+    """Entropy [nat], ambiguity, and log-likelihood a return at the most probable offset, (n, 3)."""
+
+
+class Matcher:
+    """The likelihood field of a map, made once for many scans.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    settings : Scan
+        The search window, and how a beam's end is scored.
+    """
+
+    def __init__(self, grid: OccupancyGrid, settings: Scan) -> None:
+        self.grid, self.settings = grid, settings
+        self.window = settings.lattice(grid.resolution)
+
+    @classmethod
+    def of(cls, grid: OccupancyGrid, lidar: Lidar) -> Matcher:
+        """Matcher with the default settings for a lidar.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        lidar : Lidar
+            The lidar, with its mount on the robot.
+        """
+        # So many independent beams tell as much as a whole scan.
+        return cls(grid, Scan(lidar, effective_beams=15.0))
+
+    @cached_property
+    def prepared(self) -> Any:
+        """Likelihood field and offsets, in the form that the kernels take."""
+        from locplan._kernels.likelihood import make_lattice
+
+        field = self.settings.prepare(self.grid.cells, self.grid.resolution).likelihood
+        return field, make_lattice(self.window.half_steps, self.window.angles)
+
+    def posteriors(self, on_robot: Numbers, poses: Numbers) -> Posteriors:
+        """Match scans about poses, each from the centre of its cell.
+
+        Parameters
+        ----------
+        on_robot : (n, beams, 2) array
+            Ends of all the lidar's beams ahead and to the left of the robot [m]; NaN for none.
+        poses : (n, 3) array
+            Poses in the world, on the map [m, m, rad].
+        """
+        from locplan._kernels.matches import recorded_posteriors
+
+        count, compared = len(poses), self.settings.beam_numbers
+        ends = ends_in_map(on_robot[:, compared], poses)
+        row, col = self.grid.world_to_grid(*poses[:, :2].T)
+        cells = np.column_stack([np.floor(row), np.floor(col)]).astype(np.int64)
+        ends_row, ends_col = self.grid.world_to_grid(*np.moveaxis(ends, -1, 0))
+        middle = cells + 0.5
+        from_cell = np.stack([ends_col - middle[:, 1, None], ends_row - middle[:, 0, None]], -1)
+        mean, covariance = np.empty((count, 3)), np.empty((count, 3, 3))
+        best, summary = np.zeros((count, 3), np.int64), np.empty((count, 3))
+        found = mean, covariance, best, summary
+        field, lattice = self.prepared
+        recorded_posteriors(field, lattice, cells, from_cell, self.settings.effective_beams, *found)
+        turn, steps = turning(self.grid.origin[2]), self.window.steps
+        return Posteriors(
+            mean * steps @ turn.T,
+            turn @ (covariance * np.outer(steps, steps)) @ turn.T,
+            best * steps @ turn.T,
+            summary,
+        )

@@ -14,15 +14,12 @@ from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.matching._database import Database, _of_lidar, make_database
-from locplan.matching._matcher import Matcher
-from locplan.matching._matching import TURNS, Matching
+from locplan.matching._matching import TURNS, Matcher, Matching
 from locplan.robots import Lidar
 
 CLEARANCE = 0.1
 """Default distance from walls at which a pose is possible [m]; less than the radius of robots,
 since their recorded poses and maps err."""
-KEPT = 4
-"""Number of databases that are kept in memory."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -139,7 +136,7 @@ class ScanDatabase:
         return _restricted(every, chosen)
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=4)
 def database_of(grid: OccupancyGrid, lidar: Lidar, clearance: float) -> ScanDatabase:
     """The database of a map and a lidar, one of the last or a new one."""
     return ScanDatabase(grid, lidar, clearance)

@@ -3,20 +3,12 @@ from ._amcl import (
     MODELS as MODELS,
     OMNIDIRECTIONAL as OMNIDIRECTIONAL,
     Amcl as Amcl,
+    Filter as Filter,
+    Tracker as Tracker,
 )
-from ._filter import Filter as Filter, Tracker as Tracker
-from ._footprint import Footprint as Footprint
-from ._kinematics import (
-    FARTHEST_OBJECT as FARTHEST_OBJECT,
-    NEAREST_OBJECT as NEAREST_OBJECT,
-    Disturbances as Disturbances,
-    Inflation as Inflation,
-    Kinematics as Kinematics,
-    Odometry as Odometry,
-)
+from ._files import ParameterWarning as ParameterWarning, read_amcl as read_amcl
+from ._known_lidars import PRESETS as PRESETS, Preset as Preset
 from ._lidar import MAX_BEAMS as MAX_BEAMS, Lidar as Lidar
-from ._lidar_presets import PRESETS as PRESETS, Preset as Preset
-from ._nav2 import ParameterWarning as ParameterWarning, read_amcl as read_amcl
 from ._parameter_edits import edited_parameters as edited_parameters
 from ._parameters import (
     GLOBAL_COSTMAP as GLOBAL_COSTMAP,
@@ -32,5 +24,13 @@ from ._particles import (
     filter_settings as filter_settings,
     score_values as score_values,
 )
-from ._robot import Robot as Robot
-from ._spelled import robot_spelled as robot_spelled
+from ._parts import (
+    FARTHEST_OBJECT as FARTHEST_OBJECT,
+    NEAREST_OBJECT as NEAREST_OBJECT,
+    Disturbances as Disturbances,
+    Footprint as Footprint,
+    Inflation as Inflation,
+    Kinematics as Kinematics,
+    Odometry as Odometry,
+)
+from ._robot import Robot as Robot, robot_spelled as robot_spelled

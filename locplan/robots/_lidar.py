@@ -22,7 +22,7 @@ from locplan._util.checks import (
     whole,
 )
 from locplan.errors import ConfigError
-from locplan.robots._lidar_presets import PRESETS
+from locplan.robots._known_lidars import PRESETS
 
 MAX_BEAMS = 100_000
 
@@ -194,7 +194,7 @@ class Lidar(Settings):
         ConfigError
             If the file cannot be read, or has no ray sensor, or several.
         """
-        from locplan.robots._lidar_files import read_sensor
+        from locplan.robots._known_lidars import read_sensor
 
         sensor = read_sensor(file_path("a robot's description", path))
         # Gazebo casts all samples, also where the last one of a full circle meets the first.

@@ -216,13 +216,7 @@ def file_and_robot(path: str | os.PathLike[str]) -> tuple[Path, str | None]:
 
 def parameters_of(file: Path, content: bytes, robot: str | None = None) -> Nav2Parameters:
     """Parameters in the content of a file; see `read_parameters`."""
-    root = compose(file, content, REMEDY)
-    try:
-        values = None if root is None else PlainValues().of(root)
-    except (OverflowError, RecursionError):
-        fault = f"its aliases stand for over {MAX_VALUES} values"
-        raise fault_of(file, fault, "write out what they stand for") from None
-    values = values if isinstance(values, dict) else {}
+    values = values_in(file, content, REMEDY)
     for entry in _entries(values):
         if not isinstance(entry.parameters, dict):
             raise LocplanError(f"{file}: {shown(entry.name)} holds no {PARAMETERS}; {REMEDY}")
@@ -288,7 +282,18 @@ def _leaves(
             yield (*above, key), value
 
 
-class PlainValues:
+def values_in(file: Path, content: bytes, remedy: str) -> Parameters:
+    """Values of a file's YAML by name, as ROS reads them; none if it holds others."""
+    root = compose(file, content, remedy)
+    try:
+        values = None if root is None else _PlainValues().of(root)
+    except (OverflowError, RecursionError):
+        fault = f"its aliases stand for over {MAX_VALUES} values"
+        raise fault_of(file, fault, "write out what they stand for") from None
+    return values if isinstance(values, dict) else {}
+
+
+class _PlainValues:
     """The values of YAML's nodes; an OverflowError if there are more than `MAX_VALUES`."""
 
     def __init__(self) -> None:

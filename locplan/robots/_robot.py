@@ -8,41 +8,29 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import chain
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from locplan._util.checks import Settings, differing, file_path, instance, keep, number, shown
 from locplan._util.files import check_target, replacing
-from locplan._util.plain_yaml import compose, dumped, read_content
-from locplan._util.stamps import check_stamp, stamp
+from locplan._util.plain_yaml import dumped
+from locplan._util.recipes import Spelled
+from locplan._util.stamps import stamp
 from locplan.errors import ConfigError
 from locplan.robots._amcl import Amcl
-from locplan.robots._footprint import Footprint
-from locplan.robots._kinematics import Disturbances, Inflation, Kinematics, Odometry
+from locplan.robots._files import (
+    OWN,
+    PARTS,
+    VERSION,
+    errors_at,
+    made,
+    names_of,
+    outline_of,
+    parts_in,
+    parts_of,
+)
+from locplan.robots._known_lidars import PRESETS
 from locplan.robots._lidar import Lidar
-from locplan.robots._nav2 import parts_of
-from locplan.robots._parameters import MAX_BYTES, PlainValues
-
-SUFFIXES = (".yaml", ".yml", ".json")
-DESCRIPTIONS = (".urdf", ".sdf", ".xml", ".world", ".xacro")
-"""Suffixes of robots' descriptions, which have the lidar."""
-REMEDY = "give a robot's file, Nav2's parameters, or a URDF or SDF"
-KIND, VERSION = "robot", 1
-"""Kind and version of a robot's file."""
-OWN = ("footprint", "margin", "goal_tolerance")
-"""Settings of the robot itself."""
-PARTS: dict[str, type] = {
-    "lidar": Lidar,
-    "kinematics": Kinematics,
-    "inflation": Inflation,
-    "filter": Amcl,
-    "odometry": Odometry,
-    "disturbances": Disturbances,
-}
-"""The parts with settings of their own, in the order in which settings are looked up."""
+from locplan.robots._parts import Disturbances, Footprint, Inflation, Kinematics, Odometry
 
 
 @dataclass(frozen=True, repr=False)
@@ -158,7 +146,10 @@ class Robot(Settings):
         """
         parts: dict[str, Any] = {}
         for path in paths:
-            parts |= _parts_in(path)
+            found = parts_in(path)
+            with errors_at(path):
+                cls(**found)  # refuses what is out of range, beside the file's name
+            parts |= found
         return cls(**parts)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -176,7 +167,7 @@ class Robot(Settings):
         """
         target = file_path("a robot's file", path)
         check_target(target, ".yaml")
-        content = {**stamp(KIND, VERSION), "robot": self.summary()}
+        content = {**stamp("robot", VERSION), "robot": self.summary()}
         with replacing(target) as temporary:
             temporary.write_text(dumped(content, default_flow_style=None), encoding="utf-8")
 
@@ -203,7 +194,7 @@ class Robot(Settings):
         ConfigError
             If there is no such setting, or a value is out of its range.
         """
-        return cls(**_made(about))
+        return cls(**made(about))
 
     @property
     def digest(self) -> str:
@@ -256,86 +247,49 @@ class Robot(Settings):
         ConfigError
             If there is no such setting, or a value is out of its range.
         """
+        of_part = {name: part for part, kind in PARTS.items() for name in names_of(kind)}
         parts: dict[str, dict[str, Any]] = {}
         own: dict[str, Any] = {}
         for name, value in changes.items():
-            part = next((part for part, kind in PARTS.items() if name in _names(kind)), None)
-            if part is not None:
-                parts.setdefault(part, {})[name] = value
+            if name in of_part:
+                parts.setdefault(of_part[name], {})[name] = value
             elif name in OWN:
-                own[name] = _footprint(value) if name == "footprint" else value
+                own[name] = outline_of(value) if name == "footprint" else value
             else:
-                raise ConfigError(
-                    f"a robot has no setting {shown(name)}; it has {', '.join(_all_names())}"
-                )
+                known = ", ".join((*OWN, *of_part))
+                raise ConfigError(f"a robot has no setting {shown(name)}; it has {known}")
         for part, given in parts.items():
             own[part] = dataclasses.replace(getattr(self, part) or PARTS[part](), **given)
         return dataclasses.replace(self, **own)
 
 
-def _names(kind: type) -> list[str]:
-    return [each.name for each in dataclasses.fields(kind)]
+def robot_spelled(robot: Robot) -> Spelled:
+    """Options and code that make a robot: its lidar's name, and what differs from the defaults.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    """
+    lidar = robot.lidar
+    named = lidar.model if lidar and lidar.model in PRESETS else None
+    # Any setting of it makes a lidar.
+    changes: dict[str, Any] = {"range": lidar.range} if lidar and not named else {}
+    changes |= _changes(robot, Robot(Lidar.preset(named) if named else lidar and Lidar()))
+    words = ["--lidar", named] if named else []
+    for name, value in changes.items():
+        words += ["--set", f"{name}={value if isinstance(value, str) else json.dumps(value)}"]
+    made = f"locplan.Robot({named!r})" if named else "locplan.Robot()"
+    return Spelled(words, f"{made}.changed({changes!r})" if changes else made)
 
 
-def _all_names() -> list[str]:
-    return [*OWN, *chain.from_iterable(map(_names, PARTS.values()))]
-
-
-def _footprint(value: Any) -> Any:
-    return Footprint(np.asarray(value)) if isinstance(value, (list, tuple)) else value
-
-
-def _parts_in(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """What a file says of a robot, by the names of the fields."""
-    file = file_path("a robot's file", path)
-    if file.suffix.lower() in DESCRIPTIONS:
-        return {"lidar": Lidar.from_file(file)}
-    if file.suffix.lower() in SUFFIXES and file.exists():
-        content = _content_of(file)
-        if isinstance(content.get("robot"), dict):
-            if "version" in content:  # what calibrate wrote has settings of a field besides
-                check_stamp(path, content, KIND, VERSION)
-            try:
-                parts = _made(content["robot"])
-                Robot(**parts)  # refuses what is out of range, beside the file's name
-            except ConfigError as error:
-                raise ConfigError(f"{path}: {error}") from None
-            return parts
-        if file.suffix.lower() == ".json":  # a calibration that is older, or one of a field alone
-            raise ConfigError(f'{path}: has no entry "robot"; {REMEDY}, or calibrate it again')
-    return parts_of(path)
-
-
-def _content_of(file: Path) -> dict[Any, Any]:
-    root = compose(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
-    content = None if root is None else PlainValues().of(root)
-    return content if isinstance(content, dict) else {}
-
-
-def _made(about: Mapping[str, Any]) -> dict[str, Any]:
-    """Parts of a robot that plain data describe."""
-    known = _names(Robot)
-    made: dict[str, Any] = {}
-    for name, value in about.items():
-        if name not in known:
-            raise ConfigError(f"a robot has no {shown(name)}; it has {', '.join(known)}")
-        made[name] = _part(name, value) if name in PARTS else value
-    if "footprint" in made:
-        made["footprint"] = _footprint(made["footprint"])
-    return made
-
-
-def _part(name: str, value: Any) -> Any:
-    kind = PARTS[name]
-    if value is None or isinstance(value, str):
-        return value  # no such part, or the name of a lidar
-    known = _names(kind)
-    if not isinstance(value, Mapping):
-        raise ConfigError(f"{name} must hold settings by name, not {shown(value)}")
-    for each in value:
-        if each not in known:
-            raise ConfigError(f"{name} has no {shown(each)}; it has {', '.join(known)}")
-    try:
-        return kind(**value)
-    except ConfigError as error:
-        raise ConfigError(f"{name}: {error}") from None
+def _changes(robot: Robot, usual: Robot) -> dict[str, Any]:
+    """What `Robot.changed` makes the robot of the usual one by."""
+    changes: dict[str, Any] = {}
+    before = usual.summary()
+    for name, value in robot.summary().items():
+        was = before[name] if isinstance(before[name], dict) else {name: before[name]}
+        now = value if isinstance(value, dict) else {name: value}
+        changes |= {key: own for key, own in now.items() if own != was.get(key)}
+    changes.pop("model", None)  # it decides nothing
+    return changes

@@ -20,10 +20,8 @@ from locplan.matching import (
     TURNED,
     Database,
     ScanDatabase,
+    ScanOnMap,
     checked_database,
-    refined,
-    shortlisted,
-    turning_lever,
 )
 from locplan.recordings import Recording
 from locplan.robots import Lidar
@@ -150,8 +148,9 @@ def located(
 
     lidar, resolution = database.lidar, database.grid.resolution
     compared = places.matching.compared(ranges[None])[0]
-    starts = shortlisted(places, compared)
-    found = refined(places, compared, starts)
+    scan = ScanOnMap(places, compared)
+    starts = scan.shortlisted()
+    found = scan.refined(starts)
     on_robot = lidar.ends_on_robot(ranges[None].astype(np.float32))
     ends = database.compared_ends(on_robot[0])
     if found.returns < MIN_RETURNS or ends.shape[1] < MIN_RETURNS:
@@ -162,10 +161,9 @@ def located(
         )
     # Where people stand around, a wide deviation leads away from the true pose.
     poses = np.concatenate([found.poses[:SETTLED], starts[:UNMOVED]])
-    lever = turning_lever(places, compared)
-    step = max(STEP / resolution, 1.0)
+    tables, lever, step = places.tables, scan.lever, max(STEP / resolution, 1.0)
     losses = np.array(
-        [settle(places.tables, ends, lever, STEPS, step, TURNS_ASIDE, TURN, pose) for pose in poses]
+        [settle(tables, ends, lever, STEPS, step, TURNS_ASIDE, TURN, pose) for pose in poses]
     )
     losses *= database.nats_a_loss / TOP
     stands = np.array([fits(places.tables, *pose[:2]) for pose in poses.tolist()], bool)

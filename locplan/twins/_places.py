@@ -18,8 +18,7 @@ from locplan.matching import (
     MIN_RETURNS,
     TURNED,
     Database,
-    find_modes,
-    joined_to,
+    ScanOnMap,
 )
 
 
@@ -118,7 +117,8 @@ NOTHING_SEEN = Looks(0.0, 1.0, 0, 0, 0.0, np.empty((0, 4)))
 
 def look_around(database: Database, ranges: Numbers, home: Numbers) -> Looks:
     """Match the scan of a pose, x, y [cells] and heading on the map, with the whole map."""
-    found = find_modes(database, ranges, home)
+    scan = ScanOnMap(database, ranges)
+    found = scan.modes(home)
     if found.returns < MIN_RETURNS:
         return NOTHING_SEEN
     resolution = database.grid.resolution
@@ -130,7 +130,7 @@ def look_around(database: Database, ranges: Numbers, home: Numbers) -> Looks:
     excess = found.losses - found.losses[own[0]]
     weights = np.exp(-(found.losses - found.losses.min()))
     far = away > AWAY
-    joined = joined_to(database, ranges, found, int(own[0]))
+    joined = scan.joined_to(found, int(own[0]))
     twins = np.flatnonzero(far & ~joined & (excess <= ENOUGH))[:LISTED]
     low = excess <= THRESHOLD
     slid = away[joined & far]

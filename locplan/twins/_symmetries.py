@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from locplan._util.poses import Numbers, wrapped
 from locplan._util.progress import ProgressCallback
-from locplan.matching import Database, in_batches, losses_at, moved_to_least
+from locplan.matching import Database, ScanOnMap, in_batches
 from locplan.twins._places import THRESHOLD, Looks
 
 ALIKE = 1.0
@@ -175,14 +175,15 @@ def _tried(
     rows, cols = database.fits.shape
     inside = ((moved[:, :2] >= 0) & (moved[:, :2] < (cols, rows))).all(axis=1)
     for n in np.flatnonzero(inside):
-        if np.isfinite(ranges[n]).sum() == 0:
+        scan = ScanOnMap(database, ranges[n])
+        if not scan.returns.any():
             continue
-        twin, loss = moved_to_least(database, ranges[n], moved[n])
+        twin, loss = scan.moved_to_least(moved[n])
         drift = math.hypot(*(twin[:2] - moved[n, :2])) * resolution
         if drift > DRIFT or abs(float(wrapped(twin[2:] - moved[n, 2])[0])) > DRIFT_TURN:
             continue
         twins[n] = twin
-        covered[n] = loss - losses_at(database, ranges[n], homes[n : n + 1])[0] <= THRESHOLD
+        covered[n] = loss - scan.losses_at(homes[n : n + 1])[0] <= THRESHOLD
     return covered, twins
 
 

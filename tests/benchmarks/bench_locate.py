@@ -12,7 +12,7 @@ from numba import njit
 
 import locplan
 from locplan._kernels.scan_losses import loss_at, refine
-from locplan.matching import STEP, TURNS, ends_of, turning_lever
+from locplan.matching import STEP, TURNS, ScanOnMap
 
 LIDAR = locplan.Lidar(range=12.0, beams=360)
 SCANS = 12
@@ -32,7 +32,8 @@ def losses_everywhere(tables, ends, positions, turns, step):
 
 def everywhere(places, ranges, best_of=300):
     """Pose of least loss: all places and turns are scored, and the best of them refined."""
-    ends, lever = ends_of(places, ranges), turning_lever(places, ranges)
+    scan = ScanOnMap(places, ranges)
+    ends, lever = scan.ends, scan.lever
     losses = losses_everywhere(places.tables, ends, places.positions, TURNS, STEP)
     place, turn = np.divmod(np.argsort(losses, axis=None)[:best_of], TURNS)
     poses = np.column_stack([places.positions[place], turn * STEP])

@@ -1,4 +1,4 @@
-"""A robot in the parameters of Nav2: its filter, outline, inflation and kinematics."""
+"""A robot in files: locplan's own, and the parameters of Nav2."""
 
 from __future__ import annotations
 
@@ -9,20 +9,40 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from locplan._util.checks import number, positive
+import numpy as np
+
+from locplan._util.checks import file_path, number, positive, shown
+from locplan._util.plain_yaml import read_content
+from locplan._util.stamps import check_stamp
 from locplan.errors import ConfigError, LocplanError, one_line
 from locplan.robots._amcl import DIFFERENTIAL, OMNIDIRECTIONAL, Amcl
-from locplan.robots._footprint import Footprint
-from locplan.robots._kinematics import Inflation, Kinematics
+from locplan.robots._lidar import Lidar
 from locplan.robots._parameters import (
     AMCL,
     GLOBAL_COSTMAP,
     LOCAL_COSTMAP,
+    MAX_BYTES,
     PLANNER_SERVER,
     Nav2Parameters,
     read_parameters,
+    values_in,
 )
+from locplan.robots._parts import Disturbances, Footprint, Inflation, Kinematics, Odometry
 
+REMEDY = "give a robot's file, Nav2's parameters, or a URDF or SDF"
+VERSION = 1
+"""Version of a robot's file."""
+OWN = ("footprint", "margin", "goal_tolerance")
+"""Settings of the robot itself."""
+PARTS: dict[str, type] = {
+    "lidar": Lidar,
+    "kinematics": Kinematics,
+    "inflation": Inflation,
+    "filter": Amcl,
+    "odometry": Odometry,
+    "disturbances": Disturbances,
+}
+"""The parts with settings of their own, in the order in which settings are looked up."""
 NO_MATTER = {
     "allow_parameter_qos_overrides",
     "always_reset_initial_pose",
@@ -104,7 +124,7 @@ def filter_of(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Amcl 
     foreign = model not in (DIFFERENTIAL, OMNIDIRECTIONAL)
     if not foreign:
         taken["robot_model_type"] = model
-    with _at(path, AMCL):
+    with errors_at(path, AMCL):
         amcl = Amcl(**taken)
     unknown = sorted({name.partition(".")[0] for name in own} - known - NO_MATTER)
     left_out = (*_not_simulated(given), *["robot_model_type"] * foreign, *unknown)
@@ -124,7 +144,7 @@ def _outline(path: str | os.PathLike[str], parameters: Nav2Parameters) -> dict[s
         footprint, radius = str(own.get("footprint") or "[]"), own.get("robot_radius")
         if footprint == "[]" and radius is None:
             continue
-        with _at(path, costmap.partition("/")[0]):
+        with errors_at(path, costmap.partition("/")[0]):
             outline: Footprint | float = (
                 positive("robot_radius", radius, "m")
                 if footprint == "[]"
@@ -142,7 +162,7 @@ def _inflation(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Infl
         if own.get(f"{layer}.plugin") == "nav2_costmap_2d::InflationLayer":
             names = [each.name for each in dataclasses.fields(Inflation)]
             given = {name: own[f"{layer}.{name}"] for name in names if f"{layer}.{name}" in own}
-            with _at(path, f"global_costmap: {layer}"):
+            with errors_at(path, f"global_costmap: {layer}"):
                 return Inflation(**given)
     return None
 
@@ -154,7 +174,7 @@ def _kinematics(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Kin
         model = own.get(f"{planner}.motion_model_for_search")
         if model in ("DUBIN", "REEDS_SHEPP"):  # the latter drives in reverse, too
             radius = own.get(f"{planner}.minimum_turning_radius", 0.4)
-            with _at(path, f"planner_server: {planner}"):
+            with errors_at(path, f"planner_server: {planner}"):
                 reverse = model == "REEDS_SHEPP"
                 return Kinematics(drive="car-like", turning_radius=radius, reverse=reverse)
     sideways = _motion_model(str(parameters.of(AMCL).get("robot_model_type"))) == OMNIDIRECTIONAL
@@ -168,12 +188,12 @@ def _motion_model(name: str) -> str:
 
 
 @contextmanager
-def _at(path: str | os.PathLike[str], where: str) -> Iterator[None]:
-    """Name the file and the place in it in an error of the block."""
+def errors_at(path: str | os.PathLike[str], where: str = "") -> Iterator[None]:
+    """Name the file, and the place in it, in an error of the block."""
     try:
         yield
     except ConfigError as error:
-        raise ConfigError(f"{path}: {where}: {error}") from None
+        raise ConfigError(f"{path}: {where}{': ' if where else ''}{error}") from None
 
 
 def _not_simulated(given: Mapping[str, object]) -> Iterator[str]:
@@ -183,3 +203,59 @@ def _not_simulated(given: Mapping[str, object]) -> Iterator[str]:
             yield name
     if given.get("do_beamskip") and given.get("laser_model_type") == "likelihood_field_prob":
         yield "do_beamskip"
+
+
+def names_of(kind: type) -> list[str]:
+    """Names of the settings of a part."""
+    return [each.name for each in dataclasses.fields(kind)]
+
+
+def outline_of(value: Any) -> Any:
+    """A footprint of a list of corners; anything else as it is."""
+    return Footprint(np.asarray(value)) if isinstance(value, (list, tuple)) else value
+
+
+def parts_in(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """What a file of any kind says of a robot, by the names of `Robot`'s fields."""
+    file = file_path("a robot's file", path)
+    suffix = file.suffix.lower()
+    if suffix in (".urdf", ".sdf", ".xml", ".world", ".xacro"):
+        return {"lidar": Lidar.from_file(file)}
+    if suffix in (".yaml", ".yml", ".json") and file.exists():
+        content = values_in(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
+        if isinstance(content.get("robot"), dict):
+            if "version" in content:  # what calibrate wrote has settings of a field besides
+                check_stamp(path, content, "robot", VERSION)
+            with errors_at(path):
+                return made(content["robot"])
+        if suffix == ".json":  # a calibration that is older, or one of a field alone
+            raise ConfigError(f'{path}: has no entry "robot"; {REMEDY}, or calibrate it again')
+    return parts_of(path)
+
+
+def made(about: Mapping[str, Any]) -> dict[str, Any]:
+    """Parts of a robot that plain data describe."""
+    _check_known("a robot", about, [*PARTS, *OWN])
+    found = {name: _part(name, value) if name in PARTS else value for name, value in about.items()}
+    if "footprint" in found:
+        found["footprint"] = outline_of(found["footprint"])
+    return found
+
+
+def _part(name: str, value: Any) -> Any:
+    kind = PARTS[name]
+    if value is None or isinstance(value, str):
+        return value  # no such part, or the name of a lidar
+    if not isinstance(value, Mapping):
+        raise ConfigError(f"{name} must hold settings by name, not {shown(value)}")
+    _check_known(name, value, names_of(kind))
+    try:
+        return kind(**value)
+    except ConfigError as error:
+        raise ConfigError(f"{name}: {error}") from None
+
+
+def _check_known(what: str, given: Mapping[str, Any], known: list[str]) -> None:
+    for each in given:
+        if each not in known:
+            raise ConfigError(f"{what} has no {shown(each)}; it has {', '.join(known)}")

@@ -1,20 +1,177 @@
-"""A robot's outline, and the check that it stays clear of walls along a path."""
+"""The parts of a robot: its outline, how it moves, how its odometry errs, and what disturbs it."""
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import shown
+from locplan._util.checks import (
+    Settings,
+    instance,
+    keep_checked,
+    number,
+    one_of,
+    positive,
+    shown,
+    whole,
+)
+from locplan._util.poses import turning
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Kinematics(Settings):
+    """How a robot moves.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range, or a robot that turns on the spot has a turning radius.
+
+    Examples
+    --------
+    >>> Kinematics(drive="car-like", turning_radius=1.2)
+    Kinematics(drive='car-like', turning_radius=1.2)
+    """
+
+    drive: Literal["differential", "omnidirectional", "car-like"] = "differential"
+    """A differential drive turns on the spot, an omnidirectional one moves sideways, too, and a
+    car-like one needs a turning radius."""
+    turning_radius: float = 0.0
+    """Least turning radius, above 0 for a car-like robot and else 0 [m]."""
+    reverse: bool = True
+    """Whether the robot drives in reverse, too."""
+    speed: float = 0.5
+    """Usual speed, above 0 [m/s]."""
+
+    def __post_init__(self) -> None:
+        one_of("drive", self.drive, ("differential", "omnidirectional", "car-like"))
+        instance("reverse", self.reverse, bool, "give true or false")
+        keep_checked(self, ("turning_radius",), number, 0.0)
+        keep_checked(self, ("speed",), positive)
+        if (self.drive == "car-like") != (self.turning_radius > 0):
+            raise ConfigError(
+                "a car-like robot, and no other, has a turning_radius above 0; this one is"
+                f" {self.drive} with {self.turning_radius:g} m"
+            )
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Inflation(Settings):
+    """Nav2's inflation of a costmap, which keeps planned paths off the walls.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> Inflation(inflation_radius=0.7).cost_scaling_factor
+    10.0
+    """
+
+    inflation_radius: float = 0.55
+    """Distance from walls up to which cells cost more, >= 0 [m]."""
+    cost_scaling_factor: float = 10.0
+    """Decay of the cost with the distance, above 0 [1/m]."""
+
+    def __post_init__(self) -> None:
+        keep_checked(self, ("inflation_radius",), number, 0.0)
+        keep_checked(self, ("cost_scaling_factor",), positive)
+
+
+NEAREST_OBJECT, FARTHEST_OBJECT = 0.5, 2.0
+"""Least and greatest distance of an object that occludes the lidar [m]."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Odometry(Settings):
+    """Errors of a robot's odometry.
+
+    The defaults are those of a small robot indoors, set before anything was measured with them.
+    `locplan.recordings.calibrate_drive` finds those of a recorded drive.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> Odometry(distance_drift=0.05)
+    Odometry(distance_drift=0.05)
+    """
+
+    distance_drift: float = 0.02
+    """Standard deviation of the reported distance after 1 m, >= 0 [m]; it grows with the root of
+    the distance."""
+    heading_drift_deg: float = 1.0
+    """Standard deviation of the reported heading after 1 m, >= 0 [deg]; it grows with the root of
+    the distance."""
+    turn_drift_deg: float = 1.0
+    """Standard deviation of the reported heading after a turn of 1 rad, >= 0 [deg]; it grows with
+    the root of the turn."""
+    distance_bias: float = 0.02
+    """Standard deviation, from drive to drive, of the factor on reported distances, >= 0 [1]."""
+    heading_bias_deg: float = 1.0
+    """Standard deviation, from drive to drive, of a reported bend to one side, >= 0 [deg/m]."""
+    turn_bias: float = 0.02
+    """Standard deviation, from drive to drive, of the factor on reported turns, >= 0 [1]."""
+
+    def __post_init__(self) -> None:
+        keep_checked(self, [each.name for each in dataclasses.fields(self)], number, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Disturbances(Settings):
+    """Disturbances of a lidar and a filter, and worlds that differ from the map.
+
+    The defaults are those of a small robot indoors, set before anything was measured with them.
+    `locplan.recordings.calibrate_drive` finds those of a recorded drive.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> Disturbances(boundary_noise=0.0).worlds
+    8
+    """
+
+    boundary_noise: float = 0.1
+    """Share of the cells between free space and walls in which the world differs from the map,
+    0..1; raise it where furniture is moved or the map is old."""
+    worlds: int = 8
+    """Number of such worlds, which single scans take in turn, 1 to 1000; a drive has its own."""
+    outliers: float = 0.04
+    """Share of the beams that end at a random distance within the range, 0..1."""
+    occlusion: float = 0.2
+    """Share of the scans in which an object stands in view of the lidar, 0.5 to 2 m away, 0..1;
+    raise it where people walk about."""
+    occlusion_deg: float = 20.0
+    """Width of this object in the lidar's view, 0 to 360 [deg]."""
+    start_sigma: float = 0.1
+    """Standard deviation of the filter's first position in x and y, >= 0 [m]."""
+    start_sigma_deg: float = 3.0
+    """Standard deviation of the filter's first heading, >= 0 [deg]."""
+
+    def __post_init__(self) -> None:
+        keep_checked(self, ("boundary_noise", "outliers", "occlusion"), number, 0.0, 1.0)
+        keep_checked(self, ("worlds",), whole, 1, 1000)
+        keep_checked(self, ("occlusion_deg",), number, 0.0, 360.0)
+        keep_checked(self, ("start_sigma", "start_sigma_deg"), number, 0.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,7 +278,7 @@ class Footprint:
             count = max(1, math.ceil(abs(turn) / math.radians(2)))
             grown = outline / math.cos(turn / count / 2)
             for part in range(count):
-                body = _turned(grown, heading + turn * (part + 0.5) / count)
+                body = grown @ turning(heading + turn * (part + 0.5) / count)[:2, :2].T
                 here, there = (xy + (to - xy) * share / count for share in (part, part + 1))
                 if _meets(occupied, _hull(np.vstack([here + body, there + body]))):
                     x, y = grid.grid_to_world(xy[1], xy[0])
@@ -155,16 +312,10 @@ def _corners(vertices: ArrayLike) -> NDArray[np.float64]:
         corners = np.array(vertices, dtype=np.float64)
     except (TypeError, ValueError):
         corners = np.empty(0)
-    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
-        raise ConfigError("footprint must be three or more corners (x, y) in metres")
-    if not np.isfinite(corners).all():
-        raise ConfigError("footprint must have finite corners, in metres")
+    plane = corners.ndim == 2 and corners.shape[1] == 2 and len(corners) >= 3
+    if not (plane and np.isfinite(corners).all()):
+        raise ConfigError("footprint must be three or more finite corners (x, y) in metres")
     return corners
-
-
-def _turned(outline: NDArray[Any], angle: float) -> NDArray[np.float64]:
-    cos, sin = math.cos(angle), math.sin(angle)
-    return np.asarray(outline @ np.array([[cos, sin], [-sin, cos]]))
 
 
 def _hull(corners: NDArray[Any]) -> NDArray[np.float64]:
