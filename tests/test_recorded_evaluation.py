@@ -152,6 +152,18 @@ def test_scans_that_saw_what_is_not_on_the_map_are_set_apart(office, drive):
     assert other.compared.sum() == one.compared.sum() - 12
 
 
+def test_returns_that_scatter_about_walls_are_no_people(office, drive):
+    """On coarse cells, at long range and in plants many miss the walls, but few by far."""
+    some = drive.every(8)
+    ranges = some.ranges.copy()
+    ranges[::4] += np.random.default_rng(2).normal(0.0, 0.17, ranges[::4].shape)
+    scattered = dataclasses.replace(some, ranges=np.abs(ranges))
+    found = evaluate_drive(scattered, office, estimators={"scan": Scan(drive.lidar)})
+    assert (found.matches.score[::4] < -0.5).mean() > 0.8
+    assert not found.outdated.any()
+    assert (found.matches.stray < 1 / 6).all()
+
+
 def test_intervals_are_over_stretches_of_the_drive(found):
     """Each scan ten times tells no more than once, and a short drive has no interval."""
     matches = found.matches

@@ -28,6 +28,9 @@ Mask = NDArray[np.bool_]
 PREFERRED = ("fused", "scan", "fisher", "sad")
 """The estimators, the one that is named first where it ranks the scans better than chance."""
 
+MAX_OUTDATED = 0.3
+"""Share of scans that do not fit the map from which on nothing else is concluded."""
+
 
 @dataclass(frozen=True)
 class Agreement:
@@ -119,7 +122,7 @@ def conclusions(
         The block of the drive that each scan belongs to.
     """
     apart = int(outdated.sum())
-    if apart > 0.3 * len(outdated):
+    if apart > MAX_OUTDATED * len(outdated):
         return [
             f"{apart} of {len(outdated)} scans do not fit the map at their poses: check how the"
             " lidar is mounted (mount), the poses, and that the map is of this place and time.",

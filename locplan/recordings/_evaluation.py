@@ -31,14 +31,14 @@ from locplan.field import (
     scalar,
 )
 from locplan.maps import OccupancyGrid
-from locplan.recordings._agreement import Agreement, agreement, conclusions
+from locplan.recordings._agreement import MAX_OUTDATED, Agreement, agreement, conclusions
 from locplan.recordings._matches import Matches, check_enough, match_scans
 from locplan.recordings._recording import Recording
 from locplan.robots import Lidar
 
-OUTDATED = -0.5
-"""Log-likelihood a return below which a scan saw what is not on the map: a sixth of its returns
-ended away from all walls."""
+POOR = -0.5
+"""Log-likelihood a return below which a scan fits the map poorly: that of a sixth of its returns
+away from all walls."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,7 +63,11 @@ class DriveEvaluation(Result):
     @cached_property
     def outdated(self) -> NDArray[np.bool_]:
         """Mask of the scans that saw what is not on the map, (n,): people, changes, plants."""
-        return np.asarray(self.matches.judged & (self.matches.score < OUTDATED))
+        poor = self.matches.judged & (self.matches.score < POOR)
+        if poor.sum() > MAX_OUTDATED * len(poor):  # the map, the poses or the mount are wrong
+            return np.asarray(poor)
+        # Coarse cells, long beams and plants make fits poor, too, but few returns stray by them.
+        return np.asarray(poor & (self.matches.stray > 1 / 6))
 
     @cached_property
     def compared(self) -> NDArray[np.bool_]:
@@ -166,8 +170,8 @@ def evaluate_drive(
 ) -> DriveEvaluation:
     """Compare the deviations that fields predict with those of the scans of a drive.
 
-    Scans of which more than a sixth of the returns lie away from all walls saw what is not on the
-    map, and are set apart.
+    Scans of which more than a sixth of the returns lie away from all walls, farther than coarse
+    cells and long beams explain, saw what is not on the map, and are set apart.
 
     Parameters
     ----------

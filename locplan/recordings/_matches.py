@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import check_threads, instance
-from locplan._util.poses import Numbers
+from locplan._util.poses import Numbers, ends_in_map
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.field import Scan, position_axes, scalar
-from locplan.maps import OccupancyGrid, check_grid
+from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 from locplan.matching import Matcher, in_batches
 from locplan.recordings._recording import Recording
 
@@ -79,6 +80,31 @@ class Matches:
     def judged(self) -> NDArray[np.bool_]:
         """Mask of the scans with enough returns, on the map, (n,)."""
         return np.asarray(np.isfinite(self.covariance[:, 0, 0]))
+
+    @cached_property
+    def stray(self) -> Numbers:
+        """Share of the returns that end away from all walls at the most probable offset, (n,).
+
+        Away is beyond three cells, at least 0.25 m, and a fiftieth of the beam's length: so far
+        from their cells even walls are met where cells are coarse or beams are long.
+        """
+        import cv2
+
+        clear = np.asarray(self.grid.cells != OCCUPIED, np.uint8)
+        distance = self.grid.resolution * cv2.distanceTransform(clear, cv2.DIST_L2, 5)
+        least, share = max(3 * self.grid.resolution, 0.25), np.zeros(len(self))
+        for first in range(0, len(self), 512):  # in blocks, which saves memory
+            some = slice(first, first + 512)
+            ends = self.recording[some].ends_on_robot()
+            at = looked_up(
+                self.grid,
+                distance,
+                ends_in_map(ends, self.recording.poses[some] + self.best[some]),
+                math.inf,
+            )
+            away = at > least + np.hypot(*ends.T).T / 50  # False without a return
+            share[some] = away.sum(axis=1) / np.maximum(np.isfinite(ends[..., 0]).sum(axis=1), 1)
+        return share
 
     @property
     def position_std(self) -> Numbers:
