@@ -247,7 +247,7 @@ class Lidar(Settings):
         return np.asarray(within)
 
     def ends_on_robot(
-        self, ranges: NDArray[Any], beams: slice = slice(None)
+        self, ranges: NDArray[Any], beams: slice | None = None
     ) -> NDArray[np.float64]:
         """Ends of beams ahead and to the left of the robot, (n, beams, 2) [m]; NaN for none.
 
@@ -256,9 +256,9 @@ class Lidar(Settings):
         ranges : (n, beams) array
             Distances along the beams [m], in the order of `angles`.
         beams : slice, optional
-            The beams, if these are not all.
+            The beams that these belong to; all by default.
         """
-        bearings = self.mount_yaw + self.angles[beams]
+        bearings = self.mount_yaw + self.angles[beams or slice(None)]
         known = np.where(np.isfinite(ranges), ranges, np.nan).astype(np.float64)
         ends = known[..., None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
         return np.asarray(ends + np.array([self.mount_x, self.mount_y]))
