@@ -148,10 +148,10 @@ def supervised(work: Callable[[], None]) -> int:
         signal.signal(each, _ignore)  # the pipe tells of it
     signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    asked, status, said = _watch(process, woken, heard)
+    asked, status, named = _watch(process, woken, heard)
     for each in passed_on:
         signal.signal(each, signal.SIG_IGN)
-    remove_named(said)
+    remove_named(named)
     return _exit_code(asked, os.waitstatus_to_exitcode(status))
 
 
