@@ -78,7 +78,7 @@ def calibrate(
                 recording, grid, config, robot=robot, progress=progress, **every
             )
         out.finish(found)
-        return 0 if found.field and found.field.in_metres else NOT_IN_METRES
+        return 0 if getattr(found.field, "in_metres", False) else NOT_IN_METRES
     error = fit.error or "tracking"
     unread = "scans" if error == "tracking" else "drives"
     refuse(f"with --error {error}", **{unread: getattr(at, unread)})

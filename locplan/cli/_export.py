@@ -105,14 +105,19 @@ def export(
     field = computing.field(grid, config)
     costmap = costs.costmap(grid, field, robot)
     if start and goal:
-        found = locplan.plan(costmap, start, goal)
-        if found.path is None:
-            why = found.note or found.status
-            raise ConfigError(f"no path leads from --start to --goal: {why}")
-        paths["aware"] = found.path
+        paths["aware"] = _planned(costmap, start, goal)
     job = locplan.export.ExportJob(costmap, field, paths, robot=robot)
     with nullcontext() if format.shows_progress else working(f"writing {target.name}"):
         summary = format.write(target, job, chosen)
     about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
     rows = [("map", grid.name), ("format", to), ("field", config.estimator.summary), *summary.rows]
     out.show(about, table([], rows), target)
+
+
+def _planned(costs: locplan.Costmap, *ends: tuple[float, float]) -> locplan.Path:
+    """The path between two ends; a ConfigError if there is none."""
+    found = locplan.plan(costs, *ends)
+    if found.path is None:
+        why = found.note or found.status
+        raise ConfigError(f"no path leads from --start to --goal: {why}")
+    return found.path

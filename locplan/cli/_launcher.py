@@ -47,13 +47,14 @@ def launched(tokens: list[str]) -> tuple[int | None, Run]:
 def _record(run: Run, _: object, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
     """Let folders of results have what was typed for each option, but those for the output."""
     typed = {each.names[0]: each for each in arguments}
-    if not commands or "--output" not in typed:
+    if "--output" not in typed:
         return  # it writes no results, or those of a page
     run.command = commands[0]
+    given = {name: each for name, each in typed.items() if each.tokens}
     settings = {
         name.removeprefix("--").replace("-", "_").lower(): each
-        for name, each in typed.items()
-        if each.tokens and heading("Output") not in (each.parameter.group or ())  # type: ignore[operator]
+        for name, each in given.items()
+        if heading("Output") not in (each.parameter.group or ())  # type: ignore[operator]
     }
     run.settings = {name: _typed(each) for name, each in settings.items()}
     run.files = frozenset(

@@ -1,6 +1,6 @@
 """Where a result goes: its folder or file, with its run, and how it is printed."""
 
-from __future__ import annotations
+# Annotations are objects, not texts: the options are inherited by classes in other modules.
 
 import json
 import sys
@@ -35,7 +35,7 @@ class Output:
     json: Annotated[bool, Parameter(name="--json")] = False
     """Print the result as JSON."""
 
-    def check(self, files: Results, *more: str) -> None:
+    def check(self, files: "Results", *more: str) -> None:
         """Raise a LocplanError if the folder cannot take files of results; before long work."""
         if self.output:
             files.into(self.output, *more, force=self.force)

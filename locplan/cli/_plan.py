@@ -105,6 +105,12 @@ class Query:
         """What binds the paths of planners."""
         return {"via": [*self.via], "max_e": self.max_e, "budget": self.budget}
 
+    def warn(self, robot: locplan.Robot) -> None:
+        """Say which outline is planned with where it is not the robot's."""
+        if robot.outline and self.budget is not None:
+            within = f"the circle of {robot.outline.inscribed_radius:.3g} m within its outline"
+            print(f"with a budget the robot counts as {within}", file=sys.stderr)
+
     def settings(self) -> dict[str, Any]:
         """The settings of the choice that were given."""
         longest = {} if self.longest is None else {"longest": self.longest}
@@ -166,21 +172,20 @@ def plan(
     Where the lidar is known, candidates are driven in simulation until one is shown to be better
     than the shortest path. Elsewhere the localizability-aware path is planned beside it.
     """
+    config: Any
     robot, config = options.with_robot(robot_options)
     driven = robot.lidar is not None and driving.drives != 0
     if driven:
         robot_options.warn(robot)
-    if robot.outline and query.budget is not None:
-        within = f"the circle of {robot.outline.inscribed_radius:.3g} m within its outline"
-        print(f"with a budget the robot counts as {within}", file=sys.stderr)
-    if driving.no_field:
-        unread = {"max_e": query.max_e, "budget": query.budget, "front": query.front or None}
-        refuse("with --no-field", **vars(options), **vars(costs), **unread)
+    query.warn(robot)
     costs.check(config)
     candidates = query.candidates(planning.made(**query.limits()))
     out.check(locplan.Choice.files, "history.png")
-    grid = locplan.load_map(map_file)
-    blank = locplan.Costmap.blank(grid, robot_radius=robot.radius) if driving.no_field else None
+    grid, basis = locplan.load_map(map_file), config
+    if driving.no_field:
+        unread = {"max_e": query.max_e, "budget": query.budget, "front": query.front or None}
+        refuse("with --no-field", **vars(options), **vars(costs), **unread)
+        basis = locplan.Costmap.blank(grid, robot_radius=robot.radius)
     with (
         locplan.simulation.drives_prepared_beside(needed=driven) as drivable,
         computing.of(config, whole=options.stride is not None, then=drivable) as compute,
@@ -191,7 +196,7 @@ def plan(
             query.start,
             query.goal,
             robot,
-            costs=blank or config,
+            costs=basis,
             candidates=candidates,
             compute=compute,
             seed=given_of(planning).get("seed", 1),

@@ -34,17 +34,22 @@ class RouteOptions:
         ConfigError
             If not just one of them all was given.
         """
-        ends = {n: xy for n, xy in (("start", self.start), ("goal", self.goal)) if xy}
-        own = {"--path": self.path, "--start with --goal": ends, "--places": self.places}
-        every = own | {f"--{name}": each for name, each in others.items()}
-        if sum(map(bool, every.values())) != 1:
-            *names, last = every
-            raise ConfigError(f"give one of {', '.join(names)}, and {last}")
-        if len(ends) == 1:
+        ends: dict[str, Any] = {"start": self.start, "goal": self.goal}
+        given = [*filter(None, ends.values())]
+        own = {"--path": self.path, "--start with --goal": given, "--places": self.places}
+        _check_one(own | {f"--{name}": each for name, each in others.items()})
+        if len(given) == 1:
             raise ConfigError("--start and --goal belong together")
         if self.path:
             return {"paths": read_paths(self.path)}
         if self.places:
             stations = locplan.planners.read_stations(self.places)
-            return {"places": {each.name: (each.x, each.y) for each in stations}}
-        return {"places": ends} if ends else {}
+            ends = {each.name: (each.x, each.y) for each in stations}
+        return {"places": ends} if given or self.places else {}
+
+
+def _check_one(options: dict[str, Any]) -> None:
+    """Raise a ConfigError unless just one of the options was given."""
+    if sum(map(bool, options.values())) != 1:
+        *names, last = options
+        raise ConfigError(f"give one of {', '.join(names)}, and {last}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import locplan
@@ -60,15 +61,30 @@ class Driven:
         """Least distance from start to goal of random queries [m]."""
         return 10.0 if self.least_distance is None else self.least_distance
 
-    def check(self, seed: int) -> None:
-        """Raise a ConfigError unless one kind of paths was asked for; to be called early."""
+    def check(self, seed: int, **of_plans: object) -> None:
+        """Raise a ConfigError unless one kind of paths was asked for; to be called early.
+
+        With paths of one's own the options of planned ones are refused.
+        """
         asked = bool(self.path), bool(self.start or self.goal), self.random is not None
         if asked.count(True) != 1 or bool(self.start) != bool(self.goal):
             raise ConfigError("give one of --path, --start with --goal, --random, and --drive")
+        if self.path:
+            own = {"config": None, "estimator": None}  # they name the lidar, too
+            refuse("with --path: no path is planned", **of_plans | own)
         if self.random is None:
             refuse("without --random", least_distance=self.least_distance)
         else:
             locplan.planners.check_random(self.random, seed, self.distance)
+
+    def maps(self, maps: list[Path]) -> list[Path]:
+        """The files of the maps; a ConfigError if there are several, and one path."""
+        files = locplan.maps.find_maps(*maps)
+        if self.random is None and len(files) > 1:
+            raise ConfigError(
+                f"one path is of one map: name one of these {len(files)}, or give --random"
+            )
+        return files
 
 
 @app.default
@@ -97,43 +113,43 @@ def simulate(
         unread = {name: value or None for name, value in vars(driven).items() if name != "drives"}
         unread |= {"scheduler": computing.scheduler, "cache_dir": computing.cache_dir}
         refuse("with --drive", **unread, **vars(costs), **vars(options))
-        out.check(locplan.recordings.Replay.files)
-        grid, recording = recorded.on_map(maps)
-        every["filter_map"] = load_filter_map(filter_map, [grid])
-        every |= {"runs": driven.drives} if driven.drives else {}
-        robot = robot_options.on_drive(recording)
-        robot_options.warn(robot)
-        with progress_bar("replaying", "runs") as progress:
-            replay = locplan.recordings.replay(recording, grid, robot, progress=progress, **every)
-        out.finish(replay)
-        return
-    driven.check(seed)
-    if driven.path:
-        of_plans = ("preset", "disc", "template", "headings", "stride")
-        unread = {name: getattr(options, name) for name in of_plans}
-        refuse("with --path: no path is planned", **vars(costs), **unread)
+        every["runs"] = driven.drives or 20
+        return _replay(maps, recorded, robot_options, filter_map, every, out)
+    driven.check(seed, **vars(costs), **vars(options))
     robot, config = options.simulated(robot_options)
     costs.check(config)
-    files = locplan.maps.find_maps(*maps)
-    if driven.random is None and len(files) > 1:
-        raise ConfigError(
-            f"one path is of one map: name one of these {len(files)}, or give --random"
-        )
-    grids = [locplan.load_map(file) for file in files]
+    grids = [locplan.load_map(file) for file in driven.maps(maps)]
     every |= {"drives": driven.drives or 100, "filter_map": load_filter_map(filter_map, grids)}
     with computing.of(config) as compute:
 
         def costmap_of(grid: OccupancyGrid) -> Costmap:
             return costs.costmap(grid, compute(grid), robot)
 
-        if driven.random is None:
-            _along_paths(grids[0], driven, robot, costmap_of, every, out)
-        else:
-            _at_random(grids, driven, robot, costmap_of, every, out)
+        drive = _along_paths if driven.random is None else _at_random
+        drive(grids, driven, robot, costmap_of, every, out)
+
+
+def _replay(
+    maps: list[Path],
+    recorded: DriveOptions,
+    robot_options: RobotOptions,
+    filter_map: Path | None,
+    every: dict[str, Any],
+    out: Output,
+) -> None:
+    """Run AMCL on a recorded drive, and show its errors against the recorded poses."""
+    out.check(locplan.recordings.Replay.files)
+    grid, recording = recorded.on_map(maps)
+    every["filter_map"] = load_filter_map(filter_map, [grid])
+    robot = robot_options.on_drive(recording)
+    robot_options.warn(robot)
+    with progress_bar("replaying", "runs") as progress:
+        found = locplan.recordings.replay(recording, grid, robot, progress=progress, **every)
+    out.finish(found)
 
 
 def _along_paths(
-    grid: OccupancyGrid,
+    grids: list[OccupancyGrid],
     driven: Driven,
     robot: Robot,
     costmap_of: Callable[[OccupancyGrid], Costmap],
@@ -142,6 +158,7 @@ def _along_paths(
 ) -> None:
     """Drive the paths that were given, or the shortest and the aware one between two places."""
     out.check(locplan.simulation.Simulation.files)
+    (grid,) = grids
     paths, costmap = read_paths(driven.path), None
     if driven.start and driven.goal:
         ends = driven.start, driven.goal
