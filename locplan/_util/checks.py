@@ -214,8 +214,6 @@ WORKERS_A_CORE = 4
 """Greatest number of worker processes for each core."""
 WORKER_BYTES = 300_000_000
 """Memory that a worker process takes at least, with its libraries [bytes]."""
-PARTS = 0.8
-"""Share of the memory that a computation may take."""
 
 
 def usable_cores() -> int:
@@ -231,7 +229,8 @@ def usable_memory() -> int:
         every = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):  # Windows
         every = 8_000_000_000
-    return int(PARTS * every)
+    # Share of the memory that a computation may take.
+    return int(0.8 * every)
 
 
 def check_threads(threads: int | None) -> int:

@@ -29,8 +29,6 @@ OTHER = "0.35"
 """Colour of lines that belong to none of these symmetries."""
 MAX_LINES = 24
 """Greatest number of lines."""
-LIKELY = 0.2
-"""Share of the posterior elsewhere from which on a place is joined to its twin."""
 NUMBERED: dict[str, Any] = {
     **{"marker": "o", "markersize": 11, "linestyle": "none"},
     **{"markerfacecolor": "white", "markeredgecolor": "black"},
@@ -143,7 +141,8 @@ def _draw_twins(axes: Axes, twins: Twins) -> list[Any]:
 def _joined(twins: Twins) -> dict[int, list[tuple[int, list[float]]]]:
     """Pairs of a place and its best twin, thinned out, by the symmetry that joins them or -1."""
     twin = _best_twins(twins)
-    having = np.flatnonzero((twin[:, 3] <= THRESHOLD) & (twins.elsewhere >= LIKELY))
+    # Share of the posterior elsewhere from which on a place is joined to its twin.
+    having = np.flatnonzero((twin[:, 3] <= THRESHOLD) & (twins.elsewhere >= 0.2))
     # The fewer lines there may be, the farther apart their ends are.
     apart = math.sqrt(having.size * twins.spacing**2 / (MAX_LINES / 2)) if having.size else 0.0
     taken: list[NDArray[np.float64]] = []

@@ -22,8 +22,6 @@ CERTAIN = 3.0
 """Excess of the second place from which on the best one is certain [nats]."""
 EXPLAINED = 0.6
 """Share of the returns that end at walls below which a scan hardly belongs to the map."""
-WHOLE = 1 - 1e-9
-"""Sum of weights from which on none is left out."""
 NAMED = 3
 """Number of places that look alike that a sentence names."""
 
@@ -141,7 +139,8 @@ class Location(Pictured):
             places = f"{', '.join(named[:-1])} and {named[-1]}"
             text = f"{count} places{where} look alike: {places}."
         else:
-            cut = sum(mode.weight for mode in self.modes) < WHOLE
+            # Sum of weights from which on none is left out.
+            cut = sum(mode.weight for mode in self.modes) < (1 - 1e-09)
             more = "or more " if cut and len(alike) == len(self.modes) else ""
             text = (
                 f"{len(alike)} {more}places{where} look alike; the best, {_place(self.best)}, has"
