@@ -216,7 +216,7 @@ def _along_walls(grid: OccupancyGrid, shape: Shape, spacing: float) -> NDArray[n
 
 
 def _free_standing(grid: OccupancyGrid, shape: Shape) -> NDArray[np.float64]:
-    """Poses on a lattice of `LATTICE`, where the clearance is above `FREE_CLEARANCE`."""
+    """Poses on a lattice of a metre, where the clearance is above `FREE_CLEARANCE`."""
     # Spacing of free-standing candidates [m].
     step = 1.0 / grid.resolution
     rows, cols = (np.arange(step / 2, size, step) for size in grid.shape)

@@ -239,7 +239,7 @@ class Search:
         """The places in order of gain, with one of each regular row moved, and what was moved.
 
         A row that a filter can mistake for itself a step farther is broken by the move that costs
-        least, if that is at most `PRICE`; else it stays.
+        least, if that is at most a twentieth; else it stays.
         """
         shifts: list[Shift] = []
         while len(shifts) < len(order) and (row := regularity(self._positions(order))):

@@ -34,8 +34,6 @@ NUMBERED: dict[str, Any] = {
     **{"markerfacecolor": "white", "markeredgecolor": "black"},
 }
 """Style of the markers that hold a number."""
-NAMED = 5
-"""Number of symmetries that the title names."""
 
 
 def twins_figure(
@@ -58,7 +56,7 @@ def twins_figure(
         return place_figure(twins, 0)
     starts = twins.best_starts() if starts is None else starts
     width, height = map_size(twins.grid)
-    named = twins.symmetries[:NAMED]
+    named = twins.symmetries[:5]
     figure = Picture(figsize=(width, height + 0.5 + 0.16 * len(named)), layout="constrained")
     axes = figure.add_subplot()
     draw_map(axes, twins.grid)
