@@ -1,4 +1,3 @@
-from ._drives import best_of_trials as best_of_trials
 from ._feature_figures import key_features_figure as key_features_figure
 from ._features import Feature as Feature, KeyFeatures as KeyFeatures
 from ._figures import landmarks_figure as landmarks_figure
@@ -21,3 +20,4 @@ from ._place import place_landmarks as place_landmarks
 from ._places import Rejected as Rejected, Sites as Sites
 from ._routes import Setting as Setting
 from ._search import Regularity as Regularity, Shift as Shift
+from ._trials import best_of_trials as best_of_trials
