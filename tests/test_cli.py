@@ -545,8 +545,9 @@ def test_export_writes_every_format(run, room, tmp_path, to, name):
     assert code == 0, err
     assert to in out
     assert (tmp_path / name).exists()
+    runs = [] if (tmp_path / name).is_dir() else [f"{name}.run.yaml"]
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
-        ["room.yaml", "room.pgm", name]
+        ["room.yaml", "room.pgm", name, *runs]
     )
     code, out, _ = run(
         *("export", room, "--to", to, "-o", tmp_path / name, "--disc", 2, "--json", *ends),
@@ -611,7 +612,8 @@ def test_the_help_of_every_command_has_headings_and_an_example(run):
 
 def test_slips_get_a_hint(run, room):
     way = "--start", "1,1", "--goal"
-    assert "unexpected: 2; write positions as X,Y with a comma" in refused(
+    assert "unexpected: 2; write positions as X,Y with a comma" in refused(run("info", room, "2"))
+    assert "--goal must be X,Y in metres, such as 2.0,3.5" in refused(
         run("plan", room, *way, "1", "2")
     )
     assert "unexpected: map (--help" in refused(run("info", room, "map"))

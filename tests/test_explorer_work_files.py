@@ -337,7 +337,7 @@ ROBOTS = {
 
 def of_options(words: list[str]) -> tuple[Robot, FieldConfig]:
     """The robot and the settings of a field that the commands make of options."""
-    from locplan.cli._options import FieldOptions
+    from locplan.cli._field_options import FieldOptions
     from locplan.cli._robot_options import RobotOptions
 
     pairs = list(zip(words[::2], words[1::2], strict=True))

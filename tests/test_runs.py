@@ -168,3 +168,21 @@ def test_a_recipe_says_lists_switches_and_hard_names():
     expected = "plan './-dash $x.yaml' --via 1,2 --via 3,4.5 --no-verdict --to 'it'\"'\"'s'"
     assert recipe.shell == f"locplan {expected}"
     assert "via=[(1, 2), (3, 4.5)], no_verdict=True, weight=None" in recipe.python
+
+
+@pytest.mark.parametrize(
+    ("command", "file"),
+    [
+        (("export", "hall.yaml", "--to", "csv"), "values.csv"),
+        (("field", "hall.yaml", "--stride", "0.5"), "field.zarr"),
+    ],
+)
+def test_a_run_beside_a_file_is_repeated_in_its_place_or_another(run, place, command, file):
+    assert run(*command, "--disc", "3", "-o", f"made/{file}")[0] == 0
+    beside = place / f"made/{file}.run.yaml"
+    about = yaml.safe_load(beside.read_text())
+    assert about["settings"]["map"] == "../hall.yaml"
+    assert run("run", beside, "-o", f"again-{file}")[0] == 0
+    assert yaml.safe_load((place / f"again-{file}.run.yaml").read_text())["command"] == command[0]
+    assert f"wrote {place / 'made' / file}" in run("run", beside, "--force")[2]
+    assert yaml.safe_load(beside.read_text()) == about

@@ -208,16 +208,6 @@ def keep_checked(
         keep(owner, **{name: check(name, getattr(owner, name), *limits)})
 
 
-THREADS_A_CORE = 32
-"""Greatest number of threads for each core."""
-WORKERS_A_CORE = 4
-"""Greatest number of worker processes for each core."""
-WORKER_BYTES = 300_000_000
-"""Memory that a worker process takes at least, with its libraries [bytes]."""
-PARTS = 0.8
-"""Share of the memory that a computation may take."""
-
-
 def usable_cores() -> int:
     """Number of cores that this process may run on."""
     if hasattr(os, "sched_getaffinity"):
@@ -231,31 +221,30 @@ def usable_memory() -> int:
         every = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):  # Windows
         every = 8_000_000_000
-    return int(PARTS * every)
+    # Share of the memory that a computation may take.
+    return int(0.8 * every)
 
 
 def check_threads(threads: int | None) -> int:
     """Return a number of threads, that of the cores for None, within what the cores bear."""
-    cores = usable_cores()
-    if threads is None:
-        return cores
-    why = f"{THREADS_A_CORE} for each of this machine's {cores} cores"
-    return _at_most("threads", threads, THREADS_A_CORE * cores, why)
+    return _borne("threads", threads, 32, 0)
 
 
 def check_workers(workers: int | None) -> int:
     """Return a number of worker processes, that of the cores for None, within what there is."""
+    # Memory that a worker takes at least, with its libraries [bytes].
+    return _borne("workers", workers, 4, 300_000_000)
+
+
+def _borne(name: str, value: int | None, a_core: int, size: int) -> int:
+    """A number of things, so many for each core at most, and each of a size [bytes]."""
     cores = usable_cores()
-    if workers is None:
+    if value is None:
         return cores
-    most, why = WORKERS_A_CORE * cores, f"{WORKERS_A_CORE} for each of this machine's {cores} cores"
-    if usable_memory() // WORKER_BYTES < most:
-        most = max(1, usable_memory() // WORKER_BYTES)
-        why = f"{_gb(usable_memory())} of this machine's memory, {_gb(WORKER_BYTES)} each"
-    return _at_most("workers", workers, most, why)
-
-
-def _at_most(name: str, value: int, most: int, why: str) -> int:
+    most, why = a_core * cores, f"{a_core} for each of this machine's {cores} cores"
+    if size * most > usable_memory():
+        most = max(1, usable_memory() // size)
+        why = f"{_gb(usable_memory())} of this machine's memory, {_gb(size)} each"
     if whole(name, value) > most:
         raise ConfigError(f"{name} must be at most {most} ({why}), not {value}")
     return int(value)

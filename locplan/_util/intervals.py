@@ -146,8 +146,6 @@ def with_unit(interval: Interval, unit: str) -> str:
     return f"{value:.{digits}f} {unit}{ends}"
 
 
-MIN_BLOCKS = 5
-"""Number of blocks of a drive below which there are no intervals."""
 RESAMPLES = 1000
 
 
@@ -159,10 +157,10 @@ def blocks_along(poses: Numbers, length: float = 10.0) -> NDArray[np.int64]:
 def draws_of(blocks: NDArray[np.int64], resamples: int = RESAMPLES) -> Numbers:
     """Number of times that the block of each of n values is drawn, (resamples, n).
 
-    There are no resamples of fewer than `MIN_BLOCKS` blocks.
+    There are no resamples of fewer than five blocks.
     """
     known, number = np.unique(blocks, return_inverse=True)
-    if len(known) < MIN_BLOCKS:
+    if len(known) < 5:
         return np.empty((0, len(blocks)))
     return _draws(np.random.default_rng(0), len(known), resamples)[:, number]
 

@@ -72,8 +72,6 @@ def way_along(poses: Numbers) -> Numbers:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-MAX_GAP = 1.0
-"""Greatest time between two samples of a moving pose that are interpolated [s]."""
 STILL = 0.05
 """Distance [m] and turn [rad] up to which a pose counts as the same across any gap."""
 Transform = tuple[float, ...]
@@ -147,7 +145,8 @@ def interpolated(times: Numbers, before: Numbers, after: Numbers) -> Numbers:
     found[:, 3:] = _between(before[:, 4:], after[:, 4:], share)
     way = np.linalg.norm(after[:, 1:4] - before[:, 1:4], axis=1)
     turn = 2 * np.arccos(np.clip(np.abs(same), 0.0, 1.0))
-    near = (gap <= MAX_GAP) | ((way < STILL) & (turn < STILL))
+    # Greatest time between two samples of a moving pose that are interpolated [s].
+    near = (gap <= 1.0) | ((way < STILL) & (turn < STILL))
     found[~near] = np.nan
     return found
 

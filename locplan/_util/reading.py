@@ -200,7 +200,6 @@ def scalar_text(value: float | str | bool) -> str:
 
 STAMP = ("locplan", "kind", "version")
 """Names of the entries."""
-MAX_VERSION = 10**6
 
 
 def stamp(kind: str, version: int) -> dict[str, Any]:
@@ -212,7 +211,7 @@ def check_stamp(file: object, content: object, kind: str, version: int) -> None:
     """Raise a LocplanError unless a file holds this kind of thing, in a version that is known."""
     entries = content if isinstance(content, dict) else {}
     holds, found = entries.get("kind"), entries.get("version")
-    if not isinstance(holds, str) or not isinstance(found, int) or not 1 <= found < MAX_VERSION:
+    if not isinstance(holds, str) or not isinstance(found, int) or not 1 <= found < 10**6:
         raise LocplanError(f"{file}: is damaged, or no {kind} that locplan has saved; save it anew")
     if holds != kind:
         raise LocplanError(f"{file}: holds a {shown(holds)[1:-1]}, not a {kind}; name another file")

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
 SCALES = {"": 1.0, "cm": 100.0, "deg": math.degrees(1.0), "%": 100.0}
 """Factors from the units of files, metres, radians and shares, to those that people see."""
-SMALL = 0.0995
-"""Errors below this are shown in millimetres [m]."""
 FILE_DPI = 130
 """Pixels an inch of pictures in files."""
 
@@ -84,7 +82,8 @@ class Column:
         middle, *ends = value if self.interval else (value,)
         if not math.isfinite(middle):
             return "-"
-        exact = self.interval and self.unit == "m" and middle < SMALL
+        # Small errors are shown in millimetres.
+        exact = self.interval and self.unit == "m" and middle < 0.0995
         # z: no minus before what rounds to 0
         form = f"{'+' if self.signed else ''}z.{self.digits + exact}f"
         percent = "%" if self.people == "%" else ""

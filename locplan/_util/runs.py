@@ -10,11 +10,14 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
+from locplan._util.files import replacing
 from locplan._util.reading import MAX_JSON_BYTES, check_stamp, document, dumped, read_content, stamp
 from locplan.errors import LocplanError, one_line
 
 RUN_FILE = "run.yaml"
 """The file in a folder of results that `locplan run` repeats."""
+BESIDE = f".{RUN_FILE}"
+"""Ending of the run beside a file."""
 KIND, VERSION = "run", 1
 REMEDY = "name the run.yaml of a folder of results"
 Setting = str | bool | list[str]
@@ -37,15 +40,23 @@ class Run:
     robot: dict[str, str] = field(default_factory=dict)
     """Title and digest of the robot; nothing where there is none."""
 
-    def write(self, folder: Path, home: Path) -> None:
-        """Write run.yaml into a folder, with the files as they are named from where it will be."""
+    def text(self, home: Path) -> str:
+        """Content of run.yaml, with files as they are named from the folder where it will be."""
         settings = dict(self.settings)
         for name in self.files & settings.keys():
             settings[name] = _each(settings[name], lambda text: _relative(text, home))
         content = {**stamp(KIND, VERSION), "command": self.command, "settings": settings}
         content |= {name: each for name in ("maps", "robot") if (each := getattr(self, name))}
         content["files"] = sorted(self.files & settings.keys())
-        (folder / RUN_FILE).write_text(dumped(content), encoding="utf-8")
+        return dumped(content)
+
+    @staticmethod
+    def home(path: Path) -> Path:
+        """Where a run wrote: the folder of its file, or the file that it stands beside."""
+        if path.is_dir():
+            return path
+        name = path.name.removesuffix(BESIDE)
+        return path.parent if name in (path.name, "") else path.with_name(name)
 
     @classmethod
     def read(cls, path: Path) -> Run:
@@ -129,7 +140,14 @@ def note_robot(title: str, digest: str) -> None:
 def write_run(folder: Path, home: Path) -> None:
     """Write run.yaml into a folder, if a command runs; `home` is where the folder will be."""
     if _CURRENT and _CURRENT[-1].command:
-        _CURRENT[-1].write(folder, home)
+        (folder / RUN_FILE).write_text(_CURRENT[-1].text(home), encoding="utf-8")
+
+
+def write_run_beside(target: Path) -> None:
+    """Write the run beside a file, or a folder that has none, if a command runs."""
+    if _CURRENT and _CURRENT[-1].command and not (target / RUN_FILE).exists():
+        with replacing(target.with_name(target.name + BESIDE)) as file:
+            file.write_text(_CURRENT[-1].text(target.parent), encoding="utf-8")
 
 
 def _each(value: Any, change: Any) -> Setting:

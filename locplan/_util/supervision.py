@@ -113,13 +113,10 @@ def _lock(folder: str, *, wait: bool) -> int | None:
 
 INTERRUPTED = 128 + signal.SIGINT
 """Exit code after Ctrl-C."""
-GRACE = 0.5
-"""Time that a process has to end in good order after a signal [s]."""
 PASSED_ON = [
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 ]
 """Signals that the first process passes on to the second."""
-_DIE_WITH_PARENT = 1  # Linux's PR_SET_PDEATHSIG
 
 
 def supervised(work: Callable[[], None]) -> int:
@@ -148,10 +145,10 @@ def supervised(work: Callable[[], None]) -> int:
         signal.signal(each, _ignore)  # the pipe tells of it
     signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    asked, status, names = _watch(process, woken, heard)
+    asked, status, named = _watch(process, woken, heard)
     for each in passed_on:
         signal.signal(each, signal.SIG_IGN)
-    remove_named(names)
+    remove_named(named)
     return _exit_code(asked, os.waitstatus_to_exitcode(status))
 
 
@@ -171,7 +168,7 @@ def end_with_parent(parent: int) -> None:
     if sys.platform == "linux":
         import ctypes
 
-        ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
         if os.getppid() != parent:
             sys.exit()
 
@@ -220,7 +217,8 @@ def _watch(process: int, woken: int, heard: int) -> tuple[int | None, int, bytes
             for number in set(os.read(woken, 1 << 10)) - {signal.SIGCHLD}:
                 os.kill(process, number)
                 if asked is None:
-                    asked, deadline = number, time.monotonic() + GRACE
+                    # Time that a process has to end in good order after a signal [s].
+                    asked, deadline = number, time.monotonic() + 0.5
         if deadline is not None and time.monotonic() >= deadline:
             os.kill(process, signal.SIGKILL)
             deadline = None

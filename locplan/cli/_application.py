@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 from cyclopts import App, Group, Parameter
+from cyclopts.help import DefaultFormatter
 
 from locplan import __version__
 from locplan._util.supervision import INTERRUPTED
-from locplan.cli._groups import GENERAL, Filling
+from locplan.cli._groups import heading
+
+if TYPE_CHECKING:
+    from cyclopts.help import HelpPanel
+    from rich.console import Console, ConsoleOptions
 
 SYSTEM_ERROR, WRONG_INPUT, NOT_IN_METRES = 1, 2, 3
 EXPLAINED = (
@@ -14,7 +21,6 @@ EXPLAINED = (
     f" wrong input, {NOT_IN_METRES} where calibrate finds that deviations cannot be in metres, and"
     f" {INTERRUPTED} after Ctrl-C."
 )
-HEADINGS = "Start", "Plan", "Localize", "The site", "Hand over", "Upkeep"
 COMMANDS = {
     "explore": "Start",
     "info": "Start",
@@ -51,7 +57,7 @@ def application(*names: str) -> App:
         help_format="plaintext",
         help_formatter=Filling(),
         help_epilogue=EXPLAINED,
-        group_parameters=GENERAL,
+        group_parameters=heading("Options"),
         default_parameter=Parameter(
             negative=(), show_default=False, json_list=False, json_dict=False
         ),
@@ -60,7 +66,8 @@ def application(*names: str) -> App:
         print_error=False,
         result_action="return_value",
     )
-    headings = {name: Group(name, sort_key=n) for n, name in enumerate(HEADINGS)}
+    names_of = dict.fromkeys(COMMANDS.values())  # in their order
+    headings = {name: Group(name, sort_key=n) for n, name in enumerate(names_of)}
     for n, name in enumerate(COMMANDS):
         if name in (names or COMMANDS):
             app.command(f"locplan.cli._{name}:app", name=name)
@@ -70,3 +77,26 @@ def application(*names: str) -> App:
     for flag in (*app.help_flags, *app.version_flags):
         app[flag].group = flags
     return app
+
+
+class Filling(DefaultFormatter):
+    """The usual help, without the line ends and indents that texts have in the source."""
+
+    def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:
+        """Write a group of options or commands."""
+        for entry in panel.entries:
+            _fill(entry.description)
+        super().__call__(console, options, panel)
+
+    def render_description(self, console: Console, options: ConsoleOptions, text: Any) -> None:
+        """Write what a command does."""
+        _fill(text)
+        super().render_description(console, options, text)
+
+
+def _fill(description: Any) -> None:
+    """Join the lines of each paragraph of a text of cyclopts', which adds choices behind it."""
+    text = getattr(description, "primary_renderable", None)
+    if text is not None:
+        paragraphs = text.plain.split("\n\n")
+        text.plain = "\n\n".join(" ".join(each.split()) for each in paragraphs)

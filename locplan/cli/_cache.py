@@ -7,9 +7,10 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from locplan.cli._groups import Json, command
+import locplan
+from locplan.cli._groups import command
 from locplan.cli._options import CacheDir
-from locplan.cli._values import show
+from locplan.cli._output import Json, show
 
 app = command("cache", "cache list", "cache clear --older-than 30")
 app.help = "List, clear or find the fields that were computed before."
@@ -27,9 +28,7 @@ Days = Annotated[
 @app.command(name="list")
 def list_(*, cache_dir: CacheDir = None, json: Json = False) -> None:
     """List the cached fields, the last used first."""
-    from locplan.field import FieldCache
-
-    found = FieldCache.of(cache_dir)
+    found = locplan.field.FieldCache.of(cache_dir)
     show(json, found.summary(), found.table())
 
 
@@ -37,9 +36,8 @@ def list_(*, cache_dir: CacheDir = None, json: Json = False) -> None:
 def clear(*, older_than: Days = 0.0, cache_dir: CacheDir = None) -> None:
     """Remove cached fields, but for those being computed."""
     from locplan._util.tables import in_bytes
-    from locplan.field import cache_folder, clear_cache
 
-    removed, busy = clear_cache(cache_folder(cache_dir), older_than)
+    removed, busy = locplan.field.clear_cache(locplan.field.cache_folder(cache_dir), older_than)
     kept = f"; being computed, and kept: {len(busy)}" if busy else ""
     print(f"removed {len(removed)}, {in_bytes(sum(entry.size for entry in removed))}{kept}")
 
@@ -47,6 +45,4 @@ def clear(*, older_than: Days = 0.0, cache_dir: CacheDir = None) -> None:
 @app.command
 def path(*, cache_dir: CacheDir = None) -> None:
     """Print the folder of the cached fields."""
-    from locplan.field import cache_folder
-
-    print(cache_folder(cache_dir))
+    print(locplan.field.cache_folder(cache_dir))

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from cyclopts import Parameter
-
+import locplan
+from locplan._util.progress import progress_bar
 from locplan.cli._application import NOT_IN_METRES
 from locplan.cli._drive_options import DriveOptions
-from locplan.cli._groups import AtPlaces, DriveSeed, Force, Json, MapFiles, command, results
-from locplan.cli._kinds import given_of
-from locplan.cli._options import FieldOptions, Threads
+from locplan.cli._evaluate import AtPlaces
+from locplan.cli._field_options import FieldOptions
+from locplan.cli._groups import DriveSeed, MapFiles, Threads, command, option_group
+from locplan.cli._output import Output, Target
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import refuse, show
+from locplan.cli._values import given_of, refuse
 
 app = command(
     "calibrate",
@@ -24,33 +25,38 @@ app = command(
 )
 
 
+@option_group("Options")
+class Fit:
+    """What is fitted."""
+
+    error: Literal["tracking", "match"] | None = None
+    """Errors of the filter (tracking, by default), or of single scans."""
+    fit_tau: bool = False
+    """Fit the scale tau of sad's exponential weights, too."""
+
+
+@option_group("Output")
+class SettingsOutput(Output):
+    """Where the settings go."""
+
+    output: Annotated[Path, Target] = Path("calibrated.json")
+    """File for the settings, for --config and --robot of other commands, with a picture
+    NAME_calibration.png beside it; calibrated.json by default."""
+
+
 @app.default
 def calibrate(
     maps: MapFiles,
     /,
     *,
-    error: Annotated[
-        Literal["tracking", "match"] | None,
-        Parameter(help="Errors of the filter (tracking, by default), or of single scans."),
-    ] = None,
-    fit_tau: Annotated[
-        bool, Parameter(help="Fit the scale tau of sad's exponential weights, too.")
-    ] = False,
+    fit: Fit = Fit(),
     at: AtPlaces = AtPlaces(),
     recorded: DriveOptions = DriveOptions(),
     robot_options: RobotOptions = RobotOptions(),
     seed: DriveSeed = 1,
     options: FieldOptions = FieldOptions(),
     threads: Threads = None,
-    output: Annotated[
-        Path,
-        results(
-            "File for the settings, for --config and --robot of other commands, with a picture"
-            " NAME_calibration.png beside it; calibrated.json by default."
-        ),
-    ] = Path("calibrated.json"),
-    force: Force = False,
-    json: Json = False,
+    out: SettingsOutput = SettingsOutput(),
 ) -> int:
     """Fit the noise level k (and tau), so that the field's deviations are errors in metres.
 
@@ -59,67 +65,33 @@ def calibrate(
 
     Where that cannot be, the exit code is 3, the written file says so, and its use warns.
     """
-    from locplan._util.progress import progress_bar, working
-    from locplan.maps import find_maps, load_map
-    from locplan.simulation import calibrate as fitted, check_calibration, measure_maps
-
-    check_calibration(output, force=force)
+    locplan.simulation.check_calibration(out.output, force=out.force)
     recorded.check()
+    every: dict[str, Any] = {"threads": threads}
     if recorded.drive:
-        _refuse_with_drive(at, error, fit_tau)
-        return _from_drive(maps, recorded, robot_options, options, threads, output, force, json)
-    error = error or "tracking"
+        refuse("with --drive", error=fit.error, fit_tau=fit.fit_tau or None, **at.changed())
+        grid, recording = recorded.on_map(maps)
+        config = options.of_drive(recording.lidar)
+        robot = robot_options.on_drive(recording, replayed=False)
+        with progress_bar("calibrating", "") as progress:
+            found = locplan.recordings.calibrate_drive(
+                recording, grid, config, robot=robot, progress=progress, **every
+            )
+        out.finish(found)
+        return 0 if getattr(found.field, "in_metres", False) else NOT_IN_METRES
+    error = fit.error or "tracking"
     unread = "scans" if error == "tracking" else "drives"
     refuse(f"with --error {error}", **{unread: getattr(at, unread)})
     robot, config = options.simulated(robot_options)
+    places = given_of(at) | {unread: 0, "seed": seed}
     with progress_bar("driving", "drives") as progress:
-        measured = measure_maps(
-            [load_map(file) for file in find_maps(*maps)],
-            robot,
-            **given_of(at) | {unread: 0},
-            seed=seed,
-            threads=threads,
-            progress=progress,
+        grids = [locplan.load_map(file) for file in locplan.maps.find_maps(*maps)]
+        measured = locplan.simulation.measure_maps(
+            grids, robot, **places, progress=progress, **every
         )
     with progress_bar("fitting", "values of tau") as progress:
-        result = fitted(
-            measured, config, error=error, fit_tau=fit_tau, threads=threads, progress=progress
+        result = locplan.simulation.calibrate(
+            measured, config, error=error, fit_tau=fit.fit_tau, progress=progress, **every
         )
-    with working("writing the results"):
-        written = result.save(output, robot, force=force)
-    show(json, result.summary(), result.report(), *written)
+    out.finish(result, saved=(robot,))
     return 0 if result.in_metres else NOT_IN_METRES
-
-
-def _refuse_with_drive(at: AtPlaces, error: str | None, fit_tau: bool) -> None:
-    """Raise a ConfigError if an option of simulations was given."""
-    places = None if at.places == AtPlaces.places else at.places
-    own = {"error": error, "fit_tau": fit_tau or None, "places": places}
-    refuse("with --drive", **own, scans=at.scans, drives=at.drives)
-
-
-def _from_drive(
-    maps: list[Path],
-    recorded: DriveOptions,
-    robot_options: RobotOptions,
-    options: FieldOptions,
-    threads: int | None,
-    output: Path,
-    force: bool,
-    json: bool,
-) -> int:
-    """Fit the settings to a recorded drive."""
-    from locplan._util.progress import progress_bar, working
-    from locplan.recordings import calibrate_drive
-
-    grid, recording = recorded.on_map(maps)
-    config = options.of_drive(recording.lidar)
-    robot = robot_options.on_drive(recording, replayed=False)
-    with progress_bar("calibrating", "") as progress:
-        result = calibrate_drive(
-            recording, grid, config, robot=robot, threads=threads, progress=progress
-        )
-    with working("writing the results"):
-        written = result.save(output, force=force)
-    show(json, result.summary(), result.report(), *written)
-    return 0 if result.field and result.field.in_metres else NOT_IN_METRES

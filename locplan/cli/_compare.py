@@ -7,27 +7,30 @@ import shlex
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from locplan.cli import _groups as groups
-from locplan.cli._groups import INPUT, MAP_INPUT, Count, Force, Json, Seed, option_group, results
-from locplan.cli._options import Computing, Criterion, FieldOptions
+import locplan
+from locplan._util.progress import progress_bar
+from locplan.cli._field_options import FieldOptions
+from locplan.cli._groups import INPUT, Count, Ranges, Seed, command, keep_maps, option_group
+from locplan.cli._options import Computing, Criterion
+from locplan.cli._output import Output, Target
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import refuse, show
+from locplan.cli._values import refuse
 from locplan.errors import ConfigError
 
-app = groups.command(
+if TYPE_CHECKING:
+    from locplan.comparison import RandomQueries
+
+app = command(
     "compare",
     "compare lab.yaml -o compared --planner any-angle --planner BITstar:time_limit=2 --seeds 5",
 )
 
-JOURNAL = "runs.jsonl"
-"""The file in the output folder that has every run as it came."""
 
-
-@option_group(groups.PLANNER)
+@option_group("Planner")
 class Compared:
     """The planners that are compared."""
 
@@ -42,7 +45,7 @@ class Compared:
     """Planner that the others are compared with; any-angle if it is there."""
 
 
-@option_group(groups.GENERAL)
+@option_group("Options")
 class Queries:
     """The queries that the planners answer."""
 
@@ -55,21 +58,23 @@ class Queries:
     queries: Annotated[Path | None, INPUT] = None
     """File of queries: CSV of name,start_x,start_y,goal_x,goal_y in metres, or of name,x,y of
     stations, each two of which are one, or MovingAI .scen."""
-    ranges: Annotated[str | None, Parameter(metavar="R1,R2")] = None
+    ranges: Ranges = None
     """Ranges of the lidar, for each of which the planners are compared, in metres."""
 
-    def drawn(self) -> dict[str, Any]:
-        """The settings of random queries that were given; they exclude a file of queries."""
+    def kept(self) -> Path | RandomQueries:
+        """The file of queries, or how they are drawn; a ConfigError if both were given."""
         own = {"least_distance": self.least_distance, "seed": self.seed}
-        if self.queries is not None:
-            if self.random is not None:
-                raise ConfigError("--random and --queries exclude one another")
-            refuse("with --queries", **own)
-        given = {"count": self.random, **own}
-        return {name: value for name, value in given.items() if value is not None}
+        if self.queries is None:
+            given = {"count": self.random, **own}.items()
+            drawn: Any = {name: value for name, value in given if value is not None}
+            return locplan.comparison.RandomQueries(**drawn)
+        if self.random is not None:
+            raise ConfigError("--random and --queries exclude one another")
+        refuse("with --queries", **own)
+        return self.queries
 
 
-@option_group(groups.COMPUTING)
+@option_group("Computing")
 class Running:
     """The resources of the runs."""
 
@@ -84,77 +89,72 @@ class Running:
     """Go on with an earlier comparison in --output where it ended."""
 
 
+@option_group("Costs")
+class Weights:
+    """The costs of a path."""
+
+    weight: tuple[float, ...] = ()
+    """Detour accepted per degenerate metre, in metres; by default the estimator's own;
+    repeatable."""
+    criterion: Criterion = None
+
+
+@option_group("Output")
+class Report(Output):
+    """Where the report goes."""
+
+    output: Annotated[Path, Target] = dataclasses.field()
+    """Folder for the report, tables and logs."""
+
+
 @app.default
 def compare(
     maps: Annotated[
         list[Path],
-        MAP_INPUT,
+        Parameter("MAP", validator=keep_maps),
         Parameter(help="Maps: map_server YAML files, folders of them, or .map."),
     ],
     /,
     *,
-    output: Annotated[Path, results("Folder for the report, tables and logs.")],
+    out: Report,
     compared: Compared = Compared(),
     asked: Queries = Queries(),
-    weight: Annotated[
-        tuple[float, ...],
-        Parameter(
-            group=groups.COSTS,
-            help="Detour accepted per degenerate metre, in metres; by default the estimator's own;"
-            " repeatable.",
-        ),
-    ] = (),
-    criterion: Criterion = None,
+    costs: Weights = Weights(),
     robot_options: RobotOptions = RobotOptions(),
     options: FieldOptions = FieldOptions(),
     running: Running = Running(),
     computing: Computing = Computing(),
-    force: Force = False,
-    json: Json = False,
 ) -> None:
     """Run planners side by side, and report which one is best, where and by how much."""
-    from locplan._util.progress import progress_bar, working
-    from locplan.comparison import (
-        PLANNERS,
-        Comparison,
-        Execution,
-        RandomQueries,
-        compare as run_all,
-        specs_of,
-    )
-
-    drawn = asked.drawn()
-    queries = asked.queries or RandomQueries(**drawn)
+    comparison = locplan.comparison
+    queries = asked.kept()
     robot, made = options.to_configs(robot_options, asked.ranges)
-    specs_of(compared.planner or PLANNERS)
-    Comparison.files.into(output, force=force)
+    planners = compared.planner or comparison.PLANNERS
+    comparison.specs_of(planners)
+    out.check(locplan.Comparison.files)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # and clean up
-
     with progress_bar("runs", "runs") as progress:
-        execution = Execution(
+        execution = comparison.Execution(
             workers=running.workers,
             time_limit=compared.time_limit,
             memory=None if running.memory is None else running.memory * 1e9,
             patience=running.patience,
-            journal=output / JOURNAL,
+            journal=out.output / "runs.jsonl",  # every run as it came
             resume=running.resume,
-            anew=force and not running.resume,
+            anew=out.force and not running.resume,
             field_of=computing.field,
             progress=progress,
         )
-        result = run_all(
+        result = locplan.compare(
             maps,
-            compared.planner or PLANNERS,
+            planners,
             queries,
             robot,
             configs={f"{each.estimator.name}, {each.estimator.reach:g} m": each for each in made},
-            weights=weight or None,
-            criterion=criterion,
+            weights=costs.weight or None,
+            criterion=costs.criterion,
             seeds=range(1, compared.seeds + 1),
             baseline=compared.baseline,
             execution=execution,
         )
-    result = dataclasses.replace(result, command=shlex.join(["locplan", *sys.argv[1:]]))
-    with working("writing the report"):
-        result.save(output, force=force)
-    show(json, result.summary(), result.report(), output)
+    out.finish(dataclasses.replace(result, command=shlex.join(["locplan", *sys.argv[1:]])))

@@ -6,21 +6,23 @@ import math
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import DRIVE, INPUT, Count, Text, option_group
-from locplan.cli._kinds import given_of
-from locplan.cli._values import numbers, refuse, two_numbers
+import locplan
+from locplan._util.progress import progress_bar, working
+from locplan.cli._groups import INPUT, Count, option_group
+from locplan.cli._values import given_of, move, parsed, refuse, two_numbers
 from locplan.errors import ConfigError, LocplanError
 
 if TYPE_CHECKING:
-    from locplan.maps import OccupancyGrid
     from locplan.recordings import Recording
 
+Move = Annotated[Any, parsed(move, "X,Y,DEG")]
 
-@option_group(DRIVE)
+
+@option_group("Recorded drive")
 class DriveOptions:
     """A recorded drive, and how its file is read."""
 
@@ -38,22 +40,18 @@ class DriveOptions:
     """Frame of the poses in a bag; map by default."""
     base_frame: Annotated[str | None, Parameter(metavar="FRAME")] = None
     """Frame of the robot in a bag; that of its odometry, or base_footprint or base_link."""
-    range_limits: Annotated[Text | None, Parameter(metavar="LEAST,GREATEST")] = None
+    range_limits: Annotated[Any, parsed(two_numbers, "MIN,MAX")] = None
     """Distances between which a reading is a return, in metres, where the log's own are wrong."""
-    mount: Annotated[Text | None, Parameter(metavar="X,Y,DEG")] = None
+    mount: Move = None
     """Pose of the lidar on the robot, in metres and degrees, where the log does not have it."""
-    align: Annotated[Text | None, Parameter(metavar="X,Y,DEG")] = None
+    align: Move = None
     """Turn of the recorded poses about the map frame's origin, in degrees, and shift after it, in
     metres, where the map was moved."""
 
     def check(self) -> None:
-        """Raise a ConfigError if a text is wrong, or an option is given without a drive.
-
-        It is to be called before long work.
-        """
+        """Raise a ConfigError if an option is given without a drive; before long work."""
         if self.drive is None:
             refuse("without --drive", **given_of(self))
-        _ = self._limits, self._move("mount"), self._move("align")
 
     def read(self) -> Recording:
         """The drive, with a progress bar while it is read.
@@ -61,67 +59,48 @@ class DriveOptions:
         Raises
         ------
         ConfigError
-            If no drive was named, or an option is out of its range.
+            If no drive was named.
         RecordingError
             If the file cannot be read, or holds no drive.
         """
-        from locplan._util.progress import progress_bar
-        from locplan.recordings import Topics, read_drive
-
         self.check()
         if self.drive is None:
             raise ConfigError("name a recorded drive with --drive")
-        given = {name: value for name, value in given_of(self).items() if name in vars(Topics())}
+        names = vars(locplan.recordings.Topics())
         with progress_bar(f"reading {self.drive.name}", "messages") as progress:
-            recording = read_drive(
+            recording = locplan.recordings.read_drive(
                 self.drive,
                 every=self.every or 1,
-                topics=Topics(**given),
-                range_limits=self._limits,
-                mount=self._move("mount"),
+                topics=locplan.recordings.Topics(
+                    **{name: value for name, value in given_of(self).items() if name in names}
+                ),
+                range_limits=self.range_limits,
+                mount=self.mount,
                 progress=progress,
             )
-        move = self._move("align")
-        return recording.moved(*move) if move else recording
+        return recording.moved(*self.align) if self.align else recording
 
-    def on_map(self, maps: Sequence[Path]) -> tuple[OccupancyGrid, Recording]:
+    def on_map(self, maps: Sequence[Path]) -> tuple[locplan.OccupancyGrid, Recording]:
         """The map, and the drive on it.
 
-        Where the map does not fit, a warning tells so if the user has aligned the drive.
+        Where the map does not fit, a warning says so if the user has aligned the drive.
 
         Raises
         ------
         LocplanError
             If there are several maps, the map does not fit, or a file cannot be read.
         """
-        from locplan._util.progress import working
-        from locplan.maps import MapWarning, find_maps, load_map
-        from locplan.recordings import fit_to_map
-
-        files = find_maps(*maps)
+        files = locplan.maps.find_maps(*maps)
         if len(files) != 1:
             raise ConfigError(f"--drive is of one map, not of {len(files)}; name the one it was on")
-        grid, drive = load_map(files[0]), self.read()
+        grid, drive = locplan.load_map(files[0]), self.read()
         with working("looking whether the map fits"):
-            fit = fit_to_map(drive, grid)
+            fit = locplan.recordings.fit_to_map(drive, grid)
         if not fit.fits:
             x, y, turn = fit.move
             way = f" (--align {x:.3f},{y:.3f},{math.degrees(turn):.2f})" if fit.shifted else ""
             fault = f"{files[0]}: {fit.sentence.rstrip('.')}{way}"
             if self.align is None:
                 raise LocplanError(f"{fault}; --align 0,0,0 goes on as it is")
-            warnings.warn(MapWarning(fault), stacklevel=2)
+            warnings.warn(locplan.maps.MapWarning(fault), stacklevel=2)
         return grid, drive
-
-    @property
-    def _limits(self) -> tuple[float, float] | None:
-        """The distances between which a reading is a return [m]."""
-        return two_numbers("range-limits", self.range_limits) if self.range_limits else None
-
-    def _move(self, name: str) -> tuple[float, float, float] | None:
-        """The mount, or the move of the poses [m, m, rad]."""
-        text: str | None = getattr(self, name)
-        if text is None:
-            return None
-        x, y, turn = numbers(name, text, 3)
-        return x, y, math.radians(turn)

@@ -6,15 +6,18 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import Group, Parameter
+from cyclopts import Parameter
 
-from locplan.cli._groups import INPUT, Force, Json, MapFile, Text, command, results
-from locplan.cli._kinds import check_has, joint_options, options_of
-from locplan.cli._options import Computing, CostOptions, FieldOptions
+import locplan
+from locplan._util.progress import working
+from locplan.cli._field_options import FieldOptions
+from locplan.cli._groups import XY, Csv, MapFile, command, heading, option_group
+from locplan.cli._options import Computing, CostOptions
+from locplan.cli._output import Output, Target
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import load, read_paths, show, two_numbers
+from locplan.cli._values import check_has, joint_options, options_of, read_paths
 from locplan.errors import ConfigError
-from locplan.export import ExportJob, formats
+from locplan.export import formats
 
 app = command(
     "export",
@@ -28,15 +31,45 @@ ABOUT = ", ".join(
     f"{name} ({', '.join((*each.suffixes[:1], each.about))})" for name, each in FORMATS.items()
 )
 PATHS = [name for name, each in FORMATS.items() if each.paths != "none"]
-WITH_PATHS = f"({', '.join(PATHS)})"
-FORMAT = Group("Format", sort_key=2)
 if TYPE_CHECKING:
-    from locplan.costs import Costmap, Path as Route
-
     FormatOptions = Any
-    Ends = tuple[tuple[float, float], tuple[float, float]]
-else:
-    FormatOptions = joint_options(OPTIONS, FORMAT, but=("params",))  # a file of the robot
+else:  # parameters are a file of the robot
+    FormatOptions = joint_options(OPTIONS, heading("Format"), but=("params",))
+
+
+@option_group("Options")
+class Exported:
+    """What is exported."""
+
+    to: Annotated[
+        str, Parameter(choices=tuple(FORMATS), show_choices=False, help=f"Format: {ABOUT}.")
+    ]
+    path: Annotated[Csv, Parameter(help=f"Path to export (x,y) ({', '.join(PATHS)}).")] = ()
+    start: Annotated[
+        XY,
+        Parameter(
+            help="Start of a path that is planned and exported, x,y in metres"
+            f" ({', '.join(PATHS)})."
+        ),
+    ] = None
+    goal: XY = None
+    """Goal of this path, x,y in metres."""
+
+    def check(self) -> None:
+        """Raise a ConfigError if the format has no paths, or half a query was given."""
+        for name in ("path", "start", "goal"):
+            if getattr(self, name):
+                check_has(name, "--to", self.to, PATHS)
+        if bool(self.start) != bool(self.goal):
+            raise ConfigError("--start and --goal belong together")
+
+
+@option_group("Output")
+class ExportOutput(Output):
+    """Where the export goes."""
+
+    output: Annotated[Path | None, Target] = None
+    """File or folder; MAP-FORMAT here by default."""
 
 
 @app.default
@@ -44,79 +77,47 @@ def export(
     map_file: MapFile,
     /,
     *,
-    to: Annotated[
-        str,
-        Parameter(choices=tuple(FORMATS), show_choices=False, help=f"Format: {ABOUT}."),
-    ],
-    path: Annotated[
-        tuple[Path, ...],
-        INPUT,
-        Parameter(metavar="CSV", help=f"Path to export (x,y) {WITH_PATHS}."),
-    ] = (),
-    start: Annotated[
-        Text | None,
-        Parameter(
-            metavar="X,Y",
-            help=f"Start of a path that is planned and exported, x,y in metres {WITH_PATHS}.",
-        ),
-    ] = None,
-    goal: Annotated[
-        Text | None, Parameter(metavar="X,Y", help="Goal of this path, x,y in metres.")
-    ] = None,
+    exported: Exported,
     own: FormatOptions = FormatOptions(),
     robot_options: RobotOptions = RobotOptions(),
     costs: CostOptions = CostOptions(),
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
-    output: Annotated[Path | None, results("File or folder; MAP-FORMAT here by default.")] = None,
-    force: Force = False,
-    json: Json = False,
+    out: ExportOutput = ExportOutput(),
 ) -> None:
     """Write cost maps, route graphs, bags and paths for navigation stacks, or plain files."""
-    from locplan._util.progress import working
     from locplan._util.tables import table
 
+    exported.check()
+    to, start, goal = exported.to, exported.start, exported.goal
     format = FORMATS[to]
-    for option, value in (("--path", path), ("--start", start), ("--goal", goal)):
-        if value:
-            check_has(option, "--to", to, PATHS)
-    ends = _ends(start, goal)
     robot, config = options.with_robot(robot_options)
     chosen = options_of(OPTIONS, to, "--to", own, params=robot_options.nav2_file())
     costs.check(config)
-    grid = load(map_file)
-    target = output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
-    format.check_target(target, force=force)
-    paths = read_paths(path)
-    count = len(paths) + bool(ends)
+    grid = locplan.load_map(map_file)
+    target = out.output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
+    format.check_target(target, force=out.force)
+    paths = read_paths(exported.path)
+    count = len(paths) + bool(start)
     if format.paths == "one" and count != 1:
         raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal")
     format.check(chosen, count)
     field = computing.field(grid, config)
     costmap = costs.costmap(grid, field, robot)
-    if ends:
-        paths["aware"] = _planned(costmap, ends)
+    if start and goal:
+        paths["aware"] = _planned(costmap, start, goal)
+    job = locplan.export.ExportJob(costmap, field, paths, robot=robot)
     with nullcontext() if format.shows_progress else working(f"writing {target.name}"):
-        summary = format.write(target, ExportJob(costmap, field, paths, robot=robot), chosen)
+        summary = format.write(target, job, chosen)
     about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
     rows = [("map", grid.name), ("format", to), ("field", config.estimator.summary), *summary.rows]
-    show(json, about, table([], rows), target)
+    out.show(about, table([], rows), target)
 
 
-def _ends(start: str | None, goal: str | None) -> Ends | None:
-    """The ends of a path that is planned, if they are given."""
-    if start is None or goal is None:
-        if start != goal:
-            raise ConfigError("--start and --goal belong together")
-        return None
-    return two_numbers("start", start), two_numbers("goal", goal)
-
-
-def _planned(costs: Costmap, ends: Ends) -> Route:
+def _planned(costs: locplan.Costmap, *ends: tuple[float, float]) -> locplan.Path:
     """The path between two ends; a ConfigError if there is none."""
-    from locplan.planners import plan
-
-    found = plan(costs, *ends)
+    found = locplan.plan(costs, *ends)
     if found.path is None:
-        raise ConfigError(f"no path leads from --start to --goal: {found.note or found.status}")
+        why = found.note or found.status
+        raise ConfigError(f"no path leads from --start to --goal: {why}")
     return found.path

@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from cyclopts import Parameter
-
-from locplan.cli._groups import (
-    GENERAL,
-    Count,
-    DriveSeed,
-    MapFile,
-    command,
-    option_group,
-)
-from locplan.cli._options import Threads
+import locplan
+from locplan._util.progress import progress_bar
+from locplan.cli._groups import Count, DriveSeed, MapFile, Threads, command, option_group
 from locplan.cli._output import Output
 from locplan.cli._robot_options import RobotOptions
 from locplan.cli._route_options import RouteOptions
-from locplan.cli._values import load
 
 app = command(
     "features",
@@ -27,7 +16,7 @@ app = command(
 )
 
 
-@option_group(GENERAL)
+@option_group("Options")
 class Taking:
     """What counts as a feature, and how many are taken away."""
 
@@ -39,7 +28,13 @@ class Taking:
     """Greatest extent of an object, in metres; 4 by default."""
     shift: float = 0.3
     """Distance by which features are moved to see the error, in metres; 0.3 by default."""
-    drives: Annotated[int, Parameter()] = 100
+
+
+@option_group("Options")
+class Verified:
+    """How it is verified."""
+
+    drives: int = 100
     """Number of drives of the verification; 100 by default, 0 leaves it out."""
 
 
@@ -50,6 +45,7 @@ def features(
     *,
     routes: RouteOptions = RouteOptions(),
     taking: Taking = Taking(),
+    verified: Verified = Verified(),
     robot_options: RobotOptions = RobotOptions(),
     seed: DriveSeed = 1,
     threads: Threads = None,
@@ -59,28 +55,13 @@ def features(
 
     Drives with your own filter, in a world that lacks the worst of them, say whether it is so.
     """
-    from locplan import landmarks as core
-    from locplan._util.progress import progress_bar
-    from locplan.field import equipped
-    from locplan.simulation import check_drives
-
-    drives, ways = taking.drives, routes.given()
-    check_drives(drives, or_none=True)
-    robot = equipped(robot_options.load())
-    robot_options.warn(robot)
-    grid = load(map_file)
-    out.check(core.KeyFeatures.files)
+    drives, ways = verified.drives, routes.given()
+    locplan.simulation.check_drives(drives, or_none=True)
+    robot = robot_options.simulated()
+    grid = locplan.load_map(map_file)
+    out.check(locplan.KeyFeatures.files)
     with progress_bar("taking features away", "features") as progress:
-        found = core.key_features(
-            grid,
-            **ways,
-            robot=robot,
-            count=taking.count,
-            piece=taking.piece,
-            largest=taking.largest,
-            shift=taking.shift,
-            progress=progress,
-        )
+        found = locplan.key_features(grid, **ways, robot=robot, **vars(taking), progress=progress)
     driven = None
     if drives and found.together:
         with progress_bar("verifying by drives", "drives") as progress:

@@ -6,13 +6,13 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 from cyclopts import Parameter
 
 from locplan._util.runs import Run, Setting, running
 from locplan.cli import _application
-from locplan.cli._groups import OUTPUT, OUTPUT_OPTION
+from locplan.cli._groups import heading
 
 if TYPE_CHECKING:
     from cyclopts.argument import Argument, ArgumentCollection
@@ -27,7 +27,7 @@ def launched(tokens: list[str]) -> tuple[int | None, Run]:
     @app.meta.default
     def launch(
         *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
-        verbose: Annotated[bool, Parameter(alias="-v", group=OUTPUT)] = False,
+        verbose: Annotated[bool, Parameter(alias="-v", group=heading("Output"))] = False,
     ) -> int | None:
         """Run a command.
 
@@ -47,23 +47,19 @@ def launched(tokens: list[str]) -> tuple[int | None, Run]:
 def _record(run: Run, _: object, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
     """Let folders of results have what was typed for each option, but those for the output."""
     typed = {each.names[0]: each for each in arguments}
-    if not commands or OUTPUT_OPTION not in typed:
+    if "--output" not in typed:
         return  # it writes no results, or those of a page
     run.command = commands[0]
+    given = {name: each for name, each in typed.items() if each.tokens}
     settings = {
         name.removeprefix("--").replace("-", "_").lower(): each
-        for name, each in typed.items()
-        if each.tokens and not _is_output(each)
+        for name, each in given.items()
+        if heading("Output") not in (each.parameter.group or ())  # type: ignore[operator]
     }
     run.settings = {name: _typed(each) for name, each in settings.items()}
     run.files = frozenset(
         name for name, each in settings.items() if "pathlib.Path" in str(each.field_info.annotation)
     )
-
-
-def _is_output(argument: Argument) -> bool:
-    groups: Any = argument.parameter.group or ()
-    return OUTPUT in groups
 
 
 def _typed(argument: Argument) -> Setting:
@@ -75,14 +71,14 @@ def _typed(argument: Argument) -> Setting:
 
 
 @contextmanager
-def _log_on_stderr(wanted: bool) -> Iterator[None]:
+def _log_on_stderr(shown: bool) -> Iterator[None]:
     log, libraries = logging.getLogger("locplan"), logging.getLogger()
     # Without any handler Python itself shows what libraries warn of.
-    handler = logging.StreamHandler() if wanted else logging.NullHandler()
+    handler = logging.StreamHandler() if shown else logging.NullHandler()
     handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
     before = log.level
     libraries.addHandler(handler)
-    if wanted:
+    if shown:
         log.setLevel(logging.DEBUG)
     try:
         yield

@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+import locplan
+from locplan._util.progress import progress_bar, working
 from locplan.cli._drive_options import DriveOptions
-from locplan.cli._groups import (
-    DRIVE,
-    GENERAL,
-    INPUT,
-    Count,
-    MapFile,
-    command,
-    option_group,
-)
-from locplan.cli._options import Threads
+from locplan.cli._groups import INPUT, Count, MapFile, Threads, command, option_group
 from locplan.cli._output import Output
-from locplan.cli._values import load, refuse
+from locplan.cli._values import given_of, refuse
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -34,7 +27,7 @@ app = command(
 )
 
 
-@option_group(DRIVE)
+@option_group("Recorded drive")
 class ScanOptions:
     """The scan of the drive."""
 
@@ -68,8 +61,8 @@ class ScanOptions:
         return drive[scan : scan + 1]
 
 
-@option_group(GENERAL)
-class LocateOptions:
+@option_group("Options")
+class Places:
     """Where the robot is looked for."""
 
     near_path: Annotated[Path | None, INPUT, Parameter(metavar="CSV")] = None
@@ -79,20 +72,6 @@ class LocateOptions:
     count: Count | None = None
     """Greatest number of places that are kept; 10 by default."""
 
-    def to_arguments(self) -> dict[str, Any]:
-        """The arguments of `locate_drive`, without those that are by default."""
-        from locplan.costs import Path as Route
-
-        given: dict[str, Any] = {
-            name: getattr(self, name)
-            for name in ("within", "count")
-            if getattr(self, name) is not None
-        }
-        if self.near_path is None:
-            refuse("without --near-path", within=self.within)
-            return given
-        return given | {"near": Route.load(self.near_path)}
-
 
 @app.default
 def locate(
@@ -101,7 +80,7 @@ def locate(
     *,
     recorded: DriveOptions = DriveOptions(),
     which: ScanOptions = ScanOptions(),
-    options: LocateOptions = LocateOptions(),
+    places: Places = Places(),
     threads: Threads = None,
     out: Output = Output(),
 ) -> None:
@@ -109,25 +88,24 @@ def locate(
 
     Places that explain a scan have weights, so that you see which ones look alike.
     """
-    from locplan._util.progress import progress_bar, working
-    from locplan.matching import ScanDatabase
-    from locplan.twins import LocatedDrive, locate_drive
-
     if recorded.drive is None:
         raise ConfigError("name a recorded drive with --drive")
     if which.scan is not None:
         refuse("with --scan", at=which.at, every=recorded.every)
     if which.at is not None:
         refuse("with --at", every=recorded.every)
-    recorded.check()
-    arguments = options.to_arguments()
-    out.check(LocatedDrive.files)
-    grid, drive = load(map_file), which.chosen(recorded.read())
+    given = given_of(places)
+    if path := given.pop("near_path", None):
+        given["near"] = locplan.Path.load(path)
+    else:
+        refuse("without --near-path", within=places.within)
+    out.check(locplan.twins.LocatedDrive.files)
+    grid, drive = locplan.load_map(map_file), which.chosen(recorded.read())
     with working("looking around at all places of the map"):
-        database = ScanDatabase(grid, drive.lidar)
+        database = locplan.ScanDatabase(grid, drive.lidar)
         _ = database.everywhere
     with progress_bar("locating scans", "scans") as progress:
-        found = locate_drive(
-            drive, grid, **arguments, database=database, threads=threads, progress=progress
+        found = locplan.twins.locate_drive(
+            drive, grid, **given, database=database, threads=threads, progress=progress
         )
     out.finish(found)

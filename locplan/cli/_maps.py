@@ -5,13 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from locplan.cli._groups import GENERAL, Force, command, option_group, results
-from locplan.cli._values import say_written
+import locplan
+from locplan._util.results import ResultFolder
+from locplan.cli._groups import command, option_group
+from locplan.cli._output import Target, say_written
 
 app = command("maps", "maps maps --name two_corridors --resolution 0.1")
 
 
-@option_group(GENERAL)
+@option_group("Options")
 class MapOptions:
     """The maps that are written."""
 
@@ -25,24 +27,35 @@ class MapOptions:
     """Seed of the noise; 0 by default."""
 
 
+@option_group("Output")
+class Replacing:
+    """What is replaced."""
+
+    force: bool = False
+    """Replace files in the way, whoever wrote them."""
+
+
 @app.default
 def maps(
-    output: Annotated[Path, results("Folder of the maps; maps by default.")] = Path("maps"),
+    output: Annotated[Path, Target] = Path("maps"),
     *,
     options: MapOptions = MapOptions(),
-    force: Force = False,
+    replacing: Replacing = Replacing(),
 ) -> None:
-    """Write the generated maps as PGM and YAML."""
-    from locplan._util.results import ResultFolder
-    from locplan.maps import environments, save_map
+    """Write the generated maps as PGM and YAML.
 
-    noise, seed = options.boundary_noise, options.seed
+    Parameters
+    ----------
+    output
+        Folder of the maps; maps by default.
+    """
+    environments, noise, seed = locplan.maps.environments, options.boundary_noise, options.seed
     names = options.name or environments.names()
     ending = f"_noise{noise:g}_seed{seed}" if noise else ""
-    with ResultFolder(output, "maps", force).writing(others_stay=True) as new:
+    with ResultFolder(output, "maps", replacing.force).writing(others_stay=True) as new:
         for name in names:
             grid = environments.make(
                 name, resolution=options.resolution, boundary_noise=noise, seed=seed
             )
-            save_map(grid, new / f"{name}{ending}.yaml")
+            locplan.save_map(grid, new / f"{name}{ending}.yaml")
     say_written(*(output / f"{name}{ending}.yaml" for name in names))

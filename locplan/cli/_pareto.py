@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from cyclopts import Parameter
-
-from locplan.cli._groups import (
-    GENERAL,
-    MapFile,
-    Text,
-    command,
-    option_group,
-)
-from locplan.cli._options import Computing, FieldOptions
+import locplan
+from locplan._util.progress import working
+from locplan.cli._field_options import FieldOptions
+from locplan.cli._groups import MapFile, command, option_group
+from locplan.cli._options import Computing
 from locplan.cli._output import Output
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import load, position
+from locplan.cli._values import parsed, position
 
 app = command("pareto", "pareto lab.yaml --start 2,3 --goal 38,3 -o front")
 
 
-@option_group(GENERAL)
+@option_group("Options")
 class Search:
     """The query, and the limits of the search."""
 
-    start: Annotated[Text, Parameter(metavar="X,Y")]
+    start: Annotated[Any, parsed(position, "X,Y")]
     """Start, x,y in metres."""
-    goal: Annotated[Text, Parameter(metavar="X,Y")]
+    goal: Annotated[Any, parsed(position, "X,Y")]
     """Goal, x,y in metres."""
     objective: Literal["u", "e"] = "u"
     """Second objective: the degenerate metres (u, by default), or the integral of e."""
@@ -50,25 +45,16 @@ def pareto(
 
     The knee is the path farthest below the chord between the front's ends, or else the shortest.
     """
-    from locplan import planners
-    from locplan._util.progress import working
-    from locplan.costs import Costmap
-    from locplan.field import about_field
-
-    ends = position("start", search.start), position("goal", search.goal)
-    planners.check_front_limits(search.objective, search.time_limit)
-    grid = load(map_file)
+    ends, objective, time_limit = (search.start, search.goal), search.objective, search.time_limit
+    locplan.planners.check_front_limits(objective, time_limit)
+    grid = locplan.load_map(map_file)
     robot, config = options.with_robot(robot_options)
-    planners.check_ends(Costmap.blank(grid, robot_radius=robot.radius), *ends)
-    out.check(planners.ParetoFront.files)
+    locplan.planners.check_ends(locplan.Costmap.blank(grid, robot_radius=robot.radius), *ends)
+    out.check(locplan.ParetoFront.files)
     field = computing.field(grid, config)
+    costs = locplan.Costmap.from_field(grid, field, robot_radius=robot.radius)
     with working("searching the front"):
-        front = planners.pareto_front(
-            Costmap.from_field(grid, field, robot_radius=robot.radius),
-            *ends,
-            objective=search.objective,
-            time_limit=search.time_limit,
-        )
+        front = locplan.pareto_front(costs, *ends, objective=objective, time_limit=time_limit)
     out.finish(front)
     if not out.json:
-        print(about_field(field))
+        print(locplan.field.about_field(field))

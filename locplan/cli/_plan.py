@@ -3,32 +3,40 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from locplan.cli import _groups as groups
-from locplan.cli._groups import FilterMap, MapFile, Seed, Text, option_group
-from locplan.cli._kinds import given_of
-from locplan.cli._options import Computing, CostOptions, FieldOptions
+import locplan
+from locplan._util.progress import later_progress_bar
+from locplan.cli._field_options import FieldOptions
+from locplan.cli._groups import Csv, FilterMap, MapFile, Seed, command, option_group
+from locplan.cli._options import Computing, CostOptions
 from locplan.cli._output import Output
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import load, load_filter_map, position, read_paths, refuse, settings_of
+from locplan.cli._values import (
+    given_of,
+    load_filter_map,
+    parsed,
+    position,
+    read_paths,
+    refuse,
+    settings_of,
+)
 from locplan.errors import ConfigError
 from locplan.planners import names
 
 if TYPE_CHECKING:
     from locplan.planners import Planner
 
-app = groups.command(
+app = command(
     "plan",
     "plan lab.yaml --start 2,3 --goal 38,3 --lidar turtlebot4 --robot nav2.yaml -o planned",
     "plan lab.yaml --start 2,3 --goal 38,3 --planner BITstar --time-limit 2",
 )
 
 
-@option_group(groups.PLANNER)
+@option_group("Planner")
 class PlannerOptions:
     """The planner and its own options, which have the planner's defaults if they are not given."""
 
@@ -58,37 +66,33 @@ class PlannerOptions:
 
     def made(self, **limits: Any) -> dict[str, Planner]:
         """The planners by name, with the options that were given."""
-        from locplan.planners import DEFAULT, planner_for, takes
-
+        planner_for, takes = locplan.planners.planner_for, locplan.planners.takes
         given = given_of(self)
         given.pop("planner", None)
         settings = settings_of(given.pop("setting"), "setting", "range=2.0")
         given |= {"settings": settings} if settings else {}
         seed = given.pop("seed", None)  # that of the drives, too
         made = {}
-        for name in dict.fromkeys(self.planner or ((DEFAULT,) if given else ())):
+        for name in dict.fromkeys(self.planner or ((locplan.planners.DEFAULT,) if given else ())):
             own = {"seed": seed} if seed is not None and takes(planner_for(name), "seed") else {}
             planner_for(name, given | own, **limits)  # refuses limits that it does not keep
             made[name] = planner_for(name, given | own)
         return made
 
 
-AS_CIRCLE = "with a budget the robot counts as the circle of {:.3g} m within its outline"
-
-
-@option_group(groups.GENERAL)
+@option_group("Options")
 class Query:
     """The places and limits of the path."""
 
-    start: Annotated[Text, Parameter(metavar="X,Y[,DEG]")]
+    start: Annotated[Any, parsed(position, "X,Y[,DEG]")]
     """Start of the path, x,y in metres, and the heading in degrees where the space has one."""
-    goal: Annotated[Text, Parameter(metavar="X,Y[,DEG]")]
+    goal: Annotated[Any, parsed(position, "X,Y[,DEG]")]
     """Goal of the path, x,y in metres, and the heading in degrees where the space has one."""
-    via: Annotated[tuple[Text, ...], Parameter(metavar="X,Y[,DEG]", allow_leading_hyphen=True)] = ()
+    via: Annotated[tuple[Any, ...], parsed(position, "X,Y[,DEG]", many=True)] = ()
     """Place to visit on the way, x,y in metres; repeatable."""
-    path: Annotated[tuple[Path, ...], groups.INPUT, Parameter(metavar="CSV")] = ()
+    path: Csv = ()
     """Further candidate (CSV of positions); repeatable."""
-    front: Annotated[bool, Parameter(name="--front")] = False
+    front: bool = False
     """Take up to 5 paths of the Pareto front of length against degeneracy as candidates, too."""
     max_e: float | None = None
     """Greatest e of the cells that a path enters, in m² rad."""
@@ -99,8 +103,13 @@ class Query:
 
     def limits(self) -> dict[str, Any]:
         """What binds the paths of planners."""
-        via = [position("via", xy) for xy in self.via]
-        return {"via": via, "max_e": self.max_e, "budget": self.budget}
+        return {"via": [*self.via], "max_e": self.max_e, "budget": self.budget}
+
+    def warn(self, robot: locplan.Robot) -> None:
+        """Say which outline is planned with where it is not the robot's."""
+        if robot.outline and self.budget is not None:
+            within = f"the circle of {robot.outline.inscribed_radius:.3g} m within its outline"
+            print(f"with a budget the robot counts as {within}", file=sys.stderr)
 
     def settings(self) -> dict[str, Any]:
         """The settings of the choice that were given."""
@@ -115,14 +124,14 @@ class Query:
         return {**paths, **made}
 
 
-@option_group(groups.SIMULATION)
+@option_group("Simulation")
 class Driving:
     """What decides among candidates, which are driven where the lidar is known."""
 
     drives: int | None = None
     """Greatest number of confirming drives of a path; 64 by default, 0 drives and recommends
     none."""
-    bold: Annotated[bool, Parameter(name="--bold")] = False
+    bold: bool = False
     """Take a path that is only probably better, too."""
     minimise: Literal["rmse", "lost", "goal-error", "heading"] | None = None
     """Error that decides: RMSE of the position (by default), that of the last metre, that of the
@@ -131,7 +140,7 @@ class Driving:
     """Price of the length in the race: so much of its logarithm counts as error; 0.3 by default."""
     driving_time: float | None = None
     """Time after which no further round of confirming drives begins, in seconds."""
-    no_field: Annotated[bool, Parameter(name="--no-field")] = False
+    no_field: bool = False
     """Decide without the aware paths, which need a field of the map."""
 
     def settings(self) -> dict[str, Any]:
@@ -163,34 +172,31 @@ def plan(
     Where the lidar is known, candidates are driven in simulation until one is shown to be better
     than the shortest path. Elsewhere the localizability-aware path is planned beside it.
     """
-    from locplan._util.progress import later_progress_bar
-    from locplan.costs import Costmap
-    from locplan.simulation import Choice, choose, drives_prepared_beside
-
+    config: Any
     robot, config = options.with_robot(robot_options)
     driven = robot.lidar is not None and driving.drives != 0
     if driven:
         robot_options.warn(robot)
-    if robot.outline and query.budget is not None:
-        print(AS_CIRCLE.format(robot.outline.inscribed_radius), file=sys.stderr)
+    query.warn(robot)
+    costs.check(config)
+    candidates = query.candidates(planning.made(**query.limits()))
+    out.check(locplan.Choice.files, "history.png")
+    grid, basis = locplan.load_map(map_file), config
     if driving.no_field:
         unread = {"max_e": query.max_e, "budget": query.budget, "front": query.front or None}
         refuse("with --no-field", **vars(options), **vars(costs), **unread)
-    costs.check(config)
-    candidates = query.candidates(planning.made(**query.limits()))
-    out.check(Choice.files, "history.png")
-    grid = load(map_file)
+        basis = locplan.Costmap.blank(grid, robot_radius=robot.radius)
     with (
-        drives_prepared_beside(needed=driven) as drivable,
+        locplan.simulation.drives_prepared_beside(needed=driven) as drivable,
         computing.of(config, whole=options.stride is not None, then=drivable) as compute,
         later_progress_bar("driving the candidates", "drives") as progress,
     ):
-        choice = choose(
+        choice = locplan.choose(
             grid,
-            position("start", query.start),
-            position("goal", query.goal),
+            query.start,
+            query.goal,
             robot,
-            costs=Costmap.blank(grid, robot_radius=robot.radius) if driving.no_field else config,
+            costs=basis,
             candidates=candidates,
             compute=compute,
             seed=given_of(planning).get("seed", 1),

@@ -8,37 +8,35 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import Folder, Force, Json, command
+from locplan._util.runs import Run
+from locplan.cli._groups import command
+from locplan.cli._output import Output
 from locplan.errors import LocplanError
-
-NOT_REPEATED = ("run", "explore", "completion")
-"""Commands that write no folder of results of their own."""
 
 app = command("run", "run planned/run.yaml -o again", "run planned")
 
 
 @app.default
 def run(
-    file: Annotated[Path, Parameter(help="The run.yaml of a folder of results, or the folder.")],
+    file: Annotated[
+        Path,
+        Parameter(help="Run of some results: their folder, its run.yaml, or FILE.run.yaml."),
+    ],
     /,
     *,
-    output: Folder = None,
-    force: Force = False,
-    json: Json = False,
+    out: Output = Output(),
 ) -> int | None:
-    """Repeat the command that wrote a folder of results, to the same numbers.
+    """Repeat the command that wrote results, to the same numbers.
 
-    Results replace those of the run, unless --output names another folder.
+    Results replace those of the run, unless --output names another folder or file.
     """
-    from locplan._util.runs import Run
-    from locplan.cli._launcher import launched
+    from locplan.cli._launcher import launched  # which imports commands
 
     before = Run.read(file)
-    if before.command in NOT_REPEATED:
+    if before.command in ("run", "explore", "completion"):  # they write no results of their own
         raise LocplanError(f"{file}: {before.command} is not one that is repeated")
-    home = file if file.is_dir() else file.parent
-    words = [*before.words(), f"--output={output or home}"]
-    words += ["--force"] * force + ["--json"] * json
+    words = [*before.words(), f"--output={out.output or Run.home(file)}"]
+    words += ["--force"] * out.force + ["--json"] * out.json
     code, now = launched(words)
     for line in before.changes(now) if now else ():
         print(f"locplan: warning: {line}", file=sys.stderr)

@@ -2,35 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from cyclopts import Parameter
-
+import locplan
+from locplan._util.progress import progress_bar
 from locplan.cli._drive_options import DriveOptions
+from locplan.cli._field_options import FieldOptions
 from locplan.cli._groups import (
-    GENERAL,
-    INPUT,
+    XY,
+    Csv,
     DriveSeed,
     FilterMap,
     MapFiles,
     Pair,
-    Text,
     command,
     option_group,
 )
-from locplan.cli._options import Computing, CostOptions, FieldOptions
+from locplan.cli._options import Computing, CostOptions
 from locplan.cli._output import Output
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import load_filter_map, read_paths, refuse, show, two_numbers
+from locplan.cli._values import load_filter_map, read_paths, refuse
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
-    from locplan.costs import Costmap
-    from locplan.maps import OccupancyGrid
-    from locplan.recordings import Recording
-    from locplan.robots import Robot
+    from collections.abc import Callable
+
+    from locplan import Costmap, OccupancyGrid, Robot
 
 app = command(
     "simulate",
@@ -40,23 +38,16 @@ app = command(
     "simulate lab.yaml --drive monday.mcap --robot nav2_params.yaml -o replayed",
 )
 
-DRIVES = 100
-"""Number of drives along each path."""
-LEAST_DISTANCE = 10.0
-"""Least distance from start to goal of random queries [m]."""
-OF_PLANS = ("preset", "disc", "template", "headings", "stride")
-"""Settings of a field that is only planned on."""
 
-
-@option_group(GENERAL)
+@option_group("Options")
 class Driven:
     """The paths that are driven, and how often."""
 
-    path: Annotated[tuple[Path, ...], INPUT, Parameter(metavar="CSV")] = ()
+    path: Csv = ()
     """Path that is driven (x,y), as plan wrote it; repeatable."""
-    start: Annotated[Text | None, Parameter(metavar="X,Y")] = None
+    start: XY = None
     """Start of the shortest and the aware path, x,y in metres."""
-    goal: Annotated[Text | None, Parameter(metavar="X,Y")] = None
+    goal: XY = None
     """Goal of both paths, x,y in metres."""
     random: Pair | None = None
     """Number of random queries on each map, in place of a start; 5 or more give intervals."""
@@ -66,27 +57,29 @@ class Driven:
     """Number of drives along each path; 100 by default, and 20 of a recorded drive."""
 
     @property
-    def least(self) -> float:
+    def distance(self) -> float:
         """Least distance from start to goal of random queries [m]."""
-        return LEAST_DISTANCE if self.least_distance is None else self.least_distance
+        return 10.0 if self.least_distance is None else self.least_distance
 
-    def check(self, seed: int) -> None:
-        """Raise a ConfigError unless one kind of paths was asked for; to be called early."""
-        from locplan.planners import check_random
+    def check(self, seed: int, **of_plans: object) -> None:
+        """Raise a ConfigError unless one kind of paths was asked for; to be called early.
 
+        With paths of one's own the options of planned ones are refused.
+        """
         asked = bool(self.path), bool(self.start or self.goal), self.random is not None
         if asked.count(True) != 1 or bool(self.start) != bool(self.goal):
             raise ConfigError("give one of --path, --start with --goal, --random, and --drive")
+        if self.path:
+            own = {"config": None, "estimator": None}  # they name the lidar, too
+            refuse("with --path: no path is planned", **of_plans | own)
         if self.random is None:
             refuse("without --random", least_distance=self.least_distance)
         else:
-            check_random(self.random, seed, self.least)
+            locplan.planners.check_random(self.random, seed, self.distance)
 
     def maps(self, maps: list[Path]) -> list[Path]:
         """The files of the maps; a ConfigError if there are several, and one path."""
-        from locplan.maps import find_maps
-
-        files = find_maps(*maps)
+        files = locplan.maps.find_maps(*maps)
         if self.random is None and len(files) > 1:
             raise ConfigError(
                 f"one path is of one map: name one of these {len(files)}, or give --random"
@@ -114,50 +107,49 @@ def simulate(
     With --drive, AMCL runs on the odometry and the scans of a recorded drive instead, and its
     errors are those against the recorded poses.
     """
-    from locplan.maps import load_map
-    from locplan.recordings import Replay
-
     recorded.check()
     every: dict[str, Any] = {"seed": seed, "threads": computing.threads}
     if recorded.drive:
-        _refuse_plans(driven, costs, options, computing)
-        out.check(Replay.files)
-        grid, recording = recorded.on_map(maps)
-        every["filter_map"] = load_filter_map(filter_map, [grid])
-        every |= {"runs": driven.drives} if driven.drives else {}
-        _replay(grid, recording, robot_options, every, out)
-        return
-    driven.check(seed)
-    if driven.path:
-        unread = {name: value for name, value in vars(options).items() if name in OF_PLANS}
-        refuse("with --path: no path is planned", **vars(costs), **unread)
+        unread = {name: value or None for name, value in vars(driven).items() if name != "drives"}
+        unread |= {"scheduler": computing.scheduler, "cache_dir": computing.cache_dir}
+        refuse("with --drive", **unread, **vars(costs), **vars(options))
+        every["runs"] = driven.drives or 20
+        return _replay(maps, recorded, robot_options, filter_map, every, out)
+    driven.check(seed, **vars(costs), **vars(options))
     robot, config = options.simulated(robot_options)
     costs.check(config)
-    every["drives"] = driven.drives or DRIVES
-    grids = [load_map(file) for file in driven.maps(maps)]
-    every["filter_map"] = load_filter_map(filter_map, grids)
+    grids = [locplan.load_map(file) for file in driven.maps(maps)]
+    every |= {"drives": driven.drives or 100, "filter_map": load_filter_map(filter_map, grids)}
     with computing.of(config) as compute:
 
         def costmap_of(grid: OccupancyGrid) -> Costmap:
             return costs.costmap(grid, compute(grid), robot)
 
-        if driven.random is None:
-            _along_paths(grids[0], driven, robot, costmap_of, every, out)
-        else:
-            _at_random(grids, driven, robot, costmap_of, every, out)
+        drive = _along_paths if driven.random is None else _at_random
+        drive(grids, driven, robot, costmap_of, every, out)
 
 
-def _refuse_plans(
-    driven: Driven, costs: CostOptions, options: FieldOptions, computing: Computing
+def _replay(
+    maps: list[Path],
+    recorded: DriveOptions,
+    robot_options: RobotOptions,
+    filter_map: Path | None,
+    every: dict[str, Any],
+    out: Output,
 ) -> None:
-    """Raise a ConfigError if an option of planned paths was given."""
-    unread = {name: value or None for name, value in vars(driven).items() if name != "drives"}
-    refuse("with --drive", **unread, **vars(costs), **vars(options))
-    refuse("with --drive", scheduler=computing.scheduler, cache_dir=computing.cache_dir)
+    """Run AMCL on a recorded drive, and show its errors against the recorded poses."""
+    out.check(locplan.recordings.Replay.files)
+    grid, recording = recorded.on_map(maps)
+    every["filter_map"] = load_filter_map(filter_map, [grid])
+    robot = robot_options.on_drive(recording)
+    robot_options.warn(robot)
+    with progress_bar("replaying", "runs") as progress:
+        found = locplan.recordings.replay(recording, grid, robot, progress=progress, **every)
+    out.finish(found)
 
 
 def _along_paths(
-    grid: OccupancyGrid,
+    grids: list[OccupancyGrid],
     driven: Driven,
     robot: Robot,
     costmap_of: Callable[[OccupancyGrid], Costmap],
@@ -165,24 +157,21 @@ def _along_paths(
     out: Output,
 ) -> None:
     """Drive the paths that were given, or the shortest and the aware one between two places."""
-    from locplan import planners
-    from locplan._util.progress import progress_bar
-    from locplan.costs import Costmap
-    from locplan.simulation import Simulation, simulate as drive
-
-    out.check(Simulation.files)
+    out.check(locplan.simulation.Simulation.files)
+    (grid,) = grids
     paths, costmap = read_paths(driven.path), None
     if driven.start and driven.goal:
-        ends = two_numbers("start", driven.start), two_numbers("goal", driven.goal)
-        planners.check_ends(Costmap.blank(grid, robot_radius=robot.radius), *ends)
+        ends = driven.start, driven.goal
+        locplan.planners.check_ends(locplan.Costmap.blank(grid, robot_radius=robot.radius), *ends)
         costmap = costmap_of(grid)
-        plans = planners.plan_beside_shortest(costmap, *ends)
+        plans = locplan.planners.plan_beside_shortest(costmap, *ends)
         paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
     if not paths:
-        show(out.json, {"status": "unreachable"}, "unreachable: no path leads to the goal")
+        out.show({"status": "unreachable"}, "unreachable: no path leads to the goal")
         return
     with progress_bar("simulating", "drives") as progress:
-        result = drive(grid, paths, robot, costs=costmap, progress=progress, **every)
+        simulate = locplan.simulation.simulate
+        result = simulate(grid, paths, robot, costs=costmap, progress=progress, **every)
     out.finish(result)
 
 
@@ -195,36 +184,15 @@ def _at_random(
     out: Output,
 ) -> None:
     """Drive both paths of random queries on each map."""
-    from locplan._util.progress import progress_bar
-    from locplan.planners import random_queries
-    from locplan.simulation import RoutesOnMaps, simulate_queries
-
-    out.check(RoutesOnMaps.files, *RoutesOnMaps.pictures([grid.name for grid in grids]))
+    results = locplan.simulation.RoutesOnMaps
+    out.check(results.files, *results.pictures([grid.name for grid in grids]))
     found = []
     for grid in grids:
         costmap = costmap_of(grid)
-        queries = random_queries(
-            costmap, driven.random or 0, every["seed"], least_distance=driven.least
+        queries = locplan.planners.random_queries(
+            costmap, driven.random or 0, every["seed"], least_distance=driven.distance
         )
         with progress_bar(f"simulating in {grid.name}", "drives") as progress:
-            found.append(simulate_queries(costmap, queries, robot, progress=progress, **every))
-    result = RoutesOnMaps(tuple(found))
-    out.finish(result)
-
-
-def _replay(
-    grid: OccupancyGrid,
-    recording: Recording,
-    robot_options: RobotOptions,
-    every: dict[str, Any],
-    out: Output,
-) -> None:
-    """Run AMCL on a recorded drive, and tell its errors against the recorded poses."""
-    from locplan._util.progress import progress_bar
-    from locplan.recordings import replay
-
-    robot = robot_options.on_drive(recording)
-    robot_options.warn(robot)
-    with progress_bar("replaying", "runs") as progress:
-        result = replay(recording, grid, robot, progress=progress, **every)
-    out.finish(result)
+            simulate = locplan.simulation.simulate_queries
+            found.append(simulate(costmap, queries, robot, progress=progress, **every))
+    out.finish(results(tuple(found)))

@@ -7,20 +7,21 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+import locplan
+from locplan._util.progress import progress_bar
 from locplan.cli._drive_options import DriveOptions
 from locplan.cli._groups import (
-    GENERAL,
     DriveSeed,
     FilterMap,
     MapFile,
     Pair,
+    Threads,
     command,
     option_group,
 )
-from locplan.cli._options import Threads
 from locplan.cli._output import Output
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import load, load_filter_map, refuse
+from locplan.cli._values import load_filter_map, refuse
 
 app = command(
     "tune",
@@ -30,7 +31,7 @@ app = command(
 )
 
 
-@option_group(GENERAL)
+@option_group("Options")
 class Amount:
     """The number of drives."""
 
@@ -68,31 +69,27 @@ def tune(
 
     This takes some three minutes on two cores, and more with more particles.
     """
-    from locplan._util.progress import progress_bar
-    from locplan.recordings import tune_on_drive
-    from locplan.robots import read_parameters
-    from locplan.simulation import Tuning, check_tunable, tune as search
-
     recorded.check()
-    out.check(Tuning.files)
+    out.check(locplan.simulation.Tuning.files)
     params = robot_options.nav2_file("amcl")
     if out.output:
-        check_tunable(params)
+        locplan.simulation.check_tunable(params)
     every: dict[str, Any] = {"drives": amount.drives, "seed": seed, "threads": threads}
-    every["others"] = read_parameters(params).of("amcl")
-    # The table tells what works badly, which other commands warn of.
+    every["others"] = locplan.robots.read_parameters(params).of("amcl")
+    # The table says what works badly, which other commands warn of.
     if recorded.drive:
         refuse("with --drive", paths=amount.paths)
         grid, recording = recorded.on_map([map_file])
-        every["filter_map"] = load_filter_map(filter_map, [grid])
         robot = robot_options.on_drive(recording)
-        with progress_bar(f"tuning on {recorded.drive.name}", "") as progress:
-            result = tune_on_drive(recording, grid, robot, progress=progress, **every)
     else:
-        robot, grid = robot_options.load(), load(map_file)
-        every["filter_map"] = load_filter_map(filter_map, [grid])
-        if amount.paths:
-            every["paths"] = amount.paths
-        with progress_bar(f"tuning in {grid.name}", "") as progress:
-            result = search(grid, robot, progress=progress, **every)
+        robot, grid = robot_options.load(), locplan.load_map(map_file)
+        every |= {"paths": amount.paths} if amount.paths else {}
+    every["filter_map"] = load_filter_map(filter_map, [grid])
+    where = f"on {recorded.drive.name}" if recorded.drive else f"in {grid.name}"
+    with progress_bar(f"tuning {where}", "") as progress:
+        if recorded.drive:
+            tune_on_drive = locplan.recordings.tune_on_drive
+            result = tune_on_drive(recording, grid, robot, progress=progress, **every)
+        else:
+            result = locplan.simulation.tune(grid, robot, progress=progress, **every)
     out.finish(result, saved=(params,))

@@ -2,25 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
-
-from cyclopts import Parameter
-
-from locplan.cli._groups import (
-    FIELD,
-    GENERAL,
-    Count,
-    MapFile,
-    Seed,
-    Text,
-    command,
-    option_group,
-)
-from locplan.cli._kinds import given_of
-from locplan.cli._options import Threads
+import locplan
+from locplan._util.checks import whole
+from locplan._util.progress import progress_bar
+from locplan.cli._groups import XY, Count, MapFile, Seed, Threads, command, option_group
 from locplan.cli._output import Output
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import load, refuse, two_numbers
+from locplan.cli._values import given_of, refuse
 
 app = command(
     "twins",
@@ -29,37 +17,35 @@ app = command(
 )
 
 
-@option_group(GENERAL)
+@option_group("Options")
 class Asked:
     """What is asked for."""
 
-    at: Annotated[Text | None, Parameter(metavar="X,Y")] = None
+    at: XY = None
     """Place whose twins are looked for, x,y in metres; all places by default."""
     starts: Count | None = None
     """Greatest number of starts that are proposed; 5 by default."""
     spacing: float | None = None
     """Distance between neighbouring places, in metres; 0.8 by default."""
-    matches: Annotated[int, Parameter()] = 0
+    matches: int = 0
     """Number of noisy scans from random poses that are matched with the map, to check what is
     foreseen; none by default."""
     seed: Seed | None = None
     """Seed of these scans; 1 by default."""
 
-    def places(self) -> dict[str, Any]:
-        """The places that are compared; a ConfigError if an option is not read."""
-        from locplan._util.checks import whole
-
+    def check(self) -> None:
+        """Raise a ConfigError if an option is out of its range, or is not read."""
         if self.matches:
             whole("--matches", self.matches, 2, 100_000)
         else:
             refuse("without --matches", seed=self.seed)
-        if self.at is None:
-            return {} if self.spacing is None else {"spacing": self.spacing}
-        refuse("with --at", starts=self.starts, spacing=self.spacing, matches=self.matches or None)
-        return {"places": [two_numbers("at", self.at)]}
+        if self.at:
+            refuse(
+                "with --at", starts=self.starts, spacing=self.spacing, matches=self.matches or None
+            )
 
 
-@option_group(FIELD)
+@option_group("Field")
 class Compared:
     """How scans are compared."""
 
@@ -84,25 +70,21 @@ def twins(
     It is about matching single scans with the whole map. AMCL's own global localization, which
     scatters particles and drives, is not foreseen well.
     """
-    from locplan import twins as core
-    from locplan._util.progress import progress_bar
-
-    options = {**given_of(compared), **asked.places()}
+    asked.check()
+    given = given_of(asked)
+    options = given_of(compared) | {name: given[name] for name in ("spacing",) if name in given}
+    if asked.at:
+        options["places"] = [asked.at]
     robot = robot_options.load()
-    out.check(core.Twins.files)
-    grid = load(map_file)
+    out.check(locplan.twins.Twins.files)
+    grid = locplan.load_map(map_file)
     with progress_bar("looking for twins", "poses") as progress:
-        found = core.find_twins(
-            grid,
-            robot,
-            threads=threads,
-            progress=progress,
-            **options,
-        )
+        found = locplan.find_twins(grid, robot, threads=threads, progress=progress, **options)
     starts = [] if asked.at else found.best_starts(*filter(None, [asked.starts]))
     matches = None
     if asked.matches:
         with progress_bar("matching scans", "scans") as progress:
-            seed = 1 if asked.seed is None else asked.seed
-            matches = found.verify(asked.matches, seed=seed, threads=threads, progress=progress)
+            matches = found.verify(
+                asked.matches, seed=given.get("seed", 1), threads=threads, progress=progress
+            )
     out.finish(found, starts, matches)

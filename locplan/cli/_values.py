@@ -1,52 +1,35 @@
-"""Typed texts as the objects that they stand for, and results as text."""
+"""Typed texts as the objects that they stand for, and options that a command does not read."""
 
 from __future__ import annotations
 
-import json
+import dataclasses
 import math
-import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
+from cyclopts import Group, Parameter
+
+import locplan
 from locplan._util.checks import MAX_AMOUNT, printable, shown
+from locplan._util.public import field_docs
 from locplan._util.reading import parsed_json
-from locplan.errors import ConfigError, LocplanError, one_line
+from locplan.errors import ConfigError, LocplanError
 
 if TYPE_CHECKING:
-    from locplan.costs import Path as Route
-    from locplan.maps import OccupancyGrid
+    from cyclopts import Token
 
 
-def load(map_file: Path) -> OccupancyGrid:
-    """The map in a file, or the only one in a folder."""
-    from locplan.maps import load_map
+def parsed(parse: Callable[[str, str], Any], metavar: str, *, many: bool = False) -> Parameter:
+    """A text that is parsed, with the option's name for errors; `many` gives a tuple of several."""
 
-    return load_map(map_file)
+    def convert(_: object, tokens: Sequence[Token]) -> Any:
+        values = tuple(parse(str(token.keyword), token.value) for token in tokens)
+        return values if many else values[-1]
 
-
-def load_filter_map(
-    filter_map: Path | None, grids: Sequence[OccupancyGrid]
-) -> OccupancyGrid | None:
-    """The map of a robot's filter, where it was named; it is of one map that is driven in."""
-    from locplan.simulation import check_filter_map, check_of_one_map
-
-    if filter_map is None:
-        return None
-    grid = load(filter_map)
-    check_of_one_map(grid, grids)
-    return check_filter_map(grid, grids[0])
-
-
-def read_paths(files: Sequence[Path]) -> dict[str, Route]:
-    """Paths by the names of their files."""
-    from locplan.costs import Path as Route
-
-    paths = {printable(file.stem): Route.load(file) for file in files}
-    if len(paths) < len(files):
-        raise LocplanError("two --path files have one name; rename one")
-    return paths
+    # A text may begin with a minus sign, such as -2,3.
+    return Parameter(converter=convert, n_tokens=1, allow_leading_hyphen=True, metavar=metavar)
 
 
 def position(name: str, text: str) -> tuple[float, ...]:
@@ -57,7 +40,7 @@ def position(name: str, text: str) -> tuple[float, ...]:
             raise ValueError
     except ValueError:
         raise LocplanError(
-            f"--{name} must be X,Y in metres, such as 2.0,3.5, or X,Y,DEG with a heading,"
+            f"{name} must be X,Y in metres, such as 2.0,3.5, or X,Y,DEG with a heading,"
             f" not {shown(text)}"
         ) from None
     return (x, y, *map(math.radians, heading))
@@ -71,13 +54,28 @@ def numbers(name: str, text: str, count: int | None = None) -> tuple[float, ...]
         if fit and count in (None, len(values)):
             return values
     few = f"{count} numbers" if count else "numbers"
-    raise LocplanError(f"--{name} must be {few} with commas between, not {shown(text)}")
+    raise LocplanError(f"{name} must be {few} with commas between, not {shown(text)}")
 
 
-def two_numbers(name: str, text: str) -> tuple[float, float]:
-    """The two numbers of an option, with a comma between them."""
-    first, second = numbers(name, text, 2)
-    return first, second
+def two_numbers(name: str, text: str) -> tuple[float, ...]:
+    """The two numbers of an option."""
+    return numbers(name, text, 2)
+
+
+def move(name: str, text: str) -> tuple[float, ...]:
+    """A shift in metres with a turn in degrees, which becomes radians."""
+    x, y, turn = numbers(name, text, 3)
+    return x, y, math.radians(turn)
+
+
+def rectangle(name: str, text: str) -> tuple[float, ...]:
+    """Two corners of a rectangle."""
+    return numbers(name, text, 4)
+
+
+def region(name: str, text: str) -> tuple[float, ...] | str:
+    """A rectangle, or the word all."""
+    return text if text == "all" else rectangle(name, text)
 
 
 def settings_of(
@@ -98,20 +96,79 @@ def settings_of(
     return settings
 
 
+def load_filter_map(
+    filter_map: Path | None, grids: Sequence[locplan.OccupancyGrid]
+) -> locplan.OccupancyGrid | None:
+    """The map of a robot's filter, where it was named; it is of one map that is driven in."""
+    if filter_map is None:
+        return None
+    grid = locplan.load_map(filter_map)
+    locplan.simulation.check_of_one_map(grid, grids)
+    return locplan.simulation.check_filter_map(grid, grids[0])
+
+
+def read_paths(files: Sequence[Path]) -> dict[str, locplan.Path]:
+    """Paths by the names of their files."""
+    paths = {printable(file.stem): locplan.Path.load(file) for file in files}
+    if len(paths) < len(files):
+        raise LocplanError("two --path files have one name; rename one")
+    return paths
+
+
+def flag(name: str) -> str:
+    """An option as it is typed."""
+    return f"--{name.replace('_', '-')}"
+
+
+def given_of(options: Any) -> dict[str, Any]:
+    """The options that were given, by name."""
+    return {name: value for name, value in vars(options).items() if value is not None}
+
+
 def refuse(why: str, **options: object) -> None:
     """Raise a ConfigError if an option was given that is not read; `why` says when that is so."""
     for name, value in options.items():
         if value is not None:
-            raise ConfigError(f"--{name.replace('_', '-')} is not read {why}; leave it out")
+            raise ConfigError(f"{flag(name)} is not read {why}; leave it out")
 
 
-def show(as_json: bool, about: object, table: str, *written: Path | None) -> None:
-    """Print a result as JSON or as a table for people, and tell on stderr what was written."""
-    print(json.dumps(about, indent=2) if as_json else table)
-    say_written(*written)
+def check_has(name: str, switch: str, kind: str, having: Collection[str]) -> None:
+    """Raise a ConfigError unless the kind is one of those that have the option."""
+    if kind not in having:
+        raise ConfigError(f"{flag(name)} is for {switch} {', '.join(having)}, not for {kind}")
 
 
-def say_written(*paths: Path | None) -> None:
-    """Tell on stderr what was written."""
-    for path in filter(None, paths):
-        print(one_line(f"wrote {path}"), file=sys.stderr)
+def field_names(kind: Any) -> list[str]:
+    """The names of a dataclass's fields."""
+    return [each.name for each in dataclasses.fields(kind)]
+
+
+def joint_options(kinds: Mapping[str, type], group: Group, but: Collection[str] = ()) -> type:
+    """A dataclass with the options of all kinds but some; one that was not given is None."""
+    docs: dict[str, dict[str, list[str]]] = {}
+    types: dict[str, Any] = {}
+    for kind, options in kinds.items():
+        types |= get_type_hints(options)
+        for name, doc in ((n, d) for n, d in field_docs(options).items() if n not in but):
+            docs.setdefault(name, {}).setdefault(doc.removesuffix("."), []).append(kind)
+    fields = []
+    for name, sentences in docs.items():
+        help = " ".join(f"{doc} ({', '.join(having)})." for doc, having in sentences.items())
+        fields.append((name, Annotated[types[name] | None, Parameter(help=help)], None))
+    own = {"__module__": __name__}
+    joint = dataclasses.make_dataclass("JointOptions", fields, frozen=True, namespace=own)
+    return Parameter(name="*", group=group)(joint)
+
+
+def options_of(
+    kinds: Mapping[str, type], kind: str, switch: str, joint: Any, **more: object
+) -> Any:
+    """The options of one kind from those given; `switch` is the option that chooses the kind.
+
+    An option that is given and not for this kind is a ConfigError; others are then left out.
+    """
+    given = given_of(joint)
+    for name in given:
+        check_has(name, switch, kind, [n for n, each in kinds.items() if name in field_names(each)])
+    known = field_names(kinds[kind])
+    return kinds[kind](**given, **{name: more[name] for name in more if name in known})

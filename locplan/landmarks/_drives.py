@@ -23,10 +23,6 @@ from locplan.planners import plan
 from locplan.robots import Robot
 from locplan.simulation import Drives, Simulator, drive_paths
 
-RANDOM_PLACES = 100
-"""Stream of random numbers of places at random, beside those of `Simulator`."""
-SPACING = 0.5
-"""Distance between the positions along a route at which the field is read [m]."""
 Cells: TypeAlias = NDArray[np.int64]
 """Rows and columns of a feature's cells, (k, 2)."""
 
@@ -89,7 +85,8 @@ def random_maps(
     """Maps with `count` objects at random places of those that are allowed."""
     maps = []
     for n in range(sets):
-        chosen = search.at_random(count, random_of(seed, RANDOM_PLACES, n))
+        # Stream of random numbers of places at random, beside those of `Simulator`.
+        chosen = search.at_random(count, random_of(seed, 100, n))
         if not chosen:
             return []
         poses = in_world(setting.grid, search.places[chosen])
@@ -125,6 +122,7 @@ def _near(grid: OccupancyGrid, config: FieldConfig, paths: Iterable[Path]) -> ND
 
 def _along(field: CovarianceField, path: Path) -> Profile:
     """A field's largest deviation of the position along a path; NaN where it has none."""
-    fine = path.resampled(SPACING, even=True)
+    # Distance between the positions along a route at which the field is read [m].
+    fine = path.resampled(0.5, even=True)
     covariances = np.array([field.at(x, y) for x, y in fine.xy.tolist()])
     return np.column_stack([fine.distance, scalar(covariances, "position_std")])

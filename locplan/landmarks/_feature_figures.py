@@ -32,8 +32,6 @@ LOSS_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.08, 0.85, 256)
 """Colours of the losses: the darker, the more; none as light as the floor."""
 NUMBERED = 8
 """Greatest number of features with their number beside them."""
-MARK = 9.0
-"""Least area of the mark of a cell that loses something [points^2]."""
 
 
 def key_features_figure(found: KeyFeatures, drives: FeatureDrives | None = None) -> Figure:
@@ -85,7 +83,8 @@ def _draw_losses(figure: Any, axes: Axes, found: KeyFeatures, part: OccupancyGri
     for each in reversed(found.features):
         at = np.column_stack(found.grid.grid_to_world(*(each.cells.T + 0.5)))
         loss = 100 * each.loss
-        size = MARK * (0.3 + 0.7 * min(max(loss / most, 0.0), 1.0))
+        # Least area of the mark of a cell that loses something [points^2].
+        size = 9.0 * (0.3 + 0.7 * min(max(loss / most, 0.0), 1.0))
         x, y = at.T
         marks = axes.scatter(
             x, y, size, np.full(len(at), loss), cmap=LOSS_COLOURS, norm=norm, marker="s",

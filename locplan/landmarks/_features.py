@@ -33,10 +33,6 @@ MATTERS_M = 0.01
 """Least such rise [m]: what is less is lost in a filter's own noise."""
 PLACE, PLACE_M = 0.5, 0.1
 """Share, and least rise [m], of the deviation at a place that depends on a feature."""
-RANDOM_FEATURES = 103
-"""Stream of random numbers of features at random, beside those of places."""
-TOGETHER = 2.0
-"""Features stand in for each other if the rise without all is so many times the sum of theirs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +180,9 @@ class KeyFeatures(Result):
         rise = float(self.deviations[-1] - self.deviations[0])
         alone = sum(max(self.features[n - 1].loss, 0.0) for n in self.together)
         large = rise >= max(MATTERS_M, MATTERS * float(self.deviations[0]))
-        return len(self.together) > 1 and large and rise >= TOGETHER * alone
+        # Features stand in for each other if the rise without all is so many times the sum of
+        # theirs.
+        return len(self.together) > 1 and large and rise >= 2.0 * alone
 
     @property
     def verdict(self) -> str:
@@ -281,7 +279,8 @@ class KeyFeatures(Result):
         others = [each.cells for each in self.features if each.number not in few]
         count = min(len(few), len(others))
         sets = range(min(random_sets, drives // 2) if count else 0)
-        orders = (random_of(seed, RANDOM_FEATURES, n).permutation(len(others)) for n in sets)
+        # Stream of random numbers of features at random, beside those of places.
+        orders = (random_of(seed, 103, n).permutation(len(others)) for n in sets)
         random = [[others[k] for k in order[:count]] for order in orders]
         single = self.together if len(few) > 1 else ()
         lacking = [[], [*few.values()], *([few[n]] for n in single), *random]

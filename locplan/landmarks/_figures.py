@@ -36,10 +36,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-STACKED = 0.9
-"""Ratio of a map's height to its width up to which two maps stand above each other."""
-TALL = 1.5
-"""Ratio of the maps' height to their width from which on the plots stand beside them."""
 WIDTH, MIN_WIDTH = 11.0, 9.5
 """Width of a figure that its maps fill if they can, and minimum of all [inch]."""
 MAX_HEIGHT = 8.0
@@ -48,8 +44,6 @@ BAR, LABELS = 1.6, 0.7
 """Width of a colour bar, and the space of a map's labels on each axis [inch]."""
 PLOT_HEIGHT, PLOT_WIDTH = 2.9, 4.6
 """Size of the plots, where they stand below the maps or beside them [inch]."""
-LINE = 0.24
-"""Height of a line of the title [inch]."""
 LETTERS = 11
 """Letters of the title to an inch."""
 
@@ -77,9 +71,11 @@ def panels(grid: OccupancyGrid, said: Sequence[str], maps: int, plots: int) -> P
         Number of each.
     """
     wide, high = drawn_size(grid)
-    columns = 1 if high <= STACKED * wide else maps
+    # Ratio of a map's height to its width up to which two maps stand above each other.
+    columns = 1 if high <= 0.9 * wide else maps
     rows = maps // columns
-    tall = high > TALL * columns * wide
+    # Ratio of the maps' height to their width from which on the plots stand beside them.
+    tall = high > 1.5 * columns * wide
     if not tall:
         scale = ((WIDTH - BAR) / columns - LABELS) / wide
         scale = min(scale, max(MAX_HEIGHT / high, 1.0))
@@ -87,7 +83,8 @@ def panels(grid: OccupancyGrid, said: Sequence[str], maps: int, plots: int) -> P
     width, height = columns * (wide + LABELS) + BAR, rows * (high + LABELS)
     width = width + PLOT_WIDTH if tall else max(width, MIN_WIDTH)
     lines = [part for line in said for part in textwrap.wrap(line, int(LETTERS * width))]
-    top = LINE * (len(lines) + 1)
+    # Height of a line of the title [inch].
+    top = 0.24 * (len(lines) + 1)
     figure: Any
     if tall:
         height = max(height, plots * PLOT_HEIGHT)

@@ -25,20 +25,8 @@ from locplan.robots import Robot
 COUNT = 3
 """Default number of features that are taken away together."""
 MAX_COUNT = 50
-PIECE = 1.0
-"""Default length of a piece of wall [m]."""
-LARGEST = 4.0
-"""Default greatest extent of an object [m]."""
-GAP = 0.1
-"""Default greatest gap between the parts of one object [m]."""
 MAX_PIECE, MAX_GAP = 20.0, 2.0
 """Greatest length of a piece of wall, and of a gap: searches of their size take long [m]."""
-MAX_SHIFT = 2.0
-"""Greatest distance that a feature may be off; no filter pairs it with its place beyond [m]."""
-SHIFT = 0.3
-"""Default distance by which a feature is thought to be moved [m]."""
-ACROSS = 2
-"""Width of the narrowest thing that no ray may miss [cells]."""
 
 
 def key_features(
@@ -48,10 +36,10 @@ def key_features(
     places: Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | None = None,
     robot: Robot | None = None,
     count: int = COUNT,
-    piece: float = PIECE,
-    largest: float = LARGEST,
-    gap: float = GAP,
-    shift: float = SHIFT,
+    piece: float = 1.0,
+    largest: float = 4.0,
+    gap: float = 0.1,
+    shift: float = 0.3,
     progress: ProgressCallback | None = None,
 ) -> KeyFeatures:
     """Find the features of a map that localization along some routes depends on.
@@ -122,14 +110,15 @@ def key_features(
     number("gap", gap, 0.0, MAX_GAP)
     number("piece", piece, 0.0, MAX_PIECE)
     whole("count", count, 1, MAX_COUNT)
-    number("shift", shift, 0.0, MAX_SHIFT)
+    # Greatest distance that a feature may be off; no filter pairs it with its place beyond [m].
+    number("shift", shift, 0.0, 2.0)
     for name, value in (("piece", piece), ("largest", largest), ("shift", shift)):
         positive(name, value, "m")
     robot = equipped(robot)
     if (paths is None) == (places is None):
         raise ConfigError("give paths, or places that routes lead between, and not both")
     routes = routes_of(grid, paths, places, robot.radius)
-    half = ACROSS * grid.resolution / 2
+    half = grid.resolution  # half the width of the narrowest thing that no ray may miss
     shape = Shape(half, half, is_round=True)
     step = step_of(robot.amcl)
     lines = lines_along(grid, routes, step)

@@ -16,11 +16,6 @@ from locplan._util.poses import window_around
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 
-MAX_SIZE = 100.0
-"""Greatest length of an object [m]."""
-THIN = 2.0
-"""Width of an object up to which the cells that its outline meets are filled, too [cells]."""
-
 
 class Shape(NamedTuple):
     """A shape in numbers, as the kernels take it: a disc, or a rectangle."""
@@ -270,7 +265,8 @@ def filled_cells(
         indexing="ij",
     )
     filled = shape.distance(x, y, heading) <= 1e-9
-    if 2 * min(shape.half_length, shape.half_width) < THIN * resolution:
+    # Width of an object up to which the cells that its outline meets are filled, too [cells].
+    if 2 * min(shape.half_length, shape.half_width) < 2.0 * resolution:
         at = _outline(shape, heading, resolution / 8) / resolution + (col, row)
         at_row, at_col = np.floor(at[:, 1]).astype(int), np.floor(at[:, 0]).astype(int)
         inside = (at_row >= rows.start) & (at_row < rows.stop)
@@ -306,4 +302,5 @@ def _outline(shape: Shape, heading: float, step: float) -> NDArray[np.float64]:
 
 
 def _size(name: str, value: object) -> float:
-    return number(name, positive(name, value, "m"), 0.0, MAX_SIZE)
+    # Greatest length of an object [m].
+    return number(name, positive(name, value, "m"), 0.0, 100.0)

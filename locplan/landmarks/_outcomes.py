@@ -13,14 +13,8 @@ from locplan._util.intervals import Interval, of_rms, wilson
 from locplan._util.records import Column, Table
 from locplan.simulation import Drives
 
-FEW_LOST = 0.02
-"""Share of lost drives up to which none counts as lost to begin with."""
-SURE = 0.3
-"""Width of the lost drives' intervals up to which a missing difference says something."""
 DRIVES = 100
 """Number of drives along each route by default."""
-CLEAR = 0.1
-"""Share by which an error must be less to be clearly less than another."""
 OUTCOME = (
     Column("drives", title="drives", digits=0, value=lambda outcome: outcome.number),
     Column("lost_rate", title="lost (> 1 m) [95 %]", digits=0, people="%", interval=True),
@@ -80,10 +74,11 @@ class Outcome:
         """
         if self.lost_rate.high < other.lost_rate.low:
             return True
+        # Share by which an error must be less to be clearly less than another.
         return (
             self.lost_rate.value <= other.lost_rate.value
             and self.rmse.high < other.rmse.low
-            and self.rmse.value <= (1 - CLEAR) * other.rmse.value
+            and self.rmse.value <= 0.9 * other.rmse.value
         )
 
     def summary(self) -> dict[str, object]:
@@ -159,7 +154,8 @@ class Verification(BeforeAndAfter):
     @property
     def none_lost(self) -> bool:
         """Whether no drive was lost before and after, but for 2 %."""
-        return max(self.before.lost_rate.value, self.after.lost_rate.value) <= FEW_LOST
+        # Share of lost drives up to which none counts as lost to begin with.
+        return max(self.before.lost_rate.value, self.after.lost_rate.value) <= 0.02
 
     @property
     def nothing_to_gain(self) -> bool:
@@ -229,7 +225,8 @@ class FeatureDrives(BeforeAndAfter):
         low = min(each.lost_rate.low for each in (before, without))
         high = max(each.lost_rate.high for each in (before, without))
         said = "their absence is not shown to hurt"
-        if high - low > SURE:
+        # Width of the lost drives' intervals up to which a missing difference says something.
+        if high - low > 0.3:
             said = f"too few drives to know (lost drives {low:.0%} to {high:.0%}, with 95 %)"
         if self.hurts or self.helps:
             said = "their absence " + ("hurts" if self.hurts else "helps, against what is expected")

@@ -8,10 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-COVER = 0.6
-"""Greatest distance of a wall's cell from the middle of its piece, in lengths of a piece."""
-MAX_AROUND = 200
-"""Greatest distance of what cornerness looks at [cells]."""
 SHARP = 0.3
 """Least cornerness of a corner, as a share of that of a right angle."""
 OBJECT, CORNER, WALL = "object", "corner", "wall"
@@ -127,7 +123,8 @@ def _cornerness(solid: NDArray[np.bool_], piece: float, resolution: float) -> ND
     """How far the outline turns about each cell, 1 for a right angle, (h, w)."""
     import cv2
 
-    size = 2 * min(max(1, round(piece / 4 / resolution)), MAX_AROUND) + 1
+    # Greatest distance of what cornerness looks at [cells].
+    size = 2 * min(max(1, round(piece / 4 / resolution)), 200) + 1
     edge: Any = {"borderType": cv2.BORDER_CONSTANT}
 
     def response(cells: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -161,7 +158,8 @@ def _middles(
     if not chosen:  # begin at an end
         chosen.append(int(np.argmax(np.hypot(*(at - at.mean(axis=0)).T))))
         apart = np.hypot(*(at - at[chosen[0]]).T)
-    while apart.max() > COVER * piece:
+    # Greatest distance of a wall's cell from the middle of its piece, in lengths of a piece.
+    while apart.max() > 0.6 * piece:
         n = int(np.argmax(apart))
         chosen.append(n)
         apart = np.minimum(apart, np.hypot(*(at - at[n]).T))

@@ -18,8 +18,6 @@ from locplan.maps import UNKNOWN, OccupancyGrid
 
 AROUND = 3.0
 """Distance from an object within which the robot must get from one side to the other [m]."""
-POCKET = 0.25
-"""Area of free space that may be closed off, since it is no passage [m^2]."""
 
 Pose = NDArray[np.float64]
 """Row, column and heading on the map, (3,) [cells, cells, rad]."""
@@ -81,7 +79,8 @@ class Passages:
         _, parts, about, _ = cv2.connectedComponentsWithStats(
             after.astype(np.uint8), connectivity=4
         )
-        least = POCKET / self.resolution**2 if around >= AROUND else 0
+        # Area of free space that may be closed off, since it is no passage [m^2].
+        least = 0.25 / self.resolution**2 if around >= AROUND else 0
         large = np.flatnonzero(about[:, cv2.CC_STAT_AREA] >= least)
         large = large[large > 0]
         if large.size < 2:
@@ -106,14 +105,8 @@ class Passages:
 
 WALL_GAP = 0.05
 """Minimum distance of an object from a wall [m]."""
-NEAR_WALL = 0.3
-"""Maximum distance of an object from its wall beyond the least one [m]."""
-LATTICE = 1.0
-"""Spacing of free-standing candidates [m]."""
 FREE_CLEARANCE = 1.2
 """Clearance of a place from which on an object may stand free [m]."""
-CHORD = 0.5
-"""Length along a wall over which its direction is measured [m]."""
 APART = 0.05
 """Minimum distance between two objects [m]."""
 
@@ -203,7 +196,8 @@ def _along_walls(grid: OccupancyGrid, shape: Shape, spacing: float) -> NDArray[n
         way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ring, axis=0).T))]) * resolution
         count = max(1, int(way[-1] / spacing))
         where = (np.arange(count) + 0.5) * way[-1] / count
-        half = min(CHORD / 2, way[-1] / 4)
+        # Half the length along a wall over which its direction is measured [m].
+        half = min(0.25, way[-1] / 4)
         ends = [
             np.column_stack(
                 [np.interp((where + shift) % max(way[-1], 1e-9), way, v) for v in ring.T]
@@ -213,7 +207,8 @@ def _along_walls(grid: OccupancyGrid, shape: Shape, spacing: float) -> NDArray[n
         d_row, d_col = (ends[1] - ends[0]).T
         nearest = np.searchsorted(way, where).clip(0, len(at)) % len(at)
         rows, cols = at[nearest].T
-        near = clear[rows.astype(int), cols.astype(int)] < distance + NEAR_WALL
+        # Maximum distance of an object from its wall beyond the least one [m].
+        near = clear[rows.astype(int), cols.astype(int)] < distance + 0.3
         # Two headings half a turn apart are one.
         heading = np.mod(np.arctan2(d_row, d_col) + 1e-9, np.pi) - 1e-9
         found.append(np.column_stack([rows, cols, heading])[near])
@@ -221,8 +216,9 @@ def _along_walls(grid: OccupancyGrid, shape: Shape, spacing: float) -> NDArray[n
 
 
 def _free_standing(grid: OccupancyGrid, shape: Shape) -> NDArray[np.float64]:
-    """Poses on a lattice of `LATTICE`, where the clearance is above `FREE_CLEARANCE`."""
-    step = LATTICE / grid.resolution
+    """Poses on a lattice of a metre, where the clearance is above `FREE_CLEARANCE`."""
+    # Spacing of free-standing candidates [m].
+    step = 1.0 / grid.resolution
     rows, cols = (np.arange(step / 2, size, step) for size in grid.shape)
     row, col = (v.ravel() for v in np.meshgrid(rows, cols, indexing="ij"))
     at = row.astype(int), col.astype(int)

@@ -72,10 +72,6 @@ def _driven_beside(made: Landmarks) -> list[str]:
     ]
 
 
-LISTED = 10
-"""Number of features in the table."""
-
-
 def features_report(found: KeyFeatures, drives: FeatureDrives | None = None) -> str:
     """The verdicts, then the features with the greatest loss."""
     said = drives.verdict if drives else "not verified: nothing was driven"
@@ -84,7 +80,8 @@ def features_report(found: KeyFeatures, drives: FeatureDrives | None = None) -> 
     if not found.features:
         return "\n".join(parts)
     table = found.table()
-    listed = {*range(1, LISTED + 1), *found.together}
+    # Number of features in the table.
+    listed = {*range(1, 11), *found.together}
     rows = (row for n, row in enumerate(table.rows, 1) if n in listed)
     shown = dataclasses.replace(table, rows=tuple(rows))
     after = [

@@ -137,10 +137,6 @@ def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> NDArray[np.bool_] | 
 
 MIN_STEP = 0.5
 """Least spacing of the poses [m]."""
-MAX_POSES = 1200
-"""Number of poses, about, from which on they are farther apart."""
-MAX_HEADINGS = 8
-"""Greatest number of headings at a position, for a narrow field of view."""
 ENDS = 6
 """Number of places that drives join, in pairs far apart."""
 
@@ -175,9 +171,11 @@ def poses_in(grid: OccupancyGrid, cells: NDArray[np.bool_], lidar: Lidar) -> Pos
     """
     headings = 1
     if not lidar.sees_all_round:
-        headings = min(math.ceil(720 / lidar.field_of_view_deg), MAX_HEADINGS)
+        # Greatest number of headings at a position, for a narrow field of view.
+        headings = min(math.ceil(720 / lidar.field_of_view_deg), 8)
     area = cells.sum() * grid.resolution**2
-    step = max(MIN_STEP, math.sqrt(area * headings / MAX_POSES))
+    # Number of poses, about, from which on they are farther apart.
+    step = max(MIN_STEP, math.sqrt(area * headings / 1200))
     edge = max(round(step / grid.resolution), 1)
     # Of each square of the lattice, the cell that is nearest to its middle.
     rows, cols = np.nonzero(cells)

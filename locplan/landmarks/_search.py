@@ -16,10 +16,6 @@ from locplan.maps import OccupancyGrid
 
 MISTAKEN = 3.0
 """Greatest shift that a filter may mistake [m]: farther, its cloud of particles is not."""
-ALIKE = 0.2
-"""Greatest distance of a shifted landmark from another one that it may be taken for [m]."""
-ROW = 4
-"""Least number of landmarks in a regular row."""
 
 
 class Regularity(NamedTuple):
@@ -62,7 +58,8 @@ def regularity(positions: NDArray[np.float64]) -> Regularity | None:
                     break
                 row.append(found)
                 step = (positions[row[-1]] - positions[one]) / (len(row) - 1)
-            if len(row) >= ROW and (best is None or len(row) > len(best.landmarks)):
+            # Least number of landmarks in a regular row.
+            if len(row) >= 4 and (best is None or len(row) > len(best.landmarks)):
                 period = math.hypot(*(positions[row[-1]] - positions[one])) / (len(row) - 1)
                 best = Regularity(round(period, 6), tuple(n + 1 for n in row))
     return best
@@ -72,19 +69,12 @@ def _index_at(positions: NDArray[np.float64], xy: NDArray[np.float64]) -> int | 
     """Index of the landmark at a position, or None."""
     apart = np.hypot(*(positions - xy).T)
     nearest = int(np.argmin(apart))
-    return nearest if apart[nearest] <= ALIKE else None
+    # Greatest distance of a shifted landmark from another one that it may be taken for [m].
+    return nearest if apart[nearest] <= 0.2 else None
 
 
 ROUNDS = 3
 """Greatest number of rounds in which each object may be exchanged for another place."""
-BETTER = 1e-6
-"""Share of the objective by which an exchange must lower it."""
-BESIDE_OTHERS = "cuts a passage for the robot beside the others"
-TOO_NEAR = "too close to another landmark"
-PRICE = 0.05
-"""Share of the objective that breaking a row may cost."""
-TRIED = 20
-"""Number of places near each landmark of a row that are looked at, the best first."""
 
 
 class Shift(NamedTuple):
@@ -170,7 +160,8 @@ class Search:
         self.objective.start(np.array(others, np.int64))
         value = self.objective.value()
         least = 0.0 if now is None else value - float(self.objective.values(np.array([now]))[0])
-        least += BETTER * (value - least)
+        # Share of the objective by which an exchange must lower it.
+        least += 1e-6 * (value - least)
         waiting = np.setdiff1d(self.among, others)
         lot = max(len(waiting), 1)
         if bounds is not None:
@@ -210,8 +201,8 @@ class Search:
         pose = self.places[place]
         sight = self.objective.sight
         if too_close(sight.shape, pose, self.places[others], sight.resolution):
-            return TOO_NEAR
-        return BESIDE_OTHERS if passages.cuts(pose) else ""
+            return "too close to another landmark"
+        return "cuts a passage for the robot beside the others" if passages.cuts(pose) else ""
 
     def in_order(self, chosen: list[int]) -> list[int]:
         """The places in order of gain, each the best beside those before it."""
@@ -248,7 +239,7 @@ class Search:
         """The places in order of gain, with one of each regular row moved, and what was moved.
 
         A row that a filter can mistake for itself a step farther is broken by the move that costs
-        least, if that is at most `PRICE`; else it stays.
+        least, if that is at most a twentieth; else it stays.
         """
         shifts: list[Shift] = []
         while len(shifts) < len(order) and (row := regularity(self._positions(order))):
@@ -264,7 +255,8 @@ class Search:
         self.objective.start(np.array(order, np.int64))
         now = self.objective.value()
         everywhere = self._positions(list(range(len(self.places))))
-        least, best = now * (1 + PRICE), None
+        # Share of the objective that breaking a row may cost.
+        least, best = now * (1 + 0.05), None
         for member in row.landmarks:
             n = member - 1
             others = order[:n] + order[n + 1 :]
@@ -273,7 +265,8 @@ class Search:
             self.objective.start(np.array(others, np.int64))
             values = self.objective.values(near)
             passages = self.around(others)
-            for at in np.argsort(values, kind="stable")[:TRIED].tolist():
+            # Number of places near each landmark of a row that are looked at, the best first.
+            for at in np.argsort(values, kind="stable")[:20].tolist():
                 if values[at] >= least:
                     break
                 moved = [*order[:n], int(near[at]), *order[n + 1 :]]

@@ -31,8 +31,6 @@ MIN_STEP, MAX_STEP = 0.1, 0.5
 """Limits of the distance between two looks around [m]; else it is that of two updates."""
 MIN_RAYS, MAX_RAYS = 360, 2880
 """Limits of the number of rays in a full circle."""
-RAYS_ACROSS = 2
-"""Number of rays that meet the narrowest side of an object at the lidar's full range."""
 MIN_VARIANCE = 1e-8
 """Least variance of the first pose [m^2, rad^2]; 0 has no inverse."""
 
@@ -127,7 +125,8 @@ def _rays_at(poses: Poses, shape: Shape, robot: Robot, resolution: float) -> Any
     lidar, amcl = robot.known_lidar, robot.amcl
     reach = amcl.reach(lidar)
     narrow = 2 * min(shape.half_length, shape.half_width)
-    round_ = min(max(MIN_RAYS, RAYS_ACROSS * 2 * math.pi * reach / narrow), MAX_RAYS)
+    # Number of rays that meet the narrowest side of an object at the lidar's full range.
+    round_ = min(max(MIN_RAYS, 2 * 2 * math.pi * reach / narrow), MAX_RAYS)
     width = math.radians(lidar.field_of_view_deg)
     beams = max(2, math.ceil(round_ * lidar.field_of_view_deg / 360))
     step = width / beams  # rays stand for sectors that are equally wide

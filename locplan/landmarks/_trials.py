@@ -23,11 +23,6 @@ from locplan.landmarks._objectives import MeanDegeneracy, Objective
 from locplan.landmarks._search import Search
 from locplan.simulation import Drives
 
-TRIALS = 4
-"""Default number of placements that are driven."""
-MAX_TRIALS = 100
-SHARE = 0.5
-"""Share of the places that a further placement is searched among."""
 FIRST_DRIVES = 40
 """Number of drives along each route in the first round; it doubles while placements halve."""
 MIN_ERROR = 1e-3
@@ -38,7 +33,7 @@ VARIANTS, ROUNDS = 101, 102
 
 def best_of_trials(
     made: Landmarks,
-    trials: int = TRIALS,
+    trials: int = 4,
     *,
     seed: int = 1,
     threads: int | None = None,
@@ -76,7 +71,7 @@ def best_of_trials(
     ConfigError
         If a number is out of its range.
     """
-    whole("trials", trials, 1, MAX_TRIALS)
+    whole("trials", trials, 1, 100)
     whole("seed", seed, 0)
     if trials == 1:
         return made
@@ -138,7 +133,8 @@ def _placements(made: Landmarks, trials: int, seed: int) -> Iterator[Landmarks]:
         objective, half = objectives[n % len(objectives)], n >= len(objectives)
         keep: NDArray[np.bool_] = np.ones(len(own.places), bool)
         if half:
-            keep = random_of(seed, VARIANTS, n).random(len(keep)) < SHARE
+            # Share of the places that a further placement is searched among.
+            keep = random_of(seed, VARIANTS, n).random(len(keep)) < 0.5
             keep |= not keep.any()
         search = Search(objective, own.passages, np.flatnonzero(keep))
         order = search.run(list(range(first)), max(len(made) - first, 0))

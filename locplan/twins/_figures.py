@@ -29,15 +29,11 @@ OTHER = "0.35"
 """Colour of lines that belong to none of these symmetries."""
 MAX_LINES = 24
 """Greatest number of lines."""
-LIKELY = 0.2
-"""Share of the posterior elsewhere from which on a place is joined to its twin."""
 NUMBERED: dict[str, Any] = {
     **{"marker": "o", "markersize": 11, "linestyle": "none"},
     **{"markerfacecolor": "white", "markeredgecolor": "black"},
 }
 """Style of the markers that hold a number."""
-NAMED = 5
-"""Number of symmetries that the title names."""
 
 
 def twins_figure(
@@ -60,7 +56,7 @@ def twins_figure(
         return place_figure(twins, 0)
     starts = twins.best_starts() if starts is None else starts
     width, height = map_size(twins.grid)
-    named = twins.symmetries[:NAMED]
+    named = twins.symmetries[:5]
     figure = Picture(figsize=(width, height + 0.5 + 0.16 * len(named)), layout="constrained")
     axes = figure.add_subplot()
     draw_map(axes, twins.grid)
@@ -143,7 +139,8 @@ def _draw_twins(axes: Axes, twins: Twins) -> list[Any]:
 def _joined(twins: Twins) -> dict[int, list[tuple[int, list[float]]]]:
     """Pairs of a place and its best twin, thinned out, by the symmetry that joins them or -1."""
     twin = _best_twins(twins)
-    having = np.flatnonzero((twin[:, 3] <= THRESHOLD) & (twins.elsewhere >= LIKELY))
+    # Share of the posterior elsewhere from which on a place is joined to its twin.
+    having = np.flatnonzero((twin[:, 3] <= THRESHOLD) & (twins.elsewhere >= 0.2))
     # The fewer lines there may be, the farther apart their ends are.
     apart = math.sqrt(having.size * twins.spacing**2 / (MAX_LINES / 2)) if having.size else 0.0
     taken: list[NDArray[np.float64]] = []

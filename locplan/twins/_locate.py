@@ -29,14 +29,8 @@ from locplan.twins._location import Location, Mode
 
 WITHIN = 3.0
 """Default distance from a route within which a robot is looked for [m]."""
-MIN_WITHIN = 0.5
-"""Least such distance, a little more than that of the places that scans are compared with [m]."""
 COUNT = 10
 """Default number of modes that are kept."""
-SETTLED = 150
-"""Greatest number of modes that are refined with all beams."""
-UNMOVED = 20
-"""Number of the shortlist's best pairs of a place and a turn that are refined so, too."""
 STEPS, STEP = 5, 0.1
 """Steps to each side that are tried about a mode, and their length, at least a cell [m]."""
 NEAR = 2.0
@@ -134,7 +128,8 @@ def places_of(database: ScanDatabase, near: Path | ArrayLike | None, within: flo
     """
     if near is None:
         return database.everywhere
-    radius, places = number("within", within, MIN_WITHIN), near
+    # Least such distance, a little more than that of the places that scans are compared with [m].
+    radius, places = number("within", within, 0.5), near
     if isinstance(places, Path):
         places = places.resampled(database.grid.resolution).xy
     return database.near(Path(np.asarray(places)).xy, radius)
@@ -160,7 +155,8 @@ def located(
             " one"
         )
     # Where people stand around, a wide deviation leads away from the true pose.
-    poses = np.concatenate([found.poses[:SETTLED], starts[:UNMOVED]])
+    # Modes and, of the shortlist's best pairs of a place and a turn, those refined with all beams.
+    poses = np.concatenate([found.poses[:150], starts[:20]])
     tables, lever, step = places.tables, scan.lever, max(STEP / resolution, 1.0)
     losses = np.array(
         [settle(tables, ends, lever, STEPS, step, TURNS_ASIDE, TURN, pose) for pose in poses]

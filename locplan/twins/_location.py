@@ -20,12 +20,6 @@ from locplan.robots import Lidar
 
 CERTAIN = 3.0
 """Excess of the second place from which on the best one is certain [nats]."""
-EXPLAINED = 0.6
-"""Share of the returns that end at walls below which a scan hardly belongs to the map."""
-WHOLE = 1 - 1e-9
-"""Sum of weights from which on none is left out."""
-NAMED = 3
-"""Number of places that look alike that a sentence names."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -122,7 +116,7 @@ class Location(Pictured):
     @property
     def fits(self) -> bool:
         """True if three of five returns end at walls of the map at the best pose."""
-        return self.explained >= EXPLAINED
+        return self.explained >= 0.6
 
     @property
     def sentence(self) -> str:
@@ -135,13 +129,14 @@ class Location(Pictured):
                 f" {math.degrees(self.best.heading_std):.1f}°): no other place{where} explains the"
                 f" scan within {CERTAIN:g} nats."
             )
-        elif len(alike) <= NAMED:
+        elif len(alike) <= 3:
             count = ("Two", "Three")[len(alike) - 2]
             named = [f"{_place(mode)} ({mode.weight:.0%})" for mode in alike]
             places = f"{', '.join(named[:-1])} and {named[-1]}"
             text = f"{count} places{where} look alike: {places}."
         else:
-            cut = sum(mode.weight for mode in self.modes) < WHOLE
+            # Sum of weights from which on none is left out.
+            cut = sum(mode.weight for mode in self.modes) < 1 - 1e-9
             more = "or more " if cut and len(alike) == len(self.modes) else ""
             text = (
                 f"{len(alike)} {more}places{where} look alike; the best, {_place(self.best)}, has"

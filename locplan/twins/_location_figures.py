@@ -23,16 +23,10 @@ from locplan.twins._location import Location, Mode
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-ZOOMED = 0.6
-"""Share of the map's width from which on the surroundings of the robot get no map of their own."""
-MIN_ZOOM = 4.0
-"""Minimum distance from the robot to the edges of that map [m]."""
 CLOSE = 4.5
 """Width of that map [inch]."""
 DEVIATIONS = 2.0
 """Deviations at which ellipses are drawn."""
-ELLIPSE = 0.08
-"""Size to which ellipses are magnified, as a share of the map's width."""
 
 
 def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> Figure:
@@ -53,8 +47,10 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
     on_robot = location.lidar.ends_on_robot(location.ranges[None].astype(np.float32))
     ends = ends_in_map(on_robot, np.array([best.pose]))[0]
     away = np.hypot(*(ends - np.array(best.pose[:2])).T)
-    reach = max(MIN_ZOOM, 1.1 * float(np.nanquantile(away, 0.95)))
-    columns = 2 if 2 * reach < ZOOMED * _width_of(grid) else 1
+    # Minimum distance from the robot to the edges of that map [m].
+    reach = max(4.0, 1.1 * float(np.nanquantile(away, 0.95)))
+    # Share of the map's width from which on the surroundings of the robot get no map of their own.
+    columns = 2 if 2 * reach < 0.6 * _width_of(grid) else 1
     figure = Picture(
         figsize=(width + (columns - 1) * CLOSE, max(height, CLOSE) + 1.2), layout="constrained"
     )
@@ -131,7 +127,8 @@ def _draw_arrow(axes: Axes, pose: tuple[float, float, float], colour: str) -> No
 def _magnified(axes: Axes, mode: Mode) -> float:
     """How much the ellipse of a mode is magnified so that it is seen."""
     low, high = axes.get_xlim()
-    return max(1.0, float(f"{ELLIPSE * (high - low) / (DEVIATIONS * mode.position_std):.1g}"))
+    # Size to which ellipses are magnified, as a share of the map's width.
+    return max(1.0, float(f"{0.08 * (high - low) / (DEVIATIONS * mode.position_std):.1g}"))
 
 
 def _draw_ellipse(axes: Axes, mode: Mode, magnify: float, colour: str) -> None:

@@ -87,8 +87,6 @@ SYMMETRIES = (
 
 THRESHOLD = 3.0
 """Excess up to which a pose counts as a twin: a match mistakes one in ten such [nats]."""
-OTHER_WAY = np.radians(60.0)
-"""Turn from which on a mode in place is another one [rad]."""
 LISTED = 32
 """Number of twins that are kept of a pose."""
 
@@ -134,18 +132,15 @@ def look_around(database: Database, ranges: Numbers, home: Numbers) -> Looks:
     twins = np.flatnonzero(far & ~joined & (excess <= ENOUGH))[:LISTED]
     low = excess <= THRESHOLD
     slid = away[joined & far]
+    # Turn from which on a mode in place is another one [rad].
     return Looks(
         excess=float(excess[far].min()) if far.any() else np.inf,
         elsewhere=float(weights[far].sum() / weights.sum()),
         modes=int((far & low).sum()),
-        turned=int((~far & low & (turn > OTHER_WAY)).sum()),
+        turned=int((~far & low & (turn > np.radians(60.0))).sum()),
         stretch=float(slid.max()) if slid.size else 0.0,
         twins=np.column_stack([found.poses[twins], excess[twins]]),
     )
-
-
-NEXT = 1.6
-"""Factor on the spacing of the places within which they are neighbours."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +166,8 @@ def best_starts(
     """
     from scipy.spatial import cKDTree
 
-    near = cKDTree(places).query_ball_point(places, NEXT * spacing)
+    # Factor on the spacing of the places within which they are neighbours.
+    near = cKDTree(places).query_ball_point(places, 1.6 * spacing)
     least = np.array([excess[own].min() for own in near])
     most = np.array([elsewhere[own].max() for own in near])
     starts: list[Start] = []

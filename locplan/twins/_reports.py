@@ -10,8 +10,6 @@ from locplan.twins._places import STARTS, SYMMETRIES, THRESHOLD, TWIN, Start
 from locplan.twins._trials import GlobalMatches
 from locplan.twins._twins import SHOWN, Twins
 
-UNSAFE = 0.1
-"""Share of the posterior elsewhere from which on a start is not safe."""
 CLAIM = (
     "about matches of single scans with the whole map; AMCL's own global localization, which"
     " scatters particles and drives, is not foreseen well"
@@ -62,7 +60,8 @@ def _of_all(twins: Twins, starts: Sequence[Start]) -> list[str]:
         said.append("no symmetry: no rigid move takes a tenth of the places to twins")
     if starts:
         said.append(str(Table.of(STARTS, starts, number="start")))
-        if starts[0].elsewhere > UNSAFE:
+        # Share of the posterior elsewhere from which on a start is not safe.
+        if starts[0].elsewhere > 0.1:
             said.append("no start is safe: give the robot its pose, or add a landmark")
     return said
 

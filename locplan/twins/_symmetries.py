@@ -20,10 +20,6 @@ ALIKE_TURN = 0.1
 """Turn by which such moves may differ [rad]."""
 DRIFT, DRIFT_TURN = 0.8, 0.2
 """Distance [m] and angle [rad] that a place's twin may have from where the move takes it."""
-TRIED = 24
-"""Number of moves that are tried on all places."""
-MIN_SHARE = 0.1
-"""Share of the places from which on a move is a symmetry."""
 MIN_VOTES = 4
 
 
@@ -111,7 +107,8 @@ def find_symmetries(
     if progress:
         progress(len(homes), len(homes))
     for (turn, moved), (covered, twins) in zip(moves, trials, strict=True):
-        if covered.mean() >= MIN_SHARE:
+        # Share of the places from which on a move is a symmetry.
+        if covered.mean() >= 0.1:
             turn, moved = _fitted(middle, homes[covered], twins[covered])
             known = any(
                 _alike(turn - other, moved - there, resolution) for _, other, there in found
@@ -152,7 +149,8 @@ def _proposed(
     left = np.ones(len(points), bool)
     proposed: list[tuple[float, Numbers]] = []
     for n in sorted(range(len(points)), key=lambda n: (-votes[n], n)):
-        if votes[n] < MIN_VOTES or len(proposed) == TRIED:
+        # Number of moves that are tried on all places.
+        if votes[n] < MIN_VOTES or len(proposed) == 24:
             break
         if not left[n]:
             continue
