@@ -324,13 +324,15 @@ class Simulator:
         steps: int | None = None,
     ) -> None:
         """Run tasks in their order; they are reported as so many steps, by default one each."""
+        steps = steps or count
         _ = self.arguments, self.boundary  # made once, not by every thread
         pool = ThreadPoolExecutor(self.threads)
         try:
             tasks = [pool.submit(run, n) for n in range(count)]
-            for done, task in enumerate(tasks, 1):
+            for done, task in enumerate(tasks):
                 task.result()
-                if progress:
-                    progress(done * (steps or count) // count, steps or count)
+                for step in range(done * steps // count, (done + 1) * steps // count):
+                    if progress:
+                        progress(step + 1, steps)
         finally:
             pool.shutdown(cancel_futures=True)
