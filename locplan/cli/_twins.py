@@ -71,10 +71,11 @@ def twins(
     scatters particles and drives, is not foreseen well.
     """
     asked.check()
-    given = given_of(asked)
-    options = given_of(compared) | {name: given[name] for name in ("spacing",) if name in given}
+    options = given_of(compared)
     if asked.at:
         options["places"] = [asked.at]
+    elif asked.spacing is not None:
+        options["spacing"] = asked.spacing
     robot = robot_options.load()
     out.check(locplan.twins.Twins.files)
     grid = locplan.load_map(map_file)
@@ -84,7 +85,6 @@ def twins(
     matches = None
     if asked.matches:
         with progress_bar("matching scans", "scans") as progress:
-            matches = found.verify(
-                asked.matches, seed=given.get("seed", 1), threads=threads, progress=progress
-            )
+            seed = given_of(asked).get("seed", 1)
+            matches = found.verify(asked.matches, seed=seed, threads=threads, progress=progress)
     out.finish(found, starts, matches)
