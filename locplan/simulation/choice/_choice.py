@@ -41,7 +41,7 @@ class Choice(Result):
     files: ClassVar[Results] = Results(
         "choice", ("choice.json", "choice.png", "candidates.csv", "chosen.csv", "errors.csv")
     )
-    _drawn_by: ClassVar[str] = "locplan.simulation.choice._figures:choice_figure"
+    _drawn_by: ClassVar[str] = "locplan.simulation._advice_figures:choice_figure"
 
     about: Mapping[str, Any]
     """Version, map and settings of the costmap, see `locplan.costs.about_costs`."""
