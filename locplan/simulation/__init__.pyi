@@ -1,3 +1,4 @@
+from ._advice_figures import choice_figure as choice_figure, tuning_figure as tuning_figure
 from ._calibration import Calibration as Calibration, check_calibration as check_calibration
 from ._drives import (
     DRIVEN as DRIVEN,
