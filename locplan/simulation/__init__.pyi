@@ -1,5 +1,9 @@
 from ._advice_figures import choice_figure as choice_figure, tuning_figure as tuning_figure
-from ._calibration import Calibration as Calibration, check_calibration as check_calibration
+from ._calibration import (
+    Calibration as Calibration,
+    check_calibration as check_calibration,
+    write_calibration as write_calibration,
+)
 from ._drives import (
     DRIVEN as DRIVEN,
     LOST as LOST,
