@@ -29,6 +29,7 @@ from locplan.costs._degeneracy import (
     blocked_near,
     check_weight,
     checked_density,
+    checked_layer,
     degeneracy,
     density_of,
     sealed,
@@ -47,8 +48,8 @@ LAYERS = ("density", "u", "e")
 class Costmap(Pictured, Saved):
     """Cost of travel for every cell: J(path) = integral of density ds.
 
-    It is made by `from_field`, `from_density` or `blank`. Its arrays are read-only; arrays that are
-    given read-only are kept, others are copied.
+    It is made by `from_field`, `from_layers`, `from_density` or `blank`. Its arrays are read-only;
+    arrays that are given read-only are kept, others are copied.
     """
 
     kind: ClassVar[str] = "costmap"
@@ -87,7 +88,8 @@ class Costmap(Pictured, Saved):
         return copy.deepcopy(self)
 
     def __repr__(self) -> str:
-        made = f"weight {self.weight:g}" if self.settings else "a density of one's own"
+        own = math.isnan(self.weight)
+        made = "a density of one's own" if own else f"weight {self.weight:g}"
         grid = repr(self.grid).removeprefix("OccupancyGrid(").partition(", origin")[0]
         return f"Costmap({grid}, robot radius {self.robot_radius:g} m, {made})"
 
@@ -163,6 +165,53 @@ class Costmap(Pictured, Saved):
             of_heading=HeadingLayers.of(field, settings),
             settings=settings,
         )
+
+    @classmethod
+    def from_layers(
+        cls,
+        grid: OccupancyGrid,
+        *,
+        u: ArrayLike,
+        e: ArrayLike | None = None,
+        weight: float = 8.0,
+        robot_radius: float = ROBOT_RADIUS,
+    ) -> Costmap:
+        """Make a density 1 + weight * u on free cells from a degeneracy of your own.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        u : (H, W) array
+            Degeneracy of each cell, 0 to 1, row 0 at the lowest y. Cells that are not free are
+            blocked, whatever it says there.
+        e : (H, W) array, optional
+            Uncertainty of each free cell, >= 0 [m^2 rad], of which paths have the integral; without
+            it a path's `integrated_e` is NaN.
+        weight : float, default 8.0
+            Metres of detour accepted per degenerate metre, >= 0.
+        robot_radius : float, default 0.25
+            Distance to an occupied cell below which a cell's centre is blocked [m], >= 0.
+
+        Raises
+        ------
+        ConfigError
+            If an array has another shape than the map, or is out of its range in a free cell.
+
+        Examples
+        --------
+        >>> from locplan.maps import FREE, OccupancyGrid
+        >>> grid = OccupancyGrid(np.full((3, 4), FREE), resolution=0.5)
+        >>> u = np.array([[0.0], [1.0], [0.5]]) * np.ones(grid.shape)
+        >>> Costmap.from_layers(grid, u=u, weight=4.0).density[:, 0].tolist()
+        [1.0, 5.0, 3.0]
+        """
+        check_grid(grid)
+        check_weight(weight)
+        of_u = checked_layer("u", u, grid, 1.0)
+        of_e = np.full(grid.shape, np.nan) if e is None else checked_layer("e", e, grid, math.inf)
+        density = blocked_near(density_of(of_u, weight), grid, robot_radius)
+        return cls(grid, density, float(weight), float(robot_radius), u=of_u, e=of_e)
 
     @classmethod
     def from_density(
