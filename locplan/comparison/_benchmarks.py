@@ -16,8 +16,14 @@ import numpy as np
 from locplan import __version__
 from locplan._util.checks import file_path, shown
 from locplan._util.reading import read_text
-from locplan.comparison._runs import MEASURES, Run
-from locplan.comparison._statistics import Array, baseline_costs, best_so_far, query_of
+from locplan.comparison._statistics import (
+    MEASURES,
+    Array,
+    Run,
+    baseline_costs,
+    best_so_far,
+    query_of,
+)
 from locplan.errors import LocplanError, MapError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map
 from locplan.planners import Query

@@ -15,8 +15,15 @@ from scipy.special import stdtrit
 
 from locplan._util.intervals import Interval
 from locplan._util.tables import finite
-from locplan.comparison._runs import MEASURES, Run
-from locplan.comparison._statistics import Array, Quartiles, Setting, quartiles, query_medians
+from locplan.comparison._statistics import (
+    MEASURES,
+    Array,
+    Quartiles,
+    Run,
+    Setting,
+    quartiles,
+    query_medians,
+)
 from locplan.costs import DEGENERATE
 from locplan.errors import LocplanError
 

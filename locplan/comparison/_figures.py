@@ -20,8 +20,7 @@ from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
 from locplan._util.checks import printable
-from locplan.comparison._runs import MEASURES, Run
-from locplan.comparison._statistics import Convergence
+from locplan.comparison._statistics import MEASURES, Convergence, Run
 from locplan.costs import Path
 from locplan.field import CovarianceField
 from locplan.planners import ParetoFront, Query

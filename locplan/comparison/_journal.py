@@ -22,8 +22,8 @@ from locplan._util.progress import ProgressCallback
 from locplan._util.reading import opened, parsed_json
 from locplan._util.tables import finite
 from locplan.comparison._result import Case
-from locplan.comparison._runs import STATUSES, Run, Task
 from locplan.comparison._specs import PlannerSpec
+from locplan.comparison._statistics import STATUSES, Run, Task
 from locplan.comparison._worker import Order
 from locplan.comparison._workers import Workers
 from locplan.costs import Costmap

@@ -25,8 +25,16 @@ from locplan.comparison._figures import (
 )
 from locplan.comparison._marks import SHAPES, Backdrop, Mark, counted
 from locplan.comparison._result import Case, Comparison
-from locplan.comparison._runs import MEASURES, Run, grouped
-from locplan.comparison._statistics import Convergence, Setting, convergence, query_of, setting_of
+from locplan.comparison._statistics import (
+    MEASURES,
+    Convergence,
+    Run,
+    Setting,
+    convergence,
+    grouped,
+    query_of,
+    setting_of,
+)
 from locplan.costs import Path as Route
 from locplan.field import CovarianceField
 from locplan.planners import ParetoFront, Query, pareto_front

@@ -22,7 +22,7 @@ from locplan.comparison._pictures import (
     title_of,
 )
 from locplan.comparison._result import Comparison, Standing
-from locplan.comparison._runs import MEASURES, Run, grouped
+from locplan.comparison._statistics import MEASURES, Run, grouped
 
 
 class Report(Pictures):
