@@ -20,8 +20,8 @@ from locplan.comparison._statistics import (
     MEASURES,
     Array,
     Run,
-    baseline_costs,
     best_so_far,
+    median_costs,
     query_of,
 )
 from locplan.errors import LocplanError, MapError
@@ -191,13 +191,13 @@ def _logs(
 ) -> dict[str, list[str]]:
     """The lines of each log, by file name."""
     moment = (started or datetime.now()).isoformat(" ", "seconds")
-    costs = {} if baseline is None else baseline_costs(runs, baseline)
+    costs = median_costs(runs)
     queries = Counter(setting for setting, _ in {query_of(run) for run in runs})
     logs: dict[str, list[str]] = {}
     for (setting, query), group in groupby(runs, query_of):
         taken = list(group)
         lines = _preamble(taken, query if queries[setting] > 1 else None, moment, limits)
-        lines += _planners(taken, costs.get((setting, query), math.nan))
+        lines += _planners(taken, costs.get(((setting, query), baseline or ""), math.nan))
         logs[f"{len(logs):04d}.log"] = lines
     return logs
 

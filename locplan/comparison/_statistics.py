@@ -201,7 +201,13 @@ Medians = dict[tuple[str, str], Array]
 
 def query_medians(runs: Iterable[Run], pooled: bool = False) -> dict[tuple[Setting, str], Medians]:
     """The medians over seeds of the solved runs of each query, by setting and planner."""
-    return {key: _medians(group) for key, group in by_planner(runs, pooled).items()}
+    return {
+        key: {
+            query: _columnwise_median(_values(own))
+            for query, own in _by_query(run for run in group if run.status == "solved")
+        }
+        for key, group in by_planner(runs, pooled).items()
+    }
 
 
 def by_planner(runs: Iterable[Run], pooled: bool) -> dict[tuple[Setting, str], list[Run]]:
@@ -251,11 +257,6 @@ def quartiles(values: Array) -> Quartiles:
     return Quartiles(median, lower, upper, known.size)
 
 
-def _medians(runs: Sequence[Run]) -> Medians:
-    solved = (run for run in runs if run.status == "solved")
-    return {query: _columnwise_median(_values(own)) for query, own in _by_query(solved)}
-
-
 def _columnwise_median(values: Array) -> Array:
     """The median of the known values of each column."""
     columns = [column[~np.isnan(column)] for column in values.T]
@@ -296,7 +297,7 @@ def convergence(runs: Iterable[Run], baseline: str, pooled: bool = False) -> lis
     A planner's runs without a history count as without any path until their end.
     """
     known = list(runs)
-    references = baseline_costs(known, baseline)
+    references = median_costs(known)
     moments = [max(time, 1e-4) for run in known if run.history for time, _ in best_so_far(run)]
     times = np.geomspace(min(moments), max(moments), 60) if moments else np.empty(0)
     curves = []
@@ -306,9 +307,12 @@ def convergence(runs: Iterable[Run], baseline: str, pooled: bool = False) -> lis
         costs = np.array([_costs_at(run, times) for run in group])
         members: dict[Query, list[int]] = {}
         for index, run in enumerate(group):
-            if references.get(query_of(run), np.nan) > 0:
+            if references.get((query_of(run), baseline), np.nan) > 0:
                 members.setdefault(query_of(run), []).append(index)
-        ratios = [np.median(costs[n], axis=0) / references[query] for query, n in members.items()]
+        ratios = [
+            np.median(costs[n], axis=0) / references[query, baseline]
+            for query, n in members.items()
+        ]
         median = lower = upper = np.full(len(times), np.nan)
         if ratios:
             median = np.median(ratios, axis=0)
@@ -319,14 +323,12 @@ def convergence(runs: Iterable[Run], baseline: str, pooled: bool = False) -> lis
     return curves
 
 
-def baseline_costs(runs: Sequence[Run], baseline: str) -> dict[Query, float]:
-    """The median J over seeds by setting and query [m]."""
-    medians = query_medians(run for run in runs if run.task.planner == baseline)
-    column = list(MEASURES).index("cost")
+def median_costs(runs: Iterable[Run]) -> dict[tuple[Query, str], float]:
+    """The median J over seeds by query and planner [m]; none of a query without a path."""
+    solved = (run for run in runs if math.isfinite(run.measure("cost")))
+    groups = grouped(solved, lambda run: (query_of(run), run.task.planner))
     return {
-        (setting, query): float(values[column])
-        for (setting, _), queries in medians.items()
-        for (_, query), values in queries.items()
+        key: float(np.median([run.measures["cost"] for run in own])) for key, own in groups.items()
     }
 
 
