@@ -139,7 +139,7 @@ class Journal:
             if run.status not in STATUSES or math.isnan(run.task.weight):
                 raise ValueError("is no run")
             return (run.task, digest), run
-        except (ValueError, KeyError, TypeError, AttributeError, LocplanError):
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
             raise LocplanError(
                 f"{self.path}: line {number} is damaged; delete the line to make its run anew"
             ) from None

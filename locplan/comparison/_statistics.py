@@ -195,21 +195,6 @@ def summaries(runs: Iterable[Run], pooled: bool = False) -> list[Summary]:
     return [_summary(*key, group) for key, group in by_planner(runs, pooled).items()]
 
 
-Medians = dict[tuple[str, str], Array]
-"""The measures of a query, by its map and name, in the order of `MEASURES`."""
-
-
-def query_medians(runs: Iterable[Run], pooled: bool = False) -> dict[tuple[Setting, str], Medians]:
-    """The medians over seeds of the solved runs of each query, by setting and planner."""
-    return {
-        key: {
-            query: _columnwise_median(_values(own))
-            for query, own in _by_query(run for run in group if run.status == "solved")
-        }
-        for key, group in by_planner(runs, pooled).items()
-    }
-
-
 def by_planner(runs: Iterable[Run], pooled: bool) -> dict[tuple[Setting, str], list[Run]]:
     """The runs by setting and planner."""
     return grouped(runs, lambda run: (setting_of(run, pooled), run.task.planner))
@@ -228,22 +213,23 @@ def query_of(run: Run) -> Query:
     return setting_of(run), run.task.query
 
 
-def _values(runs: Sequence[Run]) -> Array:
+def values_of(runs: Sequence[Run]) -> Array:
     """The measures of some runs, a row each, in the order of `MEASURES`; NaN if not finite."""
     rows = [[run.measure(name) for name in MEASURES] for run in runs]
     values = np.array(rows, float).reshape(-1, len(MEASURES))
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _by_query(runs: Iterable[Run]) -> Iterable[tuple[tuple[str, str], list[Run]]]:
+def by_query(runs: Iterable[Run]) -> Iterable[tuple[tuple[str, str], list[Run]]]:
+    """The runs of each query, with its map and name."""
     return grouped(runs, lambda run: (run.task.map, run.task.query)).items()
 
 
 def _summary(setting: Setting, planner: str, runs: Sequence[Run]) -> Summary:
     solved = [run for run in runs if run.status == "solved"]
-    shares = [np.mean([run.status == "solved" for run in own]) for _, own in _by_query(runs)]
+    shares = [np.mean([run.status == "solved" for run in own]) for _, own in by_query(runs)]
     success = wilson(float(np.mean(shares)), len(shares))
-    columns = zip(MEASURES, _values(solved).T, strict=True)
+    columns = zip(MEASURES, values_of(solved).T, strict=True)
     measures = {name: quartiles(column) for name, column in columns}
     return Summary(setting, planner, len(runs), len(solved), success, measures)
 
@@ -255,12 +241,6 @@ def quartiles(values: Array) -> Quartiles:
         return Quartiles(np.nan, np.nan, np.nan, 0)
     lower, median, upper = np.quantile(known, (0.25, 0.5, 0.75)).tolist()
     return Quartiles(median, lower, upper, known.size)
-
-
-def _columnwise_median(values: Array) -> Array:
-    """The median of the known values of each column."""
-    columns = [column[~np.isnan(column)] for column in values.T]
-    return np.array([np.median(known) if known.size else np.nan for known in columns])
 
 
 @dataclass(frozen=True)
