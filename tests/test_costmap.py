@@ -171,7 +171,7 @@ def test_layers_of_ones_own_count_in_free_cells_alone():
     np.testing.assert_array_equal(costs.with_weight(4.0).density[0], [1.0, 5.0, 3.0])
     assert np.isnan(costs.e).all()
     near = Costmap.from_layers(grid, u=u, e=u + 1, robot_radius=1.2)
-    assert np.isinf(near.density).sum() == 3
+    assert np.isinf(near.density).sum() == 4
     assert near.weight == 8.0
     assert near.e[0, 1] == 2.0
     assert not near.u.flags.writeable

@@ -288,7 +288,6 @@ class SimulatedBench(TuningBench):
         return [_cut(path, random.random()) for path in found if path is not None]
 
     def arguments(self, amcl: Amcl) -> list[DriveArguments]:
-        """Arguments of the kernel at each level."""
         scores = self.scores(amcl)
         return [
             drive_arguments(each.filter_map, replace(each.robot, filter=amcl), scores=scores)
@@ -298,7 +297,6 @@ class SimulatedBench(TuningBench):
     def errors(
         self, level: int, path: int, drive: int, arguments: DriveArguments
     ) -> NDArray[np.float64]:
-        """Errors of one drive, in the own axes of the filter's map."""
         stage = self._stages[level][path]
         return stage.drive(self._lines[path], stage.world(path, drive), path, drive, arguments)
 

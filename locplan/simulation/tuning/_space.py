@@ -167,7 +167,7 @@ class BeamsLeft:
             The map, the lidar, the filter and the disturbances.
         places : int, default 200
             Number of places, each with a random heading.
-        robot_radius : float
+        robot_radius : float, default 0.25
             Radius of the robot [m]; where it fits nowhere, all free cells count.
         """
         from locplan._kernels.lidar import measured_ends
