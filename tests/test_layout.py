@@ -51,7 +51,7 @@ HOMES = {
     "mcap": ("export._bags",),
     "rosbags": ("recordings._bag_files",),
     "cloudpickle": ("comparison._workers",),
-    "jinja2": ("comparison._report", "export._registry"),
+    "jinja2": ("_util.public",),
     "pandas": ("_util.records",),
     "cyclopts": ("cli",),
     "zarr": ("field._zarr",),

@@ -11,11 +11,14 @@ import textwrap
 from collections.abc import Callable
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import lazy_loader
 
 from locplan.errors import LocplanError
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 WRAPPED: dict[str, Any] = {
     "width": 96,
@@ -139,6 +142,14 @@ def png_of(figure: object, dpi: int = 80) -> bytes:
     save = getattr(figure, "savefig")  # noqa: B009 - matplotlib is not imported for its type
     save(written, format="png", dpi=dpi, bbox_inches="tight", pad_inches=0.1)
     return written.getvalue()
+
+
+def templates_of(package: str, **style: Any) -> Environment:
+    """The Jinja templates in a package's folder `templates`; they refuse names without a value."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    loader = PackageLoader(package)
+    return Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, **style)
 
 
 def needed(library: str, extra: str, what: str) -> None:

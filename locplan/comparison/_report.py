@@ -15,12 +15,12 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 from PIL import Image
 
 from locplan._util.files import replacing
+from locplan._util.public import templates_of
 from locplan.comparison._figures import COLOURS, DASHES, Look
 from locplan.comparison._pictures import (
     Attributes,
@@ -245,13 +245,7 @@ class Report(Pictures):
 
 def write_report(path: Path, comparison: Comparison) -> None:
     """Write the report, whole or not at all; names, labels and notes may hold any text."""
-    environment = Environment(
-        loader=PackageLoader("locplan.comparison", "templates"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=StrictUndefined,
-    )
+    environment = templates_of("locplan.comparison", autoescape=True, lstrip_blocks=True)
     filters = breakable, counted, dashes, key, number
     environment.filters |= {each.__name__: each for each in filters}
     script = environment.get_template("report.js").render()

@@ -7,21 +7,18 @@ import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from locplan._util.files import check_folder_target, check_target, replacing_folder
-from locplan._util.public import needed
+from locplan._util.public import needed, templates_of
 from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_text
 from locplan._util.results import digest_of
 from locplan._util.runs import write_run
 from locplan.errors import ConfigError, LocplanError
 
 if TYPE_CHECKING:
-    from jinja2 import Environment
-
     from locplan._util.progress import ProgressCallback
     from locplan.costs import Costmap, Path as Route
     from locplan.field import CovarianceField
@@ -141,19 +138,8 @@ def export_folder(
 
 def rendered(template: str, **known: Any) -> str:
     """The text of one of our templates with what is known."""
-    return _templates().get_template(template).render(known)
-
-
-@cache
-def _templates() -> Environment:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    return Environment(
-        loader=PackageLoader("locplan.export"),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        keep_trailing_newline=True,
-    )
+    templates = templates_of("locplan.export", keep_trailing_newline=True)
+    return templates.get_template(template).render(known)
 
 
 def check_has_field(costs: Costmap) -> None:
