@@ -420,6 +420,27 @@ def test_without_a_lidar_the_aware_path_is_given_beside_the_shortest(corridors):
     assert names_of(blank) == ["shortest"]
 
 
+def test_a_degeneracy_of_ones_own_has_aware_paths(grid):
+    u = np.zeros(grid.shape)
+    u[:14] = 1.0  # the way below the box, which is the shorter one
+    costs = Costmap.from_layers(grid, u=u, e=u, robot_radius=0.2)
+    ends = (1.0, 2.5), (11.0, 2.5)
+    found = choose(grid, *ends, costs=costs)
+    assert names_of(found) == ["shortest", "localizability-aware"]
+    assert found.path is found.candidates[1].path
+    assert found.path.xy[:, 1].max() > 4.0 > found.shortest.path.xy[:, 1].max()
+    assert choose(grid, *ends, costs=costs, max_e=0.5).path == found.path
+    driven = choose(grid, *ends, costs=costs, **QUICK)
+    assert any("aware" in name or "way around" in name for name in names_of(driven))
+
+
+@pytest.mark.parametrize("limit", ["max_e", "budget"])
+@pytest.mark.parametrize("robot", [None, ROBOT])
+def test_limits_need_a_field(grid, costs, robot, limit):
+    with pytest.raises(ConfigError, match="no e or u to limit"):
+        choose(grid, START, GOAL, robot, costs=costs, **{limit: 1.0})
+
+
 def test_robots_that_cannot_turn_on_the_spot_are_not_driven(grid, fielded):
     car = dataclasses.replace(ROBOT, kinematics=Kinematics(drive="car-like", turning_radius=0.5))
     found = choose(grid, START, GOAL, car, costs=fielded)

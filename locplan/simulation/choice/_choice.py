@@ -18,7 +18,7 @@ from locplan._util.tables import file_name, wrapped, write_rows
 from locplan.costs import Costmap, Path
 from locplan.errors import LocplanError
 from locplan.planners import Plan, Position
-from locplan.robots import Robot
+from locplan.robots import Amcl, Robot
 from locplan.simulation.choice._driven import DRIVEN, PLANNED, Candidate, Driven
 from locplan.simulation.choice._race import (
     CLEARLY_BETTER,
@@ -162,7 +162,8 @@ class Choice(Result):
         taken = self.judgement.ratio.value if self.best else 1.0
         rival, filter = self.rival and self.rival.ratio, self.settings.rival
         if rival and filter and rival.high < 1 and rival.value < 0.9 * taken:
-            preset = "this filter with all alphas 0.05 and likelihood_field_prob"
+            which = "this filter" if isinstance(self.robot.filter, Amcl) else "AMCL"
+            preset = f"{which} with all alphas 0.05 and likelihood_field_prob"
             found.append(
                 "tune first, with `locplan tune`: on the shortest path"
                 f" {preset if filter == TUNED else filter.title} has x{short(rival)} of the error"
