@@ -270,7 +270,7 @@ class Session(Upkeep):
         return dict(called("locplan.explorer._state:state", self))
 
     def answer(
-        self, do: str, *, progress: Callable[..., None] = lambda *_: None, **values: Any
+        self, do: str, *, progress: Callable[..., None] | None = None, **values: Any
     ) -> dict[str, Any]:
         """The answer to a question as the page gets it, fit for JSON.
 
@@ -288,5 +288,7 @@ class Session(Upkeep):
         LocplanError
             If a value is out of its range.
         """
-        found = ASKS[do].load()(self, Ask(do, 0, values), Work(progress, Cancel()))
+        found = ASKS[do].load()(
+            self, Ask(do, 0, values), Work(progress or (lambda *_: None), Cancel())
+        )
         return finite(found)
