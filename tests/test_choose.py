@@ -324,7 +324,7 @@ def test_a_path_that_is_clearly_better_is_taken(better):
     assert chosen.ratio.value == pytest.approx(ratio)
     assert chosen.ratio.high < 1
     assert better.sentence.startswith(
-        f"take {better.chosen.name}: clearly better than the shortest"
+        f'take "{better.chosen.name}": clearly better than the shortest'
     )
     assert "m more" in better.sentence
     assert better.report().splitlines()[0] == better.sentence
@@ -350,7 +350,7 @@ def test_only_a_clear_verdict_recommends_unless_one_is_bold(better, verdict, bol
     made = dataclasses.replace(better, judgement=judgement, settings=settings)
     assert made.best == best
     assert said.removeprefix("is " if best else "") in made.sentence
-    taken = made.chosen.name if best else "the shortest:"
+    taken = f'"{made.chosen.name}":' if best else "the shortest:"
     assert made.sentence.startswith(f"take {taken}")
 
 
@@ -407,7 +407,9 @@ def test_settings_that_gain_more_than_paths_are_named(corridors):
     assert found.rival.ratio.high < 1
     (advice,) = (each for each in found.advice if "tune first" in each)
     assert "AMCL's alpha1 0.02" in advice
-    assert advice in found.report().replace("\n", " ")
+    above = found.report().split("─")[0].replace("\n", " ")
+    assert above.index(advice) > above.index(found.sentence)  # before the table
+    assert advice in found.figure().get_suptitle().replace("\n", " ")
     same = choose(corridors.grid, *ends, robot, costs=corridors, drives=8, rival=noisy)
     assert same.rival is None
 
