@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from conftest import drawn, random_rooms
+from matplotlib.collections import LineCollection
 from matplotlib.path import Path
 
 import locplan
@@ -434,6 +435,23 @@ def test_cuts_to_holes_keep_the_area(tmp_path):
     save_degenerate_areas(tmp_path / "out", costs, field, threshold=0.5, min_area=2.0)
     ((_, ring),) = lanelet2_polygons(tmp_path / "out" / "degenerate_areas.osm")
     assert signed_area(ring) == pytest.approx(100 - 4)
+
+
+def test_a_line_through_the_middle_of_an_area_shows_its_direction(tmp_path, monkeypatch):
+    figures = []
+    monkeypatch.setattr(
+        "locplan.export._figures.save_preview", lambda folder, figure: figures.append(figure)
+    )
+    grid = drawn(*["." * 30] * 20, resolution=0.2)
+    covariance = np.tile(np.diag([0.02, 0.3, 0.01]), (20, 30, 1, 1))
+    field = CovarianceField(covariance, grid, FieldConfig(Sad()))
+    (area,) = save_degenerate_areas(tmp_path / "out", Costmap.from_field(grid, field), field)
+    (axes,) = figures[0].axes
+    (lines,) = (each for each in axes.collections if isinstance(each, LineCollection))
+    ((begin, end),) = lines.get_segments()
+    np.testing.assert_allclose((begin + end) / 2, area.middle)
+    assert abs(math.sin(math.atan2(*(end - begin)[::-1]) - area.direction)) < 1e-9
+    assert 0.05 < np.hypot(*(end - begin)) < math.sqrt(area.area)
 
 
 def test_what_areas_cannot_be_made_of_is_refused(corridors):

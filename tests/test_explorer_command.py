@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -177,7 +178,8 @@ def test_from_python_the_lidar_decides_the_estimator(monkeypatch):
 
 
 def test_in_a_notebook_the_page_is_a_frame(monkeypatch):
-    monkeypatch.setattr("locplan.explorer._explore.in_notebook", lambda: True)
+    shell = SimpleNamespace(kernel=object())
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
     monkeypatch.setattr("locplan.explorer.Session.prepare", lambda session: None)
     monkeypatch.setattr("webbrowser.open", lambda _: pytest.fail("a browser was opened"))
     monkeypatch.setattr("locplan.explorer._upkeep.Upkeep.begin", lambda *_: None)

@@ -120,6 +120,12 @@ def test_a_socket_needs_an_origin_and_the_cookie(server):
         assert Page(link).state["event"] == "state"
 
 
+def test_nothing_is_compressed_on_its_way_within_the_machine(server):
+    with linked(server, compression="deflate") as link:
+        assert link.response is not None
+        assert "Sec-WebSocket-Extensions" not in link.response.headers
+
+
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "X"])
 def test_the_server_is_only_read_from(server, method):
     for path in ("/", "/about", f"/?token={server.token}"):

@@ -68,6 +68,12 @@ def placed(hallway):
     return place_landmarks(hallway, Pole(0.2), 3, robot=DRIVEN, paths=ROUTE)
 
 
+def test_poses_that_no_memory_holds_are_refused(hallway, monkeypatch):
+    monkeypatch.setattr("locplan._util.checks.usable_memory", lambda: 1000)
+    with pytest.raises(ConfigError, match=r"poses with \d+ rays take .* take shorter routes"):
+        place_landmarks(hallway, Pole(0.2), 3, robot=DRIVEN, paths=ROUTE)
+
+
 # Objects
 
 
@@ -981,7 +987,9 @@ def test_maps_fill_their_part_of_a_figure(placed, rows, cols):
     beside = plot.get_window_extent().x0 > second.get_window_extent().x1
     assert beside == (rows > 3 * cols)
     widths = [own.get_window_extent().width / figure.dpi for own in (first, second)]
-    used = sum(widths) if rows > 0.9 * cols else widths[0]
+    side_by_side = second.get_window_extent().x0 > first.get_window_extent().x1
+    assert side_by_side == (rows > 0.9 * cols)
+    used = sum(widths) if side_by_side else widths[0]
     width = figure.get_figwidth() - (4.6 if beside else 0.0)
     assert width - used < 3.0 or used > 0.6 * width
 

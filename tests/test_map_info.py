@@ -324,6 +324,14 @@ def test_large_maps_are_drawn_in_blocks_that_keep_walls(monkeypatch):
     assert image.get_extent() == pytest.approx((0, 3.3, 0, 5.1))
 
 
+@pytest.mark.parametrize("resolution", [0.2, 2.0, 5.0])
+def test_at_most_24_grid_lines_are_drawn_and_no_fewer_than_9(resolution):
+    grid = OccupancyGrid(drawn(*TWO_ROOMS).cells, resolution, (0.0, 0.0, 0.0))
+    (axes,) = plotting.info_figure(describe_map(grid, robot_radius=0.0)).axes
+    spacing = np.diff(axes.get_xticks())[0]
+    assert 9 < max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())) / spacing <= 24
+
+
 @pytest.mark.draws
 def test_the_command_prints_a_table_or_json_and_draws(run, tmp_path):
     file = image_map(tmp_path, walled(254, size=16))

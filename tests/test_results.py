@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+from contextlib import contextmanager
 
 import pytest
 from conftest import drawn
@@ -166,6 +167,37 @@ def test_a_failure_while_files_move_undoes_all_moves(tmp_path, monkeypatch, fail
         write(tmp_path, {"a": "2", "b": "2", "d": "2"})
     assert content(tmp_path) == before
     assert list(tmp_path.rglob(".locplan-*")) == []
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_a_failure_puts_a_link_of_the_users_back_as_a_link(tmp_path, monkeypatch, links):
+    (tmp_path / "elsewhere").write_text("1")
+    folder = tmp_path / "out"
+    write(folder, {"a": "1", "b": "1"})
+    (folder / "a").unlink()
+    (folder / "a").symlink_to(tmp_path / "elsewhere")
+    if not links:  # as on file systems without hard links
+        monkeypatch.setattr(os, "link", _no_links)
+    (folder / "b").unlink()
+    with pytest.raises(LocplanError, match="no, not now"), _moving_fails(monkeypatch, "b"):
+        write(folder, {"a": "2", "b": "2"})
+    assert (folder / "a").is_symlink()
+    assert (tmp_path / "elsewhere").read_text() == "1"
+
+
+@contextmanager
+def _moving_fails(monkeypatch, name):
+    """Files move in this block, but for the one of this name."""
+    move = os.replace
+
+    def failing(source, target):
+        if os.path.basename(target) == name:
+            raise OSError(28, "no, not now")
+        move(source, target)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "replace", failing)
+        yield
 
 
 def test_errors_name_the_last_place_of_a_file(tmp_path):
@@ -336,6 +368,16 @@ def test_no_picture_takes_the_place_of_another_maps_image(run, room, tmp_path):
     assert code == 2
     assert "replaces lab.png, a map" in err
     assert (tmp_path / "lab.png").read_bytes() == before
+
+
+def test_no_export_takes_the_place_of_the_map_that_it_is_made_of(run, room, tmp_path):
+    mask = tmp_path / "keepout"
+    assert run("export", room, "--to", "nav2-keepout", "-o", mask)[0] == 0
+    before = sorted(mask.iterdir())
+    code, _, err = run("export", mask / "mask.yaml", "--to", "nav2-speed", "-o", mask)
+    assert code == 2
+    assert "keepout: replaces mask." in err
+    assert sorted(mask.iterdir()) == before
 
 
 def test_masks_that_were_exported_are_no_maps_of_a_folder(run, room, tmp_path):

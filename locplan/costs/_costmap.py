@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -13,14 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import instance, number, one_of
-from locplan._util.public import Pictured
 from locplan._util.saved import Saved
 from locplan.costs._cells import (
     CellWindow,
     changed_window,
     joined_windows,
     part_around,
-    standing_cell,
 )
 from locplan.costs._degeneracy import (
     MAX_DENSITY,
@@ -34,18 +30,17 @@ from locplan.costs._degeneracy import (
     density_of,
     sealed,
 )
+from locplan.costs._layers import LAYERS, CostLayers
 from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid, check_grid
 
 ROBOT_RADIUS = 0.25
 """Default radius of the robot [m]."""
-LAYERS = ("density", "u", "e")
-"""Names of the arrays of a costmap."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Costmap(Pictured, Saved):
+class Costmap(CostLayers, Saved):
     """Cost of travel for every cell: J(path) = integral of density ds.
 
     It is made by `from_field`, `from_layers`, `from_density` or `blank`. Its arrays are read-only;
@@ -54,44 +49,6 @@ class Costmap(Pictured, Saved):
 
     kind: ClassVar[str] = "costmap"
     _drawn_by: ClassVar[str] = "locplan.plotting:costmap_figure"
-
-    grid: OccupancyGrid
-    """The map."""
-    density: NDArray[np.float64]
-    """Cost per metre, at least 1; infinite where the robot cannot be, (H, W)."""
-    weight: float
-    """Metres of detour accepted per degenerate metre (lambda), >= 0; NaN without a field."""
-    robot_radius: float
-    """Least distance from the robot's centre to an occupied cell [m], >= 0."""
-    u: NDArray[np.float64]
-    """Degeneracy of a cell, 0..1, (H, W); NaN where there is no field."""
-    e: NDArray[np.float64]
-    """The field's e [m^2 rad], (H, W); NaN where there is no field."""
-    of_heading: HeadingLayers | None = None
-    """u and e for n headings of the robot, evenly spaced from 0 on; None if they are alike."""
-    settings: CostSettings | None = None
-    """Settings of u; None without a field."""
-
-    def __post_init__(self) -> None:
-        for name in LAYERS:
-            layer = getattr(self, name)
-            if layer.flags.writeable:
-                object.__setattr__(self, name, sealed(layer.copy()))
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        for name in LAYERS:
-            sealed(state[name])
-
-    def copy(self) -> Costmap:
-        """Copy of the costmap that shares nothing with it, not even the map."""
-        return copy.deepcopy(self)
-
-    def __repr__(self) -> str:
-        own = math.isnan(self.weight)
-        made = "a density of one's own" if own else f"weight {self.weight:g}"
-        grid = repr(self.grid).removeprefix("OccupancyGrid(").partition(", origin")[0]
-        return f"Costmap({grid}, robot radius {self.robot_radius:g} m, {made})"
 
     @classmethod
     def from_field(
@@ -257,36 +214,6 @@ class Costmap(Pictured, Saved):
         check_grid(grid)
         return cls.from_density(grid, np.ones(grid.shape), robot_radius=robot_radius)
 
-    @property
-    def u_of_heading(self) -> NDArray[np.float32] | None:
-        """u for n headings of the robot, evenly spaced from 0 on, (n, H, W); None if alike."""
-        return None if self.of_heading is None else self.of_heading.both[0]
-
-    @property
-    def e_of_heading(self) -> NDArray[np.float32] | None:
-        """e for the headings of `u_of_heading` [m^2 rad], (n, H, W); None if alike."""
-        return None if self.of_heading is None else self.of_heading.both[1]
-
-    @property
-    def density_of_heading(self) -> NDArray[np.float64]:
-        """`density` for each heading, (n, H, W), or once where headings are alike, (1, H, W)."""
-        if self.u_of_heading is None:
-            return self.density[None]
-        density = density_of(self.u_of_heading.astype(np.float64), self.weight)
-        return np.where(np.isfinite(self.density), density, np.inf)
-
-    @property
-    def unblocked_density(self) -> NDArray[np.float64]:
-        """`density` also where only the robot's radius blocks a cell, if there is a field."""
-        return self.density if math.isnan(self.weight) else density_of(self.u, self.weight)
-
-    @property
-    def e_unit(self) -> str:
-        """Unit of e, without the angle where poses have no heading."""
-        estimator = self.settings and self.settings.config.estimator
-        flat = estimator and estimator.lattice(self.grid.resolution).dimension == 2
-        return "m²" if flat else "m² rad"
-
     def with_weight(self, weight: float) -> Costmap:
         """Copy of the costmap with the density of another weight.
 
@@ -374,26 +301,3 @@ class Costmap(Pictured, Saved):
             )
         density = blocked_near(self.density, self.grid, robot_radius)
         return dataclasses.replace(self, density=density, robot_radius=float(robot_radius))
-
-    @property
-    def has_weak_spots(self) -> bool:
-        """Whether u is above 0 anywhere; True where there is no field."""
-        return bool((self.u > 0).any() or np.isnan(self.u).all())
-
-    def cell_of(self, xy: Sequence[float], role: str = "position") -> tuple[int, int]:
-        """Row and column of the cell at a world position where the robot can stand.
-
-        Parameters
-        ----------
-        xy : (x, y)
-            The world position [m].
-        role : str, default "position"
-            What the error calls the position, such as "start".
-
-        Raises
-        ------
-        PoseError
-            If the robot cannot stand there. The error says why, and names the nearest position
-            where it can.
-        """
-        return standing_cell(self.grid, self.density, self.robot_radius, xy, role)

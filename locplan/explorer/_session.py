@@ -76,15 +76,15 @@ ASKS: dict[str, Entry] = {
     "undo": Entry("locplan.explorer._edits:undo", "edit", each=True),
     "redo": Entry("locplan.explorer._edits:redo", "edit", each=True),
     "save": Entry("locplan.explorer._edits:save", "edit", each=True),
-    "front": Entry("locplan.explorer._front:front", "long"),
+    "front": Entry("locplan.explorer._plans:front", "long"),
     "simulate": Entry("locplan.explorer._long:simulate", "long"),
     "landmarks": Entry("locplan.explorer._long:landmarks", "long"),
     "twins": Entry("locplan.explorer._long:twins", "long"),
     "twins_everywhere": Entry("locplan.explorer._long:twins_everywhere", "long"),
-    "export": Entry("locplan.explorer._exporting:export", "long"),
+    "export": Entry("locplan.explorer._sharing:export", "long"),
     "match": Entry("locplan.explorer._drives:match", "drive"),
     "share": Entry("locplan.explorer._sharing:share", "long"),
-    "reproduce": Entry("locplan.explorer._exporting:reproduce", "look"),
+    "reproduce": Entry("locplan.explorer._sharing:reproduce", "look"),
 }
 """All kinds of questions by name; "cancel" {of} is answered by the socket itself."""
 
@@ -270,7 +270,7 @@ class Session(Upkeep):
         return dict(called("locplan.explorer._state:state", self))
 
     def answer(
-        self, do: str, *, progress: Callable[..., None] = lambda *_: None, **values: Any
+        self, do: str, *, progress: Callable[..., None] | None = None, **values: Any
     ) -> dict[str, Any]:
         """The answer to a question as the page gets it, fit for JSON.
 
@@ -288,5 +288,7 @@ class Session(Upkeep):
         LocplanError
             If a value is out of its range.
         """
-        found = ASKS[do].load()(self, Ask(do, 0, values), Work(progress, Cancel()))
+        found = ASKS[do].load()(
+            self, Ask(do, 0, values), Work(progress or (lambda *_: None), Cancel())
+        )
         return finite(found)

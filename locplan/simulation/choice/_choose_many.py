@@ -24,7 +24,7 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.field import Fused, equipped, load_or_compute
 from locplan.planners import Query, check_ends, check_random, queries_of
 from locplan.robots import Robot
-from locplan.simulation._arguments import check_of_one_map
+from locplan.simulation._worlds import check_of_one_map
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._choose import choose
 from locplan.simulation.choice._driven import Candidate
