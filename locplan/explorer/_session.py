@@ -29,7 +29,7 @@ from locplan.planners import AnyAngle
 from locplan.robots import Lidar, Robot
 
 MAX_WEIGHT = 1000.0
-"""Greatest weight that the page can ask for."""
+"""Maximum weight that the page can ask for."""
 Handler = Callable[["Session", Ask, Work], dict[str, Any]]
 """Function that answers a question; what it returns is fit for JSON."""
 
