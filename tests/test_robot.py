@@ -185,7 +185,7 @@ def test_settings_of_a_part_that_is_not_known_make_one():
         ),
         ({"lidar": "tim571"}, "a robot has no setting 'lidar'"),
         ({"alpha1": -1}, "alpha1 must be at least 0"),
-        ({"range": 8, "least_range": 9}, r"least_range \(9.0 m\) must be below range \(8.0 m\)"),
+        ({"range": 8, "min_range": 9}, r"min_range \(9.0 m\) must be below range \(8.0 m\)"),
         ({"footprint": [[1, 1], [2, 1], [2, 2]]}, "footprint must be a polygon around"),
         ({"footprint": "0.3m"}, "footprint must be at least 0, not '0.3m'"),
         ({"drive": "car-like"}, "has a turning_radius above 0"),

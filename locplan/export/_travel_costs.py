@@ -164,7 +164,7 @@ class NavPlanner:
     assumed: Mapping[str, Any] = field(default_factory=dict)
     """Other parameters that must be as they are here."""
     planning_time: float | None = None
-    """Least time that the planner needs to find a way over a mask [s]; None if it has no limit."""
+    """Minimum time that the planner needs for a way over a mask [s]; None if it has no limit."""
 
 
 def _theta_star_term(costs: NDArray[np.float64] | float) -> NDArray[np.float64]:

@@ -29,9 +29,9 @@ GLOBAL_COSTMAP, LOCAL_COSTMAP = (f"{each}_costmap/{each}_costmap" for each in ("
 NODES = (AMCL, PLANNER_SERVER, "controller_server", GLOBAL_COSTMAP, LOCAL_COSTMAP)
 """Nodes of Nav2; a parameter file has parameters of at least one of them."""
 MAX_BYTES = 2**17
-"""Greatest size of a file, of which PyYAML reads some 50 KB a second."""
+"""Maximum size of a file, of which PyYAML reads some 50 KB a second."""
 MAX_VALUES = 100_000
-"""Greatest number of values in a file, those that aliases stand for included."""
+"""Maximum number of values in a file, those that aliases stand for included."""
 REMEDY = "give Nav2's parameters"
 Parameters = dict[str, Any]
 

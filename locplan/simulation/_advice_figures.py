@@ -37,7 +37,7 @@ from locplan.simulation.tuning._results import Tuning
 from locplan.simulation.tuning._space import changed_axes
 
 WIDTH = 8.6
-"""Least width of the figure [inch]."""
+"""Minimum width of the figure [inch]."""
 COLOURS, WIDTHS = ("0.72", "black", "#0072b2"), (1.0, 2.0, 3.6)
 """Styles of the other candidates, of the shortest path, and of the one to take."""
 BELOW = 2.4

@@ -35,7 +35,7 @@ AnyCandidate: TypeAlias = str | Planner | Path | Plan | ParetoFront | ArrayLike
 """A planner by name or as an object, a path, a plan, a front, or positions (n, 2) [m]."""
 Candidates: TypeAlias = Mapping[str, AnyCandidate] | Sequence[AnyCandidate]
 NEAR = 0.5
-"""Greatest distance of a path's ends from start and goal [m]."""
+"""Maximum distance of a path's ends from start and goal [m]."""
 
 
 @dataclass(frozen=True)

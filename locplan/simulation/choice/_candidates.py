@@ -115,7 +115,7 @@ class Part:
     ask: Ask
     """What is asked."""
     longest: float
-    """Greatest length of a candidate [m]."""
+    """Maximum length of a candidate [m]."""
     accepted: dict[str, Path]
     """Candidates until now, the shortest first."""
 

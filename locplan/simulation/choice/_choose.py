@@ -298,13 +298,13 @@ class SimulatedChoice:
     minimises: ClassVar[str | None] = "simulated error"
 
     drives: int = 64
-    """Greatest number of confirming drives of a path, 2 to 1024."""
+    """Maximum number of confirming drives of a path, 2 to 1024."""
     minimise: Minimise = "rmse"
     """Error that decides: "rmse", "goal-error", "heading" or "lost", see `ChoiceSettings`."""
     price: float = 0.3
     """What the logarithm of the length counts in the race, >= 0."""
     longest: float = 1.5
-    """Greatest length of a candidate, in lengths of the shortest path, >= 1."""
+    """Maximum length of a candidate, in lengths of the shortest path, >= 1."""
     bold: bool = False
     """Whether a path that is only probably better is taken, too."""
     robot: Robot | str | None = None
