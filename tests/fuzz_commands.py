@@ -570,6 +570,7 @@ def _start(line: list[str], around: dict[str, Any], out: int, err: int, logged: 
     resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, resource.RLIM_INFINITY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     if around["file_size"] is not None:
+        sys.dont_write_bytecode = True  # Python keeps modules that it could write only in part
         resource.setrlimit(resource.RLIMIT_FSIZE, (around["file_size"], resource.RLIM_INFINITY))
     sys.argv = ["locplan", *line]
     from locplan.__main__ import main

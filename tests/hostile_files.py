@@ -474,7 +474,8 @@ def saved_files(folder: Path) -> None:
     ends = [GRID.cell_to_world(*np.argwhere(GRID.free)[0].tolist())] * 2
     made = plan(COSTS, *ends, planner=lambda *query: Route(query[1:]))
     made.write(folder / "plan.json")
-    Run("pareto", {"map": "a.yaml", "start": "1,2"}, frozenset({"map"})).write(folder, folder)
+    run = Run("pareto", {"map": "a.yaml", "start": "1,2"}, frozenset({"map"}))
+    (folder / "run.yaml").write_text(run.text(folder), encoding="utf-8")
 
 
 def read_costs(folder: Path) -> None:

@@ -230,6 +230,35 @@ def test_the_settings_that_are_compared_keep_the_robots_own_particles_and_beams(
     assert ChoiceSettings(rival=None).rival_of(own) is None
 
 
+@dataclasses.dataclass(frozen=True)
+class Wrapped:
+    """AMCL as a filter of a user's own."""
+
+    amcl: Amcl = FEW
+    title = "a wrapped AMCL"
+
+    def start(self, *about):
+        return self.amcl.start(*about)
+
+
+def test_beside_a_filter_that_is_no_amcl_no_parameters_are_driven():
+    assert ChoiceSettings().rival_of(Wrapped()) is None
+    assert ChoiceSettings(rival=Amcl()).rival_of(Wrapped()) is None
+
+
+def test_a_choice_with_another_filter_is_loaded_with_its_name(grid, costs, tmp_path):
+    robot = dataclasses.replace(ROBOT, filter=Wrapped())
+    found = choose(grid, START, GOAL, robot, costs=costs, drives=4)
+    assert found.rival is None
+    found.save(tmp_path)
+    loaded = Choice.load(tmp_path)
+    assert loaded == found
+    assert loaded.report() == found.report()
+    assert loaded.robot.digest == robot.digest
+    with pytest.raises(ConfigError, match="does not hold the code of a wrapped AMCL"):
+        choose(grid, START, GOAL, loaded.robot, costs=costs, drives=4)
+
+
 def test_a_candidate_without_a_path_is_left_out(grid, costs):
     no_path = plan(costs, START, (11.6, 5.6))  # it ends in the closed cell
     found = choose(grid, START, GOAL, costs=costs, candidates={"none": no_path}, **QUICK)

@@ -184,7 +184,7 @@ def test_maps_have_their_own_queries(costs):
     assert math.dist(found[1].query.start, found[1].query.goal) >= 10.0
     assert found[1].choice.robot.lidar.range == 6.0  # the default
     assert "all maps" in found.report()
-    assert len(found.of_map("hall")) == 1
+    assert len([each for each in found if each.map == "hall"]) == 1
     with pytest.raises(ConfigError, match="no queries for map 'hall'"):
         choose_many(maps, {"corridors": QUERIES[:1]}, **QUICK)
 

@@ -163,6 +163,36 @@ def test_bad_densities_are_refused(density):
         Costmap.from_density(drawn("..", ".."), density)
 
 
+def test_layers_of_ones_own_count_in_free_cells_alone():
+    grid = drawn("..#", "...")
+    u = np.array([[0.0, 1.0, 0.5], [0.25, 0.0, np.nan]])  # the row at the lowest y first
+    costs = Costmap.from_layers(grid, u=u, weight=2.0, robot_radius=0.0)
+    np.testing.assert_array_equal(costs.density, [[1.0, 3.0, 2.0], [1.5, 1.0, np.inf]])
+    np.testing.assert_array_equal(costs.with_weight(4.0).density[0], [1.0, 5.0, 3.0])
+    assert np.isnan(costs.e).all()
+    near = Costmap.from_layers(grid, u=u, e=u + 1, robot_radius=1.2)
+    assert np.isinf(near.density).sum() == 4
+    assert near.weight == 8.0
+    assert near.e[0, 1] == 2.0
+    assert not near.u.flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("layers", "message"),
+    [
+        ({"u": np.zeros((3, 2))}, r"u has shape \(3, 2\), but the map \(2, 2\)"),
+        ({"u": np.full((2, 2), np.nan)}, "u must be from 0 to 1 in every free cell"),
+        ({"u": np.full((2, 2), 1.1)}, "u must be from 0 to 1"),
+        ({"u": np.full((2, 2), -0.1)}, "u must be from 0 to 1"),
+        ({"u": np.zeros((2, 2)), "e": np.full((2, 2), np.inf)}, "e must be finite and at least 0"),
+        ({"u": np.zeros((2, 2)), "weight": -1.0}, "weight"),
+    ],
+)
+def test_bad_layers_are_refused(layers, message):
+    with pytest.raises(ConfigError, match=message):
+        Costmap.from_layers(drawn("..", ".."), **layers)
+
+
 @pytest.mark.parametrize(
     ("xy", "message"),
     [
@@ -193,17 +223,12 @@ def test_a_map_without_room_says_so():
 
 def test_metrics_are_the_integrals_of_the_layers():
     grid = OccupancyGrid(np.full((1, 4), FREE), 0.5)
-    costs = Costmap(
-        grid=grid,
-        density=np.array([[1.0, 2.0, 3.0, 1.0]]),
-        weight=4.0,
-        robot_radius=0.0,
-        u=np.array([[0.0, 0.6, 0.7, 0.1]]),
-        e=np.array([[0.1, 0.2, 0.3, 0.4]]),
+    costs = Costmap.from_layers(
+        grid, u=[[0.0, 0.6, 0.7, 0.1]], e=[[0.1, 0.2, 0.3, 0.4]], weight=5.0, robot_radius=0.0
     )
     metrics = path_metrics(costs, Path(np.array([[0.25, 0.25], [1.75, 0.25]])))
     assert metrics.length == pytest.approx(1.5)
-    assert metrics.cost == pytest.approx(0.25 * 1 + 0.5 * 2 + 0.5 * 3 + 0.25 * 1)
+    assert metrics.cost == pytest.approx(0.25 * 1 + 0.5 * 4 + 0.5 * 4.5 + 0.25 * 1.5)
     assert metrics.integrated_e == pytest.approx(0.25 * 0.1 + 0.5 * 0.2 + 0.5 * 0.3 + 0.25 * 0.4)
     assert metrics.mean_e == pytest.approx(metrics.integrated_e / 1.5)
     assert metrics.integrated_u == pytest.approx(0.5 * 0.6 + 0.5 * 0.7 + 0.25 * 0.1)

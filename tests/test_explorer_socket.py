@@ -57,7 +57,7 @@ def held(monkeypatch):
         work.cancel.check()
         return {"n": ask.whole("n", 0, 100, 0)}
 
-    monkeypatch.setattr("locplan.explorer._front.front", wait)
+    monkeypatch.setattr("locplan.explorer._plans.front", wait)
     monkeypatch.setattr("locplan.explorer._edits.edit", wait)
     yield begun, let_go
     let_go.set()
@@ -150,7 +150,7 @@ def test_a_page_that_goes_ends_its_work(server, monkeypatch):
             seen.set()
         return {}
 
-    monkeypatch.setattr("locplan.explorer._front.front", wait)
+    monkeypatch.setattr("locplan.explorer._plans.front", wait)
     before = len(server.session.listeners)
     with linked(server) as link:
         page = Page(link)
@@ -187,7 +187,7 @@ def test_a_fault_within_an_answer_is_one_line(page, monkeypatch):
     def fail(session, ask, work):
         raise ZeroDivisionError("no\nway")
 
-    monkeypatch.setattr("locplan.explorer._front.front", fail)
+    monkeypatch.setattr("locplan.explorer._plans.front", fail)
     told = page.ask("front")
     assert "ZeroDivisionError" in told["error"]
     assert "\n" not in told["error"]
@@ -327,7 +327,7 @@ def test_random_questions_are_answered_by_a_result_or_one_line(server):
 
 def test_values_of_a_question_are_checked_by_name(server, monkeypatch):
     asked = []
-    monkeypatch.setattr("locplan.explorer._front.front", lambda s, ask, w: asked.append(ask) or {})
+    monkeypatch.setattr("locplan.explorer._plans.front", lambda s, ask, w: asked.append(ask) or {})
     values = {"n": 3, "x": "1", "far": [1e9, 0], "t": "a\u202eb", "big": 2**80}
     server.session.answer("front", **values)
     (ask,) = asked

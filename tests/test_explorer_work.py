@@ -102,7 +102,7 @@ class NoFront(list):
 
 
 def test_a_front_without_paths_is_refused_with_the_reason(session, monkeypatch):
-    monkeypatch.setattr("locplan.explorer._front.pareto_front", lambda *_, **__: NoFront())
+    monkeypatch.setattr("locplan.explorer._plans.pareto_front", lambda *_, **__: NoFront())
     with pytest.raises(ConfigError, match="within 5"):
         answered(session, "front", **WAY)
     NoFront.status = "unreachable"
@@ -112,7 +112,7 @@ def test_a_front_without_paths_is_refused_with_the_reason(session, monkeypatch):
 
 def test_a_front_cut_short_says_so(session, monkeypatch):
     own = dataclasses.replace(pareto_front(costs_of(), START, GOAL), epsilon=0.1)
-    monkeypatch.setattr("locplan.explorer._front.pareto_front", lambda *_, **__: own)
+    monkeypatch.setattr("locplan.explorer._plans.pareto_front", lambda *_, **__: own)
     shown = answered(session, "front", **WAY)
     assert (shown["complete"], shown["epsilon"]) == (False, 0.1)
 

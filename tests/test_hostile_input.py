@@ -355,6 +355,7 @@ def test_a_stride_beyond_the_map_evaluates_one_point():
         {"task": {**RUN["task"], "map": ["m"]}},
         {"task": {**RUN["task"], "seed": "0"}},
         {"task": {**RUN["task"], "weight": 10**400}},
+        {"task": {**RUN["task"], "weight": None}},
         {"status": "happy"},
         {"status": []},
         {"seconds": [1]},

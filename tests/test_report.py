@@ -19,7 +19,7 @@ from scipy.ndimage import binary_erosion
 
 import locplan
 from locplan.comparison import MEASURES, Case, Comparison, Run, Task, _pictures as pictures
-from locplan.comparison._marks import Backdrop
+from locplan.comparison._report import Backdrop
 from locplan.maps import OCCUPIED, environments
 from locplan.planners import Query
 

@@ -34,10 +34,7 @@ def rooms(
     grid = OccupancyGrid(cells, 0.1, origin)
     wave = np.sin(np.arange(size) / half * math.pi) ** 2
     u = np.outer(wave, wave)
-    u[~grid.free] = np.nan
-    return Costmap(grid, np.where(np.isnan(u), np.inf, 1.0), 0.0, 0.0, u, u / 10).with_robot_radius(
-        0.2
-    )
+    return Costmap.from_layers(grid, u=u, e=u / 10, weight=0.0, robot_radius=0.2)
 
 
 def pieces(costs: Costmap) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

@@ -353,7 +353,7 @@ def test_a_new_file_has_all_parameters(tuning, tmp_path):
 
 
 def test_a_file_that_says_something_else_is_not_left_behind(tuning, tmp_path, monkeypatch):
-    edited = "locplan.simulation.tuning._files.edited_parameters"
+    edited = "locplan.simulation.tuning._space.edited_parameters"
     monkeypatch.setattr(edited, lambda path, *_: path.read_bytes())
     (tmp_path / "mine.yaml").write_text(PARAMS)
     with pytest.raises(LocplanError, match="could not be written as it was meant"):

@@ -70,20 +70,18 @@ def of_median(values: NDArray[np.float64]) -> Interval:
     return Interval(middle, low, high)
 
 
-def of_rms(squares: NDArray[np.float64], others: NDArray[np.float64] | None = None) -> Interval:
-    """95 % interval of a root mean square, or of the ratio of two over the same trials.
+def of_rms(squares: NDArray[np.float64]) -> Interval:
+    """95 % interval of a root mean square, of the mean squares of the trials.
 
-    `squares` are the mean squares of the trials, and `others` those of the root mean square to
-    divide by. It is Student's interval of the jackknife's pseudo-values of the logarithm.
+    It is Student's interval of the jackknife's pseudo-values of the logarithm.
     """
-    below = np.ones_like(squares) if others is None else others
-    total, total_below, count = squares.sum(), below.sum(), squares.size
-    if count < MIN_SAMPLES or not total > 0 or not total_below > 0:
-        value = np.sqrt(total / total_below) if total_below > 0 else np.nan
+    total, count = squares.sum(), squares.size
+    if count < MIN_SAMPLES or not total > 0:
+        value = np.sqrt(total / count) if count else np.nan
         return Interval(float(value), np.nan, np.nan)
-    whole = np.log(total / total_below)
+    whole = np.log(total / count)
     with np.errstate(divide="ignore"):
-        without = np.log((total - squares) / (total_below - below))
+        without = np.log((total - squares) / (count - 1))
     pseudo = of_mean(count * whole - (count - 1) * without)
     half = (pseudo.high - pseudo.low) / 2
     low, high = np.exp((whole - half) / 2), np.exp((whole + half) / 2)

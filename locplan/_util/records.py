@@ -211,15 +211,13 @@ class Table:
             yield [own for c, value in pairs for own in (value if c.interval else (value,))]
 
 
-class Reported:
-    """What a command finds, with text for people and a folder of files."""
+class Result(Pictured):
+    """What a command finds: numbers, text for people, a figure, and a folder with all of them."""
 
     files: ClassVar[Results]
     """The files of a folder of results."""
     _reported_by: ClassVar[str]
     """Module and function that make the text for people, by name, as `_drawn_by` does."""
-    _written_by: ClassVar[str]
-    """Module and function that write a result into a `ResultFolder`, by name."""
 
     def report(self, *about: Any, **more: Any) -> str:
         """Text for people, with the table.
@@ -230,30 +228,6 @@ class Reported:
             What belongs to it, such as the drives that verify it.
         """
         return str(called(self._reported_by, self, *about, **more))
-
-    def save(self, folder: str | os.PathLike[str], *about: Any, force: bool = False) -> None:
-        """Write the summary as JSON, a figure, and tables, whole or not at all.
-
-        Parameters
-        ----------
-        folder : path
-            Folder of the results, which need not exist.
-        *about
-            What belongs to it, such as the file that a copy is made of.
-        force : bool, default False
-            True also replaces files of these names that locplan did not write.
-
-        Raises
-        ------
-        LocplanError
-            If a file cannot be written, or would replace one that locplan did not write.
-        """
-        target = self.files.into(file_path("a folder of results", folder), force=force)
-        called(self._written_by, target, self, *about)
-
-
-class Result(Reported, Pictured):
-    """What a command finds: numbers, text for people, a figure, and a folder with all of them."""
 
     def summary(self, *about: Any, **more: Any) -> dict[str, object]:
         """What was found in numbers, fit for JSON.

@@ -45,7 +45,7 @@ class Output:
 
         Parameters
         ----------
-        result : Reported
+        result : Result
             The result.
         *about
             What belongs to it, such as the drives that verify it.

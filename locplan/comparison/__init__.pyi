@@ -12,6 +12,12 @@ from ._comparing import (
 from ._contrasts import Contrast as Contrast
 from ._journal import Journal as Journal
 from ._result import Case as Case, Comparison as Comparison, Standing as Standing
-from ._runs import MEASURES as MEASURES, STATUSES as STATUSES, Run as Run, Task as Task
 from ._specs import PlannerSpec as PlannerSpec, specs_of as specs_of
-from ._statistics import Convergence as Convergence, Summary as Summary
+from ._statistics import (
+    MEASURES as MEASURES,
+    STATUSES as STATUSES,
+    Convergence as Convergence,
+    Run as Run,
+    Summary as Summary,
+    Task as Task,
+)

@@ -16,8 +16,14 @@ import numpy as np
 from locplan import __version__
 from locplan._util.checks import file_path, shown
 from locplan._util.reading import read_text
-from locplan.comparison._runs import MEASURES, Run
-from locplan.comparison._statistics import Array, baseline_costs, best_so_far, query_of
+from locplan.comparison._statistics import (
+    MEASURES,
+    Array,
+    Run,
+    best_so_far,
+    median_costs,
+    query_of,
+)
 from locplan.errors import LocplanError, MapError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map
 from locplan.planners import Query
@@ -185,13 +191,13 @@ def _logs(
 ) -> dict[str, list[str]]:
     """The lines of each log, by file name."""
     moment = (started or datetime.now()).isoformat(" ", "seconds")
-    costs = {} if baseline is None else baseline_costs(runs, baseline)
+    costs = median_costs(runs)
     queries = Counter(setting for setting, _ in {query_of(run) for run in runs})
     logs: dict[str, list[str]] = {}
     for (setting, query), group in groupby(runs, query_of):
         taken = list(group)
         lines = _preamble(taken, query if queries[setting] > 1 else None, moment, limits)
-        lines += _planners(taken, costs.get((setting, query), math.nan))
+        lines += _planners(taken, costs.get(((setting, query), baseline or ""), math.nan))
         logs[f"{len(logs):04d}.log"] = lines
     return logs
 

@@ -15,40 +15,48 @@ from scipy.special import stdtrit
 
 from locplan._util.intervals import Interval
 from locplan._util.tables import finite
-from locplan.comparison._runs import MEASURES, Run
-from locplan.comparison._statistics import Array, Quartiles, Setting, quartiles, query_medians
+from locplan.comparison._statistics import (
+    MEASURES,
+    Array,
+    Quartiles,
+    Run,
+    Setting,
+    by_planner,
+    by_query,
+    quartiles,
+    values_of,
+)
 from locplan.costs import DEGENERATE
 from locplan.errors import LocplanError
 
 RATIO, SUMS, DIFFERENCE = "ratio", "ratio of sums", "difference"
 
-KINDS: Mapping[str, str] = {
-    **dict.fromkeys(MEASURES, SUMS),
-    **dict.fromkeys(("length", "cost", "seconds"), RATIO),
-    "degenerate_share": DIFFERENCE,
+COMPARED: Mapping[str, tuple[str, str, str]] = {
+    "length": (RATIO, "shorter", "longer"),
+    "cost": (RATIO, "cheaper", "costlier"),
+    "integrated_u": (SUMS, "fewer degenerate metres", "more degenerate metres"),
+    "integrated_e": (SUMS, "less ∫e ds", "more ∫e ds"),
+    "max_e": (SUMS, "lower in max e", "higher in max e"),
+    "degenerate_share": (
+        DIFFERENCE,
+        f"less with u > {DEGENERATE:g}",
+        f"more with u > {DEGENERATE:g}",
+    ),
+    "longest_degenerate": (
+        SUMS,
+        f"shorter at a stretch with u > {DEGENERATE:g}",
+        f"longer at a stretch with u > {DEGENERATE:g}",
+    ),
+    "clearance": (SUMS, "less clearance", "more clearance"),
+    "turning": (SUMS, "less turning", "more turning"),
+    "seconds": (RATIO, "less planning time", "more planning time"),
 }
-"""Kind of the comparison with the baseline, by measure.
+"""Kind of the comparison with the baseline by measure, with the words for less and more of it.
 
 Measures that are never 0 have ratios: their geometric mean counts every query alike. The others
 may be 0, where a ratio is undefined: a ratio of sums is defined if any query is above 0, and a
 query with a tenth of a metre counts as little as it matters. Shares have the mean difference.
 """
-
-_WORDS: Mapping[str, tuple[str, str]] = {
-    "length": ("shorter", "longer"),
-    "cost": ("cheaper", "costlier"),
-    "integrated_u": ("fewer degenerate metres", "more degenerate metres"),
-    "integrated_e": ("less ∫e ds", "more ∫e ds"),
-    "max_e": ("lower in max e", "higher in max e"),
-    "degenerate_share": (f"less with u > {DEGENERATE:g}", f"more with u > {DEGENERATE:g}"),
-    "longest_degenerate": (
-        f"shorter at a stretch with u > {DEGENERATE:g}",
-        f"longer at a stretch with u > {DEGENERATE:g}",
-    ),
-    "clearance": ("less clearance", "more clearance"),
-    "turning": ("less turning", "more turning"),
-    "seconds": ("less planning time", "more planning time"),
-}
 
 
 @dataclass(frozen=True)
@@ -109,7 +117,7 @@ class Contrast:
             bounds = f"[{low:.3g}, {high:.3g}]"
             return f"{MEASURES[self.measure].title} {value:.3g} times {self.baseline}'s {bounds}"
         ends = (equal - high, equal - low) if value < equal else (low - equal, high - equal)
-        word = _WORDS[self.measure][value > equal]
+        word = COMPARED[self.measure][1 + (value > equal)]
         size = f"{100 * abs(value - equal):.3g} {unit} {word}"
         return f"{size} than {self.baseline} {self._per_cent(*ends)}"
 
@@ -140,7 +148,8 @@ def contrasts(runs: Iterable[Run], baseline: str, pooled: bool = False) -> list[
         maps = np.unique([name for name, _ in shared], return_inverse=True)[1]
         pairs = np.array([(ours[query], theirs[query]) for query in shared])
         columns = pairs.reshape(-1, 2, len(MEASURES)).T
-        for (measure, kind), (own, other) in zip(KINDS.items(), columns, strict=True):
+        for measure, (own, other) in zip(MEASURES, columns, strict=True):
+            kind = COMPARED[measure][0]
             known = np.isfinite(own) & np.isfinite(other)
             if kind == RATIO:
                 known &= (own > 0) & (other > 0)
@@ -148,6 +157,27 @@ def contrasts(runs: Iterable[Run], baseline: str, pooled: bool = False) -> list[
             estimate, middles = _estimate(kind, *both, maps[known]), map(quartiles, both)
             found.append(Contrast(setting, planner, baseline, measure, kind, estimate, *middles))
     return found
+
+
+Medians = dict[tuple[str, str], Array]
+"""The measures of a query, by its map and name, in the order of `MEASURES`."""
+
+
+def query_medians(runs: Iterable[Run], pooled: bool = False) -> dict[tuple[Setting, str], Medians]:
+    """The medians over seeds of the solved runs of each query, by setting and planner."""
+    return {
+        key: {
+            query: _columnwise_median(values_of(own))
+            for query, own in by_query(run for run in group if run.status == "solved")
+        }
+        for key, group in by_planner(runs, pooled).items()
+    }
+
+
+def _columnwise_median(values: Array) -> Array:
+    """The median of the known values of each column."""
+    columns = [column[~np.isnan(column)] for column in values.T]
+    return np.array([np.median(known) if known.size else np.nan for known in columns])
 
 
 def _estimate(kind: str, ours: Array, theirs: Array, maps: NDArray[np.intp]) -> Interval:

@@ -20,8 +20,7 @@ from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
 from locplan._util.checks import printable
-from locplan.comparison._runs import MEASURES, Run
-from locplan.comparison._statistics import Convergence
+from locplan.comparison._statistics import MEASURES, Convergence, Run
 from locplan.costs import Path
 from locplan.field import CovarianceField
 from locplan.planners import ParetoFront, Query
@@ -260,6 +259,7 @@ def query_costs_picture(
     top = min(1 + 1.5 * max(float(excess), 0.02), max(float(np.nanmax(values)), 1.02))
     bottom = min(1.0, float(np.nanmin(values)))
     margin = 0.05 * (top - bottom)
+    plain: dict[str, Any] = {"linestyle": "none", "markersize": 5}
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -267,38 +267,23 @@ def query_costs_picture(
         rows = np.arange(len(labels))
         shifts = np.linspace(-0.25, 0.25, len(ratios)) if len(ratios) > 1 else [0.0]
         for (planner, own), shift in zip(ratios.items(), shifts, strict=True):
-            if (own != 1).any():  # the baseline is the line
-                _draw_planner(axes, own, rows + shift, top, looks, planner)
-        axes.set_yticks(rows, [_short(label) for label in labels], parse_math=False)
+            if (own == 1).all():  # the baseline is the line
+                continue
+            part, colour = filtered(list(looks).index(planner)), COLOURS[looks[planner].colour]
+            marker = MARKERS[looks[planner].marker]
+            hollow = {"markerfacecolor": "none", **plain, "color": colour, "gid": part}
+            axes.plot(own[own <= top], (rows + shift)[own <= top], marker, **hollow)
+            far = rows[own > top] + shift
+            axes.plot(np.full(far.size, top), far, ">", gid=part, color=colour, **plain)
+        # The end of a label tells queries apart, as far as there is room for it.
+        texts = [printable(label) for label in labels]
+        short = [text if len(text) <= 24 else f"…{text[-24:]}" for text in texts]
+        axes.set_yticks(rows, short, parse_math=False)
         axes.set(xlim=(bottom - margin, top + margin), ylim=(len(labels) - 0.5, -0.5))
         axes.set_xlabel("J / baseline's J")
         axes.grid()
 
     return svg_of(draw, 0.75 + 0.19 * len(labels), alt, list(looks))
-
-
-def _draw_planner(
-    axes: Axes,
-    ratios: NDArray[np.float64],
-    rows: NDArray[np.float64],
-    top: float,
-    looks: Mapping[str, Look],
-    planner: str,
-) -> None:
-    look = looks[planner]
-    style: dict[str, Any] = {"color": COLOURS[look.colour], "linestyle": "none", "markersize": 5}
-    part = filtered(list(looks).index(planner))
-    near = ratios <= top
-    marker = MARKERS[look.marker]
-    axes.plot(ratios[near], rows[near], marker, gid=part, markerfacecolor="none", **style)
-    far = np.flatnonzero(ratios > top)
-    axes.plot(np.full(far.size, top), rows[far], ">", gid=part, **style)
-
-
-def _short(label: str) -> str:
-    """The end of a label, which tells queries apart, as far as there is room for it."""
-    text = printable(label)
-    return text if len(text) <= 24 else f"…{text[-24:]}"
 
 
 def comparison_figure(comparison: Comparison) -> Figure:

@@ -7,7 +7,7 @@ import itertools
 import json
 import math
 import os
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -16,14 +16,15 @@ from typing import Any
 import numpy as np
 
 from locplan import __version__
-from locplan._util.checks import file_path, is_number, is_whole, shown
+from locplan._util.checks import file_path, shown
 from locplan._util.files import make_folder
 from locplan._util.progress import ProgressCallback
 from locplan._util.reading import opened, parsed_json
+from locplan._util.saved import made
 from locplan._util.tables import finite
 from locplan.comparison._result import Case
-from locplan.comparison._runs import STATUSES, Run, Task
 from locplan.comparison._specs import PlannerSpec
+from locplan.comparison._statistics import STATUSES, Run, Task
 from locplan.comparison._worker import Order
 from locplan.comparison._workers import Workers
 from locplan.costs import Costmap
@@ -133,19 +134,12 @@ class Journal:
     def _parsed(self, number: int, line: str) -> tuple[Key, Run]:
         try:
             about = parsed_json(line)
-            run = Run(
-                _task(about["task"]),
-                _text(about["status"], STATUSES),
-                _number(about["seconds"]),
-                _number(about["wall_seconds"]),
-                {name: _number(value) for name, value in about["measures"].items()},
-                tuple((_number(at), _number(cost)) for at, cost in about["history"]),
-                tuple((_number(x), _number(y)) for x, y in about["xy"]),
-                _text(about["note"]),
-                _count(about.get("expanded")),
-            )
-            return (run.task, _text(about["digest"])), run
-        except (ValueError, KeyError, TypeError, AttributeError):
+            digest = made(str, about.pop("digest"))
+            run: Run = made(Run, about)
+            if run.status not in STATUSES or math.isnan(run.task.weight):
+                raise ValueError("is no run")
+            return (run.task, digest), run
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
             raise LocplanError(
                 f"{self.path}: line {number} is damaged; delete the line to make its run anew"
             ) from None
@@ -173,33 +167,6 @@ class Journal:
             ) from None
         except OSError:
             return  # a file system without locks
-
-
-def _task(about: Mapping[str, Any]) -> Task:
-    task = Task(**about)
-    for text in (task.map, task.config, task.query, task.planner):
-        _text(text)
-    if not (is_number(task.weight) and is_whole(task.seed)):
-        raise ValueError("a weight or a seed is no number")
-    return task
-
-
-def _count(value: object) -> int | None:
-    if value is not None and not (is_whole(value) and value >= 0):
-        raise ValueError("a number of cells is none")
-    return value
-
-
-def _text(value: object, choices: Collection[str] | None = None) -> str:
-    if not isinstance(value, str) or (choices is not None and value not in choices):
-        raise ValueError("a text is missing")
-    return value
-
-
-def _number(value: object) -> float:
-    if value is not None and not is_number(value):
-        raise ValueError("a number is missing")
-    return math.nan if value is None else float(value)
 
 
 def orders_of(

@@ -23,13 +23,36 @@ from locplan.comparison._figures import (
     query_costs_picture,
     trade_off_picture,
 )
-from locplan.comparison._marks import SHAPES, Backdrop, Mark, counted
 from locplan.comparison._result import Case, Comparison
-from locplan.comparison._runs import MEASURES, Run, grouped
-from locplan.comparison._statistics import Convergence, Setting, convergence, query_of, setting_of
+from locplan.comparison._statistics import (
+    MEASURES,
+    Convergence,
+    Run,
+    Setting,
+    convergence,
+    grouped,
+    median_costs,
+    query_of,
+    setting_of,
+)
 from locplan.costs import Path as Route
 from locplan.field import CovarianceField
 from locplan.planners import ParetoFront, Query, pareto_front
+
+
+class Mark(NamedTuple):
+    """A line in a colour of the page, or none if `dash` is -1, with a marker of a size [pt]."""
+
+    colour: str
+    dash: int = 0
+    marker: str = ""
+    size: float = 6.0
+
+    @classmethod
+    def of(cls, look: Look, marked: bool = False) -> Mark:
+        """A planner's line, with its marker if it is `marked`."""
+        return cls(f"p{look.colour}", look.dash, MARKERS[look.marker] if marked else "")
+
 
 CaseKey = tuple[str, str]
 Attributes = dict[str, str]
@@ -62,19 +85,6 @@ class Drawing(NamedTuple):
     svg: Markup
     legend: Legend
     caption: str
-    attributes: Attributes
-
-
-class Thumbnail(NamedTuple):
-    """The paths of a query at a weight: lines over the image of a map."""
-
-    caption: str
-    alt: str
-    lines: list[tuple[str, Look, float, str]]
-    """Planner, look, width [pixels of the screen] and SVG path of each line."""
-    ends: list[tuple[str, str]]
-    """SVG path and place of the marks of start and goal."""
-    legend: Legend
     attributes: Attributes
 
 
@@ -216,17 +226,12 @@ class Pictures:
         if len(compared) < len(every):
             lost = counted(len(every) - len(compared), "query", "queries")
             caption += f"; {lost} without a path of {self.baseline} left out"
-        svg = query_costs_picture(ratios, labels, self.looks, f"{alt} Medians: {words}.")
+        svg = query_costs_picture(ratios, labels, self.looks, alt)
         yield Drawing(Markup(svg), legend, caption, attributes(setting))
 
     @cached_property
     def _costs(self) -> dict[tuple[Any, str], float]:
-        solved = (run for run in self.runs if "cost" in run.measures)
-        groups = grouped(solved, lambda run: (query_of(run), run.task.planner))
-        return {
-            key: float(np.median([run.measures["cost"] for run in own]))
-            for key, own in groups.items()
-        }
+        return median_costs(self.runs)
 
     def _cost(self, setting: Setting, query: str, planner: str) -> float:
         """The median over seeds of J [m]; NaN without a path."""
@@ -283,44 +288,10 @@ class Pictures:
             found[planner] = solved[(len(solved) - 1) // 2] if solved else None
         return {planner: found[planner] for planner in self.looks if planner in found}
 
-    def galleries(self) -> Iterator[tuple[CaseKey, Backdrop, list[Thumbnail]]]:
-        """Every query of every scene at every weight, as far as the limit goes."""
-        room = self.limits.thumbnails
-        for key, scene in self.scenes.items():
-            groups = grouped(self.cases[key], lambda run: (run.task.query, run.task.weight))
-            asked = [
-                (query, groups[query.name, weight])
-                for query in scene.case.queries
-                for weight in sorted({weight for name, weight in groups if name == query.name})
-            ]
-            self.left_out["pictures"] += max(0, len(asked) - room)
-            asked, room = asked[:room], max(0, room - len(asked))
-            if asked:
-                backdrop = Backdrop.of(scene.field)
-                yield key, backdrop, [self._thumbnail(backdrop, *each) for each in asked]
 
-    def _thumbnail(self, backdrop: Backdrop, query: Query, runs: Sequence[Run]) -> Thumbnail:
-        setting, found = setting_of(runs[0]), self._typical(runs)
-        paths = {planner: run for planner, run in found.items() if run is not None}
-        # Ever thinner [pixels of the screen], so that none hides another.
-        widths = np.linspace(4.5, 1.8, len(paths)) if len(paths) != 1 else [1.8]
-        texts = {
-            planner: f"{planner} {run.measures['cost']:.1f}" if run else f"{planner} no path"
-            for planner, run in found.items()
-        }
-        caption = f"{query.name}, weight {setting.weight:g}"
-        places = backdrop.pixels([query.start[:2], query.goal[:2]]).tolist()
-        return Thumbnail(
-            caption,
-            f"Paths of {caption}, J [m]: {'; '.join(texts.values())}.",
-            [
-                (planner, self.looks[planner], float(width), backdrop.line(run.xy))
-                for (planner, run), width in zip(paths.items(), widths, strict=True)
-            ],
-            [(SHAPES[m], f"{x:.0f} {y:.0f}") for m, (x, y) in zip("o*", places, strict=True)],
-            [(self.marks[name] if found[name] else None, text) for name, text in texts.items()],
-            attributes(setting) | {"class": "map"},
-        )
+def counted(number: int, one: str, many: str = "") -> str:
+    """A number with its noun, in the plural unless it is 1."""
+    return f"{number:,} {one if number == 1 else many or one + 's'}"
 
 
 def attributes(setting: Sequence[Any]) -> Attributes:

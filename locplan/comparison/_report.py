@@ -4,25 +4,129 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import io
 import json
+import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
+import cv2
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
+from numpy.typing import NDArray
+from PIL import Image
 
 from locplan._util.files import replacing
-from locplan.comparison._figures import COLOURS
-from locplan.comparison._marks import SHAPES, Scale, breakable, counted, dashes, key, number
+from locplan.comparison._figures import COLOURS, DASHES, Look
 from locplan.comparison._pictures import (
     Attributes,
+    CaseKey,
+    Legend,
+    Mark,
     Pictures,
     attributes,
+    counted,
     title_of,
 )
 from locplan.comparison._result import Comparison, Standing
-from locplan.comparison._runs import MEASURES, Run, grouped
+from locplan.comparison._statistics import MEASURES, Run, grouped, setting_of
+from locplan.field import CovarianceField
+from locplan.planners import Query
+from locplan.plotting import Picture, draw_field
+
+SHAPES: Mapping[str, str] = {
+    "o": "M4 0 A4 4 0 1 1 -4 0 A4 4 0 1 1 4 0 Z",
+    "s": "M-4 -4 H4 V4 H-4 Z",
+    "D": "M0 -5 L5 0 L0 5 L-5 0 Z",
+    "^": "M0 -4.5 L4.5 4 H-4.5 Z",
+    "v": "M0 4.5 L4.5 -4 H-4.5 Z",
+    "P": "M-1.6 -5 H1.6 V-1.6 H5 V1.6 H1.6 V5 H-1.6 V1.6 H-5 V-1.6 H-1.6 Z",
+    "X": "M-5 -2.5 L-2.5 -5 L0 -2.5 L2.5 -5 L5 -2.5 L2.5 0 L5 2.5 L2.5 5 L0 2.5 L-2.5 5 L-5 2.5"
+    " L-2.5 0 Z",
+    "*": "M0 -7 L1.7 -2.3 L6.6 -2.2 L2.7 0.9 L4.1 5.7 L0 2.9 L-4.1 5.7 L-2.7 0.9 L-6.6 -2.2"
+    " L-1.7 -2.3 Z",
+}
+"""Paths around 0 for the markers of matplotlib."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """A scale that turns a ratio into its place in a drawing of 120 pixels."""
+
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, rows: Iterable[Standing]) -> Scale:
+        """A scale that shows 1 and the intervals of J's ratios, as far as they are near 1."""
+        ends = [end for row in rows for end in row.cost.estimate[1:] if math.isfinite(end)]
+        # At most 10 % to either side, so that one bad planner does not hide the others.
+        return cls(max(min([*ends, 0.99]), 0.9), min(max([*ends, 1.01]), 1.1))
+
+    def at(self, ratio: float) -> str:
+        """The distance of a ratio from the left [pixels], with room for arrows at both ends."""
+        share = (ratio - self.low) / (self.high - self.low)
+        return f"{8 + 104 * min(max(share, 0.0), 1.0):.1f}"
+
+
+@dataclass(frozen=True)
+class Backdrop:
+    """The image of a map with its field, and where it lies in the world."""
+
+    low: NDArray[np.float64]
+    """x and y of the lower left corner [m]."""
+    scale: float
+    """Pixels per metre."""
+    size: tuple[int, int]
+    """Width and height [pixels]."""
+    data: str
+    """The image as a URL."""
+
+    @classmethod
+    def of(cls, drawn: CovarianceField) -> Backdrop:
+        """Draw a field without axes."""
+        side = 640  # pixels of the longer side, the unit of the lines over it, too
+        figure = Picture(figsize=(1, 1), dpi=side)
+        axes = figure.add_axes((0, 0, 1, 1))
+        draw_field(axes, drawn)
+        axes.set_axis_off()
+        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+        spans = np.array([right - left, top - bottom])
+        width, height = np.ceil(side * spans / spans.max()).astype(int).tolist()
+        figure.set_size_inches(width / side, height / side)
+        written, small = io.BytesIO(), io.BytesIO()
+        figure.savefig(written, format="png", dpi=side, facecolor="white")
+        Image.open(written).convert("RGB").quantize(64).save(small, "png", optimize=True)
+        data = f"data:image/png;base64,{base64.b64encode(small.getvalue()).decode()}"
+        return cls(np.array([left, bottom]), float(side / spans.max()), (width, height), data)
+
+    def pixels(self, xy: Sequence[Sequence[float]]) -> NDArray[np.float32]:
+        """Positions in the image, (n, 2); rows go down."""
+        points = (np.array(xy, float).reshape(-1, 2) - self.low) * self.scale
+        points[:, 1] = self.size[1] - points[:, 1]
+        return points.astype(np.float32)
+
+    def line(self, xy: Sequence[Sequence[float]]) -> str:
+        """A path as an SVG path, with no more vertices than it takes to show it."""
+        short = cv2.approxPolyDP(self.pixels(xy)[:, None], 0.7, False)[:, 0]
+        return "M" + " ".join(f"{x:.1f} {y:.1f}" for x, y in short.tolist())
+
+
+class Thumbnail(NamedTuple):
+    """The paths of a query at a weight: lines over the image of a map."""
+
+    caption: str
+    alt: str
+    lines: list[tuple[str, Look, float, str]]
+    """Planner, look, width [pixels of the screen] and SVG path of each line."""
+    ends: list[tuple[str, str]]
+    """SVG path and place of the marks of start and goal."""
+    legend: Legend
+    attributes: Attributes
 
 
 class Report(Pictures):
@@ -63,6 +167,45 @@ class Report(Pictures):
         for case, group in grouped(self.comparison.standings(), lambda r: r.setting[:2]).items():
             tables = grouped(group, lambda row: row.setting.weight)
             yield case, [(weight, rows, Scale.of(rows)) for weight, rows in tables.items()]
+
+    def galleries(self) -> Iterator[tuple[CaseKey, Backdrop, list[Thumbnail]]]:
+        """Every query of every scene at every weight, as far as the limit goes."""
+        room = self.limits.thumbnails
+        for key, scene in self.scenes.items():
+            groups = grouped(self.cases[key], lambda run: (run.task.query, run.task.weight))
+            asked = [
+                (query, groups[query.name, weight])
+                for query in scene.case.queries
+                for weight in sorted({weight for name, weight in groups if name == query.name})
+            ]
+            self.left_out["pictures"] += max(0, len(asked) - room)
+            asked, room = asked[:room], max(0, room - len(asked))
+            if asked:
+                backdrop = Backdrop.of(scene.field)
+                yield key, backdrop, [self._thumbnail(backdrop, *each) for each in asked]
+
+    def _thumbnail(self, backdrop: Backdrop, query: Query, runs: Sequence[Run]) -> Thumbnail:
+        setting, found = setting_of(runs[0]), self._typical(runs)
+        paths = {planner: run for planner, run in found.items() if run is not None}
+        # Ever thinner [pixels of the screen], so that none hides another.
+        widths = np.linspace(4.5, 1.8, len(paths)) if len(paths) != 1 else [1.8]
+        texts = {
+            planner: f"{planner} {run.measures['cost']:.1f}" if run else f"{planner} no path"
+            for planner, run in found.items()
+        }
+        caption = f"{query.name}, weight {setting.weight:g}"
+        places = backdrop.pixels([query.start[:2], query.goal[:2]]).tolist()
+        return Thumbnail(
+            caption,
+            f"Paths of {caption}, J [m]: {'; '.join(texts.values())}.",
+            [
+                (planner, self.looks[planner], float(width), backdrop.line(run.xy))
+                for (planner, run), width in zip(paths.items(), widths, strict=True)
+            ],
+            [(SHAPES[m], f"{x:.0f} {y:.0f}") for m, (x, y) in zip("o*", places, strict=True)],
+            [(self.marks[name] if found[name] else None, text) for name, text in texts.items()],
+            attributes(setting) | {"class": "map"},
+        )
 
     def failures(self) -> list[list[Run]]:
         """The runs without a path, grouped by kind of failure."""
@@ -131,3 +274,29 @@ def _task_attributes(run: Run) -> Attributes:
     """The attributes by which a run is filtered."""
     about = attributes((run.task.map, run.task.config, run.task.weight))
     return about | {"data-planner": run.task.planner, "data-status": run.status}
+
+
+def breakable(label: str) -> Markup:
+    """A planner's label that may be broken between its options."""
+    return Markup(str(escape(label)).replace(":", ":<wbr>").replace(",", ",<wbr>"))
+
+
+def dashes(look: Look | Mark, width: float) -> str:
+    """The dashes of a line of some width, for SVG; empty for a whole line."""
+    pattern = () if DASHES[look.dash] == "-" else DASHES[look.dash][1]
+    return " ".join(f"{width * part:.3g}" for part in pattern)
+
+
+def key(value: float) -> str:
+    """The key by which a table is sorted; what is not known comes last."""
+    return f"{value:.9g}" if math.isfinite(value) else "x"
+
+
+def number(value: float) -> str:
+    """Text with four significant digits above 10, three above 1 and two below."""
+    if value == 0 or not math.isfinite(value):
+        return "0" if value == 0 else "–"
+    size = math.floor(math.log10(abs(value)))
+    if size < -4:
+        return f"{value:.1e}".replace("e-0", "e-")
+    return f"{value:,.{1 - size if size < 0 else max(0, min(2, 3 - size))}f}"

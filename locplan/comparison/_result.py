@@ -19,8 +19,15 @@ from locplan._util.results import Results
 from locplan._util.tables import wrapped
 from locplan.comparison._benchmarks import write_ompl_logs
 from locplan.comparison._contrasts import Contrast, contrasts
-from locplan.comparison._runs import RUN_COLUMNS, Run
-from locplan.comparison._statistics import Convergence, Setting, Summary, convergence, summaries
+from locplan.comparison._statistics import (
+    RUN_COLUMNS,
+    Convergence,
+    Run,
+    Setting,
+    Summary,
+    convergence,
+    summaries,
+)
 from locplan.costs import Costmap
 from locplan.field import CovarianceField, FieldConfig, load_or_compute
 from locplan.maps import OccupancyGrid

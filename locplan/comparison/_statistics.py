@@ -1,17 +1,135 @@
-"""The statistics of runs, and the progress of anytime planners over time beside a baseline's."""
+"""The runs of a comparison, their statistics, and the progress of anytime planners over time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval, wilson
+from locplan._util.records import Column
 from locplan._util.tables import finite
-from locplan.comparison._runs import MEASURES, Run, grouped
+from locplan.costs import DEGENERATE
+
+Key = TypeVar("Key")
+Record = TypeVar("Record")
+STATUSES = (
+    *("solved", "unreachable", "infeasible", "timeout", "not found"),
+    *("error", "crashed", "hung", "out of memory"),
+)
+"""Outcomes of a run: the first five are the planner's own, the others are failures."""
+
+MEASURES: Mapping[str, Column] = {
+    column.name: column
+    for column in (
+        Column("length", "m", "length"),
+        Column("cost", "m", "cost J"),
+        Column("integrated_u", "m", "degenerate, ∫u ds"),
+        Column("integrated_e", "m² rad m", "∫e ds"),
+        Column("max_e", "m² rad", "max e"),
+        Column("degenerate_share", "", f"share with u > {DEGENERATE:g}"),
+        Column("longest_degenerate", "m", f"longest with u > {DEGENERATE:g}"),
+        Column("clearance", "m", "least clearance"),
+        Column("turning", "rad", "turning"),
+        Column("seconds", "s", "planning time"),
+    )
+}
+"""The measures of a solved run by name, with title and unit."""
+
+
+@dataclass(frozen=True, order=True)
+class Task:
+    """One run to be made. Sorted and hashable: its fields are the key of its result."""
+
+    map: str
+    """The map's name."""
+    config: str
+    """The label of the field's settings, such as "sad, 6 m"."""
+    query: str
+    """The query's name."""
+    weight: float
+    """Metres of detour accepted per degenerate metre, >= 0."""
+    planner: str
+    """The planner's label, such as "BITstar:time_limit=2"."""
+    seed: int
+    """Seed of the planner's random numbers; 0 for planners without any."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """The outcome of a task; a run without a path has no measures."""
+
+    task: Task
+    """The map, query, weight, planner and seed of the run."""
+    status: str
+    """One of `STATUSES`."""
+    seconds: float
+    """Planning time, as the planner itself measures it where it does [s]."""
+    wall_seconds: float
+    """Time from the start of the order to its result [s]."""
+    measures: Mapping[str, float] = field(default_factory=dict)
+    """The measures by their names in `MEASURES`, except "seconds"; none without a path."""
+    history: tuple[tuple[float, float], ...] = ()
+    """Times since an anytime planner began [s], each with its best J until then [m]; none for
+    others."""
+    xy: tuple[tuple[float, float], ...] = ()
+    """The path's positions (x, y) in the world [m]; none without a path."""
+    note: str = ""
+    """The reason why there is no path; empty with one."""
+    expanded: int | None = None
+    """Number of cells that a grid planner expanded; None for other planners."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether it was ended from outside, which may go otherwise the next time."""
+        return self.status in ("crashed", "hung", "out of memory")
+
+    def measure(self, name: str) -> float:
+        """A measure; NaN where it is not known.
+
+        Parameters
+        ----------
+        name : str
+            One of `MEASURES`.
+        """
+        return self.seconds if name == "seconds" else self.measures.get(name, math.nan)
+
+
+def _cell(name: str, run: Run) -> float | str:
+    """What stands in a column; signs that UTF-8 does not have are question marks."""
+    if name in MEASURES:
+        return run.measure(name)
+    value: Any = getattr(run.task if hasattr(run.task, name) else run, name)
+    if value is None:
+        return math.nan
+    return value.encode("utf-8", "replace").decode() if isinstance(value, str) else value
+
+
+RUN_COLUMNS = tuple(
+    dataclasses.replace(column, value=partial(_cell, column.name))
+    for column in (
+        *(Column(each.name) for each in dataclasses.fields(Task)),
+        *(Column("status"), Column("seconds"), Column("wall_seconds", "s")),
+        *(Column("note"), Column("expanded")),
+        *(column for name, column in MEASURES.items() if name != "seconds"),
+    )
+)
+"""The columns of a table with a row for each run."""
+
+
+def grouped(records: Iterable[Record], key: Callable[[Record], Key]) -> dict[Key, list[Record]]:
+    """The records by a key, in the order in which the keys come first."""
+    groups: dict[Key, list[Record]] = {}
+    for record in records:
+        groups.setdefault(key(record), []).append(record)
+    return groups
+
 
 Array = NDArray[np.float64]
 
@@ -77,15 +195,6 @@ def summaries(runs: Iterable[Run], pooled: bool = False) -> list[Summary]:
     return [_summary(*key, group) for key, group in by_planner(runs, pooled).items()]
 
 
-Medians = dict[tuple[str, str], Array]
-"""The measures of a query, by its map and name, in the order of `MEASURES`."""
-
-
-def query_medians(runs: Iterable[Run], pooled: bool = False) -> dict[tuple[Setting, str], Medians]:
-    """The medians over seeds of the solved runs of each query, by setting and planner."""
-    return {key: _medians(group) for key, group in by_planner(runs, pooled).items()}
-
-
 def by_planner(runs: Iterable[Run], pooled: bool) -> dict[tuple[Setting, str], list[Run]]:
     """The runs by setting and planner."""
     return grouped(runs, lambda run: (setting_of(run, pooled), run.task.planner))
@@ -104,22 +213,23 @@ def query_of(run: Run) -> Query:
     return setting_of(run), run.task.query
 
 
-def _values(runs: Sequence[Run]) -> Array:
+def values_of(runs: Sequence[Run]) -> Array:
     """The measures of some runs, a row each, in the order of `MEASURES`; NaN if not finite."""
     rows = [[run.measure(name) for name in MEASURES] for run in runs]
     values = np.array(rows, float).reshape(-1, len(MEASURES))
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _by_query(runs: Iterable[Run]) -> Iterable[tuple[tuple[str, str], list[Run]]]:
+def by_query(runs: Iterable[Run]) -> Iterable[tuple[tuple[str, str], list[Run]]]:
+    """The runs of each query, with its map and name."""
     return grouped(runs, lambda run: (run.task.map, run.task.query)).items()
 
 
 def _summary(setting: Setting, planner: str, runs: Sequence[Run]) -> Summary:
     solved = [run for run in runs if run.status == "solved"]
-    shares = [np.mean([run.status == "solved" for run in own]) for _, own in _by_query(runs)]
+    shares = [np.mean([run.status == "solved" for run in own]) for _, own in by_query(runs)]
     success = wilson(float(np.mean(shares)), len(shares))
-    columns = zip(MEASURES, _values(solved).T, strict=True)
+    columns = zip(MEASURES, values_of(solved).T, strict=True)
     measures = {name: quartiles(column) for name, column in columns}
     return Summary(setting, planner, len(runs), len(solved), success, measures)
 
@@ -131,17 +241,6 @@ def quartiles(values: Array) -> Quartiles:
         return Quartiles(np.nan, np.nan, np.nan, 0)
     lower, median, upper = np.quantile(known, (0.25, 0.5, 0.75)).tolist()
     return Quartiles(median, lower, upper, known.size)
-
-
-def _medians(runs: Sequence[Run]) -> Medians:
-    solved = (run for run in runs if run.status == "solved")
-    return {query: _columnwise_median(_values(own)) for query, own in _by_query(solved)}
-
-
-def _columnwise_median(values: Array) -> Array:
-    """The median of the known values of each column."""
-    columns = [column[~np.isnan(column)] for column in values.T]
-    return np.array([np.median(known) if known.size else np.nan for known in columns])
 
 
 @dataclass(frozen=True)
@@ -178,7 +277,7 @@ def convergence(runs: Iterable[Run], baseline: str, pooled: bool = False) -> lis
     A planner's runs without a history count as without any path until their end.
     """
     known = list(runs)
-    references = baseline_costs(known, baseline)
+    references = median_costs(known)
     moments = [max(time, 1e-4) for run in known if run.history for time, _ in best_so_far(run)]
     times = np.geomspace(min(moments), max(moments), 60) if moments else np.empty(0)
     curves = []
@@ -188,9 +287,12 @@ def convergence(runs: Iterable[Run], baseline: str, pooled: bool = False) -> lis
         costs = np.array([_costs_at(run, times) for run in group])
         members: dict[Query, list[int]] = {}
         for index, run in enumerate(group):
-            if references.get(query_of(run), np.nan) > 0:
+            if references.get((query_of(run), baseline), np.nan) > 0:
                 members.setdefault(query_of(run), []).append(index)
-        ratios = [np.median(costs[n], axis=0) / references[query] for query, n in members.items()]
+        ratios = [
+            np.median(costs[n], axis=0) / references[query, baseline]
+            for query, n in members.items()
+        ]
         median = lower = upper = np.full(len(times), np.nan)
         if ratios:
             median = np.median(ratios, axis=0)
@@ -201,14 +303,12 @@ def convergence(runs: Iterable[Run], baseline: str, pooled: bool = False) -> lis
     return curves
 
 
-def baseline_costs(runs: Sequence[Run], baseline: str) -> dict[Query, float]:
-    """The median J over seeds by setting and query [m]."""
-    medians = query_medians(run for run in runs if run.task.planner == baseline)
-    column = list(MEASURES).index("cost")
+def median_costs(runs: Iterable[Run]) -> dict[tuple[Query, str], float]:
+    """The median J over seeds by query and planner [m]; none of a query without a path."""
+    solved = (run for run in runs if math.isfinite(run.measure("cost")))
+    groups = grouped(solved, lambda run: (query_of(run), run.task.planner))
     return {
-        (setting, query): float(values[column])
-        for (setting, _), queries in medians.items()
-        for (_, query), values in queries.items()
+        key: float(np.median([run.measures["cost"] for run in own])) for key, own in groups.items()
     }
 
 

@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 
 from locplan._util.supervision import end_with_parent
-from locplan.comparison._runs import MEASURES, Run, Task
 from locplan.comparison._specs import PlannerSpec
+from locplan.comparison._statistics import MEASURES, Run, Task
 from locplan.costs import Costmap, Path as Route
 from locplan.errors import LocplanError
 from locplan.planners import Plan, Position

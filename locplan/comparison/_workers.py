@@ -26,8 +26,8 @@ from typing import Any
 
 from locplan._util.checks import usable_memory
 from locplan.comparison import _worker as worker_module
-from locplan.comparison._runs import Run
 from locplan.comparison._specs import PlannerSpec
+from locplan.comparison._statistics import Run
 from locplan.comparison._worker import Order
 from locplan.errors import LocplanError
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -13,14 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import instance, number, one_of
-from locplan._util.public import Pictured
 from locplan._util.saved import Saved
 from locplan.costs._cells import (
     CellWindow,
     changed_window,
     joined_windows,
     part_around,
-    standing_cell,
 )
 from locplan.costs._degeneracy import (
     MAX_DENSITY,
@@ -29,67 +25,30 @@ from locplan.costs._degeneracy import (
     blocked_near,
     check_weight,
     checked_density,
+    checked_layer,
     degeneracy,
     density_of,
     sealed,
 )
+from locplan.costs._layers import LAYERS, CostLayers
 from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid, check_grid
 
 ROBOT_RADIUS = 0.25
 """Default radius of the robot [m]."""
-LAYERS = ("density", "u", "e")
-"""Names of the arrays of a costmap."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Costmap(Pictured, Saved):
+class Costmap(CostLayers, Saved):
     """Cost of travel for every cell: J(path) = integral of density ds.
 
-    It is made by `from_field`, `from_density` or `blank`. Its arrays are read-only; arrays that are
-    given read-only are kept, others are copied.
+    It is made by `from_field`, `from_layers`, `from_density` or `blank`. Its arrays are read-only;
+    arrays that are given read-only are kept, others are copied.
     """
 
     kind: ClassVar[str] = "costmap"
     _drawn_by: ClassVar[str] = "locplan.plotting:costmap_figure"
-
-    grid: OccupancyGrid
-    """The map."""
-    density: NDArray[np.float64]
-    """Cost per metre, at least 1; infinite where the robot cannot be, (H, W)."""
-    weight: float
-    """Metres of detour accepted per degenerate metre (lambda), >= 0; NaN without a field."""
-    robot_radius: float
-    """Least distance from the robot's centre to an occupied cell [m], >= 0."""
-    u: NDArray[np.float64]
-    """Degeneracy of a cell, 0..1, (H, W); NaN where there is no field."""
-    e: NDArray[np.float64]
-    """The field's e [m^2 rad], (H, W); NaN where there is no field."""
-    of_heading: HeadingLayers | None = None
-    """u and e for n headings of the robot, evenly spaced from 0 on; None if they are alike."""
-    settings: CostSettings | None = None
-    """Settings of u; None without a field."""
-
-    def __post_init__(self) -> None:
-        for name in LAYERS:
-            layer = getattr(self, name)
-            if layer.flags.writeable:
-                object.__setattr__(self, name, sealed(layer.copy()))
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        for name in LAYERS:
-            sealed(state[name])
-
-    def copy(self) -> Costmap:
-        """Copy of the costmap that shares nothing with it, not even the map."""
-        return copy.deepcopy(self)
-
-    def __repr__(self) -> str:
-        made = f"weight {self.weight:g}" if self.settings else "a density of one's own"
-        grid = repr(self.grid).removeprefix("OccupancyGrid(").partition(", origin")[0]
-        return f"Costmap({grid}, robot radius {self.robot_radius:g} m, {made})"
 
     @classmethod
     def from_field(
@@ -165,6 +124,53 @@ class Costmap(Pictured, Saved):
         )
 
     @classmethod
+    def from_layers(
+        cls,
+        grid: OccupancyGrid,
+        *,
+        u: ArrayLike,
+        e: ArrayLike | None = None,
+        weight: float = 8.0,
+        robot_radius: float = ROBOT_RADIUS,
+    ) -> Costmap:
+        """Make a density 1 + weight * u on free cells from a degeneracy of your own.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        u : (H, W) array
+            Degeneracy of each cell, 0 to 1, row 0 at the lowest y. Cells that are not free are
+            blocked, whatever it says there.
+        e : (H, W) array, optional
+            Uncertainty of each free cell, >= 0 [m^2 rad], of which paths have the integral; without
+            it a path's `integrated_e` is NaN.
+        weight : float, default 8.0
+            Metres of detour accepted per degenerate metre, >= 0.
+        robot_radius : float, default 0.25
+            Distance to an occupied cell below which a cell's centre is blocked [m], >= 0.
+
+        Raises
+        ------
+        ConfigError
+            If an array has another shape than the map, or is out of its range in a free cell.
+
+        Examples
+        --------
+        >>> from locplan.maps import FREE, OccupancyGrid
+        >>> grid = OccupancyGrid(np.full((3, 4), FREE), resolution=0.5)
+        >>> u = np.array([[0.0], [1.0], [0.5]]) * np.ones(grid.shape)
+        >>> Costmap.from_layers(grid, u=u, weight=4.0).density[:, 0].tolist()
+        [1.0, 5.0, 3.0]
+        """
+        check_grid(grid)
+        check_weight(weight)
+        of_u = checked_layer("u", u, grid, 1.0)
+        of_e = np.full(grid.shape, np.nan) if e is None else checked_layer("e", e, grid, math.inf)
+        density = blocked_near(density_of(of_u, weight), grid, robot_radius)
+        return cls(grid, density, float(weight), float(robot_radius), u=of_u, e=of_e)
+
+    @classmethod
     def from_density(
         cls, grid: OccupancyGrid, density: ArrayLike, *, robot_radius: float = 0.0
     ) -> Costmap:
@@ -207,36 +213,6 @@ class Costmap(Pictured, Saved):
         """
         check_grid(grid)
         return cls.from_density(grid, np.ones(grid.shape), robot_radius=robot_radius)
-
-    @property
-    def u_of_heading(self) -> NDArray[np.float32] | None:
-        """u for n headings of the robot, evenly spaced from 0 on, (n, H, W); None if alike."""
-        return None if self.of_heading is None else self.of_heading.both[0]
-
-    @property
-    def e_of_heading(self) -> NDArray[np.float32] | None:
-        """e for the headings of `u_of_heading` [m^2 rad], (n, H, W); None if alike."""
-        return None if self.of_heading is None else self.of_heading.both[1]
-
-    @property
-    def density_of_heading(self) -> NDArray[np.float64]:
-        """`density` for each heading, (n, H, W), or once where headings are alike, (1, H, W)."""
-        if self.u_of_heading is None:
-            return self.density[None]
-        density = density_of(self.u_of_heading.astype(np.float64), self.weight)
-        return np.where(np.isfinite(self.density), density, np.inf)
-
-    @property
-    def unblocked_density(self) -> NDArray[np.float64]:
-        """`density` also where only the robot's radius blocks a cell, if there is a field."""
-        return self.density if math.isnan(self.weight) else density_of(self.u, self.weight)
-
-    @property
-    def e_unit(self) -> str:
-        """Unit of e, without the angle where poses have no heading."""
-        estimator = self.settings and self.settings.config.estimator
-        flat = estimator and estimator.lattice(self.grid.resolution).dimension == 2
-        return "m²" if flat else "m² rad"
 
     def with_weight(self, weight: float) -> Costmap:
         """Copy of the costmap with the density of another weight.
@@ -325,26 +301,3 @@ class Costmap(Pictured, Saved):
             )
         density = blocked_near(self.density, self.grid, robot_radius)
         return dataclasses.replace(self, density=density, robot_radius=float(robot_radius))
-
-    @property
-    def has_weak_spots(self) -> bool:
-        """Whether u is above 0 anywhere; True where there is no field."""
-        return bool((self.u > 0).any() or np.isnan(self.u).all())
-
-    def cell_of(self, xy: Sequence[float], role: str = "position") -> tuple[int, int]:
-        """Row and column of the cell at a world position where the robot can stand.
-
-        Parameters
-        ----------
-        xy : (x, y)
-            The world position [m].
-        role : str, default "position"
-            What the error calls the position, such as "start".
-
-        Raises
-        ------
-        PoseError
-            If the robot cannot stand there. The error says why, and names the nearest position
-            where it can.
-        """
-        return standing_cell(self.grid, self.density, self.robot_radius, xy, role)

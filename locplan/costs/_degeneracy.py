@@ -160,6 +160,28 @@ def checked_density(density: ArrayLike, grid: OccupancyGrid) -> NDArray[np.float
     return values
 
 
+def checked_layer(
+    name: str, layer: ArrayLike, grid: OccupancyGrid, highest: float
+) -> NDArray[np.float64]:
+    """A read-only copy of a layer of one's own, (H, W), NaN where the map is not free.
+
+    Raises
+    ------
+    ConfigError
+        If it has another shape than the map, or values below 0, above the highest or not finite
+        in a free cell.
+    """
+    values = np.array(layer, dtype=np.float64)
+    if values.shape != grid.shape:
+        raise ConfigError(f"{name} has shape {values.shape}, but the map {grid.shape}")
+    values[~grid.free] = np.nan
+    free = values[grid.free]
+    if not (np.isfinite(free) & (free >= 0) & (free <= highest)).all():
+        bounds = "finite and at least 0" if math.isinf(highest) else f"from 0 to {highest:g}"
+        raise ConfigError(f"{name} must be {bounds} in every free cell")
+    return sealed(values)
+
+
 def blocked_near(density: NDArray[Any], grid: OccupancyGrid, robot_radius: float) -> NDArray[Any]:
     """The density, infinite closer to occupied cells than a radius [m] as well, read-only."""
     number("robot_radius", robot_radius, 0, MAX_DENSITY)

@@ -76,15 +76,15 @@ ASKS: dict[str, Entry] = {
     "undo": Entry("locplan.explorer._edits:undo", "edit", each=True),
     "redo": Entry("locplan.explorer._edits:redo", "edit", each=True),
     "save": Entry("locplan.explorer._edits:save", "edit", each=True),
-    "front": Entry("locplan.explorer._front:front", "long"),
+    "front": Entry("locplan.explorer._plans:front", "long"),
     "simulate": Entry("locplan.explorer._long:simulate", "long"),
     "landmarks": Entry("locplan.explorer._long:landmarks", "long"),
     "twins": Entry("locplan.explorer._long:twins", "long"),
     "twins_everywhere": Entry("locplan.explorer._long:twins_everywhere", "long"),
-    "export": Entry("locplan.explorer._exporting:export", "long"),
+    "export": Entry("locplan.explorer._sharing:export", "long"),
     "match": Entry("locplan.explorer._drives:match", "drive"),
     "share": Entry("locplan.explorer._sharing:share", "long"),
-    "reproduce": Entry("locplan.explorer._exporting:reproduce", "look"),
+    "reproduce": Entry("locplan.explorer._sharing:reproduce", "look"),
 }
 """All kinds of questions by name; "cancel" {of} is answered by the socket itself."""
 
@@ -154,7 +154,14 @@ class Session(Upkeep):
         return self.config.estimator.weight if given is None else given
 
     def costs(self, weight: float | None = None, scene: Scene | None = None) -> Costmap:
-        """The costmap at a weight, by default the usual one.
+        """The costmap at a weight.
+
+        Parameters
+        ----------
+        weight : float, optional
+            Metres of detour accepted per degenerate metre, by default the usual weight.
+        scene : Scene, optional
+            The scene, by default the present one.
 
         Raises
         ------
@@ -172,11 +179,23 @@ class Session(Upkeep):
         )
 
     def weight_of(self, ask: Ask) -> float:
-        """The weight of a question."""
+        """The weight of a question.
+
+        Parameters
+        ----------
+        ask : Ask
+            The question.
+        """
         return ask.number("weight", 0.0, MAX_WEIGHT, self.default_weight)
 
     def view(self, ask: Ask) -> View:
-        """What the page shows, for the answers that take long."""
+        """What the page shows, for the answers that take long.
+
+        Parameters
+        ----------
+        ask : Ask
+            The question.
+        """
         scene = self.scene
         costs = self.costs(self.weight_of(ask), scene)
         assert scene.field is not None
@@ -187,7 +206,10 @@ class Session(Upkeep):
     def textures(self, digest: str) -> Mapping[str, Texture] | None:
         """The layers of a digest: of the scene, of one shortly before, or of the look-alikes.
 
-        None where there is nothing of it.
+        Parameters
+        ----------
+        digest : str
+            The digest; None is returned where there is nothing of it.
         """
         scene, twins = self.scene, self.twins
         if twins is not None and digest == twins.digest:
@@ -209,13 +231,27 @@ class Session(Upkeep):
         return found
 
     def add_download(self, name: str, content: bytes, media_type: str) -> str:
-        """Keep a file for the page to fetch, and return its key."""
+        """Keep a file for the page to fetch, and return its key.
+
+        Parameters
+        ----------
+        name, media_type : str
+            Name under which the browser saves it, and the type of its content.
+        content : bytes
+            The content.
+        """
         key = secrets.token_urlsafe(16)
         self.files.put(("download", key), Download(name, content, media_type), len(content))
         return key
 
     def download(self, key: str) -> Download | None:
-        """A file that was kept; None without it."""
+        """A file that was kept; None without it.
+
+        Parameters
+        ----------
+        key : str
+            Its key, from `add_download`.
+        """
         return self.files.get(("download", key))  # type: ignore[no-any-return]
 
     def prepare(self) -> None:
@@ -234,12 +270,25 @@ class Session(Upkeep):
         return dict(called("locplan.explorer._state:state", self))
 
     def answer(
-        self, do: str, *, progress: Callable[..., None] = lambda *_: None, **values: Any
+        self, do: str, *, progress: Callable[..., None] | None = None, **values: Any
     ) -> dict[str, Any]:
         """The answer to a question as the page gets it, fit for JSON.
 
-        `progress` is called with (done, total), and perhaps what is done; what it raises ends the
-        work. A value out of its range is a LocplanError.
+        Parameters
+        ----------
+        do : str
+            Name of the question.
+        progress : callable, optional
+            Called with (done, total), and perhaps what is done; what it raises ends the work.
+        **values
+            What the question says.
+
+        Raises
+        ------
+        LocplanError
+            If a value is out of its range.
         """
-        found = ASKS[do].load()(self, Ask(do, 0, values), Work(progress, Cancel()))
+        found = ASKS[do].load()(
+            self, Ask(do, 0, values), Work(progress or (lambda *_: None), Cancel())
+        )
         return finite(found)

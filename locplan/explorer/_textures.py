@@ -123,19 +123,3 @@ def _scalar(field: CovarianceField, name: str, scalar: str, title: str, decimals
     unit = field.e_unit if scalar == "e" else shown.unit
     values, anchors = field.scalar(scalar, headings="mean"), field.anchors(scalar)
     return Texture(name, title, unit, shown.factor, decimals, True, anchors, values)
-
-
-TWINS = "twins"
-"""Name of the layer."""
-MAX_EXCESS = 12.0
-"""Excess from which on all places count as the same [nats]; a likelihood of 6e-6."""
-SECONDS = 40.0
-"""Processor time that all comparisons may take by the estimate [s]."""
-POSE_SECONDS = 3.5e-3
-"""Time of a pose on a map of few places, measured on one core [s]."""
-PLACE_SECONDS = 0.2e-6
-"""Time of a comparison of a pose with one more place, measured on one core [s]."""
-ALIKE = 3.0
-"""Excess up to which a pose counts as a look-alike [nats]; a likelihood of a twentieth."""
-BYTES_A_CELL = 20
-"""Bytes that a database takes for each cell of the map, about."""

@@ -76,7 +76,13 @@ class Upkeep:
         self.listener: ProgressCallback | None = None
 
     def begin(self, known: CovarianceField | None = None) -> Future[None]:
-        """Bring the field up to date; what is computed for an older state ends early."""
+        """Bring the field up to date; what is computed for an older state ends early.
+
+        Parameters
+        ----------
+        known : CovarianceField, optional
+            A field of the map and the settings that is there already.
+        """
         with self._beginning:  # edits and settings come from threads of their own
             if self._closed:
                 raise Cancelled
@@ -100,7 +106,17 @@ class Upkeep:
                 pool.shutdown(wait=False, cancel_futures=True)
 
     def show(self, costs: Costmap, field: CovarianceField | None, *, whole: bool) -> None:
-        """Replace the scene, and tell all pages."""
+        """Replace the scene, and tell all pages.
+
+        Parameters
+        ----------
+        costs : Costmap
+            The costs that pages show.
+        field : CovarianceField or None
+            The field that they are made of; None before there is one.
+        whole : bool
+            Whether the field has all its places.
+        """
         with self.changing:
             serial = self.scene.serial + 1
             self.scene = Scene(costs, field, whole, serial)
@@ -108,7 +124,13 @@ class Upkeep:
         self.tell({"event": "state"})
 
     def tell(self, event: dict[str, Any]) -> None:
-        """Tell all pages of an event."""
+        """Tell all pages of an event.
+
+        Parameters
+        ----------
+        event : dict
+            The event, fit for JSON.
+        """
         for listener in list(self.listeners):
             listener(event)
 

@@ -27,6 +27,8 @@ merged, the greatest move of a node, and the least distance of neighbours after 
 ASIDE = 1.5
 """Greatest length of the way over a third node, as a multiple of the straight line; a line that
 crosses another is kept where the way around costs more than this."""
+BAND = 1 << 20
+"""Number of cells whose worth is computed at once, which bounds the memory."""
 COVERED = 6
 """Number of rounds that add nodes, about."""
 
@@ -184,8 +186,7 @@ def _by_worth(
     def worth(some: NDArray[np.int64]) -> NDArray[np.float64]:
         return np.asarray(np.minimum(clearance[some] / (CLEAR * reach), 1.0) - 2 * space[0][some])
 
-    band = 1 << 20  # so many cells at once, which bounds the memory
-    strips = [cells[first : first + band] for first in range(0, len(cells), band)]
+    strips = [cells[first : first + BAND] for first in range(0, len(cells), BAND)]
     ends = np.array([(each.min(), each.max()) for each in map(worth, strips)])
     least, most = ends[:, 0].min(), ends[:, 1].max()
     # Numbers of 16 bits are sorted ten times as fast.

@@ -11,6 +11,7 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from locplan._util.poses import way_along
 from locplan.landmarks._features import MATTERS_M, KeyFeatures
 from locplan.landmarks._figures import along_first, draw_errors, draw_numbers, panels
 from locplan.landmarks._outcomes import FeatureDrives
@@ -109,8 +110,7 @@ def _draw_losses(figure: Any, axes: Axes, found: KeyFeatures, part: OccupancyGri
 def _draw_profiles(axes: Axes, found: KeyFeatures) -> None:
     """Draw the expected deviation along the first route, with and without the features."""
     part = slice(found.begins[0], found.begins[1])
-    steps = np.hypot(*np.diff(found.positions[part], axis=0).T)
-    way = np.concatenate([[0.0], np.cumsum(steps)])
+    way = way_along(found.positions[part])
     few = len(found.together)
     labels = ["with all features", "without 1"]
     if few > 1:

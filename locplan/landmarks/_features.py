@@ -20,9 +20,9 @@ from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.costs import Path
 from locplan.errors import ConfigError
-from locplan.landmarks._drives import drive_without
 from locplan.landmarks._objects import Shape, outline_of
 from locplan.landmarks._outcomes import DRIVES, FeatureDrives, Outcome
+from locplan.landmarks._routes import drive_without
 from locplan.maps import OccupancyGrid
 from locplan.robots import Robot
 from locplan.simulation import Drives, check_drives

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,10 +14,9 @@ from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.field import equipped
-from locplan.landmarks._feature_sights import Sights, met_cells
+from locplan.landmarks._feature_sights import Sights, pieces_of
 from locplan.landmarks._features import Feature, KeyFeatures
 from locplan.landmarks._objects import Shape
-from locplan.landmarks._pieces import pieces_of
 from locplan.landmarks._routes import routes_of
 from locplan.landmarks._sight import lines_along, step_of, surroundings
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
@@ -124,7 +124,7 @@ def key_features(
     lines = lines_along(grid, routes, step)
     seen = surroundings(grid, lines, step, shape, robot)
     occupied = grid.cells == OCCUPIED
-    met = met_cells(occupied, grid.resolution, seen.rays)
+    met = _met_cells(occupied, grid.resolution, seen.rays)
     pieces = pieces_of(occupied, met, grid.resolution, piece, largest, gap)
     sights = Sights(occupied, grid.resolution, seen, pieces)
     total = len(pieces.kinds)
@@ -230,3 +230,17 @@ def _rectangle(
     length, width = max(one, other) * grid.resolution, min(one, other) * grid.resolution
     # Half a turn changes nothing.
     return float(x), float(y), length, width, float((heading + 1e-6) % np.pi - 1e-6)
+
+
+def _met_cells(occupied: NDArray[np.bool_], resolution: float, rays: Any) -> NDArray[np.int64]:
+    """The occupied cells that rays meet, row * W + col, each once."""
+    from locplan._kernels.features import look
+    from locplan._kernels.rays import empty_squares
+
+    every = np.arange(len(rays.first) * rays.beams)
+    hits, cells = np.zeros((len(every), 4), np.float32), np.empty(len(every), np.int64)
+    labels = np.full(occupied.shape, -1, np.int32)
+    normals = np.zeros((*occupied.shape, 2), np.float32)
+    none = np.zeros(1, bool)
+    look(empty_squares(occupied), normals, labels, none, resolution, rays, every, hits, cells)
+    return np.unique(cells[cells >= 0])

@@ -16,12 +16,11 @@ from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import POSE, Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite
-from locplan.landmarks._drives import drive_on, fields_along, random_maps
 from locplan.landmarks._objectives import DEGENERACY, DEVIATION, Measure
 from locplan.landmarks._objects import outline_of, with_objects
 from locplan.landmarks._outcomes import DRIVES, Outcome, Verification
 from locplan.landmarks._places import Rejected
-from locplan.landmarks._routes import Setting
+from locplan.landmarks._routes import Setting, drive_on, fields_along, random_maps
 from locplan.landmarks._search import Regularity, Search, Shift, in_world, regularity
 from locplan.maps import OccupancyGrid, save_map
 from locplan.simulation import check_drives

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import Settings, keep, keep_checked, number, one_of, positive
-from locplan._util.poses import window_around
+from locplan._util.poses import way_along, window_around
 from locplan.costs import Path
 from locplan.landmarks._objects import Shape, checked_poses, filled_cells
 from locplan.maps import UNKNOWN, OccupancyGrid
@@ -193,7 +193,7 @@ def _along_walls(grid: OccupancyGrid, shape: Shape, spacing: float) -> NDArray[n
     for contour in contours:
         at = contour[:, 0, ::-1].astype(np.float64) + 0.5  # (row, col) of the cells' centres
         ring = np.concatenate([at, at[:1]])
-        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ring, axis=0).T))]) * resolution
+        way = way_along(ring) * resolution
         count = max(1, int(way[-1] / spacing))
         where = (np.arange(count) + 0.5) * way[-1] / count
         # Half the length along a wall over which its direction is measured [m].

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import check_memory
-from locplan._util.poses import Poses
+from locplan._util.poses import Poses, way_along
 from locplan.costs import Path
 from locplan.errors import LocplanError
 from locplan.field import surface_normals
@@ -112,7 +112,7 @@ def lines_along(grid: OccupancyGrid, paths: Mapping[str, Path], step: float) -> 
 
 def _every(poses: Poses, step: float) -> Poses:
     """Poses of a line about every `step` [m]."""
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
+    way = way_along(poses)
     at = np.searchsorted(way, np.arange(0.0, way[-1] + step / 2, step) - 1e-9)
     kept: Poses = poses[np.unique(at.clip(0, len(poses) - 1))]
     return kept

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from locplan._util.checks import whole
 from locplan._util.intervals import random_of
 from locplan._util.progress import ProgressCallback, parts
-from locplan.landmarks._drives import drive_on
 from locplan.landmarks._landmarks import Landmarks, Trial
 from locplan.landmarks._objectives import MeanDegeneracy, Objective
+from locplan.landmarks._routes import drive_on
 from locplan.landmarks._search import Search
 from locplan.simulation import Drives
 

@@ -7,9 +7,9 @@ from ._fields import (
     field_figure as field_figure,
     fields_figure as fields_figure,
     figure_of as figure_of,
+    info_figure as info_figure,
     map_figure as map_figure,
 )
-from ._info import info_figure as info_figure
 from ._maps import (
     draw_ends as draw_ends,
     draw_field as draw_field,

@@ -1,4 +1,3 @@
-from ._agreement import Agreement as Agreement
 from ._calibration import DriveCalibration as DriveCalibration, calibrate_drive as calibrate_drive
 from ._evaluation import (
     DriveEvaluation as DriveEvaluation,
@@ -9,6 +8,7 @@ from ._figures import drive_figure as drive_figure, replay_figure as replay_figu
 from ._fit import MapFit as MapFit, fit_to_map as fit_to_map
 from ._logs import Source as Source, Topics as Topics
 from ._matches import (
+    Agreement as Agreement,
     Matches as Matches,
     match_scans as match_scans,
     scans_unlike as scans_unlike,

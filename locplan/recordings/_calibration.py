@@ -14,15 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from locplan._util.checks import file_path, instance
-from locplan._util.files import replacing
+from locplan._util.checks import instance
 from locplan._util.intervals import Interval, blocks_along, intervals
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback, parts
-from locplan._util.results import digest_of
 from locplan._util.tables import finite, table
-from locplan.errors import CalibrationError, LocplanError
-from locplan.field import Estimator, FieldConfig, Fused, config_of, save_config
+from locplan.errors import CalibrationError
+from locplan.field import Estimator, FieldConfig, Fused, config_of
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._evaluation import evaluate_drive
 from locplan.recordings._odometry_noise import (
@@ -33,7 +31,7 @@ from locplan.recordings._odometry_noise import (
 from locplan.recordings._recording import Recording
 from locplan.recordings._scan_noise import ScanNoise, scan_noise
 from locplan.robots import Lidar, Robot
-from locplan.simulation import Calibration, calibrate_moments, check_calibration
+from locplan.simulation import Calibration, calibrate_moments, write_calibration
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,28 +115,13 @@ class DriveCalibration:
         LocplanError
             If a file cannot be written, or is in the way.
         """
-        from locplan.plotting import save_figure
-        from locplan.simulation import calibration_figure
-
-        target = file_path("a calibration's file", path)
-        picture = check_calibration(target, force=force)
-        field = self.field
+        field, figure = self.field, None
         verdict = field.verdict if field else {"in_metres": False, "why": self.notes[-1]}
         about = {"robot": self.robot.summary(), **verdict, "calibration": self.summary()}
-        if field is None:
-            with replacing(target) as settings:
-                save_config(settings, self.config, **about)
-            return [target]
-        with replacing(picture) as drawn, replacing(target) as settings:
-            try:
-                figure = calibration_figure(field)
-                figure.axes[0].set_ylabel("rms deviation by the recorded scan's posterior [m]")
-                save_figure(figure, drawn)
-                save_config(settings, self.config, **about, picture=digest_of(drawn))
-            except LocplanError as error:  # it names the files' last places
-                text = str(error).replace(str(drawn), str(picture))
-                raise type(error)(text.replace(str(settings), str(target))) from None
-        return [target, picture]
+        if field:
+            figure = field.figure()
+            figure.axes[0].set_ylabel("rms deviation by the recorded scan's posterior [m]")
+        return write_calibration(path, self.config, figure, about, force=force)
 
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON."""

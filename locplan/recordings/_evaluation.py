@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import instance
-from locplan._util.intervals import blocks_along
+from locplan._util.intervals import blocks_along, plain, short
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import POSE, Column, Result, Table
@@ -31,11 +32,15 @@ from locplan.field import (
     scalar,
 )
 from locplan.maps import OccupancyGrid
-from locplan.recordings._agreement import MAX_OUTDATED, Agreement, agreement, conclusions
-from locplan.recordings._matches import Matches, check_enough, match_scans
+from locplan.recordings._matches import Agreement, Matches, agreement, check_enough, match_scans
 from locplan.recordings._recording import Recording
 from locplan.robots import Lidar
 
+PREFERRED = ("fused", "scan", "fisher", "sad")
+"""The estimators, the one that is named first where it ranks the scans better than chance."""
+
+MAX_OUTDATED = 0.3
+"""Share of scans that do not fit the map from which on nothing else is concluded."""
 POOR = -0.5
 """Log-likelihood a return below which a scan fits the map poorly: that of a sixth of its returns
 away from all walls."""
@@ -99,7 +104,54 @@ class DriveEvaluation(Result):
     @property
     def verdict(self) -> list[str]:
         """Two sentences: whether a field says where the scans fix the pose badly, and where."""
-        return conclusions(self.matches, self.agreements, self.compared, self.outdated, self.blocks)
+        apart = int(self.outdated.sum())
+        if apart > MAX_OUTDATED * len(self.outdated):
+            return [
+                f"{apart} of {len(self.outdated)} scans do not fit the map at their poses: check"
+                " how the lidar is mounted (mount), the poses, and that the map is of this place"
+                " and time.",
+                "Until then the comparison with the fields says little.",
+            ]
+        return [_about_fields(self.agreements), f"{self._about_places()}{self._about_map()}."]
+
+    def _about_places(self) -> str:
+        """Where the scans fix the position worst."""
+        compared, blocks, std = self.compared, self.blocks, self.matches.position_std
+        nine_of_ten = float(np.quantile(std[compared], 0.9))
+        if nine_of_ten <= 0.1:
+            return (
+                f"Nine of ten scans fix the position within {100 * nine_of_ten:.0f} cm: there is"
+                " little to gain by other ways"
+            )
+        each, number, counts = np.unique(blocks[compared], return_inverse=True, return_counts=True)
+        worst = each[np.argmax(np.bincount(number, np.log(std[compared])) / counts)]
+        here = compared & (blocks == worst)
+        count, median = int(here.sum()), float(np.median(std[here]))
+        scans = "the only scan compared fixes" if count == 1 else f"{count} scans fix"
+        every = len(np.unique(blocks))
+        left = every - len(each)
+        without = f"; {left} of {every} stretches of 10 m have no scan to compare" if left else ""
+        return (
+            f"The worst 10 m lie around {self._middle(here)}, where {scans} the position to"
+            f" {100 * median:.0f} cm along {_axis(self.matches.direction[here])}°{without}"
+        )
+
+    def _about_map(self) -> str:
+        """Where the map is out of date, if many scans say so."""
+        outdated, blocks = self.outdated, self.blocks
+        if outdated.sum() < max(1, 0.05 * len(outdated)):
+            return ""
+        each, counts = np.unique(blocks[outdated], return_counts=True)
+        most = outdated & (blocks == each[np.argmax(counts)])
+        return (
+            f"; {outdated.sum()} of {len(outdated)} scans saw what is not on the map, most around"
+            f" {self._middle(most)}: people, changes, or what a map leaves out, such as plants"
+        )
+
+    def _middle(self, chosen: NDArray[np.bool_]) -> str:
+        """The middle of some scans' positions, to 0.1 m; no -0.0."""
+        middle = self.matches.recording.poses[chosen, :2].mean(axis=0)
+        return ",".join(f"{round(float(value), 1) + 0.0:.1f}" for value in middle)
 
     def summary(self) -> dict[str, object]:
         """All that was found, fit for JSON."""
@@ -254,3 +306,40 @@ def drive_report(found: DriveEvaluation) -> str:
         " predicted\nover measured"
     )
     return "\n".join([table([], rows), table(columns, estimators), about, said])
+
+
+def _about_fields(agreements: Mapping[str, Agreement]) -> str:
+    names = [name for name in PREFERRED if name in agreements]
+    names += [name for name in agreements if name not in names]
+    ranks = {name: agreements[name].rank for name in names}
+    sure = [name for name, each in ranks.items() if each.spearman.low > 0 and each.auc.value > 0.5]
+    for name in sure:
+        rank, factor = ranks[name], agreements[name].factor
+        if rank.spearman.value >= 0.5:  # good enough to plan by
+            return (
+                f"On this drive `{name}` says where the scans fix the pose badly: rank correlation"
+                f" {short(rank.spearman)}, AUC {short(rank.auc)} for the worst fifth, and its"
+                f" deviations are {plain(factor.value)} times the measured ones."
+            )
+    best = max(names, key=lambda name: ranks[name].spearman.value)
+    rank = ranks[best]
+    if math.isnan(rank.spearman.low):
+        return (
+            f"The drive is too short to tell whether a field is right: `{best}` has a rank"
+            f" correlation of {plain(rank.spearman.value)}, but less than 50 m were compared."
+        )
+    if best in sure:
+        return (
+            f"The fields rank the scans of this drive only a little better than chance (`{best}`"
+            f" {short(rank.spearman)}, AUC {short(rank.auc)}): look at the picture before you plan"
+            " by one."
+        )
+    return (
+        f"No field ranks the scans of this drive better than chance (`{best}`"
+        f" {short(rank.spearman)}): do not plan by a field here before you know why."
+    )
+
+
+def _axis(directions: NDArray[np.float64]) -> int:
+    """Mean of axes, which have no sense, in whole degrees from 0 to 179."""
+    return round(math.degrees(float(np.angle(np.exp(2j * directions).mean()))) / 2) % 180

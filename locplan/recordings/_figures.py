@@ -27,8 +27,7 @@ from locplan.plotting import (
     map_around,
     map_size,
 )
-from locplan.recordings._agreement import PREFERRED
-from locplan.recordings._evaluation import DriveEvaluation
+from locplan.recordings._evaluation import PREFERRED, DriveEvaluation
 from locplan.recordings._recording import Recording
 from locplan.recordings._replay import Replay
 from locplan.simulation import LOST

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import MAX_RANGE, Settings, keep_checked, number, shown, whole
-from locplan._util.poses import wrapped
-from locplan._util.tables import finite, table
+from locplan._util.checks import FARTHEST, MAX_RANGE, Settings, keep_checked, number, shown, whole
+from locplan._util.poses import Numbers, wrapped
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.robots import MAX_BEAMS, Lidar
 
@@ -154,57 +153,6 @@ class Source(Settings):
     """What was assumed or left out, in sentences without a full stop."""
 
 
-class Contents(NamedTuple):
-    """The fields of a `Recording`."""
-
-    ranges: NDArray[Any]
-    lidar: Lidar
-    poses: NDArray[Any]
-    times: NDArray[Any] | None
-    odometry: NDArray[Any] | None
-    source: Source
-
-    def summary(self) -> dict[str, Any]:
-        """How long a drive is, how dense its scans are, and how many beams have a return."""
-        known = self.ranges[np.isfinite(self.ranges)]
-        steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
-        source, has_odometry = self.source, self.odometry is not None
-        return finite(
-            {
-                "file": source.file,
-                "scans": len(self.poses),
-                "beams": self.lidar.beams,
-                "lidar": self.lidar.title,
-                "length": float(steps.sum()),
-                "turned": float(np.abs(wrapped(np.diff(self.poses[:, 2]))).sum()),
-                "seconds": None if self.times is None else float(self.times[-1] - self.times[0]),
-                "spacing": float(np.median(steps)) if len(steps) else 0.0,
-                "returns": known.size / self.ranges.size,
-                "median_range": float(np.median(known)),
-                "poses": source.poses or "given",
-                "odometry": (source.odometry or "given") if has_odometry else "",
-                "notes": list(source.notes),
-            }
-        )
-
-    def report(self) -> str:
-        """The summary for people."""
-        about = self.summary()
-        took = "no times" if about["seconds"] is None else f"{about['seconds']:.4g} s"
-        returns = f"{about['returns']:.0%} of the beams, median {about['median_range']:.2g} m"
-        scans = f"{about['scans']:,} of {about['beams']} beams, {about['spacing']:.2g} m apart"
-        rows = [
-            ("drive", f"{about['file'] or 'a recording'}: {about['length']:.4g} m, {took}"),
-            ("scans", scans),
-            ("lidar", about["lidar"]),
-            ("returns", returns),
-            ("poses", about["poses"]),
-            ("odometry", about["odometry"] or "none"),
-            *(("note", note) for note in about["notes"]),
-        ]
-        return table([], rows)
-
-
 def check_room(count: int, beams: int, room: int) -> None:
     """Raise a RecordingError if one more scan takes more than the room that there is [bytes]."""
     # A scan counts as 256 bytes at least: its pose and times take memory, too.
@@ -337,3 +285,38 @@ class ScanRows:
 def _plain(value: float) -> float:
     """A number without the further digits that single precision gave it."""
     return float(f"{value:.7g}")
+
+
+def poses_of(name: str, values: object) -> Numbers:
+    """Rows of finite x, y and heading, the last within +-pi; see `array_of`."""
+    poses = array_of(f"{name}s", values, np.dtype(np.float64), 2)
+    if poses.shape[1] != 3:
+        raise RecordingError(f"{name}s must be rows of x, y, heading, not {poses.shape}")
+    wrong = ~np.isfinite(poses).all(1) | (np.abs(poses) > FARTHEST).any(1)
+    if wrong.any():
+        scan = int(np.argmax(wrong))
+        x, y, heading = poses[scan]
+        raise RecordingError(
+            f"{name} {scan} must be finite and within ±{FARTHEST:g} m, not"
+            f" {x:g}, {y:g}, {heading:g}; leave such scans out"
+        )
+    inside = (np.abs(poses[:, 2]) <= np.pi).all()
+    return poses if inside else frozen(np.column_stack([poses[:, :2], wrapped(poses[:, 2])]))
+
+
+def array_of(name: str, values: object, kind: np.dtype[Any], dimensions: int) -> NDArray[Any]:
+    """Array of numbers that nobody changes any more: a copy unless it is read-only already."""
+    try:
+        with np.errstate(over="ignore"):  # beyond single precision lies no lidar's range
+            array = np.asarray(values, kind)
+    except (TypeError, ValueError, OverflowError):
+        raise RecordingError(f"{name} must be an array of numbers, not {shown(values)}") from None
+    if array.ndim != dimensions:
+        raise RecordingError(f"{name} must have {dimensions} dimensions, not {array.ndim}")
+    return frozen(array.copy() if array.flags.writeable else array)
+
+
+def frozen(array: NDArray[Any]) -> NDArray[Any]:
+    """The array, which nobody changes any more."""
+    array.setflags(write=False)
+    return array

@@ -1,4 +1,4 @@
-"""How well each scan of a recorded drive fixes the pose: its posterior on the map.
+"""How well each scan of a recorded drive fixes the pose, and how predictions agree with that.
 
 The scan is scored at every offset of a search window about the recorded pose, as `Scan` does with
 simulated ones; so the covariance is that of correlative scan matching with the robot's own scans.
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import check_threads, instance
+from locplan._util.intervals import Interval, Rank, Resamples, draws_of, of_resamples, rank, short
 from locplan._util.poses import Numbers, ends_in_map
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
@@ -240,3 +241,70 @@ def looked_up(grid: OccupancyGrid, values: NDArray[Any], xy: Numbers, beyond: fl
     inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
     at = tuple(np.where(inside, each, 0).astype(np.int64) for each in (row, col))
     return np.where(inside, values[at], beyond)
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How well an estimator's deviations agree with the measured ones.
+
+    Intervals are percentiles of a bootstrap over blocks of 10 m of the drive; NaN where it has
+    fewer than five.
+    """
+
+    rank: Rank
+    """Rank correlation, -1..1, and AUC for the worst fifth of the scans, 0..1."""
+    aligned: Interval
+    """Share of the elongated ellipses whose direction is right to 15 deg, 0..1; NaN without any."""
+    factor: Interval
+    """Predicted over measured deviation of the position: geometric mean; 1 where they agree."""
+
+    @property
+    def texts(self) -> list[str]:
+        """The columns of a table: rank correlation, AUC, direction, and factor."""
+        aligned = "-" if math.isnan(self.aligned.value) else f"{self.aligned.value:.0%}"
+        return [short(self.rank.spearman), short(self.rank.auc), aligned, short(self.factor)]
+
+
+def agreement(
+    values: Numbers, predicted: Numbers, measured: Numbers, blocks: NDArray[np.int64]
+) -> Agreement:
+    """Agreement of predicted with measured covariances at n scans.
+
+    Parameters
+    ----------
+    values : (n,) array
+        The scalar by which the estimator ranks places.
+    predicted, measured : (n, d, d) arrays
+        Covariances [m, m, rad].
+    blocks : (n,) array of int
+        The block of the drive that each scan belongs to.
+    """
+    drawn = draws_of(blocks)
+    major, minor, direction = position_axes(measured)
+    own, _, towards = position_axes(predicted)
+    turned = np.abs((towards - direction + np.pi / 2) % np.pi - np.pi / 2)
+    elongated = (major > 3 * minor).astype(float)  # a rounder ellipse has no direction
+    return Agreement(
+        _ranked(values, major, drawn),
+        _mean((turned < math.radians(15)).astype(float), elongated, drawn),
+        Interval(*np.exp(_mean(np.log(own / major), np.ones(len(own)), drawn)).tolist()),
+    )
+
+
+def _ranked(values: Numbers, measured: Numbers, drawn: Numbers) -> Rank:
+    """Rank statistics with intervals over blocks."""
+    some = drawn if len(drawn) else np.ones((1, len(values)))
+    found = rank([values], [measured], Resamples([some], np.ones((len(some), 1))))
+    if len(drawn):
+        return found
+    return Rank(*(Interval(each.value, math.nan, math.nan) for each in vars(found).values()))
+
+
+def _mean(values: Numbers, counted: Numbers, drawn: Numbers) -> Interval:
+    """Mean of the values that count, 1 or 0 each; NaN where none does."""
+    if not counted.any():
+        return Interval(math.nan, math.nan, math.nan)
+    weights = drawn * counted
+    with np.errstate(invalid="ignore"):
+        means = (weights @ values) / weights.sum(axis=1)
+    return of_resamples(float(np.average(values, weights=counted)), means)

@@ -119,7 +119,7 @@ def read_drive(
         if path.name.lower().endswith(CARMEN):
             drive = read_carmen(path, options)
         elif path.suffix in readers:
-            drive = Recording(*readers[path.suffix](path, options))
+            drive = readers[path.suffix](path, options)
         else:
             known = ", ".join((*BAGS, *CARMEN, *readers))
             raise RecordingError(f"is of no kind that is known ({known}, or a folder of rosbag2)")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import FARTHEST, instance, keep, number, printable, shown, whole
+from locplan._util.checks import instance, keep, number, printable, shown, whole
 from locplan._util.poses import (
     Numbers,
     ends_in_map,
@@ -19,9 +19,9 @@ from locplan._util.poses import (
     wrapped,
 )
 from locplan._util.public import called
+from locplan._util.tables import finite, table
 from locplan.errors import RecordingError
-from locplan.recordings._logs import Contents, Source
-from locplan.recordings._tables import save
+from locplan.recordings._logs import Source, array_of, frozen, poses_of
 from locplan.robots import Kinematics, Lidar, Robot
 
 
@@ -68,8 +68,8 @@ class Recording:
     def __post_init__(self) -> None:
         instance("lidar", self.lidar, Lidar)
         instance("source", self.source, Source)
-        poses = _poses("pose", self.poses)
-        ranges = _array("ranges", self.ranges, np.dtype(np.float32), 2)
+        poses = poses_of("pose", self.poses)
+        ranges = array_of("ranges", self.ranges, np.dtype(np.float32), 2)
         if len(ranges) == 0 or ranges.shape != (len(poses), self.lidar.beams):
             raise RecordingError(
                 f"ranges must be (scans, beams) for {len(poses)} poses and {self.lidar.beams} beams"
@@ -85,10 +85,10 @@ class Recording:
         if not all((self.lidar.has_return(part) | (part == np.inf)).all() for part in parts):
             none = np.float32(np.inf)
             cleaned = [np.where(self.lidar.has_return(part), part, none) for part in parts]
-            ranges = _frozen(np.concatenate(cleaned))
+            ranges = frozen(np.concatenate(cleaned))
         keep(self, ranges=ranges, poses=poses)
         if self.times is not None:
-            times = _array("times", self.times, np.dtype(np.float64), 1)
+            times = array_of("times", self.times, np.dtype(np.float64), 1)
             if times.shape != (len(poses),) or not np.isfinite(times).all():
                 raise RecordingError(f"times must be {len(poses)} finite seconds, one of each scan")
             if (np.diff(times) < 0).any():
@@ -96,7 +96,7 @@ class Recording:
                 raise RecordingError(f"times go back at scan {scan}; give None if they are wrong")
             keep(self, times=times)
         if self.odometry is not None:
-            odometry = _poses("odometry", self.odometry)
+            odometry = poses_of("odometry", self.odometry)
             if len(odometry) != len(poses):
                 raise RecordingError(
                     f"odometry must be a pose for each of {len(poses)} scans, not {len(odometry)}"
@@ -142,7 +142,7 @@ class Recording:
             raise RecordingError("none of the scans that are chosen has a return; take more")
         return replace(
             self,
-            ranges=_frozen(ranges),
+            ranges=frozen(ranges),
             poses=poses,
             times=None if self.times is None else self.times[index],
             odometry=None if self.odometry is None else self.odometry[index],
@@ -199,11 +199,6 @@ class Recording:
         return replace(self, poses=moved(self.poses, (x, y, turn)))
 
     @property
-    def contents(self) -> Contents:
-        """All fields."""
-        return Contents(self.ranges, self.lidar, self.poses, self.times, self.odometry, self.source)
-
-    @property
     def length(self) -> float:
         """Length of the way from scan to scan [m]."""
         return way_length(self.poses)
@@ -258,11 +253,43 @@ class Recording:
 
     def summary(self) -> dict[str, Any]:
         """Length, duration, spacing and shares of returns, fit for JSON."""
-        return self.contents.summary()
+        known = self.ranges[np.isfinite(self.ranges)]
+        steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
+        source, has_odometry = self.source, self.odometry is not None
+        return finite(
+            {
+                "file": source.file,
+                "scans": len(self.poses),
+                "beams": self.lidar.beams,
+                "lidar": self.lidar.title,
+                "length": float(steps.sum()),
+                "turned": float(np.abs(wrapped(np.diff(self.poses[:, 2]))).sum()),
+                "seconds": None if self.times is None else float(self.times[-1] - self.times[0]),
+                "spacing": float(np.median(steps)) if len(steps) else 0.0,
+                "returns": known.size / self.ranges.size,
+                "median_range": float(np.median(known)),
+                "poses": source.poses or "given",
+                "odometry": (source.odometry or "given") if has_odometry else "",
+                "notes": list(source.notes),
+            }
+        )
 
     def report(self) -> str:
         """The summary as a table for people."""
-        return self.contents.report()
+        about = self.summary()
+        took = "no times" if about["seconds"] is None else f"{about['seconds']:.4g} s"
+        returns = f"{about['returns']:.0%} of the beams, median {about['median_range']:.2g} m"
+        scans = f"{about['scans']:,} of {about['beams']} beams, {about['spacing']:.2g} m apart"
+        rows = [
+            ("drive", f"{about['file'] or 'a recording'}: {about['length']:.4g} m, {took}"),
+            ("scans", scans),
+            ("lidar", about["lidar"]),
+            ("returns", returns),
+            ("poses", about["poses"]),
+            ("odometry", about["odometry"] or "none"),
+            *(("note", note) for note in about["notes"]),
+        ]
+        return table([], rows)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save the recording; `read_drive` says what is in the file.
@@ -280,7 +307,7 @@ class Recording:
         LocplanError
             If it cannot be written.
         """
-        save(self.contents, path)
+        called("locplan.recordings._tables:save", self, path)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Recording:
@@ -298,36 +325,3 @@ class Recording:
         """
         drive: Recording = called("locplan.recordings:read_drive", path)
         return drive
-
-
-def _poses(name: str, values: object) -> Numbers:
-    poses = _array(f"{name}s", values, np.dtype(np.float64), 2)
-    if poses.shape[1] != 3:
-        raise RecordingError(f"{name}s must be rows of x, y, heading, not {poses.shape}")
-    wrong = ~np.isfinite(poses).all(1) | (np.abs(poses) > FARTHEST).any(1)
-    if wrong.any():
-        scan = int(np.argmax(wrong))
-        x, y, heading = poses[scan]
-        raise RecordingError(
-            f"{name} {scan} must be finite and within ±{FARTHEST:g} m, not"
-            f" {x:g}, {y:g}, {heading:g}; leave such scans out"
-        )
-    inside = (np.abs(poses[:, 2]) <= np.pi).all()
-    return poses if inside else _frozen(np.column_stack([poses[:, :2], wrapped(poses[:, 2])]))
-
-
-def _array(name: str, values: object, kind: np.dtype[Any], dimensions: int) -> NDArray[Any]:
-    """Array of numbers that nobody changes any more: a copy unless it is read-only already."""
-    try:
-        with np.errstate(over="ignore"):  # beyond single precision lies no lidar's range
-            array = np.asarray(values, kind)
-    except (TypeError, ValueError, OverflowError):
-        raise RecordingError(f"{name} must be an array of numbers, not {shown(values)}") from None
-    if array.ndim != dimensions:
-        raise RecordingError(f"{name} must have {dimensions} dimensions, not {array.ndim}")
-    return _frozen(array.copy() if array.flags.writeable else array)
-
-
-def _frozen(array: NDArray[Any]) -> NDArray[Any]:
-    array.setflags(write=False)
-    return array

@@ -31,7 +31,8 @@ from locplan._util.files import replacing
 from locplan._util.poses import Numbers
 from locplan._util.reading import numbered_lines, opened, parsed_json
 from locplan.errors import LocplanError, RecordingError
-from locplan.recordings._logs import Contents, Options, Source, check_room
+from locplan.recordings._logs import Options, Source, check_room
+from locplan.recordings._recording import Recording
 from locplan.robots import Lidar
 
 MAX_ARRAY_BYTES = 2**28
@@ -43,7 +44,7 @@ ODOMETRY = ["odom_x", "odom_y", "odom_heading"]
 LIDAR = "# lidar:"
 
 
-def save(drive: Contents, target: str | os.PathLike[str]) -> None:
+def save(drive: Recording, target: str | os.PathLike[str]) -> None:
     """Write a recording as .npz or .csv, whole or not at all."""
     path = file_path("a file to write", target)
     writers = {".npz": _write_npz, ".csv": _write_csv}
@@ -53,7 +54,7 @@ def save(drive: Contents, target: str | os.PathLike[str]) -> None:
         writers[path.suffix](drive, temporary)
 
 
-def read_npz(path: Path, options: Options) -> Contents:
+def read_npz(path: Path, options: Options) -> Recording:
     """Read a recording from .npz.
 
     Raises
@@ -94,7 +95,7 @@ def read_npz(path: Path, options: Options) -> Contents:
                 f"its source is not as Recording.save writes it: {error}"
             ) from None
     times, odometry = arrays.get("times"), arrays.get("odometry")
-    return Contents(ranges, lidar, arrays["poses"], times, odometry, source)
+    return Recording(ranges, lidar, arrays["poses"], times, odometry, source)
 
 
 def _arrays(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
@@ -126,7 +127,7 @@ def _entries(name: str, text: NDArray[Any]) -> dict[str, Any]:
     return values
 
 
-def _write_npz(drive: Contents, target: Path) -> None:
+def _write_npz(drive: Recording, target: Path) -> None:
     ranges: NDArray[Any] = drive.ranges
     whole = np.where(np.isfinite(ranges), np.rint(ranges * np.float64(1000)), NONE_MM)
     returns = np.isfinite(ranges)
@@ -146,7 +147,7 @@ def _write_npz(drive: Contents, target: Path) -> None:
         np.savez_compressed(file, **known)
 
 
-def read_csv(path: Path, options: Options) -> Contents:
+def read_csv(path: Path, options: Options) -> Recording:
     """Read a recording from CSV; only every n-th row is kept in memory.
 
     Raises
@@ -172,7 +173,7 @@ def read_csv(path: Path, options: Options) -> Contents:
     times = table[:, 0] if timed else None
     rises = times is None or bool((np.diff(times) > 0).all())
     poses = table[:, timed : timed + 3]
-    return Contents(
+    return Recording(
         ranges,
         options.lidar({**values, "beams": beams}),
         poses,
@@ -240,7 +241,7 @@ def _rows(
     return np.array(places), np.array(rows)
 
 
-def _write_csv(drive: Contents, target: Path) -> None:
+def _write_csv(drive: Recording, target: Path) -> None:
     """Write a recording as CSV: ranges to 0.1 mm, poses to a millionth, and times without loss."""
     names = [each.name for each in dataclasses.fields(Lidar)]
     described = [

@@ -94,6 +94,21 @@ class Tracker(Protocol):
         """Covariance of the estimate in the world, (3, 3) [m, m, rad]; NaN while not known."""
 
 
+@dataclass(frozen=True, repr=False)
+class NamedFilter:
+    """A filter of one's own as files name it, which do not hold its code."""
+
+    title: str
+    settings: str
+
+    def __repr__(self) -> str:
+        return self.settings
+
+    def start(self, *_: object) -> Tracker:
+        """Refuse to start."""
+        raise ConfigError(f"a file does not hold the code of {self.title}; give the robot's filter")
+
+
 MODELS: Final[tuple[str, ...]] = ("likelihood_field", "likelihood_field_prob")
 DIFFERENTIAL: Final = "nav2_amcl::DifferentialMotionModel"
 OMNIDIRECTIONAL: Final = "nav2_amcl::OmniMotionModel"

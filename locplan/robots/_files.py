@@ -14,7 +14,7 @@ import numpy as np
 from locplan._util.checks import file_path, number, positive, shown
 from locplan._util.reading import check_stamp, read_content
 from locplan.errors import ConfigError, LocplanError, one_line
-from locplan.robots._amcl import DIFFERENTIAL, OMNIDIRECTIONAL, Amcl
+from locplan.robots._amcl import DIFFERENTIAL, OMNIDIRECTIONAL, Amcl, NamedFilter
 from locplan.robots._lidar import Lidar
 from locplan.robots._parameters import (
     AMCL,
@@ -247,6 +247,8 @@ def _part(name: str, value: Any) -> Any:
         return value  # no such part, or the name of a lidar
     if not isinstance(value, Mapping):
         raise ConfigError(f"{name} must hold settings by name, not {shown(value)}")
+    if name == "filter" and value.keys() == {"title", "settings"}:
+        return NamedFilter(**value)
     _check_known(name, value, names_of(kind))
     try:
         return kind(**value)

@@ -1,17 +1,17 @@
-from ._arguments import (
-    DriveArguments as DriveArguments,
-    about_filter as about_filter,
-    check_filter_map as check_filter_map,
-    check_of_one_map as check_of_one_map,
-    drive_arguments as drive_arguments,
+from ._advice_figures import choice_figure as choice_figure, tuning_figure as tuning_figure
+from ._calibration import (
+    Calibration as Calibration,
+    check_calibration as check_calibration,
+    write_calibration as write_calibration,
 )
-from ._calibration import Calibration as Calibration, check_calibration as check_calibration
 from ._drives import (
     DRIVEN as DRIVEN,
     LOST as LOST,
     PROFILE as PROFILE,
+    DriveArguments as DriveArguments,
     Drives as Drives,
     check_drives as check_drives,
+    drive_arguments as drive_arguments,
     rmse_ratio as rmse_ratio,
 )
 from ._evaluation import (
@@ -46,7 +46,13 @@ from ._simulate import (
     simulate as simulate,
 )
 from ._simulator import Simulator as Simulator
-from ._worlds import POSE_SPACING as POSE_SPACING, poses_along as poses_along
+from ._worlds import (
+    POSE_SPACING as POSE_SPACING,
+    about_filter as about_filter,
+    check_filter_map as check_filter_map,
+    check_of_one_map as check_of_one_map,
+    poses_along as poses_along,
+)
 from .choice._choice import Choice as Choice
 from .choice._choose import SimulatedChoice as SimulatedChoice, choose as choose
 from .choice._choose_many import (
@@ -55,16 +61,17 @@ from .choice._choose_many import (
     choose_many as choose_many,
 )
 from .choice._driven import Candidate as Candidate, Driven as Driven
-from .choice._figures import choice_figure as choice_figure
 from .choice._race import Judgement as Judgement, Scores as Scores, judged as judged
 from .choice._settings import ChoiceSettings as ChoiceSettings
-from .tuning._bench import SimulatedBench as SimulatedBench, TuningBench as TuningBench
-from .tuning._figures import tuning_figure as tuning_figure
-from .tuning._files import check_tunable as check_tunable
+from .tuning._bench import (
+    DisturbanceLevel as DisturbanceLevel,
+    SimulatedBench as SimulatedBench,
+    TuningBench as TuningBench,
+)
 from .tuning._results import Tuning as Tuning
 from .tuning._space import (
     BeamsLeft as BeamsLeft,
-    DisturbanceLevel as DisturbanceLevel,
+    check_tunable as check_tunable,
     filter_warnings as filter_warnings,
 )
 from .tuning._tune import search_settings as search_settings, tune as tune

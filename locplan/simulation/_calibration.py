@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,19 +130,8 @@ class Calibration(Pictured):
         LocplanError
             If a file cannot be written, or is in the way.
         """
-        from locplan.plotting import save_figure
-
-        target = file_path("a calibration's file", path)
-        picture = check_calibration(target, force=force)
         about = {**self.verdict, "robot": robot.summary(), "calibration": self.summary()}
-        with replacing(picture) as drawn, replacing(target) as settings:
-            try:
-                save_figure(self.figure(), drawn)
-                save_config(settings, self.config, **about, picture=digest_of(drawn))
-            except LocplanError as error:  # it names the files' last places
-                text = str(error).replace(str(drawn), str(picture))
-                raise type(error)(text.replace(str(settings), str(target))) from None
-        return [target, picture]
+        return write_calibration(path, self.config, self.figure(), about, force=force)
 
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON."""
@@ -189,6 +178,57 @@ def calibration_report(calibration: Calibration) -> str:
         else calibration.warning
     )
     return f"{table([], rows)}\n{verdict}"
+
+
+def write_calibration(
+    path: str | os.PathLike[str],
+    config: FieldConfig,
+    figure: Any,
+    about: Mapping[str, Any],
+    *,
+    force: bool,
+) -> list[Path]:
+    """Write calibrated settings of a field, and a picture of their fit beside them.
+
+    Parameters
+    ----------
+    path : path
+        The file, which ends in .json.
+    config : FieldConfig
+        The settings.
+    figure : Figure or None
+        The picture; None without one.
+    about : mapping by name
+        What else the file says.
+    force : bool
+        True replaces files that are no calibration.
+
+    Returns
+    -------
+    list of Path
+        The file and its picture.
+
+    Raises
+    ------
+    LocplanError
+        If a file cannot be written, or is in the way.
+    """
+    from locplan.plotting import save_figure
+
+    target = file_path("a calibration's file", path)
+    picture = check_calibration(target, force=force)
+    with ExitStack() as files:
+        drawn = picture if figure is None else files.enter_context(replacing(picture))
+        settings = files.enter_context(replacing(target))
+        try:
+            if figure is not None:
+                save_figure(figure, drawn)
+                about = {**about, "picture": digest_of(drawn)}
+            save_config(settings, config, **about)
+        except LocplanError as error:  # it names the files' last places
+            text = str(error).replace(str(drawn), str(picture))
+            raise type(error)(text.replace(str(settings), str(target))) from None
+    return [target] if figure is None else [target, picture]
 
 
 def check_calibration(target: Path, *, force: bool = False) -> Path:

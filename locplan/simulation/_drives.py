@@ -1,19 +1,31 @@
-"""Results of simulated drives: errors along the way, drives that were lost, and their scores."""
+"""Simulated drives: what their kernels take, and their results, errors and scores."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal, get_args
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import whole
 from locplan._util.intervals import Interval, of_geometric_mean, of_median, of_rms, wilson
+from locplan._util.poses import Poses
 from locplan._util.records import POSE, Column, Table
 from locplan._util.tables import finite
+from locplan.maps import OccupancyGrid
+from locplan.robots import (
+    FARTHEST_OBJECT,
+    NEAREST_OBJECT,
+    Amcl,
+    Filter,
+    Lidar,
+    Robot,
+    beam_scores,
+    filter_settings,
+)
 
 MAX_DRIVES = 100_000
 """Greatest number of drives along a path, or to a place."""
@@ -231,3 +243,108 @@ def log_errors(
 def worst_error(shape: tuple[int, int], resolution: float) -> float:
     """Error of a position as which larger ones count: the length of the map's diagonal [m]."""
     return math.hypot(*shape) * resolution
+
+
+class Line(NamedTuple):
+    """The poses that a drive leads through."""
+
+    truth: Poses
+    """In the own axes of the filter's map, (n, 3) [m, m, rad]."""
+    cells: Poses
+    """Row and column in the map that is driven in, and heading, (n, 3) [cells, cells, rad]."""
+
+
+class OwnFilter(NamedTuple):
+    """A filter that is not AMCL, with what it is started with."""
+
+    settings: Filter
+    grid: OccupancyGrid
+    """The filter's map."""
+    lidar: Lidar
+
+
+@dataclass(frozen=True)
+class DriveArguments:
+    """Arguments of the kernels of drives, in the order in which they take them."""
+
+    scores: Any
+    """`particles.BeamScores` of the map; None where the filter is not AMCL."""
+    lidar: Any
+    """`lidar.Lidar` with the beams that AMCL compares, or with all beams."""
+    disturbances: Any
+    """`measured.BeamDisturbances`: outliers and occlusions."""
+    odometry: Any
+    """`drives.Odometry`: errors of the reported odometry."""
+    start: Any
+    """`tracking.Start`: standard deviations of the filter's first pose."""
+    filter: Any
+    """`particles.Filter`: AMCL's parameters; or an `OwnFilter`."""
+
+    def __iter__(self) -> Iterator[Any]:
+        """The arguments one by one, as the kernels take them."""
+        return (getattr(self, each.name) for each in fields(self))
+
+
+def drive_arguments(
+    grid: OccupancyGrid, robot: Robot, *, scores: NDArray[np.float32] | None = None
+) -> DriveArguments:
+    """Arguments of the kernels of drives for a map and a robot.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The filter's map.
+    robot : Robot
+        The robot, with its lidar.
+    scores : (H + 2, W + 2) array of float32, optional
+        What a beam that ends in each cell adds to a particle, for this map, filter and lidar; by
+        default it is computed.
+
+    Returns
+    -------
+    DriveArguments
+        The arguments in the kernels' order.
+    """
+    from locplan._kernels.drives import Odometry, Start
+    from locplan._kernels.lidar import BeamDisturbances, Lidar as Beams
+
+    lidar, odometry, disturbances = robot.known_lidar, robot.odometry, robot.disturbances
+    start = Start(disturbances.start_sigma, math.radians(disturbances.start_sigma_deg))
+    known: Any = None
+    settings: Any
+    if isinstance(amcl := robot.filter, Amcl):
+        known = beam_scores(grid, amcl, lidar, scores)
+        angles, settings = lidar.angles[:: amcl.beam_step(lidar.beams)], filter_settings(amcl)
+        nearest, farthest = max(lidar.least_range, amcl.laser_min_range), amcl.reach(lidar)
+    else:
+        angles, nearest, farthest = lidar.angles, lidar.least_range, lidar.range
+        settings = OwnFilter(robot.filter, grid, lidar)
+    return DriveArguments(
+        known,
+        Beams(
+            angles=np.ascontiguousarray(angles),
+            forward=lidar.mount_x,
+            left=lidar.mount_y,
+            yaw=lidar.mount_yaw,
+            sigma=lidar.range_sigma,
+            min_range=nearest,
+            max_range=farthest,
+        ),
+        BeamDisturbances(
+            outliers=disturbances.outliers,
+            occlusion=disturbances.occlusion,
+            width=math.radians(disturbances.occlusion_deg),
+            nearest=NEAREST_OBJECT,
+            farthest=FARTHEST_OBJECT,
+        ),
+        Odometry(
+            distance_drift=odometry.distance_drift,
+            heading_drift=math.radians(odometry.heading_drift_deg),
+            turn_drift=math.radians(odometry.turn_drift_deg),
+            distance_bias=odometry.distance_bias,
+            heading_bias=math.radians(odometry.heading_bias_deg),
+            turn_bias=odometry.turn_bias,
+        ),
+        start,
+        settings,
+    )

@@ -22,9 +22,9 @@ from locplan._util.tables import REPORT_WIDTH, finite, table
 from locplan.field import equipped
 from locplan.maps import OccupancyGrid
 from locplan.robots import Robot
-from locplan.simulation._arguments import about_filter
 from locplan.simulation._places import KINDS, ErrorKind, Places, measure_maps
 from locplan.simulation._predictors import Predictor, conclusion, configs, predictions
+from locplan.simulation._worlds import about_filter
 
 
 @dataclass(frozen=True, eq=False, repr=False)

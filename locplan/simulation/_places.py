@@ -17,10 +17,9 @@ from locplan.errors import ConfigError
 from locplan.field import FieldConfig, well_spaced
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot
-from locplan.simulation._arguments import check_of_one_map
 from locplan.simulation._drives import LOST, MAX_DRIVES
 from locplan.simulation._simulator import APPROACH, POINTS, Simulator
-from locplan.simulation._worlds import approaches
+from locplan.simulation._worlds import approaches, check_of_one_map
 
 ErrorKind = Literal["tracking", "match"]
 KINDS: dict[ErrorKind, str] = {

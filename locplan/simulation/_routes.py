@@ -23,10 +23,10 @@ from locplan.field import equipped
 from locplan.maps import OccupancyGrid
 from locplan.planners import AWARE, SHORTEST, Query, plan_beside_shortest
 from locplan.robots import Robot
-from locplan.simulation._arguments import about_filter
 from locplan.simulation._drives import Drives, check_drives, rmse_ratio
 from locplan.simulation._simulate import drive_paths
 from locplan.simulation._simulator import Simulator
+from locplan.simulation._worlds import about_filter
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,9 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import prepared_beside
 from locplan.robots import Lidar, Robot
-from locplan.simulation._arguments import about_filter
 from locplan.simulation._drives import DRIVEN, Drives, check_drives, contrasts, profiles
 from locplan.simulation._simulator import Simulator
-from locplan.simulation._worlds import poses_along
+from locplan.simulation._worlds import about_filter, poses_along
 
 
 @dataclass(frozen=True, eq=False, repr=False)

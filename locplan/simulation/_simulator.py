@@ -19,9 +19,8 @@ from locplan.field import equipped
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid, own_axes
 from locplan.maps.environments import boundary_cells, with_boundary_noise
 from locplan.robots import Robot
-from locplan.simulation._arguments import DriveArguments, Line, check_filter_map, drive_arguments
-from locplan.simulation._drives import Drives
-from locplan.simulation._worlds import MARGIN, Stage, turned, window_about
+from locplan.simulation._drives import DriveArguments, Drives, Line, drive_arguments
+from locplan.simulation._worlds import MARGIN, Stage, check_filter_map, turned, window_about
 
 MATCH_WINDOW, MATCH_STEP = 2.0, 0.05
 """Half width and spacing of the offsets at which single scans are matched [m]."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,10 +13,10 @@ from numpy.typing import NDArray
 from locplan._util.intervals import random_of
 from locplan._util.poses import Poses
 from locplan.costs import Costmap, Path, divided_poses
-from locplan.errors import LocplanError
-from locplan.maps import OccupancyGrid, own_axes
+from locplan.errors import ConfigError, LocplanError
+from locplan.maps import OccupancyGrid, check_grid, own_axes
 from locplan.planners import plan_field
-from locplan.simulation._arguments import DriveArguments, Line, OwnFilter
+from locplan.simulation._drives import DriveArguments, Line, OwnFilter
 
 POSE_SPACING = 0.05
 """Greatest distance between two poses [m]."""
@@ -268,3 +269,59 @@ def turned(errors: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
     cos, sin = math.cos(yaw), math.sin(yaw)
     x, y = errors[..., 0], errors[..., 1]
     return np.stack([cos * x - sin * y, sin * x + cos * y, errors[..., 2]], axis=-1)
+
+
+def check_filter_map(filter_map: OccupancyGrid | None, grid: OccupancyGrid) -> OccupancyGrid:
+    """The map that a filter has, which is the one that is driven in unless another is given.
+
+    Parameters
+    ----------
+    filter_map : OccupancyGrid or None
+        The filter's map, in the same frame.
+    grid : OccupancyGrid
+        The map that is driven in.
+
+    Raises
+    ------
+    ConfigError
+        If no free cell of the map lies on the filter's.
+    """
+    if filter_map is None:
+        return grid
+    check_grid(filter_map)
+    rows, cols = np.nonzero(grid.free)
+    at = filter_map.world_to_grid(*grid.grid_to_world(rows + 0.5, cols + 0.5))
+    on_both = [(each >= 0) & (each < size) for each, size in zip(at, filter_map.shape, strict=True)]
+    if not np.logical_and(*on_both).any():
+        raise ConfigError(
+            f"the filter's map ({filter_map.name or 'filter_map'}) and {grid.name or 'the map'} do"
+            " not overlap; both must be in the same frame"
+        )
+    return filter_map
+
+
+def about_filter(filter_map: OccupancyGrid | None) -> dict[str, object]:
+    """What results say of a filter's own map, fit for JSON; nothing where it has none.
+
+    Parameters
+    ----------
+    filter_map : OccupancyGrid or None
+        The filter's map, where it differs from the one that is driven in.
+    """
+    if filter_map is None:
+        return {}
+    return {"filter_map": {"name": filter_map.name, "digest": filter_map.digest}}
+
+
+def check_of_one_map(filter_map: OccupancyGrid | None, grids: Collection[object]) -> None:
+    """Raise a ConfigError if a filter's map is given for several maps.
+
+    Parameters
+    ----------
+    filter_map : OccupancyGrid or None
+        The filter's map.
+    grids : collection
+        The maps that are driven in.
+    """
+    if filter_map is not None and len(grids) > 1:
+        raise ConfigError(f"a filter's map is of one map, not of {len(grids)}; name the one")

@@ -18,7 +18,7 @@ from locplan._util.tables import file_name, wrapped, write_rows
 from locplan.costs import Costmap, Path
 from locplan.errors import LocplanError
 from locplan.planners import Plan, Position
-from locplan.robots import Robot
+from locplan.robots import Amcl, Robot
 from locplan.simulation.choice._driven import DRIVEN, PLANNED, Candidate, Driven
 from locplan.simulation.choice._race import (
     CLEARLY_BETTER,
@@ -41,7 +41,7 @@ class Choice(Result):
     files: ClassVar[Results] = Results(
         "choice", ("choice.json", "choice.png", "candidates.csv", "chosen.csv", "errors.csv")
     )
-    _drawn_by: ClassVar[str] = "locplan.simulation.choice._figures:choice_figure"
+    _drawn_by: ClassVar[str] = "locplan.simulation._advice_figures:choice_figure"
 
     about: Mapping[str, Any]
     """Version, map and settings of the costmap, see `locplan.costs.about_costs`."""
@@ -155,8 +155,9 @@ class Choice(Result):
         if chosen is None or chosen.driven is None or self.judgement is None:
             return []
         if chosen.driven.lost_rate.value >= 0.5:  # paths are not the remedy
+            tool = " with `locplan tune`" if isinstance(self.robot.filter, Amcl) else ""
             found.append(
-                "half of its drives or more are lost: tune the filter first with `locplan tune`;"
+                f"half of its drives or more are lost: tune the filter first{tool};"
                 " `locplan evaluate` tells if single scans fail as well"
             )
         taken = self.judgement.ratio.value if self.best else 1.0

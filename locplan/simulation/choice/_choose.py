@@ -19,9 +19,9 @@ from locplan.field import CovarianceField, FieldConfig, Fused, Sad, equipped, lo
 from locplan.maps import FREE, OccupancyGrid, check_grid
 from locplan.planners import SHORTEST, AnyAngle, Found, Plan, Position, check_ends
 from locplan.robots import Robot
-from locplan.simulation._arguments import about_filter
 from locplan.simulation._drives import Minimise
 from locplan.simulation._simulator import Simulator
+from locplan.simulation._worlds import about_filter
 from locplan.simulation.choice._ask import Ask, Candidates, Own, note_on, why_without
 from locplan.simulation.choice._candidates import (
     WEIGHTS,

@@ -24,7 +24,7 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.field import Fused, equipped, load_or_compute
 from locplan.planners import Query, check_ends, check_random, queries_of
 from locplan.robots import Robot
-from locplan.simulation._arguments import check_of_one_map
+from locplan.simulation._worlds import check_of_one_map
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._choose import choose
 from locplan.simulation.choice._driven import Candidate
@@ -125,10 +125,6 @@ class Choices:
         shortest, chosen = both.mean(axis=0).tolist()
         return shortest, chosen
 
-    def of_map(self, name: str) -> Choices:
-        """Choices for the queries on the map of a name."""
-        return Choices(tuple(each for each in self.choices if each.map == name))
-
     def table(self) -> Table:
         """A row per query: both ends, and the figures of the shortest and of the chosen path."""
         columns = (
@@ -163,7 +159,8 @@ class Choices:
 
     def report(self) -> str:
         """Text of what the choices bring, one row per map and one of all maps."""
-        groups = {name: self.of_map(name) for name in dict.fromkeys(each.map for each in self)}
+        names = dict.fromkeys(each.map for each in self)
+        groups = {name: Choices(tuple(e for e in self if e.map == name)) for name in names}
         if len(groups) > 1:
             groups["all maps"] = self
         columns = (

@@ -72,8 +72,8 @@ class ChoiceSettings(Settings):
     """The filter's map in the same frame, where it differs from the one that is driven in."""
     rival: Amcl | None = TUNED
     """Filter that is driven along the shortest path, too, to tell whether settings gain more than
-    paths; None drives none. The default stands for the robot's own filter with all alphas 0.05 and
-    likelihood_field_prob."""
+    paths; None drives none, nor is one driven beside a filter that is no AMCL. The default stands
+    for the robot's own filter with all alphas 0.05 and likelihood_field_prob."""
 
     def __post_init__(self) -> None:
         keep(self, via=tuple(self.via), longest=number("longest", self.longest, 1.0))
@@ -131,16 +131,16 @@ class ChoiceSettings(Settings):
         return cls.of({**about, "via": via, "rival": about["rival"] and Amcl(**about["rival"])})
 
     def rival_of(self, own: object) -> Amcl | None:
-        """The rival of a robot's own filter; None without one, or if it is the same.
+        """The rival of a robot's own filter; None without one, or if it is the same or no AMCL.
 
         Parameters
         ----------
         own : Filter
             The robot's filter, of any kind.
         """
-        rival = self.rival
-        if rival == TUNED and isinstance(own, Amcl):
-            rival = dataclasses.replace(own, **CALM)
+        if not isinstance(own, Amcl):  # what gains is advised as AMCL's parameters
+            return None
+        rival = dataclasses.replace(own, **CALM) if self.rival == TUNED else self.rival
         return None if rival == own else rival
 
     @property

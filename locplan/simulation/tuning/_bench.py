@@ -6,7 +6,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,11 +20,45 @@ from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan, random_queries
 from locplan.robots import Amcl, Lidar, Robot, score_values
-from locplan.simulation._arguments import DriveArguments, drive_arguments
-from locplan.simulation._drives import FLOOR, LOST
+from locplan.simulation._drives import FLOOR, LOST, DriveArguments, drive_arguments
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import poses_along
-from locplan.simulation.tuning._space import LEVELS, DisturbanceLevel
+
+
+@dataclass(frozen=True)
+class DisturbanceLevel:
+    """A level of disturbance, relative to the one that was asked for."""
+
+    name: str
+    """The name, such as x3."""
+    odometry: float
+    """Factor on the drift and the bias of odometry."""
+    clutter: float
+    """Factor on the shares of outliers, of occluded scans and of cells that differ."""
+
+    def of(self, robot: Robot) -> Robot:
+        """The robot at this level.
+
+        Parameters
+        ----------
+        robot : Robot
+            The robot, with the odometry and the disturbances that were asked for.
+        """
+        odometry = asdict(robot.odometry)
+        changes = {name: value * self.odometry for name, value in odometry.items()}
+        for name in ("boundary_noise", "outliers", "occlusion"):
+            share = getattr(robot.disturbances, name)
+            # At most half of everything is disturbed, unless more was asked for.
+            changes[name] = min(share * self.clutter, max(share, 0.5))
+        return robot.changed(changes)
+
+
+LEVELS = (
+    DisturbanceLevel("x1/3", 1 / 3, 0.5),
+    DisturbanceLevel("x1", 1.0, 1.0),
+    DisturbanceLevel("x3", 3.0, 2.0),
+)
+"""The levels of disturbance; their names are those of the factor on odometry's errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,7 +322,6 @@ class SimulatedBench(TuningBench):
         return [_cut(path, random.random()) for path in found if path is not None]
 
     def arguments(self, amcl: Amcl) -> list[DriveArguments]:
-        """Arguments of the kernel at each level."""
         scores = self.scores(amcl)
         return [
             drive_arguments(each.filter_map, replace(each.robot, filter=amcl), scores=scores)
@@ -298,7 +331,6 @@ class SimulatedBench(TuningBench):
     def errors(
         self, level: int, path: int, drive: int, arguments: DriveArguments
     ) -> NDArray[np.float64]:
-        """Errors of one drive, in the own axes of the filter's map."""
         stage = self._stages[level][path]
         return stage.drive(self._lines[path], stage.world(path, drive), path, drive, arguments)
 

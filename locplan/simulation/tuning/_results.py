@@ -1,32 +1,29 @@
-"""What tuning found: settings that were judged on paths and in worlds of their own."""
+"""What tuning found: settings that were judged on paths and in worlds of their own, and in text."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from string import ascii_uppercase
 from typing import Any, ClassVar
 
-import numpy as np
-
-from locplan._util.intervals import Interval, of_geometric_mean, of_mean, two_digits, wilson
-from locplan._util.public import called
+from locplan._util.intervals import Interval, two_digits
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
-from locplan._util.tables import finite
+from locplan._util.tables import finite, table
 from locplan.maps import OccupancyGrid
 from locplan.robots import Amcl, Robot
-from locplan.simulation._arguments import about_filter
-from locplan.simulation.tuning._bench import TuningBench
+from locplan.simulation._worlds import about_filter
+from locplan.simulation.tuning._bench import DisturbanceLevel
 from locplan.simulation.tuning._space import (
     Axis,
     BeamsLeft,
-    DisturbanceLevel,
     Value,
     changed_axes,
     described,
+    write_tuned,
 )
 
 OWN = "your settings"
@@ -111,7 +108,7 @@ class Judged:
 class Tuning(Result):
     """Settings of AMCL that were tuned on one map, and the evidence for them."""
 
-    _reported_by: ClassVar[str] = "locplan.simulation.tuning._files:tuning_report"
+    _reported_by: ClassVar[str] = "locplan.simulation.tuning._results:tuning_report"
     _drawn_by: ClassVar[str] = "locplan.simulation:tuning_figure"
     files: ClassVar[Results] = Results("tuning", ("tuning.json", "tuning.png", "nav2_params.yaml"))
 
@@ -234,7 +231,7 @@ class Tuning(Result):
         return super().figure()
 
     def _write(self, folder: Path, *about: Any) -> None:
-        called("locplan.simulation.tuning._files:write_tuned", folder, self, *about)
+        write_tuned(folder / "nav2_params.yaml", self.winner, *about)
 
     def summary(self, *about: Any, **more: Any) -> dict[str, object]:
         """Everything in numbers, fit for JSON.
@@ -266,30 +263,68 @@ class Tuning(Result):
         return finite(found)
 
 
-def judged(bench: TuningBench, name: str, amcl: Amcl, own: Amcl) -> Judged:
-    """Errors of a setting, all of whose drives the bench has, beside the user's own."""
-    driven, others = bench.driven[amcl], bench.driven[own]
-    ratios = np.sqrt(driven.squares.mean(axis=2) / others.squares.mean(axis=2))
-    differences = driven.lost.mean(axis=2) - others.lost.mean(axis=2)
-    _, paths, drives = driven.squares.shape
-    means = bench.means(amcl, paths, drives)
-    levels = []
-    for n, level in enumerate(bench.levels):
-        squares, lost = driven.squares[n], driven.lost[n].astype(bool)
-        errors = np.concatenate([each for key, each in driven.errors.items() if key[0] == n])
-        levels.append(
-            AtLevel(
-                level,
-                float(means[n]),
-                of_geometric_mean(np.sqrt(squares.mean(axis=1))),
-                math.nan if lost.all() else float(np.sqrt(squares[~lost].mean())),
-                float(np.median(errors)),
-                wilson(float(lost.mean()), lost.size),
-                of_geometric_mean(ratios[n]),
-                of_mean(differences[n]),
-            )
+def tuning_report(tuning: Tuning) -> str:
+    """Table of the settings that were judged, the warnings, and the conclusion."""
+    head = ["", *(level.name for level in tuning.levels), "RMSE to A's", "ms/update", "ms/m"]
+    rows, names = [], []
+    for letter, each in zip(ascii_uppercase, tuning.judged, strict=False):
+        rows.append(
+            [
+                letter,
+                *(f"{at.rmse.value:.2g} m {at.lost.value:.0%}" for at in each.levels),
+                "1" if each is tuning.judged[0] else _short(each.rmse_ratio),
+                f"{1e3 * each.cpu_per_update:.2f}",
+                f"{1e3 * each.cpu_per_metre:.2f}",
+            ]
         )
-    ratio = of_geometric_mean(np.exp(np.log(ratios).mean(axis=0)))
-    seconds = float(driven.seconds.sum()) / (len(bench.levels) * drives)
-    metres = float(bench.lengths.sum())
-    return Judged(name, amcl, tuple(levels), ratio, seconds / bench.updates(amcl), seconds / metres)
+        names.append(f"{letter}: {_name(tuning, each)}")
+    lines = [
+        table(head, rows),
+        *names,
+        _explained(tuning),
+        *_gains(tuning),
+        f"{tuning.robot.known_lidar.title}: {tuning.beams_left}",
+        *(f"warning: {each}" for each in tuning.lints),
+        tuning.conclusion,
+    ]
+    return "\n".join(lines)
+
+
+def _explained(tuning: Tuning) -> str:
+    """What the table's numbers are."""
+    if tuning.drive:
+        return (
+            "RMSE of the position and share of lost replays (> 1 m at any time), against the"
+            f" recorded poses,\non {tuning.paths} stretches of {tuning.drive},"
+            f" {tuning.drives} replays each, on which nothing was chosen;\nRMSE to A's [95 % over"
+            " the stretches]; ms: CPU time"
+        )
+    return (
+        "RMSE of the position and share of lost drives (> 1 m at any time), with a third of, once\n"
+        f"and three times odometry's errors, on {tuning.paths} random paths, {tuning.drives} drives"
+        " each, on which nothing was\nchosen; RMSE to A's over all levels [95 %]; ms: CPU time,"
+        " with that of the simulated scan"
+    )
+
+
+def _gains(tuning: Tuning) -> list[str]:
+    """What each change of the best setting gains, and what was put back."""
+    kept = [axis.name for axis in tuning.changed_axes()]
+    gains = [
+        f"{name} {100 * (ratio - 1):+.0f} %{'' if name in kept else ' (put back)'}"
+        for name, ratio in sorted(tuning.contributions.items(), key=lambda each: -each[1])
+    ]
+    where = "" if tuning.drive else " at its worst level"
+    return [f"RMSE{where} without a change: {', '.join(gains)}"] if gains else []
+
+
+def _name(tuning: Tuning, judged: Judged) -> str:
+    marks = ["to use"] if judged.amcl == tuning.winner and tuning.changes else []
+    if judged.better_everywhere and not tuning.drive:
+        marks.append("better at every level")
+    return f"{judged.name} ({'; '.join(marks)})" if marks else judged.name
+
+
+def _short(interval: Interval) -> str:
+    """Text of an interval without its leading zeros."""
+    return two_digits(interval).removeprefix("0").replace("[0", "[").replace(" 0", " ")

@@ -1,19 +1,33 @@
-"""AMCL's parameters: what tuning tries, the levels of disturbance, and warnings of bad values."""
+"""AMCL's parameters: what tuning tries, warnings of bad values, and Nav2's file with them."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from locplan._util.checks import is_number
 from locplan._util.intervals import random_of
+from locplan._util.reading import scalar_text
 from locplan.costs import ROBOT_RADIUS
-from locplan.robots import MODELS, OMNIDIRECTIONAL, Amcl, Lidar, Robot
+from locplan.errors import LocplanError
+from locplan.robots import (
+    MODELS,
+    OMNIDIRECTIONAL,
+    Amcl,
+    Lidar,
+    ParameterWarning,
+    edited_parameters,
+    file_and_robot,
+    read_amcl,
+    read_parameters,
+)
 from locplan.simulation._simulator import BEAMS, Simulator
 
 Value = float | str
@@ -111,42 +125,6 @@ def described(own: Amcl, amcl: Amcl) -> str:
 
 
 @dataclass(frozen=True)
-class DisturbanceLevel:
-    """A level of disturbance, relative to the one that was asked for."""
-
-    name: str
-    """The name, such as x3."""
-    odometry: float
-    """Factor on the drift and the bias of odometry."""
-    clutter: float
-    """Factor on the shares of outliers, of occluded scans and of cells that differ."""
-
-    def of(self, robot: Robot) -> Robot:
-        """The robot at this level.
-
-        Parameters
-        ----------
-        robot : Robot
-            The robot, with the odometry and the disturbances that were asked for.
-        """
-        odometry = dataclasses.asdict(robot.odometry)
-        changes = {name: value * self.odometry for name, value in odometry.items()}
-        for name in ("boundary_noise", "outliers", "occlusion"):
-            share = getattr(robot.disturbances, name)
-            # At most half of everything is disturbed, unless more was asked for.
-            changes[name] = min(share * self.clutter, max(share, 0.5))
-        return robot.changed(changes)
-
-
-LEVELS = (
-    DisturbanceLevel("x1/3", 1 / 3, 0.5),
-    DisturbanceLevel("x1", 1.0, 1.0),
-    DisturbanceLevel("x3", 3.0, 2.0),
-)
-"""The levels of disturbance; their names are those of the factor on odometry's errors."""
-
-
-@dataclass(frozen=True)
 class BeamsLeft:
     """Beams of a scan that AMCL compares, and how many of them return, on the average."""
 
@@ -167,7 +145,7 @@ class BeamsLeft:
             The map, the lidar, the filter and the disturbances.
         places : int, default 200
             Number of places, each with a random heading.
-        robot_radius : float
+        robot_radius : float, default 0.25
             Radius of the robot [m]; where it fits nowhere, all free cells count.
         """
         from locplan._kernels.lidar import measured_ends
@@ -238,3 +216,109 @@ def filter_warnings(
         " that miss the walls cost hardly more than those that hit them": far < 2 * sigma,
     }
     return [text for text, present in faults.items() if present]
+
+
+OTHERS: dict[str, float | str | bool] = {
+    "base_frame_id": "base_footprint",
+    "beam_skip_distance": 0.5,
+    "beam_skip_error_threshold": 0.9,
+    "beam_skip_threshold": 0.3,
+    "do_beamskip": False,
+    "global_frame_id": "map",
+    "lambda_short": 0.1,
+    "odom_frame_id": "odom",
+    "recovery_alpha_fast": 0.0,
+    "recovery_alpha_slow": 0.0,
+    "save_pose_rate": 0.5,
+    "scan_topic": "scan",
+    "tf_broadcast": True,
+    "transform_tolerance": 1.0,
+    "z_max": 0.05,
+    "z_short": 0.05,
+}
+"""Parameters that are not simulated, with the values that Nav2 has for them."""
+
+
+def check_tunable(params: Path | None) -> None:
+    """Check that tuned settings can be written into a file's copy; to be called before long work.
+
+    Parameters
+    ----------
+    params : Path or None
+        The user's parameter file.
+
+    Raises
+    ------
+    LocplanError
+        If they cannot.
+    """
+    if params is not None:
+        axes = axes_of(_read(params))
+        trial: dict[str, Value] = {name: 0.123 for axis in axes for name in axis.fields}
+        _edited(params, trial | {"laser_model_type": "likelihood_field_prob", "max_beams": 1234})
+
+
+def write_tuned(file: Path, winner: Amcl, params: Path | None = None) -> None:
+    """Write settings as parameters of Nav2.
+
+    It is the user's own file with other values, or without one a section of amcl.
+
+    Parameters
+    ----------
+    file : Path
+        The file.
+    winner : Amcl
+        The settings.
+    params : path, optional
+        The user's parameter file, whose copy has other values; it stays as it is.
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be written, or the values in `params` cannot be changed alone.
+    """
+    robot = None
+    if params is None:
+        file.write_bytes(_new_file(winner))
+    else:
+        before, robot = _read(params), file_and_robot(params)[1]
+        changed = {name: getattr(winner, name) for name in differing_names(before, winner)}
+        file.write_bytes(_edited(params, changed))
+    if differing_names(_read(Path(f"{file}:{robot}") if robot else file), winner):
+        raise LocplanError(f"{file}: could not be written as it was meant to be")
+
+
+def differing_names(one: Amcl, other: Amcl) -> list[str]:
+    """The parameters in Nav2's files of which two settings have different values."""
+    return [name for name in NAMES if getattr(one, name) != getattr(other, name)]
+
+
+def _edited(params: Path, values: Mapping[str, Value]) -> bytes:
+    """A file with these values, and beams not skipped where they are from now on."""
+    skips = read_parameters(params).of("amcl").get("do_beamskip")
+    if skips and values.get("laser_model_type") == "likelihood_field_prob":
+        # It had no effect with the other laser model, and was not simulated with this one.
+        values = {**values, "do_beamskip": False}
+    return edited_parameters(params, "amcl", values)
+
+
+def _read(file: Path) -> Amcl:
+    """The settings in a file, about which was warned before."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        return read_amcl(file)
+
+
+def _new_file(winner: Amcl) -> bytes:
+    values = {name: getattr(winner, name) for name in (*NAMES, "robot_model_type")} | OTHERS
+    lines = ["# Parameters of Nav2's AMCL; frames and topics are Nav2's defaults."]
+    lines += ["amcl:", "  ros__parameters:"]
+    for name, value in sorted(values.items()):
+        default = getattr(Amcl(), name, value)
+        note = "" if value == default else f"  # Nav2's default is {_quoted(default)}"
+        lines.append(f"    {name}: {_quoted(value)}{note}")
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _quoted(value: float | str | bool) -> str:
+    return f'"{value}"' if isinstance(value, str) else scalar_text(value)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from locplan._util.checks import whole
-from locplan._util.intervals import random_of
+from locplan._util.intervals import of_geometric_mean, of_mean, random_of, wilson
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap
 from locplan.maps import OccupancyGrid, check_grid
@@ -20,7 +20,7 @@ from locplan.robots import Amcl, Robot
 from locplan.simulation._drives import check_drives
 from locplan.simulation._simulator import Simulator
 from locplan.simulation.tuning._bench import SimulatedBench, TuningBench
-from locplan.simulation.tuning._results import OWN, Tuning, judged
+from locplan.simulation.tuning._results import OWN, AtLevel, Judged, Tuning
 from locplan.simulation.tuning._space import (
     BeamsLeft,
     candidates,
@@ -186,7 +186,7 @@ def search_settings(
         judge.grid,
         robot,
         found.kept,
-        tuple(judged(judge, names[each], each, own) for each in order),
+        tuple(_judged(judge, names[each], each, own) for each in order),
         found.without,
         left,
         (*notes, *filter_warnings(own, judge.lidar, others), *left.warnings()),
@@ -301,3 +301,32 @@ class Search:
             if self._known(amcl, *self.last) > bound:
                 return False
         return True
+
+
+def _judged(bench: TuningBench, name: str, amcl: Amcl, own: Amcl) -> Judged:
+    """Errors of a setting, all of whose drives the bench has, beside the user's own."""
+    driven, others = bench.driven[amcl], bench.driven[own]
+    ratios = np.sqrt(driven.squares.mean(axis=2) / others.squares.mean(axis=2))
+    differences = driven.lost.mean(axis=2) - others.lost.mean(axis=2)
+    _, paths, drives = driven.squares.shape
+    means = bench.means(amcl, paths, drives)
+    levels = []
+    for n, level in enumerate(bench.levels):
+        squares, lost = driven.squares[n], driven.lost[n].astype(bool)
+        errors = np.concatenate([each for key, each in driven.errors.items() if key[0] == n])
+        levels.append(
+            AtLevel(
+                level,
+                float(means[n]),
+                of_geometric_mean(np.sqrt(squares.mean(axis=1))),
+                math.nan if lost.all() else float(np.sqrt(squares[~lost].mean())),
+                float(np.median(errors)),
+                wilson(float(lost.mean()), lost.size),
+                of_geometric_mean(ratios[n]),
+                of_mean(differences[n]),
+            )
+        )
+    ratio = of_geometric_mean(np.exp(np.log(ratios).mean(axis=0)))
+    seconds = float(driven.seconds.sum()) / (len(bench.levels) * drives)
+    metres = float(bench.lengths.sum())
+    return Judged(name, amcl, tuple(levels), ratio, seconds / bench.updates(amcl), seconds / metres)
