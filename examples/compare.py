@@ -15,7 +15,7 @@ def main(folder: str = "comparison", seconds: float = 1.0, *maps: str) -> None:
     result = locplan.compare(
         maps or [locplan.maps.environments.make("two_corridors", resolution=0.1)],
         ["grid", "any-angle", "InformedRRTstar", "BITstar", "RRTConnect"],
-        RandomQueries(6, least_distance=15.0),
+        RandomQueries(6, min_distance=15.0),
         weights=[0.0, 4.0],
         seeds=[1, 2],
         execution=Execution(time_limit=seconds),

@@ -26,7 +26,7 @@ CALM = dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"), 0.05)
 PLACES_FILTERS = {"Nav2's defaults": Amcl(), "beams multiplied": Amcl(**PRODUCT)}
 ROUTE_FILTERS = {"Nav2's defaults": Amcl(), "alphas 0.05": Amcl(**CALM)}
 """The filters that drive with a lidar of 6 m; a tuned one beside Nav2's."""
-LEAST_DISTANCE, LONGEST_DISTANCE = 10.0, 40.0
+MIN_DISTANCE, LONGEST_DISTANCE = 10.0, 40.0
 """Least distance from start to goal, and greatest length of the shortest path [m]."""
 SHORTEST, INFLATED, LEADER, CHOSEN = "shortest", "inflated", "winner of the race", "chosen"
 
@@ -115,7 +115,7 @@ def routes_of(
     """Choose a path for some random queries, and drive the paths that count afresh."""
     blank = locplan.Costmap.blank(grid, robot_radius=robot.radius)
     try:
-        queries = random_queries(blank, 4 * count, 2, least_distance=LEAST_DISTANCE)
+        queries = random_queries(blank, 4 * count, 2, min_distance=MIN_DISTANCE)
     except locplan.LocplanError:  # the map is too small
         return
     for query in queries:

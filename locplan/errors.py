@@ -1,7 +1,7 @@
 """The exceptions that locplan raises on bad input."""
 
 MAX_MESSAGE = 1000
-"""Greatest length of an error's message [characters]; the middle of a longer one is left out."""
+"""Maximum length of an error's message [characters]; the middle of a longer one is left out."""
 
 
 class LocplanError(Exception):

@@ -80,7 +80,7 @@ class BagWriter:
             "angle_increment": step,
             "time_increment": 0.0,
             "scan_time": 0.1,
-            "range_min": lidar.least_range,
+            "range_min": lidar.min_range,
             "range_max": lidar.range,
             "ranges": np.ascontiguousarray(ranges, np.float32),
             "intensities": np.empty(0, np.float32),

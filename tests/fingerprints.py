@@ -71,7 +71,7 @@ def routes(
     grid: OccupancyGrid, costs: locplan.Costmap, name: str
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Paths, fronts and drives on a costmap."""
-    (query,) = random_queries(costs, 1, 1, least_distance=5.0)
+    (query,) = random_queries(costs, 1, 1, min_distance=5.0)
     ends = query.start, query.goal
     for planner, options in PLANNERS.items():
         plan = locplan.plan(costs, *ends, planner=planner, **options)

@@ -120,7 +120,7 @@ USUAL = {
     "--goal": ("9.5,2.5",),
     "--headings": ("2", "4"),
     "--iterations": ("20", "60"),
-    "--least-distance": ("0.5", "1"),
+    "--min-distance": ("0.5", "1"),
     "--limits": ("1e-4,1e-2",),
     "--magnify": ("1", "3"),
     "--max-e": ("0.5",),
@@ -184,7 +184,7 @@ ASKED = {
     "plot": ((), ("--at", "--figure")),
     "simulate": (
         *(("--drives", "--path"), ("--drives", "--start", "--goal")),
-        ("--drives", "--random", "--least-distance"),
+        ("--drives", "--random", "--min-distance"),
     ),
     "tune": (("--paths", "--drives"),),
 }

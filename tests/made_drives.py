@@ -13,7 +13,7 @@ from locplan.robots import Disturbances, Robot
 from locplan.simulation import Simulator
 
 LIDAR = Lidar(
-    range=8.0, least_range=0.1, field_of_view_deg=270.0, beams=91, range_sigma=0.02, mount_x=0.1
+    range=8.0, min_range=0.1, field_of_view_deg=270.0, beams=91, range_sigma=0.02, mount_x=0.1
 )
 
 

@@ -551,7 +551,7 @@ def moved_ends(cells, resolution, row, col, heading, sensor, angles, noise):
     for angle, (shift, growth) in zip(angles, noise, strict=True):
         bearing = heading + sensor.mount_yaw + angle
         start, reach = (row + lever_y, col + lever_x), sensor.range / resolution
-        at = middle_of_hit(cells, *start, bearing, reach, least=sensor.least_range / resolution)
+        at = middle_of_hit(cells, *start, bearing, reach, least=sensor.min_range / resolution)
         at += shift / resolution + growth * at
         ends.append((lever_x + at * math.cos(bearing), lever_y + at * math.sin(bearing)))
     return np.array(ends)
@@ -985,7 +985,7 @@ def measured_ends(random, cells, resolution, pose, sensor, angles, disturbances)
             at = min(at, before) if at == at else before
         ahead = sensor.mount_x / resolution + at * math.cos(bearing)
         left = sensor.mount_y / resolution + at * math.sin(bearing)
-        returns = at > 0 and sensor.least_range / resolution <= at < sensor.range / resolution
+        returns = at > 0 and sensor.min_range / resolution <= at < sensor.range / resolution
         ends.append((ahead, left) if returns else (math.nan, math.nan))
     return np.array(ends)
 

@@ -21,7 +21,7 @@ FILE = HERE / "small_drive.npz"
 MAP = HERE.parent / "maps" / "office.yaml"
 STOPS = ((7.0, 7.0), (39.0, 7.0), (39.0, 23.0), (20.5, 15.0))
 """Places that the robot drives to, one after the other [m]."""
-LIDAR = Lidar(range=12.0, least_range=0.1, field_of_view_deg=270.0, beams=181, mount_x=0.12)
+LIDAR = Lidar(range=12.0, min_range=0.1, field_of_view_deg=270.0, beams=181, mount_x=0.12)
 SEED = 11
 
 

@@ -464,7 +464,7 @@ def test_ends_move_along_their_beams_as_in_the_plain_loop():
     levels, rng = random_rooms((30, 36), seed=13), np.random.default_rng(4)
     angles, noise = rng.uniform(-3, 3, 60), rng.normal(0, 0.2, (60, 2))
     sensor = Settings(
-        range=2.5, least_range=0.3, mount_x=0.2, mount_y=-0.1, mount_yaw_deg=30.0, beams=60
+        range=2.5, min_range=0.3, mount_x=0.2, mount_y=-0.1, mount_yaw_deg=30.0, beams=60
     )
     beams = lidar(angles, 0.2, -0.1, sensor.mount_yaw, 0.03, 0.3, 2.5)
     squares, ends, moved = empty_squares(levels == OCCUPIED), np.empty((60, 2)), 0

@@ -198,7 +198,7 @@ def test_a_full_disk_names_the_journal_of_a_comparison(tmp_path):
 def test_random_queries_have_a_seed_of_at_least_0():
     costs = locplan.Costmap.blank(GRID)
     with pytest.raises(ConfigError, match="seed"):
-        random_queries(costs, 2, -1, least_distance=1.0)
+        random_queries(costs, 2, -1, min_distance=1.0)
 
 
 def test_a_scheduler_is_checked_before_work(run, room, no_work, tmp_path):

@@ -42,7 +42,7 @@ def compared():
     return locplan.compare(
         [rooms("one"), rooms("two", 9)],
         ["grid", "any-angle", "RRTConnect:iterations=400", detour],
-        RandomQueries(5, least_distance=3.0),
+        RandomQueries(5, min_distance=3.0),
         SMALL,
         weights=[0.0, 4.0],
         seeds=[1, 2],
@@ -142,7 +142,7 @@ def test_a_planner_cannot_change_what_any_path_is_measured_on():
         assert all(one == measures[-1] for one in measures)
     costs = Costmap.blank(rooms(), robot_radius=0.1)
     before = costs.copy()
-    query = locplan.planners.random_queries(costs, 1, 1, least_distance=2.0)[0]
+    query = locplan.planners.random_queries(costs, 1, 1, min_distance=2.0)[0]
     spoilt = locplan.plan(costs, query.start, query.goal, planner=writer)
     metrics = locplan.costs.path_metrics(before, spoilt.path)
     assert spoilt.metrics.cost == metrics.cost
@@ -159,7 +159,7 @@ def test_what_a_function_has_closed_over_decides_its_paths(tmp_path):
 
     execution = Execution(workers=1, journal=tmp_path / "runs.jsonl", resume=True)
     settings = {"weights": [4.0], "configs": QUICK, "execution": execution}
-    two = RandomQueries(2, least_distance=2.0)
+    two = RandomQueries(2, min_distance=2.0)
     for count, factor in ((2, 0.0), (2, 0.0), (4, 8.0)):
         locplan.compare(rooms(), planner_with(factor), two, **settings)
         assert len((tmp_path / "runs.jsonl").read_text().splitlines()) == 1 + count
@@ -176,7 +176,7 @@ def test_what_ended_by_chance_is_made_anew(tmp_path):
         return locplan.plan(costs, start, goal)
 
     execution = Execution(workers=1, journal=tmp_path / "runs.jsonl", resume=True)
-    one, hasty = RandomQueries(1, least_distance=2.0), dataclasses.replace(execution, patience=0.3)
+    one, hasty = RandomQueries(1, min_distance=2.0), dataclasses.replace(execution, patience=0.3)
     (first,) = locplan.compare(rooms(), napping, one, configs=QUICK, execution=hasty).runs
     awake.touch()
     (again,) = locplan.compare(rooms(), napping, one, configs=QUICK, execution=execution).runs
@@ -190,7 +190,7 @@ def test_odd_histories_and_notes_do_no_harm(tmp_path):
         return dataclasses.replace(found, history=((0.1, math.inf), (0.2, 9.0)), note=b"\xff")
 
     execution = Execution(workers=1, journal=tmp_path / "r.jsonl")
-    one = RandomQueries(1, least_distance=2.0)
+    one = RandomQueries(1, min_distance=2.0)
     (run,) = locplan.compare(rooms(), odd, one, configs=QUICK, execution=execution).runs
     assert (run.status, run.history) == ("solved", ((0.2, 9.0),))
 
@@ -271,7 +271,7 @@ def test_all_files_are_written(compared, tmp_path, monkeypatch):
 def test_a_costmap_of_ones_own_is_compared_without_e(tmp_path):
     grid = rooms()
     own = Costmap.from_density(grid, np.where(grid.free, 2.0, np.inf))
-    found = locplan.compare({"mine": own}, "grid", RandomQueries(2, least_distance=1.0))
+    found = locplan.compare({"mine": own}, "grid", RandomQueries(2, min_distance=1.0))
     assert {run.task.config for run in found.runs} == {"own cost"}
     assert all(math.isnan(run.measures["integrated_e"]) for run in found.runs)
     found.save(tmp_path / "out")
@@ -283,7 +283,7 @@ def test_each_estimator_has_its_own_weight_and_criterion(monkeypatch):
     monkeypatch.setattr(Fisher, "weight", 8.0)
     monkeypatch.setattr(Fisher, "criterion", "position_std")
     configs = {"sad": QUICK, "fisher": FieldConfig(Fisher(Lidar(range=1.0)), stride=0.5)}
-    one = RandomQueries(1, least_distance=2.0)
+    one = RandomQueries(1, min_distance=2.0)
     found = locplan.compare(rooms(), ["grid", "any-angle"], one, SMALL, configs=configs)
     assert {(run.task.config, run.task.weight) for run in found.runs} == {("sad", 4), ("fisher", 8)}
     about = found.summary()
@@ -339,7 +339,7 @@ def test_queries_come_in_every_form(tmp_path):
         ({"weights": []}, "at least one weight"),
         ({"baseline": "RRT"}, "baseline must be one of"),
         ({"configs": {}}, "configs must be"),
-        ({"queries": RandomQueries(least_distance=500.0)}, "no two positions"),
+        ({"queries": RandomQueries(min_distance=500.0)}, "no two positions"),
         ({"robot": "robot.yaml"}, "robot must be a Robot"),
         ({"seeds": 3}, "seeds must be several whole numbers"),
         ({"configs": [QUICK]}, "configs must be"),
@@ -400,7 +400,7 @@ def test_the_command_line_goes_on_where_it_was(tmp_path, monkeypatch, capsys):
 
     save_map(rooms(), tmp_path / "rooms.yaml")
     common = (tmp_path / "rooms.yaml", "-o", tmp_path / "out", "--random", 3, "--disc", 1)
-    common += ("--least-distance", 2, "--stride", 0.4, "--workers", 1)
+    common += ("--min-distance", 2, "--stride", 0.4, "--workers", 1)
     common += ("--set", "footprint=0.1", "--set", "margin=0")
     code, out, err = run(*common, "--weight", 0, "--weight", 4)
     assert code == 0, err
@@ -420,7 +420,7 @@ def test_the_command_line_goes_on_where_it_was(tmp_path, monkeypatch, capsys):
     code, _, err = run(*common, "--queries", "none.csv", "--resume")
     assert "exclude one another" in err
     one = tmp_path / "rooms.yaml", "-o", tmp_path / "out", "--queries", "none.csv"
-    for option in ("--seed", "--least-distance"):
+    for option in ("--seed", "--min-distance"):
         code, _, err = run(*one, option, 3)
         assert (code, f"{option} is not read with --queries" in err) == (2, True)
 

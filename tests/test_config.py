@@ -48,7 +48,7 @@ def test_settings_out_of_range_are_named(make, message):
         make()
 
 
-BEAMS = Lidar(range=9.0, field_of_view_deg=180.0, least_range=0.2)
+BEAMS = Lidar(range=9.0, field_of_view_deg=180.0, min_range=0.2)
 
 
 @pytest.mark.parametrize(

@@ -512,7 +512,7 @@ def test_fisher_is_scaled_to_the_scans_effective_beams(rooms):
     assert of_fewer.sum() == pytest.approx(total.sum() * 12.6 / 720, rel=0.05)
 
 
-EFFECTIVE = Lidar(range=5.0, field_of_view_deg=180.0, beams=90, least_range=0.1)
+EFFECTIVE = Lidar(range=5.0, field_of_view_deg=180.0, beams=90, min_range=0.1)
 
 
 @pytest.mark.parametrize(
@@ -526,7 +526,7 @@ EFFECTIVE = Lidar(range=5.0, field_of_view_deg=180.0, beams=90, least_range=0.1)
         (Scan(EFFECTIVE), Scan(EFFECTIVE, effective_beams=12), False),
         (Scan(EFFECTIVE), Scan(EFFECTIVE, endpoint_noise=[0.03, 0.01]), True),
         (Scan(EFFECTIVE), Scan(EFFECTIVE, endpoint_noise=(0.03, 0.0)), False),
-        (Scan(EFFECTIVE), Scan(replace(EFFECTIVE, least_range=1.5)), False),
+        (Scan(EFFECTIVE), Scan(replace(EFFECTIVE, min_range=1.5)), False),
         (Scan(EFFECTIVE), Scan(EFFECTIVE, sigma_hit=0.2), False),
         (Fisher(EFFECTIVE), Fisher(replace(EFFECTIVE, range_sigma=0.2)), True),
         (Fisher(EFFECTIVE), Fisher(EFFECTIVE, sigma_hit=0.2), False),

@@ -448,7 +448,7 @@ def test_simulate_takes_the_paths_that_plan_writes(run, map_file, tmp_path):
 def test_simulate_random_queries_of_several_maps(run, map_file, tmp_path):
     other = tmp_path / "b.yaml"
     locplan.save_map(environments.make("places", resolution=0.1), other)
-    asked = "--random", 5, "--drives", 2, "--least-distance", 4
+    asked = "--random", 5, "--drives", 2, "--min-distance", 4
     code, table, _ = run("simulate", map_file, other, *asked, "-o", tmp_path / "out")
     assert code == 0
     assert "of 5 queries" in table
@@ -570,7 +570,7 @@ def test_simulations_that_are_not_made_are_refused(run, map_file):
         (("--path", "none.csv"), "none.csv: cannot be read"),
         (("--path", "a.csv", "--weight", "3"), "--weight is not read with --path"),
         (("--path", "a.csv", "--stride", "1"), "--stride is not read with --path"),
-        ((*ENDS, "--least-distance", "3"), "--least-distance is not read without --random"),
+        ((*ENDS, "--min-distance", "3"), "--min-distance is not read without --random"),
     ],
 )
 def test_wrong_requests_end_in_one_line(run, map_file, tmp_path, arguments, reason):

@@ -232,7 +232,7 @@ def stops() -> list:
         ("locplan.field.Sad.covariances", ("field", "-o", "out.zarr", "--picture", "out.png")),
         (
             "locplan.comparison._workers.Workers.run",
-            ("compare", "--least-distance", "2", "-o", "out"),
+            ("compare", "--min-distance", "2", "-o", "out"),
         ),
         ("locplan.field._zarr.write", ("field", "-o", "out.zarr")),
         (

@@ -17,6 +17,7 @@ import locplan
 from locplan import Box, LocplanError, Path, Pole, place_landmarks, save_map
 from locplan._kernels import features as sightings, landmarks as kernels, objectives as ways
 from locplan._kernels.rays import cast, empty_squares
+from locplan.errors import ConfigError
 from locplan.field import FieldConfig, Fused, covariances_along, scalar, surface_normals
 from locplan.landmarks import (
     Outcome,
@@ -28,6 +29,7 @@ from locplan.landmarks import (
     parsed_object,
     with_objects,
 )
+from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.robots import Amcl, Lidar, Robot
 from locplan.simulation import Drives

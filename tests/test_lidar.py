@@ -42,7 +42,7 @@ def test_presets_are_lidars_with_a_source(name):
     lidar = Lidar.preset(name)
     assert lidar.model == name
     assert PRESETS[name].source
-    assert 0 <= lidar.least_range < lidar.range
+    assert 0 <= lidar.min_range < lidar.range
     assert lidar.title.startswith(f"{name}, {lidar.range:g} m")
 
 
@@ -71,7 +71,7 @@ def test_an_estimator_takes_another_lidar_and_keeps_its_settings(of):
 
 def test_a_scan_tells_its_lidar():
     lidar = scan(mount=(0.2, -0.1, 0.3))
-    assert (lidar.beams, lidar.range, lidar.least_range) == (1081, 30.0, 0.1)
+    assert (lidar.beams, lidar.range, lidar.min_range) == (1081, 30.0, 0.1)
     assert lidar.field_of_view_deg == pytest.approx(270.0)
     assert (lidar.mount_x, lidar.mount_y) == (0.2, -0.1)
     assert lidar.mount_yaw == pytest.approx(0.3)
@@ -131,8 +131,8 @@ def test_a_full_circle_is_seen_whether_or_not_its_ends_meet(first, last, increme
         ({"angle_min": -7.0}, "at most 360 deg"),
         ({"angle_min": math.nan}, "angle_min must be"),
         ({"range_max": 0.0}, "range must be a positive"),
-        ({"range_min": 40.0}, "least_range .* must be below"),
-        ({"range_min": -1.0}, "least_range must be"),
+        ({"range_min": 40.0}, "min_range .* must be below"),
+        ({"range_min": -1.0}, "min_range must be"),
     ],
 )
 def test_impossible_scans_are_refused(changes, reason):
@@ -143,7 +143,7 @@ def test_impossible_scans_are_refused(changes, reason):
 @pytest.mark.parametrize("kind", ["ray", "gpu_ray", "lidar", "gpu_lidar"])
 def test_a_description_tells_its_lidar(tmp_path, kind):
     lidar = Lidar.from_file(described(tmp_path, kind=kind))
-    assert (lidar.beams, lidar.range, lidar.least_range) == (271, 8.0, 0.12)
+    assert (lidar.beams, lidar.range, lidar.min_range) == (271, 8.0, 0.12)
     assert lidar.field_of_view_deg == pytest.approx(270.0)
     assert (lidar.mount_x, lidar.mount_y, lidar.range_sigma) == (0.1, 0.02, 0.01)
     assert lidar.mount_yaw == pytest.approx(0.5)
@@ -206,7 +206,7 @@ def test_parameters_of_nav2_name_no_lidar(tmp_path):
 def test_amcl_only_limits_the_lidar():
     from conftest import drawn
 
-    grid, lidar = drawn("###", "#.#", "###"), Lidar(range=10.0, least_range=0.2)
+    grid, lidar = drawn("###", "#.#", "###"), Lidar(range=10.0, min_range=0.2)
     for amcl, least, most in (
         (Amcl(), 0.2, 10.0),
         (Amcl(laser_min_range=0.5, laser_max_range=4.0), 0.5, 4.0),

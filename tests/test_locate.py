@@ -55,7 +55,7 @@ def scan_at(grid: OccupancyGrid, lidar: Lidar, *pose: float) -> np.ndarray:
         left=lidar.mount_y,
         yaw=lidar.mount_yaw,
         sigma=0.03,
-        min_range=lidar.least_range,
+        min_range=lidar.min_range,
         max_range=lidar.range,
     )
     row, col = grid.world_to_grid(pose[0], pose[1])
@@ -150,7 +150,7 @@ def test_rooms_that_differ_are_told_apart(different, pose):
         replace(LIDAR, mount_x=0.3, mount_y=-0.2),
         replace(LIDAR, mount_x=-0.2, mount_yaw_deg=130.0),
         replace(LIDAR, field_of_view_deg=180.0, beams=181, mount_yaw_deg=-90.0, mount_x=0.25),
-        replace(LIDAR, field_of_view_deg=220.0, beams=700, least_range=0.2),
+        replace(LIDAR, field_of_view_deg=220.0, beams=700, min_range=0.2),
     ],
 )
 def test_the_mount_and_the_view_of_the_lidar_count(different, lidar):

@@ -277,7 +277,7 @@ def test_a_planner_is_added_by_a_file_and_a_line(monkeypatch):
     with pytest.raises(ConfigError, match="rows_first must be"):
         planner_for("toy", {"rows_first": 3})
     planners = ["toy:rows_first=true", ToyPlanner(rows_first=True, seed=7), "grid"]
-    queries, execution = RandomQueries(2, least_distance=3.0), Execution(workers=1)
+    queries, execution = RandomQueries(2, min_distance=3.0), Execution(workers=1)
     runs = compare({"mine": costs}, planners, queries, seeds=[1, 2], execution=execution).runs
     assert {run.status for run in runs} == {"solved"}
     seeds = {}

@@ -113,10 +113,10 @@ def two_rooms(size=60) -> Costmap:
 
 def test_random_queries_can_be_solved_and_are_spread():
     costs = two_rooms()
-    queries = random_queries(costs, 12, 4, least_distance=8.0)
+    queries = random_queries(costs, 12, 4, min_distance=8.0)
     assert len({query.name for query in queries}) == 12
-    assert queries == random_queries(costs, 12, 4, least_distance=8.0)
-    assert queries != random_queries(costs, 12, 5, least_distance=8.0)
+    assert queries == random_queries(costs, 12, 4, min_distance=8.0)
+    assert queries != random_queries(costs, 12, 5, min_distance=8.0)
     for query in queries:
         assert math.dist(query.start, query.goal) >= 8.0 - 1e-6
         assert plan(costs, query.start, query.goal).status == "solved"
@@ -130,19 +130,19 @@ def test_random_queries_can_be_solved_and_are_spread():
 def test_distances_that_hardly_any_pair_has():
     costs = two_rooms()
     longest = math.hypot(29, 29) * 0.5
-    queries = random_queries(costs, 3, 1, least_distance=longest)
+    queries = random_queries(costs, 3, 1, min_distance=longest)
     assert all(math.dist(q.start, q.goal) == pytest.approx(longest) for q in queries)
     with pytest.raises(ConfigError, match=r"lie 21 m apart; the farthest are 20\.51 m"):
-        random_queries(costs, 3, 1, least_distance=21.0)
+        random_queries(costs, 3, 1, min_distance=21.0)
 
 
 def test_random_queries_that_cannot_be():
     full = Costmap.blank(OccupancyGrid(np.zeros((5, 5), np.uint8), 1.0), robot_radius=0.0)
     with pytest.raises(ConfigError, match="no cell where the robot fits"):
-        random_queries(full, 1, 1, least_distance=1.0)
+        random_queries(full, 1, 1, min_distance=1.0)
     message = "the number of random queries must be a whole number in 1..10000"
     with pytest.raises(ConfigError, match=message):
-        random_queries(two_rooms(), 0, 1, least_distance=1.0)
+        random_queries(two_rooms(), 0, 1, min_distance=1.0)
 
 
 def test_scenarios_have_their_optimal_length():

@@ -19,7 +19,7 @@ from locplan.recordings import Recording, read_drive
 from locplan.robots import Lidar
 
 LIDAR = Lidar(
-    range=9.0, least_range=0.1, field_of_view_deg=180.0, beams=7, mount_x=0.2, mount_yaw_deg=30.0
+    range=9.0, min_range=0.1, field_of_view_deg=180.0, beams=7, mount_x=0.2, mount_yaw_deg=30.0
 )
 CIRCLE = Lidar(range=9.0, field_of_view_deg=360.0, beams=8, mount_x=-0.1, mount_yaw_deg=10.0)
 

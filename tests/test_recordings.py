@@ -19,7 +19,7 @@ from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.recordings import Recording, read_drive
 from locplan.robots import Kinematics, Lidar, Robot
 
-LIDAR = Lidar(range=8.0, least_range=0.2, field_of_view_deg=180.0, beams=5, mount_x=0.1)
+LIDAR = Lidar(range=8.0, min_range=0.2, field_of_view_deg=180.0, beams=5, mount_x=0.1)
 NAMES = ("aces", "csail", "fhw", "intel", "orebro", "seattle")
 
 
@@ -169,7 +169,7 @@ CSV = "# lidar: range=8.0\nx,y,heading,range_0,range_1\n1,2,0.5,3.5,\n1,2,0.5,3,
         ("3.5", "far", "line 3 has a cell that is no number"),
         ("x,", "east,", "line 2: column 'east' must be x; the columns are .time,.x,y,heading"),
         ("range_1", "range_2", "line 2: column 'range_2' must be range_1"),
-        ("range=8.0", "reach=8.0", "its lidar has no 'reach'; known are range, least_range"),
+        ("range=8.0", "reach=8.0", "its lidar has no 'reach'; known are range, min_range"),
         ("range=8.0", "range", "line 1: 'range' must be NAME=VALUE"),
         ("range=8.0", "range=-1", "range must be a positive number"),
         ("3.5,\n1,2,0.5,3,nan", "9,\n1,2,0.5,99,nan", "no beam of 2 scans ends within 0 to 8 m"),

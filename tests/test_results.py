@@ -391,7 +391,7 @@ def test_masks_that_were_exported_are_no_maps_of_a_folder(run, room, tmp_path):
 
 @pytest.mark.usefixtures("inline_workers")
 def test_a_comparison_begins_anew_by_force(run, room, tmp_path):
-    least = "--least-distance", "1"
+    least = "--min-distance", "1"
     few = "--random", "2", "--planner", "any-angle", "--workers", "1"
     compare = ("compare", room, *few, *least, "-o", tmp_path / "out")
     assert [run(*compare)[0], run(*compare)[0], run(*compare, "--force")[0]] == [0, 2, 0]

@@ -185,7 +185,7 @@ def test_settings_of_a_part_that_is_not_known_make_one():
         ),
         ({"lidar": "tim571"}, "a robot has no setting 'lidar'"),
         ({"alpha1": -1}, "alpha1 must be at least 0"),
-        ({"range": 8, "least_range": 9}, r"least_range \(9.0 m\) must be below range \(8.0 m\)"),
+        ({"range": 8, "min_range": 9}, r"min_range \(9.0 m\) must be below range \(8.0 m\)"),
         ({"footprint": [[1, 1], [2, 1], [2, 2]]}, "footprint must be a polygon around"),
         ({"footprint": "0.3m"}, "footprint must be at least 0, not '0.3m'"),
         ({"drive": "car-like"}, "has a turning_radius above 0"),
@@ -251,7 +251,7 @@ def test_a_description_has_the_lidar(tmp_path):
         ("robot: {margin: -1}", "margin must be at least 0, not -1"),
         ("robot: {footprint: [[1, 2]]}", "footprint must be three or more finite corners"),
         ("robot: {kinematics: {drive: car-like}}", "kinematics: a car-like robot"),
-        ("robot: 3", "has no parameters of Nav2's nodes"),
+        ("robot: 3", "has no parameters of Nav2's nodes; give Nav2's .* or a robot's file"),
     ],
 )
 def test_files_of_no_robot_are_one_clear_line(tmp_path, text, said):

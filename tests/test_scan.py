@@ -378,7 +378,7 @@ def test_of_a_lidar_that_sees_all_round_whole_quarters_count(beams, counted):
 
 
 BEAMS = Settings(
-    range=1.6, least_range=0.25, field_of_view_deg=200.0, beams=47,
+    range=1.6, min_range=0.25, field_of_view_deg=200.0, beams=47,
     mount_x=0.11, mount_y=-0.06, mount_yaw_deg=25.0,
 )  # fmt: skip
 

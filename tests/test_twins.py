@@ -193,7 +193,7 @@ def test_scans_of_a_part_of_the_view_have_unseen_beams():
 
 
 def test_measured_scans_are_compared_beam_by_beam():
-    lidar = Lidar(range=8.0, least_range=0.5, beams=720, field_of_view_deg=180.0)
+    lidar = Lidar(range=8.0, min_range=0.5, beams=720, field_of_view_deg=180.0)
     measured = 1.0 + lidar.angles + math.pi / 2  # each beam knows its angle
     measured[:3], measured[-3:] = 0.1, 9.0
     (scan,) = Matching(lidar=lidar).compared(measured[None])

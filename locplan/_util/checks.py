@@ -14,13 +14,13 @@ from typing import Any, TypeGuard, cast
 from locplan.errors import ConfigError, LocplanError, PoseError
 
 MAX_AMOUNT = 1e12
-"""Greatest amount of a setting; with more, its powers and products would not be finite."""
+"""Maximum amount of a setting; with more, its powers and products would not be finite."""
 RESOLUTIONS = (0.001, 10.0)
-"""Least and greatest edge of a cell [m]; beyond, the number is hardly in metres."""
+"""Minimum and maximum edge of a cell [m]; beyond, the number is hardly in metres."""
 MAX_RANGE = 10_000.0
-"""Greatest range of a lidar or a template [m]."""
+"""Maximum range of a lidar or a template [m]."""
 FARTHEST = 1e8
-"""Greatest coordinate of a position [m], beyond all those of maps; a float resolves 15 nm there."""
+"""Maximum coordinate of a position [m], beyond all those of maps; a float resolves 15 nm there."""
 
 
 def number(name: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from locplan._util.poses import Numbers, way_along
 
 MIN_SAMPLES = 5
-"""Least number of values that have an interval; fewer values have only a mean."""
+"""Minimum number of values that have an interval; fewer values have only a mean."""
 
 
 class Interval(NamedTuple):

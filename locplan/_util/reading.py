@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 
 MAX_BYTES = 2**24
-"""Greatest size of a text that is read at once: its numbers may take fifty times as much."""
+"""Maximum size of a text that is read at once: its numbers may take fifty times as much."""
 MAX_LOG_BYTES = 2**32
-"""Greatest size, unpacked, of a log that is read line by line."""
+"""Maximum size, unpacked, of a log that is read line by line."""
 MAX_LINE, MAX_LINES = 2**22, 2**22
-"""Greatest length of a log's line [characters], and greatest number of lines."""
+"""Maximum length of a log's line [characters], and greatest number of lines."""
 MAX_JSON_BYTES = 2**20
-"""Greatest size of a file of settings, or of a description in JSON."""
+"""Maximum size of a file of settings, or of a description in JSON."""
 
 
 def opened(file: str | os.PathLike[str], limit: float = float("inf")) -> BufferedReader:
@@ -118,7 +118,7 @@ ROS_BOOLEANS = {"y": True, "Y": True, "n": False, "N": False}
 ROS_NUMBER = re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+")
 """Plain words that are numbers to ROS, but texts to PyYAML."""
 MAX_DEPTH = 100
-"""Greatest depth of brackets; PyYAML's time grows with its square."""
+"""Maximum depth of brackets; PyYAML's time grows with its square."""
 
 
 def compose(file: Path, content: bytes, remedy: str) -> yaml.Node | None:

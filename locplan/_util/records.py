@@ -151,7 +151,7 @@ class Table:
         first : int, optional
             Number of the rows that are shown; all by default.
         width : int, optional
-            Greatest width [characters]; the terminal's by default.
+            Maximum width [characters]; the terminal's by default.
         """
         shown = [n for n, column in enumerate(self.columns) if column.title is not None]
         heads = [self.columns[n].heading for n in shown]

@@ -25,7 +25,7 @@ from locplan._util.reading import STAMP, check_stamp, opened, parsed_json, read_
 from locplan.errors import LocplanError
 
 MAX_SAVED_BYTES = 2**32
-"""Greatest size of a file that is read back, unpacked."""
+"""Maximum size of a file that is read back, unpacked."""
 ABOUT = "about"
 """Array of a .npz file that holds the tree, in which a text in this entry names each array."""
 ARRAY = "array of the file"

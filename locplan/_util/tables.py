@@ -23,7 +23,7 @@ from locplan._util.files import replacing
 T = TypeVar("T")
 
 TEXT_WIDTH = 105
-"""Greatest width of text beside tables [characters]."""
+"""Maximum width of text beside tables [characters]."""
 REPORT_WIDTH = 100
 """Width of running text in reports [characters]."""
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")

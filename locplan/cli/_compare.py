@@ -51,8 +51,8 @@ class Queries:
 
     random: Count | None = None
     """Number of random queries on each map; 10 by default."""
-    least_distance: float | None = None
-    """Least distance from start to goal of random queries, in metres; 5 by default."""
+    min_distance: float | None = None
+    """Minimum distance from start to goal of random queries, in metres; 5 by default."""
     seed: Seed | None = None
     """Seed of random queries; 1 by default."""
     queries: Annotated[Path | None, INPUT] = None
@@ -63,7 +63,7 @@ class Queries:
 
     def kept(self) -> Path | RandomQueries:
         """The file of queries, or how they are drawn; a ConfigError if both were given."""
-        own = {"least_distance": self.least_distance, "seed": self.seed}
+        own = {"min_distance": self.min_distance, "seed": self.seed}
         if self.queries is None:
             given = {"count": self.random, **own}.items()
             drawn: Any = {name: value for name, value in given if value is not None}
@@ -81,7 +81,7 @@ class Running:
     workers: Count | None = None
     """Number of runs at a time; all cores by default."""
     memory: float | None = None
-    """Greatest memory of a run, in GB; by default the runs share 80 % of all."""
+    """Maximum memory of a run, in GB; by default the runs share 80 % of all."""
     patience: float = 300.0
     """Time after which a planner without a time limit counts as hanging, in seconds; 300 by
     default."""

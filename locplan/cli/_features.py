@@ -25,7 +25,7 @@ class Taking:
     piece: float = 1.0
     """Length of the pieces of walls, in metres; about 1 by default."""
     largest: float = 4.0
-    """Greatest extent of an object, in metres; 4 by default."""
+    """Maximum extent of an object, in metres; 4 by default."""
     shift: float = 0.3
     """Distance by which features are moved to see the error, in metres; 0.3 by default."""
 

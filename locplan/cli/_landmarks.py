@@ -29,7 +29,7 @@ class Placing:
     object: Annotated[str, Parameter(metavar="KIND:SIZE")] = "pole:0.2"
     """Poles (pole:DIAMETER) or boxes (box:LENGTH,WIDTH), in metres; pole:0.2 by default."""
     count: int = 6
-    """Greatest number of objects; 6 by default."""
+    """Maximum number of objects; 6 by default."""
     region: Annotated[tuple[Any, ...], parsed(region, "X0,Y0,X1,Y1", many=True)] = ()
     """Rectangle in which the robot may go anywhere, in metres, repeatable; "all" is the map."""
 

@@ -68,9 +68,9 @@ class Places:
     near_path: Annotated[Path | None, INPUT, Parameter(metavar="CSV")] = None
     """Path (x,y) near which places are looked at; by default all are."""
     within: float | None = None
-    """Greatest distance of these from the path, in metres; 3 by default."""
+    """Maximum distance of these from the path, in metres; 3 by default."""
     count: Count | None = None
-    """Greatest number of places that are kept; 10 by default."""
+    """Maximum number of places that are kept; 10 by default."""
 
 
 @app.default

@@ -95,11 +95,11 @@ class Query:
     front: bool = False
     """Take up to 5 paths of the Pareto front of length against degeneracy as candidates, too."""
     max_e: float | None = None
-    """Greatest e of the cells that a path enters, in m² rad."""
+    """Maximum e of the cells that a path enters, in m² rad."""
     budget: float | None = None
-    """Greatest ∫u ds of a path, in metres."""
+    """Maximum ∫u ds of a path, in metres."""
     longest: float | None = None
-    """Greatest length of a candidate, in lengths of the shortest path; 1.5 by default."""
+    """Maximum length of a candidate, in lengths of the shortest path; 1.5 by default."""
 
     def limits(self) -> dict[str, Any]:
         """What binds the paths of planners."""
@@ -129,8 +129,8 @@ class Driving:
     """What decides among candidates, which are driven where the lidar is known."""
 
     drives: int | None = None
-    """Greatest number of confirming drives of a path; 64 by default, 0 drives and recommends
-    none."""
+    """Maximum number of confirming drives of a path; 64 by default; with 0 none is driven or
+    recommended."""
     bold: bool = False
     """Take a path that is only probably better, too."""
     minimise: Literal["rmse", "lost", "goal-error", "heading"] | None = None

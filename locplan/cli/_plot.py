@@ -51,7 +51,7 @@ class FigureOptions:
     limits: Annotated[Any, parsed(two_numbers, "LOW,HIGH")] = None
     """Ends of the colours of the figure e, in m² rad."""
     spacing: Annotated[float | None, Parameter(validator=Number(gte=0.1))] = None
-    """Least distance between ellipses, in metres; 2 by default."""
+    """Minimum distance between ellipses, in metres; 2 by default."""
     magnify: Annotated[float | None, Parameter(validator=Number(gte=0.01))] = None
     """Factor by which ellipses are enlarged."""
     at: XY = None

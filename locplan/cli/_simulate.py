@@ -51,15 +51,15 @@ class Driven:
     """Goal of both paths, x,y in metres."""
     random: Pair | None = None
     """Number of random queries on each map, in place of a start; 5 or more give intervals."""
-    least_distance: float | None = None
-    """Least distance from start to goal of random queries, in metres; 10 by default."""
+    min_distance: float | None = None
+    """Minimum distance from start to goal of random queries, in metres; 10 by default."""
     drives: Pair | None = None
     """Number of drives along each path; 100 by default, and 20 of a recorded drive."""
 
     @property
     def distance(self) -> float:
-        """Least distance from start to goal of random queries [m]."""
-        return 10.0 if self.least_distance is None else self.least_distance
+        """Minimum distance from start to goal of random queries [m]."""
+        return 10.0 if self.min_distance is None else self.min_distance
 
     def check(self, seed: int, **of_plans: object) -> None:
         """Raise a ConfigError unless one kind of paths was asked for; to be called early.
@@ -73,7 +73,7 @@ class Driven:
             own = {"config": None, "estimator": None}  # they name the lidar, too
             refuse("with --path: no path is planned", **of_plans | own)
         if self.random is None:
-            refuse("without --random", least_distance=self.least_distance)
+            refuse("without --random", min_distance=self.min_distance)
         else:
             locplan.planners.check_random(self.random, seed, self.distance)
 
@@ -190,7 +190,7 @@ def _at_random(
     for grid in grids:
         costmap = costmap_of(grid)
         queries = locplan.planners.random_queries(
-            costmap, driven.random or 0, every["seed"], least_distance=driven.distance
+            costmap, driven.random or 0, every["seed"], min_distance=driven.distance
         )
         with progress_bar(f"simulating in {grid.name}", "drives") as progress:
             simulate = locplan.simulation.simulate_queries

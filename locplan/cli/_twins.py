@@ -24,7 +24,7 @@ class Asked:
     at: XY = None
     """Place whose twins are looked for, x,y in metres; all places by default."""
     starts: Count | None = None
-    """Greatest number of starts that are proposed; 5 by default."""
+    """Maximum number of starts that are proposed; 5 by default."""
     spacing: float | None = None
     """Distance between neighbouring places, in metres; 0.8 by default."""
     matches: int = 0

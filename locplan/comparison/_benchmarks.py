@@ -78,7 +78,7 @@ def read_scenarios(
     grid : OccupancyGrid
         The map that the scenarios are for.
     count : int, optional
-        Greatest number of queries, taken evenly over the file, where they are sorted by length;
+        Maximum number of queries, taken evenly over the file, where they are sorted by length;
         all by default.
 
     Raises

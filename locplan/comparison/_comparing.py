@@ -60,13 +60,13 @@ class RandomQueries:
 
     count: int = 10
     """Number of queries a map, 1 to 10,000. Intervals are over the queries: more narrow these."""
-    least_distance: float = 5.0
-    """Least straight distance between start and goal [m], >= 0. Lower it on a small map."""
+    min_distance: float = 5.0
+    """Minimum straight distance between start and goal [m], >= 0. Lower it on a small map."""
     seed: int = 1
     """Seed of the random numbers, >= 0."""
 
     def __post_init__(self) -> None:
-        check_random(self.count, self.seed, self.least_distance)
+        check_random(self.count, self.seed, self.min_distance)
 
 
 @dataclass(frozen=True)
@@ -305,7 +305,7 @@ def _queries(asked: Any, costs: Costmap, headed: bool) -> tuple[Query, ...]:
     """Queries from a number, a file or a sequence, see `compare`."""
     asked = RandomQueries(asked) if is_whole(asked) else asked
     if isinstance(asked, RandomQueries):
-        return queries_of(costs, asked.count, asked.least_distance, asked.seed, headed)
+        return queries_of(costs, asked.count, asked.min_distance, asked.seed, headed)
     if isinstance(asked, (str, os.PathLike)) and Path(asked).suffix == ".scen":
         # A file may hold fifteen thousand.
         return tuple(read_scenarios(asked, costs.grid, count=100))

@@ -17,7 +17,7 @@ from locplan.field import SCALARS, CovarianceField, FieldConfig
 from locplan.maps import OccupancyGrid
 
 MAX_DENSITY = 1e9
-"""Greatest finite density; with a higher one, rounding would swallow a path's short steps."""
+"""Maximum finite density; with a higher one, rounding would swallow a path's short steps."""
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ class CostLayers(Pictured):
     weight: float
     """Metres of detour accepted per degenerate metre (lambda), >= 0; NaN without a field."""
     robot_radius: float
-    """Least distance from the robot's centre to an occupied cell [m], >= 0."""
+    """Minimum distance from the robot's centre to an occupied cell [m], >= 0."""
     u: NDArray[np.float64]
     """Degeneracy of a cell, 0..1, (H, W); NaN where there is no field."""
     e: NDArray[np.float64]

@@ -41,13 +41,13 @@ class PathMetrics(Valued):
     mean_e: float
     """Mean e over the length [m^2 rad]."""
     max_e: float
-    """Greatest e on the path [m^2 rad]."""
+    """Maximum e on the path [m^2 rad]."""
     degenerate_share: float
     """Share of the length with u above 0.5, 0..1."""
     longest_degenerate: float
     """Length of the longest stretch with u above 0.5 [m]."""
     clearance: float
-    """Least distance from the centre of a crossed cell to an occupied one [m]."""
+    """Minimum distance from the centre of a crossed cell to an occupied one [m]."""
 
     def __repr__(self) -> str:
         return (

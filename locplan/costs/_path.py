@@ -188,7 +188,7 @@ class Path(Valued):
         Parameters
         ----------
         spacing : float
-            Greatest distance from one position to the next, along the path [m], above 0.
+            Maximum distance from one position to the next, along the path [m], above 0.
         even : bool, default False
             True puts the positions at equal distances, as statistics along a path need them. The
             lines between them then cut corners, and may meet what the path avoids.
@@ -265,7 +265,7 @@ def divided_poses(poses: NDArray[np.float64], parts: NDArray[np.float64]) -> NDA
     poses : (n, k) array
         The poses; all columns are interpolated linearly.
     parts : (n - 1,) array
-        Least number of parts of each step, rounded up, at least 1.
+        Minimum number of parts of each step, rounded up, at least 1.
 
     Returns
     -------

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 Default = TypeVar("Default")
 Read = TypeVar("Read")
 MAX_MESSAGE = 200_000
-"""Greatest length of a message [characters]."""
+"""Maximum length of a message [characters]."""
 MAX_ID = 2**53
-"""Greatest number of a question, the greatest whole number of JavaScript."""
+"""Maximum number of a question, the greatest whole number of JavaScript."""
 
 
 @dataclass(frozen=True)

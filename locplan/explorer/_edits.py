@@ -49,7 +49,7 @@ class Patch:
         return self.before.nbytes + self.after.nbytes
 
     def limits(self, grid: OccupancyGrid) -> list[float]:
-        """Least and greatest x and y of the window in the world, x0, y0, x1, y1 [m]."""
+        """Minimum and maximum x and y of the window in the world, x0, y0, x1, y1 [m]."""
         rows = [self.rows.start, self.rows.stop, self.rows.start, self.rows.stop]
         cols = [self.cols.start, self.cols.start, self.cols.stop, self.cols.stop]
         x, y = grid.grid_to_world(rows, cols)

@@ -167,9 +167,9 @@ SECONDS, SECONDS_PER_CELL = 5.0, 1e-6
 MIN_SECONDS, MAX_SECONDS = 0.1, 60.0
 """Limits of the time limit that can be asked for [s]."""
 SHOWN = 60
-"""Greatest number of points that are shown; a front can have thousands."""
+"""Maximum number of points that are shown; a front can have thousands."""
 PAIRS = 4_000_000
-"""Greatest number of pairs of points of two legs that are added up."""
+"""Maximum number of pairs of points of two legs that are added up."""
 
 
 def front(session: Session, ask: Ask, work: Work) -> dict[str, object]:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 FACTOR = 4
 """Number of cells of the map along a side of a coarse one."""
 MAX_MOVE = 3.0
-"""Greatest distance by which a position is moved [m]."""
+"""Maximum distance by which a position is moved [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +266,7 @@ class Busy:
 
 
 MAX_DRIVES = 256
-"""Greatest number of confirming drives that the page can ask for."""
+"""Maximum number of confirming drives that the page can ask for."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -29,7 +29,7 @@ from locplan.planners import AnyAngle
 from locplan.robots import Lidar, Robot
 
 MAX_WEIGHT = 1000.0
-"""Greatest weight that the page can ask for."""
+"""Maximum weight that the page can ask for."""
 Handler = Callable[["Session", Ask, Work], dict[str, Any]]
 """Function that answers a question; what it returns is fit for JSON."""
 
@@ -278,7 +278,7 @@ class Session(Upkeep):
         ----------
         do : str
             Name of the question.
-        progress : callable, optional
+        progress : callable, by default one that does nothing
             Called with (done, total), and perhaps what is done; what it raises ends the work.
         **values
             What the question says.

@@ -38,17 +38,17 @@ class DegenerateArea:
     u_mean: float
     """Mean of u over the cells, 0..1."""
     u_max: float
-    """Greatest u, 0..1."""
+    """Maximum u, 0..1."""
     position_std: float
     """Median of the largest standard deviation of the position [m]."""
     worst_position_std: float
-    """Greatest of the largest standard deviations of the position [m]."""
+    """Maximum of the largest standard deviations of the position [m]."""
     minor_position_std: float
     """Median of the standard deviation of the position across the largest [m]."""
     heading_std: float
     """Median of the heading's standard deviation [rad]; NaN in a field without rotation."""
     worst_heading_std: float
-    """Greatest standard deviation of the heading [rad]; NaN in a field without rotation."""
+    """Maximum standard deviation of the heading [rad]; NaN in a field without rotation."""
     direction: float
     """Direction along which the position is uncertain, from x, in (-pi/2, pi/2] [rad]."""
     agreement: float
@@ -85,10 +85,10 @@ def degenerate_areas(
     field : CovarianceField
         The field; several headings count by their mean information.
     threshold : float, optional
-        Least u of a cell, 0..1; by default half of the u of a corridor without features: .5 for
+        Minimum u of a cell, 0..1; by default half of the u of a corridor without features: .5 for
         estimators that know the lidar, .18 for `Sad`. A lower one makes more and larger areas.
     min_area : float, default 1.0
-        Least area [m^2], >= 0. Areas of a few lattice points may be chance.
+        Minimum area [m^2], >= 0. Areas of a few lattice points may be chance.
 
     Returns
     -------

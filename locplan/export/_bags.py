@@ -204,7 +204,7 @@ def bag(
     stamp : int, default 0
         Time of all messages since 1970 [ns], >= 0. To ROS, zero means "whenever".
     spacing : float, default 2.0
-        Least distance between ellipses [m], above 0.
+        Minimum distance between ellipses [m], above 0.
     magnify : float, default 1.0
         Factor on the ellipses, above 0; 1 draws one standard deviation to the map's scale.
 

@@ -100,7 +100,7 @@ def write_speed(target: Path, job: ExportJob, options: SpeedOptions) -> ExportSu
 
     least = nav2_speed(target, job.costs, **vars(options))
     row = "in the most degenerate place", f"{least} % of the robot's speed"
-    return ExportSummary({"slowest": options.slowest, "least_percent": least}, (row,))
+    return ExportSummary({"slowest": options.slowest, "min_percent": least}, (row,))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,7 +223,7 @@ class BagOptions(MaskOptions, InFrame):
     """The options of a bag."""
 
     spacing: float = 2.0
-    """Least distance between ellipses, in metres; 2 by default."""
+    """Minimum distance between ellipses, in metres; 2 by default."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -255,7 +255,7 @@ class PathOptions(InFrame):
     """The options of a path."""
 
     step: float | None = None
-    """Greatest distance between poses of the path, in metres; by default they are its corners."""
+    """Maximum distance between poses of the path, in metres; by default they are its corners."""
 
     def __post_init__(self) -> None:
         if self.step is not None:
@@ -292,10 +292,10 @@ class AreaOptions(InFrame):
     """The options of degenerate areas."""
 
     threshold: float | None = None
-    """Least u of an area; by default half of that of a corridor without features: .5 for scan,
+    """Minimum u of an area; by default half of that of a corridor without features: .5 for scan,
     .18 for sad."""
     min_area: float = 1.0
-    """Least size of an area, in m²; 1 by default."""
+    """Minimum size of an area, in m²; 1 by default."""
 
     def __post_init__(self) -> None:
         from locplan.export._areas import check_areas

@@ -15,13 +15,13 @@ from locplan.costs import Costmap, Path
 from locplan.export._net import Pairs, Positions
 
 MERGED = 2.0
-"""Greatest distance of a lane that a way can join [m]."""
+"""Maximum distance of a lane that a way can join [m]."""
 SAME = 0.01
-"""Greatest distance of ends that are one place [m]."""
+"""Maximum distance of ends that are one place [m]."""
 SPACING = 0.5
-"""Greatest distance of the positions at which a way can join a lane [m]."""
+"""Maximum distance of the positions at which a way can join a lane [m]."""
 COSTLIER = 1.1
-"""Greatest cost of a way over the lanes of others, as a multiple of its own."""
+"""Maximum cost of a way over the lanes of others, as a multiple of its own."""
 
 Ways = dict[str, list[int]]
 """The nodes of each way, from start to goal."""
@@ -227,7 +227,7 @@ def straightened(lines: Lines, nodes: Positions, ways: Ways) -> tuple[Positions,
 
 
 def _aside(ends: Positions, xy: Positions) -> Any:
-    """Greatest distance of positions from the line between two."""
+    """Maximum distance of positions from the line between two."""
     along = ends[1] - ends[0]
     away = xy - ends[0]
     across = along[0] * away[:, 1] - along[1] * away[:, 0]

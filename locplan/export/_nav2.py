@@ -149,7 +149,7 @@ def nav2_speed(
     robot = Robot.of(params, distro)
     least = 100 - int(values.max())
     title = f"Speed mask: the robot keeps {least} % of its speed or more"
-    about = {"slowest": slowest, "least_percent": least}
+    about = {"slowest": slowest, "min_percent": least}
     robot.warn(robot.of_speed("localizability_speed_filter"))
     _write(folder, "speed", title, costs, values, robot, with_costmap(robot, "speed"), about)
     return least

@@ -25,7 +25,7 @@ CLEAR, MERGED, SHIFT, APART = 0.25, 0.5, 0.5, 0.25
 """Distances in spacings: the clearance that is enough, the greatest distance of nodes that are
 merged, the greatest move of a node, and the least distance of neighbours after it."""
 ASIDE = 1.5
-"""Greatest length of the way over a third node, as a multiple of the straight line; a line that
+"""Maximum length of the way over a third node, as a multiple of the straight line; a line that
 crosses another is kept where the way around costs more than this."""
 BAND = 1 << 20
 """Number of cells whose worth is computed at once, which bounds the memory."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 QUARTERS = 4
 """Units of a ring along the edge of a cell."""
 MAX_AREA_ERROR = 0.02
-"""Greatest share by which fewer corners may change an area."""
+"""Maximum share by which fewer corners may change an area."""
 _STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 _CHUNK = 256
 

@@ -47,7 +47,7 @@ def path(
     frame : str, default "map"
         Frame of the coordinates.
     step : float, optional
-        Greatest distance of the positions [m], above 0, as a controller may want them: further
+        Maximum distance of the positions [m], above 0, as a controller may want them: further
         ones between the path's corners, which are all there is by default.
 
     Raises

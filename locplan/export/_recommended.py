@@ -23,9 +23,9 @@ from locplan.export._registry import ExportJob, ExportSummary
 from locplan.export._roadmap import FINENESS, RouteGraph, check_precision
 
 MARGIN = 0.02
-"""Least cost by which any other route exceeds a recommended way [m]."""
+"""Minimum cost by which any other route exceeds a recommended way [m]."""
 ONE_PLACE = 2 * SAME
-"""Greatest distance of ends that can become one node [m]: each may lie that far from it."""
+"""Maximum distance of ends that can become one node [m]: each may lie that far from it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -213,7 +213,7 @@ def followed_costs(
         ):
             break
         of_way, excess = np.concatenate([of_way, numbers]), np.vstack([excess, more])
-        cost = _least_changed(price, least, excess, of_way, weights)
+        cost = _min_changed(price, least, excess, of_way, weights)
     return cost, [n not in routes for n in range(len(ways))]
 
 
@@ -238,7 +238,7 @@ def _cheapest_routes(
         yield route[::-1]
 
 
-def _least_changed(
+def _min_changed(
     price: NDArray[np.float64],
     least: NDArray[np.float64],
     excess: NDArray[np.float64],

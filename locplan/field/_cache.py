@@ -103,7 +103,7 @@ def cache_folder(cache_dir: str | os.PathLike[str] | None = None) -> Path:
 
 
 def cache_limit() -> int:
-    """Greatest size of the folder [bytes]: LOCPLAN_CACHE_SIZE, such as 500 MB, or else 5 GB."""
+    """Maximum size of the folder [bytes]: LOCPLAN_CACHE_SIZE, such as 500 MB, or else 5 GB."""
     text = os.environ.get("LOCPLAN_CACHE_SIZE") or "5 GB"
     match = re.fullmatch(r"\s*(\d{1,15}(?:\.\d*)?)\s*([KMGT]?|[KMGT]I)B?\s*", text.upper())
     if not match:
@@ -213,7 +213,7 @@ class FieldCache:
     entries: Sequence[CacheEntry]
     """The fields."""
     limit: int
-    """Greatest size of the folder [bytes]."""
+    """Maximum size of the folder [bytes]."""
 
     @classmethod
     def of(cls, cache_dir: str | os.PathLike[str] | None = None) -> FieldCache:

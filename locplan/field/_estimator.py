@@ -21,7 +21,7 @@ Values = dict[str, Floats]
 
 
 TILE_CELLS = 512
-"""Greatest edge length of a tile on the map, which bounds the layout's memory [cells]."""
+"""Maximum edge length of a tile on the map, which bounds the layout's memory [cells]."""
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ def points_near(points: Bools, stride: int, cells: Floats, distance: float) -> B
     cells : (n, 2) array
         Rows and columns from the centre of the map's first cell; they may lie between cells.
     distance : float
-        Greatest distance from the lattice points nearest to the cells [cells].
+        Maximum distance from the lattice points nearest to the cells [cells].
 
     Returns
     -------
@@ -289,7 +289,7 @@ def well_spaced(xy: Floats, priority: Floats, spacing: float) -> Ints:
     priority : (n,) array
         Number of each position; of two that are too near to each other the higher one stays.
     spacing : float
-        Least distance of two positions, in their unit.
+        Minimum distance of two positions, in their unit.
 
     Returns
     -------

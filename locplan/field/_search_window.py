@@ -12,7 +12,7 @@ from locplan._util.checks import Settings, keep_checked, number, positive
 from locplan.errors import ConfigError
 
 MAX_STEPS = 1000
-"""Greatest number of steps from the centre of the search window to its edge."""
+"""Maximum number of steps from the centre of the search window to its edge."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -31,7 +31,7 @@ class SearchWindow(Settings):
     """
 
     half_width: float = 2.0
-    """Greatest offset in x and in y [m], from `step` to 1000 times it.
+    """Maximum offset in x and in y [m], from `step` to 1000 times it.
 
     A larger one finds look-alike places farther away, in a time that grows with its square.
     """
@@ -41,7 +41,7 @@ class SearchWindow(Settings):
     Half of it resolves smaller deviations, in four times the time.
     """
     half_rotation_deg: float = 60.0
-    """Greatest turn [deg], 0 to 180; 0 compares positions only, and then e has the unit m^2."""
+    """Maximum turn [deg], 0 to 180; 0 compares positions only, and then e has the unit m^2."""
     rotation_step_deg: float = 10.0
     """Spacing of the turns [deg], above 0 up to `half_rotation_deg`."""
 
@@ -137,7 +137,7 @@ class OffsetLattice:
 
     @property
     def reach(self) -> int:
-        """Greatest offset in x and in y [cells]."""
+        """Maximum offset in x and in y [cells]."""
         return int(self.cells[-1])
 
     @property

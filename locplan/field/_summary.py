@@ -177,7 +177,7 @@ def sampled_covariances(field: CovarianceField, spacing: float) -> tuple[Floats,
     field : CovarianceField
         The field.
     spacing : float
-        Least distance of two positions [m].
+        Minimum distance of two positions [m].
 
     Returns
     -------

@@ -27,7 +27,7 @@ from locplan.maps import OccupancyGrid
 ENGINE = 4
 """Version of the computation; it grows when the same map and config give other values."""
 TILE = 64
-"""Greatest edge length of a tile, which is computed and stored as a whole [lattice points]."""
+"""Maximum edge length of a tile, which is computed and stored as a whole [lattice points]."""
 
 
 class Chunk(NamedTuple):

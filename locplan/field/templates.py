@@ -23,7 +23,7 @@ def disc(radius: int) -> Bools:
     Parameters
     ----------
     radius : int
-        Greatest distance of its cells from the centre [cells].
+        Maximum distance of its cells from the centre [cells].
 
     Examples
     --------

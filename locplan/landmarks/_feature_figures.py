@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 LOSS_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.08, 0.85, 256)))
 """Colours of the losses: the darker, the more; none as light as the floor."""
 NUMBERED = 8
-"""Greatest number of features with their number beside them."""
+"""Maximum number of features with their number beside them."""
 
 
 def key_features_figure(found: KeyFeatures, drives: FeatureDrives | None = None) -> Figure:

@@ -13,7 +13,7 @@ from locplan.field import NORMAL_REACH, surface_normals
 from locplan.landmarks._sight import Surroundings
 
 SHARP = 0.3
-"""Least cornerness of a corner, as a share of that of a right angle."""
+"""Minimum cornerness of a corner, as a share of that of a right angle."""
 OBJECT, CORNER, WALL = "object", "corner", "wall"
 """Kinds of features: what stands free; walls at corners, ends and door frames; other walls."""
 
@@ -53,9 +53,9 @@ def pieces_of(
     piece : float
         Length of a piece [m].
     largest : float
-        Greatest extent of an object [m].
+        Maximum extent of an object [m].
     gap : float
-        Greatest gap between the parts of one object [m].
+        Maximum gap between the parts of one object [m].
     """
     from scipy.spatial import cKDTree
 

@@ -30,7 +30,7 @@ from locplan.simulation import Drives, check_drives
 MATTERS = 0.1
 """Share of the expected deviation by which it rises without a feature that matters."""
 MATTERS_M = 0.01
-"""Least such rise [m]: what is less is lost in a filter's own noise."""
+"""Minimum such rise [m]: what is less is lost in a filter's own noise."""
 PLACE, PLACE_M = 0.5, 0.1
 """Share, and least rise [m], of the deviation at a place that depends on a feature."""
 
@@ -63,7 +63,7 @@ class Feature:
     share: float
     """The loss as a share of the expected deviation with all features."""
     worst: float
-    """Greatest rise of the deviation without it at any place [m]."""
+    """Maximum rise of the deviation without it at any place [m]."""
     worst_share: float
     """That rise as a share of the deviation there with all features."""
     worst_at: tuple[float, float]

@@ -26,7 +26,7 @@ COUNT = 3
 """Default number of features that are taken away together."""
 MAX_COUNT = 50
 MAX_PIECE, MAX_GAP = 20.0, 2.0
-"""Greatest length of a piece of wall, and of a gap: searches of their size take long [m]."""
+"""Maximum length of a piece of wall, and of a gap: searches of their size take long [m]."""
 
 
 def key_features(
@@ -67,10 +67,10 @@ def key_features(
         Length of the pieces that walls are divided into, about their corners and ends, above 0, up
         to 20 [m].
     largest : float, default 4.0
-        Greatest extent of what counts as one object [m], above 0; what is joined farther is a
+        Maximum extent of what counts as one object [m], above 0; what is joined farther is a
         wall. Raise it for large machines or shelves.
     gap : float, default 0.1
-        Greatest gap between the parts of one object [m], 0 to 2; outlines on maps are often broken.
+        Maximum gap between the parts of one object [m], 0 to 2; outlines on maps are often broken.
     shift : float, default 0.3
         Distance for `Feature.error` by which a feature has been moved in the world [m], above 0, up
         to 2.

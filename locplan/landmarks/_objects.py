@@ -29,7 +29,7 @@ class Shape(NamedTuple):
 
     @property
     def reach(self) -> float:
-        """Greatest distance of a point of the shape from its centre [m]."""
+        """Maximum distance of a point of the shape from its centre [m]."""
         return self.half_length if self.is_round else math.hypot(self.half_length, self.half_width)
 
     def distance(self, x: Any, y: Any, heading: float = 0.0) -> NDArray[np.float64]:

@@ -35,7 +35,7 @@ from locplan.maps import FREE, OCCUPIED, OccupancyGrid, check_grid
 from locplan.robots import Robot
 
 MAX_COUNT = 200
-"""Greatest number of landmarks."""
+"""Maximum number of landmarks."""
 
 
 def place_landmarks(

@@ -278,7 +278,7 @@ def refusals(
     routes : (m, 2) array
         Row and column of positions along the routes [cells]; objects are `keep` [m] away.
     keep : float
-        Least distance of an object from the routes [m].
+        Minimum distance of an object from the routes [m].
     keep_out : (H, W) array of bool, optional
         Cells that no object may fill.
     """

@@ -47,7 +47,7 @@ class Setting:
 
 
 MAX_PLACES = 8
-"""Greatest number of places; all of them are joined by routes."""
+"""Maximum number of places; all of them are joined by routes."""
 
 
 def routes_of(
@@ -143,7 +143,7 @@ def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> NDArray[np.bool_] | 
 
 
 MIN_STEP = 0.5
-"""Least spacing of the poses [m]."""
+"""Minimum spacing of the poses [m]."""
 ENDS = 6
 """Number of places that drives join, in pairs far apart."""
 

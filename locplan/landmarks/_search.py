@@ -15,7 +15,7 @@ from locplan.landmarks._places import Passages, too_close
 from locplan.maps import OccupancyGrid
 
 MISTAKEN = 3.0
-"""Greatest shift that a filter may mistake [m]: farther, its cloud of particles is not."""
+"""Maximum shift that a filter may mistake [m]: farther, its cloud of particles is not."""
 
 
 class Regularity(NamedTuple):
@@ -74,7 +74,7 @@ def _index_at(positions: NDArray[np.float64], xy: NDArray[np.float64]) -> int | 
 
 
 ROUNDS = 3
-"""Greatest number of rounds in which each object may be exchanged for another place."""
+"""Maximum number of rounds in which each object may be exchanged for another place."""
 
 
 class Shift(NamedTuple):

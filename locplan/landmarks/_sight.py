@@ -32,7 +32,7 @@ MIN_STEP, MAX_STEP = 0.1, 0.5
 MIN_RAYS, MAX_RAYS = 360, 2880
 """Limits of the number of rays in a full circle."""
 MIN_VARIANCE = 1e-8
-"""Least variance of the first pose [m^2, rad^2]; 0 has no inverse."""
+"""Minimum variance of the first pose [m^2, rad^2]; 0 has no inverse."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def _rays_at(poses: Poses, shape: Shape, robot: Robot, resolution: float) -> Any
         step,
         beams,
         lidar.sees_all_round,
-        max(lidar.least_range, amcl.laser_min_range, 0.0),
+        max(lidar.min_range, amcl.laser_min_range, 0.0),
         reach,
         _swing_of(amcl, resolution),
     )

@@ -26,7 +26,7 @@ from locplan.simulation import Drives
 FIRST_DRIVES = 40
 """Number of drives along each route in the first round; it doubles while placements halve."""
 MIN_ERROR = 1e-3
-"""Least error of a drive [m], since its logarithm counts."""
+"""Minimum error of a drive [m], since its logarithm counts."""
 VARIANTS, ROUNDS = 101, 102
 """Streams of random numbers, beside those of `Simulator` and of places at random."""
 

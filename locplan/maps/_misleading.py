@@ -13,7 +13,7 @@ from locplan.maps._occupancy import FREE, OCCUPIED
 from locplan.maps._source import DARK, ROWS, MapSource
 
 MIN_SHARE = 0.01
-"""Least share of the pixels, or of the image's edge, that is worth a sentence."""
+"""Minimum share of the pixels, or of the image's edge, that is worth a sentence."""
 
 
 def misleading(grid: OccupancyGrid, source: MapSource | None = None) -> tuple[str, ...]:

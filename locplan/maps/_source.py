@@ -136,9 +136,9 @@ class MapSource:
     negate: bool
     """Whether white is occupied."""
     free_thresh: float
-    """Greatest occupancy that is free, 0..1; map_saver writes 0.196 or 0.25."""
+    """Maximum occupancy that is free, 0..1; map_saver writes 0.196 or 0.25."""
     occupied_thresh: float
-    """Least occupancy that is occupied, 0..1; map_saver writes 0.65."""
+    """Minimum occupancy that is occupied, 0..1; map_saver writes 0.65."""
     pixels: int
     """Number of pixels."""
     saver_grey_free: int

@@ -109,7 +109,7 @@ class Matching(Settings):
         beams = self.lidar.angles + self.lidar.mount_yaw
         aside = (self.bearings[:, None] - beams + math.pi) % (2 * math.pi) - math.pi
         chosen = ranges[:, np.abs(aside).argmin(axis=1)]
-        returns = (chosen > self.lidar.least_range) & (chosen <= self.lidar.range)
+        returns = (chosen > self.lidar.min_range) & (chosen <= self.lidar.range)
         return np.where(self.seen, np.where(returns, chosen, np.inf), np.nan)
 
     def beams(self, forward: float, left: float) -> Any:
@@ -128,7 +128,7 @@ class Matching(Settings):
             left=left,
             yaw=0.0,
             sigma=self.lidar.range_sigma,
-            min_range=self.lidar.least_range,
+            min_range=self.lidar.min_range,
             max_range=self.lidar.range,
         )
 

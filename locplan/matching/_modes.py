@@ -198,7 +198,7 @@ class ScanOnMap:
         losses = [loss_at(tables, last, self.ends, *pose) for pose in poses.tolist()]
         return np.array(losses) * self._nats + self._missing(poses)
 
-    def moved_to_least(self, start: Numbers) -> tuple[Numbers, float]:
+    def moved_to_min(self, start: Numbers) -> tuple[Numbers, float]:
         """The pose of least loss next to a start, and its loss [nats].
 
         Parameters

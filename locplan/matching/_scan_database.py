@@ -119,7 +119,7 @@ class ScanDatabase:
         xy : (n, 2) array
             Positions in the world [m].
         within : float
-            Greatest distance of a place from them [m].
+            Maximum distance of a place from them [m].
 
         Raises
         ------

@@ -29,7 +29,7 @@ from locplan.planners._protocol import Found, Position
 REACH = 3
 """Reach of the longest of the 32 moves along an axis [cells]."""
 LOOKAHEAD = 20
-"""Greatest number of positions that one straight line may replace."""
+"""Maximum number of positions that one straight line may replace."""
 
 
 SHIFTS = (2.0, 1.0, 0.5)

@@ -218,7 +218,7 @@ def farthest_pairs(
     names : sequence of str
         Names of the places, as many as are wanted; fewer are found where the room is small.
     least : float
-        Least distance of any two places [m].
+        Minimum distance of any two places [m].
     """
     searched = _Room(grid, room_of_cell, room)
     chosen = [searched.farthest(searched.distance(searched.deepest))]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from locplan._kernels.search import Scale
 
 GUIDED_CONTRAST = 12.0
-"""Greatest contrast, the mean density of free cells over the least one, at which A* is taken.
+"""Maximum contrast, the mean density of free cells over the least one, at which A* is taken.
 
 Time of A* over that of Dijkstra's algorithm, 4 random queries on each of 24 real maps, u smooth or
 rising with the distance from walls: 0.44 and 0.35 at contrast 1 (30 and 18 % of the expansions),
@@ -224,7 +224,7 @@ def parts_of_map(
     grid : OccupancyGrid
         The map.
     robot_radius : float
-        Least distance from the robot's centre to an occupied cell [m].
+        Minimum distance from the robot's centre to an occupied cell [m].
 
     Returns
     -------

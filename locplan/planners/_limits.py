@@ -49,7 +49,7 @@ class Limited(Wrapper):
             found = self._clear(allowed, stops)
             if found.path is not None:
                 return found
-        least = self._least_max_e(self._thin(costs), stops)
+        least = self._min_max_e(self._thin(costs), stops)
         if least is None or least <= self.max_e:  # max_e is not the reason
             return found or self._clear(costs, stops)
         any_will_do = self.outline is None and self.space not in CURVED
@@ -137,7 +137,7 @@ class Limited(Wrapper):
         cost = shortest_costs(half, columns, cells[0], -1, cutting)
         return bool(np.isfinite(cost[cells]).all())
 
-    def _least_max_e(self, costs: Costmap, stops: Sequence[Position]) -> float | None:
+    def _min_max_e(self, costs: Costmap, stops: Sequence[Position]) -> float | None:
         """The least `max_e` [m^2 rad] with which a grid path joins the stops, None if none does."""
         if not self._joins(costs, stops):
             return None

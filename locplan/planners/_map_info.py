@@ -65,7 +65,7 @@ class MapInfo(Pictured):
     source: MapSource | None
     """How the file was read; None for a grid that was not."""
     robot_radius: float
-    """Least distance from the robot's centre to an occupied cell [m]."""
+    """Minimum distance from the robot's centre to an occupied cell [m]."""
     free: Level
     """The free cells."""
     occupied: Level
@@ -103,7 +103,7 @@ class MapInfo(Pictured):
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Least x, least y, greatest x and greatest y of the image in the world [m]."""
+        """Minimum x and y, maximum x and y of the image in the world [m]."""
         rows, cols = self.grid.shape
         x, y = self.grid.grid_to_world(np.array([0, 0, rows, rows]), np.array([0, cols] * 2))
         return float(x.min()), float(y.min()), float(x.max()), float(y.max())

@@ -36,7 +36,7 @@ class BudgetPlanner:
     """
 
     budget: float
-    """Greatest integral of u [m], or of e [m^2 rad m], >= 0."""
+    """Maximum integral of u [m], or of e [m^2 rad m], >= 0."""
     objective: Literal["u", "e"] = "u"
     """The layer that is integrated: "u" gives degenerate metres [m], "e" the paper's
     number [m^2 rad m]."""
@@ -46,7 +46,7 @@ class BudgetPlanner:
     time_limit: float = 60.0
     """Time after which the best path so far is returned, with its bound [s]; above 0."""
     max_labels: int = 20_000_000
-    """Greatest number of partial paths that are kept, above 0; each takes 48 bytes. Lower it where
+    """Maximum number of partial paths that are kept, above 0; each takes 48 bytes. Lower it where
     memory is short."""
     name: ClassVar[str] = "grid"
     minimises: ClassVar[str] = "length"
@@ -124,7 +124,7 @@ class _Bounds:
     upper: float
     """The first cost of `best`."""
     lower: float
-    """Least first cost that a path within the budget can have."""
+    """Minimum first cost that a path within the budget can have."""
     joint: tuple[NDArray[np.float64], float, float]
     """Both costs to go, their multiplier, and the greatest sum of a better path, for `Search`."""
 
@@ -204,7 +204,7 @@ def pareto_front(
         completing the front. It may be exceeded by a tenth of a second. Raise it on a large map
         where `epsilon` is above 0.
     max_labels : int, default 20_000_000
-        Greatest number of partial paths that are kept, above 0; each takes 48 bytes. Lower it
+        Maximum number of partial paths that are kept, above 0; each takes 48 bytes. Lower it
         where memory is short.
 
     Returns
@@ -281,16 +281,16 @@ def _undominated(points: list[Point], longest: float, tolerance: float) -> list[
 
 
 def _epsilon(
-    points: list[Point], to_come: float, least_second: float, bounds: list[tuple[float, float]]
+    points: list[Point], to_come: float, min_second: float, bounds: list[tuple[float, float]]
 ) -> float:
     """The greatest relative gain over all points of a path that may have been missed.
 
-    Its first cost is at least `to_come`, its second at least `least_second`, and first +
+    Its first cost is at least `to_come`, its second at least `min_second`, and first +
     multiplier * second at least value, for each (multiplier, value) of `bounds`.
     """
     first, second = (np.array([point[i] for point in points]) for i in (0, 1))
     edges = np.linspace(min(to_come, first[-1]), first[-1], 4001)
-    below = np.full(edges.size, float(least_second))
+    below = np.full(edges.size, float(min_second))
     for multiplier, value in bounds:
         below = np.maximum(below, (value - edges) / multiplier)
     # From one edge to the next the bound on the second cost falls; both ends count at worst.

@@ -20,7 +20,7 @@ CURVED = ("Dubins", "ReedsShepp")
 Position = tuple[float, ...]
 """Position x, y in the world [m], and a heading [rad] where the planner's space has one."""
 MAX_SEED = 2**32 - 1
-"""Greatest seed of a planner's random numbers; OMPL's have 32 bits."""
+"""Maximum seed of a planner's random numbers; OMPL's have 32 bits."""
 Status = Literal["solved", "unreachable", "infeasible", "timeout", "not found"]
 """What became of a plan: "unreachable" and "infeasible" are proven, "not found" is not."""
 
@@ -38,7 +38,7 @@ class Found:
     history: tuple[tuple[float, float], ...] = field(default=(), repr=False)
     """Time since an anytime planner began [s] and its best J [m], whenever that fell."""
     bound: float | None = None
-    """Least length that a path within the budget can have [m]; None without a budget."""
+    """Minimum length that a path within the budget can have [m]; None without a budget."""
     feasible_from: float | None = None
     """Limit below which there is no path, in the limit's unit, if it is infeasible."""
     expanded: int | None = None

@@ -44,7 +44,7 @@ class Query:
     """Position of the goal in the world [m], or a pose with a heading [rad]."""
 
 
-def check_random(count: int, seed: int, least_distance: float) -> None:
+def check_random(count: int, seed: int, min_distance: float) -> None:
     """Raise a ConfigError unless random queries can be drawn; to be called before long work.
 
     Parameters
@@ -53,17 +53,17 @@ def check_random(count: int, seed: int, least_distance: float) -> None:
         Number of queries, 1 to 10,000.
     seed : int
         Seed of the random numbers, >= 0.
-    least_distance : float
-        Least distance between start and goal in a straight line [m], >= 0.
+    min_distance : float
+        Minimum distance between start and goal in a straight line [m], >= 0.
     """
     # The time to spread them over a map grows with the square of their number.
     whole("the number of random queries", count, 1, 10_000)
     whole("the seed of random queries", seed, 0)
-    number("least_distance", least_distance, 0)
+    number("min_distance", min_distance, 0)
 
 
 def queries_of(
-    costs: Costmap, queries: Any, least_distance: float, seed: int, headed: bool = False
+    costs: Costmap, queries: Any, min_distance: float, seed: int, headed: bool = False
 ) -> tuple[Query, ...]:
     """Make queries in any form that functions of many queries accept.
 
@@ -73,8 +73,8 @@ def queries_of(
         The costmap.
     queries : int, path or sequence
         Number of random ones, a CSV file, or a sequence of `Query` or (start, goal).
-    least_distance : float
-        Least distance from start to goal of random ones [m].
+    min_distance : float
+        Minimum distance from start to goal of random ones [m].
     seed : int
         Seed of random ones, >= 0.
     headed : bool, default False
@@ -86,9 +86,7 @@ def queries_of(
         If it is none of these.
     """
     if is_whole(queries):
-        return tuple(
-            random_queries(costs, queries, seed, least_distance=least_distance, headed=headed)
-        )
+        return tuple(random_queries(costs, queries, seed, min_distance=min_distance, headed=headed))
     if isinstance(queries, (str, os.PathLike)):
         return tuple(read_queries(queries))
     try:
@@ -157,7 +155,7 @@ def between(stations: Sequence[Station]) -> list[Query]:
 
 
 def random_queries(
-    costs: Costmap, count: int, seed: int, *, least_distance: float, headed: bool = False
+    costs: Costmap, count: int, seed: int, *, min_distance: float, headed: bool = False
 ) -> list[Query]:
     """Draw queries at random that all can be solved, spread over the map.
 
@@ -172,8 +170,8 @@ def random_queries(
         Number of queries, 1 to 10,000.
     seed : int
         Seed of the random numbers, >= 0; the same seed gives the same queries.
-    least_distance : float
-        Least distance between start and goal in a straight line [m], >= 0.
+    min_distance : float
+        Minimum distance between start and goal in a straight line [m], >= 0.
     headed : bool, default False
         True gives the queries random headings as well, for planners whose space has headings.
 
@@ -187,9 +185,9 @@ def random_queries(
     ConfigError
         If no two positions that are joined lie so far apart, or a value is out of its range.
     """
-    check_random(count, seed, least_distance)
+    check_random(count, seed, min_distance)
     random = np.random.default_rng(seed)
-    parts = _Parts(costs, least_distance)
+    parts = _Parts(costs, min_distance)
     chosen = np.empty((0, 4))
     while len(chosen) < count:
         pairs = np.array([parts.draw(random) for _ in range(20)])
@@ -216,7 +214,7 @@ def _pose(where: str, values: Mapping[str, str], end: str) -> Position:
 class _Parts:
     """The parts of a map that are wide enough, as cells (n, 2), to draw pairs of cells from."""
 
-    def __init__(self, costs: Costmap, least_distance: float) -> None:
+    def __init__(self, costs: Costmap, min_distance: float) -> None:
         count, labels = connected_parts(costs)
         flat = np.argsort(labels, axis=None, kind="stable")
         borders = np.searchsorted(labels.ravel()[flat], np.arange(1, count))
@@ -226,13 +224,13 @@ class _Parts:
         ]
         if not every:
             raise ConfigError(f"{costs.grid.name or 'the map'}: has no cell where the robot fits")
-        self._least = least_distance / costs.grid.resolution - 1e-9
+        self._least = min_distance / costs.grid.resolution - 1e-9
         ends = [_farthest_apart(part) for part in every]
         widths = [_apart(*pair) for pair in ends]
         if max(widths) < self._least:
             raise ConfigError(
                 f"{costs.grid.name or 'the map'}: no two positions that are joined lie"
-                f" {least_distance:g} m apart; the farthest are"
+                f" {min_distance:g} m apart; the farthest are"
                 f" {max(widths) * costs.grid.resolution:.2f} m; choose a smaller least distance"
             )
         wide = [n for n, width in enumerate(widths) if width >= self._least]

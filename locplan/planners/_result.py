@@ -73,7 +73,7 @@ class Plan(Result, Stored):
     """The corners (x, y) of the outline that had to stay clear of walls, about the robot's centre
     [m]; None if the robot's radius counted."""
     bound: float | None = None
-    """Least length that a path within the budget can have [m]; None without a budget."""
+    """Minimum length that a path within the budget can have [m]; None without a budget."""
     feasible_from: float | None = None
     """The `budget` or `max_e` below which there is no path, in its unit, if it is infeasible."""
     minimises: bool = True

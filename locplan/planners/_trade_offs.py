@@ -108,7 +108,7 @@ class Problem:
         return self.costs.grid.shape[1] + 2
 
     def to_go(self, length: float, integral: float) -> tuple[NDArray[Any], NDArray[Any] | None]:
-        """Least weighted sums of both costs to the goal, and the start's path over flat indices.
+        """Minimum weighted sums of both costs to the goal, and the start's path over flat indices.
 
         No sum is overstated, but that of the integral alone, by the ties. Once `until` is over, it
         is `OutOfTime`.

@@ -178,7 +178,7 @@ def ellipses_figure(
     fields : mapping of str to CovarianceField
         Fields of one map, by the title to show, at least one.
     spacing : float, default 2.0
-        Least distance of the poses from one another [m], above 0; more of them on a large map.
+        Minimum distance of the poses from one another [m], above 0; more of them on a large map.
     magnify : float, default 1.0
         Factor on the ellipses, above 0; 1 draws one standard deviation to the map's scale, and 10
         shows the shape of ellipses of a few centimetres.

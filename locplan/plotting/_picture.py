@@ -207,7 +207,7 @@ def label_plainly(axis: Axis, most: int = MAX_TICKS) -> None:
     axis : matplotlib.axis.Axis
         The axis.
     most : int, default 8
-        Greatest number of ticks.
+        Maximum number of ticks.
     """
     axis.set_major_locator(RoundNumbers(most))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.6g}"))
@@ -222,7 +222,7 @@ def make_logarithmic(axis: Any, most: int = MAX_TICKS) -> None:
     axis : matplotlib.axis.Axis
         The axis.
     most : int, default 8
-        Greatest number of ticks.
+        Maximum number of ticks.
     """
     getattr(axis.axes, f"set_{axis.axis_name}scale")("log")
     label_plainly(axis, most)

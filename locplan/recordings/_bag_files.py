@@ -23,9 +23,9 @@ from locplan._util.public import needed
 from locplan.errors import LocplanError, RecordingError
 
 MAX_CHUNK_BYTES = 2**26
-"""Greatest size of a chunk, or of a message that is packed by itself, once it is unpacked."""
+"""Maximum size of a chunk, or of a message that is packed by itself, once it is unpacked."""
 MAX_RATIO = 100
-"""Greatest size of a file that is packed as a whole, once it is unpacked, to its own."""
+"""Maximum size of a file that is packed as a whole, once it is unpacked, to its own."""
 SUFFIXES = (".mcap", ".db3", ".bag")
 
 

@@ -42,7 +42,7 @@ class _Scans:
     before: list[int] = field(default_factory=list)
     """Index of the last line of odometry before each line."""
     greatest: float = 0.0
-    """Greatest range that a line names [m]."""
+    """Maximum range that a line names [m]."""
 
 
 @dataclass
@@ -90,7 +90,7 @@ def read_carmen(path: Path, options: Options) -> Recording:
     ranges.setflags(write=False)
     return Recording(
         ranges,
-        replace(lidar, least_range=least, range=most),
+        replace(lidar, min_range=least, range=most),
         poses[kept],
         times[kept] if ordered else None,
         None if reported is None else reported[kept],
@@ -110,7 +110,7 @@ def _kind(log: _Log, named: str | None) -> str:
 
 
 def _limit(ranges: NDArray[np.float32]) -> float:
-    """Greatest range of a lidar whose log does not name it: readings pile up at "no return" [m]."""
+    """Maximum range of a lidar whose log does not name it: readings pile up at "no return" [m]."""
     pile = 0.1  # readings so near below the largest count as no return if they are over 3 permille
     known = ranges[np.isfinite(ranges)]
     most = float(known.max(initial=0.0))

@@ -22,9 +22,9 @@ Move = tuple[float, float, float]
 BETTER = 0.1
 """Gain in the share for which a move of the map is suggested."""
 FINEST = 0.2
-"""Least edge of the cells of the search at all turns [m]."""
+"""Minimum edge of the cells of the search at all turns [m]."""
 BLUR = 0.1
-"""Least deviation of the walls' blur at which moves are compared [m]."""
+"""Minimum deviation of the walls' blur at which moves are compared [m]."""
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from locplan.robots import MAX_BEAMS, Lidar
 FIRST_ROWS = 256
 """Number of scans that room is made for at first."""
 MAX_ROOM = 2**30
-"""Greatest size of all ranges together [bytes]; room is made for no more, whatever a log says."""
+"""Maximum size of all ranges together [bytes]; room is made for no more, whatever a log says."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -114,7 +114,7 @@ class Options(Topics):
             lidar = replace(lidar, mount_x=x, mount_y=y, mount_yaw_deg=math.degrees(yaw))
         if self.range_limits is not None:
             least, most = self.range_limits
-            lidar = replace(lidar, least_range=least, range=most)
+            lidar = replace(lidar, min_range=least, range=most)
         return lidar
 
 

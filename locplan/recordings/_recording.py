@@ -79,7 +79,7 @@ class Recording:
         parts = [ranges[n : n + 4096] for n in range(0, len(ranges), 4096)]
         if not any(self.lidar.has_return(part).any() for part in parts):
             raise RecordingError(
-                f"no beam of {len(ranges)} scans ends within {self.lidar.least_range:g} to"
+                f"no beam of {len(ranges)} scans ends within {self.lidar.min_range:g} to"
                 f" {self.lidar.range:g} m; are the ranges in metres, and the lidar's right?"
             )
         if not all((self.lidar.has_return(part) | (part == np.inf)).all() for part in parts):

@@ -1,6 +1,6 @@
 """Recordings as files of locplan: .npz without loss, and .csv that any program can write.
 
-    # lidar: range=12.0, least_range=0.1, field_of_view_deg=180.0, mount_x=0.1
+    # lidar: range=12.0, min_range=0.1, field_of_view_deg=180.0, mount_x=0.1
     time,x,y,heading,odom_x,odom_y,odom_heading,range_0,range_1,range_2
     0.0,1.0,2.0,0.0,0.0,0.0,0.0,2.5,1.25,
     0.1,1.1,2.0,0.0,0.1,0.0,0.0,2.5,1.15,inf
@@ -36,7 +36,7 @@ from locplan.recordings._recording import Recording
 from locplan.robots import Lidar
 
 MAX_ARRAY_BYTES = 2**28
-"""Greatest size of a file's arrays together, unpacked; reading takes some six times as much."""
+"""Maximum size of a file's arrays together, unpacked; reading takes some six times as much."""
 NONE_MM = 65535
 """No return among ranges in whole millimetres, uint16."""
 POSE = ["x", "y", "heading"]

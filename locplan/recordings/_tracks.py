@@ -186,7 +186,7 @@ class RecordedBench(TuningBench):
     robot : Robot
         Its disturbances are read for the deviation of the filter's first poses.
     drives : int
-        Greatest number of replays of each stretch.
+        Maximum number of replays of each stretch.
     seed, threads : int
         Seed of all random numbers, and number of threads.
     """

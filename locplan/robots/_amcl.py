@@ -152,7 +152,7 @@ class Amcl(Settings):
     laser_model_type: Literal["likelihood_field", "likelihood_field_prob"] = "likelihood_field"
     """Sensor model: a weight is 1 plus the sum of cubed likelihoods, or (`_prob`) their product."""
     laser_likelihood_max_dist: float = 2.0
-    """Greatest distance of a beam's end from a wall, above 0; larger ones count as this [m]."""
+    """Maximum distance of a beam's end from a wall, above 0; larger ones count as this [m]."""
     laser_min_range: float = -1.0
     """Range below which a beam counts as without a return [m]; 0 or less takes the lidar's own."""
     laser_max_range: float = 100.0
@@ -160,12 +160,12 @@ class Amcl(Settings):
     max_beams: int = 60
     """Approximate number of a scan's beams, evenly spaced, that are compared; at least 2."""
     max_particles: int = 2000
-    """Greatest number of particles, up to a million; if equal to `min_particles`, the number is
+    """Maximum number of particles, up to a million; if equal to `min_particles`, the number is
     constant."""
     min_particles: int = 500
-    """Least number of particles, at least 1."""
+    """Minimum number of particles, at least 1."""
     pf_err: float = 0.05
-    """Greatest error that KLD sampling allows, above 0; a smaller one takes more particles."""
+    """Maximum error that KLD sampling allows, above 0; a smaller one takes more particles."""
     pf_z: float = 0.99
     """Quantile of the normal distribution for KLD sampling, above 0, as in AMCL: not the
     probability."""

@@ -23,9 +23,9 @@ class Preset(NamedTuple):
     """The values of a data sheet."""
 
     range: float
-    """Greatest distance that is measured [m]."""
-    least_range: float
-    """Least distance that is measured [m]."""
+    """Maximum distance that is measured [m]."""
+    min_range: float
+    """Minimum distance that is measured [m]."""
     field_of_view_deg: float
     """Angle that the beams cover [deg]."""
     beams: int

@@ -50,8 +50,8 @@ class Lidar(Settings):
     """
 
     range: float = 12.0
-    """Greatest distance that is measured [m], above 0 up to 10,000: that of bright walls."""
-    least_range: float = 0.0
+    """Maximum distance that is measured [m], above 0 up to 10,000: that of bright walls."""
+    min_range: float = 0.0
     """Distance below which a return counts as none [m], from 0 to below `range`."""
     field_of_view_deg: float = 360.0
     """Angle that the beams cover, centred on `mount_yaw_deg` [deg], above 0 up to 360.
@@ -79,10 +79,10 @@ class Lidar(Settings):
         keep_checked(self, ("range_sigma",), number, 1e-6)
         keep_checked(self, ("range",), reach)
         keep_checked(self, ("field_of_view_deg",), positive, "deg")
-        keep_checked(self, ("least_range",), number, 0.0)
-        if self.least_range >= self.range:
+        keep_checked(self, ("min_range",), number, 0.0)
+        if self.min_range >= self.range:
             raise ConfigError(
-                f"least_range ({self.least_range} m) must be below range ({self.range} m)"
+                f"min_range ({self.min_range} m) must be below range ({self.range} m)"
             )
         keep_checked(self, ("mount_x", "mount_y", "mount_yaw_deg"), number)
         if self.field_of_view_deg > 360:
@@ -133,7 +133,7 @@ class Lidar(Settings):
             lidar is mounted upside down, which TF tells by a roll of pi, give the first two with
             the other sign.
         range_min, range_max : float
-            Least and greatest distance that is measured [m], 0 <= range_min < range_max.
+            Minimum and maximum distance that is measured [m], 0 <= range_min < range_max.
         mount : (x, y, yaw), default (0.0, 0.0, 0.0)
             Pose of the lidar on the robot [m, m, rad], as TF has it.
         range_sigma : float, optional
@@ -166,7 +166,7 @@ class Lidar(Settings):
         middle = (angle_min + angle_max) / 2
         return cls(
             range=range_max,
-            least_range=range_min,
+            min_range=range_min,
             field_of_view_deg=360.0 if full else width,
             beams=beams,
             range_sigma=cls.range_sigma if range_sigma is None else range_sigma,
@@ -242,7 +242,7 @@ class Lidar(Settings):
             Distances along beams, of any shape [m].
         """
         with np.errstate(invalid="ignore"):
-            least = np.float32(self.least_range)
+            least = np.float32(self.min_range)
             within = (ranges >= least) & (ranges > 0) & (ranges < np.float32(self.range))
         return np.asarray(within)
 

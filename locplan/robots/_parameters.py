@@ -29,9 +29,9 @@ GLOBAL_COSTMAP, LOCAL_COSTMAP = (f"{each}_costmap/{each}_costmap" for each in ("
 NODES = (AMCL, PLANNER_SERVER, "controller_server", GLOBAL_COSTMAP, LOCAL_COSTMAP)
 """Nodes of Nav2; a parameter file has parameters of at least one of them."""
 MAX_BYTES = 2**17
-"""Greatest size of a file, of which PyYAML reads some 50 KB a second."""
+"""Maximum size of a file, of which PyYAML reads some 50 KB a second."""
 MAX_VALUES = 100_000
-"""Greatest number of values in a file, those that aliases stand for included."""
+"""Maximum number of values in a file, those that aliases stand for included."""
 REMEDY = "give Nav2's parameters"
 Parameters = dict[str, Any]
 
@@ -223,9 +223,10 @@ def parameters_of(file: Path, content: bytes, robot: str | None = None) -> Nav2P
     namespace = _namespace(file, {each.name for each in _entries(values)}, robot)
     parameters = Nav2Parameters(values, namespace)
     if not any(parameters.entries(node) for node in NODES):
+        where = f" in {namespace}" if namespace else ""
         raise LocplanError(
-            f"{file}: has no parameters of Nav2's nodes in {namespace or '/'}; {REMEDY}, and the"
-            " robot's namespace as FILE:NAMESPACE where it has one"
+            f"{file}: has no parameters of Nav2's nodes{where}; {REMEDY} (as FILE:NAMESPACE where"
+            " the robot has one), or a robot's file, which has an entry 'robot'"
         )
     for node in (GLOBAL_COSTMAP, PLANNER_SERVER):
         for name in ("plugins", "filters", "planner_plugins"):

@@ -124,7 +124,7 @@ def compared_ends(amcl: Amcl, lidar: Lidar, ranges: NDArray[Any]) -> NDArray[np.
         Ends ahead and to the left of the robot; NaN without a return.
     """
     beams = slice(None, None, amcl.beam_step(lidar.beams))
-    least, most = max(lidar.least_range, amcl.laser_min_range), amcl.laser_max_range
+    least, most = max(lidar.min_range, amcl.laser_min_range), amcl.laser_max_range
     some = ranges[:, beams]
     used = (some >= least) & (some < (most if most > 0 else math.inf))
     return lidar.ends_on_robot(np.where(used, some, np.nan), beams)

@@ -47,7 +47,7 @@ class Kinematics(Settings):
     """A differential drive turns on the spot, an omnidirectional one moves sideways, too, and a
     car-like one needs a turning radius."""
     turning_radius: float = 0.0
-    """Least turning radius, above 0 for a car-like robot and else 0 [m]."""
+    """Minimum turning radius, above 0 for a car-like robot and else 0 [m]."""
     reverse: bool = True
     """Whether the robot drives in reverse, too."""
     speed: float = 0.5
@@ -91,7 +91,7 @@ class Inflation(Settings):
 
 
 NEAREST_OBJECT, FARTHEST_OBJECT = 0.5, 2.0
-"""Least and greatest distance of an object that occludes the lidar [m]."""
+"""Minimum and maximum distance of an object that occludes the lidar [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -37,7 +37,7 @@ from locplan.simulation.tuning._results import Tuning
 from locplan.simulation.tuning._space import changed_axes
 
 WIDTH = 8.6
-"""Least width of the figure [inch]."""
+"""Minimum width of the figure [inch]."""
 COLOURS, WIDTHS = ("0.72", "black", "#0072b2"), (1.0, 2.0, 3.6)
 """Styles of the other candidates, of the shortest path, and of the one to take."""
 BELOW = 2.4
@@ -89,9 +89,8 @@ def choice_figure(choice: Choice) -> Figure:
         ncols=3,
     )
     name = choice.map["name"] or "map"
-    lines = textwrap.wrap(f"{name}: {choice.sentence}", int(12.5 * width))
-    if choice.driven:
-        lines += textwrap.wrap(choice.driven, int(12.5 * width))
+    texts = [f"{name}: {choice.sentence}", *choice.advice, choice.driven]
+    lines = [line for text in texts for line in textwrap.wrap(text, int(12.5 * width))]
     figure.suptitle("\n".join(lines), fontsize="medium")
     return figure
 

@@ -28,7 +28,7 @@ from locplan.robots import (
 )
 
 MAX_DRIVES = 100_000
-"""Greatest number of drives along a path, or to a place."""
+"""Maximum number of drives along a path, or to a place."""
 LOST = 1.0
 """Position error above which, at any time of a drive, the robot counts as lost [m]."""
 DRIVEN = (
@@ -315,9 +315,9 @@ def drive_arguments(
     if isinstance(amcl := robot.filter, Amcl):
         known = beam_scores(grid, amcl, lidar, scores)
         angles, settings = lidar.angles[:: amcl.beam_step(lidar.beams)], filter_settings(amcl)
-        nearest, farthest = max(lidar.least_range, amcl.laser_min_range), amcl.reach(lidar)
+        nearest, farthest = max(lidar.min_range, amcl.laser_min_range), amcl.reach(lidar)
     else:
-        angles, nearest, farthest = lidar.angles, lidar.least_range, lidar.range
+        angles, nearest, farthest = lidar.angles, lidar.min_range, lidar.range
         settings = OwnFilter(robot.filter, grid, lidar)
     return DriveArguments(
         known,

@@ -239,7 +239,7 @@ def evaluation_report(evaluation: Evaluation) -> str:
 
 
 LARGEST_DISC = 30.0
-"""Greatest radius of the templates of "sad" that the command takes of a lidar [m].
+"""Maximum radius of the templates of "sad" that the command takes of a lidar [m].
 
 Their memory grows with its square: 0.3 GB a thread at 0.05 m a cell."""
 
@@ -267,7 +267,7 @@ def evaluate(
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
         your own, such as `Robot.from_nav2` reads.
     places : int, default 100
-        Greatest number of random places on each map, at least 2, which are at least 1 m apart.
+        Maximum number of random places on each map, at least 2, which are at least 1 m apart.
     drives, scans : int, default 16
         Number of drives to each place, and of single scans at each, 1 to 100,000. More of them
         narrow the errors of a place, more places the intervals.

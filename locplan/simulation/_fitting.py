@@ -18,7 +18,7 @@ from locplan.simulation._calibration import Array, Calibration
 from locplan.simulation._places import KINDS, ErrorKind, Places
 
 LEVELS = 1e-6, 1e4
-"""Least and greatest noise level that are tried."""
+"""Minimum and maximum noise level that are tried."""
 MIN_VARIANCE = 1e-12
 """Variance that is added so that no covariance is singular [m^2]."""
 

@@ -133,7 +133,7 @@ def choose_points(
     grid : OccupancyGrid
         The map.
     count : int
-        Greatest number of points, at least 2; there are fewer if the map has no more.
+        Maximum number of points, at least 2; there are fewer if the map has no more.
     robot_radius : float
         Radius of the robot [m].
     seed : int
@@ -250,7 +250,7 @@ def measure_maps(
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round.
     places : int, default 100
-        Greatest number of random places on each map, at least 2, which are at least 1 m apart.
+        Maximum number of random places on each map, at least 2, which are at least 1 m apart.
     drives, scans : int, default 16
         Number of drives to each place, and of single scans at each, 0 to 100,000.
     filter_map : OccupancyGrid, optional

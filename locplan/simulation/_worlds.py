@@ -19,11 +19,11 @@ from locplan.planners import plan_field
 from locplan.simulation._drives import DriveArguments, Line, OwnFilter
 
 POSE_SPACING = 0.05
-"""Greatest distance between two poses [m]."""
+"""Maximum distance between two poses [m]."""
 AHEAD = 0.3
 """Distance ahead on the path to the point that a robot faces if the path has no headings [m]."""
 TURN = 0.1
-"""Greatest turn between two poses [rad]."""
+"""Maximum turn between two poses [rad]."""
 BAND = 0.5
 """Difference in length below which two paths count as equally long [m]."""
 

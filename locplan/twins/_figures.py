@@ -28,7 +28,7 @@ COLOURS = ListedColormap(colormaps["YlOrBr"](np.linspace(0.0, 0.8, 256)))
 OTHER = "0.35"
 """Colour of lines that belong to none of these symmetries."""
 MAX_LINES = 24
-"""Greatest number of lines."""
+"""Maximum number of lines."""
 NUMBERED: dict[str, Any] = {
     **{"marker": "o", "markersize": 11, "linestyle": "none"},
     **{"markerfacecolor": "white", "markeredgecolor": "black"},

@@ -76,7 +76,7 @@ def locate(
     within : float, default 3.0
         Their greatest distance from it, at least 0.5 [m].
     count : int, default 10
-        Greatest number of modes that are kept, at least 1. The weights are shares of all that were
+        Maximum number of modes that are kept, at least 1. The weights are shares of all that were
         found.
     clearance : float, default 0.1
         Distance of the robot's centre from walls at which a pose is possible [m], >= 0. Raise it to
@@ -233,7 +233,7 @@ def _checked(scan: ArrayLike | Recording, lidar: Lidar | None) -> tuple[Numbers,
     returns = lidar.has_return(ranges.astype(np.float32))
     if not returns.any():
         raise ConfigError(
-            f"no beam of the scan ends within {lidar.least_range:g} to {lidar.range:g} m; are the"
+            f"no beam of the scan ends within {lidar.min_range:g} to {lidar.range:g} m; are the"
             " ranges in metres, and the lidar's right?"
         )
     return np.where(returns, ranges, np.inf), lidar

@@ -97,7 +97,7 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
 
 
 def _width_of(grid: Any) -> float:
-    """Greatest extent of the map [m]."""
+    """Maximum extent of the map [m]."""
     return float(max(grid.shape) * grid.resolution)
 
 

@@ -96,7 +96,7 @@ class Looks:
     """The other poses that explain the scan of one pose."""
 
     excess: float
-    """Least excess of any pose more than 2 m away [nats]; infinite if there is none."""
+    """Minimum excess of any pose more than 2 m away [nats]; infinite if there is none."""
     elsewhere: float
     """Share of the posterior more than 2 m away."""
     modes: int
@@ -152,9 +152,9 @@ class Start:
     y: float
     """World y [m]."""
     excess: float
-    """Least excess of any other place, of this place and its neighbours [nats]."""
+    """Minimum excess of any other place, of this place and its neighbours [nats]."""
     elsewhere: float
-    """Greatest share of the posterior elsewhere, of this place and its neighbours, 0..1."""
+    """Maximum share of the posterior elsewhere, of this place and its neighbours, 0..1."""
 
 
 def best_starts(

@@ -176,7 +176,7 @@ def _tried(
         scan = ScanOnMap(database, ranges[n])
         if not scan.returns.any():
             continue
-        twin, loss = scan.moved_to_least(moved[n])
+        twin, loss = scan.moved_to_min(moved[n])
         drift = math.hypot(*(twin[:2] - moved[n, :2])) * resolution
         if drift > DRIFT or abs(float(wrapped(twin[2:] - moved[n, 2])[0])) > DRIFT_TURN:
             continue

@@ -36,7 +36,7 @@ from locplan.twins._symmetries import Symmetry
 from locplan.twins._trials import GlobalMatches, global_matches
 
 SHOWN = 12
-"""Greatest number of a place's twins, and of symmetries, in a table or a picture."""
+"""Maximum number of a place's twins, and of symmetries, in a table or a picture."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,7 +84,7 @@ class Twins(Result):
 
     @property
     def excess(self) -> Numbers:
-        """Least excess of any pose more than 2 m away, (n,) [nats]; infinite if there is none.
+        """Minimum excess of any pose more than 2 m away, (n,) [nats]; infinite if there is none.
 
         It is that of the worst heading, and 0 where hardly a beam returns.
         """
@@ -228,9 +228,9 @@ class Twins(Result):
         Parameters
         ----------
         count : int, default 5
-            Greatest number of starts, at least 1.
+            Maximum number of starts, at least 1.
         apart : float, default 3.0
-            Least distance between two of them [m], above 0.
+            Minimum distance between two of them [m], above 0.
 
         Raises
         ------

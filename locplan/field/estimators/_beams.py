@@ -52,7 +52,7 @@ class LidarEstimator(Estimator):
     grows. Of fewer beams than these, each tells as much as an independent one.
     """
     max_beams: int = field(default=180, kw_only=True)
-    """Greatest number of beams that count, >= 1; fewer are faster.
+    """Maximum number of beams that count, >= 1; fewer are faster.
 
     Of a lidar with more, as many are simulated, evenly spaced over its field of view.
     """
@@ -82,7 +82,7 @@ class LidarEstimator(Estimator):
 
     def identity(self) -> dict[str, object]:
         """The settings as they count; of the lidar, those that decide what its beams meet."""
-        view = ("range", "least_range", "field_of_view_deg", "beams")
+        view = ("range", "min_range", "field_of_view_deg", "beams")
         mount = ("mount_x", "mount_y", "mount_yaw_deg")
         return {
             **super().identity(),
@@ -152,13 +152,13 @@ class LidarEstimator(Estimator):
             left=lidar.mount_y,
             yaw=lidar.mount_yaw,
             sigma=lidar.range_sigma,
-            min_range=lidar.least_range,
+            min_range=lidar.min_range,
             max_range=lidar.range,
         )
 
 
 def reach_of_beams(lidar: Lidar, resolution: float) -> int:
-    """Greatest distance from the robot's cell to the end of a beam [cells]."""
+    """Maximum distance from the robot's cell to the end of a beam [cells]."""
     lever = math.hypot(lidar.mount_x, lidar.mount_y)
     return math.ceil((lidar.range + lever) / resolution) + 2
 

@@ -49,7 +49,7 @@ class Motions:
     space: str = "R2"
     """The space, "R2", "SE2", "Dubins" or "ReedsShepp"."""
     turning_radius: float | None = None
-    """Least radius of the curves [m], from a hundredth of a cell to ten diagonals of the map;
+    """Minimum radius of the curves [m], from a hundredth of a cell to ten diagonals of the map;
     "Dubins" and "ReedsShepp" need it, the others have none."""
 
     def __post_init__(self) -> None:

@@ -36,7 +36,7 @@ class Ompl:
     driven forward; "ReedsShepp", with curves that may reverse. Take one of the latter for a robot
     that steers like a car."""
     turning_radius: float | None = None
-    """Least radius of the curves [m], above 0; "Dubins" and "ReedsShepp" need it, others have
+    """Minimum radius of the curves [m], above 0; "Dubins" and "ReedsShepp" need it, others have
     none."""
     time_limit: float | None = None
     """Time after which the search ends [s], above 0; 5 unless `iterations` are given. Raise it

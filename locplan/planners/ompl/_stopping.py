@@ -28,7 +28,7 @@ class Kind:
     anytime: bool = False
     """True if it goes on improving its path, so that it can stop on convergence."""
     settled_after: int = 1000
-    """Least iterations before it may count as converged."""
+    """Minimum iterations before it may count as converged."""
     roadmap: bool = False
     """True if it grows a roadmap."""
 
@@ -113,7 +113,7 @@ class Limits:
         share : float, default 1.0
             Share of the time limit that counts, 0..1.
         settled_after : int, default 1000
-            Least number of iterations before a search has converged.
+            Minimum number of iterations before a search has converged.
 
         Returns
         -------

@@ -119,7 +119,7 @@ def choose(
     blank, own = source.blank(grid, robot.radius), Own.of(candidates)
     begin, *via, end = check_ends(blank, start, goal, asked.via, space=own.space)
     ask = Ask(grid, begin, end, dataclasses.replace(asked, via=tuple(via)), robot)
-    ask.check()
+    ask.check(source.given)
     own.check(ask)
     simulator = Simulator(  # checks them
         grid, robot, filter_map=asked.filter_map, seed=seed, threads=threads
@@ -262,7 +262,7 @@ def _planned_only(
 
     costs, field = source.costs(ask, drafted)
     plans = {SHORTEST: shortest.measured_on(costs)}
-    if costs.settings is not None:
+    if not math.isnan(costs.weight):
         plans = ask.beside_shortest(costs, own.planner)
     paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
     left_out = {name: why_without(plan) for name, plan in plans.items() if plan.path is None}
@@ -298,13 +298,13 @@ class SimulatedChoice:
     minimises: ClassVar[str | None] = "simulated error"
 
     drives: int = 64
-    """Greatest number of confirming drives of a path, 2 to 1024."""
+    """Maximum number of confirming drives of a path, 2 to 1024."""
     minimise: Minimise = "rmse"
     """Error that decides: "rmse", "goal-error", "heading" or "lost", see `ChoiceSettings`."""
     price: float = 0.3
     """What the logarithm of the length counts in the race, >= 0."""
     longest: float = 1.5
-    """Greatest length of a candidate, in lengths of the shortest path, >= 1."""
+    """Maximum length of a candidate, in lengths of the shortest path, >= 1."""
     bold: bool = False
     """Whether a path that is only probably better is taken, too."""
     robot: Robot | str | None = None

@@ -31,7 +31,7 @@ from locplan.simulation.choice._driven import Candidate
 from locplan.simulation.choice._settings import ChoiceSettings
 
 IN_FLIGHT = 64
-"""Greatest number of choices at an executor at once, which bounds the memory of their maps."""
+"""Maximum number of choices at an executor at once, which bounds the memory of their maps."""
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ def choose_many(
     *,
     executor: Executor | None = None,
     seed: int = 1,
-    least_distance: float = 10.0,
+    min_distance: float = 10.0,
     query_seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
@@ -230,8 +230,8 @@ def choose_many(
     seed : int, default 1
         Seed of the random numbers of the first choice, >= 0; that of each further one is greater
         by 1, so that the choices are independent.
-    least_distance : float, default 10.0
-        Least straight distance between start and goal of random queries [m], >= 0. Lower it on a
+    min_distance : float, default 10.0
+        Minimum straight distance between start and goal of random queries [m], >= 0. Lower it on a
         small map.
     query_seed : int, default 1
         Seed of the random queries, >= 0.
@@ -266,7 +266,7 @@ def choose_many(
     check_threads(threads)
     named = named_maps(maps)
     check_of_one_map(ChoiceSettings.of(settings).filter_map, named)
-    check_random(queries if is_whole(queries) else 1, query_seed, least_distance)
+    check_random(queries if is_whole(queries) else 1, query_seed, min_distance)
     whole("seed", seed, 0)
     asked: dict[str, Any] = {"robot": robot, **settings}
     cases: list[_Case] = []
@@ -279,7 +279,7 @@ def choose_many(
         if isinstance(queries, Mapping) and name not in queries:
             raise ConfigError(f"there are no queries for map {shown(name)}")
         wanted = queries[name] if isinstance(queries, Mapping) else queries
-        for query in queries_of(costs, wanted, least_distance, query_seed):
+        for query in queries_of(costs, wanted, min_distance, query_seed):
             with _where(name, query):
                 begin, end = check_ends(costs, query.start[:2], query.goal[:2])
                 if begin == end:

@@ -32,7 +32,7 @@ If no other path led the shortest in the race, nothing is confirmed."""
 ROUNDS = (4, 8)
 """Drives of all paths, and of those that are kept, in the race."""
 KEPT, FINALISTS = 5, 3
-"""Greatest numbers of paths beside the shortest that are kept in the race, and confirmed."""
+"""Maximum numbers of paths beside the shortest that are kept in the race, and confirmed."""
 UNSURE = 0.07
 """Probability, one-sided, at which a path counts as surely worse than the leader."""
 LEAD = math.log(0.97)
@@ -49,7 +49,7 @@ LEVELS = (0.025, 0.0147, 0.0104, 0.0081, 0.0064, 0.0055, 0.0047, 0.0041)
 
 They follow from the greatest of the correlated z values of all looks under no difference."""
 MAX_DRIVES = FIRST_LOOK * 2 ** (len(LEVELS) - 1)
-"""Greatest number of confirming drives of a path."""
+"""Maximum number of confirming drives of a path."""
 
 
 class Scores(NamedTuple):
@@ -141,7 +141,7 @@ def judged(
     price_of_loss : float
         What a lost drive adds to its score, beside the logarithm of its error.
     drives : int
-        Greatest number of confirming drives of each path.
+        Maximum number of confirming drives of each path.
     enough : callable, optional
         Whether time is up, asked before each look but the first.
     """

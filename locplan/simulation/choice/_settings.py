@@ -41,11 +41,11 @@ class ChoiceSettings(Settings):
     via: tuple[Position, ...] = ()
     """Positions that all candidates visit in this order [m]."""
     max_e: float | None = None
-    """Greatest e of the cells that a candidate enters, above 0 [m^2 rad]; None sets no limit."""
+    """Maximum e of the cells that a candidate enters, above 0 [m^2 rad]; None sets no limit."""
     budget: float | None = None
-    """Greatest integral of u of a candidate, >= 0 [m]; None sets no limit."""
+    """Maximum integral of u of a candidate, >= 0 [m]; None sets no limit."""
     longest: float = 1.5
-    """Greatest length of a candidate, in lengths of the shortest path, >= 1; paths that are given
+    """Maximum length of a candidate, in lengths of the shortest path, >= 1; paths that are given
     may be longer."""
     front: bool = False
     """Whether up to 5 paths of the Pareto front of length against degeneracy are candidates."""
@@ -61,7 +61,7 @@ class ChoiceSettings(Settings):
     """What counts in the race beside the logarithm of the error: so much of that of the length,
     >= 0."""
     drives: int = 64
-    """Greatest number of confirming drives of a path, 2 to 1024; 0 drives no path."""
+    """Maximum number of confirming drives of a path, 2 to 1024; 0 drives no path."""
     bold: bool = False
     """Whether a path that is only probably better is recommended, too."""
     time_limit: float | None = None

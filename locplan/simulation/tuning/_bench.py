@@ -87,7 +87,7 @@ class TuningBench(ABC):
     lines : sequence of (n, 3) arrays
         The poses along each path, in the own axes of the filter's map [m, m, rad].
     drives : int
-        Greatest number of drives along each path, at each level.
+        Maximum number of drives along each path, at each level.
     seed : int
         Seed of all random numbers; all settings have the same.
     threads : int
@@ -97,7 +97,7 @@ class TuningBench(ABC):
     longest: ClassVar[float] = 16.0
     """Length of a path beyond which settings are driven along a part of it [m]."""
     fewest_paths: ClassVar[int] = 5
-    """Least number of paths, for intervals."""
+    """Minimum number of paths, for intervals."""
     at_once: ClassVar[int] = 8
     """Number of settings that drive at once: each may hold scores as large as the map."""
 
@@ -265,7 +265,7 @@ class SimulatedBench(TuningBench):
     paths : sequence of Path
         The paths that are driven.
     drives : int
-        Greatest number of drives along each path, at each level.
+        Maximum number of drives along each path, at each level.
     threads : int
         Number of threads.
     """
@@ -311,7 +311,7 @@ class SimulatedBench(TuningBench):
         """
         for least in (8.0, 4.0, 2.0):  # the first that the map is large enough for
             try:
-                queries = random_queries(costs, count, seed, least_distance=least)
+                queries = random_queries(costs, count, seed, min_distance=least)
                 break
             except ConfigError as error:
                 fault = str(error).split(";")[0]
