@@ -17,6 +17,7 @@ import locplan
 from locplan import Box, LocplanError, Path, Pole, place_landmarks, save_map
 from locplan._kernels import features as sightings, landmarks as kernels, objectives as ways
 from locplan._kernels.rays import cast, empty_squares
+from locplan.errors import ConfigError
 from locplan.field import FieldConfig, Fused, covariances_along, scalar, surface_normals
 from locplan.landmarks import (
     Outcome,
