@@ -59,13 +59,13 @@ def linked(server: Server, path: str = "/socket", **headers) -> ClientConnection
     origin = headers.pop("origin", f"http://127.0.0.1:{server.port}")
     cookie = headers.pop("cookie", cookie_of(server))
     sent = {} if cookie is None else {"Cookie": cookie}
-    host, compression = headers.pop("host", None), headers.pop("compression", None)
+    host = headers.pop("host", None)
     address = f"ws://{host or '127.0.0.1'}:{server.port}{path}"
     return connect(
         address,
         origin=origin,
         additional_headers=sent,
-        compression=compression,
+        compression=None,
         proxy=None,
         open_timeout=30,
         close_timeout=5,

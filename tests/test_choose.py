@@ -324,7 +324,7 @@ def test_a_path_that_is_clearly_better_is_taken(better):
     assert chosen.ratio.value == pytest.approx(ratio)
     assert chosen.ratio.high < 1
     assert better.sentence.startswith(
-        f"take {better.chosen.name}: clearly better than the shortest"
+        f'take "{better.chosen.name}": clearly better than the shortest'
     )
     assert "m more" in better.sentence
     assert better.report().splitlines()[0] == better.sentence
@@ -350,7 +350,7 @@ def test_only_a_clear_verdict_recommends_unless_one_is_bold(better, verdict, bol
     made = dataclasses.replace(better, judgement=judgement, settings=settings)
     assert made.best == best
     assert said.removeprefix("is " if best else "") in made.sentence
-    taken = made.chosen.name if best else "the shortest:"
+    taken = f'"{made.chosen.name}":' if best else "the shortest:"
     assert made.sentence.startswith(f"take {taken}")
 
 
@@ -407,9 +407,31 @@ def test_settings_that_gain_more_than_paths_are_named(corridors):
     assert found.rival.ratio.high < 1
     (advice,) = (each for each in found.advice if "tune first" in each)
     assert "AMCL's alpha1 0.02" in advice
-    assert advice in found.report().replace("\n", " ")
+    above = found.report().split("─")[0].replace("\n", " ")
+    assert above.index(advice) > above.index(found.sentence)  # before the table
+    assert advice in found.figure().get_suptitle().replace("\n", " ")
     same = choose(corridors.grid, *ends, robot, costs=corridors, drives=8, rival=noisy)
     assert same.rival is None
+
+
+@dataclasses.dataclass(frozen=True)
+class Odometer:
+    """A filter that is not AMCL."""
+
+    title: str = "odometry alone"
+
+    def start(self, *_):
+        raise NotImplementedError
+
+
+@pytest.mark.parametrize(("own", "whose"), [(Odometer(), "AMCL"), (Amcl(), "this filter")])
+def test_settings_of_amcl_are_not_advised_for_another_filter(better, own, whose):
+    robot = Robot(Lidar(range=6.0), filter=own)
+    ratio = better.judgement.ratio._replace(value=0.1, low=0.05, high=0.2)
+    rival = dataclasses.replace(better.shortest.driven, ratio=ratio)
+    settings = dataclasses.replace(better.settings, rival=ChoiceSettings().rival)
+    found = dataclasses.replace(better, robot=robot, settings=settings, rival=rival)
+    assert f"{whose} with all alphas 0.05" in found.advice[-1]
 
 
 def test_an_unreachable_goal_is_a_result(grid, costs):
@@ -447,6 +469,27 @@ def test_without_a_lidar_the_aware_path_is_given_beside_the_shortest(corridors):
     assert all(each.driven is None for each in undriven.candidates)
     blank = choose(grid, (2.0, 3.0), (38.0, 3.0), costs=corridors)
     assert names_of(blank) == ["shortest"]
+
+
+def test_a_degeneracy_of_ones_own_has_aware_paths(grid):
+    u = np.zeros(grid.shape)
+    u[:14] = 1.0  # the way below the box, which is the shorter one
+    costs = Costmap.from_layers(grid, u=u, e=u, robot_radius=0.2)
+    ends = (1.0, 2.5), (11.0, 2.5)
+    found = choose(grid, *ends, costs=costs)
+    assert names_of(found) == ["shortest", "localizability-aware"]
+    assert found.path is found.candidates[1].path
+    assert found.path.xy[:, 1].max() > 4.0 > found.shortest.path.xy[:, 1].max()
+    assert choose(grid, *ends, costs=costs, max_e=0.5).path == found.path
+    driven = choose(grid, *ends, costs=costs, **QUICK)
+    assert any("aware" in name for name in names_of(driven))
+
+
+@pytest.mark.parametrize("limit", ["max_e", "budget"])
+@pytest.mark.parametrize("robot", [None, ROBOT])
+def test_limits_need_a_field(grid, costs, robot, limit):
+    with pytest.raises(ConfigError, match="no e or u to limit"):
+        choose(grid, START, GOAL, robot, costs=costs, **{limit: 1.0})
 
 
 def test_robots_that_cannot_turn_on_the_spot_are_not_driven(grid, fielded):

@@ -197,7 +197,7 @@ def test_pictures_beyond_the_limit_are_counted(
 
 def test_j_of_every_query_stands_beside_the_baselines(tmp_path: Path, case: Case) -> None:
     page = written(tmp_path, several(case))
-    assert "weight 0. Medians: any-angle 1.000; grid 1.250." in page
+    assert 'weight 0. Medians: any-angle 1.000; grid 1.250."' in page
     assert page.count("second, 40.0 m</text>") == 2
 
 

@@ -251,7 +251,7 @@ def test_a_description_has_the_lidar(tmp_path):
         ("robot: {margin: -1}", "margin must be at least 0, not -1"),
         ("robot: {footprint: [[1, 2]]}", "footprint must be three or more finite corners"),
         ("robot: {kinematics: {drive: car-like}}", "kinematics: a car-like robot"),
-        ("robot: 3", "has no parameters of Nav2's nodes"),
+        ("robot: 3", "has no parameters of Nav2's nodes; give Nav2's .* or a robot's file"),
     ],
 )
 def test_files_of_no_robot_are_one_clear_line(tmp_path, text, said):

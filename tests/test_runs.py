@@ -186,3 +186,9 @@ def test_a_run_beside_a_file_is_repeated_in_its_place_or_another(run, place, com
     assert yaml.safe_load((place / f"again-{file}.run.yaml").read_text())["command"] == command[0]
     assert f"wrote {place / 'made' / file}" in run("run", beside, "--force")[2]
     assert yaml.safe_load(beside.read_text()) == about
+
+
+def test_an_export_without_an_output_has_its_run_beside_it(run, place, monkeypatch):
+    monkeypatch.chdir(place)
+    assert run("export", "hall.yaml", "--to", "csv", "--disc", "3")[0] == 0
+    assert (place / "hall-csv.csv.run.yaml").exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -111,7 +112,7 @@ def export(
         summary = format.write(target, job, chosen)
     about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
     rows = [("map", grid.name), ("format", to), ("field", config.estimator.summary), *summary.rows]
-    out.show(about, table([], rows), target)
+    dataclasses.replace(out, output=target).show(about, table([], rows), target)
 
 
 def _planned(costs: locplan.Costmap, *ends: tuple[float, float]) -> locplan.Path:

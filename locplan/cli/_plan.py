@@ -129,8 +129,8 @@ class Driving:
     """What decides among candidates, which are driven where the lidar is known."""
 
     drives: int | None = None
-    """Maximum number of confirming drives of a path; 64 by default, 0 drives and recommends
-    none."""
+    """Maximum number of confirming drives of a path; 64 by default; with 0 none is driven or
+    recommended."""
     bold: bool = False
     """Take a path that is only probably better, too."""
     minimise: Literal["rmse", "lost", "goal-error", "heading"] | None = None

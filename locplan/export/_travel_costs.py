@@ -263,9 +263,9 @@ class Conversion:
         with_value = f", {parameter}: {self.param:.4g}" if parameter else ""
         return (
             ("planner", self.planner.name + with_value),
-            ("charges, beyond the length", f"at most {self.greatest:.3f} a metre"),
-            ("cells worth more", f"{self.saturated_share:.1%}"),
-            ("rounding of the charge", f"{self.mean_quantisation:.4f} a metre on average,"),
+            ("cost beyond the length", f"at most {self.greatest:.3f} a metre"),
+            ("cells that would cost more", f"{self.saturated_share:.1%}"),
+            ("rounding of this cost", f"{self.mean_quantisation:.4f} a metre on average,"),
             ("", f"{self.quantisation:.4f} at most"),
         )
 

@@ -223,9 +223,10 @@ def parameters_of(file: Path, content: bytes, robot: str | None = None) -> Nav2P
     namespace = _namespace(file, {each.name for each in _entries(values)}, robot)
     parameters = Nav2Parameters(values, namespace)
     if not any(parameters.entries(node) for node in NODES):
+        where = f" in {namespace}" if namespace else ""
         raise LocplanError(
-            f"{file}: has no parameters of Nav2's nodes in {namespace or '/'}; {REMEDY}, and the"
-            " robot's namespace as FILE:NAMESPACE where it has one"
+            f"{file}: has no parameters of Nav2's nodes{where}; {REMEDY} (as FILE:NAMESPACE where"
+            " the robot has one), or a robot's file, which has an entry 'robot'"
         )
     for node in (GLOBAL_COSTMAP, PLANNER_SERVER):
         for name in ("plugins", "filters", "planner_plugins"):

@@ -89,9 +89,8 @@ def choice_figure(choice: Choice) -> Figure:
         ncols=3,
     )
     name = choice.map["name"] or "map"
-    lines = textwrap.wrap(f"{name}: {choice.sentence}", int(12.5 * width))
-    if choice.driven:
-        lines += textwrap.wrap(choice.driven, int(12.5 * width))
+    texts = [f"{name}: {choice.sentence}", *choice.advice, choice.driven]
+    lines = [line for text in texts for line in textwrap.wrap(text, int(12.5 * width))]
     figure.suptitle("\n".join(lines), fontsize="medium")
     return figure
 

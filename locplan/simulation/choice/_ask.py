@@ -62,9 +62,14 @@ class Ask:
             self, start=self.start[:2], goal=self.goal[:2], settings=settings
         )
 
-    def check(self) -> None:
-        """Raise a ConfigError unless the limits go together."""
+    def check(self, costs: Costmap | None) -> None:
+        """Raise a ConfigError unless the limits go together, and with a costmap that is given."""
         planner_for(None, **self._limits(limited=True))
+        if costs is not None and self.settings.is_limited and math.isnan(costs.weight):
+            raise ConfigError(
+                "a costmap without a field has no e or u to limit; give one of a field, or leave"
+                " out max_e and budget"
+            )
 
     def planned(
         self, costs: Costmap, planner: Planner | None = None, *, limited: bool = True
@@ -75,7 +80,7 @@ class Ask:
 
     def shortest(self, costs: Costmap) -> Path | None:
         """The shortest path without limits, as others that are shown beside an aware one."""
-        if costs.settings is None:
+        if math.isnan(costs.weight):
             return None
         limits = self._limits(limited=False)
         return plan_beside_shortest(costs, self.start, self.goal, **limits)[SHORTEST].path

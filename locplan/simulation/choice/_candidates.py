@@ -233,7 +233,7 @@ def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]
     """All candidates by name, the shortest first, and why others are none."""
     found, weight = part.accepted, part.ask.settings.weight
     densities = {**INFLATED, **DENSITIES}
-    if part.costs.settings is not None:
+    if not math.isnan(part.costs.weight):
         densities |= AWARE
         if weight is not None:
             densities |= _aware(weight)

@@ -129,7 +129,8 @@ class Choice(Result):
         error = f"x{short(found.ratio)} of its error {at_length(shortest, leader)}"
         more_lost = ", but more of its drives are lost" if found.more_lost else ""
         if chosen is leader:
-            return f"take {leader.name}: {found.verdict} than the shortest, {error}{self._slight}"
+            answer = f'take "{leader.name}": {found.verdict} than the shortest, {error}'
+            return answer + self._slight
         bold = "; --bold (bold=True) takes it" if self.verdict == PROBABLY_BETTER else ""
         if found.verdict == LOSES_MORE:
             return f"take the shortest: {leader.name} loses more drives, {error}"
@@ -163,7 +164,8 @@ class Choice(Result):
         taken = self.judgement.ratio.value if self.best else 1.0
         rival, filter = self.rival and self.rival.ratio, self.settings.rival
         if rival and filter and rival.high < 1 and rival.value < 0.9 * taken:
-            preset = "this filter with all alphas 0.05 and likelihood_field_prob"
+            which = "this filter" if isinstance(self.robot.filter, Amcl) else "AMCL"
+            preset = f"{which} with all alphas 0.05 and likelihood_field_prob"
             found.append(
                 "tune first, with `locplan tune`: on the shortest path"
                 f" {preset if filter == TUNED else filter.title} has x{short(rival)} of the error"
@@ -266,7 +268,7 @@ class Choice(Result):
         return Table.of((marks, *columns) if self.judgement else columns, self.candidates)
 
     def report(self, *about: Any, **more: Any) -> str:
-        """The answer, the table, and which drives are shown.
+        """The answer with its advice, the table, and which drives are shown.
 
         Parameters
         ----------
@@ -283,10 +285,12 @@ class Choice(Result):
         ]
         left = [f"{each.name}: {each.note}" for each in self.candidates if each.note]
         left += [f"left out: {name}: {why}" for name, why in self.left_out.items()]
-        below = [*self.advice, *left, *([self.driven, *heads] if self.judgement else [])]
+        below = [*left, *([self.driven, *heads] if self.judgement else [])]
         if self.costs is not None and not self.costs.has_weak_spots:
             below.append("no weak spot for this lidar: u is 0 all over the map")
-        return "\n".join([*wrapped([self.sentence]), str(self.table()), *wrapped(below)])
+        return "\n".join(
+            [*wrapped([self.sentence, *self.advice]), str(self.table()), *wrapped(below)]
+        )
 
     def _write(self, folder: File, *about: Any) -> None:
         """Write the paths, the table and the errors along the paths."""

@@ -119,7 +119,7 @@ def choose(
     blank, own = source.blank(grid, robot.radius), Own.of(candidates)
     begin, *via, end = check_ends(blank, start, goal, asked.via, space=own.space)
     ask = Ask(grid, begin, end, dataclasses.replace(asked, via=tuple(via)), robot)
-    ask.check()
+    ask.check(source.given)
     own.check(ask)
     simulator = Simulator(  # checks them
         grid, robot, filter_map=asked.filter_map, seed=seed, threads=threads
@@ -262,7 +262,7 @@ def _planned_only(
 
     costs, field = source.costs(ask, drafted)
     plans = {SHORTEST: shortest.measured_on(costs)}
-    if costs.settings is not None:
+    if not math.isnan(costs.weight):
         plans = ask.beside_shortest(costs, own.planner)
     paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
     left_out = {name: why_without(plan) for name, plan in plans.items() if plan.path is None}
