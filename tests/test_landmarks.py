@@ -29,7 +29,6 @@ from locplan.landmarks import (
     parsed_object,
     with_objects,
 )
-from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.robots import Amcl, Lidar, Robot
 from locplan.simulation import Drives

@@ -278,7 +278,7 @@ class Session(Upkeep):
         ----------
         do : str
             Name of the question.
-        progress : callable, by default one that does nothing
+        progress : callable, optional
             Called with (done, total), and perhaps what is done; what it raises ends the work.
         **values
             What the question says.
