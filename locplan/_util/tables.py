@@ -105,9 +105,6 @@ def table(
     for row in rows:
         grid.add_row(*(Text(text) for text in row))  # a map's name may hold brackets
     console = Console(width=width, force_jupyter=False)  # text, in a notebook, too
-    if sum(console.measure(each.header).maximum + 2 for each in heads) > console.width * 3 / 4:
-        for head in heads:  # units below their words leave the names of rows whole
-            head.header = Text(str(head.header).replace(" [", "\n["), overflow="fold")
     with console.capture() as capture:
         console.print(grid)
     return "\n".join(line.rstrip() for line in capture.get().splitlines() if line.strip())
