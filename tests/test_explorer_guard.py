@@ -120,12 +120,6 @@ def test_a_socket_needs_an_origin_and_the_cookie(server):
         assert Page(link).state["event"] == "state"
 
 
-def test_answers_do_not_name_the_server(server):
-    with linked(server) as link:
-        assert link.response is not None
-        assert "Server" not in link.response.headers
-
-
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "X"])
 def test_the_server_is_only_read_from(server, method):
     for path in ("/", "/about", f"/?token={server.token}"):
