@@ -11,6 +11,9 @@ from locplan._util.checks import positive, whole
 from locplan._util.progress import ProgressCallback
 from locplan.planners._protocol import SPACES
 
+TELL_EVERY = 512
+"""Iterations from one report of progress to the next."""
+
 _NOT_DUBINS = tuple(space for space in SPACES if space != "Dubins")
 """Spaces of planners that drive Dubins' curves backwards, or find none, as FMT within 25 s."""
 
@@ -141,7 +144,7 @@ class Limits:
                     self.history.append((elapsed, cost))
                 if iteration >= settled_after and settled():
                     return True
-                if self.progress and iteration % 512 == 0:
+                if self.progress and iteration % TELL_EVERY == 0:
                     in_ms = 1000 * elapsed, 1000 * time_limit
                     done, total = (iteration, most) if math.isinf(time_limit) else in_ms
                     self.progress(int(min(done, total)), int(total))
