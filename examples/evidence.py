@@ -113,7 +113,7 @@ def routes_of(
     grid: locplan.OccupancyGrid, name: str, robot: Robot, drives: int, count: int
 ) -> Iterator[Judged]:
     """Choose a path for some random queries, and drive the paths that count afresh."""
-    blank = locplan.Costmap.blank(grid, robot_radius=robot.radius)
+    blank = locplan.Costmap.blank(grid, robot=robot)
     try:
         queries = random_queries(blank, 4 * count, 2, min_distance=MIN_DISTANCE)
     except locplan.LocplanError:  # the map is too small

@@ -19,7 +19,7 @@ def main(folder: str = "own_cost") -> None:
     field = locplan.load_or_compute(grid, locplan.FieldConfig(stride=0.4))
     aware = locplan.Costmap.from_field(grid, field)
     near_walls = np.clip(1.0 - grid.clearance / 0.8, 0.0, 1.0)
-    both = locplan.Costmap.from_density(grid, aware.density + 3.0 * near_walls, robot_radius=0.25)
+    both = locplan.Costmap.from_density(grid, aware.density + 3.0 * near_walls, robot=0.25)
     for label, costs in (("localizability", aware), ("and clearance", both)):
         plan = locplan.plan(costs, ends["start"], ends["goal"])
         metrics = plan.measured_on(aware).metrics

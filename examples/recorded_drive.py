@@ -61,7 +61,7 @@ def between(drive: locplan.recordings.Recording) -> list[int]:
 
 def simulated(grid: locplan.OccupancyGrid) -> locplan.recordings.Recording:
     """A drive from stop to stop on the shortest way."""
-    costs = locplan.Costmap.blank(grid, robot_radius=0.4)
+    costs = locplan.Costmap.blank(grid, robot=0.4)
     parts = [locplan.plan(costs, *ends).path for ends in pairwise(STOPS)]
     way = Route(np.concatenate([part.xy for part in parts if part is not None]))
     return record_drive(grid, way, locplan.Robot("turtlebot4"))

@@ -3,7 +3,7 @@
 >>> import locplan
 >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
 >>> field = locplan.covariance_field(grid, locplan.Sad())
->>> costs = locplan.Costmap.from_field(grid, field, robot_radius=0.25)
+>>> costs = locplan.Costmap.from_field(grid, field, robot=0.25)
 >>> plan = locplan.plan(costs, start=(2.0, 3.0), goal=(38.0, 3.0))
 >>> plan.status
 'solved'

@@ -57,7 +57,7 @@ def results(grid: OccupancyGrid) -> Iterator[tuple[str, np.ndarray]]:
         for array, values in field.values.items():
             yield f"field/{name}/{array}", values
     for name in ("sad", "fused"):
-        costs = locplan.Costmap.from_field(grid, made[name], robot_radius=0.2)
+        costs = locplan.Costmap.from_field(grid, made[name], robot=0.2)
         yield f"costs/{name}/u", costs.u
         yield f"costs/{name}/density", costs.density
         yield from routes(grid, costs, name)

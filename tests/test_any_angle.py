@@ -169,7 +169,7 @@ def test_cut_corners_cross_nothing_either(seed):
 
 def test_without_obstacles_the_path_is_the_straight_line():
     grid = OccupancyGrid(np.full((260, 640), FREE), 0.05, (3.0, -2.0, 0.4))
-    costs = Costmap.blank(grid, robot_radius=0.0)
+    costs = Costmap.blank(grid, robot=0.0)
     start, goal = grid.cell_to_world(3, 5), grid.cell_to_world(251, 630)
     result = plan(costs, start, goal, planner="any-angle")
     assert result.metrics.length == pytest.approx(math.dist(start, goal), rel=1e-6)
@@ -177,7 +177,7 @@ def test_without_obstacles_the_path_is_the_straight_line():
 
 def test_around_a_corner_it_is_as_short_as_can_be():
     lines = ["." * 30] * 10 + ["." * 15 + "#" * 15] * 10
-    costs = Costmap.blank(drawn(*lines), robot_radius=0.0)
+    costs = Costmap.blank(drawn(*lines), robot=0.0)
     start, goal = (14.5, 0.5), (29.5, 10.5)
     result = plan(costs, start, goal, planner="any-angle")
     around = math.dist(start, (15, 10)) + math.dist((15, 10), goal)

@@ -59,13 +59,13 @@ def grid():
 
 @pytest.fixture(scope="module")
 def costs(grid):
-    return Costmap.blank(grid, robot_radius=0.2)
+    return Costmap.blank(grid, robot=0.2)
 
 
 @pytest.fixture(scope="module")
 def fielded(grid):
     field = covariance_field(grid, FieldConfig(Fisher(ROBOT.lidar), stride=0.5))
-    return Costmap.from_field(grid, field, robot_radius=0.2)
+    return Costmap.from_field(grid, field, robot=0.2)
 
 
 @pytest.fixture(scope="module")
@@ -162,7 +162,7 @@ def test_aware_paths_are_candidates_however_near_another_one(grid, fielded):
 def test_the_shortest_is_the_shortest_whatever_the_costmaps_weight(grid, fielded):
     heavy = fielded.with_weight(50.0)
     found = choose(grid, START, GOAL, costs=heavy, **QUICK)
-    own = plan(Costmap.blank(grid, robot_radius=0.2), START, GOAL).path
+    own = plan(Costmap.blank(grid, robot=0.2), START, GOAL).path
     assert found.shortest.path.length == pytest.approx(own.length)
     assert plan(heavy, START, GOAL).path.length > own.length + 0.1
 
@@ -474,7 +474,7 @@ def test_without_a_lidar_the_aware_path_is_given_beside_the_shortest(corridors):
 def test_a_degeneracy_of_ones_own_has_aware_paths(grid):
     u = np.zeros(grid.shape)
     u[:14] = 1.0  # the way below the box, which is the shorter one
-    costs = Costmap.from_layers(grid, u=u, e=u, robot_radius=0.2)
+    costs = Costmap.from_layers(grid, u=u, e=u, robot=0.2)
     ends = (1.0, 2.5), (11.0, 2.5)
     found = choose(grid, *ends, costs=costs)
     assert names_of(found) == ["shortest", "localizability-aware"]

@@ -140,7 +140,7 @@ def test_a_planner_cannot_change_what_any_path_is_measured_on():
     for measures in by_query.values():
         assert len(measures) == 5
         assert all(one == measures[-1] for one in measures)
-    costs = Costmap.blank(rooms(), robot_radius=0.1)
+    costs = Costmap.blank(rooms(), robot=0.1)
     before = costs.copy()
     query = locplan.planners.random_queries(costs, 1, 1, min_distance=2.0)[0]
     spoilt = locplan.plan(costs, query.start, query.goal, planner=writer)

@@ -65,7 +65,7 @@ def test_corners_that_are_only_touched_do_not_count():
 
 
 def test_u_is_clipped_between_the_absolute_anchors(field):
-    costs = Costmap.from_field(field.grid, field, weight=4.0, robot_radius=0.0)
+    costs = Costmap.from_field(field.grid, field, weight=4.0, robot=0.0)
     low, high = field.anchors()
     expected = np.clip(np.log(costs.e / low) / np.log(high / low), 0, 1)
     np.testing.assert_allclose(costs.u, expected)
@@ -77,7 +77,7 @@ def test_u_is_clipped_between_the_absolute_anchors(field):
 def test_the_papers_preset_is_costed_with_q_all_the_same():
     grid = corridor(12.0, 2.0)
     field = covariance_field(grid, dataclasses.replace(FieldConfig(Sad.paper()), stride=0.4))
-    u = Costmap.from_field(grid, field, robot_radius=0.0).u[grid.free]
+    u = Costmap.from_field(grid, field, robot=0.0).u[grid.free]
     assert np.isfinite(u).all()
     assert 0 <= u.min() < u.max() <= 1
     assert field.anchors()[0] == pytest.approx(
@@ -87,7 +87,7 @@ def test_the_papers_preset_is_costed_with_q_all_the_same():
 
 @pytest.mark.parametrize(("law", "power"), [("linear", 1.0), ("cube-root", 1 / 3)])
 def test_other_laws_are_powers_of_the_share_of_the_greatest_e(field, law, power):
-    costs = Costmap.from_field(field.grid, field, law=law, robot_radius=0.0)
+    costs = Costmap.from_field(field.grid, field, law=law, robot=0.0)
     expected = (costs.e / field.anchors()[1]) ** power
     np.testing.assert_allclose(costs.u, np.clip(expected, 0, 1))
 
@@ -98,7 +98,7 @@ def test_heading_says_nothing_in_a_field_without_rotation():
         grid, FieldConfig(Sad(range=1.0, window=SearchWindow(half_rotation_deg=0)))
     )
     with pytest.raises(ConfigError, match="without rotation"):
-        Costmap.from_field(grid, field, criterion="heading_std", robot_radius=0.0)
+        Costmap.from_field(grid, field, criterion="heading_std", robot=0.0)
 
 
 @pytest.mark.parametrize(("radius", "resolution"), [(0.15, 0.02), (0.1, 0.04), (0.25, 0.05)])
@@ -106,7 +106,7 @@ def test_a_robot_fits_where_the_clearance_is_just_its_radius(radius, resolution)
     cells = np.full((1, 40), FREE, np.uint8)
     cells[0, 0] = 0
     grid = OccupancyGrid(cells, resolution)
-    costs = Costmap.blank(grid, robot_radius=radius)
+    costs = Costmap.blank(grid, robot=radius)
     first = np.flatnonzero(np.isfinite(costs.density[0]))[0]
     assert (first - 0.5) * resolution >= radius - 1e-9
     assert (first - 1.5) * resolution < radius - 1e-9
@@ -114,7 +114,7 @@ def test_a_robot_fits_where_the_clearance_is_just_its_radius(radius, resolution)
 
 def test_the_profile_covers_the_whole_path():
     grid = OccupancyGrid(np.full((1, 4), FREE), 1.0)
-    costs = Costmap.blank(grid, robot_radius=0.0)
+    costs = Costmap.blank(grid, robot=0.0)
     layer = np.array([[1.0, 2.0, 3.0, 4.0]])
     distance, values = profile(costs, Path(np.array([[0.5, 0.5], [2.25, 0.5]])), layer)
     assert distance.tolist() == [0.0, 0.5, 1.5, 1.75]
@@ -123,21 +123,19 @@ def test_the_profile_covers_the_whole_path():
 
 @pytest.mark.parametrize("criterion", ["position_std", "position_rms", "heading_std"])
 def test_u_can_be_made_of_another_scalar(field, criterion):
-    u = Costmap.from_field(field.grid, field, criterion=criterion, robot_radius=0.0).u[
-        field.grid.free
-    ]
+    u = Costmap.from_field(field.grid, field, criterion=criterion, robot=0.0).u[field.grid.free]
     assert 0 <= u.min() <= u.max() <= 1
 
 
 def test_the_robots_radius_blocks_cells_near_walls(field):
-    costs = Costmap.from_field(field.grid, field, robot_radius=0.4)
+    costs = Costmap.from_field(field.grid, field, robot=0.4)
     free = field.grid.free
     np.testing.assert_array_equal(np.isfinite(costs.density), free & (field.grid.clearance >= 0.4))
 
 
 def test_a_field_of_another_map_is_refused(field):
     with pytest.raises(FieldError, match="does not belong"):
-        Costmap.from_field(drawn("..", ".."), field, robot_radius=0.0)
+        Costmap.from_field(drawn("..", ".."), field, robot=0.0)
 
 
 @pytest.mark.parametrize(
@@ -145,7 +143,7 @@ def test_a_field_of_another_map_is_refused(field):
     [
         ({"weight": -1.0}, "weight"),
         ({"weight": math.nan}, "weight"),
-        ({"robot_radius": -0.1}, "robot_radius"),
+        ({"robot": -0.1}, "robot must"),
         ({"law": "square"}, "law"),
         ({"criterion": "volume"}, "criterion"),
     ],
@@ -166,11 +164,11 @@ def test_bad_densities_are_refused(density):
 def test_layers_of_ones_own_count_in_free_cells_alone():
     grid = drawn("..#", "...")
     u = np.array([[0.0, 1.0, 0.5], [0.25, 0.0, np.nan]])  # the row at the lowest y first
-    costs = Costmap.from_layers(grid, u=u, weight=2.0, robot_radius=0.0)
+    costs = Costmap.from_layers(grid, u=u, weight=2.0, robot=0.0)
     np.testing.assert_array_equal(costs.density, [[1.0, 3.0, 2.0], [1.5, 1.0, np.inf]])
     np.testing.assert_array_equal(costs.with_weight(4.0).density[0], [1.0, 5.0, 3.0])
     assert np.isnan(costs.e).all()
-    near = Costmap.from_layers(grid, u=u, e=u + 1, robot_radius=1.2)
+    near = Costmap.from_layers(grid, u=u, e=u + 1, robot=1.2)
     assert np.isinf(near.density).sum() == 4
     assert near.weight == 8.0
     assert near.e[0, 1] == 2.0
@@ -210,7 +208,7 @@ def test_impossible_positions_are_refused_with_the_nearest_possible(xy, message)
 
 
 def test_a_position_within_the_robots_radius_of_a_wall_is_refused():
-    costs = Costmap.from_density(drawn("#....", "....."), np.ones((2, 5)), robot_radius=1.2)
+    costs = Costmap.from_density(drawn("#....", "....."), np.ones((2, 5)), robot=1.2)
     with pytest.raises(PoseError, match=r"0\.50 m from a wall, closer than the robot's radius"):
         costs.cell_of((1.5, 1.5), "goal")
 
@@ -224,7 +222,7 @@ def test_a_map_without_room_says_so():
 def test_metrics_are_the_integrals_of_the_layers():
     grid = OccupancyGrid(np.full((1, 4), FREE), 0.5)
     costs = Costmap.from_layers(
-        grid, u=[[0.0, 0.6, 0.7, 0.1]], e=[[0.1, 0.2, 0.3, 0.4]], weight=5.0, robot_radius=0.0
+        grid, u=[[0.0, 0.6, 0.7, 0.1]], e=[[0.1, 0.2, 0.3, 0.4]], weight=5.0, robot=0.0
     )
     metrics = path_metrics(costs, Path(np.array([[0.25, 0.25], [1.75, 0.25]])))
     assert metrics.length == pytest.approx(1.5)
@@ -239,7 +237,7 @@ def test_metrics_are_the_integrals_of_the_layers():
 
 
 def test_a_path_of_one_position_costs_nothing(field):
-    costs = Costmap.from_field(field.grid, field, robot_radius=0.0)
+    costs = Costmap.from_field(field.grid, field, robot=0.0)
     metrics = path_metrics(costs, Path(np.array([[0.0, 0.0], [0.0, 0.0]])))
     assert metrics.length == metrics.cost == metrics.integrated_e == 0.0
     assert metrics.mean_e == metrics.max_e > 0
@@ -253,7 +251,7 @@ def test_a_path_outside_costs_infinitely_much():
 
 
 def test_another_weight_keeps_what_is_blocked(field):
-    costs = Costmap.from_field(field.grid, field, weight=4.0, robot_radius=0.3)
+    costs = Costmap.from_field(field.grid, field, weight=4.0, robot=0.3)
     shortest = costs.with_weight(0.0)
     np.testing.assert_array_equal(np.isinf(shortest.density), np.isinf(costs.density))
     assert set(np.unique(shortest.density)) == {1.0, np.inf}
@@ -282,14 +280,14 @@ def test_the_weight_counts_in_each_heading(weight):
 
 def test_a_larger_radius_blocks_more_and_is_remembered():
     grid = drawn("#......", ".......", ".......")
-    narrow, wide = (Costmap.blank(grid, robot_radius=radius) for radius in (0.5, 2.2))
-    widened = narrow.with_robot_radius(2.2)
+    narrow, wide = (Costmap.blank(grid, robot=radius) for radius in (0.5, 2.2))
+    widened = narrow.with_robot(2.2)
     assert widened.robot_radius == wide.robot_radius == 2.2
     np.testing.assert_array_equal(widened.density, wide.density)
     with pytest.raises(PoseError, match=r"closer than the robot's radius of 2\.2 m"):
         widened.cell_of((1.5, 1.5))
     with pytest.raises(ConfigError, match="cannot serve"):
-        widened.with_robot_radius(1.0)
+        widened.with_robot(1.0)
 
 
 @pytest.mark.parametrize(("u", "share"), [(0.45, 0.0), (0.5, 0.0), (0.55, 0.5)])
@@ -311,7 +309,7 @@ def test_no_array_of_a_costmap_can_be_written_to(tmp_path):
     for each in (
         costs,
         costs.with_weight(2.0),
-        costs.with_robot_radius(0.6),
+        costs.with_robot(0.6),
         costs.blocked_where(costs.e > 0.05),
         dataclasses.replace(costs, u=costs.u / 2),
         pickle.loads(pickle.dumps(costs)),
@@ -368,7 +366,7 @@ def edited(request) -> tuple[CovarianceField, list[CovarianceField]]:
 @pytest.mark.parametrize("law", ["logarithmic", "cube-root"])
 def test_an_updated_costmap_equals_a_new_one(edited, robot_radius, law):
     field, after = edited
-    settings = {"weight": 3.0, "robot_radius": robot_radius, "law": law}
+    settings = {"weight": 3.0, "robot": robot_radius, "law": law}
     costs = Costmap.from_field(field.grid, field, **settings)
     for each in after:
         updated, new = costs.updated(each), Costmap.from_field(each.grid, each, **settings)

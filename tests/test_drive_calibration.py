@@ -35,7 +35,7 @@ def grid():
 
 @pytest.fixture(scope="module")
 def line(grid):
-    costs = Costmap.blank(grid, robot_radius=0.3)
+    costs = Costmap.blank(grid, robot=0.3)
     path = plan(costs, (2.0, 3.0), (36.0, 3.0)).path
     return poses_along(path, grid)[::2]
 

@@ -30,7 +30,7 @@ def grid():
 @pytest.fixture(scope="module")
 def drive(grid):
     """A drive of 34 m, with a scan every 0.1 m."""
-    costs = Costmap.blank(grid, robot_radius=0.3)
+    costs = Costmap.blank(grid, robot=0.3)
     path = plan(costs, (2.0, 3.0), (36.0, 3.0)).path
     return recorded(grid, poses_along(path, grid)[::2])
 

@@ -397,7 +397,7 @@ def test_wrong_input_is_refused_before_any_run(tmp_path):
     assert "workers" in refused(workers=0)
     assert "name of its own" in refused(queries=QUERIES + QUERIES)
     assert "weight" in refused(weights=[-1.0])
-    blank = Costmap.blank(room().grid, robot_radius=0.0)
+    blank = Costmap.blank(room().grid, robot=0.0)
     assert "no field" in refused(costs=blank, weights=[4.0])
     assert "at least one planner" in refused(planners=[])
 
@@ -447,7 +447,7 @@ def test_headings_are_for_planners_that_have_them():
 
 @pytest.mark.usefixtures("inline_workers")
 def test_a_costmap_without_a_field_has_the_weight_zero():
-    blank = Costmap.blank(room().grid, robot_radius=0.0)
+    blank = Costmap.blank(room().grid, robot=0.0)
     (run,) = made("grid", QUERIES[:1], costs=blank, weights=[0])
     assert run.measures["cost"] == pytest.approx(run.measures["length"])
     assert math.isnan(run.measures["integrated_u"])

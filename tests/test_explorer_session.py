@@ -428,7 +428,7 @@ def test_fields_and_costs_after_an_edit_are_those_of_the_new_map(tool, monkeypat
     assert not any(scene.field.lacking.any() for scene in scenes)
     expected = locplan.covariance_field(session.grid, SAD)
     np.testing.assert_array_equal(session.field.covariance, expected.covariance)
-    costs = locplan.Costmap.from_field(session.grid, expected, robot_radius=0.15)
+    costs = locplan.Costmap.from_field(session.grid, expected, robot=0.15)
     np.testing.assert_array_equal(session.scene.costs.density, costs.density)
     assert session.scene.costs.grid.digest == session.grid.digest
 
@@ -457,7 +457,7 @@ def test_edits_that_come_while_values_are_computed_end_in_the_last_map(monkeypat
     session.latest.result()
     expected = locplan.covariance_field(session.grid, SAD)
     np.testing.assert_array_equal(session.field.covariance, expected.covariance)
-    costs = locplan.Costmap.from_field(session.grid, expected, robot_radius=0.15)
+    costs = locplan.Costmap.from_field(session.grid, expected, robot=0.15)
     for name in ("density", "u", "e"):
         np.testing.assert_array_equal(getattr(session.scene.costs, name), getattr(costs, name))
 

@@ -96,7 +96,7 @@ def test_layers_are_those_of_the_field(name):
 @pytest.mark.parametrize("name", [name for name in CONFIGS if name != "headings"])
 def test_degeneracy_on_the_lattice_is_that_of_the_costmap(name):
     field = field_of(name)
-    costs = locplan.Costmap.from_field(field.grid, field, robot_radius=0.0)
+    costs = locplan.Costmap.from_field(field.grid, field, robot=0.0)
     u = textures_of(field)["degeneracy"].values
     on_map = costs.u[:: field.stride, :: field.stride]
     both = ~np.isnan(on_map)

@@ -180,7 +180,7 @@ def exported(folder, *, force=False, grid=None, progress=lambda *_: None, **aske
 def test_an_export_is_that_of_the_library(tmp_path):
     made = exported(tmp_path / "out", to="nav2-keepout", distro="kilted")
     assert "kilted" in " ".join(made["warnings"])  # what Nav2 does wrong there
-    costs = Costmap.from_field(*corridors(), weight=3.0, robot_radius=Robot().radius)
+    costs = Costmap.from_field(*corridors(), weight=3.0, robot=Robot().radius)
     with pytest.warns(UserWarning, match="kilted"):
         nav2_keepout(tmp_path / "own", costs, distro="kilted")
     own = {each.name for each in (tmp_path / "own").iterdir()}
@@ -412,7 +412,7 @@ def test_the_command_and_the_code_plan_the_path_shown(config, name, run, tmp_pat
     way = {"start": start, "goal": goal, "via": via, "weight": 2.5}
     made = reproduced(config, moved, way, robot=robot, criterion=criterion, map_file=name)
     field = locplan.load_or_compute(moved, config)
-    costs = Costmap.from_field(moved, field, weight=2.5, robot_radius=0.2, criterion=criterion)
+    costs = Costmap.from_field(moved, field, weight=2.5, robot=0.2, criterion=criterion)
     own = plan_beside_shortest(costs, start, goal, via=via)[AWARE].path.xy
     code, command = done_again(made, run)
     assert np.allclose(code.candidates[1].path.xy, own, rtol=0, atol=1e-8)

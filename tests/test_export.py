@@ -40,7 +40,7 @@ def costs():
     """Without symmetry, and with an origin."""
     grid = OccupancyGrid(random_rooms((70, 110), seed=6), 0.1, (2.0, -1.0, 0.0), name="rooms")
     field = covariance_field(grid, FieldConfig(Sad(range=1.0)))
-    return Costmap.from_field(grid, field, weight=4.0, robot_radius=0.15)
+    return Costmap.from_field(grid, field, weight=4.0, robot=0.15)
 
 
 def master_costs(costs):
@@ -146,7 +146,7 @@ def test_where_a_planner_saturates_is_said(tmp_path, costs):
 
 @pytest.mark.parametrize("write", [export.nav2_keepout, export.nav2_static, export.nav2_speed])
 def test_every_free_cell_has_a_value_and_no_other(tmp_path, costs, write):
-    wide = costs.with_robot_radius(0.3)
+    wide = costs.with_robot(0.3)
     assert np.isinf(wide.density[wide.grid.free]).any()
     write(tmp_path / "out", wide)
     values = stacks.load(tmp_path / "out" / "mask.yaml", "main").data
@@ -259,7 +259,7 @@ def test_masks_and_routes_lie_where_stacks_that_ignore_the_yaw_have_the_map(tmp_
 @pytest.mark.parametrize("write", [export.nav2_keepout, export.nav2_static])
 def test_other_planners_realise_j_too(tmp_path, name, write):
     grid = environments.make("two_corridors", resolution=0.1)
-    costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot_radius=0.25)
+    costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot=0.25)
     at = environments.landmarks("two_corridors")
     write(tmp_path / "out", costs, planner=name)
     if write is export.nav2_keepout:
@@ -329,7 +329,7 @@ def far_apart(costs, seed):
 def test_smac2d_realises_j_on_generated_maps(tmp_path, name, weight):
     grid = environments.make(name, resolution=0.1)
     field = load_or_compute(grid, FieldConfig())
-    costs = Costmap.from_field(grid, field, weight=weight, robot_radius=0.25)
+    costs = Costmap.from_field(grid, field, weight=weight, robot=0.25)
     at = environments.landmarks(name)
     theirs, ours, _ = compare_with_smac(tmp_path / "mask", costs, at["start"], at["goal"])
     assert ours.cost <= theirs.cost * (1 + 1e-9)
@@ -343,7 +343,7 @@ def test_smac2d_realises_j_on_real_maps(tmp_path, real_maps, name):
     (file,) = (real_maps / name).glob("*.yaml")
     grid = load_map(file)
     field = load_or_compute(grid, FieldConfig(stride=0.4))
-    costs = Costmap.from_field(grid, field, weight=4.0, robot_radius=0.2)
+    costs = Costmap.from_field(grid, field, weight=4.0, robot=0.2)
     theirs, ours, _ = compare_with_smac(tmp_path / "mask", costs, *far_apart(costs, seed=3))
     assert ours.cost <= theirs.cost * (1 + 1e-9)
     assert theirs.cost <= 1.01 * ours.cost
@@ -362,7 +362,7 @@ def test_smac2d_realises_j_within_three_in_a_thousand(tmp_path, real_maps):
         (file,) = (real_maps / name).glob("*.yaml")
         grid = load_map(file)
         field = load_or_compute(grid, FieldConfig(stride=0.4))
-        costs = Costmap.from_field(grid, field, robot_radius=0.2)
+        costs = Costmap.from_field(grid, field, robot=0.2)
         for seed in range(4):
             theirs, ours, _ = compare_with_smac(tmp_path / name, costs, *far_apart(costs, seed))
             ratios.append(theirs.cost / ours.cost)
@@ -371,7 +371,7 @@ def test_smac2d_realises_j_within_three_in_a_thousand(tmp_path, real_maps):
 
 def test_without_the_mask_smac2d_takes_the_blind_corridor(tmp_path):
     grid = environments.make("two_corridors", resolution=0.1)
-    costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot_radius=0.25)
+    costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot=0.25)
     at = environments.landmarks("two_corridors")
     export.nav2_keepout(tmp_path / "mask", costs)
     with_ours = planned_by_smac(tmp_path / "mask", costs, at["start"], at["goal"])
@@ -423,7 +423,7 @@ def test_wrong_settings_leave_nothing_behind(tmp_path, costs, settings, message)
 
 def test_a_radius_that_blocks_everything_is_told(tmp_path, costs):
     with pytest.raises(LocplanError, match="no cell of the costmap is passable"):
-        export.nav2_keepout(tmp_path / "mask", costs.with_robot_radius(50.0))
+        export.nav2_keepout(tmp_path / "mask", costs.with_robot(50.0))
 
 
 def test_a_map_without_free_space_gets_no_mask(tmp_path):

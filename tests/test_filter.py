@@ -272,7 +272,7 @@ def test_maps_that_do_not_overlap_are_refused():
 
 def test_whatever_drives_takes_a_filter_map(tmp_path):
     grid, old = room(), shifted_wall()
-    costs = Costmap.from_field(grid, covariance_field(grid, Sad()), robot_radius=0.3)
+    costs = Costmap.from_field(grid, covariance_field(grid, Sad()), robot=0.3)
     query = [Query("one", (2.0, 4.0), (9.0, 4.0))]
     chosen = [
         choose(*(grid, query[0].start, query[0].goal, EXACT), costs=costs, drives=4, filter_map=m)

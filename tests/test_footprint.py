@@ -100,9 +100,9 @@ def door(width: int) -> OccupancyGrid:
 @pytest.mark.parametrize("planner", ["grid", "any-angle"])
 def test_a_long_robot_passes_a_door_that_its_circle_does_not(planner):
     grid = door(10)
-    costs = Costmap.blank(grid, robot_radius=0.0)
+    costs = Costmap.blank(grid, robot=0.0)
     ends = (2.0, 4.05), (10.0, 4.05)
-    round_one = plan(costs.with_robot_radius(1.25), *ends, planner=planner)
+    round_one = plan(costs.with_robot(1.25), *ends, planner=planner)
     assert round_one.status == "unreachable"
     result = plan(costs, *ends, planner=planner, footprint=LONG)
     assert result.status == "solved"
@@ -110,9 +110,7 @@ def test_a_long_robot_passes_a_door_that_its_circle_does_not(planner):
 
 
 def test_a_door_too_narrow_is_told():
-    result = plan(
-        Costmap.blank(door(6), robot_radius=0.0), (2.0, 4.05), (10.0, 4.05), footprint=LONG
-    )
+    result = plan(Costmap.blank(door(6), robot=0.0), (2.0, 4.05), (10.0, 4.05), footprint=LONG)
     assert result.status == "infeasible"
     assert "footprint" in result.note
 
@@ -134,7 +132,7 @@ def corridor_of(width: int) -> OccupancyGrid:
 )
 def test_what_is_only_not_found_is_not_called_infeasible(grid, way, note):
     assert Footprint(BOX).first_collision(grid, Path(way)) is None
-    result = plan(Costmap.blank(grid, robot_radius=0.0), way[0], way[-1], footprint=BOX)
+    result = plan(Costmap.blank(grid, robot=0.0), way[0], way[-1], footprint=BOX)
     assert result.status == "not found"
     assert "inner and outer circle (radii 0.3 and 0.583 m) were searched" in result.note
     assert note in result.note
@@ -147,25 +145,25 @@ def test_a_way_that_fits_exactly_is_not_called_unreachable(radius):
     cells[:10, 12:28] = cells[16:, 12:28] = OCCUPIED
     grid, way = OccupancyGrid(cells, 0.1), [(0.6, 1.3), (3.4, 1.3)]
     assert Footprint(BOX).first_collision(grid, Path(way)) is None
-    result = plan(Costmap.blank(grid, robot_radius=radius), *way, footprint=BOX)
+    result = plan(Costmap.blank(grid, robot=radius), *way, footprint=BOX)
     assert result.status == "not found"
 
 
 def test_what_is_closed_and_a_wider_radius_than_the_outlines_stay():
     ends = (2.0, 4.05), (10.0, 4.05)
-    wide = Costmap.blank(door(8), robot_radius=0.5)
-    closed = Costmap.blank(door(20), robot_radius=0.0)
+    wide = Costmap.blank(door(8), robot=0.5)
+    closed = Costmap.blank(door(20), robot=0.0)
     closed = closed.blocked_where(np.arange(120) == 60)
     for costs in (wide, closed):
         assert plan(costs, *ends, footprint=BOX).status == "unreachable"
 
 
 def test_a_way_that_the_inner_circle_cannot_pass_is_infeasible():
-    costs = Costmap.blank(corridor_of(4), robot_radius=0.0)
+    costs = Costmap.blank(corridor_of(4), robot=0.0)
     result = plan(costs, (0.7, 0.3), (2.3, 0.3), footprint=BOX)
     assert result.status == "infeasible"
     assert "not even the footprint's inner circle (radius 0.3 m) fits" in result.note
-    walled = Costmap.blank(door(0), robot_radius=0.0)
+    walled = Costmap.blank(door(0), robot=0.0)
     assert plan(walled, (2.0, 4.05), (10.0, 4.05), footprint=BOX).status == "unreachable"
 
 
@@ -174,7 +172,7 @@ def test_no_way_that_is_known_is_called_infeasible():
     for seed in range(200):
         rng = np.random.default_rng(seed)
         grid = OccupancyGrid(random_rooms((60, 60), seed), 0.2, (-1.0, 0.5, 0.3))
-        costs = Costmap.blank(grid, robot_radius=0.0)
+        costs = Costmap.blank(grid, robot=0.0)
         path = Path(np.column_stack(grid.grid_to_world(*rng.uniform(12, 48, (2, 3)))))
         known = np.isfinite(path_cost(costs, path))
         if known and Footprint(LONG).first_collision(grid, path) is None:
@@ -186,10 +184,10 @@ def test_no_way_that_is_known_is_called_infeasible():
 
 def test_a_wide_room_needs_no_second_search():
     grid = drawn(*["." * 60] * 60, resolution=0.1)
-    result = plan(Costmap.blank(grid, robot_radius=0.0), (2.0, 2.0), (4.0, 3.0), footprint=LONG)
+    result = plan(Costmap.blank(grid, robot=0.0), (2.0, 2.0), (4.0, 3.0), footprint=LONG)
     assert result.status == "solved"
 
 
 def test_a_radius_cannot_shrink():
     with pytest.raises(ConfigError, match="cannot serve"):
-        Costmap.blank(door(10), robot_radius=0.5).with_robot_radius(0.3)
+        Costmap.blank(door(10), robot=0.5).with_robot(0.3)

@@ -535,7 +535,7 @@ def test_what_two_close_together_is_refused_beside_the_first(hallway):
         "cuts a passage for the robot beside the others"
     )
     assert search.fault(beside, [one], search.around([one])) == "too close to another landmark"
-    costs = locplan.Costmap.blank(made.grid, robot_radius=0.35)
+    costs = locplan.Costmap.blank(made.grid, robot=0.35)
     assert locplan.plan(costs, (-6, 0), (6, 0)).path
 
 
@@ -546,7 +546,7 @@ def test_places_at_random_close_no_passage_either(hallway):
         chosen = search.at_random(30, np.random.default_rng(seed))
         poses = np.column_stack([positions_of(made), search.places[:, 2]])[chosen]
         marked = with_objects(hallway, Box(0.6, 0.5), poses)
-        costs.append(locplan.Costmap.blank(marked, robot_radius=0.35))
+        costs.append(locplan.Costmap.blank(marked, robot=0.35))
         passages = search.passages.copy()
         for n in chosen:
             assert not passages.cuts(search.places[n])

@@ -201,7 +201,7 @@ def test_what_cannot_be(costs: Costmap, graph: RouteGraph, tmp_path: Path) -> No
         with_stations(costs, graph, [Station("far", 1e3, 0.0)])
     with pytest.raises(LocplanError, match=r"must end in \.json"):
         lif(tmp_path / "a.lif", costs)
-    alone = Costmap.blank(OccupancyGrid(np.full((2, 2), FREE), 0.1), robot_radius=0.0)
+    alone = Costmap.blank(OccupancyGrid(np.full((2, 2), FREE), 0.1), robot=0.0)
     empty = roadmap(alone, min_area=0.0)
     with pytest.raises(ConfigError, match="needs edges"):
         to_lif(empty, name="a", timestamp=NOON)

@@ -63,7 +63,7 @@ def room_of(info, place):
 
 
 def test_rooms_that_are_not_connected_are_numbered_from_the_largest_on():
-    info = describe_map(drawn(*TWO_ROOMS), robot_radius=0.0)
+    info = describe_map(drawn(*TWO_ROOMS), robot=0.0)
     assert [(room.number, room.area) for room in info.rooms] == [(1, 21.0), (2, 12.0)]
     assert info.room_of_cell[2].tolist() == [0, 2, 2, 2, 2, 0, 1, 1, 1, 1, 1, 1, 1, 0]
     assert {place.room for place in info.places} == {1, 2}
@@ -74,21 +74,21 @@ def test_rooms_that_are_not_connected_are_numbered_from_the_largest_on():
 
 
 def test_levels_have_areas_and_shares():
-    info = describe_map(drawn("##.. ", "##...", resolution=0.5), robot_radius=0.0)
+    info = describe_map(drawn("##.. ", "##...", resolution=0.5), robot=0.0)
     assert (info.free.area, info.occupied.area, info.unknown.area) == (1.25, 1.0, 0.25)
     assert (info.free.share, info.occupied.share, info.unknown.share) == (0.5, 0.4, 0.1)
 
 
 def test_the_robots_radius_parts_rooms():
     doors = drawn(*["#" * 13], *["#.....#.....#"] * 2, "#...........#", *["#.....#.....#"] * 2)
-    assert len(describe_map(doors, robot_radius=0.4).rooms) == 1
-    assert len(describe_map(doors, robot_radius=0.6).rooms) == 2
+    assert len(describe_map(doors, robot=0.4).rooms) == 1
+    assert len(describe_map(doors, robot=0.6).rooms) == 2
 
 
 def test_specks_are_summed_up():
     lines = ["#" * 14, *["#........#.#.#"] * 8, "#" * 14]
     lines[3] = lines[6] = "#........#####"
-    info = describe_map(drawn(*lines, resolution=0.3), robot_radius=0.0)
+    info = describe_map(drawn(*lines, resolution=0.3), robot=0.0)
     assert len(info.rooms) == 1
     assert info.specks == 6
     assert info.specks_area == pytest.approx(12 * 0.09)
@@ -96,7 +96,7 @@ def test_specks_are_summed_up():
 
 
 def test_places_are_far_apart_by_the_way_and_not_by_the_crow():
-    info = describe_map(drawn(*U_TURN), robot_radius=0.0)
+    info = describe_map(drawn(*U_TURN), robot=0.0)
     first = info.pairs[0]
     assert (first.start.x, first.goal.x) == (1.5, 9.5)
     assert max(first.start.y, first.goal.y) < 2
@@ -107,8 +107,8 @@ def test_places_are_far_apart_by_the_way_and_not_by_the_crow():
 def test_places_can_be_driven_between_and_stand_clear():
     cells = np.pad(random_rooms((200, 300), seed=4), 1)
     grid = OccupancyGrid(cells, 0.05, (-3.0, 2.0, 0.4))
-    info = describe_map(grid, robot_radius=0.2)
-    costs = Costmap.blank(grid, robot_radius=0.2)
+    info = describe_map(grid, robot=0.2)
+    costs = Costmap.blank(grid, robot=0.2)
     assert len(info.pairs) >= 3
     for pair in info.pairs:
         ends = (pair.start.x, pair.start.y), (pair.goal.x, pair.goal.y)
@@ -121,7 +121,7 @@ def test_places_can_be_driven_between_and_stand_clear():
 def test_places_do_not_depend_on_the_origin_but_for_rounding():
     grid = drawn(*U_TURN, resolution=0.5)
     turned = OccupancyGrid(grid.cells, 0.5, (10.0, -4.0, math.radians(130)))
-    infos = [describe_map(each, robot_radius=0.0) for each in (grid, turned)]
+    infos = [describe_map(each, robot=0.0) for each in (grid, turned)]
     cells = [{info.grid.world_to_cell(place.x, place.y) for place in info.places} for info in infos]
     assert cells[0] == cells[1]
     assert infos[1].extent[0] == pytest.approx(
@@ -131,9 +131,9 @@ def test_places_do_not_depend_on_the_origin_but_for_rounding():
 
 def test_a_large_room_is_searched_on_a_coarser_grid(monkeypatch):
     grid = OccupancyGrid(np.pad(random_rooms((200, 300), seed=4), 1), 0.05, (1.0, 2.0, 0.4))
-    exact = describe_map(grid, robot_radius=0.2).pairs[0].distance
+    exact = describe_map(grid, robot=0.2).pairs[0].distance
     monkeypatch.setattr("locplan.planners._cost_to_go.SEARCHED", 4000)
-    coarse = describe_map(grid, robot_radius=0.2)
+    coarse = describe_map(grid, robot=0.2)
     assert coarse.pairs[0].distance == pytest.approx(exact, rel=0.05)
     for place in coarse.places:
         assert room_of(coarse, place) == place.room
@@ -143,10 +143,10 @@ def test_a_large_room_is_searched_on_a_coarser_grid(monkeypatch):
 def test_a_map_in_bands_is_described_as_the_whole_one(monkeypatch, radius):
     cells = np.pad(random_rooms((200, 300), seed=6, blocks=90), 1)
     grid = OccupancyGrid(cells, 0.05, (1.0, 2.0, 0.4))
-    whole = describe_map(grid, robot_radius=radius)
+    whole = describe_map(grid, robot=radius)
     assert len(whole.rooms) > 1
     monkeypatch.setattr("locplan.planners._grid.BAND_CELLS", 7 * 302)
-    banded = describe_map(grid, robot_radius=radius)
+    banded = describe_map(grid, robot=radius)
     np.testing.assert_array_equal(banded.room_of_cell, whole.room_of_cell)
     assert banded.report() == whole.report()
     assert banded.summary() == whole.summary()
@@ -167,7 +167,7 @@ def test_a_large_map_takes_a_few_bytes_for_each_cell(monkeypatch):
 
 def test_a_room_around_the_others_has_the_last_places():
     lines = ["............", ".##########.", *[".#........#."] * 3, ".##########.", "............"]
-    info = describe_map(drawn(*lines), robot_radius=0.0)
+    info = describe_map(drawn(*lines), robot=0.0)
     assert info.rooms[0].area > info.rooms[1].area
     assert info.pairs[0].start.room == 2
     assert info.pairs[-1].start.room == 1
@@ -175,7 +175,7 @@ def test_a_room_around_the_others_has_the_last_places():
 
 @pytest.mark.parametrize("level", [FREE, UNKNOWN, OCCUPIED])
 def test_a_map_of_one_cell(level, tmp_path):
-    info = describe_map(OccupancyGrid([[level]], 1.0), robot_radius=0.25)
+    info = describe_map(OccupancyGrid([[level]], 1.0), robot=0.25)
     assert info.places == info.pairs == ()
     assert len(info.rooms) == (level == FREE)
     assert info.warnings
@@ -195,7 +195,7 @@ def test_a_map_without_free_cells(tmp_path):
 def test_a_robot_that_fits_nowhere_and_one_smaller_than_a_cell():
     grid = drawn("#####", "#...#", "#####", resolution=0.2)
     assert any("fits nowhere: the widest" in text for text in describe_map(grid).warnings)
-    (text,) = describe_map(grid, robot_radius=0.05).warnings
+    (text,) = describe_map(grid, robot=0.05).warnings
     assert "a cell of 0.2 m is larger than the robot's radius of 0.05 m" in text
 
 
@@ -295,7 +295,7 @@ def test_cells_closer_than_a_distance_are_those_of_less_clearance(resolution):
 
 def test_the_picture_has_numbered_lines_rooms_and_places():
     grid = drawn(*TWO_ROOMS)
-    info = describe_map(OccupancyGrid(grid.cells, 1.0, (5.0, -2.0, 0.3), "lab"), robot_radius=0.0)
+    info = describe_map(OccupancyGrid(grid.cells, 1.0, (5.0, -2.0, 0.3), "lab"), robot=0.0)
     figure = plotting.info_figure(info)
     (axes,) = figure.axes
     assert axes.get_title().startswith("lab: 14 x 5 m, 1 m a cell, yaw 17.19 deg\n2 rooms")
@@ -327,7 +327,7 @@ def test_large_maps_are_drawn_in_blocks_that_keep_walls(monkeypatch):
 @pytest.mark.parametrize("resolution", [0.2, 2.0, 5.0])
 def test_at_most_24_grid_lines_are_drawn_and_no_fewer_than_9(resolution):
     grid = OccupancyGrid(drawn(*TWO_ROOMS).cells, resolution, (0.0, 0.0, 0.0))
-    (axes,) = plotting.info_figure(describe_map(grid, robot_radius=0.0)).axes
+    (axes,) = plotting.info_figure(describe_map(grid, robot=0.0)).axes
     spacing = np.diff(axes.get_xticks())[0]
     assert 9 < max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())) / spacing <= 24
 
@@ -370,7 +370,7 @@ def test_wrong_pictures_and_radii_are_refused(run, tmp_path):
 
 def test_the_table_sums_up_many_rooms(monkeypatch):
     monkeypatch.setattr("locplan.planners._map_info.LISTED", 1)
-    text = describe_map(drawn(*TWO_ROOMS), robot_radius=0.0).report()
+    text = describe_map(drawn(*TWO_ROOMS), robot=0.0).report()
     assert "1 more" in text
     assert "12.0 m²" in text
 

@@ -168,7 +168,7 @@ def test_a_curve_is_blocked_by_the_cells_it_crosses_and_no_others():
 
 
 def test_nothing_costs_less_than_its_length():
-    costs = Costmap.blank(OccupancyGrid(np.full((50, 50), FREE), 0.05), robot_radius=0.0)
+    costs = Costmap.blank(OccupancyGrid(np.full((50, 50), FREE), 0.05), robot=0.0)
     rng = np.random.default_rng(0)
     straight = Motions(costs)
     for _ in range(500):
@@ -207,7 +207,7 @@ def test_ends_that_are_nowhere_or_face_nowhere_are_blocked():
 
 @pytest.mark.parametrize("radius", [0.003, 0.5, 140.0])
 def test_headings_far_round_and_turns_of_any_size_end(radius):
-    costs = Costmap.blank(OccupancyGrid(np.full((40, 40), FREE), 0.25), robot_radius=0.0)
+    costs = Costmap.blank(OccupancyGrid(np.full((40, 40), FREE), 0.25), robot=0.0)
     motions = Motions(costs, "ReedsShepp", radius)
     for n in range(20860, 20890):
         start, end = (5.0, 5.0, n * math.pi / 2 - 0.3), (5.0, 5.9, n * math.pi / 2 + 2.7)

@@ -60,7 +60,7 @@ def test_plans_have_the_optimal_length():
     path = scenario_files()[0]
     density = read_map(map_of(path))
     cells = np.where(np.isfinite(density), FREE, OCCUPIED)
-    costs = Costmap.blank(OccupancyGrid(cells, 1.0), robot_radius=0.0)
+    costs = Costmap.blank(OccupancyGrid(cells, 1.0), robot=0.0)
     for start, goal, optimal in read_scenarios(path):
         ends = [costs.grid.cell_to_world(*cell) for cell in (start, goal)]
         result = plan(costs, *ends, planner="grid")

@@ -159,7 +159,7 @@ def test_missing_values_go_to_the_nodes_own_entry(tmp_path):
 def test_masks_are_merged_into_the_robot_that_is_named(tmp_path):
     grid = OccupancyGrid(np.full((20, 30), FREE, np.uint8), 0.1)
     field = covariance_field(grid, FieldConfig(Sad(range=1.0)))
-    costs = Costmap.from_field(grid, field, robot_radius=0.15)
+    costs = Costmap.from_field(grid, field, robot=0.15)
     file = written(tmp_path, FLEET)
     export.nav2_speed(tmp_path / "mask", costs, params=f"{file}:robot1")
     merged = yaml.safe_load((tmp_path / "mask" / "nav2.yaml").read_text())

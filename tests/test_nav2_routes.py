@@ -29,7 +29,7 @@ STATIONS = {"dock": (2.0, 3.0), "gate": (38.0, 3.0), "desk": (5.0, 10.0), "shelf
 @pytest.fixture(scope="module")
 def costs():
     grid = environments.make("two_corridors", resolution=0.1)
-    return Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot_radius=0.25)
+    return Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot=0.25)
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +113,7 @@ def test_the_least_change_of_costs():
 
 def test_a_path_joins_a_lane_beside_it_and_leaves_it():
     grid = OccupancyGrid(np.full((100, 400), 254), 0.1)
-    lines = Lines(Costmap.blank(grid, robot_radius=0.0))
+    lines = Lines(Costmap.blank(grid, robot=0.0))
     lane = Path(np.array([[1.0, 5.0], [39.0, 5.0]]))
     beside = Path(np.array([[8.0, 8.0], [12.0, 6.0], [30.0, 6.0], [33.0, 2.0]]))
     far = Path(np.array([[8.0, 9.0], [33.0, 9.0]]))
@@ -130,7 +130,7 @@ def test_a_path_that_crosses_itself_becomes_a_way_without_the_loop():
     """The wall makes the line from the loop's last node to where the path goes on impassable."""
     cells = np.full((100, 100), 254)
     cells[55:, 48:52] = 0
-    lines = Lines(Costmap.blank(OccupancyGrid(cells, 0.1), robot_radius=0.0))
+    lines = Lines(Costmap.blank(OccupancyGrid(cells, 0.1), robot=0.0))
     there = [[1.0, 2.0], [5.0, 2.0], [3.0, 9.0], [2.0, 7.0], [5.0, 2.0], [9.0, 8.0]]
     loop = Path(np.array(there))
     for given in ({"loop": loop}, {"lane": Path(loop.xy[1:3]), "loop": loop}):

@@ -37,7 +37,7 @@ def test_resampling_keeps_turns_on_the_spot():
 
 @pytest.mark.parametrize("name", few_of(["tb4_depot", "willow_full_stage", "tuw_cave"]))
 def test_resampled_paths_stay_free_and_cost_the_same(real_maps, name):
-    costs = Costmap.blank(load_map(real_maps / name), robot_radius=0.25)
+    costs = Costmap.blank(load_map(real_maps / name), robot=0.25)
     for query in random_queries(costs, 15, 1, min_distance=5.0):
         path = plan(costs, query.start, query.goal).path
         for spacing in (0.1, 0.2, 0.3, 0.5):

@@ -230,7 +230,7 @@ def test_the_plan_beside_the_shortest_costs_no_more(planner):
         u = rng.random(grid.shape)
         density = np.where(grid.free, 1 + 4 * u, np.inf)
         costs = dataclasses.replace(
-            Costmap.blank(grid, robot_radius=0.0), density=density, u=u, e=u + 0.1, weight=4.0
+            Costmap.blank(grid, robot=0.0), density=density, u=u, e=u + 0.1, weight=4.0
         )
         free = np.argwhere(grid.free)
         ends = [grid.cell_to_world(*map(int, free[index])) for index in (0, -1)]

@@ -15,11 +15,10 @@ from locplan.maps import FREE, OccupancyGrid
 
 ROOM = OccupancyGrid(np.full((30, 30), FREE), 0.1, name="room")
 ENDS = ((0.5, 0.5), (2.5, 2.0))
-SETTINGS = {"weights": [0.0], "workers": 1, "robot_radius": 0.1}
 
 
 def blank() -> locplan.Costmap:
-    return locplan.Costmap.blank(ROOM, robot_radius=0.1)
+    return locplan.Costmap.blank(ROOM, robot=0.1)
 
 
 @pytest.mark.parametrize(

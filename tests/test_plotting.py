@@ -60,7 +60,7 @@ def test_the_map_lies_where_the_world_has_it(field):
 
 
 def test_plan_figure_has_u_along_each_path_in_metres(field, tmp_path):
-    costs = Costmap.from_field(field.grid, field, weight=3.0, robot_radius=0.0)
+    costs = Costmap.from_field(field.grid, field, weight=3.0, robot=0.0)
     free = np.argwhere(np.isfinite(costs.density))
     ends = [field.grid.cell_to_world(*map(int, free[n])) for n in (0, -1)]
     found = plan(costs, *ends)
@@ -89,7 +89,7 @@ def test_unknown_picture_formats_are_refused(field, tmp_path):
 def test_front_figure_shows_paths_the_front_and_its_knee():
     grid = OccupancyGrid(np.full((40, 60), FREE), 0.1, name="room")
     u = np.tile(np.linspace(1, 0, 40)[:, None], (1, 60))
-    costs = dataclasses.replace(Costmap.blank(grid, robot_radius=0.0), u=u, e=u + 0.1, weight=1.0)
+    costs = dataclasses.replace(Costmap.blank(grid, robot=0.0), u=u, e=u + 0.1, weight=1.0)
     front = pareto_front(costs, (0.55, 0.55), (5.55, 0.55))
     figure = plotting.front_figure(front)
     upper, lower = figure.axes[:2]
@@ -101,7 +101,7 @@ def test_front_figure_shows_paths_the_front_and_its_knee():
 
 
 def test_plan_figure_says_what_was_asked(field):
-    costs = Costmap.from_field(field.grid, field, robot_radius=0.0)
+    costs = Costmap.from_field(field.grid, field, robot=0.0)
     free = np.argwhere(np.isfinite(costs.density))
     xy = field.grid.cell_to_world(*map(int, free[0]))
     limited = plan(costs, xy, xy, max_e=1.0, footprint=[(0.1, 0), (-0.1, 0.1), (-0.1, -0.1)])

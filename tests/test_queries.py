@@ -108,7 +108,7 @@ def two_rooms(size=60) -> Costmap:
     cells = np.full((size, size), FREE, np.uint8)
     cells[: size // 2, size // 2 :] = OCCUPIED
     cells[size // 2 :, : size // 2] = OCCUPIED
-    return Costmap.blank(OccupancyGrid(cells, 0.5, (-3.0, 2.0, 0.3)), robot_radius=0.0)
+    return Costmap.blank(OccupancyGrid(cells, 0.5, (-3.0, 2.0, 0.3)), robot=0.0)
 
 
 def test_random_queries_can_be_solved_and_are_spread():
@@ -137,7 +137,7 @@ def test_distances_that_hardly_any_pair_has():
 
 
 def test_random_queries_that_cannot_be():
-    full = Costmap.blank(OccupancyGrid(np.zeros((5, 5), np.uint8), 1.0), robot_radius=0.0)
+    full = Costmap.blank(OccupancyGrid(np.zeros((5, 5), np.uint8), 1.0), robot=0.0)
     with pytest.raises(ConfigError, match="no cell where the robot fits"):
         random_queries(full, 1, 1, min_distance=1.0)
     message = "the number of random queries must be a whole number in 1..10000"
@@ -150,7 +150,7 @@ def test_scenarios_have_their_optimal_length():
         pytest.skip("the MovingAI grids are not here")
     for name in ("8room_000", "Berlin_0_256", "random512-40-3"):
         grid = read_movingai_map(BENCHMARKS / f"{name}.map", 0.5)
-        costs, file = Costmap.blank(grid, robot_radius=0.0), BENCHMARKS / f"{name}.map.scen"
+        costs, file = Costmap.blank(grid, robot=0.0), BENCHMARKS / f"{name}.map.scen"
         lines = file.read_text().splitlines()
         queries = read_scenarios(file, grid, count=6)
         assert len(queries) == 6

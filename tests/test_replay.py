@@ -34,7 +34,7 @@ def grid():
 @pytest.fixture(scope="module")
 def line(grid):
     """True poses of a drive of 0.1 m steps through a room and a corridor, (n, 3)."""
-    costs = Costmap.blank(grid, robot_radius=0.3)
+    costs = Costmap.blank(grid, robot=0.3)
     path = plan(costs, (2.0, 3.0), (30.0, 3.0)).path
     return poses_along(path, grid)[::2]
 

@@ -34,7 +34,7 @@ def rooms(
     grid = OccupancyGrid(cells, 0.1, origin)
     wave = np.sin(np.arange(size) / half * math.pi) ** 2
     u = np.outer(wave, wave)
-    return Costmap.from_layers(grid, u=u, e=u / 10, weight=0.0, robot_radius=0.2)
+    return Costmap.from_layers(grid, u=u, e=u / 10, weight=0.0, robot=0.2)
 
 
 def pieces(costs: Costmap) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
@@ -96,7 +96,7 @@ def test_lanes_follow_the_cheap_ways() -> None:
 
 
 def test_open_floor_has_few_long_lanes_that_do_not_cross() -> None:
-    costs = Costmap.blank(OccupancyGrid(np.full((300, 400), FREE), 0.1), robot_radius=0.3)
+    costs = Costmap.blank(OccupancyGrid(np.full((300, 400), FREE), 0.1), robot=0.3)
     graph = roadmap(costs)
     assert len(graph.nodes) < 1200 / 5.0**2
     assert graph.length.mean() > 4.5
@@ -114,7 +114,7 @@ def test_open_floor_has_few_long_lanes_that_do_not_cross() -> None:
 
 
 def test_a_corridor_is_a_chain_of_long_edges() -> None:
-    costs = Costmap.blank(OccupancyGrid(np.full((20, 600), FREE), 0.1), robot_radius=0.3)
+    costs = Costmap.blank(OccupancyGrid(np.full((20, 600), FREE), 0.1), robot=0.3)
     graph = roadmap(costs)
     assert len(graph.edges) == len(graph.nodes) - 1 <= 12
     assert (np.bincount(graph.edges.ravel()) <= 2).all()
@@ -127,7 +127,7 @@ def test_every_block_has_lanes_around_it() -> None:
     cells = np.full((170, 170), FREE, np.uint8)
     for row, col in np.argwhere(np.ones((4, 4))) * 40:
         cells[row + 10 : row + 40, col + 10 : col + 40] = OCCUPIED
-    graph = roadmap(Costmap.blank(OccupancyGrid(cells, 0.1), robot_radius=0.2))
+    graph = roadmap(Costmap.blank(OccupancyGrid(cells, 0.1), robot=0.2))
     assert len(graph.edges) - len(graph.nodes) + graph.components == 16
     assert len(graph.edges) < 70  # 40 from crossing to crossing
 
@@ -137,7 +137,7 @@ def test_lanes_lead_into_nooks() -> None:
     cells[30:40] = FREE
     for col in range(20, 260, 34):
         cells[40:70, col : col + 8] = cells[60:70, col : col + 26] = FREE
-    costs = Costmap.blank(OccupancyGrid(cells, 0.1), robot_radius=0.2)
+    costs = Costmap.blank(OccupancyGrid(cells, 0.1), robot=0.2)
     assert seen_share(costs, roadmap(costs), np.isfinite(costs.density)) > 0.99
 
 
@@ -179,7 +179,7 @@ def test_the_picture_has_each_edge_in_the_colour_of_its_cost_per_metre() -> None
     assert lines.get_clim() == (1.0, (graph.cost / graph.length).max())
     assert bar.get_ylabel() == "cost per metre of an edge"
     assert axes.get_title() == "rooms"
-    blank = Costmap.blank(costs.grid, robot_radius=0.2)
+    blank = Costmap.blank(costs.grid, robot=0.2)
     assert routes_figure(blank, roadmap(blank), "").axes[0].collections[0].get_clim() == (1.0, 1.1)
 
 
@@ -290,7 +290,7 @@ def test_whole_numbers_are_written_as_floats() -> None:
 
 
 def test_without_a_field_there_is_no_e_and_no_u() -> None:
-    costs = Costmap.blank(OccupancyGrid(np.full((60, 80), FREE), 0.1), robot_radius=0.0)
+    costs = Costmap.blank(OccupancyGrid(np.full((60, 80), FREE), 0.1), robot=0.0)
     _, lines = loaded(json.dumps(to_geojson(roadmap(costs)), allow_nan=False))
     assert lines[0]["metadata"].keys() == {"length", "penalty"}
 
@@ -298,7 +298,7 @@ def test_without_a_field_there_is_no_e_and_no_u() -> None:
 @pytest.mark.parametrize("shape", [(1, 60), (2, 2), (60, 1)])
 def test_the_least_spaces(shape: tuple[int, int]) -> None:
     graph = roadmap(
-        Costmap.blank(OccupancyGrid(np.full(shape, FREE), 0.1), robot_radius=0.0), min_area=0.0
+        Costmap.blank(OccupancyGrid(np.full(shape, FREE), 0.1), robot=0.0), min_area=0.0
     )
     assert graph.components == (1 if len(graph.nodes) else 0)
     assert set(graph.edges.ravel()) == set(range(len(graph.nodes)))
@@ -311,7 +311,7 @@ def test_what_cannot_be() -> None:
             roadmap(costs, **wrong)
     with pytest.raises(ConfigError, match="too coarse"):
         roadmap(rooms(80, origin=(4e5, 5e6, 0.0)))
-    alone = Costmap.blank(OccupancyGrid(np.full((2, 2), FREE), 0.1), robot_radius=0.0)
+    alone = Costmap.blank(OccupancyGrid(np.full((2, 2), FREE), 0.1), robot=0.0)
     with pytest.raises(ConfigError, match="without edges"):
         to_geojson(roadmap(alone, min_area=0.0))
     count = 2**16 - 1

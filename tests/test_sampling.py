@@ -38,7 +38,7 @@ def two_ways() -> Costmap:
     cells[12:30, 10:30] = 0
     density = np.ones(cells.shape)
     density[:12] = 8.0
-    return Costmap.from_density(OccupancyGrid(cells, 0.1), density, robot_radius=0.1)
+    return Costmap.from_density(OccupancyGrid(cells, 0.1), density, robot=0.1)
 
 
 def request(space):
@@ -179,7 +179,7 @@ def test_the_same_seed_gives_the_same_path_in_another_process():
 def test_informed_samples_lie_in_the_ellipse_of_the_best_length(planner):
     cells = np.full((200, 200), FREE, np.uint8)
     cells[95:106, 98:102] = 0
-    motions = sampling.Motions(Costmap.blank(OccupancyGrid(cells, 0.1), robot_radius=0.0))
+    motions = sampling.Motions(Costmap.blank(OccupancyGrid(cells, 0.1), robot=0.0))
     start, goal = (8.0, 10.05), (12.0, 10.05)
     information = sampling.space_information(motions)
     problem = sampling.problem_definition(information, motions, start, goal)
@@ -245,7 +245,7 @@ def test_what_reaches_ompl_is_finite_and_at_least_the_length():
 
 
 def test_an_unreachable_goal_is_told_without_a_search():
-    costs = Costmap.blank(drawn("...#...", "...#...", "...#..."), robot_radius=0.0)
+    costs = Costmap.blank(drawn("...#...", "...#...", "...#..."), robot=0.0)
     for planner, space in (("RRTstar", "R2"), ("PRM", "Dubins"), ("RRT", "SE2")):
         heading = () if space == "R2" else (0.0,)
         radius = {"turning_radius": 0.5} if space == "Dubins" else {}

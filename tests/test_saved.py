@@ -76,7 +76,7 @@ def test_robots_come_back_as_they_were(tmp_path, seed):
 @pytest.mark.parametrize("law", ["logarithmic", "linear", "cube-root"])
 def test_costmaps_come_back_as_they_were(tmp_path, field, law):
     rng = np.random.default_rng(len(law))
-    options = {"weight": rng.uniform(0, 1e9), "robot_radius": rng.uniform(0, 0.6), "law": law}
+    options = {"weight": rng.uniform(0, 1e9), "robot": rng.uniform(0, 0.6), "law": law}
     costs = Costmap.from_field(ROOM, field, **options)
     found = again(costs, tmp_path)
     assert found == costs
@@ -93,13 +93,13 @@ def test_costmaps_of_ones_own_come_back_as_they_were(tmp_path, seed):
     rng = np.random.default_rng(seed)
     density = rng.uniform(1, 10.0 ** rng.integers(1, 9), ROOM.shape)
     density[1, 1] = math.inf
-    costs = Costmap.from_density(ROOM, density, robot_radius=rng.uniform(0, 0.6))
+    costs = Costmap.from_density(ROOM, density, robot=rng.uniform(0, 0.6))
     assert again(costs, tmp_path) == costs
 
 
 @pytest.mark.parametrize("more", [{}, {"via": [(2.75, 0.6)]}, {"max_e": 1e-9}, {"budget": 9.0}])
 def test_plans_come_back_as_they_were(tmp_path, more):
-    for costs in (Costmap.from_field(ROOM, FIELD, robot_radius=0.1), Costmap.blank(ROOM)):
+    for costs in (Costmap.from_field(ROOM, FIELD, robot=0.1), Costmap.blank(ROOM)):
         if costs.settings is None and more:
             continue
         plan = locplan.plan(costs, *ENDS, planner="grid" if "budget" in more else None, **more)
@@ -114,7 +114,7 @@ def test_plans_come_back_as_they_were(tmp_path, more):
 
 @pytest.mark.parametrize("objective", ["u", "e"])
 def test_fronts_come_back_as_they_were(tmp_path, objective):
-    costs = Costmap.from_field(ROOM, FIELD, robot_radius=0.1)
+    costs = Costmap.from_field(ROOM, FIELD, robot=0.1)
     front = locplan.pareto_front(costs, *ENDS, objective=objective)
     found = again(front, tmp_path)
     assert found == front
@@ -126,7 +126,7 @@ def test_fronts_without_a_path_come_back_as_they_were(tmp_path):
     walls = drawn("###########", "#...###...#", "###########", resolution=0.5)
     field = locplan.covariance_field(walls, FIELD.config)
     front = locplan.pareto_front(
-        Costmap.from_field(walls, field, robot_radius=0.0), (0.75, 0.75), (4.25, 0.75)
+        Costmap.from_field(walls, field, robot=0.0), (0.75, 0.75), (4.25, 0.75)
     )
     assert front.status == "unreachable"
     assert again(front, tmp_path) == front
@@ -141,7 +141,7 @@ def test_fields_come_back_as_they_were(tmp_path, field):
 
 def saved(folder):
     """A file of each kind, and the function that reads it."""
-    costs = Costmap.from_field(ROOM, FIELD, robot_radius=0.1)
+    costs = Costmap.from_field(ROOM, FIELD, robot=0.1)
     Robot("turtlebot4").save(folder / "robot.yaml")
     costs.save(folder / "costs.npz")
     locplan.plan(costs, *ENDS).save(folder / "plan")

@@ -116,8 +116,8 @@ def lines_to(grid, point, drives, robot_radius, monkeypatch):
         return np.zeros((len(lines), *lines[0].shape))
 
     monkeypatch.setattr(Simulator, "drive", drive)
-    some = {"robot_radius": robot_radius, "drives": drives, "scans": 0}
-    places = measure(Simulator(grid), np.array([point]), **some)
+    robot = Robot(footprint=robot_radius, margin=0.0)
+    places = measure(Simulator(grid, robot), np.array([point]), drives=drives, scans=0)
     ends = np.array([line[-1, :2] for line in driven])
     assert ends == pytest.approx(np.tile(places.xy, (drives, 1)))
     return driven
@@ -307,7 +307,7 @@ def test_where_all_drives_are_lost_none_is_left_to_tell_of():
 def at_places(name, ends, drives):
     grid = environments.make(name, resolution=0.1)
     costs = locplan.Costmap.from_field(
-        grid, locplan.covariance_field(grid, FieldConfig(stride=0.4)), weight=4.0, robot_radius=0.25
+        grid, locplan.covariance_field(grid, FieldConfig(stride=0.4)), weight=4.0, robot=0.25
     )
     marks = environments.landmarks(name)
     query = Query(name, *(marks[end] for end in ends))
@@ -357,7 +357,7 @@ def test_queries_whose_drives_were_all_lost_are_left_out_of_the_rmse_of_those_ke
 
 def test_queries_without_a_path_are_left_out(two_corridors):
     field = locplan.covariance_field(two_corridors, FieldConfig(Sad(range=1.0), stride=1.0))
-    costs = locplan.Costmap.from_field(two_corridors, field, robot_radius=0.25)
+    costs = locplan.Costmap.from_field(two_corridors, field, robot=0.25)
     away = np.full(two_corridors.shape, False)
     away[:, 150:160] = True
     cut = costs.blocked_where(away)
@@ -434,36 +434,36 @@ def test_queries_have_random_numbers_of_their_own(two_corridors):
 
 
 def test_places_are_apart_where_the_robot_fits(two_corridors):
-    points = choose_points(two_corridors, 30, robot_radius=0.25, seed=1)
+    points = choose_points(two_corridors, 30, robot=0.25, seed=1)
     cells = points * 2
     assert len(points) == 30
     assert (two_corridors.clearance[tuple(cells.T)] >= 0.25).all()
     apart = np.linalg.norm(points[:, None] - points[None], axis=2) * 0.2
     assert apart[~np.eye(30, dtype=bool)].min() >= 1.0 - 1e-9
-    places = measure(Simulator(two_corridors), points[:3], robot_radius=0.25, drives=2, scans=2)
+    places = measure(Simulator(two_corridors), points[:3], drives=2, scans=2)
     assert two_corridors.world_to_cell(*places.xy[0]) == tuple(cells[0])
     assert (places.position_rmse("tracking") > 0).all()
     assert (places.position_rmse("match") > 0).all()
     with pytest.raises(LocplanError, match="no cell where the robot fits"):
-        choose_points(two_corridors, 5, robot_radius=9.0, seed=1)
+        choose_points(two_corridors, 5, robot=9.0, seed=1)
 
 
 def test_errors_at_places_are_those_of_the_last_metre_and_lost_at_any_time(monkeypatch):
     grid = environments.make("two_corridors", resolution=0.1)
-    points = choose_points(grid, 2, robot_radius=0.25, seed=1)
+    points = choose_points(grid, 2, robot=0.25, seed=1)
     errors = np.zeros((6, 40, 3))  # three drives to each of two places
     errors[0, 5, 1] = 1.5  # lost long before the end
     errors[:3, 36:, 0] = np.array([[0.3], [0.4], [0.2]])
     errors[3:, -1, 1] = 1.2
     monkeypatch.setattr(Simulator, "drive", lambda *_, **__: errors)
-    places = measure(Simulator(grid), points, robot_radius=0.25, drives=3, scans=0)
+    places = measure(Simulator(grid), points, drives=3, scans=0)
     assert places.lost == pytest.approx([1 / 3, 1.0])
     assert places.tracking_median == pytest.approx([0.3, 0.0])
     assert places.position_rmse("tracking")[0] == pytest.approx(math.sqrt(0.29 / 3))
     assert places.kept_rmse == pytest.approx([math.sqrt(0.1), math.nan], nan_ok=True)
     assert places.halves[0] == pytest.approx([math.sqrt(0.065), 0.4])
     assert np.isnan(places.position_median("match")).all()
-    undriven = measure(Simulator(grid), points, robot_radius=0.25, drives=0, scans=5)
+    undriven = measure(Simulator(grid), points, drives=0, scans=5)
     for each in (undriven.lost, undriven.kept_rmse, undriven.halves, undriven.tracking_median):
         assert np.isnan(each).all()
     found = Simulator(grid).match(points * 2, 5)

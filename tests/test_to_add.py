@@ -135,7 +135,7 @@ ADDED = {
 USED = """
 from locplan import Costmap, load_map, plan, planners, plotting
 grid = load_map("bay.yaml")
-costs = Costmap.blank(grid, robot_radius=0.1)
+costs = Costmap.blank(grid, robot=0.1)
 assert plan(costs, (1, 1), (2, 1), planner="crow").path.length == 1
 assert plotting.bare_figure(grid).axes
 made = planners.Shape(grid)

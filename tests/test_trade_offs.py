@@ -18,7 +18,7 @@ def costs_of(u, free, resolution=1.0) -> Costmap:
     """A costmap with this u, and an e that is three times as much."""
     grid = OccupancyGrid(np.where(free, FREE, 0), resolution)
     u = np.where(free, u, np.nan)
-    blank = Costmap.blank(grid, robot_radius=0.0)
+    blank = Costmap.blank(grid, robot=0.0)
     return dataclasses.replace(blank, u=u, e=3 * u + 0.5, weight=1.0)
 
 
@@ -189,7 +189,7 @@ def test_bad_options_are_refused():
     with pytest.raises(ConfigError, match="time_limit"):
         front_of(costs, time_limit=0)
     with pytest.raises(ConfigError, match="without a field"):
-        front_of(Costmap.blank(costs.grid, robot_radius=0.0))
+        front_of(Costmap.blank(costs.grid, robot=0.0))
     with pytest.raises(PoseError, match="goal"):
         pareto_front(costs, (0.5, 0.5), (99.0, 0.5))
 
@@ -294,7 +294,7 @@ def test_paths_of_a_maps_front_are_found_by_their_own_integrals(case):
     name, criterion, weight = case
     grid = environments.make(name, resolution=0.1)
     field = load_or_compute(grid, FieldConfig(Sad(), stride=1.0))
-    made = {"robot_radius": 0.2, "weight": weight, "criterion": criterion}
+    made = {"robot": 0.2, "weight": weight, "criterion": criterion}
     marks = environments.landmarks(name)
     front = pareto_front(Costmap.from_field(grid, field, **made), marks["start"], marks["goal"])
     assert front.epsilon == 0
@@ -371,4 +371,4 @@ def test_a_limit_does_not_join_what_is_apart():
     with pytest.raises(ConfigError, match="max_e"):
         plan(costs, (0.5, 0.5), (2.5, 0.5), max_e=-1)
     with pytest.raises(ConfigError, match="without a field"):
-        plan(Costmap.blank(costs.grid, robot_radius=0.0), (0.5, 0.5), (0.7, 0.5), max_e=1.0)
+        plan(Costmap.blank(costs.grid, robot=0.0), (0.5, 0.5), (0.7, 0.5), max_e=1.0)

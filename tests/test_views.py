@@ -42,7 +42,7 @@ def field():
 
 @pytest.fixture(scope="module")
 def costs(field):
-    return Costmap.from_field(field.grid, field, robot_radius=0.1)
+    return Costmap.from_field(field.grid, field, robot=0.1)
 
 
 def limits_of(grid):
@@ -180,7 +180,7 @@ def test_a_well_marked_map_has_no_weak_spot_in_words():
         known = field.of(values, grid, field.config)
         assert said in plotting.field_figure(known, "position_std").axes[0].get_title()
     unclear = dataclasses.replace(
-        Costmap.from_field(grid, field, robot_radius=0.0), u=np.full(grid.shape, 0.2)
+        Costmap.from_field(grid, field, robot=0.0), u=np.full(grid.shape, 0.2)
     )
     assert "no weak spot: u is 0.20" in plotting.costmap_figure(unclear).axes[0].get_title()
 

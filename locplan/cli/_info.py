@@ -46,15 +46,13 @@ def info(
     if out.output:
         check_target(out.output, *PICTURES)
     robot = robot_options.load()
-    about = locplan.planners.describe_map(map_file, robot_radius=robot.radius)
+    about = locplan.planners.describe_map(map_file, robot=robot)
     names = ("turtlebot3", "turtlebot4", "tim571") if compared.lidars else ()
     every = dict.fromkeys([robot.lidar, *map(locplan.Lidar.preset, names)])
     lines, found = [about.report()], about.summary()
     if known := [lidar for lidar in every if lidar]:
         with progress_bar("lidars", "cells") as progress:
-            shares = locplan.costs.compare_lidars(
-                about.grid, known, robot_radius=robot.radius, progress=progress
-            )
+            shares = locplan.costs.compare_lidars(about.grid, known, robot=robot, progress=progress)
         table = locplan.costs.lidars_table(shares)
         lines, found = [*lines, str(table)], found | {"lidars": table.records()}
     if out.output:

@@ -121,4 +121,4 @@ class CostOptions:
 
     def costmap(self, grid: OccupancyGrid, field: CovarianceField, robot: Robot) -> Costmap:
         """The costmap of a field for a robot."""
-        return locplan.Costmap.from_field(grid, field, robot_radius=robot.radius, **given_of(self))
+        return locplan.Costmap.from_field(grid, field, robot=robot, **given_of(self))

@@ -49,10 +49,10 @@ def pareto(
     locplan.planners.check_front_limits(objective, time_limit)
     grid = locplan.load_map(map_file)
     robot, config = options.with_robot(robot_options)
-    locplan.planners.check_ends(locplan.Costmap.blank(grid, robot_radius=robot.radius), *ends)
+    locplan.planners.check_ends(locplan.Costmap.blank(grid, robot=robot), *ends)
     out.check(locplan.ParetoFront.files)
     field = computing.field(grid, config)
-    costs = locplan.Costmap.from_field(grid, field, robot_radius=robot.radius)
+    costs = locplan.Costmap.from_field(grid, field, robot=robot)
     with working("searching the front"):
         front = locplan.pareto_front(costs, *ends, objective=objective, time_limit=time_limit)
     out.finish(front)

@@ -185,7 +185,7 @@ def plan(
     if driving.no_field:
         unread = {"max_e": query.max_e, "budget": query.budget, "front": query.front or None}
         refuse("with --no-field", **vars(options), **vars(costs), **unread)
-        basis = locplan.Costmap.blank(grid, robot_radius=robot.radius)
+        basis = locplan.Costmap.blank(grid, robot=robot)
     with (
         locplan.simulation.drives_prepared_beside(needed=driven) as drivable,
         computing.of(config, whole=options.stride is not None, then=drivable) as compute,

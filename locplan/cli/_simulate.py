@@ -162,7 +162,7 @@ def _along_paths(
     paths, costmap = read_paths(driven.path), None
     if driven.start and driven.goal:
         ends = driven.start, driven.goal
-        locplan.planners.check_ends(locplan.Costmap.blank(grid, robot_radius=robot.radius), *ends)
+        locplan.planners.check_ends(locplan.Costmap.blank(grid, robot=robot), *ends)
         costmap = costmap_of(grid)
         plans = locplan.planners.plan_beside_shortest(costmap, *ends)
         paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}

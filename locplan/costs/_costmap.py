@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import instance, number, one_of
+from locplan._util.checks import instance, one_of
 from locplan._util.saved import Saved
 from locplan.costs._cells import (
     CellWindow,
@@ -19,7 +19,6 @@ from locplan.costs._cells import (
     part_around,
 )
 from locplan.costs._degeneracy import (
-    MAX_DENSITY,
     CostSettings,
     HeadingLayers,
     blocked_near,
@@ -34,6 +33,7 @@ from locplan.costs._layers import LAYERS, CostLayers
 from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid, check_grid
+from locplan.robots import Robot, radius_of
 
 ROBOT_RADIUS = 0.25
 """Default radius of the robot [m]."""
@@ -57,7 +57,7 @@ class Costmap(CostLayers, Saved):
         field: CovarianceField,
         *,
         weight: float | None = None,
-        robot_radius: float = ROBOT_RADIUS,
+        robot: Robot | float = ROBOT_RADIUS,
         law: Literal["logarithmic", "linear", "cube-root"] = "logarithmic",
         criterion: str | None = None,
         headings: Literal["mean", "worst"] = "mean",
@@ -73,8 +73,9 @@ class Costmap(CostLayers, Saved):
         weight : float, optional
             Metres of detour accepted per degenerate metre, >= 0; by default the estimator's own,
             4 of `Sad` and 8 of the others. More avoids degenerate places by longer paths.
-        robot_radius : float, default 0.25
-            Distance to an occupied cell below which a cell's centre is blocked [m], >= 0;
+        robot : Robot, or float, default 0.25
+            The robot, or its radius [m], >= 0: the distance to an occupied cell below which a
+            cell's centre is blocked;
             `Footprint` has the radii of a robot that is not round.
         law : str, default "logarithmic"
             "logarithmic": u = ln(s/s_min) / ln(s_max/s_min) of the criterion's value s; "linear":
@@ -114,9 +115,9 @@ class Costmap(CostLayers, Saved):
         u, e = degeneracy(field, criterion, law, headings)
         return cls(
             grid=grid,
-            density=blocked_near(density_of(u, weight), grid, robot_radius),
+            density=blocked_near(density_of(u, weight), grid, radius_of(robot)),
             weight=float(weight),
-            robot_radius=float(robot_radius),
+            robot_radius=radius_of(robot),
             u=sealed(u),
             e=sealed(e),
             of_heading=HeadingLayers.of(field, settings),
@@ -131,7 +132,7 @@ class Costmap(CostLayers, Saved):
         u: ArrayLike,
         e: ArrayLike | None = None,
         weight: float = 8.0,
-        robot_radius: float = ROBOT_RADIUS,
+        robot: Robot | float = ROBOT_RADIUS,
     ) -> Costmap:
         """Make a density 1 + weight * u on free cells from a degeneracy of your own.
 
@@ -147,8 +148,9 @@ class Costmap(CostLayers, Saved):
             it a path's `integrated_e` is NaN.
         weight : float, default 8.0
             Metres of detour accepted per degenerate metre, >= 0.
-        robot_radius : float, default 0.25
-            Distance to an occupied cell below which a cell's centre is blocked [m], >= 0.
+        robot : Robot, or float, default 0.25
+            The robot, or its radius [m], >= 0: the distance to an occupied cell below which a
+            cell's centre is blocked.
 
         Raises
         ------
@@ -167,12 +169,12 @@ class Costmap(CostLayers, Saved):
         check_weight(weight)
         of_u = checked_layer("u", u, grid, 1.0)
         of_e = np.full(grid.shape, np.nan) if e is None else checked_layer("e", e, grid, math.inf)
-        density = blocked_near(density_of(of_u, weight), grid, robot_radius)
-        return cls(grid, density, float(weight), float(robot_radius), u=of_u, e=of_e)
+        density = blocked_near(density_of(of_u, weight), grid, radius_of(robot))
+        return cls(grid, density, float(weight), radius_of(robot), u=of_u, e=of_e)
 
     @classmethod
     def from_density(
-        cls, grid: OccupancyGrid, density: ArrayLike, *, robot_radius: float = 0.0
+        cls, grid: OccupancyGrid, density: ArrayLike, *, robot: Robot | float = 0.0
     ) -> Costmap:
         """Make a costmap from a density of your own.
 
@@ -185,8 +187,9 @@ class Costmap(CostLayers, Saved):
         density : (H, W) array
             Cost per metre of each cell, 1 to 1e9, or inf to block it, row 0 at the lowest y. Cells
             that are not free are blocked in any case.
-        robot_radius : float, default 0.0
-            Distance to an occupied cell below which a cell's centre is blocked as well [m], >= 0;
+        robot : Robot, or float, default 0.0
+            The robot, or its radius [m], >= 0: cells whose centre is closer to an occupied cell are
+            blocked as well;
             0 where the density has done that.
 
         Raises
@@ -196,23 +199,24 @@ class Costmap(CostLayers, Saved):
             ones above 1e9.
         """
         check_grid(grid)
-        values = blocked_near(checked_density(density, grid), grid, robot_radius)
+        values = blocked_near(checked_density(density, grid), grid, radius_of(robot))
         nothing = np.broadcast_to(np.nan, grid.shape)
-        return cls(grid, values, math.nan, float(robot_radius), u=nothing, e=nothing)
+        return cls(grid, values, math.nan, radius_of(robot), u=nothing, e=nothing)
 
     @classmethod
-    def blank(cls, grid: OccupancyGrid, *, robot_radius: float = ROBOT_RADIUS) -> Costmap:
+    def blank(cls, grid: OccupancyGrid, *, robot: Robot | float = ROBOT_RADIUS) -> Costmap:
         """A cost of 1 wherever the robot can be: shortest paths, no field.
 
         Parameters
         ----------
         grid : OccupancyGrid
             The map.
-        robot_radius : float, default 0.25
-            Distance to an occupied cell below which a cell's centre is blocked [m], >= 0.
+        robot : Robot, or float, default 0.25
+            The robot, or its radius [m], >= 0: the distance to an occupied cell below which a
+            cell's centre is blocked.
         """
         check_grid(grid)
-        return cls.from_density(grid, np.ones(grid.shape), robot_radius=robot_radius)
+        return cls.from_density(grid, np.ones(grid.shape), robot=robot)
 
     def with_weight(self, weight: float) -> Costmap:
         """Copy of the costmap with the density of another weight.
@@ -260,7 +264,7 @@ class Costmap(CostLayers, Saved):
         if settings is None or settings.config != field.config:
             raise ConfigError("a costmap is updated by a field of its own config only")
         same: Any = {name: getattr(settings, name) for name in ("law", "criterion", "headings")}
-        same |= {"weight": self.weight, "robot_radius": self.robot_radius}
+        same |= {"weight": self.weight, "robot": self.robot_radius}
         window = joined_windows(window, changed_window(self.grid, field, self.robot_radius))
         if not settings.whole_field or field.lacking.any():
             return Costmap.from_field(grid, field, **same)
@@ -285,19 +289,20 @@ class Costmap(CostLayers, Saved):
         """
         return dataclasses.replace(self, density=sealed(np.where(blocked, np.inf, self.density)))
 
-    def with_robot_radius(self, robot_radius: float) -> Costmap:
-        """Copy of the costmap for a robot of another radius.
+    def with_robot(self, robot: Robot | float) -> Costmap:
+        """Copy of the costmap for another robot.
 
         Parameters
         ----------
-        robot_radius : float
-            The radius [m], at least the costmap's own: blocked cells cannot be freed again.
+        robot : Robot, or float
+            The robot, or its radius [m], at least the costmap's own: blocked cells cannot be freed
+            again.
         """
-        number("robot_radius", robot_radius, 0, MAX_DENSITY)
-        if robot_radius < self.robot_radius:
+        radius = radius_of(robot)
+        if radius < self.robot_radius:
             raise ConfigError(
                 f"a costmap for a radius of {self.robot_radius:g} m cannot serve one of"
-                f" {robot_radius:g} m; make another one instead"
+                f" {radius:g} m; make another one instead"
             )
-        density = blocked_near(self.density, self.grid, robot_radius)
-        return dataclasses.replace(self, density=density, robot_radius=float(robot_radius))
+        density = blocked_near(self.density, self.grid, radius)
+        return dataclasses.replace(self, density=density, robot_radius=radius)

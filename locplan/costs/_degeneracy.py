@@ -184,7 +184,6 @@ def checked_layer(
 
 def blocked_near(density: NDArray[Any], grid: OccupancyGrid, robot_radius: float) -> NDArray[Any]:
     """The density, infinite closer to occupied cells than a radius [m] as well, read-only."""
-    number("robot_radius", robot_radius, 0, MAX_DENSITY)
     density = density if density.flags.writeable else density.copy()
     np.copyto(density, np.inf, where=grid.closer_than(robot_radius - 1e-9))
     return sealed(density)

@@ -17,7 +17,7 @@ from locplan.costs._path import Path
 from locplan.errors import LocplanError
 from locplan.field import FieldConfig, Fused, load_or_compute
 from locplan.maps import OccupancyGrid
-from locplan.robots import Lidar
+from locplan.robots import Lidar, Robot
 
 DEGENERATE = 0.5
 """The u above which a place counts as degenerate."""
@@ -210,7 +210,7 @@ def compare_lidars(
     grid: OccupancyGrid,
     lidars: Sequence[Lidar],
     *,
-    robot_radius: float = ROBOT_RADIUS,
+    robot: Robot | float = ROBOT_RADIUS,
     progress: ProgressCallback | None = None,
 ) -> list[LidarShare]:
     """Find for each lidar how much of a map is degenerate by `Fused`.
@@ -221,8 +221,8 @@ def compare_lidars(
         The map.
     lidars : sequence of Lidar
         The lidars, such as ``[Lidar.preset("turtlebot3"), Lidar.preset("tim571")]``.
-    robot_radius : float, default 0.25
-        Radius of the robot [m], >= 0; places closer to a wall are no part of the floor.
+    robot : Robot, or float, default 0.25
+        The robot, or its radius [m], >= 0; places closer to a wall are no part of the floor.
     progress : callable, optional
         Function that is called with (done, total) cells from time to time, lidar by lidar.
 
@@ -240,7 +240,7 @@ def compare_lidars(
     for lidar in lidars:
         config = FieldConfig(Fused.of(lidar), stride=0.4)  # fine enough for shares of an area
         field = load_or_compute(grid, config, progress=each_in_turn)
-        costs = Costmap.from_field(grid, field, robot_radius=robot_radius)
+        costs = Costmap.from_field(grid, field, robot=robot)
         u = costs.u[np.isfinite(costs.density)]
         shares.append(LidarShare(lidar, float(np.mean(u > DEGENERATE)) if u.size else np.nan))
     return shares

@@ -245,7 +245,7 @@ def _check_stops(grid: OccupancyGrid, opening: Opening) -> None:
     for role, xy in named:
         if xy is not None and not grid.contains(*grid.world_to_cell(*xy[:2])):
             # A blank costmap makes the sentence of the planners, with the nearest free place.
-            Costmap.blank(grid, robot_radius=opening.robot.radius).cell_of(xy, role)
+            Costmap.blank(grid, robot=opening.robot).cell_of(xy, role)
 
 
 def in_notebook() -> bool:

@@ -136,14 +136,14 @@ class Upkeep:
 
     def _floor(self, grid: OccupancyGrid) -> Costmap:
         """The blank costmap of a map, before there is a field."""
-        return Costmap.blank(grid, robot_radius=self.opening.robot.radius)
+        return Costmap.blank(grid, robot=self.opening.robot)
 
     def _costmap_of(self, field: CovarianceField) -> Costmap:
         """The costmap of a field with the session's settings."""
         given = {"criterion": self.opening.criterion, "weight": self.opening.weight}
         radius = self.opening.robot.radius
         options: dict[str, Any] = {name: v for name, v in given.items() if v is not None}
-        return Costmap.from_field(field.grid, field, robot_radius=radius, **options)
+        return Costmap.from_field(field.grid, field, robot=radius, **options)
 
     def _work(self, cancel: Cancel, given: CovarianceField | None) -> None:
         cancel.check()

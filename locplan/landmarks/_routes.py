@@ -65,7 +65,7 @@ def routes_of(
     if paths is not None:
         return _named_paths(paths)
     named = _named_places(places)
-    costs = Costmap.blank(grid, robot_radius=robot_radius)
+    costs = Costmap.blank(grid, robot=robot_radius)
     routes = {}
     for name, xy in named.items():
         costs.cell_of(xy, name)
@@ -219,7 +219,7 @@ def routes_across(
         near = np.flatnonzero(np.hypot(*(xy - xy[end]).T) <= 1.0)
         left.append(int(near[np.argmax(clear[near])]))
     left = list(dict.fromkeys(left))
-    costs = Costmap.blank(grid, robot_radius=robot_radius)
+    costs = Costmap.blank(grid, robot=robot_radius)
     routes: dict[str, Path] = {}
     while len(left) > 1:
         one = left.pop(0)
@@ -275,7 +275,7 @@ def paths_on(setting: Setting, grid: OccupancyGrid) -> Mapping[str, Path]:
     """The routes that were given, or the shortest paths between their ends on a map."""
     if not setting.planned:
         return setting.routes
-    costs = Costmap.blank(grid, robot_radius=setting.robot.radius)
+    costs = Costmap.blank(grid, robot=setting.robot)
     paths = {}
     for name, path in setting.routes.items():
         (x0, y0), (x1, y1) = path.xy[[0, -1]].tolist()

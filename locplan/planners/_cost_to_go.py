@@ -279,7 +279,7 @@ class _Room:
         free = self._depth > 0
         cells = np.where(free, FREE, UNKNOWN).astype(np.uint8).reshape(coarse)
         edge = grid.resolution * factor
-        self._costs = Costmap.blank(OccupancyGrid(cells, edge), robot_radius=0.0)
+        self._costs = Costmap.blank(OccupancyGrid(cells, edge), robot=0.0)
         # A place keeps half a metre from all that the robot must not touch, where the room allows.
         self._clear = self._depth >= min(float(np.median(self._depth[free])), 0.5)
         self.deepest = int(self._depth.argmax())

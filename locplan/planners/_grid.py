@@ -243,7 +243,7 @@ def parts_of_map(
     free = np.empty(grid.shape, np.uint8)
     for band, around, inner in bands(rows, cols, near):
         part = OccupancyGrid(grid.cells[around], grid.resolution)
-        free[band] = np.isfinite(Costmap.blank(part, robot_radius=robot_radius).density[inner])
+        free[band] = np.isfinite(Costmap.blank(part, robot=robot_radius).density[inner])
 
     def labelled() -> Iterator[tuple[slice, int, NDArray[np.int32]]]:
         """Parts of each band alone: its rows, their number with 0, and their labels."""

@@ -67,7 +67,7 @@ class Limited(Wrapper):
         wider = f"planned for the footprint's outer circle (radius {outer:.3g} m), since it meets a"
         wider += " wall on the path of the inner one: there may be a better path between"
         for radius in (inner, outer):
-            wide = costs.with_robot_radius(max(radius, costs.robot_radius))
+            wide = costs.with_robot(max(radius, costs.robot_radius))
             if not _free(wide, stops):
                 continue
             found = self._over(wide, stops)
@@ -121,8 +121,8 @@ class Limited(Wrapper):
             return costs
         radius = self.outline.inscribed_radius - costs.grid.resolution * math.sqrt(0.5)
         if costs.robot_radius <= radius:
-            return costs.with_robot_radius(radius)
-        alone = Costmap.blank(costs.grid, robot_radius=max(0.0, radius))
+            return costs.with_robot(radius)
+        alone = Costmap.blank(costs.grid, robot=max(0.0, radius))
         return dataclasses.replace(costs, density=alone.density)
 
     def _joins(self, costs: Costmap, stops: Sequence[Position]) -> bool:

@@ -27,6 +27,7 @@ from locplan.maps import (
 )
 from locplan.planners._cost_to_go import NamedPlace, PlacePair, farthest_pairs
 from locplan.planners._grid import bands, parts_of_map
+from locplan.robots import Robot, radius_of
 
 LISTED = 8
 """Number of rooms in the table; the others are summed up."""
@@ -209,7 +210,7 @@ class MapInfo(Pictured):
 
 
 def describe_map(
-    grid: OccupancyGrid | str | os.PathLike[str], *, robot_radius: float = ROBOT_RADIUS
+    grid: OccupancyGrid | str | os.PathLike[str], *, robot: Robot | float = ROBOT_RADIUS
 ) -> MapInfo:
     """Describe a map: size, levels, what misleads, rooms, and places far apart in them.
 
@@ -217,8 +218,8 @@ def describe_map(
     ----------
     grid : OccupancyGrid, str or path
         The map, or its file, whose thresholds and greys are then looked at, too.
-    robot_radius : float, default 0.25
-        Radius of the robot [m], which decides what is one room, >= 0. Give your robot's own.
+    robot : Robot, or float, default 0.25
+        The robot, or its radius [m], >= 0, which decides what is one room. Give your own.
 
     Returns
     -------
@@ -243,8 +244,8 @@ def describe_map(
     if isinstance(grid, (str, os.PathLike)):
         grid, source = read_map(grid)
     check_grid(grid)
-    cell = grid.resolution**2
-    cells, room_of_cell = parts_of_map(grid, robot_radius)
+    cell, radius = grid.resolution**2, radius_of(robot)
+    cells, room_of_cell = parts_of_map(grid, radius)
     areas = cells * cell
     order = np.argsort(-areas, kind="stable")
     greatest = float(areas.max(initial=0.0))
@@ -263,7 +264,7 @@ def describe_map(
     return MapInfo(
         grid=grid,
         source=source,
-        robot_radius=float(robot_radius),
+        robot_radius=radius,
         free=free,
         occupied=occupied,
         unknown=unknown,
@@ -271,8 +272,8 @@ def describe_map(
         specks=len(areas) - len(rooms),
         specks_area=float(areas[~counted].sum()),
         room_of_cell=room_of_cell,
-        pairs=_pairs(grid, room_of_cell, rooms, robot_radius),
-        warnings=(*misleading(grid, source), *_of_robot(grid, robot_radius, bool(rooms))),
+        pairs=_pairs(grid, room_of_cell, rooms, radius),
+        warnings=(*misleading(grid, source), *_of_robot(grid, radius, bool(rooms))),
     )
 
 

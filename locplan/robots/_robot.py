@@ -305,3 +305,19 @@ def _changes(robot: Robot, usual: Robot) -> dict[str, Any]:
         changes |= {key: own for key, own in now.items() if own != was.get(key)}
     changes.pop("model", None)  # it decides nothing
     return changes
+
+
+def radius_of(robot: Robot | float) -> float:
+    """Radius that is planned with [m].
+
+    Parameters
+    ----------
+    robot : Robot, or float
+        The robot, or the radius itself, 0 to 1e9 [m].
+
+    Raises
+    ------
+    ConfigError
+        If it is neither.
+    """
+    return robot.radius if isinstance(robot, Robot) else number("robot", robot, 0.0, 1e9)

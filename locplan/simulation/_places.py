@@ -16,7 +16,7 @@ from locplan.costs import Costmap
 from locplan.errors import ConfigError
 from locplan.field import FieldConfig, well_spaced
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.robots import Robot
+from locplan.robots import Robot, radius_of
 from locplan.simulation._drives import LOST, MAX_DRIVES
 from locplan.simulation._simulator import APPROACH, POINTS, Simulator
 from locplan.simulation._worlds import approaches, check_of_one_map
@@ -122,7 +122,7 @@ class Places:
 
 
 def choose_points(
-    grid: OccupancyGrid, count: int, *, robot_radius: float, seed: int
+    grid: OccupancyGrid, count: int, *, robot: Robot | float, seed: int
 ) -> NDArray[np.int64]:
     """Random lattice points where a robot can stand, at least 1 m apart.
 
@@ -134,8 +134,8 @@ def choose_points(
         The map.
     count : int
         Maximum number of points, at least 2; there are fewer if the map has no more.
-    robot_radius : float
-        Radius of the robot [m].
+    robot : Robot, or float
+        The robot, or its radius [m].
     seed : int
         Seed of the random numbers, >= 0.
 
@@ -153,7 +153,7 @@ def choose_points(
 
     check_grid(grid)
     whole("places", count, 2)
-    wide = grid.free & (grid.clearance >= robot_radius)
+    wide = grid.free & (grid.clearance >= radius_of(robot))
     _, labels, about, _ = cv2.connectedComponentsWithStats(wide.astype(np.uint8), connectivity=4)
     if len(about) < 2:
         raise ConfigError(f"{grid.name or 'the map'}: has no cell where the robot fits")
@@ -172,7 +172,6 @@ def measure(
     simulator: Simulator,
     points: NDArray[np.int64],
     *,
-    robot_radius: float,
     drives: int = 16,
     scans: int = 16,
     progress: ProgressCallback | None = None,
@@ -185,8 +184,6 @@ def measure(
         Simulator of the map.
     points : (n, 2) array of int
         Places, as returned by `choose_points`.
-    robot_radius : float
-        Radius of the robot, which limits where drives may go [m].
     drives, scans : int, default 16
         Number of drives to each place, and of scans at each; 0 leaves them out.
     progress : callable, optional
@@ -198,7 +195,7 @@ def measure(
         The errors of the filter and of the matches at each place.
     """
     grid = simulator.grid
-    costs = Costmap.blank(grid, robot_radius=robot_radius)
+    costs = Costmap.blank(grid, robot=simulator.robot)
     random = random_of(simulator.seed, APPROACH)
     callbacks = parts(progress, [drives * len(points), len(points)])
     driven = np.full((len(points), 1, 1, 3), np.nan)
@@ -280,13 +277,12 @@ def measure_maps(
         whole(name, value, 0, MAX_DRIVES)
     whole("seed", seed, 0)
     robot = robot or Robot()
-    chosen = [choose_points(grid, places, robot_radius=robot.radius, seed=seed) for grid in grids]
+    chosen = [choose_points(grid, places, robot=robot, seed=seed) for grid in grids]
     callbacks = parts(progress, [(drives + 1) * len(points) for points in chosen])
     return [
         measure(
             Simulator(grid, robot, filter_map=filter_map, seed=seed, threads=threads),
             points,
-            robot_radius=robot.radius,
             drives=drives,
             scans=scans,
             progress=part,

@@ -190,7 +190,7 @@ def _checked(
     for place in places:
         cell = grid.world_to_cell(*position(place, name="place"))
         if not (grid.contains(*cell) and fits[cell]):
-            Costmap.blank(grid, robot_radius=robot_radius).cell_of(place, "place")  # says why
+            Costmap.blank(grid, robot=robot_radius).cell_of(place, "place")  # says why
         cells.append(cell)
         xy.append([float(value) for value in place])
     if not xy:

@@ -26,7 +26,7 @@ def cluttered() -> tuple[OccupancyGrid, dict[str, locplan.Path]]:
         height, width = random.integers(8, 50, 2)
         cells[top : top + height, left : left + width] = OCCUPIED
     grid = OccupancyGrid(cells, 0.05)
-    costs = locplan.Costmap.blank(grid, robot_radius=0.5)
+    costs = locplan.Costmap.blank(grid, robot=0.5)
     ends = {"up": ((2, 2), (38, 38)), "down": ((2, 38), (38, 2)), "across": ((2, 20), (38, 20))}
     routes = {name: locplan.plan(costs, *both).path for name, both in ends.items()}
     assert all(routes.values())

@@ -81,7 +81,7 @@ def problem_on(name, real_maps):
     else:
         grid, radius = load_map(next((real_maps / name).glob("*.yaml"))), REAL[name]
     field = covariance_field(grid, FieldConfig())
-    costs = Costmap.from_field(grid, field, weight=WEIGHT, robot_radius=radius)
+    costs = Costmap.from_field(grid, field, weight=WEIGHT, robot=radius)
     if name in REAL:
         start, goal = far_apart(costs)
     return costs, start, goal

@@ -43,7 +43,7 @@ class Source:
     def blank(self, grid: OccupancyGrid, robot_radius: float) -> Costmap:
         """Costmap on which every metre costs the same, blocked where the given one is."""
         if self.given is None:
-            return Costmap.blank(grid, robot_radius=robot_radius)
+            return Costmap.blank(grid, robot=robot_radius)
         density = np.where(np.isfinite(self.given.density), 1.0, np.inf)
         return dataclasses.replace(
             Costmap.from_density(grid, density), robot_radius=self.given.robot_radius
@@ -61,7 +61,7 @@ class Source:
                 ask.grid,
                 field,
                 weight=ask.settings.weight,
-                robot_radius=ask.robot.radius,
+                robot=ask.robot,
                 criterion=ask.settings.criterion,
             )
 

@@ -231,7 +231,7 @@ def _why_not(ask: Ask, own: Own) -> str:
 
 def _made(ask: Ask, seed: int, shortest: Plan | None, costs: Costmap | None) -> Choice:
     """A choice without candidates, with why there is no path, if so."""
-    costs_shown = costs or Costmap.blank(ask.grid, robot_radius=ask.robot.radius)
+    costs_shown = costs or Costmap.blank(ask.grid, robot=ask.robot)
     return Choice(
         about={**about_costs(costs_shown), **about_filter(ask.settings.filter_map)},
         start=ask.start,
@@ -333,7 +333,7 @@ class SimulatedChoice:
     def prepare(self) -> None:
         """Load the kernels of the planners and of the drives."""
         grid = OccupancyGrid(np.full((8, 8), FREE, np.uint8), 0.1)
-        costs = Costmap.blank(grid, robot_radius=0.05)
+        costs = Costmap.blank(grid, robot=0.05)
         SimulatedChoice(drives=2).solve(costs, (0.25, 0.35), (0.55, 0.35))
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:

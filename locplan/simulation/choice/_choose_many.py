@@ -275,7 +275,7 @@ def choose_many(
             costs = given
         else:
             field = load_or_compute(given, Fused.of(equipped(robot).known_lidar), threads=threads)
-            costs = Costmap.from_field(given, field, robot_radius=(robot or Robot()).radius)
+            costs = Costmap.from_field(given, field, robot=(robot or Robot()).radius)
         if isinstance(queries, Mapping) and name not in queries:
             raise ConfigError(f"there are no queries for map {shown(name)}")
         wanted = queries[name] if isinstance(queries, Mapping) else queries

@@ -15,7 +15,6 @@ import numpy as np
 from locplan._util.checks import is_number
 from locplan._util.intervals import random_of
 from locplan._util.reading import scalar_text
-from locplan.costs import ROBOT_RADIUS
 from locplan.errors import LocplanError
 from locplan.robots import (
     MODELS,
@@ -134,10 +133,10 @@ class BeamsLeft:
     """Mean number of these that return, over random places of the map."""
 
     @classmethod
-    def on_map(
-        cls, simulator: Simulator, *, places: int = 200, robot_radius: float = ROBOT_RADIUS
-    ) -> BeamsLeft:
+    def on_map(cls, simulator: Simulator, *, places: int = 200) -> BeamsLeft:
         """Count the beams that return at random places of the map where the robot fits.
+
+        Where it fits nowhere, all free cells count.
 
         Parameters
         ----------
@@ -145,14 +144,12 @@ class BeamsLeft:
             The map, the lidar, the filter and the disturbances.
         places : int, default 200
             Number of places, each with a random heading.
-        robot_radius : float, default 0.25
-            Radius of the robot [m]; where it fits nowhere, all free cells count.
         """
         from locplan._kernels.lidar import measured_ends
 
         random = random_of(simulator.seed, BEAMS)
         grid, arguments = simulator.grid, simulator.arguments
-        cells = np.argwhere(grid.free & (grid.clearance >= robot_radius))
+        cells = np.argwhere(grid.free & (grid.clearance >= simulator.robot.radius))
         cells = cells if len(cells) else np.argwhere(grid.free)
         some = cells[random.integers(0, len(cells), places)] if len(cells) else cells
         ends = np.empty((arguments.lidar.angles.size, 2))

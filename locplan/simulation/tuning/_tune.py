@@ -106,14 +106,14 @@ def tune(
     whole("paths", paths, TuningBench.fewest_paths, 1000)
     check_drives(drives)
     about = Simulator(grid, robot, filter_map=filter_map, seed=seed, threads=threads)
-    costs = Costmap.blank(grid, robot_radius=about.robot.radius)
+    costs = Costmap.blank(grid, robot=about.robot)
 
     def bench_of(own_seed: int, judging: bool) -> SimulatedBench:
         lines = SimulatedBench.paths(costs, paths, own_seed)
         own: Any = {"filter_map": filter_map, "seed": own_seed, "threads": threads}
         return SimulatedBench(grid, about.robot, lines, drives, **own)
 
-    left = BeamsLeft.on_map(about, robot_radius=about.robot.radius)
+    left = BeamsLeft.on_map(about)
     own: Any = {"left": left, "others": others, "seed": seed, "progress": progress}
     return search_settings(bench_of, about.robot, paths, drives, **own)
 
