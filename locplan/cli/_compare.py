@@ -13,21 +13,23 @@ from cyclopts import Parameter
 
 import locplan
 from locplan._util.progress import progress_bar
-from locplan.cli._field_options import FieldOptions
-from locplan.cli._groups import INPUT, Count, Ranges, Seed, command, keep_maps, option_group
-from locplan.cli._options import Computing, Criterion
-from locplan.cli._output import Output, Target
-from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import refuse
+from locplan.cli._options import Computing, Criterion, Output
+from locplan.cli._robot_options import FieldOptions, RobotOptions
+from locplan.cli._types import (
+    INPUT,
+    MAPS,
+    Count,
+    Ranges,
+    Seed,
+    Target,
+    command,
+    option_group,
+    refuse,
+)
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
     from locplan.comparison import RandomQueries
-
-app = command(
-    "compare",
-    "compare lab.yaml -o compared --planner any-angle --planner BITstar:time_limit=2 --seeds 5",
-)
 
 
 @option_group("Planner")
@@ -107,11 +109,13 @@ class Report(Output):
     """Folder for the report, tables and logs."""
 
 
-@app.default
+@command(
+    "compare lab.yaml -o compared --planner any-angle --planner BITstar:time_limit=2 --seeds 5",
+)
 def compare(
     maps: Annotated[
         list[Path],
-        Parameter("MAP", validator=keep_maps),
+        *MAPS,
         Parameter(help="Maps: map_server YAML files, folders of them, or .map."),
     ],
     /,

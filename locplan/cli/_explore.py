@@ -11,16 +11,19 @@ from cyclopts import Parameter
 import locplan
 from locplan._util.progress import progress_bar, working
 from locplan._util.supervision import end_if_supervised
-from locplan.cli._field_options import FieldOptions
-from locplan.cli._groups import INPUT, XY, MapFile, Threads, command, heading, option_group
 from locplan.cli._options import CacheDir, CostOptions
-from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import parsed, two_numbers
-
-app = command(
-    "explore",
-    "explore lab.yaml --lidar turtlebot4",
-    "explore lab.yaml --lidar turtlebot4 --start 2,3 --goal 38,3 --drive drive.mcap -o edited",
+from locplan.cli._robot_options import FieldOptions, RobotOptions
+from locplan.cli._types import (
+    INPUT,
+    XY,
+    Force,
+    MapFile,
+    Threads,
+    command,
+    heading,
+    option_group,
+    parsed,
+    two_numbers,
 )
 
 
@@ -50,11 +53,13 @@ class Written:
 
     folder: Annotated[Path | None, Parameter(name=("--folder", "-o"))] = None
     """Folder that the page may write maps and exports to; without it, it writes none."""
-    force: bool = False
-    """Replace files in the way, whoever wrote them."""
+    force: Force = False
 
 
-@app.default
+@command(
+    "explore lab.yaml --lidar turtlebot4",
+    "explore lab.yaml --lidar turtlebot4 --start 2,3 --goal 38,3 --drive drive.mcap -o edited",
+)
 def explore(
     map_file: MapFile,
     /,

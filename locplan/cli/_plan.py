@@ -1,4 +1,4 @@
-"""The command that chooses the path to take."""
+"""The commands that choose the path to take, and that find all best trade-offs."""
 
 from __future__ import annotations
 
@@ -8,18 +8,21 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 import locplan
-from locplan._util.progress import later_progress_bar
-from locplan.cli._field_options import FieldOptions
-from locplan.cli._groups import Csv, FilterMap, MapFile, Seed, command, option_group
-from locplan.cli._options import Computing, CostOptions
-from locplan.cli._output import Output
-from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import (
+from locplan._util.progress import later_progress_bar, working
+from locplan.cli._options import Computing, CostOptions, Output, load_filter_map, read_paths
+from locplan.cli._robot_options import FieldOptions, RobotOptions
+from locplan.cli._types import (
+    Csv,
+    FilterMap,
+    MapFile,
+    Pose,
+    Poses,
+    Seed,
+    command,
     given_of,
-    load_filter_map,
+    option_group,
     parsed,
     position,
-    read_paths,
     refuse,
     settings_of,
 )
@@ -28,12 +31,6 @@ from locplan.planners import names
 
 if TYPE_CHECKING:
     from locplan.planners import Planner
-
-app = command(
-    "plan",
-    "plan lab.yaml --start 2,3 --goal 38,3 --lidar turtlebot4 --robot nav2.yaml -o planned",
-    "plan lab.yaml --start 2,3 --goal 38,3 --planner BITstar --time-limit 2",
-)
 
 
 @option_group("Planner")
@@ -68,12 +65,11 @@ class PlannerOptions:
         """The planners by name, with the options that were given."""
         planner_for, takes = locplan.planners.planner_for, locplan.planners.takes
         given = given_of(self)
-        given.pop("planner", None)
-        settings = settings_of(given.pop("setting"), "setting", "range=2.0")
-        given |= {"settings": settings} if settings else {}
-        seed = given.pop("seed", None)  # that of the drives, too
+        asked, seed = given.pop("planner"), given.pop("seed", None)  # that of the drives, too
+        if settings := settings_of(given.pop("setting"), "setting", "range=2.0"):
+            given["settings"] = settings
         made = {}
-        for name in dict.fromkeys(self.planner or ((locplan.planners.DEFAULT,) if given else ())):
+        for name in dict.fromkeys(asked or ((locplan.planners.DEFAULT,) if given else ())):
             own = {"seed": seed} if seed is not None and takes(planner_for(name), "seed") else {}
             planner_for(name, given | own, **limits)  # refuses limits that it does not keep
             made[name] = planner_for(name, given | own)
@@ -84,11 +80,11 @@ class PlannerOptions:
 class Query:
     """The places and limits of the path."""
 
-    start: Annotated[Any, parsed(position, "X,Y[,DEG]")]
+    start: Pose
     """Start of the path, x,y in metres, and the heading in degrees where the space has one."""
-    goal: Annotated[Any, parsed(position, "X,Y[,DEG]")]
+    goal: Pose
     """Goal of the path, x,y in metres, and the heading in degrees where the space has one."""
-    via: Annotated[tuple[Any, ...], parsed(position, "X,Y[,DEG]", many=True)] = ()
+    via: Poses = ()
     """Place to visit on the way, x,y in metres; repeatable."""
     path: Csv = ()
     """Further candidate (CSV of positions); repeatable."""
@@ -101,6 +97,7 @@ class Query:
     longest: float | None = None
     """Maximum length of a candidate, in lengths of the shortest path; 1.5 by default."""
 
+    @property
     def limits(self) -> dict[str, Any]:
         """What binds the paths of planners."""
         return {"via": [*self.via], "max_e": self.max_e, "budget": self.budget}
@@ -110,11 +107,6 @@ class Query:
         if robot.outline and self.budget is not None:
             within = f"the circle of {robot.outline.inscribed_radius:.3g} m within its outline"
             print(f"with a budget the robot counts as {within}", file=sys.stderr)
-
-    def settings(self) -> dict[str, Any]:
-        """The settings of the choice that were given."""
-        longest = {} if self.longest is None else {"longest": self.longest}
-        return {**self.limits(), **longest, "front": self.front}
 
     def candidates(self, made: dict[str, Planner]) -> dict[str, Any]:
         """The paths in files, and the planners that were made."""
@@ -143,16 +135,20 @@ class Driving:
     no_field: bool = False
     """Decide without the aware paths, which need a field of the map."""
 
-    def settings(self) -> dict[str, Any]:
-        """The settings of the choice that were given."""
-        given = given_of(self)
-        del given["no_field"]
-        if "driving_time" in given:
-            given["time_limit"] = given.pop("driving_time")
-        return given
+
+def choice_settings(query: Query, driving: Driving) -> dict[str, Any]:
+    """The settings of the choice that were given, by their names in Python."""
+    given = given_of(query) | query.limits | given_of(driving)
+    if "driving_time" in given:
+        given["time_limit"] = given.pop("driving_time")
+    others = ("start", "goal", "path", "no_field")
+    return {name: value for name, value in given.items() if name not in others}
 
 
-@app.default
+@command(
+    "plan lab.yaml --start 2,3 --goal 38,3 --lidar turtlebot4 --robot nav2.yaml -o planned",
+    "plan lab.yaml --start 2,3 --goal 38,3 --planner BITstar --time-limit 2",
+)
 def plan(
     map_file: MapFile,
     /,
@@ -179,7 +175,7 @@ def plan(
         robot_options.warn(robot)
     query.warn(robot)
     costs.check(config)
-    candidates = query.candidates(planning.made(**query.limits()))
+    candidates = query.candidates(planning.made(**query.limits))
     out.check(locplan.Choice.files, "history.png")
     grid, basis = locplan.load_map(map_file), config
     if driving.no_field:
@@ -203,8 +199,52 @@ def plan(
             threads=computing.threads,
             progress=progress,
             filter_map=load_filter_map(filter_map, [grid]),
-            **query.settings(),
-            **driving.settings(),
+            **choice_settings(query, driving),
             **given_of(costs),
         )
     out.finish(choice)
+
+
+@option_group("Options")
+class Search:
+    """The query, and the limits of the search."""
+
+    start: Annotated[Any, parsed(position, "X,Y")]
+    """Start, x,y in metres."""
+    goal: Annotated[Any, parsed(position, "X,Y")]
+    """Goal, x,y in metres."""
+    objective: Literal["u", "e"] = "u"
+    """Second objective: the degenerate metres (u, by default), or the integral of e."""
+    time_limit: float = 30.0
+    """Time of the search, in seconds, exact or not; 30 by default."""
+
+
+@command("pareto lab.yaml --start 2,3 --goal 38,3 -o front")
+def pareto(
+    map_file: MapFile,
+    /,
+    *,
+    search: Search,
+    robot_options: RobotOptions = RobotOptions(),
+    options: FieldOptions = FieldOptions(),
+    computing: Computing = Computing(),
+    out: Output = Output(),
+) -> None:
+    """Find all best trade-offs between length and localizability, and where they bend.
+
+    The knee is the path farthest below the chord between the front's ends, or else the shortest.
+    """
+    limits = given_of(search)
+    ends = limits.pop("start"), limits.pop("goal")
+    locplan.planners.check_front_limits(**limits)
+    grid = locplan.load_map(map_file)
+    robot, config = options.with_robot(robot_options)
+    locplan.planners.check_ends(locplan.Costmap.blank(grid, robot_radius=robot.radius), *ends)
+    out.check(locplan.ParetoFront.files)
+    field = computing.field(grid, config)
+    costs = locplan.Costmap.from_field(grid, field, robot_radius=robot.radius)
+    with working("searching the front"):
+        front = locplan.pareto_front(costs, *ends, **limits)
+    out.finish(front)
+    if not out.json:
+        print(locplan.field.about_field(field))
