@@ -9,57 +9,44 @@ from cyclopts import Parameter
 
 import locplan
 from locplan._util.progress import progress_bar
+from locplan.cli import _types as typed
 from locplan.cli._application import NOT_IN_METRES
 from locplan.cli._options import DriveOptions, Output, load_filter_map
 from locplan.cli._robot_options import FieldOptions, RobotOptions
-from locplan.cli._types import (
-    ConfigFile,
-    Count,
-    FilterMap,
-    MapFiles,
-    Pair,
-    Seeded,
-    Target,
-    command,
-    given_of,
-    heading,
-    option_group,
-    refuse,
-)
 
 
-@option_group("Simulation")
+@typed.option_group("Simulation")
 class AtPlaces:
     """The number of places drawn at random, and of the simulations at each."""
 
-    places: Pair | None = None
+    places: typed.Pair | None = None
     """Number of places on each map; 100 by default."""
-    drives: Count | None = None
+    drives: typed.Count | None = None
     """Number of drives of 10 m to each place; 16 by default."""
-    scans: Count | None = None
+    scans: typed.Count | None = None
     """Number of single scans matched at each place; 16 by default."""
 
 
-@command(
+@typed.command(
     "evaluate lab.yaml -o evaluated",
     "evaluate lab.yaml --drive monday.mcap --every 10 -o evaluated",
 )
 def evaluate(
-    maps: MapFiles,
+    maps: typed.MapFiles,
     /,
     *,
     config: Annotated[
-        ConfigFile,
+        typed.ConfigFile,
         Parameter(
-            group=heading("Field"),
+            group=typed.heading("Field"),
             help="Settings of a further field to compare with --drive, as calibrate wrote them.",
         ),
     ] = None,
     recorded: DriveOptions = DriveOptions(),
     at: AtPlaces = AtPlaces(),
     robot_options: RobotOptions = RobotOptions(),
-    filter_map: FilterMap = None,
-    seeded: Seeded = Seeded(),
+    filter_map: typed.FilterMap = None,
+    seeded: typed.Seeded = typed.Seeded(),
     out: Output = Output(),
 ) -> None:
     """Show how well each field predicts where a robot is badly localized on your maps.
@@ -70,7 +57,7 @@ def evaluate(
     result: Any
     if recorded.drive is not None:
         own = {"seed": None if seeded.seed == 1 else seeded.seed, "filter_map": filter_map}
-        refuse("with --drive", **vars(robot_options), **own, **vars(at))
+        typed.refuse("with --drive", **vars(robot_options), **own, **vars(at))
         out.check(locplan.recordings.DriveEvaluation.files)
         more = {"config": locplan.load_config(config).estimator} if config else {}
         grid, drive = recorded.on_map(maps)
@@ -80,19 +67,19 @@ def evaluate(
                 drive, grid, estimators=estimators, threads=seeded.threads, progress=progress
             )
     else:
-        refuse("without --drive", config=config)
+        typed.refuse("without --drive", config=config)
         robot = robot_options.simulated()
         out.check(locplan.simulation.Evaluation.files)
         grids = [locplan.load_map(file) for file in locplan.maps.find_maps(*maps)]
         filters = load_filter_map(filter_map, grids)
         disc = min(robot.known_lidar.range, locplan.simulation.LARGEST_DISC)
-        every = given_of(at) | vars(seeded) | {"disc": disc, "filter_map": filters}
+        every = typed.given_of(at) | vars(seeded) | {"disc": disc, "filter_map": filters}
         with progress_bar("driving", "drives") as progress:
             result = locplan.simulation.evaluate(grids, robot, progress=progress, **every)
     out.finish(result)
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Fit:
     """What is fitted."""
 
@@ -102,30 +89,30 @@ class Fit:
     """Fit the scale tau of sad's exponential weights, too."""
 
 
-@option_group("Output")
+@typed.option_group("Output")
 class SettingsOutput(Output):
     """Where the settings go."""
 
-    output: Annotated[Path, Target] = Path("calibrated.json")
+    output: Annotated[Path, typed.Target] = Path("calibrated.json")
     """File for the settings, for --config and --robot of other commands, with a picture
     NAME_calibration.png beside it; calibrated.json by default."""
 
 
-@command(
+@typed.command(
     "calibrate lab.yaml -o lab.json",
     "field lab.yaml --config lab.json",
     "calibrate lab.yaml --drive monday.mcap -o robot.json",
     "simulate lab.yaml --random 20 --robot robot.json",
 )
 def calibrate(
-    maps: MapFiles,
+    maps: typed.MapFiles,
     /,
     *,
     fit: Fit = Fit(),
     at: AtPlaces = AtPlaces(),
     recorded: DriveOptions = DriveOptions(),
     robot_options: RobotOptions = RobotOptions(),
-    seeded: Seeded = Seeded(),
+    seeded: typed.Seeded = typed.Seeded(),
     options: FieldOptions = FieldOptions(),
     out: SettingsOutput = SettingsOutput(),
 ) -> int:
@@ -140,7 +127,7 @@ def calibrate(
     recorded.check()
     threads = seeded.threads
     if recorded.drive:
-        refuse("with --drive", **vars(fit), **vars(at))
+        typed.refuse("with --drive", **vars(fit), **vars(at))
         grid, recording = recorded.on_map(maps)
         config = options.of_drive(recording.lidar)
         robot = robot_options.on_drive(recording, replayed=False)
@@ -152,9 +139,9 @@ def calibrate(
         return 0 if getattr(found.field, "in_metres", False) else NOT_IN_METRES
     fitted: dict[str, Any] = {"error": fit.error or "tracking", "fit_tau": fit.fit_tau}
     unread = "scans" if fitted["error"] == "tracking" else "drives"
-    refuse(f"with --error {fitted['error']}", **{unread: getattr(at, unread)})
+    typed.refuse(f"with --error {fitted['error']}", **{unread: getattr(at, unread)})
     robot, config = options.simulated(robot_options)
-    places = given_of(at) | {unread: 0} | vars(seeded)
+    places = typed.given_of(at) | {unread: 0} | vars(seeded)
     with progress_bar("driving", "drives") as progress:
         grids = [locplan.load_map(file) for file in locplan.maps.find_maps(*maps)]
         measured = locplan.simulation.measure_maps(grids, robot, **places, progress=progress)

@@ -14,23 +14,9 @@ import locplan
 from locplan._util.files import PICTURES, check_target
 from locplan._util.progress import working
 from locplan._util.public import field_docs
+from locplan.cli import _types as typed
 from locplan.cli._options import Computing, CostOptions, Output, read_paths, say_written
 from locplan.cli._robot_options import FieldOptions, RobotOptions
-from locplan.cli._types import (
-    XY,
-    Csv,
-    MapFile,
-    Ranges,
-    Target,
-    check_read,
-    command,
-    field_names,
-    given_of,
-    heading,
-    option_group,
-    parsed,
-    two_numbers,
-)
 from locplan.errors import ConfigError
 from locplan.export import formats
 
@@ -56,7 +42,7 @@ def _joint_options() -> type:
         fields.append((name, Annotated[types[name] | None, Parameter(help=help)], None))
     own = {"__module__": __name__}
     joint = dataclasses.make_dataclass("FormatOptions", fields, frozen=True, namespace=own)
-    return Parameter(name="*", group=heading("Format"))(joint)
+    return Parameter(name="*", group=typed.heading("Format"))(joint)
 
 
 if TYPE_CHECKING:
@@ -65,56 +51,56 @@ else:
     FormatOptions = _joint_options()
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Exported:
     """What is exported."""
 
     to: Annotated[
         str, Parameter(choices=tuple(FORMATS), show_choices=False, help=f"Format: {ABOUT}.")
     ]
-    path: Annotated[Csv, Parameter(help=f"Path to export (x,y) ({', '.join(PATHS)}).")] = ()
+    path: Annotated[typed.Csv, Parameter(help=f"Path to export (x,y) ({', '.join(PATHS)}).")] = ()
     start: Annotated[
-        XY,
+        typed.XY,
         Parameter(
             help="Start of a path that is planned and exported, x,y in metres"
             f" ({', '.join(PATHS)})."
         ),
     ] = None
-    goal: XY = None
+    goal: typed.XY = None
     """Goal of this path, x,y in metres."""
 
     def check(self) -> None:
         """Raise a ConfigError if the format has no paths, or half a query was given."""
         names = "path", "start", "goal"
         given = [name for name in names if getattr(self, name)]
-        check_read(given, "--to", self.to, dict.fromkeys(PATHS, names))
+        typed.check_read(given, "--to", self.to, dict.fromkeys(PATHS, names))
         if bool(self.start) != bool(self.goal):
             raise ConfigError("--start and --goal belong together")
 
     def chosen(self, own: Any, params: Path | None) -> Any:
         """The options of the format from those given; a ConfigError if one is not for it."""
-        given = given_of(own)
-        known = {name: field_names(each.options) for name, each in FORMATS.items()}
-        check_read(given, "--to", self.to, known)
+        given = typed.given_of(own)
+        known = {name: typed.field_names(each.options) for name, each in FORMATS.items()}
+        typed.check_read(given, "--to", self.to, known)
         if "params" in known[self.to]:
             given["params"] = params
         return FORMATS[self.to].options(**given)
 
 
-@option_group("Output")
+@typed.option_group("Output")
 class ExportOutput(Output):
     """Where the export goes."""
 
-    output: Annotated[Path | None, Target] = None
+    output: Annotated[Path | None, typed.Target] = None
     """File or folder; MAP-FORMAT here by default."""
 
 
-@command(
+@typed.command(
     "export lab.yaml --to nav2-keepout -o mask --planner smac-hybrid",
     "export lab.yaml --to path --start 2,3 --goal 38,3 -o path.csv --step 0.05",
 )
 def export(
-    map_file: MapFile,
+    map_file: typed.MapFile,
     /,
     *,
     exported: Exported,
@@ -173,7 +159,7 @@ READ = {
 """The options that each figure reads."""
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class FigureOptions:
     """The figure and how it is drawn."""
 
@@ -182,45 +168,45 @@ class FigureOptions:
     scalar: str | None = None
     """Scalar in the figure field: what degeneracy is made of by default, or e, position_std,
     position_rms, heading_std, ambiguity or entropy."""
-    ranges: Ranges = None
+    ranges: typed.Ranges = None
     """Ranges of the lidar side by side in the figures e and ellipses, in metres."""
-    limits: Annotated[Any, parsed(two_numbers, "LOW,HIGH")] = None
+    limits: Annotated[Any, typed.parsed(typed.two_numbers, "LOW,HIGH")] = None
     """Ends of the colours of the figure e, in m² rad."""
     spacing: Annotated[float | None, Parameter(validator=Number(gte=0.1))] = None
     """Minimum distance between ellipses, in metres; 2 by default."""
     magnify: Annotated[float | None, Parameter(validator=Number(gte=0.01))] = None
     """Factor by which ellipses are enlarged."""
-    at: XY = None
+    at: typed.XY = None
     """Place of the figures distribution and models (all seven), x,y in metres."""
     axis: Literal["x", "y", "theta"] | None = None
     """Axis along which the models are drawn; x by default."""
 
     def own(self) -> dict[str, Any]:
         """Arguments of the figure's function."""
-        given = given_of(self)
+        given = typed.given_of(self)
         del given["figure"]
-        check_read(given, "--figure", self.figure, READ)
+        typed.check_read(given, "--figure", self.figure, READ)
         if "at" in READ[self.figure] and "at" not in given:
             raise ConfigError(f"--figure {self.figure} needs --at X,Y")
         given.pop("ranges", None)
         return {"axis": "x"} | given if self.figure == "models" else given
 
 
-@option_group("Output")
+@typed.option_group("Output")
 class Picture:
     """Where the picture goes."""
 
-    output: Annotated[Path, Target]
+    output: Annotated[Path, typed.Target]
     """File for the picture (.png, .pdf, .svg)."""
 
 
-@command(
+@typed.command(
     "plot lab.yaml -o heading.png --scalar heading_std",
     "plot lab.yaml -o ellipses.png --figure ellipses --ranges 6,8",
     "plot lab.yaml -o models.png --figure models --at 2,3 --axis theta",
 )
 def plot(
-    map_file: MapFile,
+    map_file: typed.MapFile,
     /,
     *,
     out: Picture,

@@ -10,37 +10,23 @@ from cyclopts import Parameter
 
 import locplan
 from locplan._util.progress import progress_bar
+from locplan.cli import _types as typed
 from locplan.cli._options import Output, read_paths
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._types import (
-    INPUT,
-    XY,
-    Count,
-    Csv,
-    MapFile,
-    Poses,
-    Seeded,
-    command,
-    flag,
-    given_of,
-    numbers,
-    option_group,
-    parsed,
-)
 from locplan.errors import ConfigError
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class RouteOptions:
     """The routes of the robot."""
 
-    start: XY = None
+    start: typed.XY = None
     """Start of a shortest path, x,y in metres."""
-    goal: XY = None
+    goal: typed.XY = None
     """Goal of this path, x,y in metres."""
-    path: Csv = ()
+    path: typed.Csv = ()
     """Path of the robot (x,y); repeatable."""
-    places: Annotated[Path | None, INPUT, Parameter(metavar="CSV")] = None
+    places: Annotated[Path | None, typed.INPUT, Parameter(metavar="CSV")] = None
     """Places (name,x,y) between all of which the robot drives."""
 
     def given(self, **others: object) -> dict[str, Any]:
@@ -58,7 +44,7 @@ class RouteOptions:
             "--start with --goal": given,
             "--places": self.places,
         }
-        own |= {flag(name): each for name, each in others.items()}
+        own |= {typed.flag(name): each for name, each in others.items()}
         if sum(map(bool, own.values())) != 1:
             *names, last = own
             raise ConfigError(f"give one of {', '.join(names)}, and {last}")
@@ -72,11 +58,11 @@ class RouteOptions:
         return {"places": ends} if given else {}
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Taking:
     """What counts as a feature, and how many are taken away."""
 
-    count: Count = 3
+    count: typed.Count = 3
     """Number of features that are taken away together; 3 by default."""
     piece: float = 1.0
     """Length of the pieces of walls, in metres; about 1 by default."""
@@ -88,25 +74,25 @@ class Taking:
     """Number of drives of the verification; 100 by default, 0 leaves it out."""
 
 
-@command(
+@typed.command(
     "features lab.yaml --start 2,3 --goal 38,3 -o found",
     "features lab.yaml --path mine.csv --robot nav2_params.yaml --count 2 -o found",
 )
 def features(
-    map_file: MapFile,
+    map_file: typed.MapFile,
     /,
     *,
     routes: RouteOptions = RouteOptions(),
     taking: Taking = Taking(),
     robot_options: RobotOptions = RobotOptions(),
-    seeded: Seeded = Seeded(),
+    seeded: typed.Seeded = typed.Seeded(),
     out: Output = Output(),
 ) -> None:
     """Find the pillars, shelves and corners that localization on your routes depends on.
 
     Drives with your own filter, in a world that lacks the worst of them, say whether it is so.
     """
-    taken, ways = given_of(taking), routes.given()
+    taken, ways = typed.given_of(taking), routes.given()
     drives = taken.pop("drives")
     locplan.simulation.check_drives(drives, or_none=True)
     robot = robot_options.simulated()
@@ -123,10 +109,10 @@ def features(
 
 def region(name: str, text: str) -> tuple[float, ...] | str:
     """A rectangle, or the word all."""
-    return text if text == "all" else numbers(name, text, 4)
+    return text if text == "all" else typed.numbers(name, text, 4)
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Placing:
     """The objects, and the region that they serve if it is no route."""
 
@@ -134,11 +120,11 @@ class Placing:
     """Poles (pole:DIAMETER) or boxes (box:LENGTH,WIDTH), in metres; pole:0.2 by default."""
     count: int = 6
     """Maximum number of objects; 6 by default."""
-    region: Annotated[tuple[Any, ...], parsed(region, "X0,Y0,X1,Y1", many=True)] = ()
+    region: Annotated[tuple[Any, ...], typed.parsed(region, "X0,Y0,X1,Y1", many=True)] = ()
     """Rectangle in which the robot may go anywhere, in metres, repeatable; "all" is the map."""
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Standing:
     """Where the objects may stand."""
 
@@ -149,30 +135,32 @@ class Standing:
     clearance: float = 0.2
     """Distance of routes and passages from the objects besides the robot's radius, in metres; 0.2
     by default."""
-    keep_out: Annotated[Any, parsed(partial(numbers, count=4), "X0,Y0,X1,Y1", many=True)] = None
+    keep_out: Annotated[
+        Any, typed.parsed(partial(typed.numbers, count=4), "X0,Y0,X1,Y1", many=True)
+    ] = None
     """Rectangle in which no object may stand, in metres; repeatable."""
-    existing: Poses = ()
+    existing: typed.Poses = ()
     """Object of this kind in the map, which may be moved, x,y in metres; repeatable."""
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Driving:
     """The drives that choose and verify."""
 
     drives: int = 100
     """Number of drives of the verification; 100 by default, 0 leaves it out."""
-    trials: Count | None = None
+    trials: typed.Count | None = None
     """Number of placements that are driven first, of which the best is taken; 4 by default, and 1
     without drives. Along routes the first two are by the two objectives."""
 
 
-@command(
+@typed.command(
     "landmarks lab.yaml --object pole:0.2 --count 3 --start 2,3 --goal 38,3 -o marked",
     "landmarks lab.yaml --object box:0.6,0.3 --path mine.csv --robot nav2_params.yaml -o marked",
     "landmarks lab.yaml --object box:0.6,0.3 --count 8 --region all -o marked",
 )
 def landmarks(
-    map_file: MapFile,
+    map_file: typed.MapFile,
     /,
     *,
     routes: RouteOptions = RouteOptions(),
@@ -180,7 +168,7 @@ def landmarks(
     standing: Standing = Standing(),
     driving: Driving = Driving(),
     robot_options: RobotOptions = RobotOptions(),
-    seeded: Seeded = Seeded(),
+    seeded: typed.Seeded = typed.Seeded(),
     out: Output = Output(),
 ) -> None:
     """Propose places for poles or boxes that keep the robot from getting lost on its ways.

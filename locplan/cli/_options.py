@@ -22,22 +22,7 @@ import locplan
 from locplan._util.checks import printable
 from locplan._util.progress import progress_bar, working
 from locplan._util.runs import write_run_beside
-from locplan.cli._types import (
-    INPUT,
-    Count,
-    Force,
-    Json,
-    Target,
-    Threads,
-    checked,
-    given_of,
-    heading,
-    numbers,
-    option_group,
-    parsed,
-    refuse,
-    two_numbers,
-)
+from locplan.cli import _types as typed
 from locplan.errors import ConfigError, LocplanError, one_line
 
 if TYPE_CHECKING:
@@ -59,7 +44,7 @@ if TYPE_CHECKING:
 Criterion = Annotated[
     str | None,
     Parameter(
-        group=heading("Costs"),
+        group=typed.heading("Costs"),
         help="Scalar that the degeneracy u is made of: e (default of sad), position_std (default of"
         " the others), position_rms or heading_std; ambiguity or entropy of scan and fused.",
     ),
@@ -74,15 +59,15 @@ def _check_scheduler(scheduler: str) -> None:
     locplan.field.check_scheduler(scheduler)
 
 
-@option_group("Computing")
+@typed.option_group("Computing")
 class Computing:
     """The resources for fields, and their cache."""
 
-    threads: Threads = None
+    threads: typed.Threads = None
     scheduler: Annotated[
         str | None,
         Parameter(metavar="tcp://HOST:PORT"),
-        checked(_check_scheduler),
+        typed.checked(_check_scheduler),
     ] = None
     """Dask cluster that computes the field."""
     cache_dir: CacheDir = None
@@ -127,7 +112,7 @@ class Computing:
             return compute(grid)
 
 
-@option_group("Costs")
+@typed.option_group("Costs")
 class CostOptions:
     """The costs of a path."""
 
@@ -145,27 +130,29 @@ class CostOptions:
 
     def costmap(self, grid: "OccupancyGrid", field: "CovarianceField", robot: "Robot") -> "Costmap":
         """The costmap of a field for a robot."""
-        return locplan.Costmap.from_field(grid, field, robot_radius=robot.radius, **given_of(self))
+        return locplan.Costmap.from_field(
+            grid, field, robot_radius=robot.radius, **typed.given_of(self)
+        )
 
 
 def move(name: str, text: str) -> tuple[float, ...]:
     """A shift in metres with a turn in degrees, which becomes radians."""
-    x, y, turn = numbers(name, text, 3)
+    x, y, turn = typed.numbers(name, text, 3)
     return x, y, math.radians(turn)
 
 
 Topic = Annotated[str | None, Parameter(metavar="TOPIC")]
 Frame = Annotated[str | None, Parameter(metavar="FRAME")]
-Move = Annotated[Any, parsed(move, "X,Y,DEG")]
+Move = Annotated[Any, typed.parsed(move, "X,Y,DEG")]
 
 
-@option_group("Recorded drive")
+@typed.option_group("Recorded drive")
 class DriveOptions:
     """A recorded drive, and how its file is read."""
 
-    drive: Annotated[Path | None, INPUT, Parameter(metavar="FILE")] = None
+    drive: Annotated[Path | None, typed.INPUT, Parameter(metavar="FILE")] = None
     """Recorded drive: a bag of ROS 1 or 2, a log of CARMEN, CSV or NPZ."""
-    every: Count | None = None
+    every: typed.Count | None = None
     """Step between the scans that are read; 1 by default, which is all."""
     scan_topic: Topic = None
     """Topic of the scans, where a bag has several."""
@@ -177,7 +164,7 @@ class DriveOptions:
     """Frame of the poses in a bag; map by default."""
     base_frame: Frame = None
     """Frame of the robot in a bag; that of its odometry, or base_footprint or base_link."""
-    range_limits: Annotated[Any, parsed(two_numbers, "MIN,MAX")] = None
+    range_limits: Annotated[Any, typed.parsed(typed.two_numbers, "MIN,MAX")] = None
     """Distances between which a reading is a return, in metres, where the log's own are wrong."""
     mount: Move = None
     """Pose of the lidar on the robot, in metres and degrees, where the log does not have it."""
@@ -188,7 +175,7 @@ class DriveOptions:
     def check(self) -> None:
         """Raise a ConfigError if an option is given without a drive; before long work."""
         if self.drive is None:
-            refuse("without --drive", **given_of(self))
+            typed.refuse("without --drive", **typed.given_of(self))
 
     def read(self) -> "Recording":
         """The drive, with a progress bar while it is read.
@@ -204,7 +191,7 @@ class DriveOptions:
         if self.drive is None:
             raise ConfigError("name a recorded drive with --drive")
         names = vars(locplan.recordings.Topics())
-        topics = {name: value for name, value in given_of(self).items() if name in names}
+        topics = {name: value for name, value in typed.given_of(self).items() if name in names}
         with progress_bar(f"reading {self.drive.name}", "messages") as progress:
             recording = locplan.recordings.read_drive(
                 self.drive,
@@ -261,14 +248,14 @@ def read_paths(files: Sequence[Path]) -> "dict[str, locplan.Path]":
     return paths
 
 
-@option_group("Output")
+@typed.option_group("Output")
 class Output:
     """Where the result goes."""
 
-    output: Annotated[Path | None, Target] = None
+    output: Annotated[Path | None, typed.Target] = None
     """Folder for pictures, JSON and tables (CSV)."""
-    force: Force = False
-    json: Json = False
+    force: typed.Force = False
+    json: typed.Json = False
 
     def check(self, files: "Results", *more: str) -> None:
         """Raise a LocplanError if the folder cannot take files of results; before long work."""

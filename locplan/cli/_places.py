@@ -11,27 +11,16 @@ from cyclopts.validators import Number
 import locplan
 from locplan._util.checks import whole
 from locplan._util.progress import progress_bar, working
+from locplan.cli import _types as typed
 from locplan.cli._options import DriveOptions, Output
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._types import (
-    INPUT,
-    XY,
-    Count,
-    MapFile,
-    Seed,
-    Threads,
-    command,
-    given_of,
-    option_group,
-    refuse,
-)
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
     from locplan.recordings import Recording
 
 
-@option_group("Recorded drive")
+@typed.option_group("Recorded drive")
 class ScanOptions:
     """The scan of the drive."""
 
@@ -65,31 +54,31 @@ class ScanOptions:
         return drive[scan : scan + 1]
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Places:
     """Where the robot is looked for."""
 
-    near_path: Annotated[Path | None, INPUT, Parameter(metavar="CSV")] = None
+    near_path: Annotated[Path | None, typed.INPUT, Parameter(metavar="CSV")] = None
     """Path (x,y) near which places are looked at; by default all are."""
     within: float | None = None
     """Maximum distance of these from the path, in metres; 3 by default."""
-    count: Count | None = None
+    count: typed.Count | None = None
     """Maximum number of places that are kept; 10 by default."""
 
 
-@command(
+@typed.command(
     "locate lab.yaml --drive monday.mcap --at 12.5 -o located",
     "locate lab.yaml --drive monday.mcap --scan 40 --near-path route.csv",
     "locate lab.yaml --drive monday.mcap --every 20 -o located",
 )
 def locate(
-    map_file: MapFile,
+    map_file: typed.MapFile,
     /,
     *,
     recorded: DriveOptions = DriveOptions(),
     which: ScanOptions = ScanOptions(),
     places: Places = Places(),
-    threads: Threads = None,
+    threads: typed.Threads = None,
     out: Output = Output(),
 ) -> None:
     """Find where on the map the scans of a drive were taken, without their recorded poses.
@@ -99,14 +88,14 @@ def locate(
     if recorded.drive is None:
         raise ConfigError("name a recorded drive with --drive")
     if which.scan is not None:
-        refuse("with --scan", at=which.at, every=recorded.every)
+        typed.refuse("with --scan", at=which.at, every=recorded.every)
     if which.at is not None:
-        refuse("with --at", every=recorded.every)
-    given = given_of(places)
+        typed.refuse("with --at", every=recorded.every)
+    given = typed.given_of(places)
     if path := given.pop("near_path", None):
         given["near"] = locplan.Path.load(path)
     else:
-        refuse("without --near-path", within=places.within)
+        typed.refuse("without --near-path", within=places.within)
     out.check(locplan.twins.LocatedDrive.files)
     grid, drive = locplan.load_map(map_file), which.chosen(recorded.read())
     with working("looking around at all places of the map"):
@@ -119,20 +108,20 @@ def locate(
     out.finish(found)
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Asked:
     """What is asked for."""
 
-    at: XY = None
+    at: typed.XY = None
     """Place whose twins are looked for, x,y in metres; all places by default."""
-    starts: Count | None = None
+    starts: typed.Count | None = None
     """Maximum number of starts that are proposed; 5 by default."""
     spacing: float | None = None
     """Distance between neighbouring places, in metres; 0.8 by default."""
     matches: int = 0
     """Number of noisy scans from random poses that are matched with the map, to check what is
     foreseen; none by default."""
-    seed: Seed | None = None
+    seed: typed.Seed | None = None
     """Seed of these scans; 1 by default."""
 
     def check(self) -> None:
@@ -140,14 +129,14 @@ class Asked:
         if self.matches:
             whole("--matches", self.matches, 2, 100_000)
         else:
-            refuse("without --matches", seed=self.seed)
+            typed.refuse("without --matches", seed=self.seed)
         if self.at:
-            refuse(
+            typed.refuse(
                 "with --at", starts=self.starts, spacing=self.spacing, matches=self.matches or None
             )
 
 
-@option_group("Field")
+@typed.option_group("Field")
 class Compared:
     """How scans are compared."""
 
@@ -156,18 +145,18 @@ class Compared:
     to global matches, and not the number of scan."""
 
 
-@command(
+@typed.command(
     "twins lab.yaml --lidar rplidar-a1 -o alike",
     "twins lab.yaml --lidar rplidar-a1 --at 2,3",
 )
 def twins(
-    map_file: MapFile,
+    map_file: typed.MapFile,
     /,
     *,
     asked: Asked = Asked(),
     robot_options: RobotOptions = RobotOptions(),
     compared: Compared = Compared(),
-    threads: Threads = None,
+    threads: typed.Threads = None,
     out: Output = Output(),
 ) -> None:
     """Find places that look alike to the lidar, the map's symmetries, and where to start the robot.
@@ -176,7 +165,7 @@ def twins(
     scatters particles and drives, is not foreseen well.
     """
     asked.check()
-    options = given_of(compared)
+    options = typed.given_of(compared)
     if asked.at:
         options["places"] = [asked.at]
     elif asked.spacing is not None:
@@ -190,6 +179,6 @@ def twins(
     matches = None
     if asked.matches:
         with progress_bar("matching scans", "scans") as progress:
-            seed = given_of(asked).get("seed", 1)
+            seed = typed.given_of(asked).get("seed", 1)
             matches = found.verify(asked.matches, seed=seed, threads=threads, progress=progress)
     out.finish(found, starts, matches)

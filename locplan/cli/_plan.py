@@ -9,23 +9,9 @@ from cyclopts import Parameter
 
 import locplan
 from locplan._util.progress import later_progress_bar, working
+from locplan.cli import _types as typed
 from locplan.cli._options import Computing, CostOptions, Output, load_filter_map, read_paths
 from locplan.cli._robot_options import FieldOptions, RobotOptions
-from locplan.cli._types import (
-    Csv,
-    FilterMap,
-    MapFile,
-    Pose,
-    Poses,
-    Seed,
-    command,
-    given_of,
-    option_group,
-    parsed,
-    position,
-    refuse,
-    settings_of,
-)
 from locplan.errors import ConfigError
 from locplan.planners import names
 
@@ -33,7 +19,7 @@ if TYPE_CHECKING:
     from locplan.planners import Planner
 
 
-@option_group("Planner")
+@typed.option_group("Planner")
 class PlannerOptions:
     """The planner and its own options, which have the planner's defaults if they are not given."""
 
@@ -52,7 +38,7 @@ class PlannerOptions:
     """Number of iterations of OMPL's planners; one seed then always gives one path."""
     convergence: float | None = None
     """Share, such as 0.001, by which J must still fall lest OMPL's planners stop."""
-    seed: Seed | None = None
+    seed: typed.Seed | None = None
     """Seed of OMPL's random numbers, and of the simulated drives; 1 by default."""
     from_grid: bool | None = None
     """Begin OMPL's planner with the grid planner's path."""
@@ -64,9 +50,9 @@ class PlannerOptions:
     def made(self, **limits: Any) -> dict[str, Planner]:
         """The planners by name, with the options that were given."""
         planner_for, takes = locplan.planners.planner_for, locplan.planners.takes
-        given = given_of(self)
+        given = typed.given_of(self)
         asked, seed = given.pop("planner"), given.pop("seed", None)  # that of the drives, too
-        if settings := settings_of(given.pop("setting"), "setting", "range=2.0"):
+        if settings := typed.settings_of(given.pop("setting"), "setting", "range=2.0"):
             given["settings"] = settings
         made = {}
         for name in dict.fromkeys(asked or ((locplan.planners.DEFAULT,) if given else ())):
@@ -76,17 +62,17 @@ class PlannerOptions:
         return made
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Query:
     """The places and limits of the path."""
 
-    start: Pose
+    start: typed.Pose
     """Start of the path, x,y in metres, and the heading in degrees where the space has one."""
-    goal: Pose
+    goal: typed.Pose
     """Goal of the path, x,y in metres, and the heading in degrees where the space has one."""
-    via: Poses = ()
+    via: typed.Poses = ()
     """Place to visit on the way, x,y in metres; repeatable."""
-    path: Csv = ()
+    path: typed.Csv = ()
     """Further candidate (CSV of positions); repeatable."""
     front: bool = False
     """Take up to 5 paths of the Pareto front of length against degeneracy as candidates, too."""
@@ -116,7 +102,7 @@ class Query:
         return {**paths, **made}
 
 
-@option_group("Simulation")
+@typed.option_group("Simulation")
 class Driving:
     """What decides among candidates, which are driven where the lidar is known."""
 
@@ -138,24 +124,24 @@ class Driving:
 
 def choice_settings(query: Query, driving: Driving) -> dict[str, Any]:
     """The settings of the choice that were given, by their names in Python."""
-    given = given_of(query) | query.limits | given_of(driving)
+    given = typed.given_of(query) | query.limits | typed.given_of(driving)
     if "driving_time" in given:
         given["time_limit"] = given.pop("driving_time")
     others = ("start", "goal", "path", "no_field")
     return {name: value for name, value in given.items() if name not in others}
 
 
-@command(
+@typed.command(
     "plan lab.yaml --start 2,3 --goal 38,3 --lidar turtlebot4 --robot nav2.yaml -o planned",
     "plan lab.yaml --start 2,3 --goal 38,3 --planner BITstar --time-limit 2",
 )
 def plan(
-    map_file: MapFile,
+    map_file: typed.MapFile,
     /,
     *,
     query: Query,
     robot_options: RobotOptions = RobotOptions(),
-    filter_map: FilterMap = None,
+    filter_map: typed.FilterMap = None,
     planning: PlannerOptions = PlannerOptions(),
     driving: Driving = Driving(),
     costs: CostOptions = CostOptions(),
@@ -180,7 +166,7 @@ def plan(
     grid, basis = locplan.load_map(map_file), config
     if driving.no_field:
         unread = {"max_e": query.max_e, "budget": query.budget, "front": query.front or None}
-        refuse("with --no-field", **vars(options), **vars(costs), **unread)
+        typed.refuse("with --no-field", **vars(options), **vars(costs), **unread)
         basis = locplan.Costmap.blank(grid, robot_radius=robot.radius)
     with (
         locplan.simulation.drives_prepared_beside(needed=driven) as drivable,
@@ -195,23 +181,23 @@ def plan(
             costs=basis,
             candidates=candidates,
             compute=compute,
-            seed=given_of(planning).get("seed", 1),
+            seed=typed.given_of(planning).get("seed", 1),
             threads=computing.threads,
             progress=progress,
             filter_map=load_filter_map(filter_map, [grid]),
             **choice_settings(query, driving),
-            **given_of(costs),
+            **typed.given_of(costs),
         )
     out.finish(choice)
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Search:
     """The query, and the limits of the search."""
 
-    start: Annotated[Any, parsed(position, "X,Y")]
+    start: Annotated[Any, typed.parsed(typed.position, "X,Y")]
     """Start, x,y in metres."""
-    goal: Annotated[Any, parsed(position, "X,Y")]
+    goal: Annotated[Any, typed.parsed(typed.position, "X,Y")]
     """Goal, x,y in metres."""
     objective: Literal["u", "e"] = "u"
     """Second objective: the degenerate metres (u, by default), or the integral of e."""
@@ -219,9 +205,9 @@ class Search:
     """Time of the search, in seconds, exact or not; 30 by default."""
 
 
-@command("pareto lab.yaml --start 2,3 --goal 38,3 -o front")
+@typed.command("pareto lab.yaml --start 2,3 --goal 38,3 -o front")
 def pareto(
-    map_file: MapFile,
+    map_file: typed.MapFile,
     /,
     *,
     search: Search,
@@ -234,7 +220,7 @@ def pareto(
 
     The knee is the path farthest below the chord between the front's ends, or else the shortest.
     """
-    limits = given_of(search)
+    limits = typed.given_of(search)
     ends = limits.pop("start"), limits.pop("goal")
     locplan.planners.check_front_limits(**limits)
     grid = locplan.load_map(map_file)

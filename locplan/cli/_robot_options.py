@@ -14,17 +14,7 @@ from cyclopts import Parameter
 import locplan
 from locplan._util.files import keep_input
 from locplan._util.runs import note_robot
-from locplan.cli._types import (
-    ConfigFile,
-    check_read,
-    checked,
-    field_names,
-    flag,
-    given_of,
-    option_group,
-    refuse,
-    settings_of,
-)
+from locplan.cli import _types as typed
 from locplan.errors import ConfigError, LocplanError, one_line
 from locplan.field import ESTIMATORS
 from locplan.robots import PRESETS
@@ -39,14 +29,14 @@ def _keep_file(file: Path) -> None:
     keep_input(locplan.robots.file_and_robot(file)[0])
 
 
-@option_group("Robot")
+@typed.option_group("Robot")
 class RobotOptions:
     """The robot."""
 
     robot: Annotated[
         tuple[Path, ...],
         Parameter(metavar="FILE[:NAMESPACE]"),
-        checked(_keep_file),
+        typed.checked(_keep_file),
     ] = ()
     """Files of the robot: Nav2's parameters, a robot file, a URDF or SDF; later ones win."""
     lidar: Annotated[str | None, Parameter(choices=tuple(PRESETS))] = None
@@ -63,7 +53,7 @@ class RobotOptions:
         robot = locplan.Robot.load(*self.robot)
         named = locplan.Lidar.preset(self.lidar) if self.lidar else robot.lidar
         own = lidar if recorded else named or lidar
-        settings = settings_of(self.set, "set", "alpha1=0.05", words=True)
+        settings = typed.settings_of(self.set, "set", "alpha1=0.05", words=True)
         robot = dataclasses.replace(robot, lidar=own).changed(settings)
         # Ten times the range of the data sheet was hardly meant in metres.
         if self.lidar and robot.known_lidar.range > 10 * PRESETS[self.lidar].range:
@@ -85,12 +75,15 @@ class RobotOptions:
             If a setting is given that the recording has of its own: one of the lidar, and, where it
             is replayed, one of the noise.
         """
-        refuse("with --drive, whose lidar is taken", lidar=self.lidar)
+        typed.refuse("with --drive, whose lidar is taken", lidar=self.lidar)
         robot = recording.robot(self.load(recording.lidar, recorded=True))
         kinds = locplan.robots.Odometry, locplan.robots.Disturbances
         own = [locplan.Lidar, *(kinds if replayed else ())]
         # The filter's start is drawn where recorded drives are replayed, too.
-        names = {n for kind in own for n in field_names(kind)} - {"start_sigma", "start_sigma_deg"}
+        names = {n for kind in own for n in typed.field_names(kind)} - {
+            "start_sigma",
+            "start_sigma_deg",
+        }
         for name in (text.partition("=")[0] for text in self.set):
             if name in names:
                 raise ConfigError(f"--set {name} is not read with --drive, which has its own")
@@ -121,11 +114,11 @@ class RobotOptions:
         return None
 
 
-@option_group("Field")
+@typed.option_group("Field")
 class FieldOptions:
     """The settings of the covariance field."""
 
-    config: ConfigFile = None
+    config: typed.ConfigFile = None
     """All settings of the field, as calibrate wrote them, in place of the options below."""
     estimator: Annotated[str | None, Parameter(choices=tuple(ESTIMATORS))] = None
     """Estimator of the covariance; fused by default where the lidar is known, else the paper's
@@ -180,7 +173,7 @@ class FieldOptions:
         """The settings in the file, if one was given."""
         if self.config is None:
             return None
-        others = [flag(name) for name in given_of(self) if name != "config"]
+        others = [typed.flag(name) for name in typed.given_of(self) if name != "config"]
         if others:
             raise ConfigError(
                 f"--config has all settings of the field; leave out {', '.join(others)}"
@@ -189,11 +182,11 @@ class FieldOptions:
 
     def _made(self, lidar: Lidar | None) -> FieldConfig:
         """The settings that were asked for; `lidar` is the robot's, where it is known."""
-        given = given_of(self)
+        given = typed.given_of(self)
         kinds = {name: locplan.field.estimator_class(name) for name in ESTIMATORS}
         kind: Any = kinds[given.pop("estimator", "fused" if lidar else "sad")]
         options = {each.name: _options_of(each) for each in kinds.values()}
-        check_read(given, "--estimator", kind.name, options)
+        typed.check_read(given, "--estimator", kind.name, options)
         others = {name: given.pop(name) for name in ("stride", "headings") if name in given}
         if kind.casts_rays:
             short, what = locplan.field.SHORT_LIDAR, "no lidar named, one assumed"
@@ -214,7 +207,7 @@ def _with_template(kind: Any, lidar: Lidar | None, given: dict[str, Any]) -> Est
 
 def _options_of(kind: type[Estimator]) -> list[str]:
     """The options of `FieldOptions` that are for an estimator."""
-    own = [{"range": "disc"}.get(name, name) for name in field_names(kind)]
+    own = [{"range": "disc"}.get(name, name) for name in typed.field_names(kind)]
     return [*own, "stride", *["headings"] * kind.casts_rays, *["preset"] * hasattr(kind, "paper")]
 
 

@@ -10,6 +10,7 @@ from cyclopts.validators import Number
 
 import locplan
 from locplan._util.progress import progress_bar
+from locplan.cli import _types as typed
 from locplan.cli._options import (
     Computing,
     CostOptions,
@@ -19,43 +20,30 @@ from locplan.cli._options import (
     read_paths,
 )
 from locplan.cli._robot_options import FieldOptions, RobotOptions
-from locplan.cli._types import (
-    XY,
-    Csv,
-    DriveSeed,
-    FilterMap,
-    MapFile,
-    MapFiles,
-    Pair,
-    Seeded,
-    command,
-    given_of,
-    option_group,
-    refuse,
-)
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Iterator
 
     from locplan import Costmap, OccupancyGrid, Robot
+    from locplan.simulation import Routes, Simulation
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Driven:
     """The paths that are driven, and how often."""
 
-    path: Csv = ()
+    path: typed.Csv = ()
     """Path that is driven (x,y), as plan wrote it; repeatable."""
-    start: XY = None
+    start: typed.XY = None
     """Start of the shortest and the aware path, x,y in metres."""
-    goal: XY = None
+    goal: typed.XY = None
     """Goal of both paths, x,y in metres."""
-    random: Pair | None = None
+    random: typed.Pair | None = None
     """Number of random queries on each map, in place of a start; 5 or more give intervals."""
     min_distance: float | None = None
     """Minimum distance from start to goal of random queries, in metres; 10 by default."""
-    drives: Pair | None = None
+    drives: typed.Pair | None = None
     """Number of drives along each path; 100 by default, and 20 of a recorded drive."""
 
     @property
@@ -73,9 +61,9 @@ class Driven:
             raise ConfigError("give one of --path, --start with --goal, --random, and --drive")
         if self.path:
             of_lidar = {"config": None, "estimator": None}  # they name the lidar, too
-            refuse("with --path: no path is planned", **of_plans | of_lidar)
+            typed.refuse("with --path: no path is planned", **of_plans | of_lidar)
         if self.random is None:
-            refuse("without --random", min_distance=self.min_distance)
+            typed.refuse("without --random", min_distance=self.min_distance)
         else:
             locplan.planners.check_random(self.random, seed, self.distance)
 
@@ -89,21 +77,21 @@ class Driven:
         return [locplan.load_map(file) for file in files]
 
 
-@command(
+@typed.command(
     "simulate lab.yaml --start 2,3 --goal 38,3 -o driven",
     "simulate lab.yaml --path planned/shortest.csv --path mine.csv -o driven",
     "simulate lab.yaml --random 20 -o queries",
     "simulate lab.yaml --drive monday.mcap --robot nav2_params.yaml -o replayed",
 )
 def simulate(
-    maps: MapFiles,
+    maps: typed.MapFiles,
     /,
     *,
     driven: Driven = Driven(),
     recorded: DriveOptions = DriveOptions(),
     robot_options: RobotOptions = RobotOptions(),
-    filter_map: FilterMap = None,
-    seed: DriveSeed = 1,
+    filter_map: typed.FilterMap = None,
+    seed: typed.DriveSeed = 1,
     costs: CostOptions = CostOptions(),
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
@@ -119,7 +107,7 @@ def simulate(
     if recorded.drive:
         of_fields = {"scheduler": computing.scheduler, "cache_dir": computing.cache_dir}
         unread = vars(driven) | of_fields | {"drives": None}
-        refuse("with --drive", **unread, **vars(costs), **vars(options))
+        typed.refuse("with --drive", **unread, **vars(costs), **vars(options))
         out.check(locplan.recordings.Replay.files)
         grid, recording = recorded.on_map(maps)
         every |= {"runs": driven.drives or 20, "filter_map": load_filter_map(filter_map, [grid])}
@@ -133,90 +121,79 @@ def simulate(
     costs.check(config)
     grids = driven.grids(maps)
     every |= {"drives": driven.drives or 100, "filter_map": load_filter_map(filter_map, grids)}
+    along, at_random = locplan.simulation.Simulation, locplan.simulation.RoutesOnMaps
+    if driven.random is None:
+        out.check(along.files)
+    else:
+        out.check(at_random.files, *at_random.pictures([grid.name for grid in grids]))
     with computing.of(config) as compute:
-
-        def costmap_of(grid: OccupancyGrid) -> Costmap:
-            return costs.costmap(grid, compute(grid), robot)
-
-        drive = _along_paths if driven.random is None else _at_random
-        drive(grids, driven, robot, costmap_of, every, out)
+        costmaps = (costs.costmap(grid, compute(grid), robot) for grid in grids)
+        if driven.random is not None:
+            routes = [_at_random(each, driven, robot, every) for each in costmaps]
+            out.finish(at_random(tuple(routes)))
+        elif simulated := _along_paths(grids[0], costmaps, driven, robot, every):
+            out.finish(simulated)
+        else:
+            out.show({"status": "unreachable"}, "unreachable: no path leads to the goal")
 
 
 def _along_paths(
-    grids: list[OccupancyGrid],
+    grid: OccupancyGrid,
+    costmaps: Iterator[Costmap],
     driven: Driven,
     robot: Robot,
-    costmap_of: Callable[[OccupancyGrid], Costmap],
     every: dict[str, Any],
-    out: Output,
-) -> None:
+) -> Simulation | None:
     """Drive the paths that were given, or the shortest and the aware one between two places."""
-    out.check(locplan.simulation.Simulation.files)
-    (grid,) = grids
     paths, costmap = read_paths(driven.path), None
     if driven.start and driven.goal:
         ends = driven.start, driven.goal
         locplan.planners.check_ends(locplan.Costmap.blank(grid, robot_radius=robot.radius), *ends)
-        costmap = costmap_of(grid)
+        costmap = next(costmaps)
         plans = locplan.planners.plan_beside_shortest(costmap, *ends)
         paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
     if not paths:
-        out.show({"status": "unreachable"}, "unreachable: no path leads to the goal")
-        return
+        return None
     with progress_bar("simulating", "drives") as progress:
         simulate = locplan.simulation.simulate
-        result = simulate(grid, paths, robot, costs=costmap, progress=progress, **every)
-    out.finish(result)
+        return simulate(grid, paths, robot, costs=costmap, progress=progress, **every)
 
 
-def _at_random(
-    grids: list[OccupancyGrid],
-    driven: Driven,
-    robot: Robot,
-    costmap_of: Callable[[OccupancyGrid], Costmap],
-    every: dict[str, Any],
-    out: Output,
-) -> None:
-    """Drive both paths of random queries on each map."""
-    results = locplan.simulation.RoutesOnMaps
-    out.check(results.files, *results.pictures([grid.name for grid in grids]))
-    found = []
-    for grid in grids:
-        costmap = costmap_of(grid)
-        queries = locplan.planners.random_queries(
-            costmap, driven.random or 0, every["seed"], min_distance=driven.distance
-        )
-        with progress_bar(f"simulating in {grid.name}", "drives") as progress:
-            simulate = locplan.simulation.simulate_queries
-            found.append(simulate(costmap, queries, robot, progress=progress, **every))
-    out.finish(results(tuple(found)))
+def _at_random(costmap: Costmap, driven: Driven, robot: Robot, every: dict[str, Any]) -> Routes:
+    """Drive both paths of random queries on a map."""
+    queries = locplan.planners.random_queries(
+        costmap, driven.random or 0, every["seed"], min_distance=driven.distance
+    )
+    with progress_bar(f"simulating in {costmap.grid.name}", "drives") as progress:
+        simulate = locplan.simulation.simulate_queries
+        return simulate(costmap, queries, robot, progress=progress, **every)
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Amount:
     """The number of drives."""
 
     paths: Annotated[int | None, Parameter(validator=Number(gte=5, lte=1000))] = None
     """Number of random paths of the search, and of the others on which its result is judged; 20 by
     default. The time grows with it."""
-    drives: Pair = 8
+    drives: typed.Pair = 8
     """Number of drives along each path, at each level of disturbance; 8 by default."""
 
 
-@command(
+@typed.command(
     "tune lab.yaml --lidar turtlebot4 -o tuned",
     "tune lab.yaml --lidar rplidar-a1 --robot nav2_params.yaml -o tuned",
     "tune lab.yaml --drive monday.mcap --robot nav2_params.yaml -o tuned",
 )
 def tune(
-    map_file: MapFile,
+    map_file: typed.MapFile,
     /,
     *,
     amount: Amount = Amount(),
     recorded: DriveOptions = DriveOptions(),
     robot_options: RobotOptions = RobotOptions(),
-    filter_map: FilterMap = None,
-    seeded: Seeded = Seeded(),
+    filter_map: typed.FilterMap = None,
+    seeded: typed.Seeded = typed.Seeded(),
     out: Output = Output(),
 ) -> None:
     """Find settings of AMCL that localize your robot better, and write them as Nav2's parameters.
@@ -240,9 +217,9 @@ def tune(
         locplan.simulation.check_tunable(params)
     # The table says what works badly, which other commands warn of.
     others = locplan.robots.read_parameters(params).of("amcl")
-    every = given_of(amount) | vars(seeded) | {"others": others}
+    every = typed.given_of(amount) | vars(seeded) | {"others": others}
     if recorded.drive:
-        refuse("with --drive", paths=amount.paths)
+        typed.refuse("with --drive", paths=amount.paths)
         grid, recording = recorded.on_map([map_file])
         robot = robot_options.on_drive(recording)
     else:

@@ -14,46 +14,35 @@ from locplan._util.files import PICTURES, check_target
 from locplan._util.progress import progress_bar, working
 from locplan._util.results import ResultFolder
 from locplan._util.runs import Run
+from locplan.cli import _types as typed
 from locplan.cli._application import application, launched
 from locplan.cli._options import CacheDir, Computing, Output, say_written, show
 from locplan.cli._robot_options import FieldOptions, RobotOptions
-from locplan.cli._types import (
-    Force,
-    Json,
-    MapFile,
-    MapFiles,
-    Target,
-    command,
-    given_of,
-    heading,
-    named,
-    option_group,
-)
 from locplan.errors import LocplanError
 
 
-@option_group("Output")
+@typed.option_group("Output")
 class Picture:
     """Where the picture goes."""
 
-    output: Annotated[Path | None, Target] = None
+    output: Annotated[Path | None, typed.Target] = None
     """File for a picture with grid lines and places (.png, .pdf, .svg)."""
-    json: Json = False
+    json: typed.Json = False
 
 
-@command(
+@typed.command(
     "info lab.yaml -o lab_map.png",
     "info lab.yaml --lidars",
 )
 def info(
-    map_file: MapFile,
+    map_file: typed.MapFile,
     /,
     *,
     robot_options: RobotOptions = RobotOptions(),
     lidars: Annotated[
         bool,
         Parameter(
-            group=heading("Field"),
+            group=typed.heading("Field"),
             help="Compare how much of the floor is degenerate with the robot's lidar and with those"
             " of turtlebot3, turtlebot4 and tim571, of short, middle and long range.",
         ),
@@ -81,21 +70,21 @@ def info(
     show(out.json, found, "\n".join(lines), out.output)
 
 
-@option_group("Output")
+@typed.option_group("Output")
 class FieldOutput(Output):
     """Where fields go."""
 
-    output: Annotated[Path | None, Target] = None
+    output: Annotated[Path | None, typed.Target] = None
     """File for the field (.zarr; of many maps a folder)."""
     picture: Path | None = None
     """File for a picture of e (.png, .pdf, .svg; of many maps a folder)."""
 
 
-@command(
+@typed.command(
     "field lab.yaml -o lab.zarr --picture lab.png",
 )
 def field(
-    maps: MapFiles,
+    maps: typed.MapFiles,
     /,
     *,
     robot_options: RobotOptions = RobotOptions(),
@@ -119,7 +108,7 @@ def field(
     return 2 if failed else 0
 
 
-cache = named("cache", "cache list", "cache clear --older-than 30")
+cache = typed.named("cache", "cache list", "cache clear --older-than 30")
 cache.help = "List, clear or find the fields that were computed before."
 
 Days = Annotated[
@@ -133,7 +122,7 @@ Days = Annotated[
 
 
 @cache.command(name="list")
-def list_(*, cache_dir: CacheDir = None, json: Json = False) -> None:
+def list_(*, cache_dir: CacheDir = None, json: typed.Json = False) -> None:
     """List the cached fields, the last used first."""
     found = locplan.field.FieldCache.of(cache_dir)
     show(json, found.summary(), found.table())
@@ -155,7 +144,7 @@ def path(*, cache_dir: CacheDir = None) -> None:
     print(locplan.field.cache_folder(cache_dir))
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class MapOptions:
     """The maps that are written."""
 
@@ -169,14 +158,14 @@ class MapOptions:
     """Seed of the noise; 0 by default."""
 
 
-@command(
+@typed.command(
     "maps maps --name two_corridors --resolution 0.1",
 )
 def maps(
-    output: Annotated[Path, Target] = Path("maps"),
+    output: Annotated[Path, typed.Target] = Path("maps"),
     *,
     options: MapOptions = MapOptions(),
-    force: Force = False,
+    force: typed.Force = False,
 ) -> None:
     """Write the generated maps as PGM and YAML.
 
@@ -185,7 +174,7 @@ def maps(
     output
         Folder of the maps; maps by default.
     """
-    environments, drawn = locplan.maps.environments, given_of(options)
+    environments, drawn = locplan.maps.environments, typed.given_of(options)
     names = drawn.pop("name") or environments.names()
     noise = options.boundary_noise
     ending = f"_noise{noise:g}_seed{options.seed}" if noise else ""
@@ -195,7 +184,7 @@ def maps(
     say_written(*(output / f"{name}{ending}.yaml" for name in names))
 
 
-@command(
+@typed.command(
     "run planned/run.yaml -o again",
     "run planned",
 )
@@ -223,7 +212,7 @@ def run(
     return code
 
 
-@command(
+@typed.command(
     "completion bash > ~/.local/share/bash-completion/completions/locplan",
     "completion zsh > ~/.zfunc/_locplan   (a folder in $fpath)",
     "completion fish > ~/.config/fish/completions/locplan.fish",
