@@ -35,13 +35,7 @@ def evaluate(
     maps: typed.MapFiles,
     /,
     *,
-    config: Annotated[
-        typed.ConfigFile,
-        Parameter(
-            group=typed.heading("Field"),
-            help="Settings of a further field to compare with --drive, as calibrate wrote them.",
-        ),
-    ] = None,
+    config: Annotated[typed.ConfigFile, Parameter(group=typed.heading("Field"))] = None,
     recorded: DriveOptions = DriveOptions(),
     at: AtPlaces = AtPlaces(),
     robot_options: RobotOptions = RobotOptions(),
@@ -52,6 +46,11 @@ def evaluate(
     """Show how well each field predicts where a robot is badly localized on your maps.
 
     It is simulated there, or, with --drive, what its own scans say along a recorded drive.
+
+    Parameters
+    ----------
+    config
+        Settings of a further field to compare with --drive, as calibrate wrote them.
     """
     recorded.check()
     result: Any

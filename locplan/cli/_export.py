@@ -192,14 +192,6 @@ class FigureOptions:
         return {"axis": "x"} | given if self.figure == "models" else given
 
 
-@typed.option_group("Output")
-class Picture:
-    """Where the picture goes."""
-
-    output: Annotated[Path, typed.Target]
-    """File for the picture (.png, .pdf, .svg)."""
-
-
 @typed.command(
     "plot lab.yaml -o heading.png --scalar heading_std",
     "plot lab.yaml -o ellipses.png --figure ellipses --ranges 6,8",
@@ -209,16 +201,22 @@ def plot(
     map_file: typed.MapFile,
     /,
     *,
-    out: Picture,
+    output: Annotated[Path, typed.Target],
     shown: FigureOptions = FigureOptions(),
     robot_options: RobotOptions = RobotOptions(),
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
 ) -> None:
-    """Draw the map with its field, or how well a place matches its surroundings."""
+    """Draw the map with its field, or how well a place matches its surroundings.
+
+    Parameters
+    ----------
+    output
+        File for the picture (.png, .pdf, .svg).
+    """
     _, configs = options.to_configs(robot_options, shown.ranges)
     given, name = shown.own(), shown.figure
-    check_target(out.output, *PICTURES)
+    check_target(output, *PICTURES)
     grid = locplan.load_map(map_file)
     if "at" in READ[name]:
         estimator: Any = configs[0].estimator
@@ -229,5 +227,5 @@ def plot(
         compute = computing.field
         drawn = locplan.plotting.figure_of(grid, name, configs, compute=compute, **given)
     with working("drawing"):
-        locplan.plotting.save_figure(drawn, out.output)
-    say_written(out.output)
+        locplan.plotting.save_figure(drawn, output)
+    say_written(output)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -136,15 +136,6 @@ class Asked:
             )
 
 
-@typed.option_group("Field")
-class Compared:
-    """How scans are compared."""
-
-    global_effective_beams: float | None = None
-    """Number of independent beams that count as much as all together; 36 by default. It is fitted
-    to global matches, and not the number of scan."""
-
-
 @typed.command(
     "twins lab.yaml --lidar rplidar-a1 -o alike",
     "twins lab.yaml --lidar rplidar-a1 --at 2,3",
@@ -155,7 +146,7 @@ def twins(
     *,
     asked: Asked = Asked(),
     robot_options: RobotOptions = RobotOptions(),
-    compared: Compared = Compared(),
+    global_effective_beams: Annotated[float | None, Parameter(group=typed.heading("Field"))] = None,
     threads: typed.Threads = None,
     out: Output = Output(),
 ) -> None:
@@ -163,9 +154,17 @@ def twins(
 
     It is about matching single scans with the whole map. AMCL's own global localization, which
     scatters particles and drives, is not foreseen well.
+
+    Parameters
+    ----------
+    global_effective_beams
+        Number of independent beams that count as much as all together; 36 by default. It is fitted
+        to global matches, and not the number of scan.
     """
     asked.check()
-    options = typed.given_of(compared)
+    options: dict[str, Any] = {}
+    if global_effective_beams is not None:
+        options["global_effective_beams"] = global_effective_beams
     if asked.at:
         options["places"] = [asked.at]
     elif asked.spacing is not None:

@@ -21,37 +21,28 @@ from locplan.cli._robot_options import FieldOptions, RobotOptions
 from locplan.errors import LocplanError
 
 
-@typed.option_group("Output")
-class Picture:
-    """Where the picture goes."""
-
-    output: Annotated[Path | None, typed.Target] = None
-    """File for a picture with grid lines and places (.png, .pdf, .svg)."""
-    json: typed.Json = False
-
-
-@typed.command(
-    "info lab.yaml -o lab_map.png",
-    "info lab.yaml --lidars",
-)
+@typed.command("info lab.yaml -o lab_map.png", "info lab.yaml --lidars")
 def info(
     map_file: typed.MapFile,
     /,
     *,
     robot_options: RobotOptions = RobotOptions(),
-    lidars: Annotated[
-        bool,
-        Parameter(
-            group=typed.heading("Field"),
-            help="Compare how much of the floor is degenerate with the robot's lidar and with those"
-            " of turtlebot3, turtlebot4 and tim571, of short, middle and long range.",
-        ),
-    ] = False,
-    out: Picture = Picture(),
+    lidars: Annotated[bool, Parameter(group=typed.heading("Field"))] = False,
+    output: Annotated[Path | None, typed.Target] = None,
+    json: typed.Json = False,
 ) -> None:
-    """Describe a map: size, what misleads, rooms, and places for start and goal."""
-    if out.output:
-        check_target(out.output, *PICTURES)
+    """Describe a map: size, what misleads, rooms, and places for start and goal.
+
+    Parameters
+    ----------
+    lidars
+        Compare how much of the floor is degenerate with the robot's lidar and with those of
+        turtlebot3, turtlebot4 and tim571, of short, middle and long range.
+    output
+        File for a picture with grid lines and places (.png, .pdf, .svg).
+    """
+    if output:
+        check_target(output, *PICTURES)
     robot = robot_options.load()
     about = locplan.planners.describe_map(map_file, robot_radius=robot.radius)
     names = ("turtlebot3", "turtlebot4", "tim571") if lidars else ()
@@ -64,10 +55,10 @@ def info(
             )
         table = locplan.costs.lidars_table(shares)
         lines, found = [*lines, str(table)], found | {"lidars": table.records()}
-    if out.output:
+    if output:
         with working("drawing"):
-            locplan.plotting.save_figure(locplan.plotting.info_figure(about), out.output)
-    show(out.json, found, "\n".join(lines), out.output)
+            locplan.plotting.save_figure(locplan.plotting.info_figure(about), output)
+    show(json, found, "\n".join(lines), output)
 
 
 @typed.option_group("Output")
@@ -80,9 +71,7 @@ class FieldOutput(Output):
     """File for a picture of e (.png, .pdf, .svg; of many maps a folder)."""
 
 
-@typed.command(
-    "field lab.yaml -o lab.zarr --picture lab.png",
-)
+@typed.command("field lab.yaml -o lab.zarr --picture lab.png")
 def field(
     maps: typed.MapFiles,
     /,
@@ -111,14 +100,7 @@ def field(
 cache = typed.named("cache", "cache list", "cache clear --older-than 30")
 cache.help = "List, clear or find the fields that were computed before."
 
-Days = Annotated[
-    float,
-    Parameter(
-        metavar="DAYS",
-        validator=Number(gte=0),
-        help="Time for which fields were not used that are removed, in days.",
-    ),
-]
+Days = Annotated[float, Parameter(metavar="DAYS", validator=Number(gte=0))]
 
 
 @cache.command(name="list")
@@ -130,7 +112,13 @@ def list_(*, cache_dir: CacheDir = None, json: typed.Json = False) -> None:
 
 @cache.command
 def clear(*, older_than: Days = 0.0, cache_dir: CacheDir = None) -> None:
-    """Remove cached fields, but for those being computed."""
+    """Remove cached fields, but for those being computed.
+
+    Parameters
+    ----------
+    older_than
+        Time for which fields were not used that are removed, in days.
+    """
     from locplan._util.tables import in_bytes
 
     removed, busy = locplan.field.clear_cache(locplan.field.cache_folder(cache_dir), older_than)
@@ -158,9 +146,7 @@ class MapOptions:
     """Seed of the noise; 0 by default."""
 
 
-@typed.command(
-    "maps maps --name two_corridors --resolution 0.1",
-)
+@typed.command("maps maps --name two_corridors --resolution 0.1")
 def maps(
     output: Annotated[Path, typed.Target] = Path("maps"),
     *,
@@ -184,15 +170,9 @@ def maps(
     say_written(*(output / f"{name}{ending}.yaml" for name in names))
 
 
-@typed.command(
-    "run planned/run.yaml -o again",
-    "run planned",
-)
+@typed.command("run planned/run.yaml -o again", "run planned")
 def run(
-    file: Annotated[
-        Path,
-        Parameter(help="Run of some results: their folder, its run.yaml, or FILE.run.yaml."),
-    ],
+    file: Path,
     /,
     *,
     out: Output = Output(),
@@ -200,6 +180,11 @@ def run(
     """Repeat the command that wrote results, to the same numbers.
 
     Results replace those of the run, unless --output names another folder or file.
+
+    Parameters
+    ----------
+    file
+        Run of some results: their folder, its run.yaml, or FILE.run.yaml.
     """
     before = Run.read(file)
     if before.command in ("run", "explore", "completion"):  # they write no results of their own
@@ -218,7 +203,13 @@ def run(
     "completion fish > ~/.config/fish/completions/locplan.fish",
 )
 def completion(
-    shell: Annotated[Literal["bash", "zsh", "fish"], Parameter(help="The shell.")],
+    shell: Literal["bash", "zsh", "fish"],
 ) -> None:
-    """Print a script by which a shell completes commands and options."""
+    """Print a script by which a shell completes commands and options.
+
+    Parameters
+    ----------
+    shell
+        The shell.
+    """
     print(application().generate_completion(shell=shell))
