@@ -76,6 +76,13 @@ class Driven:
             )
         return [locplan.load_map(file) for file in files]
 
+    def check_folder(self, out: Output, grids: list[OccupancyGrid]) -> None:
+        """Raise a LocplanError if the folder cannot take the results; before long work."""
+        if self.random is None:
+            return out.check(locplan.simulation.Simulation.files)
+        results = locplan.simulation.RoutesOnMaps
+        return out.check(results.files, *results.pictures([grid.name for grid in grids]))
+
 
 @typed.command(
     "simulate lab.yaml --start 2,3 --goal 38,3 -o driven",
@@ -121,16 +128,12 @@ def simulate(
     costs.check(config)
     grids = driven.grids(maps)
     every |= {"drives": driven.drives or 100, "filter_map": load_filter_map(filter_map, grids)}
-    along, at_random = locplan.simulation.Simulation, locplan.simulation.RoutesOnMaps
-    if driven.random is None:
-        out.check(along.files)
-    else:
-        out.check(at_random.files, *at_random.pictures([grid.name for grid in grids]))
+    driven.check_folder(out, grids)
     with computing.of(config) as compute:
         costmaps = (costs.costmap(grid, compute(grid), robot) for grid in grids)
         if driven.random is not None:
             routes = [_at_random(each, driven, robot, every) for each in costmaps]
-            out.finish(at_random(tuple(routes)))
+            out.finish(locplan.simulation.RoutesOnMaps(tuple(routes)))
         elif simulated := _along_paths(grids[0], costmaps, driven, robot, every):
             out.finish(simulated)
         else:
