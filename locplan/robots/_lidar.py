@@ -21,6 +21,7 @@ from locplan._util.checks import (
     shown,
     whole,
 )
+from locplan._util.public import called
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -258,9 +259,8 @@ class Lidar(Settings):
         ConfigError
             If the file cannot be read, or has no ray sensor, or several.
         """
-        from locplan.robots._files import read_sensor
-
-        sensor = read_sensor(file_path("a robot's description", path))
+        reads = "locplan.robots._files:read_sensor"
+        sensor = called(reads, file_path("a robot's description", path))
         # Gazebo casts all samples, also where the last one of a full circle meets the first.
         return replace(cls.from_scan(**sensor._asdict()), beams=sensor.beams)
 
