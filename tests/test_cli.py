@@ -637,9 +637,8 @@ def test_helps_fill_their_lines(run):
 
 def test_a_command_is_a_module_and_a_line(run, monkeypatch):
     source = """
-from locplan.cli._groups import command
-app = command("hello", "hello you")
-@app.default
+from locplan.cli._types import command
+@command("hello you")
 def hello(name: str) -> int:
     "Greet somebody."
     print("hello", name)
@@ -648,7 +647,9 @@ def hello(name: str) -> int:
     module = types.ModuleType("locplan.cli._hello")
     exec(source, module.__dict__)
     monkeypatch.setitem(sys.modules, module.__name__, module)
-    monkeypatch.setattr("locplan.cli._application.COMMANDS", COMMANDS | {"hello": "Start"})
+    monkeypatch.setattr(
+        "locplan.cli._application.COMMANDS", COMMANDS | {"hello": ("Start", "_hello")}
+    )
     assert run("hello", "world") == (3, "hello world\n", "")
     assert "Greet somebody." in run("--help")[1]
 

@@ -6,8 +6,8 @@ from conftest import drawn, refused
 
 import locplan
 from locplan import Lidar
-from locplan.cli._drive_options import DriveOptions
-from locplan.cli._values import move, two_numbers
+from locplan.cli._options import DriveOptions, move
+from locplan.cli._types import two_numbers
 from locplan.errors import ConfigError
 from locplan.recordings import Recording
 

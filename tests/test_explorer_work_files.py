@@ -337,8 +337,7 @@ ROBOTS = {
 
 def of_options(words: list[str]) -> tuple[Robot, FieldConfig]:
     """The robot and the settings of a field that the commands make of options."""
-    from locplan.cli._field_options import FieldOptions
-    from locplan.cli._robot_options import RobotOptions
+    from locplan.cli._robot_options import FieldOptions, RobotOptions
 
     pairs = list(zip(words[::2], words[1::2], strict=True))
     kinds = {"disc": float, "stride": float, "headings": int}

@@ -45,7 +45,7 @@ HOMES = {
         "maps._files",
         "maps._source",
         "robots._parameters",
-        "robots._parameter_edits",
+        "robots._nav2",
         "export._travel_costs",
     ),
     "mcap": ("export._bags",),

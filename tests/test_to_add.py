@@ -62,10 +62,9 @@ def write(target, job, options):
 FORMATS = (Format("name", "the map's name", write, suffixes=(".txt",)),)
 '''
 COMMAND = '''
-from locplan.cli._groups import command
-app = command("hello", "hello you")
+from locplan.cli._types import command
 
-@app.default
+@command("hello you")
 def hello(name: str) -> int:
     """Greet somebody."""
     print("hello", name)
@@ -121,7 +120,12 @@ ADDED = {
         *(FORMAT, "export/_registry.py", '"""Modules that have FORMATS'),
         'MODULES.append("locplan.export._name")',
     ),
-    "cli/_hello.py": (COMMAND, "cli/_application.py", '    "info":', '    "hello": "Start",'),
+    "cli/_hello.py": (
+        COMMAND,
+        "cli/_application.py",
+        '    "info":',
+        '    "hello": ("Start", "_hello"),',
+    ),
     "plotting/_bare.py": (
         *(FIGURE, "plotting/__init__.pyi", "from ._cells"),
         "from ._bare import bare_figure as bare_figure",

@@ -6,10 +6,10 @@ import dataclasses
 import math
 import os
 import reprlib
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, TypeGuard, cast
+from typing import Any, TypeGuard
 
 from locplan.errors import ConfigError, LocplanError, PoseError
 
@@ -145,22 +145,21 @@ class Settings:
     """Settings in a dataclass whose repr names only what is not by default."""
 
     def __repr__(self) -> str:
-        shown_fields = []
-        for each in dataclasses.fields(cast("Any", self)):
-            value = getattr(self, each.name)
-            made = each.default_factory
-            default = each.default if made is dataclasses.MISSING else made()
-            if hasattr(value, "shape") or value != default:  # arrays have no one truth
-                shown_fields.append(f"{each.name}={value!r}")
-        return f"{type(self).__name__}({', '.join(shown_fields)})"
+        changed = ", ".join(f"{name}={value!r}" for name, value in _changed(self))
+        return f"{type(self).__name__}({changed})"
 
 
 def differing(settings: Settings) -> list[str]:
     """Name and value of each setting that has not its default."""
-    every = [
-        (getattr(settings, each.name), each) for each in dataclasses.fields(cast("Any", settings))
-    ]
-    return [f"{each.name} {_plain(value)}" for value, each in every if value != each.default]
+    return [f"{name} {_plain(value)}" for name, value in _changed(settings)]
+
+
+def _changed(settings: Any) -> Iterator[tuple[str, Any]]:
+    for each in dataclasses.fields(settings):
+        value, made = getattr(settings, each.name), each.default_factory
+        default = each.default if made is dataclasses.MISSING else made()
+        if hasattr(value, "shape") or value != default:  # arrays have no one truth
+            yield each.name, value
 
 
 def _plain(value: object) -> str:

@@ -97,11 +97,6 @@ def of_resamples(value: float, samples: NDArray[np.float64]) -> Interval:
     return Interval(value, low, high)
 
 
-def in_degrees(interval: Interval) -> Interval:
-    """An interval of an angle [rad] in degrees."""
-    return Interval(*np.degrees(interval).tolist())
-
-
 def in_percent(interval: Interval) -> str:
     """Text of a share, such as 25% [12%, 40%]."""
     return f"{interval.value:.0%} [{interval.low:.0%}, {interval.high:.0%}]"
@@ -132,16 +127,6 @@ def two_digits(interval: Interval) -> str:
     """Text of a ratio, such as 0.25 [0.12, 0.40]."""
     value, low, high = interval
     return f"{value:.2f}" + ("" if np.isnan(low) else f" [{low:.2f}, {high:.2f}]")
-
-
-def with_unit(interval: Interval, unit: str) -> str:
-    """Text of a quantity, such as 0.25 m [0.12, 0.40]; a dash if it is not known."""
-    value, low, high = interval
-    if np.isnan(value):
-        return "-"
-    digits = digits_of(value)
-    ends = "" if np.isnan(low) else f" [{low:.{digits}f}, {high:.{digits}f}]"
-    return f"{value:.{digits}f} {unit}{ends}"
 
 
 RESAMPLES = 1000

@@ -8,12 +8,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from locplan._kernels import is_compiling
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
+    from rich.progress import Progress, ProgressColumn
 
 
 COMPILING = "compiling (only once)"
@@ -88,7 +88,6 @@ class _Bar:
     def show(self) -> None:
         """Show the bar from now on."""
         from rich import progress
-        from rich.console import Console
         from rich.text import Text
 
         says = self._says
@@ -97,23 +96,17 @@ class _Bar:
             def render(self, task: progress.Task) -> Text:
                 return Text(says())
 
-        console = Console(stderr=True)
-        if not console.is_terminal:
-            return
-        bar = progress.Progress(
+        columns = (
             "{task.description}",
             progress.BarColumn(),
             progress.TaskProgressColumn(),
             Rate(),
             progress.TimeRemainingColumn(),
             "left",
-            console=console,
-            transient=True,
         )
         with self._lock:
-            bar.add_task(self._label, total=self._total or None, completed=self._done)
-            bar.start()
-            self._bar = bar
+            total = self._total or None
+            self._bar = _started(self._label, *columns, total=total, completed=self._done)
 
     def update(self, done: int, total: int) -> None:
         """Take note of what is done."""
@@ -141,6 +134,20 @@ class _Bar:
         # A kernel that is read from the cache takes less time than there is between two looks.
         self._seen = self._seen + 1 if self._seen > 1 or is_compiling() else 0
         return COMPILING if self._seen > 1 else self._first
+
+
+def _started(label: str, *columns: ProgressColumn | str, **task: Any) -> Progress | None:
+    """A display of rich on standard error, which has begun; None where that is no terminal."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        return None
+    display = Progress(*columns, console=console, transient=True)
+    display.add_task(label, **task)
+    display.start()
+    return display
 
 
 def parts(progress: ProgressCallback | None, sizes: Sequence[int]) -> list[ProgressCallback]:
@@ -186,21 +193,16 @@ def working(label: str, *, patience: float = 1.0) -> Iterator[None]:
     It appears once the work has taken `patience` seconds, and vanishes when the work ends. It must
     not be shown while a `progress_bar` is. Nothing is shown if standard error is no terminal.
     """
-    begun: list[Progress] = []
+    begun: list[Progress | None] = []
 
     def show() -> None:
-        from rich import progress
-        from rich.console import Console
+        from rich.progress import SpinnerColumn, TimeElapsedColumn
 
-        console = Console(stderr=True)
-        if console.is_terminal:
-            columns = progress.SpinnerColumn(), "{task.description}", progress.TimeElapsedColumn()
-            begun.append(progress.Progress(*columns, console=console, transient=True))
-            begun[0].add_task(label, total=None)
-            begun[0].start()
+        columns = SpinnerColumn(), "{task.description}", TimeElapsedColumn()
+        begun.append(_started(label, *columns, total=None))
 
     def close() -> None:
-        for each in begun:
+        for each in filter(None, begun):
             each.stop()
 
     with shown_after(patience, show, close):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -14,19 +13,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import file_path
-from locplan._util.files import replacing
 from locplan._util.public import Pictured, called, needed
 from locplan._util.results import Results
 from locplan._util.saved import Stored
 from locplan._util.tables import (
     closed,
     collection,
-    csv_cell,
     feature,
     finite,
     table,
     write_geojson,
     write_json,
+    write_rows,
 )
 
 if TYPE_CHECKING:
@@ -169,10 +167,7 @@ class Table:
 
     def write_csv(self, file: Path) -> None:
         """Write the rows, as a whole or not at all; what is not known is empty."""
-        with replacing(file) as temporary, temporary.open("w", newline="", encoding="utf-8") as to:
-            writer = csv.writer(to)
-            writer.writerow(self.names)
-            writer.writerows([csv_cell(_plain(each)) for each in row] for row in self._values())
+        write_rows(file, self.names, self._values())
 
     def write_geojson(
         self, file: Path, outlines: Iterable[ArrayLike | Outline], *, frame: str = "map"
@@ -275,9 +270,3 @@ class Result(Pictured):
     def _write(self, folder: Path, *about: Any) -> None:
         """Write what there is beside the summary and the figure."""
         raise NotImplementedError
-
-
-def _plain(value: float | str) -> float | str:
-    if isinstance(value, (str, int)):  # all digits of a seed count
-        return value
-    return f"{value:.9g}" if math.isfinite(value) else ""

@@ -44,32 +44,26 @@ def write_json(file: Path, about: Mapping[str, object]) -> None:
 
 
 def write_rows(target: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Write rows of names and numbers, as a whole or not at all; unknown numbers are empty."""
+    """Write rows of names and numbers, as a whole or not at all; what is not known is empty."""
     with replacing(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
-        writer.writerows([csv_cell(_digits(value)) for value in row] for row in rows)
-
-
-def _digits(value: float | str) -> str:
-    if isinstance(value, str):
-        return value
-    return f"{value:.9g}" if math.isfinite(value) else ""
+        writer.writerows([csv_cell(value) for value in row] for row in rows)
 
 
 def csv_cell(value: Any) -> Any:
-    """A value for a CSV file: nothing for NaN, and no text that a spreadsheet would compute.
+    """A value for a CSV file: nothing for what is not finite, and no formula of a spreadsheet.
 
-    Such a text gets an apostrophe, as OWASP advises; one that is a number stays as it is.
+    A text that it would compute gets an apostrophe, as OWASP advises; a number in a text stays.
     """
-    if value != value:
-        return ""
     if isinstance(value, str) and _FORMULA.match(value):
         with contextlib.suppress(ValueError):
             float(value)
             return value
         return f"'{value}"
-    return value
+    if isinstance(value, (str, int)):  # all digits of a seed count
+        return value
+    return f"{value:.9g}" if math.isfinite(value) else ""
 
 
 def from_csv_cell(text: str) -> str:

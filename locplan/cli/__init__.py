@@ -13,18 +13,12 @@ from contextlib import contextmanager
 from io import TextIOWrapper
 from typing import Any
 
-from cyclopts import (
-    CoercionError,
-    CycloptsError,
-    MissingArgumentError,
-    UnusedCliTokensError,
-)
+from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnusedCliTokensError
 
 from locplan._util.checks import shown
 from locplan._util.files import inputs_are_kept
 from locplan._util.supervision import INTERRUPTED, end_if_supervised
-from locplan.cli._application import COMMANDS, NOT_IN_METRES, SYSTEM_ERROR, WRONG_INPUT
-from locplan.cli._launcher import launched
+from locplan.cli._application import COMMANDS, NOT_IN_METRES, SYSTEM_ERROR, WRONG_INPUT, launched
 from locplan.errors import CalibrationError, LocplanError, one_line
 
 __all__ = ["COMMANDS", "main"]

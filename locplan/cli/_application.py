@@ -1,17 +1,23 @@
-"""The application, the registry of its commands, and its exit codes."""
+"""The application: its commands, their launch, and the exit codes."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from cyclopts import App, Group, Parameter
 from cyclopts.help import DefaultFormatter
 
 from locplan import __version__
+from locplan._util.runs import Run, Setting, running
 from locplan._util.supervision import INTERRUPTED
-from locplan.cli._groups import heading
+from locplan.cli._types import heading
 
 if TYPE_CHECKING:
+    from cyclopts.argument import Argument, ArgumentCollection
     from cyclopts.help import HelpPanel
     from rich.console import Console, ConsoleOptions
 
@@ -22,28 +28,28 @@ EXPLAINED = (
     f" {INTERRUPTED} after Ctrl-C."
 )
 COMMANDS = {
-    "explore": "Start",
-    "info": "Start",
-    "plan": "Plan",
-    "pareto": "Plan",
-    "compare": "Plan",
-    "tune": "Localize",
-    "simulate": "Localize",
-    "evaluate": "Localize",
-    "calibrate": "Localize",
-    "locate": "Localize",
-    "landmarks": "The site",
-    "features": "The site",
-    "twins": "The site",
-    "export": "Hand over",
-    "plot": "Hand over",
-    "field": "Upkeep",
-    "cache": "Upkeep",
-    "maps": "Upkeep",
-    "run": "Upkeep",
-    "completion": "Upkeep",
+    "explore": ("Start", "_explore"),
+    "info": ("Start", "_upkeep"),
+    "plan": ("Plan", "_plan"),
+    "pareto": ("Plan", "_plan"),
+    "compare": ("Plan", "_compare"),
+    "tune": ("Localize", "_simulate"),
+    "simulate": ("Localize", "_simulate"),
+    "evaluate": ("Localize", "_calibrate"),
+    "calibrate": ("Localize", "_calibrate"),
+    "locate": ("Localize", "_places"),
+    "landmarks": ("The site", "_landmarks"),
+    "features": ("The site", "_landmarks"),
+    "twins": ("The site", "_places"),
+    "export": ("Hand over", "_export"),
+    "plot": ("Hand over", "_export"),
+    "field": ("Upkeep", "_upkeep"),
+    "cache": ("Upkeep", "_upkeep"),
+    "maps": ("Upkeep", "_upkeep"),
+    "run": ("Upkeep", "_upkeep"),
+    "completion": ("Upkeep", "_upkeep"),
 }
-"""The heading of each command in the help; it is the `app` of the module of its name."""
+"""The heading of each command in the help, and the module that has it by its name."""
 
 
 def application(*names: str) -> App:
@@ -66,17 +72,86 @@ def application(*names: str) -> App:
         print_error=False,
         result_action="return_value",
     )
-    names_of = dict.fromkeys(COMMANDS.values())  # in their order
-    headings = {name: Group(name, sort_key=n) for n, name in enumerate(names_of)}
-    for n, name in enumerate(COMMANDS):
+    of_headings = dict.fromkeys(title for title, _ in COMMANDS.values())  # in their order
+    headings = {title: Group(title, sort_key=n) for n, title in enumerate(of_headings)}
+    for n, (name, (title, module)) in enumerate(COMMANDS.items()):
         if name in (names or COMMANDS):
-            app.command(f"locplan.cli._{name}:app", name=name)
+            app.command(f"locplan.cli.{module}:{name}", name=name)
             # It is imported now, so that the help knows its first sentence.
-            app[name].group, app[name].sort_key = headings[COMMANDS[name]], n
+            app[name].group, app[name].sort_key = headings[title], n
     flags = (Group("Help", sort_key=len(headings)),)
     for flag in (*app.help_flags, *app.version_flags):
         app[flag].group = flags
     return app
+
+
+def launched(tokens: list[str]) -> tuple[int | None, Run]:
+    """Run the command that is named, and import no other; return its exit code and its run."""
+    first = next((token for token in tokens if not token.startswith("-")), "")
+    app = application(*({first} & COMMANDS.keys()))
+    app.meta.suppress_keyboard_interrupt = False
+
+    @app.meta.default
+    def launch(
+        *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
+        verbose: Annotated[bool, Parameter(alias="-v", group=heading("Output"))] = False,
+    ) -> int | None:
+        """Run a command.
+
+        Parameters
+        ----------
+        verbose
+            Show the log on stderr.
+        """
+        with _log_on_stderr(verbose):
+            return cast("int | None", app(tokens))
+
+    with running(Run("", {})) as run:
+        app.config = (partial(_record, run),)
+        return cast("int | None", app.meta(tokens)), run
+
+
+def _record(run: Run, _: object, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+    """Let folders of results have what was typed for each option, but those for the output."""
+    typed = {each.names[0]: each for each in arguments}
+    if "--output" not in typed:
+        return  # it writes no results, or those of a page
+    run.command = commands[0]
+    given = {name: each for name, each in typed.items() if each.tokens}
+    settings = {
+        name.removeprefix("--").replace("-", "_").lower(): each
+        for name, each in given.items()
+        if heading("Output") not in (each.parameter.group or ())  # type: ignore[operator]
+    }
+    run.settings = {name: _typed(each) for name, each in settings.items()}
+    run.files = frozenset(
+        name for name, each in settings.items() if "pathlib.Path" in str(each.field_info.annotation)
+    )
+
+
+def _typed(argument: Argument) -> Setting:
+    """What was typed for an option."""
+    texts = [token.value for token in argument.tokens]
+    if argument.hint is bool and texts == [""]:
+        return True
+    return texts if len(texts) > 1 else texts[0]
+
+
+@contextmanager
+def _log_on_stderr(shown: bool) -> Iterator[None]:
+    log, libraries = logging.getLogger("locplan"), logging.getLogger()
+    # Without any handler Python itself shows what libraries warn of.
+    handler = logging.StreamHandler() if shown else logging.NullHandler()
+    handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
+    before = log.level
+    libraries.addHandler(handler)
+    if shown:
+        log.setLevel(logging.DEBUG)
+    try:
+        yield
+    finally:
+        libraries.removeHandler(handler)
+        log.setLevel(before)
 
 
 class Filling(DefaultFormatter):

@@ -13,31 +13,23 @@ from cyclopts import Parameter
 
 import locplan
 from locplan._util.progress import progress_bar
-from locplan.cli._field_options import FieldOptions
-from locplan.cli._groups import INPUT, Count, Ranges, Seed, command, keep_maps, option_group
-from locplan.cli._options import Computing, Criterion
-from locplan.cli._output import Output, Target
-from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import refuse
+from locplan.cli import _types as typed
+from locplan.cli._options import Computing, Criterion, Output
+from locplan.cli._robot_options import FieldOptions, RobotOptions
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
     from locplan.comparison import RandomQueries
 
-app = command(
-    "compare",
-    "compare lab.yaml -o compared --planner any-angle --planner BITstar:time_limit=2 --seeds 5",
-)
 
-
-@option_group("Planner")
+@typed.option_group("Planner")
 class Compared:
     """The planners that are compared."""
 
     planner: Annotated[tuple[str, ...], Parameter(metavar="NAME[:OPTION=VALUE,...]")] = ()
     """Planner, such as BITstar:time_limit=2, or 'simulated choice', which drives its paths;
     repeatable; grid and any-angle by default."""
-    seeds: Count = 1
+    seeds: typed.Count = 1
     """Number of runs of a planner with random numbers; 1 by default."""
     time_limit: float | None = None
     """Time of OMPL's planners, in seconds; 5 by default."""
@@ -45,20 +37,20 @@ class Compared:
     """Planner that the others are compared with; any-angle if it is there."""
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Queries:
     """The queries that the planners answer."""
 
-    random: Count | None = None
+    random: typed.Count | None = None
     """Number of random queries on each map; 10 by default."""
     min_distance: float | None = None
     """Minimum distance from start to goal of random queries, in metres; 5 by default."""
-    seed: Seed | None = None
+    seed: typed.Seed | None = None
     """Seed of random queries; 1 by default."""
-    queries: Annotated[Path | None, INPUT] = None
+    queries: Annotated[Path | None, typed.INPUT] = None
     """File of queries: CSV of name,start_x,start_y,goal_x,goal_y in metres, or of name,x,y of
     stations, each two of which are one, or MovingAI .scen."""
-    ranges: Ranges = None
+    ranges: typed.Ranges = None
     """Ranges of the lidar, for each of which the planners are compared, in metres."""
 
     def kept(self) -> Path | RandomQueries:
@@ -70,15 +62,15 @@ class Queries:
             return locplan.comparison.RandomQueries(**drawn)
         if self.random is not None:
             raise ConfigError("--random and --queries exclude one another")
-        refuse("with --queries", **own)
+        typed.refuse("with --queries", **own)
         return self.queries
 
 
-@option_group("Computing")
+@typed.option_group("Computing")
 class Running:
     """The resources of the runs."""
 
-    workers: Count | None = None
+    workers: typed.Count | None = None
     """Number of runs at a time; all cores by default."""
     memory: float | None = None
     """Maximum memory of a run, in GB; by default the runs share 80 % of all."""
@@ -89,7 +81,7 @@ class Running:
     """Go on with an earlier comparison in --output where it ended."""
 
 
-@option_group("Costs")
+@typed.option_group("Costs")
 class Weights:
     """The costs of a path."""
 
@@ -99,19 +91,21 @@ class Weights:
     criterion: Criterion = None
 
 
-@option_group("Output")
+@typed.option_group("Output")
 class Report(Output):
     """Where the report goes."""
 
-    output: Annotated[Path, Target] = dataclasses.field()
+    output: Annotated[Path, typed.Target] = dataclasses.field()
     """Folder for the report, tables and logs."""
 
 
-@app.default
+@typed.command(
+    "compare lab.yaml -o compared --planner any-angle --planner BITstar:time_limit=2 --seeds 5",
+)
 def compare(
     maps: Annotated[
         list[Path],
-        Parameter("MAP", validator=keep_maps),
+        *typed.MAPS,
         Parameter(help="Maps: map_server YAML files, folders of them, or .map."),
     ],
     /,

@@ -11,60 +11,56 @@ from cyclopts import Parameter
 import locplan
 from locplan._util.progress import progress_bar, working
 from locplan._util.supervision import end_if_supervised
-from locplan.cli._field_options import FieldOptions
-from locplan.cli._groups import INPUT, XY, MapFile, Threads, command, heading, option_group
+from locplan.cli import _types as typed
 from locplan.cli._options import CacheDir, CostOptions
-from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import parsed, two_numbers
-
-app = command(
-    "explore",
-    "explore lab.yaml --lidar turtlebot4",
-    "explore lab.yaml --lidar turtlebot4 --start 2,3 --goal 38,3 --drive drive.mcap -o edited",
-)
+from locplan.cli._robot_options import FieldOptions, RobotOptions
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Page:
     """What the page shows at first, and where it is."""
 
-    start: XY = None
+    start: typed.XY = None
     """First start of the path, x,y in metres."""
-    goal: XY = None
+    goal: typed.XY = None
     """First goal of the path, x,y in metres."""
-    via: Annotated[tuple[Any, ...], parsed(two_numbers, "X,Y", many=True)] = ()
+    via: Annotated[tuple[Any, ...], typed.parsed(typed.two_numbers, "X,Y", many=True)] = ()
     """Place to visit on the way at first, x,y in metres; repeatable."""
     port: int = 0
     """Port of this machine that the page is served on; by default any."""
     no_browser: bool = False
     """Open no browser."""
     drive: Annotated[
-        tuple[Path, ...], INPUT, Parameter(group=heading("Recorded drive"), metavar="FILE")
+        tuple[Path, ...],
+        typed.INPUT,
+        Parameter(group=typed.heading("Recorded drive"), metavar="FILE"),
     ] = ()
     """Recorded drive that can be shown; repeatable."""
 
 
-@option_group("Output")
+@typed.option_group("Output")
 class Written:
     """What the page may write."""
 
     folder: Annotated[Path | None, Parameter(name=("--folder", "-o"))] = None
     """Folder that the page may write maps and exports to; without it, it writes none."""
-    force: bool = False
-    """Replace files in the way, whoever wrote them."""
+    force: typed.Force = False
 
 
-@app.default
+@typed.command(
+    "explore lab.yaml --lidar turtlebot4",
+    "explore lab.yaml --lidar turtlebot4 --start 2,3 --goal 38,3 --drive drive.mcap -o edited",
+)
 def explore(
-    map_file: MapFile,
+    map_file: typed.MapFile,
     /,
     *,
     shown: Page = Page(),
     robot_options: RobotOptions = RobotOptions(),
     costs: CostOptions = CostOptions(),
     options: FieldOptions = FieldOptions(),
-    threads: Threads = None,
-    cache_dir: Annotated[CacheDir, Parameter(group=heading("Computing"))] = None,
+    threads: typed.Threads = None,
+    cache_dir: Annotated[CacheDir, Parameter(group=typed.heading("Computing"))] = None,
     written: Written = Written(),
 ) -> None:
     """Explore a map in the browser: drag start and goal, change the lidar, draw walls.

@@ -1,81 +1,106 @@
-"""The command that exports to navigation stacks and to plain files."""
+"""The commands that export to navigation stacks and plain files, and that draw fields."""
 
 from __future__ import annotations
 
 import dataclasses
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
 import locplan
+from locplan._util.files import PICTURES, check_target
 from locplan._util.progress import working
-from locplan.cli._field_options import FieldOptions
-from locplan.cli._groups import XY, Csv, MapFile, command, heading, option_group
-from locplan.cli._options import Computing, CostOptions
-from locplan.cli._output import Output, Target
-from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import check_has, joint_options, options_of, read_paths
+from locplan._util.public import field_docs
+from locplan.cli import _types as typed
+from locplan.cli._options import Computing, CostOptions, Output, read_paths, say_written
+from locplan.cli._robot_options import FieldOptions, RobotOptions
 from locplan.errors import ConfigError
 from locplan.export import formats
 
-app = command(
-    "export",
-    "export lab.yaml --to nav2-keepout -o mask --planner smac-hybrid",
-    "export lab.yaml --to path --start 2,3 --goal 38,3 -o path.csv --step 0.05",
-)
-
 FORMATS = formats()
-OPTIONS = {name: each.options for name, each in FORMATS.items()}
 ABOUT = ", ".join(
     f"{name} ({', '.join((*each.suffixes[:1], each.about))})" for name, each in FORMATS.items()
 )
 PATHS = [name for name, each in FORMATS.items() if each.paths != "none"]
+
+
+def _joint_options() -> type:
+    """A dataclass with the options of all formats; one that was not given is None."""
+    docs: dict[str, dict[str, list[str]]] = {}
+    types: dict[str, Any] = {}
+    for format, each in FORMATS.items():
+        types |= get_type_hints(each.options)
+        for name, doc in field_docs(each.options).items():
+            docs.setdefault(name, {}).setdefault(doc.removesuffix("."), []).append(format)
+    docs.pop("params")  # they are a file of the robot
+    fields = []
+    for name, sentences in docs.items():
+        help = " ".join(f"{doc} ({', '.join(having)})." for doc, having in sentences.items())
+        fields.append((name, Annotated[types[name] | None, Parameter(help=help)], None))
+    own = {"__module__": __name__}
+    joint = dataclasses.make_dataclass("FormatOptions", fields, frozen=True, namespace=own)
+    return Parameter(name="*", group=typed.heading("Format"))(joint)
+
+
 if TYPE_CHECKING:
     FormatOptions = Any
-else:  # parameters are a file of the robot
-    FormatOptions = joint_options(OPTIONS, heading("Format"), but=("params",))
+else:
+    FormatOptions = _joint_options()
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Exported:
     """What is exported."""
 
     to: Annotated[
         str, Parameter(choices=tuple(FORMATS), show_choices=False, help=f"Format: {ABOUT}.")
     ]
-    path: Annotated[Csv, Parameter(help=f"Path to export (x,y) ({', '.join(PATHS)}).")] = ()
+    path: Annotated[typed.Csv, Parameter(help=f"Path to export (x,y) ({', '.join(PATHS)}).")] = ()
     start: Annotated[
-        XY,
+        typed.XY,
         Parameter(
             help="Start of a path that is planned and exported, x,y in metres"
             f" ({', '.join(PATHS)})."
         ),
     ] = None
-    goal: XY = None
+    goal: typed.XY = None
     """Goal of this path, x,y in metres."""
 
     def check(self) -> None:
         """Raise a ConfigError if the format has no paths, or half a query was given."""
-        for name in ("path", "start", "goal"):
-            if getattr(self, name):
-                check_has(name, "--to", self.to, PATHS)
+        names = "path", "start", "goal"
+        given = [name for name in names if getattr(self, name)]
+        typed.check_read(given, "--to", self.to, dict.fromkeys(PATHS, names))
         if bool(self.start) != bool(self.goal):
             raise ConfigError("--start and --goal belong together")
 
+    def chosen(self, own: Any, params: Path | None) -> Any:
+        """The options of the format from those given; a ConfigError if one is not for it."""
+        given = typed.given_of(own)
+        known = {name: typed.field_names(each.options) for name, each in FORMATS.items()}
+        typed.check_read(given, "--to", self.to, known)
+        if "params" in known[self.to]:
+            given["params"] = params
+        return FORMATS[self.to].options(**given)
 
-@option_group("Output")
+
+@typed.option_group("Output")
 class ExportOutput(Output):
     """Where the export goes."""
 
-    output: Annotated[Path | None, Target] = None
+    output: Annotated[Path | None, typed.Target] = None
     """File or folder; MAP-FORMAT here by default."""
 
 
-@app.default
+@typed.command(
+    "export lab.yaml --to nav2-keepout -o mask --planner smac-hybrid",
+    "export lab.yaml --to path --start 2,3 --goal 38,3 -o path.csv --step 0.05",
+)
 def export(
-    map_file: MapFile,
+    map_file: typed.MapFile,
     /,
     *,
     exported: Exported,
@@ -93,7 +118,7 @@ def export(
     to, start, goal = exported.to, exported.start, exported.goal
     format = FORMATS[to]
     robot, config = options.with_robot(robot_options)
-    chosen = options_of(OPTIONS, to, "--to", own, params=robot_options.nav2_file())
+    chosen = exported.chosen(own, robot_options.nav2_file())
     costs.check(config)
     grid = locplan.load_map(map_file)
     target = out.output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
@@ -122,3 +147,85 @@ def _planned(costs: locplan.Costmap, *ends: tuple[float, float]) -> locplan.Path
         why = found.note or found.status
         raise ConfigError(f"no path leads from --start to --goal: {why}")
     return found.path
+
+
+READ = {
+    "field": ("scalar",),
+    "e": ("ranges", "limits"),
+    "ellipses": ("ranges", "spacing", "magnify"),
+    "distribution": ("at",),
+    "models": ("at", "axis"),
+}
+"""The options that each figure reads."""
+
+
+@typed.option_group("Options")
+class FigureOptions:
+    """The figure and how it is drawn."""
+
+    figure: Literal["field", "e", "ellipses", "distribution", "models"] = "field"
+    """Figure of a field (default), of the paper's e or ellipses, or of a place (--at)."""
+    scalar: str | None = None
+    """Scalar in the figure field: what degeneracy is made of by default, or e, position_std,
+    position_rms, heading_std, ambiguity or entropy."""
+    ranges: typed.Ranges = None
+    """Ranges of the lidar side by side in the figures e and ellipses, in metres."""
+    limits: Annotated[Any, typed.parsed(typed.two_numbers, "LOW,HIGH")] = None
+    """Ends of the colours of the figure e, in m² rad."""
+    spacing: Annotated[float | None, Parameter(validator=Number(gte=0.1))] = None
+    """Minimum distance between ellipses, in metres; 2 by default."""
+    magnify: Annotated[float | None, Parameter(validator=Number(gte=0.01))] = None
+    """Factor by which ellipses are enlarged."""
+    at: typed.XY = None
+    """Place of the figures distribution and models (all seven), x,y in metres."""
+    axis: Literal["x", "y", "theta"] | None = None
+    """Axis along which the models are drawn; x by default."""
+
+    def own(self) -> dict[str, Any]:
+        """Arguments of the figure's function."""
+        given = typed.given_of(self)
+        del given["figure"]
+        typed.check_read(given, "--figure", self.figure, READ)
+        if "at" in READ[self.figure] and "at" not in given:
+            raise ConfigError(f"--figure {self.figure} needs --at X,Y")
+        given.pop("ranges", None)
+        return {"axis": "x"} | given if self.figure == "models" else given
+
+
+@typed.command(
+    "plot lab.yaml -o heading.png --scalar heading_std",
+    "plot lab.yaml -o ellipses.png --figure ellipses --ranges 6,8",
+    "plot lab.yaml -o models.png --figure models --at 2,3 --axis theta",
+)
+def plot(
+    map_file: typed.MapFile,
+    /,
+    *,
+    output: Annotated[Path, typed.Target],
+    shown: FigureOptions = FigureOptions(),
+    robot_options: RobotOptions = RobotOptions(),
+    options: FieldOptions = FieldOptions(),
+    computing: Computing = Computing(),
+) -> None:
+    """Draw the map with its field, or how well a place matches its surroundings.
+
+    Parameters
+    ----------
+    output
+        File for the picture (.png, .pdf, .svg).
+    """
+    _, configs = options.to_configs(robot_options, shown.ranges)
+    given, name = shown.own(), shown.figure
+    check_target(output, *PICTURES)
+    grid = locplan.load_map(map_file)
+    if "at" in READ[name]:
+        estimator: Any = configs[0].estimator
+        if estimator.name != "sad":
+            raise ConfigError(f"--figure {name} is of --estimator sad")
+        drawn = locplan.paper.place_figure(grid, estimator=estimator, **given)
+    else:
+        compute = computing.field
+        drawn = locplan.plotting.figure_of(grid, name, configs, compute=compute, **given)
+    with working("drawing"):
+        locplan.plotting.save_figure(drawn, output)
+    say_written(output)

@@ -1,28 +1,118 @@
-"""The command that proposes places for landmarks, and proves by drives whether they help."""
+"""The commands that find key features on routes, and that propose landmarks."""
 
 from __future__ import annotations
 
+from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 import locplan
 from locplan._util.progress import progress_bar
-from locplan.cli._groups import Count, DriveSeed, MapFile, Threads, command, option_group
-from locplan.cli._output import Output
+from locplan.cli import _types as typed
+from locplan.cli._options import Output, read_paths
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._route_options import RouteOptions
-from locplan.cli._values import given_of, parsed, position, rectangle, region
+from locplan.errors import ConfigError
 
-app = command(
-    "landmarks",
-    "landmarks lab.yaml --object pole:0.2 --count 3 --start 2,3 --goal 38,3 -o marked",
-    "landmarks lab.yaml --object box:0.6,0.3 --path mine.csv --robot nav2_params.yaml -o marked",
-    "landmarks lab.yaml --object box:0.6,0.3 --count 8 --region all -o marked",
+
+@typed.option_group("Options")
+class RouteOptions:
+    """The routes of the robot."""
+
+    start: typed.XY = None
+    """Start of a shortest path, x,y in metres."""
+    goal: typed.XY = None
+    """Goal of this path, x,y in metres."""
+    path: typed.Csv = ()
+    """Path of the robot (x,y); repeatable."""
+    places: Annotated[Path | None, typed.INPUT, Parameter(metavar="CSV")] = None
+    """Places (name,x,y) between all of which the robot drives."""
+
+    def given(self, **others: object) -> dict[str, Any]:
+        """The arguments paths or places, or nothing if one of the other options was given.
+
+        Raises
+        ------
+        ConfigError
+            If not just one of them all was given.
+        """
+        ends: dict[str, Any] = {"start": self.start, "goal": self.goal}
+        given = [*filter(None, ends.values())]
+        own: dict[str, object] = {
+            "--path": self.path,
+            "--start with --goal": given,
+            "--places": self.places,
+        }
+        own |= {typed.flag(name): each for name, each in others.items()}
+        if sum(map(bool, own.values())) != 1:
+            *names, last = own
+            raise ConfigError(f"give one of {', '.join(names)}, and {last}")
+        if len(given) == 1:
+            raise ConfigError("--start and --goal belong together")
+        if self.path:
+            return {"paths": read_paths(self.path)}
+        if self.places:
+            stations = locplan.planners.read_stations(self.places)
+            return {"places": {each.name: (each.x, each.y) for each in stations}}
+        return {"places": ends} if given else {}
+
+
+@typed.option_group("Options")
+class Taking:
+    """What counts as a feature, and how many are taken away."""
+
+    count: typed.Count = 3
+    """Number of features that are taken away together; 3 by default."""
+    piece: float = 1.0
+    """Length of the pieces of walls, in metres; about 1 by default."""
+    largest: float = 4.0
+    """Maximum extent of an object, in metres; 4 by default."""
+    shift: float = 0.3
+    """Distance by which features are moved to see the error, in metres; 0.3 by default."""
+    drives: int = 100
+    """Number of drives of the verification; 100 by default, 0 leaves it out."""
+
+
+@typed.command(
+    "features lab.yaml --start 2,3 --goal 38,3 -o found",
+    "features lab.yaml --path mine.csv --robot nav2_params.yaml --count 2 -o found",
 )
+def features(
+    map_file: typed.MapFile,
+    /,
+    *,
+    routes: RouteOptions = RouteOptions(),
+    taking: Taking = Taking(),
+    robot_options: RobotOptions = RobotOptions(),
+    seeded: typed.Seeded = typed.Seeded(),
+    out: Output = Output(),
+) -> None:
+    """Find the pillars, shelves and corners that localization on your routes depends on.
+
+    Drives with your own filter, in a world that lacks the worst of them, say whether it is so.
+    """
+    taken, ways = typed.given_of(taking), routes.given()
+    drives = taken.pop("drives")
+    locplan.simulation.check_drives(drives, or_none=True)
+    robot = robot_options.simulated()
+    grid = locplan.load_map(map_file)
+    out.check(locplan.KeyFeatures.files)
+    with progress_bar("taking features away", "features") as progress:
+        found = locplan.key_features(grid, **ways, robot=robot, **taken, progress=progress)
+    driven = None
+    if drives and found.together:
+        with progress_bar("verifying by drives", "drives") as progress:
+            driven = found.verify(drives, **vars(seeded), progress=progress)
+    out.finish(found, driven)
 
 
-@option_group("Options")
+def region(name: str, text: str) -> tuple[float, ...] | str:
+    """A rectangle, or the word all."""
+    return text if text == "all" else typed.numbers(name, text, 4)
+
+
+@typed.option_group("Options")
 class Placing:
     """The objects, and the region that they serve if it is no route."""
 
@@ -30,11 +120,11 @@ class Placing:
     """Poles (pole:DIAMETER) or boxes (box:LENGTH,WIDTH), in metres; pole:0.2 by default."""
     count: int = 6
     """Maximum number of objects; 6 by default."""
-    region: Annotated[tuple[Any, ...], parsed(region, "X0,Y0,X1,Y1", many=True)] = ()
+    region: Annotated[tuple[Any, ...], typed.parsed(region, "X0,Y0,X1,Y1", many=True)] = ()
     """Rectangle in which the robot may go anywhere, in metres, repeatable; "all" is the map."""
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Standing:
     """Where the objects may stand."""
 
@@ -45,26 +135,32 @@ class Standing:
     clearance: float = 0.2
     """Distance of routes and passages from the objects besides the robot's radius, in metres; 0.2
     by default."""
-    keep_out: Annotated[Any, parsed(rectangle, "X0,Y0,X1,Y1", many=True)] = None
+    keep_out: Annotated[
+        Any, typed.parsed(partial(typed.numbers, count=4), "X0,Y0,X1,Y1", many=True)
+    ] = None
     """Rectangle in which no object may stand, in metres; repeatable."""
-    existing: Annotated[tuple[Any, ...], parsed(position, "X,Y[,DEG]", many=True)] = ()
+    existing: typed.Poses = ()
     """Object of this kind in the map, which may be moved, x,y in metres; repeatable."""
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Driving:
     """The drives that choose and verify."""
 
     drives: int = 100
     """Number of drives of the verification; 100 by default, 0 leaves it out."""
-    trials: Count | None = None
+    trials: typed.Count | None = None
     """Number of placements that are driven first, of which the best is taken; 4 by default, and 1
     without drives. Along routes the first two are by the two objectives."""
 
 
-@app.default
+@typed.command(
+    "landmarks lab.yaml --object pole:0.2 --count 3 --start 2,3 --goal 38,3 -o marked",
+    "landmarks lab.yaml --object box:0.6,0.3 --path mine.csv --robot nav2_params.yaml -o marked",
+    "landmarks lab.yaml --object box:0.6,0.3 --count 8 --region all -o marked",
+)
 def landmarks(
-    map_file: MapFile,
+    map_file: typed.MapFile,
     /,
     *,
     routes: RouteOptions = RouteOptions(),
@@ -72,8 +168,7 @@ def landmarks(
     standing: Standing = Standing(),
     driving: Driving = Driving(),
     robot_options: RobotOptions = RobotOptions(),
-    seed: DriveSeed = 1,
-    threads: Threads = None,
+    seeded: typed.Seeded = typed.Seeded(),
     out: Output = Output(),
 ) -> None:
     """Propose places for poles or boxes that keep the robot from getting lost on its ways.
@@ -82,7 +177,6 @@ def landmarks(
     """
     import numpy as np
 
-    every: dict[str, Any] = {"seed": seed, "threads": threads}
     ways = routes.given(region=placing.region)
     kind = locplan.landmarks.parsed_object(placing.object)
     locplan.simulation.check_drives(driving.drives, or_none=True)
@@ -101,15 +195,16 @@ def landmarks(
             **ways,
             robot=robot,
             sites=sites,
-            threads=threads,
+            threads=seeded.threads,
             progress=progress,
         )
-    trials = given_of(driving).get("trials", None if driving.drives else 1)
-    tried = {} if trials is None else {"trials": trials}
+    tried = {} if driving.drives else {"trials": 1}
+    if driving.trials is not None:
+        tried["trials"] = driving.trials
     with progress_bar("driving placements", "drives") as progress:
-        made = locplan.landmarks.best_of_trials(made, **tried, **every, progress=progress)
+        made = locplan.landmarks.best_of_trials(made, **tried, **vars(seeded), progress=progress)
     verification = None
     if driving.drives:
         with progress_bar("verifying by drives", "drives") as progress:
-            verification = made.verify(driving.drives, **every, progress=progress)
+            verification = made.verify(driving.drives, **vars(seeded), progress=progress)
     out.finish(made, verification)

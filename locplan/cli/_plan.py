@@ -1,4 +1,4 @@
-"""The command that chooses the path to take."""
+"""The commands that choose the path to take, and that find all best trade-offs."""
 
 from __future__ import annotations
 
@@ -8,35 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 import locplan
-from locplan._util.progress import later_progress_bar
-from locplan.cli._field_options import FieldOptions
-from locplan.cli._groups import Csv, FilterMap, MapFile, Seed, command, option_group
-from locplan.cli._options import Computing, CostOptions
-from locplan.cli._output import Output
-from locplan.cli._robot_options import RobotOptions
-from locplan.cli._values import (
-    given_of,
-    load_filter_map,
-    parsed,
-    position,
-    read_paths,
-    refuse,
-    settings_of,
-)
+from locplan._util.progress import later_progress_bar, working
+from locplan.cli import _types as typed
+from locplan.cli._options import Computing, CostOptions, Output, load_filter_map, read_paths
+from locplan.cli._robot_options import FieldOptions, RobotOptions
 from locplan.errors import ConfigError
 from locplan.planners import names
 
 if TYPE_CHECKING:
     from locplan.planners import Planner
 
-app = command(
-    "plan",
-    "plan lab.yaml --start 2,3 --goal 38,3 --lidar turtlebot4 --robot nav2.yaml -o planned",
-    "plan lab.yaml --start 2,3 --goal 38,3 --planner BITstar --time-limit 2",
-)
 
-
-@option_group("Planner")
+@typed.option_group("Planner")
 class PlannerOptions:
     """The planner and its own options, which have the planner's defaults if they are not given."""
 
@@ -55,7 +38,7 @@ class PlannerOptions:
     """Number of iterations of OMPL's planners; one seed then always gives one path."""
     convergence: float | None = None
     """Share, such as 0.001, by which J must still fall lest OMPL's planners stop."""
-    seed: Seed | None = None
+    seed: typed.Seed | None = None
     """Seed of OMPL's random numbers, and of the simulated drives; 1 by default."""
     from_grid: bool | None = None
     """Begin OMPL's planner with the grid planner's path."""
@@ -67,30 +50,29 @@ class PlannerOptions:
     def made(self, **limits: Any) -> dict[str, Planner]:
         """The planners by name, with the options that were given."""
         planner_for, takes = locplan.planners.planner_for, locplan.planners.takes
-        given = given_of(self)
-        given.pop("planner", None)
-        settings = settings_of(given.pop("setting"), "setting", "range=2.0")
-        given |= {"settings": settings} if settings else {}
-        seed = given.pop("seed", None)  # that of the drives, too
+        given = typed.given_of(self)
+        asked, seed = given.pop("planner"), given.pop("seed", None)  # that of the drives, too
+        if settings := typed.settings_of(given.pop("setting"), "setting", "range=2.0"):
+            given["settings"] = settings
         made = {}
-        for name in dict.fromkeys(self.planner or ((locplan.planners.DEFAULT,) if given else ())):
+        for name in dict.fromkeys(asked or ((locplan.planners.DEFAULT,) if given else ())):
             own = {"seed": seed} if seed is not None and takes(planner_for(name), "seed") else {}
             planner_for(name, given | own, **limits)  # refuses limits that it does not keep
             made[name] = planner_for(name, given | own)
         return made
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class Query:
     """The places and limits of the path."""
 
-    start: Annotated[Any, parsed(position, "X,Y[,DEG]")]
+    start: typed.Pose
     """Start of the path, x,y in metres, and the heading in degrees where the space has one."""
-    goal: Annotated[Any, parsed(position, "X,Y[,DEG]")]
+    goal: typed.Pose
     """Goal of the path, x,y in metres, and the heading in degrees where the space has one."""
-    via: Annotated[tuple[Any, ...], parsed(position, "X,Y[,DEG]", many=True)] = ()
+    via: typed.Poses = ()
     """Place to visit on the way, x,y in metres; repeatable."""
-    path: Csv = ()
+    path: typed.Csv = ()
     """Further candidate (CSV of positions); repeatable."""
     front: bool = False
     """Take up to 5 paths of the Pareto front of length against degeneracy as candidates, too."""
@@ -101,6 +83,7 @@ class Query:
     longest: float | None = None
     """Maximum length of a candidate, in lengths of the shortest path; 1.5 by default."""
 
+    @property
     def limits(self) -> dict[str, Any]:
         """What binds the paths of planners."""
         return {"via": [*self.via], "max_e": self.max_e, "budget": self.budget}
@@ -111,11 +94,6 @@ class Query:
             within = f"the circle of {robot.outline.inscribed_radius:.3g} m within its outline"
             print(f"with a budget the robot counts as {within}", file=sys.stderr)
 
-    def settings(self) -> dict[str, Any]:
-        """The settings of the choice that were given."""
-        longest = {} if self.longest is None else {"longest": self.longest}
-        return {**self.limits(), **longest, "front": self.front}
-
     def candidates(self, made: dict[str, Planner]) -> dict[str, Any]:
         """The paths in files, and the planners that were made."""
         paths = read_paths(self.path)
@@ -124,7 +102,7 @@ class Query:
         return {**paths, **made}
 
 
-@option_group("Simulation")
+@typed.option_group("Simulation")
 class Driving:
     """What decides among candidates, which are driven where the lidar is known."""
 
@@ -143,23 +121,27 @@ class Driving:
     no_field: bool = False
     """Decide without the aware paths, which need a field of the map."""
 
-    def settings(self) -> dict[str, Any]:
-        """The settings of the choice that were given."""
-        given = given_of(self)
-        del given["no_field"]
-        if "driving_time" in given:
-            given["time_limit"] = given.pop("driving_time")
-        return given
+
+def choice_settings(query: Query, driving: Driving) -> dict[str, Any]:
+    """The settings of the choice that were given, by their names in Python."""
+    given = typed.given_of(query) | query.limits | typed.given_of(driving)
+    if "driving_time" in given:
+        given["time_limit"] = given.pop("driving_time")
+    others = ("start", "goal", "path", "no_field")
+    return {name: value for name, value in given.items() if name not in others}
 
 
-@app.default
+@typed.command(
+    "plan lab.yaml --start 2,3 --goal 38,3 --lidar turtlebot4 --robot nav2.yaml -o planned",
+    "plan lab.yaml --start 2,3 --goal 38,3 --planner BITstar --time-limit 2",
+)
 def plan(
-    map_file: MapFile,
+    map_file: typed.MapFile,
     /,
     *,
     query: Query,
     robot_options: RobotOptions = RobotOptions(),
-    filter_map: FilterMap = None,
+    filter_map: typed.FilterMap = None,
     planning: PlannerOptions = PlannerOptions(),
     driving: Driving = Driving(),
     costs: CostOptions = CostOptions(),
@@ -179,12 +161,12 @@ def plan(
         robot_options.warn(robot)
     query.warn(robot)
     costs.check(config)
-    candidates = query.candidates(planning.made(**query.limits()))
+    candidates = query.candidates(planning.made(**query.limits))
     out.check(locplan.Choice.files, "history.png")
     grid, basis = locplan.load_map(map_file), config
     if driving.no_field:
         unread = {"max_e": query.max_e, "budget": query.budget, "front": query.front or None}
-        refuse("with --no-field", **vars(options), **vars(costs), **unread)
+        typed.refuse("with --no-field", **vars(options), **vars(costs), **unread)
         basis = locplan.Costmap.blank(grid, robot=robot)
     with (
         locplan.simulation.drives_prepared_beside(needed=driven) as drivable,
@@ -199,12 +181,56 @@ def plan(
             costs=basis,
             candidates=candidates,
             compute=compute,
-            seed=given_of(planning).get("seed", 1),
+            seed=typed.given_of(planning).get("seed", 1),
             threads=computing.threads,
             progress=progress,
             filter_map=load_filter_map(filter_map, [grid]),
-            **query.settings(),
-            **driving.settings(),
-            **given_of(costs),
+            **choice_settings(query, driving),
+            **typed.given_of(costs),
         )
     out.finish(choice)
+
+
+@typed.option_group("Options")
+class Search:
+    """The query, and the limits of the search."""
+
+    start: Annotated[Any, typed.parsed(typed.position, "X,Y")]
+    """Start, x,y in metres."""
+    goal: Annotated[Any, typed.parsed(typed.position, "X,Y")]
+    """Goal, x,y in metres."""
+    objective: Literal["u", "e"] = "u"
+    """Second objective: the degenerate metres (u, by default), or the integral of e."""
+    time_limit: float = 30.0
+    """Time of the search, in seconds, exact or not; 30 by default."""
+
+
+@typed.command("pareto lab.yaml --start 2,3 --goal 38,3 -o front")
+def pareto(
+    map_file: typed.MapFile,
+    /,
+    *,
+    search: Search,
+    robot_options: RobotOptions = RobotOptions(),
+    options: FieldOptions = FieldOptions(),
+    computing: Computing = Computing(),
+    out: Output = Output(),
+) -> None:
+    """Find all best trade-offs between length and localizability, and where they bend.
+
+    The knee is the path farthest below the chord between the front's ends, or else the shortest.
+    """
+    limits = typed.given_of(search)
+    ends = limits.pop("start"), limits.pop("goal")
+    locplan.planners.check_front_limits(**limits)
+    grid = locplan.load_map(map_file)
+    robot, config = options.with_robot(robot_options)
+    locplan.planners.check_ends(locplan.Costmap.blank(grid, robot=robot), *ends)
+    out.check(locplan.ParetoFront.files)
+    field = computing.field(grid, config)
+    costs = locplan.Costmap.from_field(grid, field, robot=robot)
+    with working("searching the front"):
+        front = locplan.pareto_front(costs, *ends, **limits)
+    out.finish(front)
+    if not out.json:
+        print(locplan.field.about_field(field))

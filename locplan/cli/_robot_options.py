@@ -1,41 +1,42 @@
-"""Options of the robot, and the robot made of them."""
+"""Options of the robot and of the covariance field, and what is made of them."""
 
 from __future__ import annotations
 
 import dataclasses
 import sys
 import warnings
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 import locplan
 from locplan._util.files import keep_input
 from locplan._util.runs import note_robot
-from locplan.cli._groups import option_group
-from locplan.cli._values import field_names, refuse, settings_of
+from locplan.cli import _types as typed
 from locplan.errors import ConfigError, LocplanError, one_line
+from locplan.field import ESTIMATORS
 from locplan.robots import PRESETS
 
 if TYPE_CHECKING:
-    from locplan import Lidar, Robot
+    from locplan import FieldConfig, Lidar, Robot
+    from locplan.field import Estimator
     from locplan.recordings import Recording
 
 
-def _keep_files(_: object, files: Sequence[Path]) -> None:
-    for file in files:
-        keep_input(locplan.robots.file_and_robot(file)[0])
+def _keep_file(file: Path) -> None:
+    keep_input(locplan.robots.file_and_robot(file)[0])
 
 
-@option_group("Robot")
+@typed.option_group("Robot")
 class RobotOptions:
     """The robot."""
 
     robot: Annotated[
-        tuple[Path, ...], Parameter(validator=_keep_files, metavar="FILE[:NAMESPACE]")
+        tuple[Path, ...],
+        Parameter(metavar="FILE[:NAMESPACE]"),
+        typed.checked(_keep_file),
     ] = ()
     """Files of the robot: Nav2's parameters, a robot file, a URDF or SDF; later ones win."""
     lidar: Annotated[str | None, Parameter(choices=tuple(PRESETS))] = None
@@ -52,7 +53,7 @@ class RobotOptions:
         robot = locplan.Robot.load(*self.robot)
         named = locplan.Lidar.preset(self.lidar) if self.lidar else robot.lidar
         own = lidar if recorded else named or lidar
-        settings = settings_of(self.set, "set", "alpha1=0.05", words=True)
+        settings = typed.settings_of(self.set, "set", "alpha1=0.05", words=True)
         robot = dataclasses.replace(robot, lidar=own).changed(settings)
         # Ten times the range of the data sheet was hardly meant in metres.
         if self.lidar and robot.known_lidar.range > 10 * PRESETS[self.lidar].range:
@@ -74,12 +75,15 @@ class RobotOptions:
             If a setting is given that the recording has of its own: one of the lidar, and, where it
             is replayed, one of the noise.
         """
-        refuse("with --drive, whose lidar is taken", lidar=self.lidar)
+        typed.refuse("with --drive, whose lidar is taken", lidar=self.lidar)
         robot = recording.robot(self.load(recording.lidar, recorded=True))
         kinds = locplan.robots.Odometry, locplan.robots.Disturbances
         own = [locplan.Lidar, *(kinds if replayed else ())]
         # The filter's start is drawn where recorded drives are replayed, too.
-        names = {n for kind in own for n in field_names(kind)} - {"start_sigma", "start_sigma_deg"}
+        names = {n for kind in own for n in typed.field_names(kind)} - {
+            "start_sigma",
+            "start_sigma_deg",
+        }
         for name in (text.partition("=")[0] for text in self.set):
             if name in names:
                 raise ConfigError(f"--set {name} is not read with --drive, which has its own")
@@ -108,3 +112,121 @@ class RobotOptions:
                 if not node or parameters.of(node):
                     return file
         return None
+
+
+@typed.option_group("Field")
+class FieldOptions:
+    """The settings of the covariance field."""
+
+    config: typed.ConfigFile = None
+    """All settings of the field, as calibrate wrote them, in place of the options below."""
+    estimator: Annotated[str | None, Parameter(choices=tuple(ESTIMATORS))] = None
+    """Estimator of the covariance; fused by default where the lidar is known, else the paper's
+    sad."""
+    preset: Literal["default", "paper"] | None = None
+    """Settings of sad: the default ones, or Eq. 8-10 of the paper as printed."""
+    disc: Annotated[float | None, Parameter(metavar="METRES")] = None
+    """Radius of sad's template, in metres; 6 by default, or the lidar's range."""
+    headings: int | None = None
+    """Number of headings; 1 by default where the lidar sees all round, else 8."""
+    template: Literal["disc", "visible"] | None = None
+    """Template of sad: the paper's disc, or the part of it seen from its centre."""
+    stride: float | None = None
+    """Spacing of the evaluated cells, in metres; 0.2 by default. Where it is not given and a
+    lidar is simulated, plan takes twice as much away from its paths."""
+
+    def with_robot(self, given: RobotOptions) -> tuple[Robot, FieldConfig]:
+        """The robot, which has the lidar of the file of settings if no other, and the settings."""
+        read = self._read()
+        robot = given.load(getattr(read.estimator, "lidar", None) if read else None)
+        return robot, _seen_by(read, robot.lidar) if read else self._made(robot.lidar)
+
+    def simulated(self, given: RobotOptions) -> tuple[Robot, FieldConfig]:
+        """The robot, which has the field's lidar if no other, and the field's settings.
+
+        Warns of settings of the robot's filter that work badly with the lidar.
+        """
+        robot, config = self.with_robot(given)
+        robot = locplan.field.equipped(robot, config)
+        given.warn(robot)
+        return robot, config
+
+    def of_drive(self, lidar: Lidar) -> FieldConfig:
+        """The settings of a field for a recorded drive; an estimator that casts rays has its lidar.
+
+        Without an estimator it is fused.
+        """
+        read = self._read()
+        config = _seen_by(read, lidar) if read else self._made(lidar)
+        return config if config.estimator.casts_rays else read or self._made(None)
+
+    def to_configs(
+        self, given: RobotOptions, ranges: tuple[float, ...] | None
+    ) -> tuple[Robot, list[FieldConfig]]:
+        """The robot, and the settings with each of the ranges [m], if there are any."""
+        robot, config = self.with_robot(given)
+        if ranges is None:
+            return robot, [config]
+        return robot, [_reaching(config, reach) for reach in ranges]
+
+    def _read(self) -> FieldConfig | None:
+        """The settings in the file, if one was given."""
+        if self.config is None:
+            return None
+        others = [typed.flag(name) for name in typed.given_of(self) if name != "config"]
+        if others:
+            raise ConfigError(
+                f"--config has all settings of the field; leave out {', '.join(others)}"
+            )
+        return locplan.load_config(self.config)
+
+    def _made(self, lidar: Lidar | None) -> FieldConfig:
+        """The settings that were asked for; `lidar` is the robot's, where it is known."""
+        given = typed.given_of(self)
+        kinds = {name: locplan.field.estimator_class(name) for name in ESTIMATORS}
+        kind: Any = kinds[given.pop("estimator", "fused" if lidar else "sad")]
+        options = {each.name: _options_of(each) for each in kinds.values()}
+        typed.check_read(given, "--estimator", kind.name, options)
+        others = {name: given.pop(name) for name in ("stride", "headings") if name in given}
+        if kind.casts_rays:
+            short, what = locplan.field.SHORT_LIDAR, "no lidar named, one assumed"
+            assumed = dataclasses.replace(short, model=what)
+            return locplan.FieldConfig(kind.of(lidar or assumed), **others)
+        return locplan.FieldConfig(_with_template(kind, lidar, given), **others)
+
+
+def _with_template(kind: Any, lidar: Lidar | None, given: dict[str, Any]) -> Estimator:
+    """The estimator that compares a template with the map, of the options given."""
+    made = kind.paper() if given.pop("preset", None) == "paper" else kind()
+    if "disc" in given:
+        given["range"] = given.pop("disc")
+    made = made.with_lidar(lidar) if lidar else made
+    changed: Estimator = dataclasses.replace(made, **given)
+    return changed
+
+
+def _options_of(kind: type[Estimator]) -> list[str]:
+    """The options of `FieldOptions` that are for an estimator."""
+    own = [{"range": "disc"}.get(name, name) for name in typed.field_names(kind)]
+    return [*own, "stride", *["headings"] * kind.casts_rays, *["preset"] * hasattr(kind, "paper")]
+
+
+def _seen_by(config: FieldConfig, lidar: Lidar | None) -> FieldConfig:
+    """Settings with another lidar; the number of headings by default is that of the new one."""
+    if lidar is None or lidar == getattr(config.estimator, "lidar", None):
+        return config
+    by_default = config.headings == config.estimator.headings
+    return dataclasses.replace(
+        config,
+        estimator=config.estimator.with_lidar(lidar),
+        headings=0 if by_default else config.headings,
+    )
+
+
+def _reaching(config: FieldConfig, reach: float) -> FieldConfig:
+    """Settings with another range of the lidar, or of the template [m]."""
+    lidar = getattr(config.estimator, "lidar", None)
+    if lidar:
+        return _seen_by(config, dataclasses.replace(lidar, range=reach))
+    estimator: Any = config.estimator
+    return dataclasses.replace(config, estimator=dataclasses.replace(estimator, range=reach))

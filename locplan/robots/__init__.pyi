@@ -6,10 +6,17 @@ from ._amcl import (
     Filter as Filter,
     Tracker as Tracker,
 )
-from ._files import ParameterWarning as ParameterWarning, read_amcl as read_amcl
-from ._known_lidars import PRESETS as PRESETS, Preset as Preset
-from ._lidar import MAX_BEAMS as MAX_BEAMS, Lidar as Lidar
-from ._parameter_edits import edited_parameters as edited_parameters
+from ._lidar import (
+    MAX_BEAMS as MAX_BEAMS,
+    PRESETS as PRESETS,
+    Lidar as Lidar,
+    Preset as Preset,
+)
+from ._nav2 import (
+    ParameterWarning as ParameterWarning,
+    edited_parameters as edited_parameters,
+    read_amcl as read_amcl,
+)
 from ._parameters import (
     GLOBAL_COSTMAP as GLOBAL_COSTMAP,
     LOCAL_COSTMAP as LOCAL_COSTMAP,

@@ -1,32 +1,27 @@
-"""A robot in files: locplan's own, and the parameters of Nav2."""
+"""Files of a robot: locplan's own, Nav2's parameters, and the lidar of a URDF or SDF."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
-import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from typing import Any
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from locplan._util.checks import file_path, number, positive, shown
-from locplan._util.reading import check_stamp, read_content
-from locplan.errors import ConfigError, LocplanError, one_line
-from locplan.robots._amcl import DIFFERENTIAL, OMNIDIRECTIONAL, Amcl, NamedFilter
+from locplan._util.checks import file_path, shown
+from locplan._util.reading import MAX_BYTES as MAX_XML_BYTES, check_stamp, read_bytes, read_content
+from locplan.errors import ConfigError
+from locplan.robots._amcl import Amcl, NamedFilter
 from locplan.robots._lidar import Lidar
-from locplan.robots._parameters import (
-    AMCL,
-    GLOBAL_COSTMAP,
-    LOCAL_COSTMAP,
-    MAX_BYTES,
-    PLANNER_SERVER,
-    Nav2Parameters,
-    read_parameters,
-    values_in,
-)
+from locplan.robots._nav2 import errors_at, parts_of
+from locplan.robots._parameters import MAX_BYTES, values_in
 from locplan.robots._parts import Disturbances, Footprint, Inflation, Kinematics, Odometry
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
 
 REMEDY = "give a robot's file, Nav2's parameters, or a URDF or SDF"
 VERSION = 1
@@ -42,166 +37,6 @@ PARTS: dict[str, type] = {
     "disturbances": Disturbances,
 }
 """The parts with settings of their own, in the order in which settings are looked up."""
-NO_MATTER = {
-    "allow_parameter_qos_overrides",
-    "always_reset_initial_pose",
-    "base_frame_id",
-    "beam_skip_distance",
-    "beam_skip_error_threshold",
-    "beam_skip_threshold",
-    "do_beamskip",
-    "first_map_only",
-    "freespace_downsampling",
-    "global_frame_id",
-    "initial_pose",
-    "initialize_at_saved_pose",
-    "lambda_short",
-    "map_topic",
-    "odom_frame_id",
-    "random_seed",
-    "recovery_alpha_fast",
-    "recovery_alpha_slow",
-    "save_pose_rate",
-    "saved_pose_filepath",
-    "scan_topic",
-    "set_initial_pose",
-    "tf_broadcast",
-    "transform_tolerance",
-    "use_sim_time",
-    "z_max",
-    "z_short",
-}
-"""Further parameters of AMCL, most of which do not matter for the simulation."""
-
-
-class ParameterWarning(UserWarning):
-    """Warning that a robot's parameters are simulated in part only."""
-
-
-def read_amcl(path: str | os.PathLike[str]) -> Amcl:
-    """Read AMCL's parameters from a parameter file of Nav2.
-
-    Warns of parameters in the file that are not simulated.
-
-    Parameters
-    ----------
-    path : path
-        YAML file with a node `amcl`; parameters that are missing there have Nav2's defaults. Where
-        it has several robots, the namespace of one follows, as in "nav2.yaml:robot1".
-
-    Raises
-    ------
-    LocplanError
-        If the file cannot be read, has no parameters of amcl, or a value is out of its range.
-    """
-    amcl = filter_of(path, read_parameters(path))
-    if amcl is None:
-        raise LocplanError(f"{path}: has no parameters of amcl; give the file that starts it")
-    return amcl
-
-
-def parts_of(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """What a parameter file says of a robot, by the names of `Robot`'s fields."""
-    parameters = read_parameters(path)
-    found = {
-        "filter": filter_of(path, parameters),
-        **_outline(path, parameters),
-        "inflation": _inflation(path, parameters),
-        "kinematics": _kinematics(path, parameters),
-    }
-    return {name: part for name, part in found.items() if part is not None}
-
-
-def filter_of(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Amcl | None:
-    """AMCL's parameters, or None without any; warns of those that are not simulated."""
-    given, own = parameters.of(AMCL), parameters.of(AMCL, shared=False)
-    known = {each.name for each in dataclasses.fields(Amcl)} - {"half_cell"}
-    taken = {name: value for name, value in given.items() if name in known}
-    if not taken and all(each.is_shared for each in parameters.entries(AMCL)):
-        return None
-    model = _motion_model(str(taken.pop("robot_model_type", DIFFERENTIAL)))
-    foreign = model not in (DIFFERENTIAL, OMNIDIRECTIONAL)
-    if not foreign:
-        taken["robot_model_type"] = model
-    with errors_at(path, AMCL):
-        amcl = Amcl(**taken)
-    unknown = sorted({name.partition(".")[0] for name in own} - known - NO_MATTER)
-    left_out = (*_not_simulated(given), *["robot_model_type"] * foreign, *unknown)
-    if left_out:
-        message = one_line(f"{path}: not simulated: {', '.join(left_out)}")
-        warnings.warn(ParameterWarning(message), stacklevel=4)
-    return amcl
-
-
-def _outline(path: str | os.PathLike[str], parameters: Nav2Parameters) -> dict[str, Any]:
-    """Footprint or radius, and its padding, of the first costmap that has one.
-
-    As in Nav2, `footprint` counts where it is not "[]", and else `robot_radius`.
-    """
-    for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
-        own = parameters.of(costmap)
-        footprint, radius = str(own.get("footprint") or "[]"), own.get("robot_radius")
-        if footprint == "[]" and radius is None:
-            continue
-        with errors_at(path, costmap.partition("/")[0]):
-            outline: Footprint | float = (
-                positive("robot_radius", radius, "m")
-                if footprint == "[]"
-                else Footprint.from_text(footprint)
-            )
-            padding = own.get("footprint_padding", 0.01)  # as Nav2 has it
-            return {"footprint": outline, "margin": number("footprint_padding", padding, 0.0)}
-    return {}
-
-
-def _inflation(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Inflation | None:
-    """Inflation of the global costmap, or None where it has no such layer."""
-    own = parameters.of(GLOBAL_COSTMAP)
-    for layer in parameters.names(GLOBAL_COSTMAP, "plugins"):
-        if own.get(f"{layer}.plugin") == "nav2_costmap_2d::InflationLayer":
-            names = [each.name for each in dataclasses.fields(Inflation)]
-            given = {name: own[f"{layer}.{name}"] for name in names if f"{layer}.{name}" in own}
-            with errors_at(path, f"global_costmap: {layer}"):
-                return Inflation(**given)
-    return None
-
-
-def _kinematics(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Kinematics | None:
-    """Kinematics of the first planner with a car-like motion model, or of AMCL's motion model."""
-    own = parameters.of(PLANNER_SERVER)
-    for planner in parameters.names(PLANNER_SERVER, "planner_plugins"):
-        model = own.get(f"{planner}.motion_model_for_search")
-        if model in ("DUBIN", "REEDS_SHEPP"):  # the latter drives in reverse, too
-            radius = own.get(f"{planner}.minimum_turning_radius", 0.4)
-            with errors_at(path, f"planner_server: {planner}"):
-                reverse = model == "REEDS_SHEPP"
-                return Kinematics(drive="car-like", turning_radius=radius, reverse=reverse)
-    sideways = _motion_model(str(parameters.of(AMCL).get("robot_model_type"))) == OMNIDIRECTIONAL
-    return Kinematics(drive="omnidirectional") if sideways else None
-
-
-def _motion_model(name: str) -> str:
-    """The name of AMCL's motion model, or that of one which was named otherwise before Humble."""
-    older = {"differential": DIFFERENTIAL, "omnidirectional": OMNIDIRECTIONAL}
-    return older.get(name, name)
-
-
-@contextmanager
-def errors_at(path: str | os.PathLike[str], where: str = "") -> Iterator[None]:
-    """Name the file, and the place in it, in an error of the block."""
-    try:
-        yield
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {where}{': ' if where else ''}{error}") from None
-
-
-def _not_simulated(given: Mapping[str, object]) -> Iterator[str]:
-    """Names of parameters in `NO_MATTER` that do matter with the values given."""
-    for name in ("recovery_alpha_slow", "recovery_alpha_fast"):
-        if given.get(name):
-            yield name
-    if given.get("do_beamskip") and given.get("laser_model_type") == "likelihood_field_prob":
-        yield "do_beamskip"
 
 
 def names_of(kind: type) -> list[str]:
@@ -260,3 +95,111 @@ def _check_known(what: str, given: Mapping[str, Any], known: list[str]) -> None:
     for each in given:
         if each not in known:
             raise ConfigError(f"{what} has no {shown(each)}; it has {', '.join(known)}")
+
+
+class Sensor(NamedTuple):
+    """What a file says of a planar lidar, in the words of `Lidar.from_scan`."""
+
+    angle_min: float
+    angle_max: float
+    angle_increment: float
+    range_min: float
+    range_max: float
+    mount: tuple[float, float, float]
+    range_sigma: float | None
+    model: str
+
+    @property
+    def beams(self) -> int:
+        """The number of beams, those at both ends included."""
+        return round((self.angle_max - self.angle_min) / self.angle_increment) + 1
+
+
+def read_sensor(file: Path) -> Sensor:
+    """The only planar lidar that a file describes; see `Lidar.from_file`."""
+    if file.suffix.lower() in (".yaml", ".yml"):
+        raise ConfigError(
+            f"{file}: parameters name no lidar, their ranges only limit one; name a lidar of"
+            " locplan.robots.PRESETS, or give the robot's URDF or SDF"
+        )
+    kinds = ("ray", "gpu_ray", "lidar", "gpu_lidar")  # in the words of all versions of Gazebo
+    sensors = [each for each in _root(file).iter("sensor") if each.get("type") in kinds]
+    planar = [each for each in sensors if _number(each, ".//vertical/samples", 1.0, file) <= 1]
+    if len(planar) != 1:
+        names = ", ".join(shown(each.get("name")) for each in planar[:5])
+        what = f"has {len(planar)} planar lidars ({names})" if planar else "has no planar lidar"
+        raise ConfigError(f"{file}: {what}; leave one sensor of type ray or lidar in the file")
+    return _described(planar[0], file)
+
+
+def _described(sensor: Element, file: Path) -> Sensor:
+    first = _number(sensor, ".//horizontal/min_angle", None, file)
+    last = _number(sensor, ".//horizontal/max_angle", None, file)
+    samples = _number(sensor, ".//horizontal/samples", None, file)
+    beams = int(samples * _number(sensor, ".//horizontal/resolution", 1.0, file))
+    if beams < 2:
+        raise ConfigError(f"{file}: its lidar has {beams} beams; there must be 2 at least")
+    x, y, _, roll, pitch, yaw = _pose(sensor, file)
+    if max(abs(math.sin(roll)), abs(math.sin(pitch))) > 0.1 or math.cos(pitch) < 0:
+        raise ConfigError(f"{file}: its lidar is tilted; locplan knows horizontal ones only")
+    if math.cos(roll) < 0:  # it is mounted upside down
+        first, last = -last, -first
+    noise = sensor.find(".//noise")
+    kind = "" if noise is None else noise.get("type") or noise.findtext("type") or ""
+    gaussian = kind.strip().startswith("gaussian")
+    sigma = _number(sensor, ".//noise/stddev", 0.0, file) if gaussian else 0.0
+    return Sensor(
+        angle_min=first,
+        angle_max=last,
+        angle_increment=(last - first) / (beams - 1),
+        range_min=_number(sensor, ".//range/min", 0.0, file),
+        range_max=_number(sensor, ".//range/max", None, file),
+        mount=(x, y, yaw),
+        range_sigma=sigma or None,
+        model=sensor.get("name") or "",
+    )
+
+
+def _root(file: Path) -> Element:
+    from xml.etree import ElementTree
+
+    try:
+        content = read_bytes(file, MAX_XML_BYTES)
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read ({error.strerror or error})") from None
+    if b"<!ENTITY" in content:
+        raise ConfigError(f"{file}: is no robot's description; name a URDF or SDF file")
+    try:
+        return ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError, LookupError):
+        raise ConfigError(f"{file}: is no XML; name a URDF or SDF file, not a .xacro") from None
+
+
+def _pose(sensor: Element, file: Path) -> tuple[float, ...]:
+    text = sensor.findtext("pose") or "0 0 0 0 0 0"
+    try:
+        values = tuple(map(float, text.split()))
+    except ValueError:
+        values = ()
+    if len(values) != 6 or not all(map(math.isfinite, values)):
+        raise ConfigError(f"{file}: the lidar's pose must be six numbers, not {shown(text)}")
+    pose = sensor.find("pose")
+    if pose is not None and pose.get("degrees") in ("true", "1"):
+        return (*values[:3], *map(math.radians, values[3:]))
+    return values
+
+
+def _number(sensor: Element, where: str, default: float | None, file: Path) -> float:
+    text = sensor.findtext(where)
+    name = where.removeprefix(".//")
+    if text is None and default is None:
+        raise ConfigError(f"{file}: its lidar has no {name}")
+    try:
+        value = float(text) if text is not None else float(default or 0.0)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ConfigError(
+            f"{file}: {name} must be a number, not {shown(text)}; run xacro on a .xacro file first"
+        )
+    return value

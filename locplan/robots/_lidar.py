@@ -1,14 +1,14 @@
-"""The settings of a 2D lidar: its beams, its mount on the robot, and its noise."""
+"""The settings of a 2D lidar: its beams, its mount on the robot, its noise; and known lidars.
+
+The command line reads their names before it works, so that numpy is imported in the methods.
+"""
 
 from __future__ import annotations
 
 import math
 import os
 from dataclasses import dataclass, field, replace
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from locplan._util.checks import (
     Settings,
@@ -21,10 +21,75 @@ from locplan._util.checks import (
     shown,
     whole,
 )
+from locplan._util.public import called
 from locplan.errors import ConfigError
-from locplan.robots._known_lidars import PRESETS
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 MAX_BEAMS = 100_000
+
+
+class Preset(NamedTuple):
+    """The values of a data sheet."""
+
+    range: float
+    """Maximum distance that is measured [m]."""
+    min_range: float
+    """Minimum distance that is measured [m]."""
+    field_of_view_deg: float
+    """Angle that the beams cover [deg]."""
+    beams: int
+    """Number of beams in the field of view, at the usual rate."""
+    range_sigma: float
+    """Standard deviation of a measured distance [m]."""
+    source: str
+    """Document that has these values."""
+
+
+_A1 = Preset(12.0, 0.15, 360.0, 360, 0.03, "Slamtec, RPLIDAR A1M8 data sheet, 2016; no error given")
+_LDS_02 = Preset(8.0, 0.16, 360.0, 360, 0.03, "ROBOTIS e-Manual, LDS-02; 3 % of the range at 1 m")
+
+PRESETS: dict[str, Preset] = {
+    "rplidar-a1": _A1,
+    "rplidar-a2": Preset(
+        12.0, 0.2, 360.0, 1600, 0.03, "Slamtec, RPLIDAR A2M12 data sheet LD310, 2022; no error"
+    ),
+    "rplidar-a3": Preset(
+        25.0, 0.2, 360.0, 1600, 0.03, "Slamtec, RPLIDAR A3M1 data sheet v1.3, 2019; no error given"
+    ),
+    "rplidar-s2": Preset(
+        30.0, 0.05, 360.0, 3200, 0.03, "Slamtec, RPLIDAR S2M1-R2 data sheet rev. 2.3, 2024"
+    ),
+    "rplidar-c1": Preset(
+        12.0, 0.05, 360.0, 500, 0.03, "Slamtec, RPLIDAR C1M1 data sheet rev. 1.1, 2024"
+    ),
+    "ld19": Preset(12.0, 0.02, 360.0, 450, 0.01, "LDROBOT, LD19 data sheet v2.5, 2022"),
+    "ydlidar-x4": Preset(
+        10.0, 0.12, 360.0, 720, 0.035, "YDLIDAR, X4 data sheet v1.2, 2024; 3.5 % at 1 m"
+    ),
+    "lds-01": Preset(
+        3.5, 0.12, 360.0, 360, 0.035, "ROBOTIS e-Manual, LDS-01; 3.5 % of the range at 1 m"
+    ),
+    "lds-02": _LDS_02,
+    "turtlebot3": _LDS_02,
+    "turtlebot4": _A1,
+    "tim571": Preset(25.0, 0.05, 270.0, 811, 0.02, "SICK, TiM571 data sheet; driver sick_scan_xd"),
+    "lms111": Preset(20.0, 0.5, 270.0, 541, 0.012, "SICK, LMS111 product data, at 50 Hz"),
+    "lms291": Preset(80.0, 0.0, 180.0, 361, 0.01, "SICK, LMS291 technical description"),
+    "ust-10lx": Preset(10.0, 0.06, 270.0, 1081, 0.03, "Hokuyo, UST-10LX manual MRS-0020D, 2015"),
+    "utm-30lx": Preset(
+        30.0, 0.1, 270.0, 1081, 0.03, "Hokuyo, UTM-30LX data sheet; 10 mm below 10 m, 30 mm beyond"
+    ),
+    "urg-04lx": Preset(
+        5.6, 0.02, 240.0, 682, 0.03, "Hokuyo, URG-04LX-UG01 data sheet; 30 mm to 1 m, 3 % beyond"
+    ),
+}
+"""The presets by name, with ranges for bright targets, as walls are.
+
+Where a maker prints no standard deviation of a range, its bound of the error stands for it, or
+0.03 m where there is none. Robots stand beside lidars, with the lidar that they carry."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -194,9 +259,8 @@ class Lidar(Settings):
         ConfigError
             If the file cannot be read, or has no ray sensor, or several.
         """
-        from locplan.robots._known_lidars import read_sensor
-
-        sensor = read_sensor(file_path("a robot's description", path))
+        reads = "locplan.robots._files:read_sensor"
+        sensor = called(reads, file_path("a robot's description", path))
         # Gazebo casts all samples, also where the last one of a full circle meets the first.
         return replace(cls.from_scan(**sensor._asdict()), beams=sensor.beams)
 
@@ -208,6 +272,8 @@ class Lidar(Settings):
     @property
     def angles(self) -> NDArray[np.float64]:
         """Angles of the beams from the middle one, counter-clockwise, (beams,) [rad]."""
+        import numpy as np
+
         width = math.radians(self.field_of_view_deg)
         if self.sees_all_round:  # the first and the last beam must not coincide
             between = np.arange(self.beams, dtype=np.float64) + 0.5
@@ -241,6 +307,8 @@ class Lidar(Settings):
         ranges : array
             Distances along beams, of any shape [m].
         """
+        import numpy as np
+
         with np.errstate(invalid="ignore"):
             least = np.float32(self.min_range)
             within = (ranges >= least) & (ranges > 0) & (ranges < np.float32(self.range))
@@ -258,6 +326,8 @@ class Lidar(Settings):
         beams : slice, optional
             The beams that these belong to; all by default.
         """
+        import numpy as np
+
         bearings = self.mount_yaw + self.angles[beams or slice(None)]
         known = np.where(np.isfinite(ranges), ranges, np.nan).astype(np.float64)
         ends = known[..., None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)

@@ -20,15 +20,13 @@ from locplan.robots._files import (
     OWN,
     PARTS,
     VERSION,
-    errors_at,
     made,
     names_of,
     outline_of,
     parts_in,
-    parts_of,
 )
-from locplan.robots._known_lidars import PRESETS
-from locplan.robots._lidar import Lidar
+from locplan.robots._lidar import PRESETS, Lidar
+from locplan.robots._nav2 import errors_at, parts_of
 from locplan.robots._parts import Disturbances, Footprint, Inflation, Kinematics, Odometry
 
 

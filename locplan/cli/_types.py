@@ -1,0 +1,256 @@
+"""Headings of the help, commands and groups of options, and the types of what is typed."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import textwrap
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
+from functools import cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, dataclass_transform
+
+from cyclopts import App, Group, Parameter
+from cyclopts.validators import Number
+
+import locplan
+from locplan._util.checks import MAX_AMOUNT, check_threads, shown
+from locplan._util.files import keep_input
+from locplan._util.reading import parsed_json
+from locplan.errors import ConfigError, LocplanError
+
+if TYPE_CHECKING:
+    from cyclopts import Token
+
+Options = TypeVar("Options")
+HEADINGS = (
+    "Robot",
+    "Options",
+    "Recorded drive",
+    "Format",
+    "Planner",
+    "Costs",
+    "Simulation",
+    "Field",
+    "Computing",
+    "Output",
+)
+"""The headings of a command's options, in their order."""
+
+
+@cache
+def heading(name: str) -> Group:
+    """A heading of the help."""
+    return Group(name, sort_key=HEADINGS.index(name))
+
+
+@dataclass_transform(frozen_default=True)
+def option_group(name: str) -> Callable[[type[Options]], type[Options]]:
+    """The decorator that makes a class a frozen dataclass of options under a heading."""
+
+    def made(kind: type[Options]) -> type[Options]:
+        return Parameter(name="*", group=heading(name))(dataclasses.dataclass(frozen=True)(kind))
+
+    return made
+
+
+def named(name: str, *examples: str) -> App:
+    """A command; its examples are shown at the end of its help."""
+    return App(name=name, help_epilogue="\n".join(["Example", *map(example, examples)]))
+
+
+def command(*examples: str) -> Callable[[Callable[..., int | None]], App]:
+    """The decorator that makes a function the command of its name, with these examples."""
+
+    def made(function: Callable[..., int | None]) -> App:
+        app = named(function.__name__, *examples)
+        app.default(function)
+        return app
+
+    return made
+
+
+def example(words: str) -> str:
+    """A command as it is typed in a shell; a long one goes on behind a backslash.
+
+    >>> print(example("info lab.yaml"))
+      locplan info lab.yaml
+    """
+    lines = textwrap.wrap(
+        f"locplan {words}",
+        74,  # with the backslash 76, so that it stands in a terminal of 80
+        initial_indent="  ",
+        subsequent_indent="      ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return " \\\n".join(lines)
+
+
+def parsed(parse: Callable[[str, str], Any], metavar: str, *, many: bool = False) -> Parameter:
+    """A text that is parsed, with the option's name for errors; `many` gives a tuple of several."""
+
+    def convert(_: object, tokens: Sequence[Token]) -> Any:
+        values = tuple(parse(str(token.keyword), token.value) for token in tokens)
+        return values if many else values[-1]
+
+    # A text may begin with a minus sign, such as -2,3.
+    return Parameter(converter=convert, n_tokens=1, allow_leading_hyphen=True, metavar=metavar)
+
+
+def position(name: str, text: str) -> tuple[float, ...]:
+    """The position X,Y in metres, or X,Y,DEG, whose heading in degrees becomes radians."""
+    try:
+        x, y, *heading = (float(v) for v in text.split(","))
+        if len(heading) > 1:
+            raise ValueError
+    except ValueError:
+        raise LocplanError(
+            f"{name} must be X,Y in metres, such as 2.0,3.5, or X,Y,DEG with a heading,"
+            f" not {shown(text)}"
+        ) from None
+    return (x, y, *map(math.radians, heading))
+
+
+def numbers(name: str, text: str, count: int | None = None) -> tuple[float, ...]:
+    """The numbers of an option, with commas between them."""
+    with suppress(ValueError):
+        values = tuple(map(float, text.split(",")))
+        fit = all(abs(value) <= MAX_AMOUNT for value in values)  # False for NaN, too
+        if fit and count in (None, len(values)):
+            return values
+    few = f"{count} numbers" if count else "numbers"
+    raise LocplanError(f"{name} must be {few} with commas between, not {shown(text)}")
+
+
+two_numbers = partial(numbers, count=2)
+
+
+def checked(check: Callable[[Any], object]) -> Parameter:
+    """What raises an error where a value that was given is out of range, or each of several."""
+
+    def validate(_: object, given: Any) -> None:
+        for value in given if isinstance(given, (list, tuple)) else [given]:
+            if value is not None:
+                check(value)
+
+    return Parameter(validator=validate)
+
+
+def keep_map(path: Path) -> None:
+    """Let no result be written over a map that is read."""
+    for file in locplan.maps.source_files(path):
+        keep_input(file)
+
+
+INPUT = checked(keep_input)
+"""Of a file that is read: no result is written over it."""
+MAPS = Parameter("MAP"), checked(keep_map)
+MapFile = Annotated[
+    Path, *MAPS, Parameter(help="Map: a map_server YAML file, or a folder with one.")
+]
+MapFiles = Annotated[
+    list[Path], *MAPS, Parameter(help="Maps: map_server YAML files, or folders of them.")
+]
+FilterMap = Annotated[
+    Path | None,
+    checked(keep_map),
+    Parameter(
+        group=heading("Robot"),
+        metavar="MAP",
+        help="Map of the robot's filter, in the same frame, where it is not the one driven in.",
+    ),
+]
+XY = Annotated[tuple[float, float] | None, parsed(two_numbers, "X,Y")]
+"""A position, if it is given [m]."""
+Pose = Annotated[Any, parsed(position, "X,Y[,DEG]")]
+Poses = Annotated[tuple[Any, ...], parsed(position, "X,Y[,DEG]", many=True)]
+Ranges = Annotated[tuple[float, ...] | None, parsed(numbers, "R1,R2")]
+Csv = Annotated[tuple[Path, ...], INPUT, Parameter(metavar="CSV")]
+"""Files of paths."""
+ConfigFile = Annotated[Path | None, INPUT, Parameter(metavar="FILE.json")]
+Count = Annotated[int, Parameter(validator=Number(gte=1, lte=100_000))]
+Pair = Annotated[int, Parameter(validator=Number(gte=2, lte=100_000))]
+"""A number of things of which there must be two at least."""
+Seed = Annotated[int, Parameter(validator=Number(gte=0, lte=2**63 - 1))]
+DriveSeed = Annotated[
+    Seed, Parameter(group=heading("Simulation"), help="Seed of all random numbers; 1 by default.")
+]
+Threads = Annotated[
+    int | None,
+    checked(check_threads),
+    Parameter(group=heading("Computing"), help="Number of threads; all cores by default."),
+]
+
+
+@option_group("Simulation")
+class Seeded:
+    """The random numbers of drives, and the threads."""
+
+    seed: DriveSeed = 1
+    threads: Threads = None
+
+
+Target = Parameter(name=("--output", "-o"), group=heading("Output"))
+"""The option that says where results go."""
+Json = Annotated[
+    bool, Parameter(name="--json", group=heading("Output"), help="Print the result as JSON.")
+]
+Force = Annotated[
+    bool,
+    Parameter(group=heading("Output"), help="Replace files in the way, whoever wrote them."),
+]
+
+
+def settings_of(
+    texts: Sequence[str], option: str, example: str, *, words: bool = False
+) -> dict[str, Any]:
+    """Settings by name, such as range=2.0 or k_nearest=false, and with `words` name=word."""
+    settings: dict[str, Any] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            settings[name] = parsed_json(value)
+        except ValueError:
+            if not (words and value):
+                raise LocplanError(
+                    f"--{option} must be NAME=VALUE, such as {example}, not {shown(text)}"
+                ) from None
+            settings[name] = value
+    return settings
+
+
+def flag(name: str) -> str:
+    """An option as it is typed."""
+    return f"--{name.replace('_', '-')}"
+
+
+def given_of(options: Any) -> dict[str, Any]:
+    """The options that were given, by name."""
+    return {name: value for name, value in vars(options).items() if value is not None}
+
+
+def refuse(why: str, **options: object) -> None:
+    """Raise a ConfigError if an option was given that is not read; `why` says when that is so."""
+    for name, value in options.items():
+        if not (value is None or value is False or value == ()):
+            raise ConfigError(f"{flag(name)} is not read {why}; leave it out")
+
+
+def check_read(
+    given: Iterable[str], switch: str, kind: str, readers: Mapping[str, Collection[str]]
+) -> None:
+    """Raise a ConfigError unless the kind that a switch chooses reads all that was given.
+
+    `readers` are the options that each kind reads.
+    """
+    for name in given:
+        having = [each for each, names in readers.items() if name in names]
+        if kind not in having:
+            raise ConfigError(f"{flag(name)} is for {switch} {', '.join(having)}, not for {kind}")
+
+
+def field_names(kind: Any) -> list[str]:
+    """The names of a dataclass's fields."""
+    return [each.name for each in dataclasses.fields(kind)]
