@@ -156,7 +156,8 @@ def svg_of(draw: Callable[[Axes], None], height: float, alt: str) -> str:
     svg = re.sub(r"<!--.*?-->\s*|<metadata>.*?</metadata>\s*", "", written.getvalue(), flags=re.S)
     svg = svg[svg.index("<svg") :]
     own = "s" + hashlib.sha256((alt + svg).encode(errors="replace")).hexdigest()[:10]
-    svg = re.sub(rf'(<g) id="{filtered("")}([^"]*)"', r'\g<1> data-planner="\g<2>"', svg)
+    part = rf"<g id=([\"']){filtered('')}(.*?)\1"  # matplotlib takes either kind of quotes
+    svg = re.sub(part, r"<g data-planner=\1\2\1", svg)
     svg = re.sub(r'(<[^>]* id="|url\(#|href="#)', rf"\g<1>{own}-", svg)
     for name, colour in THEME.items():
         svg = svg.replace(colour, f"var(--{name})")
