@@ -35,36 +35,26 @@ class RecordedDrive:
     """Its scans and poses."""
 
     @classmethod
-    def read(
-        cls, file: str | os.PathLike[str], progress: ProgressCallback | None = None
+    def of(
+        cls,
+        drive: RecordedDrive | Recording | str | os.PathLike[str],
+        progress: ProgressCallback | None = None,
     ) -> RecordedDrive:
-        """Read a recorded drive from a file, see `locplan.recordings.read_drive`.
-
-        Parameters
-        ----------
-        file : path
-            The file.
-        progress : callable, optional
-            Called with (done, total) messages.
-        """
-        recording = read_drive(file, progress=progress)
-        return cls(printable(FilePath(file).name), recording)
-
-    @classmethod
-    def of(cls, drive: RecordedDrive | Recording | str | os.PathLike[str]) -> RecordedDrive:
         """A drive of a recording, or of its file; a ConfigError of anything else.
 
         Parameters
         ----------
         drive : RecordedDrive, Recording or path
-            The drive.
+            The drive; for files see `locplan.recordings.read_drive`.
+        progress : callable, optional
+            Called with (done, total) messages of a file.
         """
         if isinstance(drive, RecordedDrive):
             return drive
         if isinstance(drive, Recording):
             return cls(printable(drive.source.file) or "recorded drive", drive)
         if isinstance(drive, (str, os.PathLike)):
-            return cls.read(drive)
+            return cls(printable(FilePath(drive).name), read_drive(drive, progress=progress))
         raise ConfigError(f"a drive must be a recording or its file, not {shown(drive)}")
 
     def about(self) -> dict[str, object]:

@@ -31,14 +31,15 @@ def simulate(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     """
     view, drives = session.view(ask), ask.whole("drives", 2, MAX_DRIVES, 64)
     work.progress(0, drives, "planning")
+    start, *via, goal = view.stops
     choice = choose(
         view.grid,
-        view.start,
-        view.goal,
+        start,
+        goal,
         view.robot,
         costs=view.field.config,
         compute=view.field_at if view.whole else None,
-        via=view.via,
+        via=via,
         drives=drives,
         threads=session.opening.threads,
         progress=work.progress,
@@ -60,11 +61,9 @@ def _candidate(each: Candidate) -> dict[str, object]:
     distance, median, _, high = each.driven.profile.T
     return {
         "name": each.name,
-        "label": each.name,
         "xy": rounded(each.path.xy),
         "length": each.path.length,
         "error_m": list(each.driven.error),
-        "ratio": list(each.driven.ratio),
         "lost": list(each.driven.lost_rate),
         "profile": {
             "s": distance.round(2).tolist(),
@@ -91,13 +90,12 @@ def landmarks(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     if drives:
         whole("drives", drives, 2)
     work.progress(0, count, "planning")
-    aware, _ = view.paths()
     threads = session.opening.threads
     made = place_landmarks(
         view.grid,
         kind,
         count,
-        paths={"shown": aware},
+        paths={"shown": view.path()},
         robot=view.robot,
         threads=threads,
         progress=work.progress,

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import RESOLUTIONS
 from locplan._util.poses import Numbers, way_along
-from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.explorer._scene import FACTOR, Scene, View, rounded, stops_of
@@ -198,23 +197,21 @@ def front(session: Session, ask: Ask, work: Work) -> dict[str, object]:
         }
         for n in shown
     ]
-    return finite(
-        {
-            "points": points,
-            "knee": shown.index(knee),
-            "paths": len(length),
-            "epsilon": epsilon,
-            "complete": epsilon == 0,
-        }
-    )
+    return {
+        "points": points,
+        "knee": shown.index(knee),
+        "paths": len(length),
+        "epsilon": epsilon,
+        "complete": epsilon == 0,
+    }
 
 
 def _fronts_of(view: View, seconds: float, work: Work) -> list[ParetoFront]:
     """The front of each leg, for all of which there is some time [s]."""
     legs: list[ParetoFront] = []
-    left, count = seconds, len(view.legs)
+    left, count = seconds, len(view.stops) - 1
     work.progress(0, count)
-    for n, (start, goal) in enumerate(view.legs):
+    for n, (start, goal) in enumerate(itertools.pairwise(view.stops)):
         began = time.perf_counter()
         leg = pareto_front(view.costs, start, goal, time_limit=left / (count - n))
         left = max(left - (time.perf_counter() - began), 1e-3)
@@ -292,7 +289,7 @@ def _thinned(
 ) -> NDArray[np.int64]:
     """Indices of at most `SHOWN` points, evenly along the front: both ends and the knee always.
 
-    Of neighbours one that is preferred is taken.
+    One that is preferred is taken where it is not much farther from its place than others.
     """
     count = len(length)
     if count <= SHOWN:
@@ -300,15 +297,10 @@ def _thinned(
     along = way_along(np.column_stack([each / np.ptp(each) for each in (length, integral)]))
     # By their way along the front and by their number: much of the way can be a few wide gaps.
     along = along / along[-1] + np.linspace(0, 1, count)
-    places = np.minimum((along / 2 * (SHOWN - 3)).astype(int), SHOWN - 4)
-    kept = {0, count - 1, knee}
-    for place in range(SHOWN - 3):
-        (inside,) = np.nonzero(places == place)
-        better = inside[preferred[inside]]
-        some = better if better.size else inside
-        if some.size:
-            kept.add(int(some[some.size // 2]))
-    return np.array(sorted(kept))
+    steps = np.linspace(0, 2, SHOWN - 2)
+    places = (steps[1:] + steps[:-1]) / 2
+    apart = np.abs(along[:, None] - places) + np.where(preferred, 0, steps[1] / 2)[:, None]
+    return np.unique([0, count - 1, knee, *apart.argmin(axis=0)])
 
 
 def _evenly(count: int, most: int) -> NDArray[np.int64]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path as FilePath
@@ -19,7 +19,7 @@ from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, PoseError
 from locplan.field import CovarianceField, FieldConfig
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
-from locplan.planners import AWARE, SHORTEST, Plan, Position, connected_parts, plan_beside_shortest
+from locplan.planners import AWARE, Position, connected_parts, plan_beside_shortest
 from locplan.robots import Robot
 
 if TYPE_CHECKING:
@@ -253,51 +253,29 @@ class Download:
     """Its kind, such as text/html."""
 
 
-@dataclass
-class Busy:
-    """Work in the background."""
-
-    do: str
-    """What is done."""
-    done: int = 0
-    """Steps that are done."""
-    total: int = 0
-    """All steps; 0 before that is known."""
-
-
 MAX_DRIVES = 256
 """Maximum number of confirming drives that the page can ask for."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class View:
     """The map, its field, and the way that is asked for."""
 
-    grid: OccupancyGrid
-    """The map as it was edited."""
     field: CovarianceField
-    """The field of this map."""
+    """The field of the map as it was edited."""
     costs: Costmap
     """The costmap of the field, at the weight and for the robot radius that the page shows."""
     robot: Robot
     """The robot with its lidar."""
-    start: Position
-    """Position of the start in the world [m]."""
-    goal: Position
-    """Position of the goal in the world [m]."""
-    via: tuple[Position, ...] = ()
-    """Positions to visit on the way, in this order [m]."""
-    whole: bool = True
+    stops: Sequence[Position]
+    """Positions of the start, of what is visited on the way, and of the goal in the world [m]."""
+    whole: bool
     """False while some values of the field are those from before an edit."""
 
-    def __repr__(self) -> str:
-        (x0, y0), (x1, y1) = self.start[:2], self.goal[:2]
-        return f"View({self.grid.name or 'map'}, {x0:g},{y0:g} to {x1:g},{y1:g})"
-
     @property
-    def legs(self) -> list[tuple[Position, Position]]:
-        """Both ends of each leg of the way."""
-        return list(itertools.pairwise([self.start, *self.via, self.goal]))
+    def grid(self) -> OccupancyGrid:
+        """The map as it was edited."""
+        return self.costs.grid
 
     @property
     def cost_settings(self) -> dict[str, Any]:
@@ -319,17 +297,13 @@ class View:
             array[~points] = np.nan
         return CovarianceField.of(values, grid, self.field.config)
 
-    def plans(self) -> Mapping[str, Plan]:
-        """The localizability-aware plan and the shortest one, by the library's planner."""
-        return plan_beside_shortest(self.costs, self.start, self.goal, via=self.via)
-
-    def paths(self) -> tuple[Path, Path]:
-        """The aware path and the shortest one; a ConfigError says that there is none."""
-        plans = self.plans()
-        aware, shortest = plans[AWARE].path, plans[SHORTEST].path
-        if aware is None or shortest is None:
+    def path(self) -> Path:
+        """The localizability-aware path; a ConfigError says that there is none."""
+        start, *via, goal = self.stops
+        path = plan_beside_shortest(self.costs, start, goal, via=via)[AWARE].path
+        if path is None:
             raise ConfigError("no path joins start and goal; move one of them")
-        return aware, shortest
+        return path
 
 
 def rounded(xy: object) -> list[list[float]]:

@@ -10,7 +10,6 @@ import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
@@ -30,8 +29,6 @@ from locplan.robots import Lidar, Robot
 
 MAX_WEIGHT = 1000.0
 """Maximum weight that the page can ask for."""
-Handler = Callable[["Session", Ask, Work], dict[str, Any]]
-"""Function that answers a question; what it returns is fit for JSON."""
 
 
 Lane = Literal["look", "plan", "slow", "edit", "work", "long", "drive"]
@@ -43,7 +40,8 @@ class Entry:
     """A kind of questions."""
 
     handler: str
-    """Module and function of the answer; imported when it is first asked for."""
+    """Module and function of (session, ask, work) that answers; imported when first asked for.
+    What it returns is fit for JSON, but for NaN and infinity, for which the page gets null."""
     lane: Lane
     """The lane that answers one question after the other, and never waits for another lane."""
     each: bool = False
@@ -51,20 +49,13 @@ class Entry:
     slow: str = ""
     """Module and function that say whether a question is to be answered in a lane of its own."""
 
-    def load(self) -> Handler:
-        """The function that answers."""
-        found: Handler = _function(self.handler)
-        return found
+    def answer(self, session: Session, ask: Ask, work: Work) -> dict[str, Any]:
+        """The answer to a question."""
+        return dict(called(self.handler, session, ask, work))
 
     def lane_of(self, session: Session, ask: Ask) -> str:
         """The lane of a question."""
-        return "slow" if self.slow and _function(self.slow)(session, ask) else self.lane
-
-
-def _function(name: str) -> Any:
-    """The function of a name such as module:function."""
-    module, _, name = name.partition(":")
-    return getattr(import_module(module), name)
+        return "slow" if self.slow and called(self.slow, session, ask) else self.lane
 
 
 ASKS: dict[str, Entry] = {
@@ -73,8 +64,8 @@ ASKS: dict[str, Entry] = {
     "idle": Entry("locplan.explorer._plans:idle", "slow"),
     "configure": Entry("locplan.explorer._edits:configure", "work"),
     "edit": Entry("locplan.explorer._edits:edit", "edit", each=True),
-    "undo": Entry("locplan.explorer._edits:undo", "edit", each=True),
-    "redo": Entry("locplan.explorer._edits:redo", "edit", each=True),
+    "undo": Entry("locplan.explorer._edits:step", "edit", each=True),
+    "redo": Entry("locplan.explorer._edits:step", "edit", each=True),
     "save": Entry("locplan.explorer._edits:save", "edit", each=True),
     "front": Entry("locplan.explorer._plans:front", "long"),
     "simulate": Entry("locplan.explorer._long:simulate", "long"),
@@ -199,9 +190,8 @@ class Session(Upkeep):
         scene = self.scene
         costs = self.costs(self.weight_of(ask), scene)
         assert scene.field is not None
-        (start, *via, goal), _ = stops_of(ask, scene.parts)
-        shown = costs.grid, scene.field, costs, self.robot
-        return View(*shown, start, goal, tuple(via), scene.whole)
+        stops, _ = stops_of(ask, scene.parts)
+        return View(scene.field, costs, self.robot, stops, scene.whole)
 
     def textures(self, digest: str) -> Mapping[str, Texture] | None:
         """The layers of a digest: of the scene, of one shortly before, or of the look-alikes.
@@ -288,7 +278,5 @@ class Session(Upkeep):
         LocplanError
             If a value is out of its range.
         """
-        found = ASKS[do].load()(
-            self, Ask(do, 0, values), Work(progress or (lambda *_: None), Cancel())
-        )
-        return finite(found)
+        work = Work(progress or (lambda *_: None), Cancel())
+        return finite(ASKS[do].answer(self, Ask(do, 0, values), work))

@@ -41,7 +41,8 @@ class Texture:
     @property
     def texels(self) -> NDArray[np.uint8]:
         """Steps from 1 to 255 between the anchors, 0 where there is no value, row 0 on top."""
-        return steps_between(self.values, self.anchors, self.logarithmic)[::-1]
+        steps = 1 + np.rint(254 * share_between(self.values, self.anchors, self.logarithmic))
+        return np.asarray(np.nan_to_num(steps, nan=0.0)[::-1], np.uint8)
 
     @cached_property
     def present(self) -> list[float]:
@@ -89,28 +90,21 @@ def textures_of(field: CovarianceField) -> dict[str, Texture]:
 def degeneracy_of(field: CovarianceField) -> NDArray[np.float64]:
     """u of the estimator's own criterion on the lattice, (h, w), as costmaps have it."""
     criterion = field.config.estimator.criterion
-    low, high = field.anchors(criterion)
     values = field.scalar(criterion, headings="mean", with_q=True)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        if criterion in field.layers:
-            u = (values - low) / (high - low)
-        else:
-            u = np.log(np.maximum(values, np.finfo(float).tiny) / low) / np.log(high / low)
-    return np.clip(u, 0.0, 1.0)
+    return share_between(values, field.anchors(criterion), criterion not in field.layers)
 
 
-def steps_between(
+def share_between(
     values: NDArray[np.float64], anchors: tuple[float, float], logarithmic: bool
-) -> NDArray[np.uint8]:
-    """Steps 1 to 255 of values between two anchors, and 0 where they are NaN."""
+) -> NDArray[np.float64]:
+    """Where values lie between two anchors, 0..1; NaN where they are NaN."""
     low, high = anchors
     with np.errstate(invalid="ignore", divide="ignore"):
         if logarithmic:
             share = np.log(np.maximum(values, np.finfo(float).tiny) / low) / np.log(high / low)
         else:
             share = (values - low) / (high - low)
-    steps = 1.0 + np.rint(254 * np.clip(share, 0.0, 1.0))
-    return np.where(np.isnan(values), 0.0, steps).astype(np.uint8)
+    return np.asarray(np.clip(share, 0.0, 1.0))
 
 
 def packed(array: NDArray[np.uint8], level: int = 3) -> bytes:
