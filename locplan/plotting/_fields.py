@@ -158,8 +158,7 @@ def fields_figure(
             first = axes is axes_of_row[0]
             axes.set(xlabel="", ylabel=(field.grid.name or "map") if first else "")
             if part.shape != field.grid.shape:
-                xlim, ylim = limits_of(part, share=0.0)
-                axes.set(xlim=xlim, ylim=ylim)
+                axes.set(**limits_of(part, share=0.0))
     ends = np.array([image.get_clim() for image in images])  # of one scale for all
     for image in images:
         image.set_clim(ends[:, 0].min(), ends[:, 1].max())

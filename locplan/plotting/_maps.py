@@ -44,8 +44,7 @@ def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
         The map.
     """
     draw_cells(axes, grid, shades(grid), cmap=MAP_COLOURS, vmin=0, vmax=3)
-    xlim, ylim = limits_of(grid)
-    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", xlim=xlim, ylim=ylim)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", **limits_of(grid))
 
 
 def shades(grid: OccupancyGrid) -> NDArray[np.uint8]:
@@ -64,6 +63,8 @@ def draw_field(
     field: CovarianceField,
     name: str | None = None,
     part: OccupancyGrid | None = None,
+    *,
+    read: NDArray[np.float64] | None = None,
 ) -> AxesImage:
     """Draw a scalar of the field over its map on a logarithmic scale, or a layer on a linear one.
 
@@ -80,29 +81,20 @@ def draw_field(
         Scalar or layer, see `field_figure`; by default what degeneracy is made of.
     part : OccupancyGrid, optional
         Part of the map that is drawn, cut out of it along its cells; all of it by default.
+    read : array, optional
+        The scalar at the cells that are drawn, or at their blocks, where it has been read already.
 
     Returns
     -------
     matplotlib.image.AxesImage
         The values, for a colour bar, in the unit of `CovarianceField.quantity`.
     """
-    name = name or field.config.estimator.criterion
-    values = field.scalar(name, headings="mean")
-    read = field_cells(field, values, logarithmic=name not in field.layers, part=part)
-    return draw_field_cells(axes, field, name, read, part)
-
-
-def draw_field_cells(
-    axes: Axes,
-    field: CovarianceField,
-    name: str,
-    values: NDArray[np.float64],
-    part: OccupancyGrid | None = None,
-) -> AxesImage:
-    """Draw as `draw_field` does a scalar that has been read at the map's cells, or its blocks."""
-    drawn = part or field.grid
+    name, drawn = name or field.config.estimator.criterion, part or field.grid
+    if read is None:
+        values = field.scalar(name, headings="mean")
+        read = field_cells(field, values, logarithmic=name not in field.layers, part=part)
     draw_map(axes, drawn)
-    values = field.quantity(name).factor * values
+    values = field.quantity(name).factor * read
     norm = field_norm(field, name, values)
     return draw_cells(axes, drawn, values, cmap=FIELD_COLOURS, norm=norm)
 
@@ -248,16 +240,13 @@ def known_cells(grid: OccupancyGrid) -> tuple[int, int, int, int]:
     return int(rows[0]), int(rows[-1]) + 1, int(cols[0]), int(cols[-1]) + 1
 
 
-Ends = tuple[float, float]
-
-
-def limits_of(grid: OccupancyGrid, *, share: float = 0.02) -> tuple[Ends, Ends]:
-    """Ends of x and of y around the known cells, with a margin of a share of their extent [m]."""
+def limits_of(grid: OccupancyGrid, *, share: float = 0.02) -> dict[str, Any]:
+    """`xlim` and `ylim` around the known cells, with a margin of a share of their extent [m]."""
     low, high, left, right = known_cells(grid)
     x, y = grid.grid_to_world(np.array([low, low, high, high]), np.array([left, right] * 2))
     margin = share * max(np.ptp(x), np.ptp(y)) + (grid.resolution if share else 0.0)
     ends = [(float(each.min() - margin), float(each.max() + margin)) for each in (x, y)]
-    return ends[0], ends[1]
+    return dict(zip(("xlim", "ylim"), ends, strict=True))
 
 
 def map_axes(grid: OccupancyGrid) -> tuple[Picture, Axes]:

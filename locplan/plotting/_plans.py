@@ -18,7 +18,6 @@ from locplan.plotting._cells import block, draw_cells, shrunk, values_of
 from locplan.plotting._maps import (
     draw_ends,
     draw_field,
-    draw_field_cells,
     draw_map,
     draw_path,
     end_handles,
@@ -32,7 +31,6 @@ from locplan.plotting.style import END_STYLE, ERROR_COLOURS, FIELD_COLOURS, PATH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.image import AxesImage
 
     from locplan.planners import ParetoFront, Plan
 
@@ -49,22 +47,32 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     plans : mapping of str to Plan
         At most four plans, by the name to show; plans without a path are only named.
     """
-    found = _with_paths(plans)
+    solved = [(label, plan, plan.path) for label, plan in plans.items() if plan.path is not None]
+    found = [(*each, style) for each, style in zip(solved, PATH_STYLES, strict=False)]
     shown = [path for plan in plans.values() for path in _drawn(plan)]
     figure, upper, lower, part = _map_and_plot(costs.grid, shown, 2.2)
-    image = _draw_field(upper, costs, field, part)
+    config = field.config
+    of_field = costs.settings is not None and costs.settings.config == config
+    plain = config.headings == 1 and config.estimator.criterion == "e"
+    whole = part is costs.grid and block(part.shape) == 1 and costs.grid == field.grid
+    read = costs.e if of_field and plain and whole else None  # they are the same
+    image = draw_field(upper, field, part=part, read=read)
     draw_inset(upper, costs.grid, part, shown)
     field_bar(figure, image, upper, field.quantity().axis, shrink=0.9)
     # The first plan comes out on top, with its dashes visible where paths coincide.
     for _, _, path, style in reversed(found):
         draw_path(upper, path, **style)
-    _draw_stops(upper, plans)
+    for plan in plans.values():
+        draw_ends(upper, plan.start, plan.goal)
+        if plan.via:
+            x, y = np.transpose([pose[:2] for pose in plan.via])
+            upper.plot(x, y, "s", markersize=6, zorder=4, **END_STYLE)
     _draw_profiles(lower, costs, found)
     handles = _handles(plans, found, field.e_unit)
     style = {"frameon": False, "fontsize": "medium", "ncols": 2}
     figure.legend(handles=handles, loc="outside lower center", **style)
     weak = weak_spots(field, values_of(image))
-    made = f"{field.config.summary}; {field.saturated_share:.0%} saturated; {weak}"
+    made = f"{config.summary}; {field.saturated_share:.0%} saturated; {weak}"
     asked = f"{costs.grid.name or 'map'}: {request(costs, plans)}"
     upper.set_title(f"{asked}\n{made}", fontsize="medium")
     return figure
@@ -72,12 +80,6 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
 
 Drawn = tuple[str, "Plan", Path, dict[str, Any]]
 """The name of a plan with a path, the plan, its path, and the path's line style."""
-
-
-def _with_paths(plans: Mapping[str, Plan]) -> list[Drawn]:
-    """The plans that have a path, each with its line style."""
-    solved = [(label, plan, plan.path) for label, plan in plans.items() if plan.path is not None]
-    return [(*each, style) for each, style in zip(solved, PATH_STYLES, strict=False)]
 
 
 def _map_and_plot(
@@ -92,15 +94,6 @@ def _map_and_plot(
     figure = Picture(figsize=(wide, high + height + 0.2), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(high, height))
     return figure, upper, lower, part
-
-
-def _draw_stops(axes: Axes, plans: Mapping[str, Plan]) -> None:
-    """Draw the ends and the waypoints of all plans."""
-    for plan in plans.values():
-        draw_ends(axes, plan.start, plan.goal)
-        if plan.via:
-            x, y = np.transpose([pose[:2] for pose in plan.via])
-            axes.plot(x, y, "s", markersize=6, zorder=4, **END_STYLE)
 
 
 def _draw_profiles(axes: Axes, costs: Costmap, found: Sequence[Drawn]) -> None:
@@ -148,18 +141,6 @@ def _drawn(plan: Plan) -> list[Path]:
     asked = [plan.start, *plan.via, plan.goal]
     places = Path(np.array([pose[:2] for pose in asked], dtype=float))
     return [places] if plan.path is None else [plan.path, places]
-
-
-def _draw_field(
-    axes: Axes, costs: Costmap, field: CovarianceField, part: OccupancyGrid
-) -> AxesImage:
-    """Draw the field as `draw_field` does; e is taken from the costmap, which has read it."""
-    of_field = costs.settings is not None and costs.settings.config == field.config
-    plain = field.config.headings == 1 and field.config.estimator.criterion == "e"
-    whole = part is costs.grid and block(part.shape) == 1
-    if of_field and plain and whole and costs.grid == field.grid:
-        return draw_field_cells(axes, field, "e", costs.e)
-    return draw_field(axes, field, part=part)
 
 
 def costmap_figure(costs: Costmap) -> Figure:

@@ -100,8 +100,7 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
         The paths that the inset must not cover, one at least.
     """
     if part.shape != grid.shape:
-        xlim, ylim = limits_of(part, share=0.0)
-        axes.set(xlim=xlim, ylim=ylim)
+        axes.set(**limits_of(part, share=0.0))
     if not is_small(grid, part):
         return
     points = [path.resampled(0.5, even=True).xy for path in paths]
@@ -111,8 +110,7 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
     size_of_cell = grid.resolution * block(grid.shape, 300)
     draw_map(inset, dataclasses.replace(grid, cells=cells, resolution=size_of_cell))
     inset.images[0].set_cmap(LIGHT_MAP_COLOURS)
-    inset.set(**dict(zip(("xlim", "ylim"), limits_of(grid), strict=True)))
-    inset.set(xlabel="", ylabel="", xticks=(), yticks=(), zorder=6)
+    inset.set(xlabel="", ylabel="", xticks=(), yticks=(), zorder=6, **limits_of(grid))
     height, width = part.shape
     x, y = part.grid_to_world(np.array([0, 0, height, height]), np.array([0, width, width, 0]))
     corners = np.stack([x, y], axis=1)
@@ -125,7 +123,9 @@ def _size(axes: Axes, grid: OccupancyGrid) -> tuple[float, float]:
     """Width and height of an inset that shows a map, as shares of those of the Axes."""
     across, along = (
         float(np.ptp(own) / np.ptp(all_of_it))
-        for own, all_of_it in zip(limits_of(grid), (axes.get_xlim(), axes.get_ylim()), strict=True)
+        for own, all_of_it in zip(
+            limits_of(grid).values(), (axes.get_xlim(), axes.get_ylim()), strict=True
+        )
     )
     scale = 0.3 / max(across, along)
     return across * scale, along * scale
