@@ -14,19 +14,17 @@ from matplotlib.lines import Line2D
 from locplan.costs import DEGENERATE, Costmap, Path, costs_caption, profile
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
-from locplan.plotting._cells import block, draw_cells, shrunk, values_of
+from locplan.plotting._cells import block, draw_cells, map_axes, map_size, shrunk, zoomed_to
 from locplan.plotting._maps import (
     draw_ends,
     draw_field,
+    draw_inset,
     draw_map,
     draw_path,
     end_handles,
     field_bar,
-    map_axes,
-    map_size,
 )
 from locplan.plotting._picture import HARMLESS, Picture, make_logarithmic, request, weak_spots
-from locplan.plotting._views import cut, draw_inset, zoomed_to
 from locplan.plotting.style import END_STYLE, ERROR_COLOURS, FIELD_COLOURS, PATH_STYLES, outline
 
 if TYPE_CHECKING:
@@ -71,7 +69,7 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     handles = _handles(plans, found, field.e_unit)
     style = {"frameon": False, "fontsize": "medium", "ncols": 2}
     figure.legend(handles=handles, loc="outside lower center", **style)
-    weak = weak_spots(field, values_of(image))
+    weak = weak_spots(field, image.get_array())
     made = f"{config.summary}; {field.saturated_share:.0%} saturated; {weak}"
     asked = f"{costs.grid.name or 'map'}: {request(costs, plans)}"
     upper.set_title(f"{asked}\n{made}", fontsize="medium")
@@ -177,9 +175,9 @@ def path_figure(plan: Plan) -> Figure:
 def _u_figure(costs: Costmap, title: str, part: OccupancyGrid) -> tuple[Figure, Axes]:
     figure, axes = map_axes(part)
     draw_map(axes, part)
-    u, density = (
-        shrunk(cut(each, costs.grid, part), maximum=True) for each in (costs.u, costs.density)
-    )
+    top, left = np.round(costs.grid.world_to_grid(*part.origin[:2])).astype(int).tolist()
+    shown = slice(top, top + part.shape[0]), slice(left, left + part.shape[1])
+    u, density = (shrunk(each[shown], maximum=True) for each in (costs.u, costs.density))
     u = np.where(np.isfinite(density), u, np.nan)
     greatest = float(np.nanmax(u, initial=0.0))
     weak = "" if greatest >= HARMLESS else f"\nno weak spot: u is {greatest:.2f} at most"
