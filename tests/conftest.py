@@ -103,7 +103,7 @@ class InlineWorkers:
         pass
 
     def run(self, orders):
-        from locplan.comparison._worker import perform
+        from locplan.comparison._workers import perform
 
         for order in orders:
             run = perform(self.planners[order.planner], order, math.inf)

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -44,9 +44,6 @@ from locplan.costs import Path as Route
 from locplan.field import CovarianceField
 from locplan.planners import ParetoFront, Query, pareto_front
 from locplan.plotting import draw_ends, draw_field, draw_path, label_plainly, style as styles
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 HOLLOW: Mapping[str, Any] = {"markerfacecolor": "none", "linestyle": "none"}
 
@@ -149,7 +146,7 @@ class Pictures:
         sizes = dict(zip(weights, np.linspace(4, 9, len(weights)).tolist(), strict=True))
         what = MEASURES["integrated_u"].title
 
-        def draw(axes: Axes) -> None:
+        def draw(axes: Any) -> None:
             alone = "." if len(front) == 1 else ""
             axes.step(front.length, front.integral, "-", marker=alone, where="post", color=muted)
             dotted: dict[str, Any] = {"color": muted, "linewidth": 0.9, "linestyle": (0, (1, 2))}
@@ -210,7 +207,7 @@ class Pictures:
         bottom = min(1.0, float(np.nanmin(values)))
         margin = 0.05 * (top - bottom)
 
-        def draw(axes: Axes) -> None:
+        def draw(axes: Any) -> None:
             axes.axvline(1, color=THEME["muted"], linewidth=1.4)
             shifts = np.linspace(-0.25, 0.25, len(ratios)) if len(ratios) > 1 else [0.0]
             for (planner, own), shift in zip(ratios.items(), shifts, strict=True):
@@ -267,7 +264,7 @@ class Pictures:
         bottom = min(1.0, *(float(curve.lower.min()) for curve in curves))
         margin = 0.06 * (top - bottom)
 
-        def draw(axes: Axes) -> None:
+        def draw(axes: Any) -> None:
             axes.axhline(1, color=THEME["muted"], linewidth=1.4)
             for curve in curves:
                 quartiles = np.array([curve.lower, curve.median, curve.upper])
@@ -308,7 +305,7 @@ class Pictures:
         query = scene.query
         drawn = {name: run for name, run in found.items() if run is not None}
 
-        def draw(axes: Axes) -> None:
+        def draw(axes: Any) -> None:
             image = draw_field(axes, scene.field)
             axes.set(xlabel="", ylabel="")
             axes.spines[["top", "right"]].set_visible(True)
@@ -319,7 +316,7 @@ class Pictures:
                 look |= {"gid": filtered(name), **self.marks[name].line}
                 draw_path(axes, Route(np.array(run.xy)), **look)
             draw_ends(axes, query.start, query.goal)
-            figure: Any = axes.figure
+            figure = axes.figure
             label = f"{scene.field.quantity().axis}, x and y [m]"
             place: dict[str, Any] = {"location": "bottom", "aspect": 40, "pad": 0.04}
             bar = figure.colorbar(image, ax=axes, label=label, **place)

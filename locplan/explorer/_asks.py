@@ -14,6 +14,8 @@ from locplan.errors import ConfigError, LocplanError
 
 Default = TypeVar("Default")
 Read = TypeVar("Read")
+MAX_WEIGHT = 1000.0
+"""Maximum weight that the page can ask for."""
 MAX_MESSAGE = 200_000
 """Maximum length of a message [characters]."""
 MAX_ID = 2**53

@@ -16,7 +16,7 @@ from locplan._util.checks import RESOLUTIONS
 from locplan._util.poses import Numbers, way_along
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
-from locplan.explorer._scene import FACTOR, Scene, View, rounded, stops_of
+from locplan.explorer._scene import FACTOR, Scene, rounded, stops_of
 from locplan.explorer._searches import Flood, Searches
 from locplan.field import read_known_at
 from locplan.maps import OccupancyGrid
@@ -24,7 +24,7 @@ from locplan.planners import ParetoFront, Position, pareto_front
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Ask, Work
-    from locplan.explorer._session import Session
+    from locplan.explorer._session import Session, View
 
 
 SHORTEST_WEIGHT = 1e-6

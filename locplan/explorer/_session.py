@@ -7,28 +7,88 @@ import hashlib
 import json
 import secrets
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path as FilePath
 from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from locplan._util.public import called
 from locplan._util.tables import finite
-from locplan.costs import Costmap
+from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
-from locplan.explorer._asks import Ask, Cancel, Work
-from locplan.explorer._scene import Download, Opening, Scene, View, stops_of
+from locplan.explorer._asks import MAX_WEIGHT, Ask, Cancel, Work
+from locplan.explorer._scene import Opening, Scene, Texture, stops_of, textures_of
 from locplan.explorer._searches import Flood, Kept
-from locplan.explorer._textures import Texture, textures_of
 from locplan.explorer._upkeep import Upkeep
 from locplan.field import CovarianceField, equipped
 from locplan.maps import OccupancyGrid
-from locplan.planners import AnyAngle
+from locplan.planners import AWARE, AnyAngle, Position, plan_beside_shortest
 from locplan.robots import Lidar, Robot
 
-MAX_WEIGHT = 1000.0
-"""Maximum weight that the page can ask for."""
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """The map, its field, and the way that is asked for."""
+
+    field: CovarianceField
+    """The field of the map as it was edited."""
+    costs: Costmap
+    """The costmap of the field, at the weight and for the robot radius that the page shows."""
+    robot: Robot
+    """The robot with its lidar."""
+    stops: Sequence[Position]
+    """Positions of the start, of what is visited on the way, and of the goal in the world [m]."""
+    whole: bool
+    """False while some values of the field are those from before an edit."""
+
+    @property
+    def grid(self) -> OccupancyGrid:
+        """The map as it was edited."""
+        return self.costs.grid
+
+    @property
+    def cost_settings(self) -> dict[str, Any]:
+        """Weight of the costmap, and its criterion unless that is the estimator's own."""
+        settings, own = self.costs.settings, self.field.config.estimator.criterion
+        criterion = settings.criterion if settings else own
+        return {"weight": float(self.costs.weight)} | (
+            {"criterion": criterion} if criterion != own else {}
+        )
+
+    def field_at(
+        self, grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
+    ) -> CovarianceField:
+        """The field with values at some lattice points (h, w) alone, as if computed for these."""
+        if points is None:
+            return self.field
+        values = {name: array.copy() for name, array in self.field.values.items()}
+        for array in values.values():
+            array[~points] = np.nan
+        return CovarianceField.of(values, grid, self.field.config)
+
+    def path(self) -> Path:
+        """The localizability-aware path; a ConfigError says that there is none."""
+        start, *via, goal = self.stops
+        path = plan_beside_shortest(self.costs, start, goal, via=via)[AWARE].path
+        if path is None:
+            raise ConfigError("no path joins start and goal; move one of them")
+        return path
+
+
+@dataclass(frozen=True)
+class Download:
+    """A file that the page can fetch."""
+
+    name: str
+    """Name that it is saved under."""
+    content: bytes
+    """What is in it."""
+    media_type: str
+    """Its kind, such as text/html."""
 
 
 Lane = Literal["look", "plan", "slow", "edit", "work", "long", "drive"]
@@ -73,7 +133,7 @@ ASKS: dict[str, Entry] = {
     "twins": Entry("locplan.explorer._long:twins", "long"),
     "twins_everywhere": Entry("locplan.explorer._long:twins_everywhere", "long"),
     "export": Entry("locplan.explorer._sharing:export", "long"),
-    "match": Entry("locplan.explorer._drives:match", "drive"),
+    "match": Entry("locplan.explorer._long:match", "drive"),
     "share": Entry("locplan.explorer._sharing:share", "long"),
     "reproduce": Entry("locplan.explorer._sharing:reproduce", "look"),
 }
@@ -100,7 +160,7 @@ class Session(Upkeep):
         self.undone: list[Any] = []
         self.opening_ends = threading.Lock()
         self.saved, self.saved_as = grid, ""
-        self.written: set[Path] = set()
+        self.written: set[FilePath] = set()
         self.twins: Texture | None = None
 
     @property

@@ -27,7 +27,7 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._asks import Ask
 from locplan.explorer._plans import plan
 from locplan.explorer._scene import MAX_DRIVES
-from locplan.explorer._textures import cells_of
+from locplan.explorer._state import cells_of
 from locplan.export import ExportJob, distribution, formats
 from locplan.field import config_spelled, lidar_of
 from locplan.planners import AWARE

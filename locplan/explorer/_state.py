@@ -1,20 +1,31 @@
-"""What the page gets to know: what a session is about, how it stands, and what a place is like."""
+"""What the page gets to know: what a session is about, how it stands, places, and layers as bytes.
+
+Row 0 of layers and of maps is on top, as the page draws them.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from locplan import __version__
 from locplan._util.checks import FARTHEST, number
-from locplan.explorer._asks import Ask, Work
+from locplan.explorer._asks import MAX_WEIGHT, Ask, Work
 from locplan.explorer._scene import Scene
-from locplan.explorer._session import MAX_WEIGHT, Session
-from locplan.field import ESTIMATORS, estimator_class, position_axes, scalar
-from locplan.maps import OCCUPIED, OccupancyGrid
+from locplan.field import (
+    ESTIMATORS,
+    estimator_class,
+    position_axes,
+    scalar,
+)
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import PRESETS
+
+if TYPE_CHECKING:
+    from locplan.explorer._session import Session
 
 TITLES = {
     "sad": "SAD, the paper's",
@@ -181,3 +192,10 @@ def clearance_at(grid: OccupancyGrid, row: int, col: int) -> float:
     down, aside = np.maximum(2 * np.abs([rows + top - row, cols + left - col]) - 1, 0)
     near = math.sqrt(int((down * down + aside * aside).min())) * (grid.resolution / 2)
     return near if near <= FAR else math.nan
+
+
+def cells_of(cells: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Cells of a map as 0 for unknown, 1 for free, 2 for occupied ones, row 0 on top."""
+    classes = np.zeros(256, np.uint8)
+    classes[FREE], classes[OCCUPIED] = 1, 2
+    return classes[cells[::-1]]
