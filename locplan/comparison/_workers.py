@@ -4,7 +4,7 @@ The pools of concurrent.futures, joblib and loky break as a whole when a process
 single task that hangs. So each thread of a ThreadPoolExecutor waits here for a process of its own.
 Workers are new interpreters, not forks: they have none of the locks and threads of the caller's
 process (OpenCV's, a progress bar's, a notebook's), and a script needs no guard against being
-imported again. Functions are sent by value where they cannot be imported.
+imported again. Functions are sent by value where they cannot be imported. Their program is `main`.
 """
 
 from __future__ import annotations
@@ -215,7 +215,7 @@ def _pickled(planners: Sequence[PlannerSpec]) -> bytes:
     remedy = "put it into a module"
     try:
         from cloudpickle import dumps
-    except ModuleNotFoundError:  # then all are locplan's, see PlannerSpec.check_library
+    except ModuleNotFoundError:  # then all are locplan's, see `specs_of`
         from pickle import dumps
 
         remedy = "pip install 'locplan[functions]'"

@@ -193,7 +193,7 @@ def front(session: Session, ask: Ask, work: Work) -> dict[str, object]:
             "length": float(length[n]),
             "degenerate": float(integral[n]),
             "weight": float(weights[n]),
-            "xy": rounded(_joined(legs, chosen[n])),
+            "xy": rounded(_joined(legs, chosen[n]).xy),
         }
         for n in shown
     ]
@@ -308,11 +308,7 @@ def _evenly(count: int, most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))
 
 
-def _joined(legs: Sequence[ParetoFront], chosen: NDArray[np.int64]) -> Numbers:
-    """Positions along one path of each leg, one after the other, (n, 2) [m]."""
-    parts: list[Numbers] = []
-    for leg, index in zip(legs, chosen.tolist(), strict=True):
-        path = leg.plan(index).path
-        assert path is not None
-        parts.append(path.xy[1:] if parts else path.xy)
-    return np.concatenate(parts)
+def _joined(legs: Sequence[ParetoFront], chosen: NDArray[np.int64]) -> Path:
+    """One path of each leg, one after the other."""
+    plans = [leg.plan(index) for leg, index in zip(legs, chosen.tolist(), strict=True)]
+    return Path.joined([plan.path for plan in plans if plan.path is not None])
