@@ -1,4 +1,4 @@
-"""What a session begins with, what it shows at one moment with its layers, and what is asked for."""
+"""What a session begins with, what it shows at one moment, its layers, and the way asked for."""
 
 from __future__ import annotations
 
