@@ -7,7 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -32,6 +32,7 @@ from locplan.comparison._figures import (
 from locplan.comparison._result import Case, Comparison
 from locplan.comparison._statistics import (
     MEASURES,
+    Array,
     Convergence,
     Run,
     Setting,
@@ -45,6 +46,7 @@ from locplan.field import CovarianceField
 from locplan.planners import ParetoFront, Query, pareto_front
 from locplan.plotting import draw_ends, draw_field, draw_path, label_plainly, style as styles
 
+Points = Mapping[str, Array]
 HOLLOW: Mapping[str, Any] = {"markerfacecolor": "none", "linestyle": "none"}
 
 
@@ -130,13 +132,13 @@ class Pictures:
         A line joins the medians of each planner's weights. Dotted are the lines of the baseline's
         J, one for each weight.
         """
-        muted = THEME["muted"]
         found = [run for run in self.cases[key] if run.task.query == name and run.measures]
+        groups = grouped(found, lambda run: run.task.planner)
         names = "length", "integrated_u"
         points = {
-            planner: np.array([[run.task.weight, *(run.measures[n] for n in names)] for run in own])
+            planner: np.array([[r.task.weight, *map(r.measure, names)] for r in groups[planner]])
             for planner in self.marks
-            if (own := [run for run in found if run.task.planner == planner])
+            if planner in groups
         }
         worst = [own[:, 1:].max(axis=0) for own in points.values()]
         usual = np.median(worst, axis=0) if worst else np.zeros(2)
@@ -145,30 +147,6 @@ class Pictures:
         weights = sorted({run.task.weight for run in found})
         sizes = dict(zip(weights, np.linspace(4, 9, len(weights)).tolist(), strict=True))
         what = MEASURES["integrated_u"].title
-
-        def draw(axes: Any) -> None:
-            alone = "." if len(front) == 1 else ""
-            axes.step(front.length, front.integral, "-", marker=alone, where="post", color=muted)
-            dotted: dict[str, Any] = {"color": muted, "linewidth": 0.9, "linestyle": (0, (1, 2))}
-            for weight, middle in medians_of(points.get(self.baseline, np.empty((0, 3)))).items():
-                if weight:
-                    axes.axline(tuple(middle), slope=-1 / weight, **dotted)
-                else:
-                    axes.axvline(middle[0], **dotted)
-            for planner, own in points.items():
-                mark, part = self.marks[planner], filtered(planner)
-                near = own[(own[:, 1:] <= edge).all(1)]
-                if len(near):
-                    ways = np.transpose([*medians_of(near).values()])
-                    axes.plot(*ways, **mark.line, linewidth=1.0, gid=part)
-                about: dict[str, Any] = {"color": THEME[mark.colour], "gid": part, **HOLLOW}
-                for weight, size in sizes.items():
-                    group = near[near[:, 0] == weight, 1:].T
-                    axes.plot(*group, mark.marker, markersize=size, markeredgewidth=1.2, **about)
-            axes.set(xlabel="length [m]", ylabel=f"{what} [m]")
-            axes.margins(0.06)
-            axes.grid()
-
         ends = [f"{front.length[n]:.1f} m and {front.integral[n]:.3g} m" for n in (0, -1)]
         caption = f"{title_of(key)}, query {name}"
         alt = f"Length against {what} on {caption}. The front goes from {' to '.join(ends)}."
@@ -182,7 +160,33 @@ class Pictures:
         legend += [
             (Mark("muted", -1, "o", size), f"weight {weight:g}") for weight, size in sizes.items()
         ]
-        return Drawing(svg_of(draw, 2.5, alt), legend, caption, attributes(key))
+        svg = svg_of(lambda axes: self._draw_front(axes, front, points, edge, sizes), 2.5, alt)
+        return Drawing(svg, legend, caption, attributes(key))
+
+    def _draw_front(
+        self, axes: Any, front: ParetoFront, points: Points, edge: Array, sizes: dict[float, float]
+    ) -> None:
+        alone, muted = "." if len(front) == 1 else "", THEME["muted"]
+        axes.step(front.length, front.integral, "-", marker=alone, where="post", color=muted)
+        dotted: dict[str, Any] = {"color": muted, "linewidth": 0.9, "linestyle": (0, (1, 2))}
+        for weight, middle in medians_of(points.get(self.baseline, np.empty((0, 3)))).items():
+            if weight:
+                axes.axline(tuple(middle), slope=-1 / weight, **dotted)
+            else:
+                axes.axvline(middle[0], **dotted)
+        for planner, own in points.items():
+            mark, part = self.marks[planner], filtered(planner)
+            near = own[(own[:, 1:] <= edge).all(1)]
+            if len(near):
+                ways = np.transpose([*medians_of(near).values()])
+                axes.plot(*ways, **mark.line, linewidth=1.0, gid=part)
+            about: dict[str, Any] = {"color": THEME[mark.colour], "gid": part, **HOLLOW}
+            for weight, size in sizes.items():
+                group = near[near[:, 0] == weight, 1:].T
+                axes.plot(*group, mark.marker, markersize=size, markeredgewidth=1.2, **about)
+        axes.set(xlabel="length [m]", ylabel=f"{MEASURES['integrated_u'].title} [m]")
+        axes.margins(0.06)
+        axes.grid()
 
     def _query_costs(self, runs: Sequence[Run], setting: Setting) -> Iterator[Drawing]:
         """J of every query of a setting; nothing where the baseline has no path.
@@ -200,33 +204,6 @@ class Pictures:
             for planner in self.marks
         }
         ratios = {planner: each for planner, each in ratios.items() if np.isfinite(each).any()}
-        values, rows = np.array(list(ratios.values())), np.arange(len(shown))
-        excess = np.median([np.nanmax(own) - 1 for own in values])
-        # Up to half more than the usual excess is to scale; 2 % at least, lest rounding fill it.
-        top = min(1 + 1.5 * max(float(excess), 0.02), max(float(np.nanmax(values)), 1.02))
-        bottom = min(1.0, float(np.nanmin(values)))
-        margin = 0.05 * (top - bottom)
-
-        def draw(axes: Any) -> None:
-            axes.axvline(1, color=THEME["muted"], linewidth=1.4)
-            shifts = np.linspace(-0.25, 0.25, len(ratios)) if len(ratios) > 1 else [0.0]
-            for (planner, own), shift in zip(ratios.items(), shifts, strict=True):
-                if (own == 1).all():  # the baseline is the line
-                    continue
-                mark, near, far = self.marks[planner], own <= top, own > top
-                about: dict[str, Any] = {"color": THEME[mark.colour], "gid": filtered(planner)}
-                about |= {"linestyle": "none", "markersize": 5}
-                axes.plot(own[near], (rows + shift)[near], mark.marker, **{**about, **HOLLOW})
-                axes.plot(np.full(far.sum(), top), rows[far] + shift, ">", **about)
-            # The end of a label tells queries apart, as far as there is room for it.
-            labels = [f"{query}, {cost:.1f} m" for query, cost in zip(shown, costs, strict=True)]
-            texts = [printable(label) for label in labels]
-            short = [text if len(text) <= 24 else f"…{text[-24:]}" for text in texts]
-            axes.set_yticks(rows, short, parse_math=False)
-            axes.set(xlim=(bottom - margin, top + margin), ylim=(len(shown) - 0.5, -0.5))
-            axes.set_xlabel("J / baseline's J")
-            axes.grid()
-
         words = "; ".join(f"{name} {np.nanmedian(each):.3f}" for name, each in ratios.items())
         name = title_of(setting)
         alt = (
@@ -240,8 +217,35 @@ class Pictures:
         if len(compared) < len(every):
             lost = counted(len(every) - len(compared), "query", "queries")
             caption += f"; {lost} without a path of {self.baseline} left out"
+        labels = [f"{query}, {cost:.1f} m" for query, cost in zip(shown, costs, strict=True)]
+        draw = partial(self._draw_query_costs, ratios=ratios, labels=labels)
         svg = svg_of(draw, 0.75 + 0.19 * len(shown), alt)
         yield Drawing(svg, legend, caption, attributes(setting))
+
+    def _draw_query_costs(self, axes: Any, ratios: Points, labels: Sequence[str]) -> None:
+        values, rows = np.array(list(ratios.values())), np.arange(len(labels))
+        excess = np.median([np.nanmax(own) - 1 for own in values])
+        # Up to half more than the usual excess is to scale; 2 % at least, lest rounding fill it.
+        top = min(1 + 1.5 * max(float(excess), 0.02), max(float(np.nanmax(values)), 1.02))
+        bottom = min(1.0, float(np.nanmin(values)))
+        margin = 0.05 * (top - bottom)
+        axes.axvline(1, color=THEME["muted"], linewidth=1.4)
+        shifts = np.linspace(-0.25, 0.25, len(ratios)) if len(ratios) > 1 else [0.0]
+        for (planner, own), shift in zip(ratios.items(), shifts, strict=True):
+            if (own == 1).all():  # the baseline is the line
+                continue
+            mark, near, far = self.marks[planner], own <= top, own > top
+            about: dict[str, Any] = {"color": THEME[mark.colour], "gid": filtered(planner)}
+            about |= {"linestyle": "none", "markersize": 5}
+            axes.plot(own[near], (rows + shift)[near], mark.marker, **{**about, **HOLLOW})
+            axes.plot(np.full(far.sum(), top), rows[far] + shift, ">", **about)
+        # The end of a label tells queries apart, as far as there is room for it.
+        texts = [printable(label) for label in labels]
+        short = [text if len(text) <= 24 else f"…{text[-24:]}" for text in texts]
+        axes.set_yticks(rows, short, parse_math=False)
+        axes.set(xlim=(bottom - margin, top + margin), ylim=(len(labels) - 0.5, -0.5))
+        axes.set_xlabel("J / baseline's J")
+        axes.grid()
 
     @cached_property
     def _costs(self) -> dict[tuple[Any, str], float]:
