@@ -56,7 +56,7 @@ def _undrawn(request, monkeypatch):
     """Pictures for files are made, but drawn only where a test is marked `draws`: it takes long."""
     if not request.node.get_closest_marker("draws"):
         monkeypatch.setattr("locplan.plotting._picture.Picture.savefig", save_undrawn)
-        drawn = "locplan.comparison._figures.svg_of"
+        drawn = "locplan.comparison._pictures.svg_of"
         monkeypatch.setattr(drawn, lambda *_: "<svg/>")
 
 
@@ -103,7 +103,7 @@ class InlineWorkers:
         pass
 
     def run(self, orders):
-        from locplan.comparison._worker import perform
+        from locplan.comparison._workers import perform
 
         for order in orders:
             run = perform(self.planners[order.planner], order, math.inf)

@@ -10,7 +10,7 @@ import threading
 import pytest
 from explorer_page import FLAGS, STATIC, Seen, browser_file, corridors, served, toured
 
-from locplan.explorer import RecordedDrive, _drives
+from locplan.explorer import RecordedDrive
 from locplan.field import load_or_compute
 from locplan.maps import OccupancyGrid
 from locplan.recordings import match_scans
@@ -639,7 +639,7 @@ def test_a_drive_is_shown_before_it_is_matched_and_the_match_can_be_cancelled(vi
                 break
         return match_scans(*given, progress=progress, **more)
 
-    monkeypatch.setattr(_drives, "match_scans", slow)
+    monkeypatch.setattr("locplan.recordings.match_scans", slow)
     with served(grid, field, drives=(RecordedDrive("tour", toured(grid)),)) as explorer:
         seen = visit(explorer.address)
         seen.unfold("drives-group")

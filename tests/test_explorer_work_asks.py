@@ -188,7 +188,7 @@ def toured_session() -> Session:
 def test_the_scans_of_a_drive_are_matched_once_a_map(monkeypatch):
     session, runs = toured_session(), []
     monkeypatch.setattr(
-        "locplan.explorer._drives.match_scans",
+        "locplan.recordings.match_scans",
         lambda *given, **more: runs.append(1) or match_scans(*given, **more),
     )
     assert set(shown_on(session)["sd"]) == {None}  # the page shows it before it is matched

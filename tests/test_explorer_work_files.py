@@ -138,7 +138,7 @@ def test_real_scans_are_unlike_the_maps_of_other_sites():
     logs, maps = SHARED_DATA / "carmen", SHARED_DATA / "rosmaps_carmen"
     if not logs.is_dir() or not maps.is_dir():
         pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
-    drive = RecordedDrive.read(logs / "seattle-corrected.log.gz").recording
+    drive = RecordedDrive.of(logs / "seattle-corrected.log.gz").recording
     share = {
         site: np.mean(shown(drive, load_map(maps / site))["unlike"]) for site in ("seattle", "aces")
     }
@@ -147,7 +147,7 @@ def test_real_scans_are_unlike_the_maps_of_other_sites():
 
 def test_a_drive_is_read_from_its_file(tmp_path):
     drive_in(hall(), 12).save(tmp_path / "tour.npz")
-    drive = RecordedDrive.read(tmp_path / "tour.npz")
+    drive = RecordedDrive.of(tmp_path / "tour.npz")
     about = {"name": "tour.npz", "duration": pytest.approx(1.2), "poses": 12, "scans": 12}
     assert drive.about() == about
     assert RecordedDrive.of(tmp_path / "tour.npz").name == "tour.npz"
@@ -156,7 +156,7 @@ def test_a_drive_is_read_from_its_file(tmp_path):
     with pytest.raises(ConfigError, match="recording or its file"):
         RecordedDrive.of(3)
     with pytest.raises(LocplanError, match="is not there"):
-        RecordedDrive.read(tmp_path / "none.npz")
+        RecordedDrive.of(tmp_path / "none.npz")
 
 
 # Exports

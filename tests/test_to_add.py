@@ -71,7 +71,7 @@ def hello(name: str) -> int:
     return 3
 '''
 FIGURE = '''
-from locplan.plotting._maps import draw_map, map_axes
+from locplan.plotting import draw_map, map_axes
 
 def bare_figure(grid):
     """Draw a map and nothing else."""

@@ -75,7 +75,7 @@ def explore(
     drives = []
     for file in shown.drive:
         with progress_bar(f"reading {file.name}", "messages") as progress:
-            drives.append(locplan.explorer.RecordedDrive.read(file, progress))
+            drives.append(locplan.explorer.RecordedDrive.of(file, progress))
     opening = locplan.explorer.Opening(
         config,
         robot,

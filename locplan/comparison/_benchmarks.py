@@ -10,11 +10,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from locplan import __version__
 from locplan._util.checks import file_path, shown
+from locplan._util.public import templates_of
 from locplan._util.reading import read_text
 from locplan.comparison._statistics import (
     MEASURES,
@@ -174,75 +176,46 @@ def write_ompl_logs(
     ordered = sorted(runs, key=lambda run: run.task)
     if not ordered:
         raise LocplanError("there are no runs to write a log of")
-    logs = _logs(ordered, baseline, (time_limit, memory_limit), started)
+    environment = templates_of("locplan.comparison")
+    environment.filters |= {"line": _line, "word": _word, "number": _number}
+    template, costs = environment.get_template("ompl.log"), median_costs(ordered)
+    queries = Counter(setting for setting, _ in {query_of(run) for run in ordered})
+    logs: dict[str, str] = {}
+    for (setting, query), group in groupby(ordered, query_of):
+        own, task = list(group), "{}, {}, weight {:g}".format(*setting)
+        reference = costs.get(((setting, query), baseline or ""), math.nan)
+        logs[f"{len(logs):04d}.log"] = template.render(
+            version=__version__,
+            title=task,
+            about=f"{task}, query {query}",
+            parameters=[_parameter(query)] if queries[setting] > 1 else [],
+            host=platform.node() or "UNKNOWN",
+            machine=platform.machine(),
+            moment=(started or datetime.now()).isoformat(" ", "seconds"),
+            limits=(time_limit, memory_limit),
+            spent=sum(run.wall_seconds for run in own),
+            outcomes=OUTCOMES,
+            planners=[
+                _planner(label, list(runs), reference)
+                for label, runs in groupby(own, lambda run: run.task.planner)
+            ],
+        )
     folder = Path(folder)
     folder.mkdir()
-    for name, lines in logs.items():
-        text = "".join(f"{line}\n" for line in lines)
+    for name, text in logs.items():
         (folder / name).write_text(text, "ascii", "backslashreplace", newline="\n")
     return [folder / name for name in logs]
 
 
-def _logs(
-    runs: Sequence[Run],
-    baseline: str | None,
-    limits: tuple[float, float],
-    started: datetime | None,
-) -> dict[str, list[str]]:
-    """The lines of each log, by file name."""
-    moment = (started or datetime.now()).isoformat(" ", "seconds")
-    costs = median_costs(runs)
-    queries = Counter(setting for setting, _ in {query_of(run) for run in runs})
-    logs: dict[str, list[str]] = {}
-    for (setting, query), group in groupby(runs, query_of):
-        taken = list(group)
-        lines = _preamble(taken, query if queries[setting] > 1 else None, moment, limits)
-        lines += _planners(taken, costs.get(((setting, query), baseline or ""), math.nan))
-        logs[f"{len(logs):04d}.log"] = lines
-    return logs
-
-
-def _preamble(
-    runs: Sequence[Run], query: str | None, moment: str, limits: tuple[float, float]
-) -> list[str]:
-    """The head of a log, with all optional lines, since the script fails without them."""
-    task = runs[0].task
-    name = f"{task.map}, {task.config}, weight {task.weight:g}"
-    parameters = [] if query is None else [f"query TEXT = {_parameter(query)}"]
-    most = max(len(list(group)) for _, group in groupby(runs, lambda run: run.task.planner))
-    return [
-        f"locplan version {__version__}",
-        f"Experiment {_word(name)}",
-        f"{len(parameters)} experiment properties",
-        *parameters,
-        f"Running on {_word(platform.node() or 'UNKNOWN')}",
-        f"Starting at {moment}",
-        "<<<|",
-        _line(f"{name}, query {task.query}"),
-        "|>>>",
-        "<<<|",
-        _line(platform.machine()),
-        "|>>>",
-        "0 is the random seed",
-        f"{limits[0]!r} seconds per run",
-        f"{limits[1]!r} MB per run",
-        f"{most} runs per planner",
-        f"{sum(run.wall_seconds for run in runs):.3f} seconds spent to collect the data",
-        "1 enum type",
-        f"status|{'|'.join(OUTCOMES)}",
-    ]
-
-
-def _planners(runs: Sequence[Run], reference: float) -> list[str]:
-    groups = [list(group) for _, group in groupby(runs, lambda run: run.task.planner)]
-    lines = [f"{len(groups)} planners"]
-    for group in groups:
-        lines += [_line(group[0].task.planner), "0 common properties"]
-        records = [_properties(run, reference) for run in group]
-        lines += [f"{len(records[0])} properties for each run", *records[0], f"{len(group)} runs"]
-        lines += ["".join(f"{_number(v)}; " for v in record.values()) for record in records]
-        lines += [*_progress(group, reference), "."]
-    return lines
+def _planner(label: str, runs: Sequence[Run], reference: float) -> dict[str, Any]:
+    """The runs of a planner in a log, and their best cost at equal steps, as OMPL samples it."""
+    points = [best_so_far(run) for run in runs]
+    known = any(run.history and each for run, each in zip(runs, points, strict=True))
+    end = max((time for each in points for time, _ in each), default=0.0)
+    moments = np.linspace(0.0, end, 101)[1:]
+    courses = [_samples(each, moments, reference) for each in points] if known else []
+    records = [_properties(run, reference) for run in runs]
+    return {"label": label, "records": records, "courses": courses}
 
 
 def _properties(run: Run, reference: float) -> dict[str, float]:
@@ -261,35 +234,18 @@ def _properties(run: Run, reference: float) -> dict[str, float]:
     return dict(sorted(values.items()))
 
 
-def _progress(runs: Sequence[Run], reference: float) -> list[str]:
-    """The best cost at equal steps, as OMPL samples it; no lines for runs without a history."""
-    if not any(run.history and best_so_far(run) for run in runs):
-        return []
-    points = [best_so_far(run) for run in runs]
-    end = max(time for each in points for time, _ in each)
-    moments = np.linspace(0.0, end, 101)[1:]
-    return [
-        "3 progress properties for each run",
-        "best cost REAL",
-        "relative cost REAL",
-        "time REAL",
-        f"{len(runs)} runs",
-        *(_samples(each, moments, reference) for each in points),
-    ]
-
-
-def _samples(points: Sequence[tuple[float, float]], moments: Array, reference: float) -> str:
-    """The samples of a run in one line, from its first path to its end; empty without a path."""
+def _samples(
+    points: Sequence[tuple[float, float]], moments: Array, reference: float
+) -> list[tuple[float, float, float]]:
+    """Cost, relative cost and time of a run from its first path to its end."""
     if not points:
-        return ""
+        return []
     times, best = np.array(points).T
     lasting = moments[moments >= times[0]]
     lasting = lasting[: 1 + int(np.sum(lasting < times[-1]))]
     costs = best[np.searchsorted(times, lasting, side="right") - 1]
-    return "".join(
-        f"{_number(cost)},{_number(cost / (reference or math.nan))},{_number(time)},;"
-        for time, cost in zip(lasting.tolist(), costs.tolist(), strict=True)
-    )
+    relative = costs / (reference or math.nan)
+    return list(zip(costs.tolist(), relative.tolist(), lasting.tolist(), strict=True))
 
 
 def _number(value: float) -> str:

@@ -30,10 +30,9 @@ from locplan._util.checks import (
 from locplan._util.progress import ProgressCallback
 from locplan._util.supervision import temporary_folder
 from locplan.comparison._benchmarks import read_map, read_scenarios
-from locplan.comparison._journal import Journal, orders_of, runs_of
+from locplan.comparison._journal import Journal, Order, orders_of, put_costmap, runs_of
 from locplan.comparison._result import Case, Comparison
 from locplan.comparison._specs import PlannerSpec, specs_of
-from locplan.comparison._worker import Order, put_costmap
 from locplan.comparison._workers import Workers, check_platform
 from locplan.costs import Costmap, check_weight, named_maps
 from locplan.errors import ConfigError
@@ -194,7 +193,7 @@ def compare(
             put_costmap(costs, home)  # they may be many: no more than one is in memory here
             orders += orders_of(case, costs, home, specs, _weights(asked, case, costs), seeds)
             cases.append(case)
-        runs = runs_of(orders, specs, workers, journal, execution.progress)
+        runs = runs_of(orders, specs, workers.run, journal, execution.progress)
     about = _about(execution, specs, began) | {
         "weights": list(dict.fromkeys(run.task.weight for run in runs)),
         "seeds": seeds,

@@ -1,4 +1,7 @@
-"""The orders of a comparison, each with all that decides it, and the journal of their runs."""
+"""The orders of a comparison, each with all that decides it, and the journal of their runs.
+
+Costmaps are shared by all processes: one file for each array, mapped into memory.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,15 @@ import hashlib
 import itertools
 import json
 import math
+import mmap
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import pickle
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,14 +28,14 @@ from locplan._util.progress import ProgressCallback
 from locplan._util.reading import opened, parsed_json
 from locplan._util.saved import made
 from locplan._util.tables import finite
-from locplan.comparison._result import Case
 from locplan.comparison._specs import PlannerSpec
 from locplan.comparison._statistics import STATUSES, Run, Task
-from locplan.comparison._worker import Order
-from locplan.comparison._workers import Workers
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
-from locplan.planners import check_ends
+from locplan.planners import Position, check_ends
+
+if TYPE_CHECKING:
+    from locplan.comparison._result import Case
 
 Key = tuple[Task, str]
 """A task, and the digest of everything that decides its result."""
@@ -169,6 +175,21 @@ class Journal:
             return  # a file system without locks
 
 
+@dataclass(frozen=True)
+class Order:
+    """A task with everything that a worker needs for it."""
+
+    task: Task
+    costs: Path
+    """Folder of the shared costmap."""
+    start: Position
+    goal: Position
+    planner: int
+    """Index of the planner among those that the worker was given."""
+    digest: str
+    """Digest of everything that decides the result."""
+
+
 def orders_of(
     case: Case,
     costs: Costmap,
@@ -220,7 +241,7 @@ def _content(costs: Costmap) -> str:
 def runs_of(
     orders: Sequence[Order],
     specs: Sequence[PlannerSpec],
-    workers: Workers,
+    start: Callable[[Sequence[Order]], Iterator[Run]],
     journal: Journal | None,
     progress: ProgressCallback | None,
 ) -> list[Run]:
@@ -232,7 +253,7 @@ def runs_of(
     digests = {order.task: order.digest for order in left}
     if progress:
         progress(len(runs), len(orders))
-    for run in workers.run(_longest_first(left, specs)):
+    for run in start(_longest_first(left, specs)):
         runs[run.task] = run
         if journal:
             journal.add(run, digests[run.task])
@@ -253,3 +274,39 @@ def _longest_first(orders: Sequence[Order], specs: Sequence[PlannerSpec]) -> lis
         return place[order.costs, order.task.weight], -limit
 
     return sorted(orders, key=key)
+
+
+def put_costmap(costs: Costmap, folder: Path) -> None:
+    """Write a costmap into a new folder, each of its arrays to a file of its own."""
+    # Paths are measured with these: made once for all, and in no planner's time.
+    _ = costs.grid.clearance, costs.u_of_heading
+    buffers: list[pickle.PickleBuffer] = []
+    about = pickle.dumps(costs, protocol=5, buffer_callback=buffers.append)
+    try:
+        folder.mkdir()
+        for n, buffer in enumerate(buffers):
+            (folder / f"{n}.raw").write_bytes(buffer.raw())
+        (folder / "about.pickle").write_bytes(about)
+    except OSError as error:
+        why = error.strerror or error
+        raise LocplanError(f"{folder}: cannot be written ({why}); TMPDIR names another") from None
+
+
+@lru_cache(maxsize=1)
+def read_costmap(folder: Path) -> Costmap:
+    """Read a costmap, whose read-only arrays all processes share in memory; the last is kept."""
+    buffers = []
+    for n in range(len(list(folder.glob("*.raw")))):
+        with (folder / f"{n}.raw").open("rb") as file:
+            buffers.append(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+    costs: Costmap = pickle.loads((folder / "about.pickle").read_bytes(), buffers=buffers)
+    return costs
+
+
+@lru_cache(maxsize=1)
+def weighted_costmap(folder: Path, weight: float) -> Costmap:
+    """The costmap with a weight, which is 0 for one without a field; the last one is kept."""
+    costs = read_costmap(folder)
+    if math.isnan(costs.weight) and weight == 0:
+        return costs
+    return costs if costs.weight == weight else costs.with_weight(weight)

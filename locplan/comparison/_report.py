@@ -21,19 +21,20 @@ from PIL import Image
 
 from locplan._util.files import replacing
 from locplan._util.public import templates_of
-from locplan.comparison._figures import COLOURS, DASHES, Look
-from locplan.comparison._pictures import (
+from locplan.comparison._figures import (
+    COLOURS,
+    DASHES,
     Attributes,
     CaseKey,
     Legend,
     Mark,
-    Pictures,
     attributes,
     counted,
     title_of,
 )
+from locplan.comparison._pictures import Pictures
 from locplan.comparison._result import Comparison, Standing
-from locplan.comparison._statistics import MEASURES, Run, grouped, setting_of
+from locplan.comparison._statistics import MEASURES, Run, grouped, query_of, setting_of
 from locplan.field import CovarianceField
 from locplan.planners import Query
 from locplan.plotting import Picture, draw_field
@@ -121,8 +122,8 @@ class Thumbnail(NamedTuple):
 
     caption: str
     alt: str
-    lines: list[tuple[str, Look, float, str]]
-    """Planner, look, width [pixels of the screen] and SVG path of each line."""
+    lines: list[tuple[str, Mark, float, str]]
+    """Planner, line, width [pixels of the screen] and SVG path of each line."""
     ends: list[tuple[str, str]]
     """SVG path and place of the marks of start and goal."""
     legend: Legend
@@ -175,7 +176,7 @@ class Report(Pictures):
             groups = grouped(self.cases[key], lambda run: (run.task.query, run.task.weight))
             asked = [
                 (query, groups[query.name, weight])
-                for query in scene.case.queries
+                for query in self.comparison.cases[key].queries
                 for weight in sorted({weight for name, weight in groups if name == query.name})
             ]
             self.left_out["pictures"] += max(0, len(asked) - room)
@@ -199,13 +200,18 @@ class Report(Pictures):
             caption,
             f"Paths of {caption}, J [m]: {'; '.join(texts.values())}.",
             [
-                (planner, self.looks[planner], float(width), backdrop.line(run.xy))
+                (planner, self.lines[planner], float(width), backdrop.line(run.xy))
                 for (planner, run), width in zip(paths.items(), widths, strict=True)
             ],
             [(SHAPES[m], f"{x:.0f} {y:.0f}") for m, (x, y) in zip("o*", places, strict=True)],
-            [(self.marks[name] if found[name] else None, text) for name, text in texts.items()],
+            [(self.lines[name] if found[name] else None, text) for name, text in texts.items()],
             attributes(setting) | {"class": "map"},
         )
+
+    def ratio(self, run: Run) -> float:
+        """J of a run as a multiple of the baseline's for the same query; NaN if unknown."""
+        reference = self._cost(*query_of(run), self.baseline)
+        return run.measure("cost") / (reference or math.nan)
 
     def failures(self) -> list[list[Run]]:
         """The runs without a path, grouped by kind of failure."""
@@ -236,7 +242,7 @@ class Report(Pictures):
         tasks = [run.task for run in self.runs]
         seeds = sorted({task.seed for task in tasks if task.seed})
         return settings | {
-            "planners": "\n".join(self.looks),
+            "planners": "\n".join(self.marks),
             "baseline": self.baseline,
             "weights": ", ".join(f"{weight:g}" for weight in sorted({t.weight for t in tasks})),
             "seeds": ", ".join(map(str, seeds)) or "none needed",
@@ -275,9 +281,9 @@ def breakable(label: str) -> Markup:
     return Markup(str(escape(label)).replace(":", ":<wbr>").replace(",", ",<wbr>"))
 
 
-def dashes(look: Look | Mark, width: float) -> str:
+def dashes(mark: Mark, width: float) -> str:
     """The dashes of a line of some width, for SVG; empty for a whole line."""
-    pattern = () if DASHES[look.dash] == "-" else DASHES[look.dash][1]
+    pattern = () if DASHES[mark.dash] == "-" else DASHES[mark.dash][1]
     return " ".join(f"{width * part:.3g}" for part in pattern)
 
 

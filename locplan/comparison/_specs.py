@@ -155,11 +155,6 @@ class PlannerSpec:
         texts = {name: shown(value) for name, value in options.items()}
         return [getattr(code, "__qualname__", ""), digest, texts]
 
-    def check_library(self) -> None:
-        """Raise a LocplanError if a user's planner lacks the library that sends it to workers."""
-        if self.guarded:
-            needed("cloudpickle", "functions", f"planner {shown(self.label)}, one of your own,")
-
     def plan(self, costs: Costmap, start: Position, goal: Position, seed: int) -> Plan:
         """Plan once; the path is measured on the costmap.
 
@@ -211,7 +206,8 @@ def specs_of(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
     if not specs:
         raise ConfigError("a comparison needs at least one planner")
     for spec in specs:
-        spec.check_library()
+        if spec.guarded:  # it is sent to workers by value
+            needed("cloudpickle", "functions", f"planner {shown(spec.label)}, one of your own,")
     return specs
 
 

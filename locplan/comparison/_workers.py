@@ -4,13 +4,15 @@ The pools of concurrent.futures, joblib and loky break as a whole when a process
 single task that hangs. So each thread of a ThreadPoolExecutor waits here for a process of its own.
 Workers are new interpreters, not forks: they have none of the locks and threads of the caller's
 process (OpenCV's, a progress bar's, a notebook's), and a script needs no guard against being
-imported again. Functions are sent by value where they cannot be imported.
+imported again. Functions are sent by value where they cannot be imported. Their program is `main`.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
+import pickle
 import signal
 import socket
 import subprocess
@@ -19,17 +21,21 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from locplan._util.checks import usable_memory
-from locplan.comparison import _worker as worker_module
+from locplan._util.supervision import end_with_parent
+from locplan.comparison._journal import Order, weighted_costmap
 from locplan.comparison._specs import PlannerSpec
-from locplan.comparison._statistics import Run
-from locplan.comparison._worker import Order
+from locplan.comparison._statistics import MEASURES, Run, Task
+from locplan.costs import Path as Route
 from locplan.errors import LocplanError
+from locplan.planners import Plan
 
 
 def check_platform() -> None:
@@ -120,7 +126,7 @@ class _Worker:
         ours, theirs = socket.socketpair()
         with theirs:
             command = (
-                f"import sys; sys.path[:] = {sys.path!r}; from {worker_module.__name__} import main"
+                f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import main"
                 f"; main({theirs.fileno()}, {os.getpid()})"
             )
             threads = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"
@@ -209,7 +215,7 @@ def _pickled(planners: Sequence[PlannerSpec]) -> bytes:
     remedy = "put it into a module"
     try:
         from cloudpickle import dumps
-    except ModuleNotFoundError:  # then all are locplan's, see PlannerSpec.check_library
+    except ModuleNotFoundError:  # then all are locplan's, see `specs_of`
         from pickle import dumps
 
         remedy = "pip install 'locplan[functions]'"
@@ -219,3 +225,111 @@ def _pickled(planners: Sequence[PlannerSpec]) -> bytes:
         raise LocplanError(
             f"a planner cannot be sent to a worker process ({error}); {remedy}"
         ) from None
+
+
+def main(descriptor: int, parent: int) -> None:
+    """Carry out the orders that come through a socket, until it is closed.
+
+    The first messages are the memory of a run [bytes] and the planners; the answer is empty, or
+    the reason why they cannot be used. Each order that follows is answered by its run.
+    """
+    os.set_inheritable(descriptor, False)
+    import resource
+
+    import cv2
+
+    cv2.setNumThreads(1)  # a run is timed on one core
+    end_with_parent(parent)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a planner's crash leaves no files
+    connection = Connection(descriptor)
+    with suppress(EOFError, OSError):  # the other end is closed
+        memory = connection.recv()
+        try:
+            planners: list[PlannerSpec] = pickle.loads(connection.recv_bytes())
+            for each in planners:
+                each.planner.prepare()
+        except Exception as error:
+            connection.send(f"{type(error).__name__}: {error}")
+            return
+        connection.send("")
+        while True:
+            order = connection.recv()
+            connection.send(perform(planners[order.planner], order, memory))
+
+
+def perform(planner: PlannerSpec, order: Order, memory: float) -> Run:
+    """Make one run within a limit of memory [bytes]; an exception of the planner is a result."""
+    costs = weighted_costmap(order.costs, order.task.weight)
+    began = time.perf_counter()
+    try:
+        with limited_memory(memory):
+            result = planner.plan(costs, order.start, order.goal, order.task.seed)
+    except MemoryError as error:
+        status, note = "out of memory", str(error) or "the planner ran out of memory"
+    except LocplanError as error:
+        status, note = "error", str(error)
+    except BaseException as error:  # sys.exit in a planner shall not end the comparison
+        status, note = "error", f"{type(error).__name__}: {error}"
+    else:
+        return run_of(order.task, result)
+    elapsed = time.perf_counter() - began
+    return Run(order.task, status, elapsed, elapsed, note=(note.splitlines() or [""])[0])
+
+
+def run_of(task: Task, result: Plan) -> Run:
+    """A plan as a run; the caller measures the wall time and adds it."""
+    seconds, path = float(result.solve_time), result.path
+    run = Run(
+        *(task, str(result.status), seconds, seconds),
+        note=str(result.note or ""),
+        expanded=None if result.expanded is None else int(result.expanded),
+    )
+    if path is None:
+        return run
+    names = [name for name in MEASURES if name not in ("seconds", "turning")]
+    known = {name: float(getattr(result.metrics, name, math.nan)) for name in names}
+    history = ((float(at), float(cost)) for at, cost in result.history)
+    return dataclasses.replace(
+        run,
+        measures=known | {"turning": turning(path)},
+        history=tuple(point for point in history if math.isfinite(sum(point))),
+        xy=tuple((x, y) for x, y in path.xy.tolist()),
+    )
+
+
+def turning(path: Route) -> float:
+    """The sum of all changes of direction along a path [rad].
+
+    >>> round(turning(Route(np.array([(0, 0), (1, 0), (1, 1), (1, 1), (0, 1)]))), 4)
+    3.1416
+    """
+    steps = np.diff(path.xy, axis=0)
+    steps = steps[steps.any(axis=1)]
+    turns = np.diff(np.arctan2(steps[:, 1], steps[:, 0]))
+    return float(np.abs(turns - 2 * np.pi * np.round(turns / (2 * np.pi))).sum())
+
+
+@contextmanager
+def limited_memory(extra: float) -> Iterator[None]:
+    """Limit the memory that this process may take in addition [bytes], on Linux."""
+    import resource
+
+    used = _data_size()
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    if used and math.isfinite(extra):
+        soft, hard = used + int(extra), before[1]
+        soft = soft if hard == resource.RLIM_INFINITY else min(soft, hard)
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, before)
+
+
+def _data_size() -> int:
+    """The memory that counts against the limit: private and writable, touched or not [bytes]."""
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+    except OSError:
+        return 0
+    return next((1024 * int(line.split()[1]) for line in lines if line.startswith("VmData")), 0)

@@ -1,6 +1,6 @@
-from ._drives import RecordedDrive as RecordedDrive
 from ._explore import (
     Explorer as Explorer,
+    RecordedDrive as RecordedDrive,
     check_installed as check_installed,
     explore as explore,
     opened as opened,

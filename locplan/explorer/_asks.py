@@ -6,18 +6,16 @@ import json
 import threading
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from locplan._util.checks import is_number, number, one_of, position, printable, shown, whole
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError, LocplanError
 
-if TYPE_CHECKING:
-    pass
-
-
 Default = TypeVar("Default")
 Read = TypeVar("Read")
+MAX_WEIGHT = 1000.0
+"""Maximum weight that the page can ask for."""
 MAX_MESSAGE = 200_000
 """Maximum length of a message [characters]."""
 MAX_ID = 2**53
@@ -41,18 +39,16 @@ class Ask:
 
     def position(self, name: str) -> tuple[float, float]:
         """A position in the world, [x, y] [m]."""
-        value = self.values.get(name)
-        if not _is_pair(value):
-            raise ConfigError(f"{name} must be [x, y] in metres, not {shown(value)}")
-        return position(value, name=name)
+        return position(self._kept(name, _is_pair, "[x, y] in metres"), name=name)
 
     def positions(self, name: str, most: int = 50) -> list[tuple[float, float]]:
         """Positions in the world, [[x, y], ...] [m]; none without a value."""
-        values = self.values.get(name)
-        if values is None:
-            return []
-        if not isinstance(values, list) or len(values) > most or not all(map(_is_pair, values)):
-            raise ConfigError(f"{name} must be up to {most} positions [x, y], not {shown(values)}")
+
+        def is_right(values: Any) -> bool:
+            return isinstance(values, list) and len(values) <= most and all(map(_is_pair, values))
+
+        what = f"up to {most} positions [x, y]"
+        values = self._kept(name, is_right, what) if self.has(name) else []
         return [position(value, name=name) for value in values]
 
     def number(self, name: str, low: float, high: float, default: Default) -> float | Default:
@@ -75,13 +71,11 @@ class Ask:
     def text(self, name: str, default: Default) -> str | Default:
         """A short text in one line, or the default."""
 
-        def short(value: Any) -> str:
-            if not isinstance(value, str) or len(value) > 200 or value != printable(value):
-                what = "a text of at most 200 characters in one line"
-                raise ConfigError(f"{name} must be {what}, not {shown(value)}")
-            return value
+        def is_short(value: Any) -> bool:
+            return isinstance(value, str) and len(value) <= 200 and value == printable(value)
 
-        return self._read(name, short, default)
+        what = "a text of at most 200 characters in one line"
+        return self._read(name, lambda _: str(self._kept(name, is_short, what)), default)
 
     def _read(self, name: str, read: Callable[[Any], Read], default: Default) -> Read | Default:
         """The value as it is read, or the default where it is null or not there."""
@@ -90,26 +84,32 @@ class Ask:
 
     def flag(self, name: str) -> bool:
         """True or false; false without a value."""
-        value = self.values.get(name)
-        if not isinstance(value, (bool, type(None))):
-            raise ConfigError(f"{name} must be true or false, not {shown(value)}")
-        return bool(value)
+        kinds = bool, type(None)
+        return bool(self._kept(name, lambda value: isinstance(value, kinds), "true or false"))
 
     def mapping(self, name: str) -> dict[str, Any]:
         """An object, whose values are yet to be checked; empty without a value."""
-        value = self.values.get(name)
-        if not isinstance(value, (dict, type(None))):
-            raise ConfigError(f"{name} must be an object, not {shown(value)}")
-        return dict(value or {})
+        kinds = dict, type(None)
+        found = self._kept(name, lambda value: isinstance(value, kinds), "an object")
+        return dict(found or {})
 
     def items(self, name: str, most: int) -> list[Ask]:
         """Objects of a list, each to be read as a question is."""
-        values = self.values.get(name)
-        if not isinstance(values, list) or len(values) > most:
-            raise ConfigError(f"{name} must be a list of up to {most}, not {shown(values)}")
-        if not all(isinstance(value, dict) for value in values):
-            raise ConfigError(f"{name} must be a list of objects")
+
+        def is_right(values: Any) -> bool:
+            if not isinstance(values, list) or len(values) > most:
+                return False
+            return all(isinstance(value, dict) for value in values)
+
+        values = self._kept(name, is_right, f"a list of up to {most} objects")
         return [Ask(self.do, self.id, value) for value in values]
+
+    def _kept(self, name: str, is_right: Callable[[Any], bool], what: str) -> Any:
+        """The value; a ConfigError says what it must be if it is not right."""
+        value = self.values.get(name)
+        if not is_right(value):
+            raise ConfigError(f"{name} must be {what}, not {shown(value)}")
+        return value
 
 
 class Unanswerable(LocplanError):
@@ -174,8 +174,8 @@ class Cancel:
     locplan.explorer._asks.Cancelled
     """
 
-    def __init__(self) -> None:
-        self._set = threading.Event()
+    def __init__(self, over: Callable[[], bool] = lambda: False) -> None:
+        self._set, self._over = threading.Event(), over
 
     def cancel(self) -> None:
         """Ask the work to end; may be called from any thread, and more than once."""
@@ -183,8 +183,8 @@ class Cancel:
 
     @property
     def cancelled(self) -> bool:
-        """Whether the work was asked to end."""
-        return self._set.is_set()
+        """Whether the work was asked to end, or is over."""
+        return self._set.is_set() or self._over()
 
     def check(self) -> None:
         """Raise `Cancelled` if the work was asked to end."""

@@ -103,25 +103,16 @@ def last_ones(patches: list[Patch], limits: Limits) -> list[Patch]:
     return patches[-min(max(count, 1), limits.undo) :]
 
 
-def undo(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
-    """Take the last change back."""
+def step(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
+    """Undo the last change, or redo the one that was undone last."""
+    back = ask.do == "undo"
     with session.changing:
-        return _step(session, session.edits, session.undone, "undo")
-
-
-def redo(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
-    """Make the last change again that was undone."""
-    with session.changing:
-        return _step(session, session.undone, session.edits, "redo")
-
-
-def _step(session: Session, taken: list[Any], given: list[Any], do: str) -> dict[str, Any]:
-    """Move the last change from one list of changes to the other, and apply it."""
-    if not taken:
-        raise ConfigError(f"there is no edit to {do}")
-    patch = taken.pop()
-    given.append(patch)
-    _apply(session, patch, patch.before if do == "undo" else patch.after)
+        taken, given = (session.edits, session.undone)[:: 1 if back else -1]
+        if not taken:
+            raise ConfigError(f"there is no edit to {ask.do}")
+        patch = taken.pop()
+        given.append(patch)
+        _apply(session, patch, patch.before if back else patch.after)
     return {"changed": [patch.limits(session.grid)]}
 
 

@@ -1,4 +1,4 @@
-"""Answers that take long: the simulated choice of the way shown, landmarks, look-alikes."""
+"""Answers that take long: the simulated choice of the way shown, landmarks, look-alikes, drives."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import numpy as np
 
 from locplan._util.checks import FARTHEST, whole
 from locplan.errors import ConfigError
-from locplan.explorer._scene import MAX_DRIVES, rounded, snapped
-from locplan.explorer._textures import Texture
+from locplan.explorer._scene import MAX_DRIVES, Texture, rounded, snapped
 from locplan.landmarks import PAYING_SHARE, Landmarks, parsed_object, place_landmarks
 from locplan.matching import ScanDatabase
 from locplan.robots import Robot
@@ -31,14 +30,15 @@ def simulate(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     """
     view, drives = session.view(ask), ask.whole("drives", 2, MAX_DRIVES, 64)
     work.progress(0, drives, "planning")
+    start, *via, goal = view.stops
     choice = choose(
         view.grid,
-        view.start,
-        view.goal,
+        start,
+        goal,
         view.robot,
         costs=view.field.config,
         compute=view.field_at if view.whole else None,
-        via=view.via,
+        via=via,
         drives=drives,
         threads=session.opening.threads,
         progress=work.progress,
@@ -60,11 +60,9 @@ def _candidate(each: Candidate) -> dict[str, object]:
     distance, median, _, high = each.driven.profile.T
     return {
         "name": each.name,
-        "label": each.name,
         "xy": rounded(each.path.xy),
         "length": each.path.length,
         "error_m": list(each.driven.error),
-        "ratio": list(each.driven.ratio),
         "lost": list(each.driven.lost_rate),
         "profile": {
             "s": distance.round(2).tolist(),
@@ -91,13 +89,12 @@ def landmarks(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     if drives:
         whole("drives", drives, 2)
     work.progress(0, count, "planning")
-    aware, _ = view.paths()
     threads = session.opening.threads
     made = place_landmarks(
         view.grid,
         kind,
         count,
-        paths={"shown": aware},
+        paths={"shown": view.path()},
         robot=view.robot,
         threads=threads,
         progress=work.progress,
@@ -219,3 +216,25 @@ def twins_everywhere(session: Session, ask: Ask, work: Work) -> dict[str, object
         "places": len(found),
         "spacing": found.spacing,
     }
+
+
+def match(session: Session, ask: Ask, work: Work) -> dict[str, object]:
+    """Answer the ask for the deviations that the scans of a drive have on the present map.
+
+    They are kept, so that a drive that is shown again has them at once.
+    """
+    drives = session.opening.drives
+    if not drives:
+        raise ConfigError("there is no recorded drive; start the explorer with --drive FILE")
+    number = ask.whole("drive", 0, len(drives) - 1, None)
+    if number is None:
+        raise ConfigError("drive must be the number of a recorded drive")
+    grid = session.grid
+    found: dict[str, Any] = session.files.made(
+        ("match", number, grid.digest),
+        lambda: drives[number].shown(
+            grid, matched=True, threads=session.opening.threads, progress=work.progress
+        ),
+        lambda made: 200 * len(made["t"]),
+    )
+    return {"map": grid.digest, "sd": found["sd"], "unlike": found["unlike"]}

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import RESOLUTIONS
 from locplan._util.poses import Numbers, way_along
-from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
-from locplan.explorer._scene import FACTOR, Scene, View, rounded, stops_of
+from locplan.explorer._scene import FACTOR, Scene, rounded, stops_of
 from locplan.explorer._searches import Flood, Searches
 from locplan.field import read_known_at
 from locplan.maps import OccupancyGrid
@@ -25,7 +24,7 @@ from locplan.planners import ParetoFront, Position, pareto_front
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Ask, Work
-    from locplan.explorer._session import Session
+    from locplan.explorer._session import Session, View
 
 
 SHORTEST_WEIGHT = 1e-6
@@ -194,27 +193,25 @@ def front(session: Session, ask: Ask, work: Work) -> dict[str, object]:
             "length": float(length[n]),
             "degenerate": float(integral[n]),
             "weight": float(weights[n]),
-            "xy": rounded(_joined(legs, chosen[n])),
+            "xy": rounded(_joined(legs, chosen[n]).xy),
         }
         for n in shown
     ]
-    return finite(
-        {
-            "points": points,
-            "knee": shown.index(knee),
-            "paths": len(length),
-            "epsilon": epsilon,
-            "complete": epsilon == 0,
-        }
-    )
+    return {
+        "points": points,
+        "knee": shown.index(knee),
+        "paths": len(length),
+        "epsilon": epsilon,
+        "complete": epsilon == 0,
+    }
 
 
 def _fronts_of(view: View, seconds: float, work: Work) -> list[ParetoFront]:
     """The front of each leg, for all of which there is some time [s]."""
     legs: list[ParetoFront] = []
-    left, count = seconds, len(view.legs)
+    left, count = seconds, len(view.stops) - 1
     work.progress(0, count)
-    for n, (start, goal) in enumerate(view.legs):
+    for n, (start, goal) in enumerate(itertools.pairwise(view.stops)):
         began = time.perf_counter()
         leg = pareto_front(view.costs, start, goal, time_limit=left / (count - n))
         left = max(left - (time.perf_counter() - began), 1e-3)
@@ -292,7 +289,7 @@ def _thinned(
 ) -> NDArray[np.int64]:
     """Indices of at most `SHOWN` points, evenly along the front: both ends and the knee always.
 
-    Of neighbours one that is preferred is taken.
+    One that is preferred is taken where it is not much farther from its place than others.
     """
     count = len(length)
     if count <= SHOWN:
@@ -300,15 +297,10 @@ def _thinned(
     along = way_along(np.column_stack([each / np.ptp(each) for each in (length, integral)]))
     # By their way along the front and by their number: much of the way can be a few wide gaps.
     along = along / along[-1] + np.linspace(0, 1, count)
-    places = np.minimum((along / 2 * (SHOWN - 3)).astype(int), SHOWN - 4)
-    kept = {0, count - 1, knee}
-    for place in range(SHOWN - 3):
-        (inside,) = np.nonzero(places == place)
-        better = inside[preferred[inside]]
-        some = better if better.size else inside
-        if some.size:
-            kept.add(int(some[some.size // 2]))
-    return np.array(sorted(kept))
+    steps = np.linspace(0, 2, SHOWN - 2)
+    places = (steps[1:] + steps[:-1]) / 2
+    apart = np.abs(along[:, None] - places) + np.where(preferred, 0, steps[1] / 2)[:, None]
+    return np.unique([0, count - 1, knee, *apart.argmin(axis=0)])
 
 
 def _evenly(count: int, most: int) -> NDArray[np.int64]:
@@ -316,11 +308,7 @@ def _evenly(count: int, most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))
 
 
-def _joined(legs: Sequence[ParetoFront], chosen: NDArray[np.int64]) -> Numbers:
-    """Positions along one path of each leg, one after the other, (n, 2) [m]."""
-    parts: list[Numbers] = []
-    for leg, index in zip(legs, chosen.tolist(), strict=True):
-        path = leg.plan(index).path
-        assert path is not None
-        parts.append(path.xy[1:] if parts else path.xy)
-    return np.concatenate(parts)
+def _joined(legs: Sequence[ParetoFront], chosen: NDArray[np.int64]) -> Path:
+    """One path of each leg, one after the other."""
+    plans = [leg.plan(index) for leg, index in zip(legs, chosen.tolist(), strict=True)]
+    return Path.joined([plan.path for plan in plans if plan.path is not None])

@@ -1,11 +1,11 @@
-"""What a session begins with, what it shows at one moment, and the way that is asked for."""
+"""What a session begins with, what it shows at one moment, its layers, and the way asked for."""
 
 from __future__ import annotations
 
 import hashlib
 import itertools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path as FilePath
@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.poses import window_around
-from locplan.costs import Costmap, Path
-from locplan.errors import ConfigError, PoseError
-from locplan.field import CovarianceField, FieldConfig
+from locplan.costs import Costmap
+from locplan.errors import PoseError
+from locplan.field import SCALARS, CovarianceField, FieldConfig
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
-from locplan.planners import AWARE, SHORTEST, Plan, Position, connected_parts, plan_beside_shortest
+from locplan.planners import Position, connected_parts
 from locplan.robots import Robot
 
 if TYPE_CHECKING:
@@ -241,98 +241,105 @@ class Scene:
         return np.where(known, values, 0.0), known.astype(np.float64)
 
 
-@dataclass(frozen=True)
-class Download:
-    """A file that the page can fetch."""
-
-    name: str
-    """Name that it is saved under."""
-    content: bytes
-    """What is in it."""
-    media_type: str
-    """Its kind, such as text/html."""
-
-
-@dataclass
-class Busy:
-    """Work in the background."""
-
-    do: str
-    """What is done."""
-    done: int = 0
-    """Steps that are done."""
-    total: int = 0
-    """All steps; 0 before that is known."""
-
-
 MAX_DRIVES = 256
 """Maximum number of confirming drives that the page can ask for."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class View:
-    """The map, its field, and the way that is asked for."""
-
-    grid: OccupancyGrid
-    """The map as it was edited."""
-    field: CovarianceField
-    """The field of this map."""
-    costs: Costmap
-    """The costmap of the field, at the weight and for the robot radius that the page shows."""
-    robot: Robot
-    """The robot with its lidar."""
-    start: Position
-    """Position of the start in the world [m]."""
-    goal: Position
-    """Position of the goal in the world [m]."""
-    via: tuple[Position, ...] = ()
-    """Positions to visit on the way, in this order [m]."""
-    whole: bool = True
-    """False while some values of the field are those from before an edit."""
-
-    def __repr__(self) -> str:
-        (x0, y0), (x1, y1) = self.start[:2], self.goal[:2]
-        return f"View({self.grid.name or 'map'}, {x0:g},{y0:g} to {x1:g},{y1:g})"
-
-    @property
-    def legs(self) -> list[tuple[Position, Position]]:
-        """Both ends of each leg of the way."""
-        return list(itertools.pairwise([self.start, *self.via, self.goal]))
-
-    @property
-    def cost_settings(self) -> dict[str, Any]:
-        """Weight of the costmap, and its criterion unless that is the estimator's own."""
-        settings, own = self.costs.settings, self.field.config.estimator.criterion
-        criterion = settings.criterion if settings else own
-        return {"weight": float(self.costs.weight)} | (
-            {"criterion": criterion} if criterion != own else {}
-        )
-
-    def field_at(
-        self, grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
-    ) -> CovarianceField:
-        """The field with values at some lattice points (h, w) alone, as if computed for these."""
-        if points is None:
-            return self.field
-        values = {name: array.copy() for name, array in self.field.values.items()}
-        for array in values.values():
-            array[~points] = np.nan
-        return CovarianceField.of(values, grid, self.field.config)
-
-    def plans(self) -> Mapping[str, Plan]:
-        """The localizability-aware plan and the shortest one, by the library's planner."""
-        return plan_beside_shortest(self.costs, self.start, self.goal, via=self.via)
-
-    def paths(self) -> tuple[Path, Path]:
-        """The aware path and the shortest one; a ConfigError says that there is none."""
-        plans = self.plans()
-        aware, shortest = plans[AWARE].path, plans[SHORTEST].path
-        if aware is None or shortest is None:
-            raise ConfigError("no path joins start and goal; move one of them")
-        return aware, shortest
 
 
 def rounded(xy: object) -> list[list[float]]:
     """Positions (n, 2) as lists for JSON, to a millimetre [m]."""
     values: list[list[float]] = np.round(np.asarray(xy, float), 3).tolist()
     return values
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """A layer of a field on its lattice, as the page shows it."""
+
+    name: str
+    """Name of the layer."""
+    title: str
+    """Title for people."""
+    unit: str
+    """Unit of what is shown."""
+    factor: float
+    """Number of shown units in one of the values'."""
+    decimals: int
+    """Number of decimals to show."""
+    logarithmic: bool
+    """Whether the steps are even in the logarithm."""
+    anchors: tuple[float, float]
+    """Values of the first and the last step; the last one is the worst."""
+    values: NDArray[np.float64]
+    """Values on the lattice in SI units, row 0 at the lowest y; NaN where there are none."""
+    note: str = ""
+    """What the values say, for people; empty where the title suffices."""
+    digest: str = ""
+    """Digest of what it is made of; empty for a layer of the field, which has one."""
+
+    @property
+    def texels(self) -> NDArray[np.uint8]:
+        """Steps from 1 to 255 between the anchors, 0 where there is no value, row 0 on top."""
+        steps = 1 + np.rint(254 * share_between(self.values, self.anchors, self.logarithmic))
+        return np.asarray(np.nan_to_num(steps, nan=0.0)[::-1], np.uint8)
+
+    @cached_property
+    def present(self) -> list[float]:
+        """Values that nearly all on this map lie between; the anchors where there are none."""
+        known = self.values[np.isfinite(self.values)]
+        if not known.size:
+            return list(self.anchors)
+        ends: list[float] = np.quantile(known, (0.02, 0.98)).tolist()
+        return ends if self.anchors[0] < self.anchors[1] else ends[::-1]
+
+    def to_json(self) -> dict[str, object]:
+        """All but the values, fit for JSON."""
+        return {
+            "name": self.name,
+            "title": self.title,
+            "unit": self.unit,
+            "scale": "log" if self.logarithmic else "linear",
+            "anchors": list(self.anchors),
+            "present": self.present,
+            "decimals": self.decimals,
+            "factor": self.factor,
+            "note": self.note,
+            "digest": self.digest or None,
+        }
+
+
+def textures_of(field: CovarianceField) -> dict[str, Texture]:
+    """The layers of a field that the page shows, by name."""
+    made = [
+        _scalar(field, "sigma", "position_std", "Position deviation", 1),
+        _scalar(field, "heading", "heading_std", "Heading deviation", 1),
+        Texture("degeneracy", "Degeneracy u", "1", 1.0, 2, False, (0.0, 1.0), degeneracy_of(field)),
+        _scalar(field, "e", "e", "Pose uncertainty e", 4),
+    ]
+    return {each.name: each for each in made if each.anchors[1] > each.anchors[0]}
+
+
+def degeneracy_of(field: CovarianceField) -> NDArray[np.float64]:
+    """u of the estimator's own criterion on the lattice, (h, w), as costmaps have it."""
+    criterion = field.config.estimator.criterion
+    values = field.scalar(criterion, headings="mean", with_q=True)
+    return share_between(values, field.anchors(criterion), criterion not in field.layers)
+
+
+def share_between(
+    values: NDArray[np.float64], anchors: tuple[float, float], logarithmic: bool
+) -> NDArray[np.float64]:
+    """Where values lie between two anchors, 0..1; NaN where they are NaN."""
+    low, high = anchors
+    with np.errstate(invalid="ignore", divide="ignore"):
+        if logarithmic:
+            share = np.log(np.maximum(values, np.finfo(float).tiny) / low) / np.log(high / low)
+        else:
+            share = (values - low) / (high - low)
+    return np.asarray(np.clip(share, 0.0, 1.0))
+
+
+def _scalar(field: CovarianceField, name: str, of: str, title: str, decimals: int) -> Texture:
+    shown = SCALARS[of]
+    unit = field.e_unit if of == "e" else shown.unit
+    values, anchors = field.scalar(of, headings="mean"), field.anchors(of)
+    return Texture(name, title, unit, shown.factor, decimals, True, anchors, values)

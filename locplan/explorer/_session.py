@@ -7,31 +7,88 @@ import hashlib
 import json
 import secrets
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from importlib import import_module
-from pathlib import Path
+from pathlib import Path as FilePath
 from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from locplan._util.public import called
 from locplan._util.tables import finite
-from locplan.costs import Costmap
+from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
-from locplan.explorer._asks import Ask, Cancel, Work
-from locplan.explorer._scene import Download, Opening, Scene, View, stops_of
+from locplan.explorer._asks import MAX_WEIGHT, Ask, Cancel, Work
+from locplan.explorer._scene import Opening, Scene, Texture, stops_of, textures_of
 from locplan.explorer._searches import Flood, Kept
-from locplan.explorer._textures import Texture, textures_of
 from locplan.explorer._upkeep import Upkeep
 from locplan.field import CovarianceField, equipped
 from locplan.maps import OccupancyGrid
-from locplan.planners import AnyAngle
+from locplan.planners import AWARE, AnyAngle, Position, plan_beside_shortest
 from locplan.robots import Lidar, Robot
 
-MAX_WEIGHT = 1000.0
-"""Maximum weight that the page can ask for."""
-Handler = Callable[["Session", Ask, Work], dict[str, Any]]
-"""Function that answers a question; what it returns is fit for JSON."""
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """The map, its field, and the way that is asked for."""
+
+    field: CovarianceField
+    """The field of the map as it was edited."""
+    costs: Costmap
+    """The costmap of the field, at the weight and for the robot radius that the page shows."""
+    robot: Robot
+    """The robot with its lidar."""
+    stops: Sequence[Position]
+    """Positions of the start, of what is visited on the way, and of the goal in the world [m]."""
+    whole: bool
+    """False while some values of the field are those from before an edit."""
+
+    @property
+    def grid(self) -> OccupancyGrid:
+        """The map as it was edited."""
+        return self.costs.grid
+
+    @property
+    def cost_settings(self) -> dict[str, Any]:
+        """Weight of the costmap, and its criterion unless that is the estimator's own."""
+        settings, own = self.costs.settings, self.field.config.estimator.criterion
+        criterion = settings.criterion if settings else own
+        return {"weight": float(self.costs.weight)} | (
+            {"criterion": criterion} if criterion != own else {}
+        )
+
+    def field_at(
+        self, grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
+    ) -> CovarianceField:
+        """The field with values at some lattice points (h, w) alone, as if computed for these."""
+        if points is None:
+            return self.field
+        values = {name: array.copy() for name, array in self.field.values.items()}
+        for array in values.values():
+            array[~points] = np.nan
+        return CovarianceField.of(values, grid, self.field.config)
+
+    def path(self) -> Path:
+        """The localizability-aware path; a ConfigError says that there is none."""
+        start, *via, goal = self.stops
+        path = plan_beside_shortest(self.costs, start, goal, via=via)[AWARE].path
+        if path is None:
+            raise ConfigError("no path joins start and goal; move one of them")
+        return path
+
+
+@dataclass(frozen=True)
+class Download:
+    """A file that the page can fetch."""
+
+    name: str
+    """Name that it is saved under."""
+    content: bytes
+    """What is in it."""
+    media_type: str
+    """Its kind, such as text/html."""
 
 
 Lane = Literal["look", "plan", "slow", "edit", "work", "long", "drive"]
@@ -43,7 +100,8 @@ class Entry:
     """A kind of questions."""
 
     handler: str
-    """Module and function of the answer; imported when it is first asked for."""
+    """Module and function of (session, ask, work) that answers; imported when first asked for.
+    What it returns is fit for JSON, but for NaN and infinity, for which the page gets null."""
     lane: Lane
     """The lane that answers one question after the other, and never waits for another lane."""
     each: bool = False
@@ -51,20 +109,13 @@ class Entry:
     slow: str = ""
     """Module and function that say whether a question is to be answered in a lane of its own."""
 
-    def load(self) -> Handler:
-        """The function that answers."""
-        found: Handler = _function(self.handler)
-        return found
+    def answer(self, session: Session, ask: Ask, work: Work) -> dict[str, Any]:
+        """The answer to a question."""
+        return dict(called(self.handler, session, ask, work))
 
     def lane_of(self, session: Session, ask: Ask) -> str:
         """The lane of a question."""
-        return "slow" if self.slow and _function(self.slow)(session, ask) else self.lane
-
-
-def _function(name: str) -> Any:
-    """The function of a name such as module:function."""
-    module, _, name = name.partition(":")
-    return getattr(import_module(module), name)
+        return "slow" if self.slow and called(self.slow, session, ask) else self.lane
 
 
 ASKS: dict[str, Entry] = {
@@ -73,8 +124,8 @@ ASKS: dict[str, Entry] = {
     "idle": Entry("locplan.explorer._plans:idle", "slow"),
     "configure": Entry("locplan.explorer._edits:configure", "work"),
     "edit": Entry("locplan.explorer._edits:edit", "edit", each=True),
-    "undo": Entry("locplan.explorer._edits:undo", "edit", each=True),
-    "redo": Entry("locplan.explorer._edits:redo", "edit", each=True),
+    "undo": Entry("locplan.explorer._edits:step", "edit", each=True),
+    "redo": Entry("locplan.explorer._edits:step", "edit", each=True),
     "save": Entry("locplan.explorer._edits:save", "edit", each=True),
     "front": Entry("locplan.explorer._plans:front", "long"),
     "simulate": Entry("locplan.explorer._long:simulate", "long"),
@@ -82,7 +133,7 @@ ASKS: dict[str, Entry] = {
     "twins": Entry("locplan.explorer._long:twins", "long"),
     "twins_everywhere": Entry("locplan.explorer._long:twins_everywhere", "long"),
     "export": Entry("locplan.explorer._sharing:export", "long"),
-    "match": Entry("locplan.explorer._drives:match", "drive"),
+    "match": Entry("locplan.explorer._long:match", "drive"),
     "share": Entry("locplan.explorer._sharing:share", "long"),
     "reproduce": Entry("locplan.explorer._sharing:reproduce", "look"),
 }
@@ -109,7 +160,7 @@ class Session(Upkeep):
         self.undone: list[Any] = []
         self.opening_ends = threading.Lock()
         self.saved, self.saved_as = grid, ""
-        self.written: set[Path] = set()
+        self.written: set[FilePath] = set()
         self.twins: Texture | None = None
 
     @property
@@ -199,9 +250,8 @@ class Session(Upkeep):
         scene = self.scene
         costs = self.costs(self.weight_of(ask), scene)
         assert scene.field is not None
-        (start, *via, goal), _ = stops_of(ask, scene.parts)
-        shown = costs.grid, scene.field, costs, self.robot
-        return View(*shown, start, goal, tuple(via), scene.whole)
+        stops, _ = stops_of(ask, scene.parts)
+        return View(scene.field, costs, self.robot, stops, scene.whole)
 
     def textures(self, digest: str) -> Mapping[str, Texture] | None:
         """The layers of a digest: of the scene, of one shortly before, or of the look-alikes.
@@ -288,7 +338,5 @@ class Session(Upkeep):
         LocplanError
             If a value is out of its range.
         """
-        found = ASKS[do].load()(
-            self, Ask(do, 0, values), Work(progress or (lambda *_: None), Cancel())
-        )
-        return finite(found)
+        work = Work(progress or (lambda *_: None), Cancel())
+        return finite(ASKS[do].answer(self, Ask(do, 0, values), work))

@@ -27,7 +27,7 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._asks import Ask
 from locplan.explorer._plans import plan
 from locplan.explorer._scene import MAX_DRIVES
-from locplan.explorer._textures import cells_of
+from locplan.explorer._state import cells_of
 from locplan.export import ExportJob, distribution, formats
 from locplan.field import config_spelled, lidar_of
 from locplan.planners import AWARE
@@ -60,18 +60,17 @@ def export(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     suffix = "".join(format.suffixes[:1])
     stem = f"{plain_name(view.grid.name)}-{to}"
     target = folder / f"{stem}{suffix}" if force else _unused(folder, stem, suffix)
-    paths = {AWARE: view.paths()[0]} if format.paths == "one" else {}
+    paths = {AWARE: view.path()} if format.paths == "one" else {}
     make_folder(folder)
     format.check_target(target, force=force)
     job = ExportJob(view.costs, view.field, paths, work.progress, view.robot)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
-        summary = format.write(target, job, options)
+        format.write(target, job, options)
     written = [target] if target.is_file() else sorted(target.rglob("*"))
     return {
         "folder": str(folder),
         "files": [each.relative_to(folder).as_posix() for each in written if each.is_file()],
-        "facts": dict(summary.rows),
         "warnings": [*dict.fromkeys(str(each.message) for each in caught)],
     }
 
@@ -99,21 +98,21 @@ def reproduce(session: Session, ask: Ask, work: Work) -> dict[str, str]:
     """
     drives = ask.whole("drives", 2, MAX_DRIVES, 0)
     view, file = session.view(ask), session.map_file
-    config, robot = view.field.config, view.robot
+    config, robot, (start, *via, goal) = view.field.config, view.robot, view.stops
     assumed = not config.estimator.casts_rays and robot.lidar == lidar_of(config)
     if assumed and not drives:  # commands assume the same lidar; what is driven has a known one
         robot = dataclasses.replace(robot, lidar=None)
     spelled = config_spelled(config, robot.lidar, whole=not drives)
     settings: dict[str, Any] = {
-        "start": view.start[:2],
-        "goal": view.goal[:2],
+        "start": start[:2],
+        "goal": goal[:2],
         "robot": robot_spelled(robot),
         "config": spelled._replace(argument="costs"),
         **view.cost_settings,
         "drives": drives,
     }
-    if view.via:
-        settings["via"] = [xy[:2] for xy in view.via]
+    if via:
+        settings["via"] = [xy[:2] for xy in via]
     if config.estimator.casts_rays and not drives:  # options say that by the spacing
         whole = "lambda grid, points=None: locplan.load_or_compute(grid, config)"
         settings["compute"] = Spelled((), whole)

@@ -94,10 +94,11 @@ class Link:
 
     async def _answer(self, ask: Ask, cancel: Cancel, turn: int) -> None:
         """Answer a question in its lane."""
-        entry, overtaken = ASKS[ask.do], _Overtaken(self._newest, ask.do, turn, cancel)
-        work = Work(self._progress(ask.id, overtaken), overtaken)
+        # It ends, too, once a newer question of its kind has come.
+        either = Cancel(lambda: cancel.cancelled or self._newest.get(ask.do, turn) != turn)
+        work = Work(self._progress(ask.id, either), either)
         try:
-            lane = self._lanes[entry.lane_of(self._session, ask)]
+            lane = self._lanes[ASKS[ask.do].lane_of(self._session, ask)]
             answer = await self._loop.run_in_executor(lane, self._work, ask, work)
         except Cancelled:
             answer = {"cancelled": True} if cancel.cancelled else {"stale": True}
@@ -113,7 +114,7 @@ class Link:
 
     def _work(self, ask: Ask, work: Work) -> dict[str, Any]:
         work.cancel.check()
-        return ASKS[ask.do].load()(self._session, ask, work)
+        return ASKS[ask.do].answer(self._session, ask, work)
 
     def _progress(self, number: int, cancel: Cancel) -> Any:
         def progress(done: int, total: int, doing: str = "") -> None:
@@ -158,19 +159,6 @@ class Link:
         async with self._sending:
             with suppress(WebSocketDisconnect, RuntimeError):  # the page has gone
                 await self._socket.send_text(text)
-
-
-class _Overtaken(Cancel):
-    """A token that is set, too, once a newer question of its kind has come."""
-
-    def __init__(self, newest: dict[str, int], kind: str, turn: int, cancel: Cancel) -> None:
-        super().__init__()
-        self._newest, self._kind, self._turn, self._given = newest, kind, turn, cancel
-
-    @property
-    def cancelled(self) -> bool:
-        """Whether the question was taken back or overtaken."""
-        return self._given.cancelled or self._newest.get(self._kind, self._turn) != self._turn
 
 
 def _text(answer: dict[str, Any]) -> str:

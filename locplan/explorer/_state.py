@@ -1,4 +1,7 @@
-"""What the page gets to know: what a session is about, how it stands, and what a place is like."""
+"""What the page gets to know: what a session is about, how it stands, places, and layers as bytes.
+
+Row 0 of layers and of maps is on top, as the page draws them.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +9,23 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from locplan import __version__
 from locplan._util.checks import FARTHEST, number
-from locplan._util.tables import finite
-from locplan.explorer._asks import Ask
+from locplan.explorer._asks import MAX_WEIGHT, Ask, Work
 from locplan.explorer._scene import Scene
-from locplan.explorer._session import MAX_WEIGHT, Session
-from locplan.field import ESTIMATORS, estimator_class, position_axes, scalar
-from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.robots import PRESETS, Preset
+from locplan.field import (
+    ESTIMATORS,
+    estimator_class,
+    position_axes,
+    scalar,
+)
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.robots import PRESETS
 
 if TYPE_CHECKING:
-    from locplan.explorer._asks import Work
-
+    from locplan.explorer._session import Session
 
 TITLES = {
     "sad": "SAD, the paper's",
@@ -28,16 +34,13 @@ TITLES = {
     "fused": "Fisher and scan fused",
 }
 """Titles of estimators for people; others are shown by their names."""
-ROBOTS = ("turtlebot3", "turtlebot4")
-"""Presets that are named after the robot that carries the lidar."""
 
 
 def about(session: Session) -> dict[str, Any]:
     """The map, and what can be chosen and done."""
     from locplan.export import DISTRIBUTIONS
 
-    grid = session.original
-    writes = session.opening.folder is not None
+    grid, writes = session.original, session.opening.folder is not None
     return {
         "version": __version__,
         "map": {
@@ -47,10 +50,24 @@ def about(session: Session) -> dict[str, Any]:
             "resolution": grid.resolution,
             "origin": list(grid.origin),
         },
-        "estimators": [_estimator(name) for name in ESTIMATORS],
-        "lidars": [_lidar(name, preset) for name, preset in PRESETS.items()],
+        "estimators": [
+            {
+                "name": name,
+                "title": TITLES.get(name, name),
+                "needs_lidar": estimator_class(name).casts_rays,
+            }
+            for name in ESTIMATORS
+        ],
+        "lidars": [
+            {
+                "name": name,
+                "title": f"{name}, {each.range:g} m, {each.field_of_view_deg:g}°",
+                "range": each.range,
+            }
+            for name, each in PRESETS.items()
+        ],
         "distros": list(DISTRIBUTIONS),
-        "can": {"export": writes, "save": writes, "twins": True, "landmarks": True},
+        "can": {"export": writes, "save": writes},
         "drives": [each.about() for each in session.opening.drives],
         "max_weight": MAX_WEIGHT,
     }
@@ -58,35 +75,30 @@ def about(session: Session) -> dict[str, Any]:
 
 def state(session: Session) -> dict[str, Any]:
     """How the session stands."""
-    scene, busy = session.scene, session.busy
-    opening, field = session.opening, scene.field
+    scene, opening, field = session.scene, session.opening, session.scene.field
+    busy = session.busy and dict(zip(("done", "total"), session.busy, strict=True))
     start, goal = ends(session)
-    layers: list[dict[str, object]] = []
     lattice = None
     if field is not None:
-        layers = [each.to_json() for each in session.layers().values()]
         rows, cols = field.covariance.shape[:2]
-        lattice = {"rows": rows, "cols": cols, "stride_cells": field.stride, "row0": 0, "col0": 0}
-    return finite(
-        {
-            "map": {
-                "digest": session.grid.digest,
-                "edited": session.edited,
-                "can_undo": bool(session.edits),
-                "can_redo": bool(session.undone),
-            },
-            "robot": session.robot.title,
-            "field": _field(scene),
-            "lattice": lattice,
-            "layers": layers,
-            "weight": session.default_weight,
-            "default_weight": session.default_weight,
-            "start": start,
-            "goal": goal,
-            "via": [list(xy[:2]) for xy in opening.via],
-            "busy": busy and {"id": None, "do": busy.do, "done": busy.done, "total": busy.total},
-        }
-    )
+        lattice = {"rows": rows, "cols": cols, "stride_cells": field.stride}
+    return {
+        "map": {
+            "digest": session.grid.digest,
+            "edited": session.edited,
+            "can_undo": bool(session.edits),
+            "can_redo": bool(session.undone),
+        },
+        "robot": session.robot.title,
+        "field": _field(scene),
+        "lattice": lattice,
+        "layers": [each.to_json() for each in session.layers().values()],
+        "default_weight": session.default_weight,
+        "start": start,
+        "goal": goal,
+        "via": [list(xy[:2]) for xy in opening.via],
+        "busy": busy and {"id": None, "do": "field", **busy},
+    }
 
 
 def ends(session: Session) -> tuple[list[float] | None, list[float] | None]:
@@ -102,8 +114,6 @@ def ends(session: Session) -> tuple[list[float] | None, list[float] | None]:
 
 def _far_apart(session: Session) -> tuple[Any, Any]:
     """Two places of the largest part of the free space, far apart; None where there is none."""
-    import numpy as np
-
     from locplan.planners import farthest_pairs
 
     parts = session.scene.parts
@@ -133,24 +143,6 @@ def _field(scene: Scene) -> dict[str, Any] | None:
         "headings": config.headings,
         "saturated": scene.field.saturated_share,
         "whole": scene.whole,
-        "summary": config.estimator.summary,
-    }
-
-
-def _estimator(name: str) -> dict[str, Any]:
-    kind = estimator_class(name)
-    title = TITLES.get(name, name)
-    return {"name": name, "title": title, "needs_lidar": kind.casts_rays, "weight": kind.weight}
-
-
-def _lidar(name: str, preset: Preset) -> dict[str, Any]:
-    title = f"{name}, {preset.range:g} m, {preset.field_of_view_deg:g}°"
-    return {
-        "name": name,
-        "title": title,
-        "range": preset.range,
-        "field_of_view_deg": preset.field_of_view_deg,
-        "robot": name in ROBOTS,
     }
 
 
@@ -170,9 +162,9 @@ def at(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     about["clearance"] = clearance_at(grid, *cell)
     covariance = np.array(np.nan) if scene.field is None else scene.field.at(x, y)
     if np.isnan(covariance).any():
-        return finite(about)
+        return about
     major, minor, angle = (float(value) for value in position_axes(covariance))
-    known = {
+    return about | {
         "known": True,
         "axes": [100 * major, 100 * minor],
         "angle": angle,
@@ -180,7 +172,6 @@ def at(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
         "u": float(scene.costs.u[cell]),
         "e": float(scalar(covariance, "e")),
     }
-    return finite(about | known)
 
 
 def clearance_at(grid: OccupancyGrid, row: int, col: int) -> float:
@@ -201,3 +192,10 @@ def clearance_at(grid: OccupancyGrid, row: int, col: int) -> float:
     down, aside = np.maximum(2 * np.abs([rows + top - row, cols + left - col]) - 1, 0)
     near = math.sqrt(int((down * down + aside * aside).min())) * (grid.resolution / 2)
     return near if near <= FAR else math.nan
+
+
+def cells_of(cells: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Cells of a map as 0 for unknown, 1 for free, 2 for occupied ones, row 0 on top."""
+    classes = np.zeros(256, np.uint8)
+    classes[FREE], classes[OCCUPIED] = 1, 2
+    return classes[cells[::-1]]

@@ -16,7 +16,7 @@ from locplan._util.progress import ProgressCallback
 from locplan.costs import CellWindow, Costmap, changed_window, joined_windows
 from locplan.errors import one_line
 from locplan.explorer._asks import Cancel, Cancelled
-from locplan.explorer._scene import Busy, Opening, Scene
+from locplan.explorer._scene import Opening, Scene
 from locplan.explorer._searches import Kept
 from locplan.field import (
     CovarianceField,
@@ -62,7 +62,8 @@ class Upkeep:
         self.original = self.grid = grid
         self.config = opening.config
         self.kept = Kept(opening.limits.kept_bytes)
-        self.busy: Busy | None = None
+        self.busy: tuple[int, int] | None = None
+        """Steps done and all steps of the field that is computed; 0 of 0 before they are known."""
         self.changing = threading.RLock()
         self.listeners: list[Callable[[dict[str, Any]], None]] = []
         self.scene = Scene(self._floor(grid), None, True, 0)
@@ -149,7 +150,7 @@ class Upkeep:
         cancel.check()
         grid, config = self.grid, self.config
         known = None if self._known is None else self._known.field
-        self.busy = Busy("field")
+        self.busy = 0, 0
         try:
             if known is None:
                 if self.scene.costs.grid.digest != grid.digest:
@@ -163,12 +164,8 @@ class Upkeep:
         except Exception as error:
             if cancel.cancelled:  # such as a pool that was closed meanwhile
                 raise Cancelled from None
-            self.tell(
-                {
-                    "event": "error",
-                    "error": one_line(" ".join(str(error).split()) or type(error).__name__),
-                }
-            )
+            text = one_line(" ".join(str(error).split()) or type(error).__name__)
+            self.tell({"event": "error", "error": text})
             raise
         finally:
             if not cancel.cancelled:
@@ -260,9 +257,8 @@ class Upkeep:
             yield field, fresh, at >= len(order)
 
     def _tell(self, done: int, total: int) -> None:
-        busy = self.busy
-        if busy is not None:
-            busy.done, busy.total = done, total
+        if self.busy is not None:
+            self.busy = done, total
         self.tell({"event": "progress", "do": "field", "done": done, "total": total})
         if (listener := self.listener) is not None:
             listener(done, total)

@@ -1,5 +1,13 @@
 from . import style as style
-from ._cells import DRAWN_CELLS as DRAWN_CELLS, draw_cells as draw_cells
+from ._cells import (
+    DRAWN_CELLS as DRAWN_CELLS,
+    draw_cells as draw_cells,
+    drawn_size as drawn_size,
+    map_around as map_around,
+    map_axes as map_axes,
+    map_size as map_size,
+    zoomed_to as zoomed_to,
+)
 from ._fields import (
     draw_ellipses as draw_ellipses,
     e_figure as e_figure,
@@ -13,13 +21,11 @@ from ._fields import (
 from ._maps import (
     draw_ends as draw_ends,
     draw_field as draw_field,
+    draw_inset as draw_inset,
     draw_map as draw_map,
     draw_path as draw_path,
-    drawn_size as drawn_size,
     end_handles as end_handles,
     field_norm as field_norm,
-    map_axes as map_axes,
-    map_size as map_size,
     save_figure as save_figure,
 )
 from ._picture import (
@@ -35,7 +41,6 @@ from ._plans import (
     path_figure as path_figure,
     plan_figure as plan_figure,
 )
-from ._views import draw_inset as draw_inset, map_around as map_around, zoomed_to as zoomed_to
 from .style import (
     FIELD_COLOURS as FIELD_COLOURS,
     LIGHT_MAP_COLOURS as LIGHT_MAP_COLOURS,

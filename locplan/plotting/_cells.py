@@ -1,8 +1,9 @@
-"""Images of a map's cells, drawn in blocks where the map has more cells than a picture shows."""
+"""What a picture shows of a map: its cells or blocks of them, all or a part of it, its size."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,10 +13,13 @@ from matplotlib.transforms import Affine2D, Bbox, IdentityTransform
 from numpy.typing import NDArray
 
 from locplan.field import CovarianceField, values_at
-from locplan.maps import FREE, OccupancyGrid
+from locplan.maps import FREE, UNKNOWN, OccupancyGrid
+from locplan.plotting._picture import Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from locplan.costs import Path
 
 DRAWN_CELLS = 2000
 """Most cells along a side that are drawn one by one; beyond, blocks of them are."""
@@ -135,12 +139,6 @@ def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options:
     return image
 
 
-def values_of(image: AxesImage) -> NDArray[np.float64]:
-    """The values that an image shows, NaN where it shows none."""
-    values: Any = image.get_array()
-    return np.asarray(np.ma.filled(values, np.nan))
-
-
 def shrunk(values: NDArray[Any], *, maximum: bool = False, most: int | None = None) -> NDArray[Any]:
     """The minimum or the maximum of each block of cells; small maps stay as they are.
 
@@ -184,3 +182,136 @@ def field_cells(
 def block(shape: tuple[int, ...], most: int | None = None) -> int:
     """Number of cells along a side of the blocks that large maps are drawn in."""
     return math.ceil(max(shape[:2]) / (most or DRAWN_CELLS))
+
+
+def known_cells(grid: OccupancyGrid) -> tuple[int, int, int, int]:
+    """First row, end of the rows, first column and end of the columns with known cells."""
+    known = grid.cells != UNKNOWN
+    if not known.any():
+        return 0, grid.shape[0], 0, grid.shape[1]
+    rows, cols = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
+    return int(rows[0]), int(rows[-1]) + 1, int(cols[0]), int(cols[-1]) + 1
+
+
+def limits_of(grid: OccupancyGrid, *, share: float = 0.02) -> dict[str, Any]:
+    """`xlim` and `ylim` around the known cells, with a margin of a share of their extent [m]."""
+    low, high, left, right = known_cells(grid)
+    x, y = grid.grid_to_world(np.array([low, low, high, high]), np.array([left, right] * 2))
+    margin = share * max(np.ptp(x), np.ptp(y)) + (grid.resolution if share else 0.0)
+    ends = [(float(each.min() - margin), float(each.max() + margin)) for each in (x, y)]
+    return dict(zip(("xlim", "ylim"), ends, strict=True))
+
+
+def map_axes(grid: OccupancyGrid) -> tuple[Picture, Axes]:
+    """Make an empty figure for one map.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map, whose known part gives the size.
+
+    Returns
+    -------
+    figure : Picture
+        The figure.
+    axes : matplotlib.axes.Axes
+        Its only Axes.
+    """
+    figure = Picture(figsize=map_size(grid), layout="constrained")
+    return figure, figure.add_subplot()
+
+
+def map_size(grid: OccupancyGrid) -> tuple[float, float]:
+    """Figure size for the known part of a map with a colour bar at its side.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+
+    Returns
+    -------
+    (width, height)
+        The size of the figure [inch].
+    """
+    width, height = drawn_size(grid)
+    return max(width, 5.0) + 1.6, max(height, 2.0) + 0.8
+
+
+def drawn_size(grid: OccupancyGrid) -> tuple[float, float]:
+    """Size at which the known part of a map is drawn.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+
+    Returns
+    -------
+    (width, height)
+        The size without margins [inch], at most 7.6 each.
+    """
+    low, high, left, right = known_cells(grid)
+    height, width = high - low, right - left
+    cos, sin = abs(np.cos(grid.origin[2])), abs(np.sin(grid.origin[2]))
+    height, width = sin * width + cos * height, cos * width + sin * height
+    drawn_width = min(7.6, 7.6 * width / height)
+    return drawn_width, drawn_width * height / width
+
+
+def map_around(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
+    """Cut the part of a map around some paths out of it.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    paths : sequence of Path
+        The paths, one at least.
+
+    Returns
+    -------
+    OccupancyGrid
+        The part, with a margin as far as the map reaches; the map itself where all paths are
+        beside it.
+    """
+    at = np.concatenate([path.xy for path in paths])
+    rows, cols = grid.world_to_grid(*at.T)
+    extent = max(float(np.ptp(rows)), float(np.ptp(cols)))
+    margin = max(0.15 * extent, 3.0 / grid.resolution)  # 3 m at least
+    ends = [
+        (max(0, int(values.min() - margin)), min(size, int(values.max() + margin) + 1))
+        for values, size in zip((rows, cols), grid.shape, strict=True)
+    ]
+    (top, bottom), (left, right) = ends
+    if top >= bottom or left >= right:  # the paths are beside the map
+        return grid
+    return grid.part(slice(top, bottom), slice(left, right))
+
+
+def zoomed_to(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
+    """Cut the part of a map around some paths out of it, where that is small.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    paths : sequence of Path
+        The paths; without any the map stays whole.
+
+    Returns
+    -------
+    OccupancyGrid
+        The part as `map_around` has it if it is below 0.6 of the map's extent, else the map.
+    """
+    part = map_around(grid, paths) if paths else grid
+    return part if is_small(grid, part) else grid
+
+
+def is_small(grid: OccupancyGrid, part: OccupancyGrid) -> bool:
+    """Whether a part is so small that a picture of the map would hardly show what is in it."""
+    sizes = []
+    for each in (part, grid):
+        low, high, left, right = known_cells(each)
+        sizes.append(max(high - low, right - left))
+    return sizes[0] < 0.6 * sizes[1]

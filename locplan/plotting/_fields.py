@@ -30,8 +30,8 @@ from locplan.field import (
     scalar,
 )
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.plotting._cells import draw_cells, field_cells, shrunk, values_of
-from locplan.plotting._maps import draw_field, draw_map, field_bar, limits_of, map_axes, map_size
+from locplan.plotting._cells import draw_cells, field_cells, limits_of, map_axes, map_size, shrunk
+from locplan.plotting._maps import draw_field, draw_map, field_bar
 from locplan.plotting._picture import HARMLESS, Picture, weak_spots
 from locplan.plotting.style import BLUE, ERROR_COLOURS, GREEN, ORANGE, PURPLE, SKY, YELLOW
 
@@ -121,7 +121,7 @@ def field_figure(field: CovarianceField, name: str | None = None) -> Figure:
     image = draw_field(axes, field, name)
     field_bar(figure, image, axes, field.quantity(name).axis, shrink=0.9)
     title = f"{field.grid.name or 'map'}: {field.saturated_share:.0%} saturated"
-    weak = weak_spots(field, values_of(image), name)
+    weak = weak_spots(field, image.get_array(), name)
     axes.set_title(f"{title}; {weak}\n{field.config.summary}", fontsize="medium")
     return figure
 
@@ -158,8 +158,7 @@ def fields_figure(
             first = axes is axes_of_row[0]
             axes.set(xlabel="", ylabel=(field.grid.name or "map") if first else "")
             if part.shape != field.grid.shape:
-                xlim, ylim = limits_of(part, share=0.0)
-                axes.set(xlim=xlim, ylim=ylim)
+                axes.set(**limits_of(part, share=0.0))
     ends = np.array([image.get_clim() for image in images])  # of one scale for all
     for image in images:
         image.set_clim(ends[:, 0].min(), ends[:, 1].max())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 from collections.abc import Sequence
@@ -13,15 +14,17 @@ import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
 from locplan._util.files import PICTURES, check_target, replacing
 from locplan.field import CovarianceField
 from locplan.maps import UNKNOWN, OccupancyGrid
-from locplan.plotting._cells import draw_cells, field_cells, shrunk
-from locplan.plotting._picture import HARMLESS, Picture, label_plainly
-from locplan.plotting.style import END_STYLE, FIELD_COLOURS, FILE_DPI, MAP_COLOURS, outline
+from locplan.plotting import style as styles
+from locplan.plotting._cells import block, draw_cells, field_cells, is_small, limits_of, shrunk
+from locplan.plotting._picture import HARMLESS, label_plainly
+from locplan.plotting.style import FILE_DPI
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,9 +46,8 @@ def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
     grid : OccupancyGrid
         The map.
     """
-    draw_cells(axes, grid, shades(grid), cmap=MAP_COLOURS, vmin=0, vmax=3)
-    xlim, ylim = limits_of(grid)
-    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", xlim=xlim, ylim=ylim)
+    draw_cells(axes, grid, shades(grid), cmap=styles.MAP_COLOURS, vmin=0, vmax=3)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", **limits_of(grid))
 
 
 def shades(grid: OccupancyGrid) -> NDArray[np.uint8]:
@@ -64,6 +66,8 @@ def draw_field(
     field: CovarianceField,
     name: str | None = None,
     part: OccupancyGrid | None = None,
+    *,
+    read: NDArray[np.float64] | None = None,
 ) -> AxesImage:
     """Draw a scalar of the field over its map on a logarithmic scale, or a layer on a linear one.
 
@@ -80,31 +84,22 @@ def draw_field(
         Scalar or layer, see `field_figure`; by default what degeneracy is made of.
     part : OccupancyGrid, optional
         Part of the map that is drawn, cut out of it along its cells; all of it by default.
+    read : array, optional
+        The scalar at the cells that are drawn, or at their blocks, where it has been read already.
 
     Returns
     -------
     matplotlib.image.AxesImage
         The values, for a colour bar, in the unit of `CovarianceField.quantity`.
     """
-    name = name or field.config.estimator.criterion
-    values = field.scalar(name, headings="mean")
-    read = field_cells(field, values, logarithmic=name not in field.layers, part=part)
-    return draw_field_cells(axes, field, name, read, part)
-
-
-def draw_field_cells(
-    axes: Axes,
-    field: CovarianceField,
-    name: str,
-    values: NDArray[np.float64],
-    part: OccupancyGrid | None = None,
-) -> AxesImage:
-    """Draw as `draw_field` does a scalar that has been read at the map's cells, or its blocks."""
-    drawn = part or field.grid
+    name, drawn = name or field.config.estimator.criterion, part or field.grid
+    if read is None:
+        values = field.scalar(name, headings="mean")
+        read = field_cells(field, values, logarithmic=name not in field.layers, part=part)
     draw_map(axes, drawn)
-    values = field.quantity(name).factor * values
+    values = field.quantity(name).factor * read
     norm = field_norm(field, name, values)
-    return draw_cells(axes, drawn, values, cmap=FIELD_COLOURS, norm=norm)
+    return draw_cells(axes, drawn, values, cmap=styles.FIELD_COLOURS, norm=norm)
 
 
 def field_norm(field: CovarianceField, name: str, values: NDArray[np.float64]) -> Normalize:
@@ -175,7 +170,7 @@ def draw_path(axes: Axes, path: Path, **style: Any) -> None:
     **style
         Properties of the line for ``Axes.plot``, such as color and linewidth.
     """
-    axes.plot(*path.xy.T, **{"linewidth": 2.2, "path_effects": outline(), **style})
+    axes.plot(*path.xy.T, **{"linewidth": 2.2, "path_effects": styles.outline(), **style})
 
 
 def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None:
@@ -188,8 +183,8 @@ def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None
     start, goal : (x, y) or (x, y, heading)
         The poses in the world [m, m, rad].
     """
-    axes.plot(*start[:2], "o", markersize=7, zorder=4, **END_STYLE)
-    axes.plot(*goal[:2], "*", markersize=13, zorder=4, **END_STYLE)
+    axes.plot(*start[:2], "o", markersize=7, zorder=4, **styles.END_STYLE)
+    axes.plot(*goal[:2], "*", markersize=13, zorder=4, **styles.END_STYLE)
     for x, y, *heading in (start, goal):
         if heading:
             ahead = 22 * np.cos(heading[0]), 22 * np.sin(heading[0])  # in points, at any scale
@@ -206,8 +201,10 @@ def end_handles() -> list[Line2D]:
         The two handles, labelled "start" and "goal".
     """
     return [
-        Line2D([], [], linestyle="none", marker="o", label="start", **END_STYLE),
-        Line2D([], [], linestyle="none", marker="*", markersize=10, label="goal", **END_STYLE),
+        Line2D([], [], linestyle="none", marker="o", label="start", **styles.END_STYLE),
+        Line2D(
+            [], [], linestyle="none", marker="*", markersize=10, label="goal", **styles.END_STYLE
+        ),
     ]
 
 
@@ -239,79 +236,68 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = FILE
             temporary.write_bytes(drawn.getvalue())
 
 
-def known_cells(grid: OccupancyGrid) -> tuple[int, int, int, int]:
-    """First row, end of the rows, first column and end of the columns with known cells."""
-    known = grid.cells != UNKNOWN
-    if not known.any():
-        return 0, grid.shape[0], 0, grid.shape[1]
-    rows, cols = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
-    return int(rows[0]), int(rows[-1]) + 1, int(cols[0]), int(cols[-1]) + 1
+def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequence[Path]) -> None:
+    """Show in a corner without paths where a small part lies on its map, if it is small.
 
-
-Ends = tuple[float, float]
-
-
-def limits_of(grid: OccupancyGrid, *, share: float = 0.02) -> tuple[Ends, Ends]:
-    """Ends of x and of y around the known cells, with a margin of a share of their extent [m]."""
-    low, high, left, right = known_cells(grid)
-    x, y = grid.grid_to_world(np.array([low, low, high, high]), np.array([left, right] * 2))
-    margin = share * max(np.ptp(x), np.ptp(y)) + (grid.resolution if share else 0.0)
-    ends = [(float(each.min() - margin), float(each.max() + margin)) for each in (x, y)]
-    return ends[0], ends[1]
-
-
-def map_axes(grid: OccupancyGrid) -> tuple[Picture, Axes]:
-    """Make an empty figure for one map.
+    The part is drawn without a margin, since the map goes on there.
 
     Parameters
     ----------
-    grid : OccupancyGrid
-        The map, whose known part gives the size.
-
-    Returns
-    -------
-    figure : Picture
-        The figure.
     axes : matplotlib.axes.Axes
-        Its only Axes.
+        The Axes on which the part was drawn.
+    grid, part : OccupancyGrid
+        The map, and the part of it that was drawn.
+    paths : sequence of Path
+        The paths that the inset must not cover, one at least.
     """
-    figure = Picture(figsize=map_size(grid), layout="constrained")
-    return figure, figure.add_subplot()
+    if part.shape != grid.shape:
+        axes.set(**limits_of(part, share=0.0))
+    if not is_small(grid, part):
+        return
+    points = [path.resampled(0.5, even=True).xy for path in paths]
+    size = _size(axes, grid)
+    inset = axes.inset_axes((*_free_corner(axes, np.concatenate(points), size), *size))
+    cells = shrunk(grid.cells, most=300)
+    size_of_cell = grid.resolution * block(grid.shape, 300)
+    draw_map(inset, dataclasses.replace(grid, cells=cells, resolution=size_of_cell))
+    inset.images[0].set_cmap(styles.LIGHT_MAP_COLOURS)
+    inset.set(xlabel="", ylabel="", xticks=(), yticks=(), zorder=6, **limits_of(grid))
+    height, width = part.shape
+    x, y = part.grid_to_world(np.array([0, 0, height, height]), np.array([0, width, width, 0]))
+    corners = np.stack([x, y], axis=1)
+    inset.add_patch(
+        Polygon(corners, fill=False, edgecolor=styles.VERMILION, linewidth=2.2, zorder=5)
+    )
+    if max(part.shape) < 0.06 * max(grid.shape):  # its outline is hard to see
+        inset.plot(*corners.mean(axis=0), "o", color=styles.VERMILION, markersize=5, zorder=5)
 
 
-def map_size(grid: OccupancyGrid) -> tuple[float, float]:
-    """Figure size for the known part of a map with a colour bar at its side.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map.
-
-    Returns
-    -------
-    (width, height)
-        The size of the figure [inch].
-    """
-    width, height = drawn_size(grid)
-    return max(width, 5.0) + 1.6, max(height, 2.0) + 0.8
+def _size(axes: Axes, grid: OccupancyGrid) -> tuple[float, float]:
+    """Width and height of an inset that shows a map, as shares of those of the Axes."""
+    across, along = (
+        float(np.ptp(own) / np.ptp(all_of_it))
+        for own, all_of_it in zip(
+            limits_of(grid).values(), (axes.get_xlim(), axes.get_ylim()), strict=True
+        )
+    )
+    scale = 0.3 / max(across, along)
+    return across * scale, along * scale
 
 
-def drawn_size(grid: OccupancyGrid) -> tuple[float, float]:
-    """Size at which the known part of a map is drawn.
+def _free_corner(
+    axes: Axes, xy: NDArray[np.float64], size: tuple[float, float]
+) -> tuple[float, float]:
+    """Lower left end, in shares of the Axes, of the inset in the corner with fewest points."""
+    low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
+    at = (xy - low) / (high - low)
+    gap = 0.015
+    far = 1 - np.array(size) - gap
+    corners = [(gap, far[1]), (far[0], far[1]), (far[0], gap), (gap, gap)]
+    near = gap + 0.03
 
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map.
+    def count(corner: tuple[float, float]) -> int:
+        inside = (at > np.array(corner) - near) & (at < np.array(corner) + size + near)
+        return int(inside.all(axis=1).sum())
 
-    Returns
-    -------
-    (width, height)
-        The size without margins [inch], at most 7.6 each.
-    """
-    low, high, left, right = known_cells(grid)
-    height, width = high - low, right - left
-    cos, sin = abs(np.cos(grid.origin[2])), abs(np.sin(grid.origin[2]))
-    height, width = sin * width + cos * height, cos * width + sin * height
-    drawn_width = min(7.6, 7.6 * width / height)
-    return drawn_width, drawn_width * height / width
+    x, y = min(corners, key=count)
+    return float(x), float(y)

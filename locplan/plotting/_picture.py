@@ -119,12 +119,13 @@ def _numbers_of(axis: Any) -> list[Text]:
     return [*labels, axis.get_offset_text()]
 
 
-def weak_spots(field: CovarianceField, values: NDArray[np.float64], name: str | None = None) -> str:
+def weak_spots(field: CovarianceField, values: Any, name: str | None = None) -> str:
     """Share of a map's values, in the unit that is shown, whose u is 0.5 or more.
 
     Where no u is as high, the greatest value; where none is above a third, that nothing is weak.
     """
     shown, name = field.quantity(name), name or field.config.estimator.criterion
+    values = np.ma.filled(values, np.nan)
     known = values[np.isfinite(values)]
     if not known.size:
         return "nothing is known"

@@ -14,25 +14,21 @@ from matplotlib.lines import Line2D
 from locplan.costs import DEGENERATE, Costmap, Path, costs_caption, profile
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
-from locplan.plotting._cells import block, draw_cells, shrunk, values_of
+from locplan.plotting._cells import block, draw_cells, map_axes, map_size, shrunk, zoomed_to
 from locplan.plotting._maps import (
     draw_ends,
     draw_field,
-    draw_field_cells,
+    draw_inset,
     draw_map,
     draw_path,
     end_handles,
     field_bar,
-    map_axes,
-    map_size,
 )
 from locplan.plotting._picture import HARMLESS, Picture, make_logarithmic, request, weak_spots
-from locplan.plotting._views import cut, draw_inset, zoomed_to
 from locplan.plotting.style import END_STYLE, ERROR_COLOURS, FIELD_COLOURS, PATH_STYLES, outline
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.image import AxesImage
 
     from locplan.planners import ParetoFront, Plan
 
@@ -49,10 +45,16 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     plans : mapping of str to Plan
         At most four plans, by the name to show; plans without a path are only named.
     """
-    found = _with_paths(plans)
+    solved = [(label, plan, plan.path) for label, plan in plans.items() if plan.path is not None]
+    found = [(*each, style) for each, style in zip(solved, PATH_STYLES, strict=False)]
     shown = [path for plan in plans.values() for path in _drawn(plan)]
     figure, upper, lower, part = _map_and_plot(costs.grid, shown, 2.2)
-    image = _draw_field(upper, costs, field, part)
+    config = field.config
+    of_field = costs.settings is not None and costs.settings.config == config
+    plain = config.headings == 1 and config.estimator.criterion == "e"
+    whole = part is costs.grid and block(part.shape) == 1 and costs.grid == field.grid
+    read = costs.e if of_field and plain and whole else None  # they are the same
+    image = draw_field(upper, field, part=part, read=read)
     draw_inset(upper, costs.grid, part, shown)
     field_bar(figure, image, upper, field.quantity().axis, shrink=0.9)
     # The first plan comes out on top, with its dashes visible where paths coincide.
@@ -63,8 +65,8 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     handles = _handles(plans, found, field.e_unit)
     style = {"frameon": False, "fontsize": "medium", "ncols": 2}
     figure.legend(handles=handles, loc="outside lower center", **style)
-    weak = weak_spots(field, values_of(image))
-    made = f"{field.config.summary}; {field.saturated_share:.0%} saturated; {weak}"
+    weak = weak_spots(field, image.get_array())
+    made = f"{config.summary}; {field.saturated_share:.0%} saturated; {weak}"
     asked = f"{costs.grid.name or 'map'}: {request(costs, plans)}"
     upper.set_title(f"{asked}\n{made}", fontsize="medium")
     return figure
@@ -72,12 +74,6 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
 
 Drawn = tuple[str, "Plan", Path, dict[str, Any]]
 """The name of a plan with a path, the plan, its path, and the path's line style."""
-
-
-def _with_paths(plans: Mapping[str, Plan]) -> list[Drawn]:
-    """The plans that have a path, each with its line style."""
-    solved = [(label, plan, plan.path) for label, plan in plans.items() if plan.path is not None]
-    return [(*each, style) for each, style in zip(solved, PATH_STYLES, strict=False)]
 
 
 def _map_and_plot(
@@ -150,18 +146,6 @@ def _drawn(plan: Plan) -> list[Path]:
     return [places] if plan.path is None else [plan.path, places]
 
 
-def _draw_field(
-    axes: Axes, costs: Costmap, field: CovarianceField, part: OccupancyGrid
-) -> AxesImage:
-    """Draw the field as `draw_field` does; e is taken from the costmap, which has read it."""
-    of_field = costs.settings is not None and costs.settings.config == field.config
-    plain = field.config.headings == 1 and field.config.estimator.criterion == "e"
-    whole = part is costs.grid and block(part.shape) == 1
-    if of_field and plain and whole and costs.grid == field.grid:
-        return draw_field_cells(axes, field, "e", costs.e)
-    return draw_field(axes, field, part=part)
-
-
 def costmap_figure(costs: Costmap) -> Figure:
     """Draw the degeneracy u of a costmap over its map; blocked cells show the map.
 
@@ -196,9 +180,9 @@ def path_figure(plan: Plan) -> Figure:
 def _u_figure(costs: Costmap, title: str, part: OccupancyGrid) -> tuple[Figure, Axes]:
     figure, axes = map_axes(part)
     draw_map(axes, part)
-    u, density = (
-        shrunk(cut(each, costs.grid, part), maximum=True) for each in (costs.u, costs.density)
-    )
+    top, left = np.round(costs.grid.world_to_grid(*part.origin[:2])).astype(int).tolist()
+    shown = slice(top, top + part.shape[0]), slice(left, left + part.shape[1])
+    u, density = (shrunk(each[shown], maximum=True) for each in (costs.u, costs.density))
     u = np.where(np.isfinite(density), u, np.nan)
     greatest = float(np.nanmax(u, initial=0.0))
     weak = "" if greatest >= HARMLESS else f"\nno weak spot: u is {greatest:.2f} at most"

@@ -65,7 +65,7 @@ async function followState(state) {
 	model.state = state;
 	if (!model.start && state.start) {
 		Object.assign(model, { start: state.start, goal: state.goal, via: state.via ?? [] });
-		setWeight(state.weight ?? state.default_weight);
+		setWeight(state.default_weight);
 	}
 	tell("state");
 	tell("markers");

@@ -36,7 +36,7 @@ function showField() {
 	showNeeds();
 	if (!awaited) return;
 	awaited = false;
-	setWeight(model.state.default_weight ?? model.state.weight);
+	setWeight(model.state.default_weight);
 }
 
 function fieldWords(field) {

@@ -43,8 +43,8 @@ export function candidateDash(index) {
 }
 
 /** A candidate in the legend of a picture. */
-export function candidateWords({ label, length, name, error_m: [error] }, k) {
-	const words = `${k + 1} ${label}: ${metres(length)}${Number.isFinite(error) ? `, error ${errorMetres(error)}` : ""}`;
+export function candidateWords({ length, name, error_m: [error] }, k) {
+	const words = `${k + 1} ${name}: ${metres(length)}${Number.isFinite(error) ? `, error ${errorMetres(error)}` : ""}`;
 	return name === model.simulated.chosen ? `${words} (recommended)` : words;
 }
 
@@ -104,7 +104,7 @@ function tableHead() {
 function tableRow(candidate, k) {
 	const badge = make("span", { className: "badge", textContent: String(k + 1) });
 	badge.style.background = errorColour(candidate);
-	const row = make("tr", {}, make("td", {}, badge), make("th", { scope: "row", textContent: candidate.label }), make("td", { textContent: metres(candidate.length) }), ranged(candidate.error_m, errorMetres), ranged(candidate.lost, (v) => `${(100 * v).toFixed(0)}\u202f%`));
+	const row = make("tr", {}, make("td", {}, badge), make("th", { scope: "row", textContent: candidate.name }), make("td", { textContent: metres(candidate.length) }), ranged(candidate.error_m, errorMetres), ranged(candidate.lost, (v) => `${(100 * v).toFixed(0)}\u202f%`));
 	if (candidate.name === model.simulated.chosen) row.className = "chosen";
 	return row;
 }

@@ -71,9 +71,9 @@ export function latticeValue(values, layer, column, down) {
 
 // [column, row from the top, width, height] in cells; a texel's centre is its lattice point's cell centre.
 function textureBox() {
-	const { rows, cols, stride_cells: stride, row0 = 0, col0 = 0 } = model.state.lattice;
-	const left = col0 + 0.5 - stride / 2;
-	const top = model.about.map.rows - row0 - (rows - 1) * stride - 0.5 - stride / 2;
+	const { rows, cols, stride_cells: stride } = model.state.lattice;
+	const left = 0.5 - stride / 2;
+	const top = model.about.map.rows - (rows - 1) * stride - 0.5 - stride / 2;
 	return [left, top, cols * stride, rows * stride];
 }
 

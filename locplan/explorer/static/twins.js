@@ -83,7 +83,7 @@ function forgetLayer() {
 }
 
 function canShowTwins() {
-	return !model.shared && model.about.can?.twins !== false;
+	return !model.shared;
 }
 
 function takeTwins(answer, place) {
