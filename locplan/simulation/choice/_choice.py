@@ -124,7 +124,7 @@ class Choice(Result):
         if found.leader == 0:
             if len(self.candidates) == 1:
                 return "take the shortest: there is no other path that is not much longer"
-            return f"take the shortest: no other path led by 3 % in the race of {ROUNDS[-1]} drives"
+            return f"take the shortest: no other path led by 1 % in the race of {ROUNDS[-1]} drives"
         leader = self.candidates[found.leader]
         error = f"x{short(found.ratio)} of its error {at_length(shortest, leader)}"
         more_lost = ", but more of its drives are lost" if found.more_lost else ""

@@ -33,23 +33,28 @@ ROUNDS = (4, 8)
 """Drives of all paths, and of those that are kept, in the race."""
 KEPT, FINALISTS = 5, 3
 """Maximum numbers of paths beside the shortest that are kept in the race, and confirmed."""
-UNSURE = 0.07
-"""Probability, one-sided, at which a path counts as surely worse than the leader."""
-LEAD = math.log(0.97)
+UNSURE, BEHIND = 0.07, 0.3
+"""Probability, one-sided, at which a path counts as surely worse than the leader: in the race, and
+when finalists are confirmed."""
+LEAD = math.log(0.99)
 """Difference of the mean scores by which a path must lead the shortest in the race.
 
-These four were found by tests/benchmarks/power_of_choices.py: among ten candidates a path of .8 of
-the shortest's error is found in 89 % of the choices, and in 83 % with one finalist."""
+These five were found by tests/benchmarks/power_of_choices.py: among ten candidates a path of .8 of
+the shortest's error is found in 91 % of the choices."""
 WORTHWHILE = math.log(0.9)
 """Logarithm of the ratio of errors from which on a path is worth leaving the shortest."""
-FIRST_LOOK = 8
-"""Number of confirming drives at the first look; each further look has twice as many."""
-LEVELS = (0.025, 0.0147, 0.0104, 0.0081, 0.0064, 0.0055, 0.0047, 0.0041)
-"""One-sided level of each look, by the number of looks: 5 % in all (Pocock's, of doubled drives).
+FIRST_LOOK, MAX_DRIVES = 8, 1024
+"""Number of confirming drives at the first look; each further look has twice as many, up to the
+greatest number."""
+BELOW, ABOVE = (2.03, 0.3), (2.15, 0.15)
+"""Where the interval's lower and upper end lie: critical value at the last look, and the exponent
+of 2 by which it is greater at each look before that one.
 
-They follow from the greatest of the correlated z values of all looks under no difference."""
-MAX_DRIVES = FIRST_LOOK * 2 ** (len(LEVELS) - 1)
-"""Maximum number of confirming drives of a path."""
+Each end passes the true value at any of up to eight looks with a probability of 2.5 %: the
+boundaries of Wang and Tsiatis for drives that double, whose critical values
+tests/benchmarks/power_of_choices.py computes. Fewer looks, or a last one that is nearer, err less
+often. The upper end shows that a path is better, which may end the drives early; the lower one that
+it is not, where an early end would save only time, and so it keeps more for the last look."""
 
 
 class Scores(NamedTuple):
@@ -197,9 +202,7 @@ def confirmed(
 ) -> Judgement:
     """Drive the finalists and the shortest path afresh, until a difference is known or none is."""
     looks = looks_of(drives)
-    level, first = LEVELS[len(looks) - 1], ROUNDS[-1]
-    # Choosing the best of several promises too much, not too little: the upper level is shared.
-    levels = level, level / len(finalists)
+    first = ROUNDS[-1]
     known = dict.fromkeys([0, *finalists], Scores(np.empty((1, 0)), np.empty((1, 0), bool)))
     running, count = [*finalists], 0
     while True:
@@ -208,7 +211,10 @@ def confirmed(
         new = drive(paths, range(first + before, first + count))
         known |= {path: known[path].joined(new.of([n])) for n, path in enumerate(paths)}
         apart = {each: known[each].log_error[0] - known[0].log_error[0] for each in running}
-        ratios = {each: interval_of(apart[each], *levels) for each in running}
+        below, above = (_level(*end, left=len(looks)) for end in (BELOW, ABOVE))
+        # Choosing the best of several promises too much, not too little: the upper level is shared.
+        above /= len(finalists)
+        ratios = {each: interval_of(apart[each], below, above) for each in running}
         all_lost = {path: lost[path] + known[path].lost.sum() for path in paths}
         losing = {each for each in running if all_lost[each] > all_lost[0]}
         last = not looks or bool(enough and enough())
@@ -216,12 +222,13 @@ def confirmed(
         if verdict:
             shown = Interval(*np.exp(ratios[leader]).tolist())
             return Judgement(leader, verdict, shown, range(first, first + count), leader in losing)
-        # Finalists surely worse than the best one, or than what is worthwhile, stay behind.
+        # Finalists that seem worse than the best one, or than what is worthwhile, stay behind: that
+        # costs no error, since none of them can be recommended any more.
         behind = {
             each
             for each in running
-            if interval_of(apart[each] - apart[leader], UNSURE).low > 0
-            or interval_of(apart[each], UNSURE).low > WORTHWHILE
+            if interval_of(apart[each] - apart[leader], BEHIND).low > 0
+            or interval_of(apart[each], BEHIND).low > WORTHWHILE
         }
         running = [each for each in running if each == leader or each not in behind]
 
@@ -250,8 +257,17 @@ def _verdict(
 
 def looks_of(drives: int) -> list[int]:
     """Numbers of drives at which one looks: 8, twice as many, and so on, and all of them."""
-    looks = [FIRST_LOOK * 2**n for n in range(len(LEVELS))]
-    return [*(count for count in looks if count < drives), drives]
+    looks = [FIRST_LOOK]
+    while looks[-1] < drives:
+        looks.append(2 * looks[-1])
+    return [*looks[:-1], drives]
+
+
+def _level(critical: float, exponent: float, left: int) -> float:
+    """One-sided level of a look by the number of looks that are left after it."""
+    from scipy.special import ndtr
+
+    return float(ndtr(-critical * 2 ** (exponent * left)))
 
 
 def interval_of(
