@@ -67,8 +67,8 @@ def test_plan_writes_paths_plan_and_picture(run, room, tmp_path):
     np.testing.assert_allclose(xy[[0, -1]], [[1, 2], [4, 3.5]])
     about = json.loads((out_dir / "choice.json").read_text())
     assert about["candidates"][0]["metrics"]["length"] > 3
-    assert about["config"]["estimator"]["range"] == 6.0
-    assert about["map"]["digest"] == load_map(room).digest
+    assert about["about"]["config"]["estimator"]["range"] == 6.0
+    assert about["about"]["map"]["digest"] == load_map(room).digest
 
 
 def test_plan_compares_the_shortest_path_with_the_aware_one_on_the_same_costs(run, tmp_path):
@@ -362,7 +362,7 @@ def test_ompls_planners_are_at_hand(run, room, tmp_path):
     assert poses[-1] == pytest.approx([4, 3.5, 0], abs=1e-5)
     about = json.loads((folder / "choice.json").read_text())["candidates"][1]
     assert about["planner"] == "RRTstar"
-    assert len(about["heading"]) == len(about["xy"])
+    assert len(about["path"]["heading"]) == len(about["path"]["xy"])
     assert about["history"][-1][1] == pytest.approx(about["metrics"]["cost"])
 
 
@@ -743,7 +743,7 @@ def test_the_weight_and_the_radius_are_those_asked_for(run, room, tmp_path):
     ends = "--start", "1,2", "--goal", "4,3.5"
     run("plan", room, *ends, "--weight", "9", "-o", tmp_path / "out")
     about = json.loads((tmp_path / "out" / "choice.json").read_text())
-    assert (about["weight"], about["robot_radius"]) == (9.0, 0.25)
+    assert (about["about"]["weight"], about["about"]["robot_radius"]) == (9.0, 0.25)
     for plan in about["candidates"]:
         metrics = plan["metrics"]
         expected = metrics["length"] + 9 * metrics["integrated_u"]

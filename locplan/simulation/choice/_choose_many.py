@@ -134,7 +134,7 @@ class Choices:
             Column("start_y", "m", value=lambda each: each.query.start[1]),
             Column("goal_x", "m", value=lambda each: each.query.goal[0]),
             Column("goal_y", "m", value=lambda each: each.query.goal[1]),
-            Column("chosen", value=lambda each: getattr(each.choice.chosen, "name", "")),
+            Column("chosen", value=lambda each: each.choice.taken),
             *_pair("length", "lengths", "m"),
             *_pair("error", "errors"),
             *_pair("lost", "lost"),

@@ -13,7 +13,7 @@ from locplan.maps import OccupancyGrid
 from locplan.planners import Position
 from locplan.robots import Amcl
 from locplan.simulation._drives import MINIMISED, Minimise
-from locplan.simulation.choice._race import MAX_DRIVES
+from locplan.simulation.choice._race import LOOKS
 
 CALM: dict[str, Any] = {
     **dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"), 0.05),
@@ -68,7 +68,7 @@ class ChoiceSettings(Settings):
     """Time after which no further round of confirming drives begins, above 0 [s]; None sets
     none."""
 
-    filter_map: OccupancyGrid | None = None
+    filter_map: OccupancyGrid | None = dataclasses.field(default=None, compare=False)
     """The filter's map in the same frame, where it differs from the one that is driven in."""
     rival: Amcl | None = TUNED
     """Filter that is driven along the shortest path, too, to tell whether settings gain more than
@@ -82,7 +82,7 @@ class ChoiceSettings(Settings):
         for name in ("front", "bold"):
             instance(name, getattr(self, name), bool, "give true or false")
         if self.drives != 0:
-            whole("drives (0 drives no path)", self.drives, 2, MAX_DRIVES)
+            whole("drives (0 drives no path)", self.drives, 2, LOOKS[-1])
         for name in ("max_e", "time_limit"):
             if getattr(self, name) is not None:
                 positive(name, getattr(self, name))
@@ -111,24 +111,6 @@ class ChoiceSettings(Settings):
                     f"a choice has no setting {shown(name)}; it has {', '.join(known)}"
                 )
         return cls(**settings)
-
-    def summary(self) -> dict[str, Any]:
-        """All settings by name but the filter's map, fit for JSON."""
-        about = dataclasses.asdict(dataclasses.replace(self, filter_map=None))
-        del about["filter_map"]
-        return {**about, "via": [list(each) for each in self.via]}
-
-    @classmethod
-    def from_summary(cls, about: Mapping[str, Any]) -> ChoiceSettings:
-        """Settings that `summary` described.
-
-        Parameters
-        ----------
-        about : mapping
-            What `summary` gives.
-        """
-        via = tuple(tuple(each) for each in about["via"])
-        return cls.of({**about, "via": via, "rival": about["rival"] and Amcl(**about["rival"])})
 
     def rival_of(self, own: object) -> Amcl | None:
         """The rival of a robot's own filter; None without one, or if it is the same or no AMCL.
