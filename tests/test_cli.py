@@ -81,8 +81,8 @@ def test_plan_compares_the_shortest_path_with_the_aware_one_on_the_same_costs(ru
     assert (first["name"], second["name"]) == ("shortest", "localizability-aware")
     shortest, aware = first["metrics"], second["metrics"]
     assert shortest["length"] == pytest.approx(36.0, abs=0.2)
-    assert max(y for _, y in first["xy"]) < 5
-    assert max(y for _, y in second["xy"]) > 10
+    assert max(y for _, y in first["path"]["xy"]) < 5
+    assert max(y for _, y in second["path"]["xy"]) > 10
     for metrics in (shortest, aware):
         expected = metrics["length"] + 4.0 * metrics["integrated_u"]
         assert metrics["cost"] == pytest.approx(expected, rel=1e-6)
@@ -290,7 +290,7 @@ def test_a_scheduler_that_is_none_is_refused(run, room, monkeypatch):
 def test_plans_can_have_limits_and_waypoints(run, room):
     ends = "--start", "1,2", "--goal", "4,3.5"
     about = json.loads(run("plan", room, *ends, "--via", "1.25,3.25", "--json")[1])
-    assert all([1.25, 3.25] in each["xy"] for each in about["candidates"])
+    assert all([1.25, 3.25] in each["path"]["xy"] for each in about["candidates"])
     assert about["settings"]["via"] == [[1.25, 3.25]]
     code, out, _ = run("plan", room, *ends, "--budget", "1e-3")
     assert code == 0
@@ -460,7 +460,7 @@ def test_a_plan_tells_the_deviation_along_its_paths_in_centimetres(run, room):
     lidar = locplan.Lidar.preset("turtlebot4")
     field = locplan.load_or_compute(load_map(room), locplan.Fused.of(lidar))
     shortest = about["candidates"][0]
-    xy = locplan.Path(shortest["xy"]).resampled(0.05).xy
+    xy = locplan.Path(shortest["path"]["xy"]).resampled(0.05).xy
     std = np.array([scalar_of(field.at(x, y), "position_std") for x, y in xy])
     assert shortest["deviation"][0] == pytest.approx(std.mean(), rel=0.1)
     (line,) = [line for line in out.splitlines() if " shortest " in line]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path as File
 from typing import Any, ClassVar, Literal
 
-from locplan._util.intervals import Interval
+from locplan._util.intervals import short
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.saved import Stored, listed, tree_of
@@ -16,6 +16,7 @@ from locplan._util.tables import file_name, wrapped, write_rows
 from locplan.costs import Costmap, Path
 from locplan.planners import Plan, Position
 from locplan.robots import Amcl, Robot
+from locplan.simulation.choice._ask import TUNED, ChoiceSettings
 from locplan.simulation.choice._driven import DRIVEN, PLANNED, Candidate, Driven
 from locplan.simulation.choice._race import (
     CLEARLY_BETTER,
@@ -25,7 +26,6 @@ from locplan.simulation.choice._race import (
     ROUNDS,
     Judgement,
 )
-from locplan.simulation.choice._settings import TUNED, ChoiceSettings
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -266,9 +266,3 @@ def at_length(shortest: Candidate, other: Candidate) -> str:
     if abs(extra) < 0.05:
         return "at the same length"
     return f"for {abs(extra):.1f} m {'more' if extra > 0 else 'less'}"
-
-
-def short(ratio: Interval) -> str:
-    """A ratio with its interval, without zeros before the point."""
-    value, low, high = (f"{each:.2f}".removeprefix("0") for each in ratio)
-    return f"{value} [{low}, {high}]"

@@ -25,10 +25,10 @@ from locplan.field import Fused, equipped, load_or_compute
 from locplan.planners import Query, check_ends, check_random, queries_of
 from locplan.robots import Robot
 from locplan.simulation._worlds import check_of_one_map
+from locplan.simulation.choice._ask import ChoiceSettings
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._choose import choose
 from locplan.simulation.choice._driven import Candidate
-from locplan.simulation.choice._settings import ChoiceSettings
 
 IN_FLIGHT = 64
 """Maximum number of choices at an executor at once, which bounds the memory of their maps."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -17,11 +17,13 @@ from locplan._util.progress import ProgressCallback
 from locplan._util.records import Column
 from locplan._util.saved import Valued
 from locplan.costs import Path, PathMetrics
+from locplan.errors import LocplanError
+from locplan.maps import OccupancyGrid
 from locplan.simulation._drives import Drives, log_errors, worst_error
 from locplan.simulation._simulator import Simulator
-from locplan.simulation.choice._ask import lines_along
+from locplan.simulation._worlds import poses_along
+from locplan.simulation.choice._ask import ChoiceSettings
 from locplan.simulation.choice._race import FINALISTS, KEPT, ROUNDS, Judgement, Scores
-from locplan.simulation.choice._settings import ChoiceSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +150,17 @@ STREAM = 1_000_000
 """Stream of the random numbers of these drives, above those of `simulate` and its queries."""
 RIVAL_DRIVES = 8
 """Number of drives of the shortest path with the rival's settings."""
+
+
+def lines_along(paths: Mapping[str, Path], grid: OccupancyGrid) -> dict[str, Poses]:
+    """Poses along each path; a LocplanError names the candidate that cannot be driven."""
+    lines = {}
+    for name, path in paths.items():
+        try:
+            lines[name] = poses_along(path, grid)
+        except LocplanError as error:
+            raise LocplanError(f"candidate {name}: {error}") from None
+    return lines
 
 
 class Driver:
