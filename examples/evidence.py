@@ -10,7 +10,7 @@ error of a typical drive and the share of lost drives; and the ratio of both pat
 is a value with a 95 % interval on both sides. Two agree if they differ by no more than the
 interval of their difference, whose half is the root of the sum of the squares of the halves that
 face each other. So 95 % of the comparisons of two right procedures agree; comparisons are
-counted, not queries, of which each has two to five.
+counted, not queries, of which each has two or five.
 
 Run: python examples/evidence.py [FOLDER [MAP.yaml ...]]
 """

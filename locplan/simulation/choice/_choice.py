@@ -71,6 +71,12 @@ class Choice(Result, Stored):
     def __repr__(self) -> str:
         return f"Choice({self.map['name'] or 'map'}, {self.sentence})"
 
+    def __eq__(self, other: object) -> bool:  # a filter of one's own is loaded as its name
+        return isinstance(other, Choice) and self.summary() == other.summary()
+
+    def __hash__(self) -> int:
+        return hash(self.map["digest"])
+
     @property
     def map(self) -> Mapping[str, str]:
         """Name and digest of the map."""

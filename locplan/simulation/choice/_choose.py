@@ -151,7 +151,7 @@ def _driven(
     asked = ask.settings
     longest = asked.longest * first.length
     costs, _ = ask.costs(lambda costs: Part.about(costs, first, longest, ask).aware_paths(WEIGHTS))
-    shortest, nothing = ask.shortest(costs) or first, _made(ask, simulator.seed, None, costs)
+    shortest = ask.shortest(costs) or first
     if asked.is_limited:
         within = ask.planned(costs.with_weight(1e-6))
         if within.path is None:
@@ -176,13 +176,8 @@ def _driven(
         Candidate(name, path, path_metrics(costs, path), driver.shown(n, found))
         for n, (name, path) in enumerate(paths.items())
     )
-    return dataclasses.replace(
-        nothing,
-        candidates=made,
-        left_out=left_out,
-        judgement=found,
-        rival=driver.rival(found),
-    )
+    parts = {"candidates": made, "left_out": left_out, "judgement": found}
+    return _made(ask, simulator.seed, None, costs, rival=driver.rival(found), **parts)
 
 
 def _robot_and_field(
@@ -221,19 +216,19 @@ def _why_not(ask: Ask, space: str) -> str:
     return ""
 
 
-def _made(ask: Ask, seed: int, shortest: Plan | None, costs: Costmap | None) -> Choice:
-    """A choice without candidates, with why there is no path, if so."""
+def _made(ask: Ask, seed: int, without: Plan | None, costs: Costmap | None, **parts: Any) -> Choice:
+    """A choice of some parts; without a path it has the status of a plan that has none."""
+    if without is not None:
+        parts |= {"status": without.status, "note": without.note}
     return Choice(
         about={**about_costs(costs or ask.blank), **about_filter(ask.settings.filter_map)},
         start=ask.start,
         goal=ask.goal,
-        candidates=(),
         settings=ask.settings,
         robot=ask.robot,
         seed=seed,
-        status=shortest.status if shortest else "solved",
-        note=shortest.note if shortest else "",
         costs=costs,
+        **{"candidates": (), "status": "solved", **parts},
     )
 
 
@@ -253,22 +248,18 @@ def _planned_only(ask: Ask, own: Own, shortest: Plan, seed: int, why_not: str) -
     left_out = {name: why_without(plan) for name, plan in plans.items() if plan.path is None}
     add_own(own, paths, left_out, costs, ask, but=planner if len(plans) > 1 else None)
     last = plans[next(reversed(plans))]
+    if last.path is None:
+        return _made(ask, seed, last, costs, left_out=left_out)
     made = []
     for name, path in paths.items():
-        planned = plans.get(name)
-        deviation = (math.nan, math.nan) if field is None else deviation_along(path, field)
-        each = Candidate(name, path, path_metrics(costs, path), deviation=deviation)
-        if planned:
-            note, history = _note_on(planned), planned.history
-            each = dataclasses.replace(each, planner=planned.planner, note=note, history=history)
-        made.append(each)
-    return dataclasses.replace(
-        _made(ask, seed, last, costs),
-        status="solved" if last.path else last.status,
-        note=why_not if last.path else last.note,
-        candidates=tuple(made) if last.path else (),
-        left_out=left_out,
-    )
+        more: dict[str, Any] = {}
+        if field is not None:
+            more["deviation"] = deviation_along(path, field)
+        if planned := plans.get(name):
+            more |= {"planner": planned.planner, "history": planned.history}
+            more["note"] = _note_on(planned)
+        made.append(Candidate(name, path, path_metrics(costs, path), **more))
+    return _made(ask, seed, None, costs, note=why_not, candidates=tuple(made), left_out=left_out)
 
 
 def _note_on(made: Plan) -> str:

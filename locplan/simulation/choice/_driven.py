@@ -226,8 +226,7 @@ class Driver:
         numbers = found.drives[:RIVAL_DRIVES]
         robot = dataclasses.replace(self._simulator.robot, filter=rival)
         simulator = self._whole.about(self._lines, robot)
-        line = self._lines[0]
-        drives = Drives(line, self._drive(simulator, [0], numbers)[0])
+        drives = Drives(self._lines[0], self._drive(simulator, [0], numbers)[0])
         errors = self._scored(drives)
         ratio = of_geometric_mean(np.exp(errors - self._log_errors(0, numbers)))
         if self._progress:
@@ -241,7 +240,7 @@ class Driver:
             if self._progress:
                 self._progress(self._done + done, self._total)
 
-        lines: list[Poses] = [self._lines[path] for path in paths]
+        lines = [self._lines[path] for path in paths]
         errors = simulator.drive_together(lines, numbers, stream=STREAM, progress=step)
         self._done += len(paths) * len(numbers)
         return errors
@@ -253,5 +252,4 @@ class Driver:
         return self._scored(self._drives(path, numbers))
 
     def _scored(self, drives: Drives) -> NDArray[np.float64]:
-        minimise = self._settings.minimise
-        return log_errors(drives.distance, drives.errors, minimise, self._worst)
+        return log_errors(drives.distance, drives.errors, self._settings.minimise, self._worst)

@@ -45,14 +45,14 @@ WORTHWHILE = math.log(0.9)
 """Logarithm of the ratio of errors from which on a path is worth leaving the shortest."""
 LOOKS = (8, 16, 32, 64, 128, 256, 512, 1024)
 """Numbers of confirming drives at which one looks, up to the maximum; the last look is at that."""
-BELOW, ABOVE = (2.03, 0.3), (2.15, 0.15)
+BELOW, ABOVE = (2.04, 0.3), (2.16, 0.15)
 """Where the interval's lower and upper end lie: critical value at the last look, and the exponent
 of 2 by which it is greater at each look before that one.
 
-Each end passes the true value at any of up to eight looks with a probability of 2.5 %: the
-boundaries of Wang and Tsiatis for drives that double, whose critical values
-tests/benchmarks/power_of_choices.py computes. Fewer looks, or a last one that is nearer, err less
-often. The upper end shows that a path is better, which may end the drives early; the lower one that
+Each end passes the true value at any of up to eight looks with a probability of at most 2.5 %: the
+boundaries of Wang and Tsiatis for drives that double. Their critical values, 2.03 and 2.15, are
+computed by tests/benchmarks/power_of_choices.py; a hundredth more is for Student's quantiles of few
+drives. Fewer looks, or a last one that is nearer, err less often. The upper end shows that a path is better, which may end the drives early; the lower one that
 it is not, where an early end would save only time, and so it keeps more for the last look."""
 
 
