@@ -49,11 +49,12 @@ BELOW, ABOVE = (2.04, 0.3), (2.16, 0.15)
 """Where the interval's lower and upper end lie: critical value at the last look, and the exponent
 of 2 by which it is greater at each look before that one.
 
-Each end passes the true value at any of up to eight looks with a probability of at most 2.5 %: the
-boundaries of Wang and Tsiatis for drives that double. Their critical values, 2.03 and 2.15, are
-computed by tests/benchmarks/power_of_choices.py; a hundredth more is for Student's quantiles of few
-drives. Fewer looks, or a last one that is nearer, err less often. The upper end shows that a path is better, which may end the drives early; the lower one that
-it is not, where an early end would save only time, and so it keeps more for the last look."""
+Each end passes the true value at any of up to eight looks with a probability of at most 2.5 %:
+the boundaries of Wang and Tsiatis for drives that double. Their critical values, 2.03 and 2.15,
+are computed by tests/benchmarks/power_of_choices.py; a hundredth more is for Student's quantiles
+of few drives. Fewer looks, or a last one that is nearer, err less often. The upper end shows that
+a path is better, which may end the drives early; the lower one that it is not, where an early end
+would save only time, and so it keeps more for the last look."""
 
 
 class Scores(NamedTuple):
