@@ -60,9 +60,10 @@ class Part:
     """Candidates until now, the shortest first."""
 
     @classmethod
-    def about(cls, costs: Costmap, shortest: Path, longest: float, ask: Ask) -> Part:
-        """The part of a costmap in which all paths up to a greatest length lie [m]."""
+    def about(cls, costs: Costmap, shortest: Path, ask: Ask) -> Part:
+        """The part of a costmap in which all paths up to the maximum length lie."""
         start, goal = shortest.xy[0], shortest.xy[-1]
+        longest = ask.settings.longest * shortest.length
         # They lie in an ellipse about both ends, of which a and b are half the axes.
         a = longest / 2
         b = math.sqrt(max(0.0, a**2 - float(np.sum((goal - start) ** 2)) / 4))
@@ -75,12 +76,7 @@ class Part:
         window = window_about(costs.grid, cells, MARGIN / costs.grid.resolution)
         return cls(costs, window, costs.grid.part(*window), ask, longest, {SHORTEST: shortest})
 
-    @cached_property
-    def clearance(self) -> NDArray[np.float64]:
-        """Distance of each cell to the nearest wall [m]."""
-        return self.grid.clearance
-
-    @cached_property
+    @property
     def u(self) -> NDArray[np.float64]:
         """Degeneracy of each cell."""
         return self.costs.u[self.window]
@@ -88,16 +84,18 @@ class Part:
     @cached_property
     def clear(self) -> NDArray[np.float64]:
         """Density that keeps off the walls."""
-        return 1 + 3 * np.exp(-(self.clearance - self.ask.robot.radius) / 0.4)
+        return 1 + 3 * np.exp(-(self.grid.clearance - self.ask.robot.radius) / 0.4)
 
     @property
     def inflated(self) -> NDArray[np.float64]:
         """Density that Nav2's planners see in an inflated costmap: 50 to 252, over 50."""
         nav2s = Inflation(inflation_radius=0.7, cost_scaling_factor=3.0)  # of its bringup
         inflation = self.ask.robot.inflation or nav2s
-        beyond = self.clearance - self.ask.robot.radius
+        beyond = self.grid.clearance - self.ask.robot.radius
         cost = 4 * np.exp(-inflation.cost_scaling_factor * beyond)
-        return 1 + np.where(self.clearance <= inflation.inflation_radius, np.minimum(cost, 4), 0)
+        return 1 + np.where(
+            self.grid.clearance <= inflation.inflation_radius, np.minimum(cost, 4), 0
+        )
 
     @property
     def beside(self) -> NDArray[np.float64]:
@@ -152,8 +150,8 @@ INFLATED: dict[str, Density] = {"inflated": lambda part: part.inflated}
 """That of the robot's own inflated costmap, on which its navigation would plan."""
 DENSITIES: dict[str, Density] = {
     "clear of walls": lambda part: part.clear,
-    "along walls": lambda part: 1 + 3 * np.minimum(abs(part.clearance - 0.6), 1.5),
-    "a metre off walls": lambda part: 1 + 2 * np.minimum(abs(part.clearance - 1), 2),
+    "along walls": lambda part: 1 + 3 * np.minimum(abs(part.grid.clearance - 0.6), 1.5),
+    "a metre off walls": lambda part: 1 + 2 * np.minimum(abs(part.grid.clearance - 1), 2),
     "detour": lambda part: part.clear + 50 * part.cut,
     "way around 1": lambda part: 1 + 1.2 * part.beside,
     "way around 2": lambda part: 1 + 2.5 * part.beside,

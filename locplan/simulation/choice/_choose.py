@@ -149,15 +149,14 @@ def _driven(
 ) -> Choice:
     """The choice among candidates that are driven."""
     asked = ask.settings
-    longest = asked.longest * first.length
-    costs, _ = ask.costs(lambda costs: Part.about(costs, first, longest, ask).aware_paths(WEIGHTS))
+    costs, _ = ask.costs(lambda costs: Part.about(costs, first, ask).aware_paths(WEIGHTS))
     shortest = ask.shortest(costs) or first
     if asked.is_limited:
         within = ask.planned(costs.with_weight(1e-6))
         if within.path is None:
             return _made(ask, simulator.seed, within, costs)
         shortest = within.path
-    part = Part.about(costs, shortest, asked.longest * shortest.length, ask)
+    part = Part.about(costs, shortest, ask)
     paths, left_out = candidates_of(part, own)
     if asked.is_limited:  # planners find short paths, not always the shortest, within limits
         name = min(paths, key=lambda each: paths[each].length)
