@@ -548,7 +548,7 @@ def test_a_choice_that_is_saved_is_loaded_as_it_was(better, tmp_path):
     assert Choice.load(tmp_path / "a" / "choice.json").path.length == better.path.length
     assert dataclasses.replace(loaded, seed=2) != better
     content = json.loads((tmp_path / "a" / "choice.json").read_text())
-    for broken, words in (({**content, "format": 99}, "of version 99, not 1"), ({}, "no choice")):
+    for broken, words in (({**content, "version": 99}, "of a newer locplan"), ({}, "no choice")):
         (tmp_path / "b.json").write_text(json.dumps(broken))
         with pytest.raises(LocplanError, match=words):
             Choice.load(tmp_path / "b.json")
@@ -593,10 +593,10 @@ def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
     assert [row["name"] for row in rows] == names
     for row, found in zip(rows, about["candidates"], strict=True):
         assert float(row["error"]) == pytest.approx(found["driven"]["error"][0])
-        assert (row["name"] == about["chosen"]) == (row["chosen"] == ">")
+        assert (row["name"] == about["taken"]) == (row["chosen"] == ">")
     chosen = Path.load(tmp_path / "out" / "chosen.csv")
-    taken = about["candidates"][names.index(about["chosen"])]
-    np.testing.assert_allclose(chosen.xy, taken["xy"], atol=1e-6)
+    taken = about["candidates"][names.index(about["taken"])]
+    np.testing.assert_allclose(chosen.xy, taken["path"]["xy"], atol=1e-6)
     with (tmp_path / "out" / "errors.csv").open() as file:
         assert {row["path"] for row in csv.DictReader(file)} == set(names)
     assert (tmp_path / "out" / "choice.png").stat().st_size > 10_000

@@ -67,8 +67,8 @@ def test_plan_writes_paths_plan_and_picture(run, room, tmp_path):
     np.testing.assert_allclose(xy[[0, -1]], [[1, 2], [4, 3.5]])
     about = json.loads((out_dir / "choice.json").read_text())
     assert about["candidates"][0]["metrics"]["length"] > 3
-    assert about["config"]["estimator"]["range"] == 6.0
-    assert about["map"]["digest"] == load_map(room).digest
+    assert about["about"]["config"]["estimator"]["range"] == 6.0
+    assert about["about"]["map"]["digest"] == load_map(room).digest
 
 
 def test_plan_compares_the_shortest_path_with_the_aware_one_on_the_same_costs(run, tmp_path):
@@ -81,8 +81,8 @@ def test_plan_compares_the_shortest_path_with_the_aware_one_on_the_same_costs(ru
     assert (first["name"], second["name"]) == ("shortest", "localizability-aware")
     shortest, aware = first["metrics"], second["metrics"]
     assert shortest["length"] == pytest.approx(36.0, abs=0.2)
-    assert max(y for _, y in first["xy"]) < 5
-    assert max(y for _, y in second["xy"]) > 10
+    assert max(y for _, y in first["path"]["xy"]) < 5
+    assert max(y for _, y in second["path"]["xy"]) > 10
     for metrics in (shortest, aware):
         expected = metrics["length"] + 4.0 * metrics["integrated_u"]
         assert metrics["cost"] == pytest.approx(expected, rel=1e-6)
@@ -290,7 +290,7 @@ def test_a_scheduler_that_is_none_is_refused(run, room, monkeypatch):
 def test_plans_can_have_limits_and_waypoints(run, room):
     ends = "--start", "1,2", "--goal", "4,3.5"
     about = json.loads(run("plan", room, *ends, "--via", "1.25,3.25", "--json")[1])
-    assert all([1.25, 3.25] in each["xy"] for each in about["candidates"])
+    assert all([1.25, 3.25] in each["path"]["xy"] for each in about["candidates"])
     assert about["settings"]["via"] == [[1.25, 3.25]]
     code, out, _ = run("plan", room, *ends, "--budget", "1e-3")
     assert code == 0
@@ -362,7 +362,7 @@ def test_ompls_planners_are_at_hand(run, room, tmp_path):
     assert poses[-1] == pytest.approx([4, 3.5, 0], abs=1e-5)
     about = json.loads((folder / "choice.json").read_text())["candidates"][1]
     assert about["planner"] == "RRTstar"
-    assert len(about["heading"]) == len(about["xy"])
+    assert len(about["path"]["heading"]) == len(about["path"]["xy"])
     assert about["history"][-1][1] == pytest.approx(about["metrics"]["cost"])
 
 
@@ -460,7 +460,7 @@ def test_a_plan_tells_the_deviation_along_its_paths_in_centimetres(run, room):
     lidar = locplan.Lidar.preset("turtlebot4")
     field = locplan.load_or_compute(load_map(room), locplan.Fused.of(lidar))
     shortest = about["candidates"][0]
-    xy = locplan.Path(shortest["xy"]).resampled(0.05).xy
+    xy = locplan.Path(shortest["path"]["xy"]).resampled(0.05).xy
     std = np.array([scalar_of(field.at(x, y), "position_std") for x, y in xy])
     assert shortest["deviation"][0] == pytest.approx(std.mean(), rel=0.1)
     (line,) = [line for line in out.splitlines() if " shortest " in line]
@@ -744,7 +744,7 @@ def test_the_weight_and_the_radius_are_those_asked_for(run, room, tmp_path):
     ends = "--start", "1,2", "--goal", "4,3.5"
     run("plan", room, *ends, "--weight", "9", "-o", tmp_path / "out")
     about = json.loads((tmp_path / "out" / "choice.json").read_text())
-    assert (about["weight"], about["robot_radius"]) == (9.0, 0.25)
+    assert (about["about"]["weight"], about["about"]["robot_radius"]) == (9.0, 0.25)
     for plan in about["candidates"]:
         metrics = plan["metrics"]
         expected = metrics["length"] + 9 * metrics["integrated_u"]

@@ -415,7 +415,7 @@ def test_the_command_and_the_code_plan_the_path_shown(config, name, run, tmp_pat
     own = plan_beside_shortest(costs, start, goal, via=via)[AWARE].path.xy
     code, command = done_again(made, run)
     assert np.allclose(code.candidates[1].path.xy, own, rtol=0, atol=1e-8)
-    assert np.allclose(command["candidates"][1]["xy"], own, rtol=0, atol=1e-8)
+    assert np.allclose(command["candidates"][1]["path"]["xy"], own, rtol=0, atol=1e-8)
     assert min(own[:, 0]) < 0
 
 

@@ -54,12 +54,12 @@ def verdicts(ratios, count=300, **more):
 def test_of_paths_alike_hardly_one_is_recommended():
     made, said = verdicts([1.0] * 10, count=500)
     assert said[CLEARLY] <= 0.025 * len(made)
-    assert said[NO_DIFFERENCE] + said[NONE_LED] >= 0.45 * len(made)
+    assert said[NO_DIFFERENCE] + said[NONE_LED] >= 0.6 * len(made)
 
 
 def test_a_path_of_four_fifths_of_the_error_is_found():
     made, said = verdicts([1.0, 1.1, 1.2, 0.8, 1.1, 1.3], count=200, deviation=0.25)
-    assert said[CLEARLY] >= 0.85 * len(made)
+    assert said[CLEARLY] >= 0.9 * len(made)
     assert {each.leader for each in made if each.verdict == CLEARLY} == {3}
 
 
@@ -77,7 +77,7 @@ def test_intervals_shown_cover_the_truth_whenever_the_drives_end(ratio):
         if each.leader
         for _, low, high in [each.ratio]
     ]
-    assert np.mean(held) >= 0.94
+    assert np.mean(held) >= 0.95
 
 
 def test_confirming_drives_are_fresh_and_paired():
@@ -114,7 +114,7 @@ def test_a_finalist_that_is_surely_worse_stays_behind():
 def test_the_best_of_several_finalists_is_held_by_its_interval():
     made, _ = verdicts([1.0, *[0.9] * 5], deviation=0.5)
     held = [each.ratio.low <= 0.9 <= each.ratio.high for each in made if each.leader]
-    assert np.mean(held) >= 0.94
+    assert np.mean(held) >= 0.95
 
 
 def test_a_path_that_is_clearly_better_is_taken_before_one_that_loses_more():

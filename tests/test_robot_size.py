@@ -129,7 +129,7 @@ def test_plan_keeps_the_outline_of_the_robot(run, hall):
     about = json.loads(out)
     assert len(about["robot"]["footprint"]) == 4
     outline = Footprint(about["robot"]["footprint"])
-    paths = [Path(each["xy"]) for each in about["candidates"]]
+    paths = [Path(each["path"]["xy"]) for each in about["candidates"]]
     grid = load_map(hall / "m.yaml")
     assert paths
     assert not any(outline.first_collision(grid, path) for path in paths)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -104,7 +105,7 @@ def in_percent(interval: Interval) -> str:
 
 def plain(value: float, digits: int = 2) -> str:
     """Text of a number such as a correlation: .25, -.25 or 1.25; a dash if it is not known."""
-    return "-" if np.isnan(value) else f"{value:.{digits}f}".replace("0.", ".", 1)
+    return "-" if np.isnan(value) else re.sub(r"^(-?)0\.", r"\1.", f"{value:.{digits}f}")
 
 
 def digits_of(length: float) -> int:

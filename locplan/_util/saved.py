@@ -35,6 +35,9 @@ INFINITIES = {math.inf: "Infinity", -math.inf: "-Infinity"}
 class Valued:
     """A dataclass that equals another one whose fields have the same values, NaN included."""
 
+    derived: ClassVar[tuple[str, ...]] = ()
+    """Properties that files have beside the fields, for their readers."""
+
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
             return NotImplemented
@@ -129,7 +132,7 @@ class Saved(Stored):
 
 
 def tree_of(value: Any) -> Any:
-    """The tree of a value: a dataclass by the names of its compared fields, or its `to_json`."""
+    """The tree of a value: a dataclass by its compared and derived fields, or its `to_json`."""
     if value is None or isinstance(value, (bool, str, np.ndarray)):
         return value
     if isinstance(value, (int, np.integer)):
@@ -141,9 +144,14 @@ def tree_of(value: Any) -> Any:
         return {str(name): tree_of(each) for name, each in value.items()}
     if isinstance(value, (list, tuple)):
         return [tree_of(each) for each in value]
+    if isinstance(value, range):
+        return [value.start, value.stop]
     if hasattr(value, "to_json"):
         return tree_of(value.to_json())
-    return {each.name: tree_of(getattr(value, each.name)) for each in _compared(value)}
+    if hasattr(value, "from_summary"):
+        return tree_of(value.summary())
+    names = [*(each.name for each in _compared(value)), *getattr(value, "derived", ())]
+    return {name: tree_of(getattr(value, name)) for name in names}
 
 
 def listed(tree: Any) -> Any:
@@ -164,6 +172,8 @@ def made(kind: Any, tree: Any) -> Any:
         If the tree is of another kind.
     """
     origin, args = typing.get_origin(kind), typing.get_args(kind)
+    if kind is Any:
+        return tree
     if origin in (typing.Union, types.UnionType):
         return _one_of(args, tree)
     if origin is typing.Literal:
@@ -178,8 +188,13 @@ def made(kind: Any, tree: Any) -> Any:
         return _checked(tree, type(tree) is kind)
     if hasattr(kind, "from_json"):
         return kind.from_json(_entries(tree))
-    hints = typing.get_type_hints(kind)
-    return kind(**{name: made(hints[name], each) for name, each in _entries(tree).items()})
+    if hasattr(kind, "from_summary"):
+        return kind.from_summary(_entries(tree))
+    if kind is range or issubclass(kind, tuple):
+        return kind(*_unlisted(_list(tree)))
+    hints, derived = typing.get_type_hints(kind), getattr(kind, "derived", ())
+    fields = {name: each for name, each in _entries(tree).items() if name not in derived}
+    return kind(**{name: made(hints[name], each) for name, each in fields.items()})
 
 
 def _several(origin: Any, args: tuple[Any, ...], tree: Any) -> Any:
@@ -218,7 +233,9 @@ def _array(tree: Any, kind: Any) -> NDArray[Any]:
 
 
 def _unlisted(tree: Any) -> Any:
-    return [_unlisted(each) for each in tree] if isinstance(tree, list) else _number(tree)
+    if isinstance(tree, list):
+        return [_unlisted(each) for each in tree]
+    return tree if type(tree) in (int, bool) else _number(tree)
 
 
 def _number(tree: Any) -> float:

@@ -53,6 +53,7 @@ from ._worlds import (
     check_of_one_map as check_of_one_map,
     poses_along as poses_along,
 )
+from .choice._ask import ChoiceSettings as ChoiceSettings
 from .choice._choice import Choice as Choice
 from .choice._choose import SimulatedChoice as SimulatedChoice, choose as choose
 from .choice._choose_many import (
@@ -62,7 +63,6 @@ from .choice._choose_many import (
 )
 from .choice._driven import Candidate as Candidate, Driven as Driven
 from .choice._race import Judgement as Judgement, Scores as Scores, judged as judged
-from .choice._settings import ChoiceSettings as ChoiceSettings
 from .tuning._bench import (
     DisturbanceLevel as DisturbanceLevel,
     SimulatedBench as SimulatedBench,

@@ -1,7 +1,8 @@
 """How often the rule of `choose` finds a better path, and how often it is wrong, in cheap cases.
 
 Errors are drawn, not driven: the logarithms of the paired ratios deviate by 0.35 on average, by
-more on some queries than on others, and paths have 0.36 of their variance in common.
+more on some queries than on others, and paths have 0.36 of their variance in common. The critical
+values of the rule's looks are computed, too.
 
 Run: python tests/benchmarks/power_of_choices.py [CHOICES]
 """
@@ -16,6 +17,9 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.signal import fftconvolve
+from scipy.stats import norm
 
 from locplan.simulation import Judgement, Scores, judged
 
@@ -65,9 +69,35 @@ def choice_of(case: str, seed: int) -> tuple[Judgement, float, int]:
     return found, float(ratios[found.leader]), drives
 
 
+def critical_value(exponent: float, looks: int, error: float = 0.025) -> float:
+    """Critical value at the last of some doubling looks, of which each before it has more.
+
+    It grows by 2 ** exponent a look backwards (Wang and Tsiatis, Biometrics 43, 1987). The density
+    of the sum of all drives that has passed no boundary yet is carried from look to look.
+    """
+    shares = 0.5 ** np.arange(looks)[::-1]
+    sums = np.linspace(-8, 8, 3201)
+    step = sums[1] - sums[0]
+
+    def passed(critical: float) -> float:
+        ends = critical * 2 ** (exponent * np.arange(looks)[::-1]) * np.sqrt(shares)
+        density = norm.pdf(sums, scale=shares[0] ** 0.5)
+        probability = norm.sf(ends[0], scale=shares[0] ** 0.5)
+        for end, following, more in zip(ends, ends[1:], np.diff(shares), strict=False):
+            density *= np.clip((end - sums) / step + 0.5, 0, 1)
+            probability += step * density @ norm.sf(following - sums, scale=more**0.5)
+            density = step * fftconvolve(density, norm.pdf(sums, scale=more**0.5), "same")
+        return probability - error
+
+    return brentq(passed, 1.9, 3.0)
+
+
 def main(choices: int = 1000) -> None:
+    for name, exponent in (("lower", 0.3), ("upper", 0.15)):
+        found = ", ".join(f"{critical_value(exponent, looks):.3f}" for looks in (1, 2, 4, 8))
+        print(f"{name} end, 2 ** {exponent} a look: {found} at the last of 1, 2, 4, 8 looks")
     print("share of the choices; of the last three columns: of the recommended, of the confirmed")
-    print(f"{'ten paths':26} recommended undecided drives  above .95  covered")
+    print(f"{'ten paths':26} recommended undecided median mean  above .95  covered")
     for case in CASES:
         with ProcessPoolExecutor() as pool:
             made = list(pool.map(partial(choice_of, case), range(choices), chunksize=50))
@@ -75,10 +105,11 @@ def main(choices: int = 1000) -> None:
         taken = [truth for found, truth, _ in made if found.verdict == "clearly better"]
         held = [found.ratio.low <= t <= found.ratio.high for found, t, _ in made if found.leader]
         undecided = said["undecided after 64 drives"] + said["probably better"]
-        median = np.median([drives for *_, drives in made])
+        drives = [drives for *_, drives in made]
         wrong = np.mean([truth > 0.95 for truth in taken]) if taken else math.nan
         print(
-            f"{case:26} {len(taken) / choices:10.1%} {undecided / choices:9.1%} {median:7.0f}"
+            f"{case:26} {len(taken) / choices:10.1%} {undecided / choices:9.1%}"
+            f" {np.median(drives):6.0f} {np.mean(drives):4.0f}"
             f" {wrong:9.1%} {np.mean(held):9.1%} of {len(held)}"
         )
 

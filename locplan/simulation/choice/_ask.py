@@ -1,75 +1,250 @@
-"""What is asked of a choice: two places and the limits between them, and a user's own paths."""
+"""What is asked of a choice: its settings, and the paths between two places that keep them."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from locplan._util.checks import shown
-from locplan._util.poses import Poses
+from locplan._util.checks import Settings, instance, keep, number, one_of, positive, shown, whole
 from locplan.costs import Costmap, Path, path_metrics
-from locplan.errors import ConfigError, LocplanError
+from locplan.errors import ConfigError
+from locplan.field import CovarianceField, FieldConfig
 from locplan.maps import OccupancyGrid
 from locplan.planners import (
     SHORTEST,
-    ParetoFront,
     Plan,
     Planner,
     Position,
-    pareto_front,
+    check_ends,
     plan,
     plan_beside_shortest,
+    planned_near_paths,
     planner_for,
 )
-from locplan.robots import Robot
-from locplan.simulation._worlds import poses_along
-from locplan.simulation.choice._settings import ChoiceSettings
+from locplan.robots import Amcl, Robot
+from locplan.simulation._drives import MINIMISED, Minimise
+from locplan.simulation.choice._race import LOOKS
 
-AnyCandidate: TypeAlias = str | Planner | Path | Plan | ParetoFront | ArrayLike
-"""A planner by name or as an object, a path, a plan, a front, or positions (n, 2) [m]."""
-Candidates: TypeAlias = Mapping[str, AnyCandidate] | Sequence[AnyCandidate]
+CALM: dict[str, Any] = {
+    **dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"), 0.05),
+    "laser_model_type": "likelihood_field_prob",
+}
+TUNED = Amcl(**CALM)
+"""Settings of a filter that are good for most robots indoors; the rest is the robot's own."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ChoiceSettings(Settings):
+    """Settings of a choice, which `locplan.choose` takes by name.
+
+    Raises
+    ------
+    ConfigError
+        If one is out of its range.
+
+    Examples
+    --------
+    >>> ChoiceSettings(drives=16, bold=True)
+    ChoiceSettings(drives=16, bold=True)
+    """
+
+    via: tuple[Position, ...] = ()
+    """Positions that all candidates visit in this order [m]."""
+    max_e: float | None = None
+    """Maximum e of the cells that a candidate enters, above 0 [m^2 rad]; None sets no limit."""
+    budget: float | None = None
+    """Maximum integral of u of a candidate, >= 0 [m]; None sets no limit."""
+    longest: float = 1.5
+    """Maximum length of a candidate, in lengths of the shortest path, >= 1; paths that are given
+    may be longer."""
+    front: bool = False
+    """Whether up to 5 paths of the Pareto front of length against degeneracy are candidates."""
+    weight: float | None = None
+    """Weight of the aware path that is planned where nothing is driven, by default the
+    estimator's own, and of a further candidate where the robot is driven, >= 0."""
+    criterion: str | None = None
+    """Value that u is made of; None takes the estimator's own, see `Costmap.from_field`."""
+    minimise: Minimise = "rmse"
+    """Error that decides: "rmse" of the position, "goal-error" (that of the last metre), "heading",
+    or "lost": in the race first of all few lost drives."""
+    price: float = 0.3
+    """What counts in the race beside the logarithm of the error: so much of that of the length,
+    >= 0."""
+    drives: int = 64
+    """Maximum number of confirming drives of a path, 2 to 1024; 0 drives no path."""
+    bold: bool = False
+    """Whether a path that is only probably better is recommended, too."""
+    time_limit: float | None = None
+    """Time after which no further round of confirming drives begins, above 0 [s]; None sets
+    none."""
+
+    filter_map: OccupancyGrid | None = dataclasses.field(default=None, compare=False)
+    """The filter's map in the same frame, where it differs from the one that is driven in."""
+    rival: Amcl | None = TUNED
+    """Filter that is driven along the shortest path, too, to tell whether settings gain more than
+    paths; None drives none, nor is one driven beside a filter that is no AMCL. The default stands
+    for the robot's own filter with all alphas 0.05 and likelihood_field_prob."""
+
+    def __post_init__(self) -> None:
+        keep(self, via=tuple(self.via), longest=number("longest", self.longest, 1.0))
+        keep(self, price=number("price", self.price, 0.0))
+        one_of("minimise", self.minimise, MINIMISED)
+        for name in ("front", "bold"):
+            instance(name, getattr(self, name), bool, "give true or false")
+        if self.drives != 0:
+            whole("drives (0 drives no path)", self.drives, 2, LOOKS[-1])
+        for name in ("max_e", "time_limit"):
+            if getattr(self, name) is not None:
+                positive(name, getattr(self, name))
+        for name in ("budget", "weight"):
+            if getattr(self, name) is not None:
+                number(name, getattr(self, name), 0.0)
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any]) -> ChoiceSettings:
+        """Settings by name.
+
+        Parameters
+        ----------
+        settings : mapping by name
+            Fields of this class; others have their defaults.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such setting, or one is out of its range.
+        """
+        known = [each.name for each in dataclasses.fields(cls)]
+        for name in settings:
+            if name not in known:
+                raise ConfigError(
+                    f"a choice has no setting {shown(name)}; it has {', '.join(known)}"
+                )
+        return cls(**settings)
+
+    def rival_of(self, own: object) -> Amcl | None:
+        """The rival of a robot's own filter; None without one, or if it is the same or no AMCL.
+
+        Parameters
+        ----------
+        own : Filter
+            The robot's filter, of any kind.
+        """
+        if not isinstance(own, Amcl):  # what gains is advised as AMCL's parameters
+            return None
+        rival = dataclasses.replace(own, **CALM) if self.rival == TUNED else self.rival
+        return None if rival == own else rival
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether paths keep limits that a field sets."""
+        return self.max_e is not None or self.budget is not None
+
+
 NEAR = 0.5
-"""Maximum distance of a path's ends from start and goal [m]."""
+"""Maximum distance of a path's ends and of waypoints from where they should be [m]."""
+
+
+class Compute(Protocol):
+    """A function that gives the field of a map, or its values at some lattice points."""
+
+    def __call__(
+        self, grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
+    ) -> CovarianceField: ...
 
 
 @dataclass(frozen=True)
 class Ask:
-    """What is asked: two places on a map, the limits of the paths, and the robot."""
+    """What is asked: two places on a map, the limits of the paths, the robot, and its costs."""
 
     grid: OccupancyGrid
     """The map."""
     start: Position
-    """Position of the start, checked [m, rad]."""
+    """Position of the start [m, rad]."""
     goal: Position
-    """Position of the goal, checked [m, rad]."""
+    """Position of the goal [m, rad]."""
     settings: ChoiceSettings
-    """The limits, with waypoints that were checked."""
+    """The limits."""
     robot: Robot
     """The robot."""
+    given: Costmap | None
+    """The costmap that was given."""
+    config: FieldConfig
+    """Settings of the field that the costmap is made of otherwise."""
+    compute: Compute
+    """Gives that field."""
+
+    @cached_property
+    def blank(self) -> Costmap:
+        """Costmap on which every metre costs the same, blocked where the given one is."""
+        if self.given is None:
+            return Costmap.blank(self.grid, robot=self.robot)
+        density = np.where(np.isfinite(self.given.density), 1.0, np.inf)
+        radius = self.given.robot_radius
+        return dataclasses.replace(Costmap.from_density(self.grid, density), robot_radius=radius)
 
     @property
     def flat(self) -> Ask:
         """The same without headings."""
-        via = tuple(each[:2] for each in self.settings.via)
-        settings = dataclasses.replace(self.settings, via=via)
-        return dataclasses.replace(
-            self, start=self.start[:2], goal=self.goal[:2], settings=settings
-        )
+        return self._between([each[:2] for each in (self.start, *self.settings.via, self.goal)])
 
-    def check(self, costs: Costmap | None) -> None:
-        """Raise a ConfigError unless the limits go together, and with a costmap that is given."""
-        planner_for(None, **self._limits(limited=True))
-        if costs is not None and self.settings.is_limited and math.isnan(costs.weight):
+    def _between(self, places: Sequence[Position]) -> Ask:
+        """The same between other places."""
+        start, *via, goal = places
+        settings = dataclasses.replace(self.settings, via=tuple(via))
+        return dataclasses.replace(self, start=start, goal=goal, settings=settings)
+
+    def checked(self, space: str) -> Ask:
+        """The same with places that were checked in a planner's space.
+
+        Raises
+        ------
+        LocplanError
+            If the robot cannot stand there, or the limits do not go together or with the costmap.
+        """
+        places = check_ends(self.blank, self.start, self.goal, self.settings.via, space=space)
+        ask = self._between(places)
+        planner_for(None, **ask._limits(limited=True))
+        if self.given is not None and self.settings.is_limited and math.isnan(self.given.weight):
             raise ConfigError(
                 "a costmap without a field has no e or u to limit; give one of a field, or leave"
                 " out max_e and budget"
             )
+        return ask
+
+    def costs(
+        self, paths_on: Callable[[Costmap], Iterable[Path]]
+    ) -> tuple[Costmap, CovarianceField | None]:
+        """The costmap with its field, which is fine near some paths where that takes long."""
+        if self.given:
+            return self.given, None
+
+        settings, radius = self.settings, self.robot.radius
+        own: dict[str, Any] = {
+            "weight": settings.weight,
+            "criterion": settings.criterion,
+            "robot_radius": radius,
+        }
+
+        def costs_of(field: CovarianceField) -> Costmap:
+            return Costmap.from_field(self.grid, field, **own)
+
+        if not self.config.estimator.casts_rays or self.config.stride != FieldConfig.stride:
+            field = self.compute(self.grid)
+            return costs_of(field), field
+
+        def computed(points: NDArray[np.bool_]) -> CovarianceField:
+            return self.compute(self.grid, points)
+
+        field, costs = planned_near_paths(self.grid, self.config, computed, costs_of, paths_on)
+        return costs, field
 
     def planned(
         self, costs: Costmap, planner: Planner | None = None, *, limited: bool = True
@@ -123,173 +298,3 @@ def distances_to(points: NDArray[np.float64], path: Path) -> NDArray[np.float64]
     from scipy.spatial import cKDTree
 
     return np.asarray(cKDTree(path.resampled(0.1).xy).query(points)[0])
-
-
-@dataclass(frozen=True)
-class Own:
-    """Candidates of a user's."""
-
-    paths: Mapping[str, Path]
-    """Paths by name."""
-    planners: Mapping[str, Planner]
-    """Planners by name, whose paths are candidates, too."""
-    without: Mapping[str, str]
-    """Why a plan or a front has no path, by its name."""
-
-    @classmethod
-    def of(cls, candidates: Candidates) -> Own:
-        """What was given as candidates.
-
-        Raises
-        ------
-        ConfigError
-            If a candidate is none, or two have one name.
-        """
-        if isinstance(candidates, (str, Planner, Path, Plan, ParetoFront)):
-            candidates = [candidates]
-        paths: dict[str, Path] = {}
-        planners: dict[str, Planner] = {}
-        without: dict[str, str] = {}
-        for name, given in _named(candidates):
-            if isinstance(given, (str, Planner)):
-                found: dict[str, Any] = {name: planner_for(given)}
-            else:
-                found = dict(_paths_of(name, given))
-            if not found:
-                without[name] = given.note if isinstance(given, Plan) else "has no path"
-            for label, each in found.items():
-                if label in paths or label in planners:
-                    raise ConfigError(f"two candidates are called {shown(label)}; name them")
-                if isinstance(each, Path):
-                    paths[label] = each
-                else:
-                    planners[label] = each
-        return cls(paths, planners, without)
-
-    @property
-    def planner(self) -> Planner | None:
-        """The first planner; None without one."""
-        return next(iter(self.planners.values()), None)
-
-    @property
-    def space(self) -> str:
-        """The space in which the planners plan."""
-        return next((each.space for each in self.planners.values() if each.space != "R2"), "R2")
-
-    def check(self, ask: Ask) -> None:
-        """Check the paths, before long work.
-
-        Raises
-        ------
-        LocplanError
-            If one does not join start and goal, or leaves the free cells.
-        """
-        for label, path in self.paths.items():
-            for end, at in (("start", ask.start), ("goal", ask.goal)):
-                x, y = path.xy[0 if end == "start" else -1]
-                if math.hypot(x - at[0], y - at[1]) > NEAR:
-                    raise ConfigError(
-                        f"candidate {shown(label)} has its {end} at {x:.2f},{y:.2f}, more than"
-                        f" {NEAR:g} m from the {end} that was asked for"
-                    )
-        lines_along(self.paths, ask.grid)
-
-    def add_to(
-        self,
-        found: dict[str, Path],
-        left_out: dict[str, str],
-        costs: Costmap,
-        ask: Ask,
-        *,
-        reserved: Collection[str] = (),
-        but: Planner | None = None,
-    ) -> None:
-        """Add the paths that keep the limits to others, and why the rest do not.
-
-        Reserved names belong to others. The path of one planner may be there already, `but`.
-        """
-        left_out.update(self.without)
-        paths = dict(self.paths)
-        for name, planner in self.planners.items():
-            if planner is but:
-                continue
-            made = ask.planned(costs, planner, limited=ask.settings.budget is None)
-            if made.path is None:
-                left_out[name] = why_without(made)
-            else:
-                paths[name] = made.path
-        if ask.settings.front:
-            paths.update(_paths_of("front", pareto_front(costs, ask.start, ask.goal)))
-        limit = ask.settings.longest * found[SHORTEST].length if SHORTEST in found else math.inf
-        for name, path in paths.items():
-            fault = ask.fault_of(path, costs)
-            if path.length > limit and not fault and name not in self.paths:
-                fault = f"is longer than {limit:.1f} m, {ask.settings.longest:g} times the shortest"
-            if fault:
-                left_out[name] = fault
-                continue
-            while name in (*found, *reserved):
-                name = f"own {name}"
-            found[name] = path
-
-
-def why_without(made: Plan) -> str:
-    """Why a plan has no path."""
-    return f"{made.status}: {made.note}" if made.note else made.status
-
-
-def note_on(made: Plan) -> str:
-    """What a plan says of its path beside its metrics."""
-    said = [made.note] if made.note else []
-    if not made.minimises:
-        said.append("any path, since its planner minimises nothing")
-    if made.bound is not None:
-        said.append(f"no path within the budget is shorter than {made.bound:.2f} m")
-    return "; ".join(said)
-
-
-def lines_along(paths: Mapping[str, Path], grid: OccupancyGrid) -> dict[str, Poses]:
-    """Poses along each path; a LocplanError names the candidate that cannot be driven."""
-    lines = {}
-    for name, path in paths.items():
-        try:
-            lines[name] = poses_along(path, grid)
-        except LocplanError as error:
-            raise LocplanError(f"candidate {name}: {error}") from None
-    return lines
-
-
-def _named(candidates: Candidates) -> Iterable[tuple[str, AnyCandidate]]:
-    if isinstance(candidates, Mapping):
-        return candidates.items()
-    if not isinstance(candidates, Iterable):
-        raise ConfigError(
-            "candidates must be a sequence or a mapping of paths, plans, fronts or planners,"
-            f" not {shown(candidates)}"
-        )
-    return [(_name_of(each, n), each) for n, each in enumerate(candidates, 1)]
-
-
-def _name_of(candidate: AnyCandidate, number: int) -> str:
-    if isinstance(candidate, str):
-        return candidate
-    if isinstance(candidate, ParetoFront):
-        return "front"
-    if isinstance(candidate, Plan):
-        return f"plan {number}, {candidate.planner}"
-    return candidate.name if isinstance(candidate, Planner) else f"path {number}"
-
-
-def _paths_of(name: str, given: AnyCandidate) -> Iterable[tuple[str, Path]]:
-    if isinstance(given, ParetoFront):
-        if len(given):
-            # from its shortest to its longest
-            indices = np.unique(np.linspace(0, len(given) - 1, 5).round()).tolist()
-            for n, index in enumerate(indices, 1):
-                point = given.plan(int(index)).path
-                assert point is not None
-                yield f"{name} {n}", point
-        return
-    path: Any = given.path if isinstance(given, Plan) else given
-    if path is not None:
-        yield name, path if isinstance(path, Path) else Path(np.asarray(path))

@@ -1,86 +1,26 @@
-"""Candidates of a choice: paths of least cost on a few densities of a map, with a field or none."""
+"""Candidates of a choice: paths of least cost on a few densities of a map, and a user's own."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from locplan._util.checks import shown
 from locplan.costs import Costmap, Path
-from locplan.field import CovarianceField, FieldConfig, values_at
+from locplan.errors import ConfigError
+from locplan.field import CovarianceField, values_at
 from locplan.maps import OccupancyGrid
-from locplan.planners import SHORTEST, planned_near_paths
+from locplan.planners import SHORTEST, ParetoFront, Plan, Planner, pareto_front, planner_for
 from locplan.robots import Inflation
 from locplan.simulation._worlds import Window, window_about
-from locplan.simulation.choice._ask import Ask, Own, distances_to
-
-
-class Compute(Protocol):
-    """A function that gives the field of a map, or its values at some lattice points."""
-
-    def __call__(
-        self, grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
-    ) -> CovarianceField: ...
-
-
-@dataclass(frozen=True)
-class Source:
-    """Where the costmap comes from: it is given, or made of a field."""
-
-    given: Costmap | None
-    """The costmap that was given."""
-    config: FieldConfig
-    """Settings of the field."""
-    compute: Compute
-    """Gives the field."""
-
-    def blank(self, grid: OccupancyGrid, robot_radius: float) -> Costmap:
-        """Costmap on which every metre costs the same, blocked where the given one is."""
-        if self.given is None:
-            return Costmap.blank(grid, robot=robot_radius)
-        density = np.where(np.isfinite(self.given.density), 1.0, np.inf)
-        return dataclasses.replace(
-            Costmap.from_density(grid, density), robot_radius=self.given.robot_radius
-        )
-
-    def costs(
-        self, ask: Ask, paths_on: Callable[[Costmap], Iterable[Path]]
-    ) -> tuple[Costmap, CovarianceField | None]:
-        """The costmap with its field, which is fine near some paths where that takes long."""
-        if self.given:
-            return self.given, None
-
-        def costmap_of(field: CovarianceField) -> Costmap:
-            return Costmap.from_field(
-                ask.grid,
-                field,
-                weight=ask.settings.weight,
-                robot=ask.robot,
-                criterion=ask.settings.criterion,
-            )
-
-        if not self.config.estimator.casts_rays or self.config.stride != FieldConfig.stride:
-            field = self.compute(ask.grid)
-            return costmap_of(field), field
-
-        def planned(field: CovarianceField) -> tuple[Costmap, list[Path]]:
-            costs = costmap_of(field)
-            return costs, [*paths_on(costs)]
-
-        field, (costs, _) = planned_near_paths(
-            ask.grid,
-            self.config,
-            lambda points: self.compute(ask.grid, points),
-            planned,
-            lambda found: found[1],
-        )
-        return costs, field
+from locplan.simulation.choice._ask import NEAR, Ask, distances_to
+from locplan.simulation.choice._driven import lines_along
 
 
 def deviation_along(path: Path, field: CovarianceField) -> tuple[float, float]:
@@ -120,9 +60,10 @@ class Part:
     """Candidates until now, the shortest first."""
 
     @classmethod
-    def about(cls, costs: Costmap, shortest: Path, longest: float, ask: Ask) -> Part:
-        """The part of a costmap in which all paths up to a greatest length lie [m]."""
+    def about(cls, costs: Costmap, shortest: Path, ask: Ask) -> Part:
+        """The part of a costmap in which all paths up to the maximum length lie."""
         start, goal = shortest.xy[0], shortest.xy[-1]
+        longest = ask.settings.longest * shortest.length
         # They lie in an ellipse about both ends, of which a and b are half the axes.
         a = longest / 2
         b = math.sqrt(max(0.0, a**2 - float(np.sum((goal - start) ** 2)) / 4))
@@ -135,12 +76,7 @@ class Part:
         window = window_about(costs.grid, cells, MARGIN / costs.grid.resolution)
         return cls(costs, window, costs.grid.part(*window), ask, longest, {SHORTEST: shortest})
 
-    @cached_property
-    def clearance(self) -> NDArray[np.float64]:
-        """Distance of each cell to the nearest wall [m]."""
-        return self.grid.clearance
-
-    @cached_property
+    @property
     def u(self) -> NDArray[np.float64]:
         """Degeneracy of each cell."""
         return self.costs.u[self.window]
@@ -148,16 +84,18 @@ class Part:
     @cached_property
     def clear(self) -> NDArray[np.float64]:
         """Density that keeps off the walls."""
-        return 1 + 3 * np.exp(-(self.clearance - self.ask.robot.radius) / 0.4)
+        return 1 + 3 * np.exp(-(self.grid.clearance - self.ask.robot.radius) / 0.4)
 
     @property
     def inflated(self) -> NDArray[np.float64]:
         """Density that Nav2's planners see in an inflated costmap: 50 to 252, over 50."""
         nav2s = Inflation(inflation_radius=0.7, cost_scaling_factor=3.0)  # of its bringup
         inflation = self.ask.robot.inflation or nav2s
-        beyond = self.clearance - self.ask.robot.radius
+        beyond = self.grid.clearance - self.ask.robot.radius
         cost = 4 * np.exp(-inflation.cost_scaling_factor * beyond)
-        return 1 + np.where(self.clearance <= inflation.inflation_radius, np.minimum(cost, 4), 0)
+        return 1 + np.where(
+            self.grid.clearance <= inflation.inflation_radius, np.minimum(cost, 4), 0
+        )
 
     @property
     def beside(self) -> NDArray[np.float64]:
@@ -212,8 +150,8 @@ INFLATED: dict[str, Density] = {"inflated": lambda part: part.inflated}
 """That of the robot's own inflated costmap, on which its navigation would plan."""
 DENSITIES: dict[str, Density] = {
     "clear of walls": lambda part: part.clear,
-    "along walls": lambda part: 1 + 3 * np.minimum(abs(part.clearance - 0.6), 1.5),
-    "a metre off walls": lambda part: 1 + 2 * np.minimum(abs(part.clearance - 1), 2),
+    "along walls": lambda part: 1 + 3 * np.minimum(abs(part.grid.clearance - 0.6), 1.5),
+    "a metre off walls": lambda part: 1 + 2 * np.minimum(abs(part.grid.clearance - 1), 2),
     "detour": lambda part: part.clear + 50 * part.cut,
     "way around 1": lambda part: 1 + 1.2 * part.beside,
     "way around 2": lambda part: 1 + 2.5 * part.beside,
@@ -248,7 +186,7 @@ def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]
             found[name] = path
     left_out: dict[str, str] = {}
     reserved = {**INFLATED, **DENSITIES, **AWARE}
-    own.add_to(found, left_out, part.costs, part.ask, reserved=reserved)
+    add_own(own, found, left_out, part.costs, part.ask, reserved=reserved)
     return found, left_out
 
 
@@ -256,3 +194,125 @@ def is_beside(path: Path, others: Iterable[Path], distance: float, share: float)
     """Whether more than a share of a path's points are farther from each other path [m]."""
     points = path.resampled(0.25, even=True).xy
     return all(float((distances_to(points, each) > distance).mean()) > share for each in others)
+
+
+AnyCandidate: TypeAlias = str | Planner | Path | Plan | ParetoFront | ArrayLike
+"""A planner by name or as an object, a path, a plan, a front, or positions (n, 2) [m]."""
+Candidates: TypeAlias = Mapping[str, AnyCandidate] | Sequence[AnyCandidate]
+Own: TypeAlias = dict[str, Path | Planner | str]
+"""Candidates of a user's by name: a path, a planner, or why there is no path."""
+
+
+def own_of(candidates: Candidates) -> Own:
+    """What a user gives as candidates.
+
+    Raises
+    ------
+    ConfigError
+        If a candidate is none, or two have one name.
+    """
+    if isinstance(candidates, (str, Planner, Path, Plan, ParetoFront)):
+        candidates = [candidates]
+    named: Iterable[tuple[str, AnyCandidate]]
+    if isinstance(candidates, Mapping):
+        named = candidates.items()
+    elif isinstance(candidates, Iterable):
+        named = [(_name_of(each, n), each) for n, each in enumerate(candidates, 1)]
+    else:
+        raise ConfigError(
+            "candidates must be a sequence or a mapping of paths, plans, fronts or planners,"
+            f" not {shown(candidates)}"
+        )
+    own: Own = {}
+    for name, given in named:
+        for label, each in _paths_of(name, given):
+            if label in own:
+                raise ConfigError(f"two candidates are called {shown(label)}; name them")
+            own[label] = each
+    return own
+
+
+def _name_of(candidate: AnyCandidate, number: int) -> str:
+    if isinstance(candidate, str):
+        return candidate
+    if isinstance(candidate, ParetoFront):
+        return "front"
+    if isinstance(candidate, Plan):
+        return f"plan {number}, {candidate.planner}"
+    return candidate.name if isinstance(candidate, Planner) else f"path {number}"
+
+
+def _paths_of(name: str, given: AnyCandidate) -> Iterator[tuple[str, Path | Planner | str]]:
+    """The paths of what is given, its planner, or why it has no path."""
+    if isinstance(given, (str, Planner)):
+        yield name, planner_for(given)
+    elif isinstance(given, Plan):
+        yield name, given.path or given.note or given.status
+    elif not isinstance(given, ParetoFront):
+        yield name, given if isinstance(given, Path) else Path(np.asarray(given))
+    elif len(given):  # five, from its shortest to its longest
+        indices = np.unique(np.linspace(0, len(given) - 1, 5).round()).astype(int).tolist()
+        for n, index in enumerate(indices, 1):
+            made = given.plan(index)
+            yield f"{name} {n}", made.path or made.status
+    else:
+        yield name, "has no path"
+
+
+def check_own(own: Own, ask: Ask) -> None:
+    """Check a user's paths, before long work.
+
+    Raises
+    ------
+    LocplanError
+        If one does not join start and goal, or leaves the free cells.
+    """
+    paths = {name: path for name, path in own.items() if isinstance(path, Path)}
+    for name, path in paths.items():
+        for end, at, (x, y) in (("start", ask.start, path.xy[0]), ("goal", ask.goal, path.xy[-1])):
+            if math.hypot(x - at[0], y - at[1]) > NEAR:
+                raise ConfigError(
+                    f"candidate {shown(name)} has its {end} at {x:.2f},{y:.2f}, more than"
+                    f" {NEAR:g} m from the {end} that was asked for"
+                )
+    lines_along(paths, ask.grid)
+
+
+def add_own(
+    own: Own,
+    found: dict[str, Path],
+    left_out: dict[str, str],
+    costs: Costmap,
+    ask: Ask,
+    *,
+    reserved: Collection[str] = (),
+    but: Planner | None = None,
+) -> None:
+    """Add a user's paths that keep the limits to others, and why the rest do not.
+
+    Reserved names belong to others. The path of one planner may be there already, `but`.
+    """
+    asked, given = ask.settings, dict(own)
+    if asked.front:
+        given.update(_paths_of("front", pareto_front(costs, ask.start, ask.goal)))
+    limit = asked.longest * found[SHORTEST].length if SHORTEST in found else math.inf
+    for name, path in given.items():
+        if path is but:
+            continue
+        if isinstance(path, Planner):
+            made = ask.planned(costs, path, limited=asked.budget is None)
+            path = made.path or why_without(made)
+        fault = path if isinstance(path, str) else ask.fault_of(path, costs)
+        if isinstance(path, str) or fault:
+            left_out[name] = fault
+        elif path.length > limit and not isinstance(own.get(name), Path):
+            left_out[name] = f"is longer than {limit:.1f} m, {asked.longest:g} times the shortest"
+        else:
+            while name in (*found, *reserved):
+                name = f"own {name}"
+            found[name] = path
+
+
+def why_without(made: Plan) -> str:
+    """Why a plan has no path."""
+    return f"{made.status}: {made.note}" if made.note else made.status

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path as File
 from typing import Any, ClassVar, Literal
 
-from locplan._util.checks import file_path, shown
-from locplan._util.intervals import Interval
-from locplan._util.reading import parsed_json, read_text
+from locplan._util.intervals import short
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
+from locplan._util.saved import Stored, listed, tree_of
 from locplan._util.tables import file_name, wrapped, write_rows
 from locplan.costs import Costmap, Path
-from locplan.errors import LocplanError
 from locplan.planners import Plan, Position
 from locplan.robots import Amcl, Robot
+from locplan.simulation.choice._ask import TUNED, ChoiceSettings
 from locplan.simulation.choice._driven import DRIVEN, PLANNED, Candidate, Driven
 from locplan.simulation.choice._race import (
     CLEARLY_BETTER,
@@ -28,15 +26,15 @@ from locplan.simulation.choice._race import (
     ROUNDS,
     Judgement,
 )
-from locplan.simulation.choice._settings import TUNED, ChoiceSettings
-
-FORMAT = 1
-"""Version of choice.json."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Choice(Result):
+class Choice(Result, Stored):
     """The path to take between two places, and the candidates beside it."""
+
+    kind: ClassVar[str] = "choice"
+    suffix: ClassVar[str] = ".json"
+    derived: ClassVar[tuple[str, ...]] = ("taken", "verdict", "sentence", "advice")
 
     files: ClassVar[Results] = Results(
         "choice", ("choice.json", "choice.png", "candidates.csv", "chosen.csv", "errors.csv")
@@ -67,13 +65,13 @@ class Choice(Result):
     """The race and its confirmation; None where nothing was driven."""
     rival: Driven | None = None
     """Drives along the shortest path with the filter of `ChoiceSettings.rival`."""
-    costs: Costmap | None = None
+    costs: Costmap | None = dataclasses.field(default=None, compare=False)
     """Costmap that the paths were measured on; None in a choice that was loaded."""
 
     def __repr__(self) -> str:
         return f"Choice({self.map['name'] or 'map'}, {self.sentence})"
 
-    def __eq__(self, other: object) -> bool:
+    def __eq__(self, other: object) -> bool:  # a filter of one's own is loaded as its name
         return isinstance(other, Choice) and self.summary() == other.summary()
 
     def __hash__(self) -> int:
@@ -109,6 +107,11 @@ class Choice(Result):
         return self.candidates[self.best] if self.candidates else None
 
     @property
+    def taken(self) -> str:
+        """Name of the candidate to take; empty if there is no path."""
+        return self.chosen.name if self.chosen else ""
+
+    @property
     def path(self) -> Path | None:
         """Path to take; None if there is none."""
         return self.chosen.path if self.chosen else None
@@ -124,7 +127,7 @@ class Choice(Result):
         if found.leader == 0:
             if len(self.candidates) == 1:
                 return "take the shortest: there is no other path that is not much longer"
-            return f"take the shortest: no other path led by 3 % in the race of {ROUNDS[-1]} drives"
+            return f"take the shortest: no other path led by 1 % in the race of {ROUNDS[-1]} drives"
         leader = self.candidates[found.leader]
         error = f"x{short(found.ratio)} of its error {at_length(shortest, leader)}"
         more_lost = ", but more of its drives are lost" if found.more_lost else ""
@@ -190,69 +193,7 @@ class Choice(Result):
         *about, **more
             What `save` takes, of which it says nothing.
         """
-        return {
-            "format": FORMAT,
-            **self.about,
-            "start": list(self.start),
-            "goal": list(self.goal),
-            "described": [*self.about],
-            "status": self.status,
-            "note": self.note,
-            "sentence": self.sentence,
-            "advice": self.advice,
-            "chosen": self.chosen.name if self.chosen else None,
-            "verdict": self.verdict,
-            "judgement": self.judgement and self.judgement.summary(),
-            "candidates": [each.summary() for each in self.candidates],
-            "left_out": dict(self.left_out),
-            "rival": self.rival.summary() if self.rival else None,
-            "settings": self.settings.summary(),
-            "seed": self.seed,
-            "robot": self.robot.summary(),
-        }
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Choice:
-        """Choice that `save` wrote.
-
-        Parameters
-        ----------
-        path : path
-            The folder, or choice.json.
-
-        Raises
-        ------
-        LocplanError
-            If the file cannot be read, or is of another version or no choice.
-        """
-        file = file_path("a choice", path)
-        file = file / cls.files.names[0] if file.is_dir() else file
-        try:
-            about = parsed_json(read_text(file))
-            if about["format"] != FORMAT:
-                raise LocplanError(
-                    f"{file}: is of version {shown(about['format'])}, not {FORMAT}; choose again"
-                )
-            return cls._of(about)
-        except (KeyError, TypeError, ValueError, AttributeError):
-            raise LocplanError(f"{file}: is no choice; give what Choice.save wrote") from None
-
-    @classmethod
-    def _of(cls, about: Mapping[str, Any]) -> Choice:
-        return cls(
-            about={name: about[name] for name in about["described"]},
-            start=tuple(about["start"]),
-            goal=tuple(about["goal"]),
-            candidates=tuple(Candidate.from_summary(each) for each in about["candidates"]),
-            settings=ChoiceSettings.from_summary(about["settings"]),
-            robot=Robot.from_summary(about["robot"]),
-            seed=about["seed"],
-            status=about["status"],
-            note=about["note"],
-            left_out=about["left_out"],
-            judgement=about["judgement"] and Judgement.from_summary(about["judgement"]),
-            rival=Driven.from_summary(about["rival"]) if about["rival"] else None,
-        )
+        return dict(listed(tree_of(self)))
 
     def table(self) -> Table:
         """The candidates, a row each; of driven ones, the first column marks the one to take."""
@@ -331,9 +272,3 @@ def at_length(shortest: Candidate, other: Candidate) -> str:
     if abs(extra) < 0.05:
         return "at the same length"
     return f"for {abs(extra):.1f} m {'more' if extra > 0 else 'less'}"
-
-
-def short(ratio: Interval) -> str:
-    """A ratio with its interval, without zeros before the point."""
-    value, low, high = (f"{each:.2f}".removeprefix("0") for each in ratio)
-    return f"{value} [{low}, {high}]"

@@ -17,24 +17,27 @@ from locplan.costs import Costmap, Path, about_costs, check_costs, check_criteri
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, FieldConfig, Fused, Sad, equipped, load_or_compute
 from locplan.maps import FREE, OccupancyGrid, check_grid
-from locplan.planners import SHORTEST, AnyAngle, Found, Plan, Position, check_ends
+from locplan.planners import SHORTEST, AnyAngle, Found, Plan, Planner, Position
 from locplan.robots import Robot
 from locplan.simulation._drives import Minimise
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import about_filter
-from locplan.simulation.choice._ask import Ask, Candidates, Own, note_on, why_without
+from locplan.simulation.choice._ask import Ask, ChoiceSettings, Compute
 from locplan.simulation.choice._candidates import (
     WEIGHTS,
-    Compute,
+    Candidates,
+    Own,
     Part,
-    Source,
+    add_own,
     candidates_of,
+    check_own,
     deviation_along,
+    own_of,
+    why_without,
 )
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._driven import Candidate, Driver
 from locplan.simulation.choice._race import judged
-from locplan.simulation.choice._settings import ChoiceSettings
 
 
 def choose(
@@ -113,48 +116,47 @@ def choose(
     """
     check_grid(grid)
     asked = ChoiceSettings.of(settings)
-    robot, source = _robot_and_source(grid, robot, costs, compute, threads)
+    robot, given, config = _robot_and_field(grid, robot, costs)
     if asked.criterion is not None:
-        check_criterion(asked.criterion, source.config)
-    blank, own = source.blank(grid, robot.radius), Own.of(candidates)
-    begin, *via, end = check_ends(blank, start, goal, asked.via, space=own.space)
-    ask = Ask(grid, begin, end, dataclasses.replace(asked, via=tuple(via)), robot)
-    ask.check(source.given)
-    own.check(ask)
+        check_criterion(asked.criterion, config)
+
+    def computed(
+        grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
+    ) -> CovarianceField:
+        return load_or_compute(grid, config, points=points, threads=threads)
+
+    own = own_of(candidates)
+    planners = [each for each in own.values() if isinstance(each, Planner)]
+    space = next((each.space for each in planners if each.space != "R2"), "R2")
+    ask = Ask(grid, start, goal, asked, robot, given, config, compute or computed)
+    ask = ask.checked(space)
+    check_own(own, ask)
     simulator = Simulator(  # checks them
         grid, robot, filter_map=asked.filter_map, seed=seed, threads=threads
     )
-    shortest = ask.flat.planned(blank, limited=False)
+    shortest = ask.flat.planned(ask.blank, limited=False)
     if shortest.path is None:
-        return _made(ask, seed, shortest, source.given)
-    if why_not := _why_not(ask, own):
-        return _planned_only(ask, own, source, shortest, seed, why_not)
-    if begin == end and not via:
+        return _made(ask, seed, shortest, given)
+    if why_not := _why_not(ask, space):
+        return _planned_only(ask, own, shortest, seed, why_not)
+    if ask.start == ask.goal and not asked.via:
         raise ConfigError("start and goal are one place; a choice needs a way to drive")
-    return _driven(ask, own, source, shortest.path, simulator, progress)
+    return _driven(ask, own, shortest.path, simulator, progress)
 
 
 def _driven(
-    ask: Ask,
-    own: Own,
-    source: Source,
-    first: Path,
-    simulator: Simulator,
-    progress: ProgressCallback | None,
+    ask: Ask, own: Own, first: Path, simulator: Simulator, progress: ProgressCallback | None
 ) -> Choice:
     """The choice among candidates that are driven."""
     asked = ask.settings
-    longest = asked.longest * first.length
-    costs, _ = source.costs(
-        ask, lambda costs: Part.about(costs, first, longest, ask).aware_paths(WEIGHTS)
-    )
-    shortest, nothing = ask.shortest(costs) or first, _made(ask, simulator.seed, None, costs)
+    costs, _ = ask.costs(lambda costs: Part.about(costs, first, ask).aware_paths(WEIGHTS))
+    shortest = ask.shortest(costs) or first
     if asked.is_limited:
         within = ask.planned(costs.with_weight(1e-6))
         if within.path is None:
             return _made(ask, simulator.seed, within, costs)
         shortest = within.path
-    part = Part.about(costs, shortest, asked.longest * shortest.length, ask)
+    part = Part.about(costs, shortest, ask)
     paths, left_out = candidates_of(part, own)
     if asked.is_limited:  # planners find short paths, not always the shortest, within limits
         name = min(paths, key=lambda each: paths[each].length)
@@ -173,23 +175,14 @@ def _driven(
         Candidate(name, path, path_metrics(costs, path), driver.shown(n, found))
         for n, (name, path) in enumerate(paths.items())
     )
-    return dataclasses.replace(
-        nothing,
-        candidates=made,
-        left_out=left_out,
-        judgement=found,
-        rival=driver.rival(found),
-    )
+    parts = {"candidates": made, "left_out": left_out, "judgement": found}
+    return _made(ask, simulator.seed, None, costs, rival=driver.rival(found), **parts)
 
 
-def _robot_and_source(
-    grid: OccupancyGrid,
-    robot: Robot | None,
-    costs: Costmap | FieldConfig | None,
-    compute: Compute | None,
-    threads: int | None,
-) -> tuple[Robot, Source]:
-    """The robot, with the lidar of the field if it names none, and where the costmap is from."""
+def _robot_and_field(
+    grid: OccupancyGrid, robot: Robot | None, costs: Costmap | FieldConfig | None
+) -> tuple[Robot, Costmap | None, FieldConfig]:
+    """The robot, with the lidar of the field if it names none, the costmap, and the field."""
     robot = Robot() if robot is None else robot
     instance("robot", robot, Robot, 'such as locplan.Robot("turtlebot4")')
     given, config = None, costs
@@ -202,19 +195,12 @@ def _robot_and_source(
         robot = dataclasses.replace(robot, lidar=getattr(config.estimator, "lidar", None))
     if not isinstance(config, FieldConfig):
         config = FieldConfig(Fused.of(robot.lidar) if robot.lidar else Sad())
-    kept = config
-
-    def computed(
-        grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
-    ) -> CovarianceField:
-        return load_or_compute(grid, kept, points=points, threads=threads)
-
-    return robot, Source(given, config, compute or computed)
+    return robot, given, config
 
 
-def _why_not(ask: Ask, own: Own) -> str:
+def _why_not(ask: Ask, space: str) -> str:
     """Why nothing is driven; empty if candidates are."""
-    if own.space != "R2" or ask.robot.kinematics.turning_radius:
+    if space != "R2" or ask.robot.kinematics.turning_radius:
         return (
             "nothing is driven or recommended: paths with headings or a turning radius are not yet"
         )
@@ -229,61 +215,60 @@ def _why_not(ask: Ask, own: Own) -> str:
     return ""
 
 
-def _made(ask: Ask, seed: int, shortest: Plan | None, costs: Costmap | None) -> Choice:
-    """A choice without candidates, with why there is no path, if so."""
-    costs_shown = costs or Costmap.blank(ask.grid, robot=ask.robot)
+def _made(ask: Ask, seed: int, without: Plan | None, costs: Costmap | None, **parts: Any) -> Choice:
+    """A choice of some parts; without a path it has the status of a plan that has none."""
+    if without is not None:
+        parts |= {"status": without.status, "note": without.note}
     return Choice(
-        about={**about_costs(costs_shown), **about_filter(ask.settings.filter_map)},
+        about={**about_costs(costs or ask.blank), **about_filter(ask.settings.filter_map)},
         start=ask.start,
         goal=ask.goal,
-        candidates=(),
         settings=ask.settings,
         robot=ask.robot,
         seed=seed,
-        status=shortest.status if shortest else "solved",
-        note=shortest.note if shortest else "",
         costs=costs,
+        **{"candidates": (), "status": "solved", **parts},
     )
 
 
-def _planned_only(
-    ask: Ask,
-    own: Own,
-    source: Source,
-    shortest: Plan,
-    seed: int,
-    why_not: str,
-) -> Choice:
+def _planned_only(ask: Ask, own: Own, shortest: Plan, seed: int, why_not: str) -> Choice:
     """The aware path of the field beside the shortest one, of which none is driven."""
 
     def drafted(costs: Costmap) -> list[Path]:
         plans = ask.flat.beside_shortest(costs)
         return [plan.path for plan in plans.values() if plan.path is not None]
 
-    costs, field = source.costs(ask, drafted)
+    costs, field = ask.costs(drafted)
+    planner = next((each for each in own.values() if isinstance(each, Planner)), None)
     plans = {SHORTEST: shortest.measured_on(costs)}
     if not math.isnan(costs.weight):
-        plans = ask.beside_shortest(costs, own.planner)
+        plans = ask.beside_shortest(costs, planner)
     paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
     left_out = {name: why_without(plan) for name, plan in plans.items() if plan.path is None}
-    own.add_to(paths, left_out, costs, ask, but=own.planner if len(plans) > 1 else None)
+    add_own(own, paths, left_out, costs, ask, but=planner if len(plans) > 1 else None)
     last = plans[next(reversed(plans))]
+    if last.path is None:
+        return _made(ask, seed, last, costs, left_out=left_out)
     made = []
     for name, path in paths.items():
-        planned = plans.get(name)
-        deviation = (math.nan, math.nan) if field is None else deviation_along(path, field)
-        each = Candidate(name, path, path_metrics(costs, path), deviation=deviation)
-        if planned:
-            note, history = note_on(planned), planned.history
-            each = dataclasses.replace(each, planner=planned.planner, note=note, history=history)
-        made.append(each)
-    return dataclasses.replace(
-        _made(ask, seed, last, costs),
-        status="solved" if last.path else last.status,
-        note=why_not if last.path else last.note,
-        candidates=tuple(made) if last.path else (),
-        left_out=left_out,
-    )
+        more: dict[str, Any] = {}
+        if field is not None:
+            more["deviation"] = deviation_along(path, field)
+        if planned := plans.get(name):
+            more |= {"planner": planned.planner, "history": planned.history}
+            more["note"] = _note_on(planned)
+        made.append(Candidate(name, path, path_metrics(costs, path), **more))
+    return _made(ask, seed, None, costs, note=why_not, candidates=tuple(made), left_out=left_out)
+
+
+def _note_on(made: Plan) -> str:
+    """What a plan says of its path beside its metrics."""
+    said = [made.note] if made.note else []
+    if not made.minimises:
+        said.append("any path, since its planner minimises nothing")
+    if made.bound is not None:
+        said.append(f"no path within the budget is shorter than {made.bound:.2f} m")
+    return "; ".join(said)
 
 
 @dataclass(frozen=True)

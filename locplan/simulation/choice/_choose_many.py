@@ -25,10 +25,10 @@ from locplan.field import Fused, equipped, load_or_compute
 from locplan.planners import Query, check_ends, check_random, queries_of
 from locplan.robots import Robot
 from locplan.simulation._worlds import check_of_one_map
+from locplan.simulation.choice._ask import ChoiceSettings
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._choose import choose
 from locplan.simulation.choice._driven import Candidate
-from locplan.simulation.choice._settings import ChoiceSettings
 
 IN_FLIGHT = 64
 """Maximum number of choices at an executor at once, which bounds the memory of their maps."""
@@ -134,7 +134,7 @@ class Choices:
             Column("start_y", "m", value=lambda each: each.query.start[1]),
             Column("goal_x", "m", value=lambda each: each.query.goal[0]),
             Column("goal_y", "m", value=lambda each: each.query.goal[1]),
-            Column("chosen", value=lambda each: getattr(each.choice.chosen, "name", "")),
+            Column("chosen", value=lambda each: each.choice.taken),
             *_pair("length", "lengths", "m"),
             *_pair("error", "errors"),
             *_pair("lost", "lost"),
@@ -268,7 +268,7 @@ def choose_many(
     check_of_one_map(ChoiceSettings.of(settings).filter_map, named)
     check_random(queries if is_whole(queries) else 1, query_seed, min_distance)
     whole("seed", seed, 0)
-    asked: dict[str, Any] = {"robot": robot, **settings}
+    asked: dict[str, Any] = {**settings, "robot": robot}
     cases: list[_Case] = []
     for name, given in named.items():
         if isinstance(given, Costmap):
@@ -288,10 +288,11 @@ def choose_many(
     if not cases:
         raise ConfigError("there is no query; give at least one")
     choices = []
-    made = None if executor is None else _at(executor, cases, asked)
+    here = (chosen(__version__, case, {**asked, "threads": threads}) for case in cases)
+    made = here if executor is None else _at(executor, cases, asked)
     for case in cases:
         with _where(case.map, case.query):
-            choice = _chosen(case, asked, threads) if made is None else next(made)
+            choice = dataclasses.replace(next(made), costs=case.costs)
         choices.append(MapChoice(case.map, case.query, choice))
         if progress:
             progress(len(choices), len(cases))
@@ -299,41 +300,36 @@ def choose_many(
 
 
 def _at(executor: Executor, cases: list[_Case], asked: dict[str, Any]) -> Iterator[Choice]:
-    """The choices of an executor in the order of the cases, with the caller's own costmaps."""
-    running: deque[tuple[_Case, Future[Choice]]] = deque()
+    """The choices of an executor in the order of the cases."""
+    running: deque[Future[Choice]] = deque()
     waiting = iter(cases)
     try:
         while True:
             while len(running) < IN_FLIGHT and (case := next(waiting, None)):
-                running.append((case, executor.submit(chosen, __version__, case, asked)))
+                running.append(executor.submit(chosen, __version__, case, asked))
             if not running:
                 return
-            case, task = running.popleft()
-            yield dataclasses.replace(task.result(), costs=case.costs)
+            yield running.popleft().result()
     except LocplanError:
         raise
     except Exception as error:  # each executor has its own error for dead workers
         what = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")[:200]
         raise LocplanError(f"the executor failed ({what})") from error
     finally:
-        for _, task in running:
+        for task in running:
             task.cancel()
 
 
 def chosen(version: str, case: _Case, asked: dict[str, Any]) -> Choice:
-    """Choose on a worker, which must have the same locplan; the costmap is not sent back."""
+    """Choose where the same locplan is, on one thread by default; no costmap is sent back."""
     if version != __version__:
         raise ConfigError(
             f"a worker has locplan {__version__}, not {version}; install the same one there"
         )
-    return dataclasses.replace(_chosen(case, asked, 1), costs=None)
-
-
-def _chosen(case: _Case, asked: dict[str, Any], threads: int | None) -> Choice:
-    grid, costs, query = case.costs.grid, case.costs, case.query
+    costs, ends = case.costs, (case.query.start[:2], case.query.goal[:2])
     robot = equipped(asked["robot"], costs.settings.config if costs.settings else None)
-    about = {**asked, "robot": robot, "seed": case.seed, "threads": threads}
-    return choose(grid, query.start[:2], query.goal[:2], costs=costs, **about)
+    about = {"threads": 1, **asked, "robot": robot, "seed": case.seed, "costs": costs}
+    return dataclasses.replace(choose(costs.grid, *ends, **about), costs=None)
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +15,22 @@ from locplan._util.intervals import Interval, of_geometric_mean, of_mean, wilson
 from locplan._util.poses import Poses
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import Column
-from locplan._util.tables import finite
+from locplan._util.saved import Valued
 from locplan.costs import Path, PathMetrics
+from locplan.errors import LocplanError
+from locplan.maps import OccupancyGrid
 from locplan.simulation._drives import Drives, log_errors, worst_error
 from locplan.simulation._simulator import Simulator
-from locplan.simulation.choice._ask import lines_along
+from locplan.simulation._worlds import poses_along
+from locplan.simulation.choice._ask import ChoiceSettings
 from locplan.simulation.choice._race import FINALISTS, KEPT, ROUNDS, Judgement, Scores
-from locplan.simulation.choice._settings import ChoiceSettings
 
 
 @dataclass(frozen=True, eq=False)
-class Driven:
+class Driven(Valued):
     """How the drives went whose figures are shown of a candidate."""
+
+    derived: ClassVar[tuple[str, ...]] = ("error", "lost_rate")
 
     numbers: range
     """Numbers of the drives; those of the same number have one world and one seed."""
@@ -72,42 +76,9 @@ class Driven:
         """Share of the drives that were off by more than 1 m at some time."""
         return wilson(float(self.lost.mean()), len(self.lost))
 
-    def summary(self) -> dict[str, Any]:
-        """All of it, fit for JSON."""
-        return finite(
-            {
-                "drives": len(self.numbers),
-                "first_drive": self.numbers.start,
-                "error": list(self.error),
-                "ratio": list(self.ratio),
-                "lost_rate": list(self.lost_rate),
-                "log_error": self.log_error.tolist(),
-                "lost": self.lost.tolist(),
-                "profile": self.profile.tolist(),
-            }
-        )
-
-    @classmethod
-    def from_summary(cls, about: Mapping[str, Any]) -> Driven:
-        """What `summary` described.
-
-        Parameters
-        ----------
-        about : mapping
-            What `summary` gives.
-        """
-        first = about["first_drive"]
-        return cls(
-            range(first, first + about["drives"]),
-            np.array(about["log_error"], float),
-            np.array(about["lost"], bool),
-            Interval(*map(number_of, about["ratio"])),
-            np.array(about["profile"], float),
-        )
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Candidate:
+class Candidate(Valued):
     """A path that may be taken."""
 
     name: str
@@ -130,48 +101,6 @@ class Candidate:
 
     def __repr__(self) -> str:
         return f"Candidate({self.name}, {self.path.length:.2f} m)"
-
-    def summary(self) -> dict[str, Any]:
-        """All of it, fit for JSON."""
-        heading = self.path.heading
-        return {
-            "name": self.name,
-            "metrics": finite(dataclasses.asdict(self.metrics)),
-            "driven": self.driven.summary() if self.driven else None,
-            "deviation": finite(list(self.deviation)),
-            "planner": self.planner,
-            "note": self.note,
-            "history": [list(each) for each in self.history],
-            "xy": self.path.xy.tolist(),
-            "heading": None if heading is None else heading.tolist(),
-        }
-
-    @classmethod
-    def from_summary(cls, about: Mapping[str, Any]) -> Candidate:
-        """What `summary` described.
-
-        Parameters
-        ----------
-        about : mapping
-            What `summary` gives.
-        """
-        metrics = {name: number_of(value) for name, value in about["metrics"].items()}
-        heading = about["heading"]
-        return cls(
-            about["name"],
-            Path(np.array(about["xy"]), None if heading is None else np.array(heading)),
-            PathMetrics(**metrics),
-            Driven.from_summary(about["driven"]) if about["driven"] else None,
-            tuple(map(number_of, about["deviation"])),  # type: ignore[arg-type]
-            about["planner"],
-            about["note"],
-            tuple((time, cost) for time, cost in about["history"]),
-        )
-
-
-def number_of(value: float | None) -> float:
-    """A number of a file, where null stands for NaN."""
-    return math.nan if value is None else value
 
 
 def _of_metrics(name: str, unit: str, title: str | None = None, digits: int = 2) -> Column:
@@ -223,6 +152,17 @@ RIVAL_DRIVES = 8
 """Number of drives of the shortest path with the rival's settings."""
 
 
+def lines_along(paths: Mapping[str, Path], grid: OccupancyGrid) -> dict[str, Poses]:
+    """Poses along each path; a LocplanError names the candidate that cannot be driven."""
+    lines = {}
+    for name, path in paths.items():
+        try:
+            lines[name] = poses_along(path, grid)
+        except LocplanError as error:
+            raise LocplanError(f"candidate {name}: {error}") from None
+    return lines
+
+
 class Driver:
     """Drives of candidates by their numbers, and what is kept of them.
 
@@ -249,7 +189,7 @@ class Driver:
         self._lines = [*lines_along(paths, grid).values()]
         self._whole, self._simulator = simulator, simulator.about(self._lines)
         self._settings, self._progress = settings, progress
-        self._errors: dict[tuple[int, int], NDArray[np.float64]] = {}
+        self._errors = [np.empty((0, *line.shape)) for line in self._lines]
         self._worst = math.pi
         if settings.minimise != "heading":
             self._worst = worst_error(grid.shape, grid.resolution)
@@ -260,8 +200,7 @@ class Driver:
     def __call__(self, paths: Sequence[int], numbers: range) -> Scores:
         """Drive some paths with the drives of some numbers."""
         for path, errors in zip(paths, self._drive(self._simulator, paths, numbers), strict=True):
-            for number, each in zip(numbers, errors, strict=True):
-                self._errors[path, number] = each
+            self._errors[path] = np.concatenate([self._errors[path], errors])
         return Scores(
             np.array([self._log_errors(path, numbers) for path in paths]),
             np.array([self._drives(path, numbers).lost for path in paths]),
@@ -271,7 +210,7 @@ class Driver:
         """What is shown of a candidate: the confirmation's drives, or those of the race."""
         leads = found.leader and path in (0, found.leader)
         own = found.drives if leads else range(ROUNDS[-1])
-        numbers = range(own.start, max(n + 1 for p, n in self._errors if p == path and n in own))
+        numbers = range(own.start, min(own.stop, len(self._errors[path])))
         ratio = Interval(math.nan, math.nan, math.nan)
         if path:
             apart = self._log_errors(path, numbers) - self._log_errors(0, numbers)
@@ -287,8 +226,7 @@ class Driver:
         numbers = found.drives[:RIVAL_DRIVES]
         robot = dataclasses.replace(self._simulator.robot, filter=rival)
         simulator = self._whole.about(self._lines, robot)
-        line = self._lines[0]
-        drives = Drives(line, self._drive(simulator, [0], numbers)[0])
+        drives = Drives(self._lines[0], self._drive(simulator, [0], numbers)[0])
         errors = self._scored(drives)
         ratio = of_geometric_mean(np.exp(errors - self._log_errors(0, numbers)))
         if self._progress:
@@ -302,17 +240,16 @@ class Driver:
             if self._progress:
                 self._progress(self._done + done, self._total)
 
-        lines: list[Poses] = [self._lines[path] for path in paths]
+        lines = [self._lines[path] for path in paths]
         errors = simulator.drive_together(lines, numbers, stream=STREAM, progress=step)
         self._done += len(paths) * len(numbers)
         return errors
 
     def _drives(self, path: int, numbers: range) -> Drives:
-        return Drives(self._lines[path], np.array([self._errors[path, n] for n in numbers]))
+        return Drives(self._lines[path], self._errors[path][numbers.start : numbers.stop])
 
     def _log_errors(self, path: int, numbers: range) -> NDArray[np.float64]:
         return self._scored(self._drives(path, numbers))
 
     def _scored(self, drives: Drives) -> NDArray[np.float64]:
-        minimise = self._settings.minimise
-        return log_errors(drives.distance, drives.errors, minimise, self._worst)
+        return log_errors(drives.distance, drives.errors, self._settings.minimise, self._worst)

@@ -7,17 +7,17 @@ so that their differences count.
 
 from __future__ import annotations
 
-import dataclasses
+import itertools
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval
-from locplan._util.tables import finite
+from locplan._util.saved import Valued
 
 CLEARLY_BETTER, NO_DIFFERENCE, PROBABLY_BETTER, LOSES_MORE, NONE_LED = (
     "clearly better",
@@ -33,23 +33,28 @@ ROUNDS = (4, 8)
 """Drives of all paths, and of those that are kept, in the race."""
 KEPT, FINALISTS = 5, 3
 """Maximum numbers of paths beside the shortest that are kept in the race, and confirmed."""
-UNSURE = 0.07
-"""Probability, one-sided, at which a path counts as surely worse than the leader."""
-LEAD = math.log(0.97)
+UNSURE, BEHIND = 0.07, 0.3
+"""Probability, one-sided, at which a path counts as surely worse than the leader: in the race, and
+when finalists are confirmed."""
+LEAD = math.log(0.99)
 """Difference of the mean scores by which a path must lead the shortest in the race.
 
-These four were found by tests/benchmarks/power_of_choices.py: among ten candidates a path of .8 of
-the shortest's error is found in 89 % of the choices, and in 83 % with one finalist."""
+These five were found by tests/benchmarks/power_of_choices.py: among ten candidates a path of .8 of
+the shortest's error is found in 91 % of the choices."""
 WORTHWHILE = math.log(0.9)
 """Logarithm of the ratio of errors from which on a path is worth leaving the shortest."""
-FIRST_LOOK = 8
-"""Number of confirming drives at the first look; each further look has twice as many."""
-LEVELS = (0.025, 0.0147, 0.0104, 0.0081, 0.0064, 0.0055, 0.0047, 0.0041)
-"""One-sided level of each look, by the number of looks: 5 % in all (Pocock's, of doubled drives).
+LOOKS = (8, 16, 32, 64, 128, 256, 512, 1024)
+"""Numbers of confirming drives at which one looks, up to the maximum; the last look is at that."""
+BELOW, ABOVE = (2.04, 0.3), (2.16, 0.15)
+"""Where the interval's lower and upper end lie: critical value at the last look, and the exponent
+of 2 by which it is greater at each look before that one.
 
-They follow from the greatest of the correlated z values of all looks under no difference."""
-MAX_DRIVES = FIRST_LOOK * 2 ** (len(LEVELS) - 1)
-"""Maximum number of confirming drives of a path."""
+Each end passes the true value at any of up to eight looks with a probability of at most 2.5 %:
+the boundaries of Wang and Tsiatis for drives that double. Their critical values, 2.03 and 2.15,
+are computed by tests/benchmarks/power_of_choices.py; a hundredth more is for Student's quantiles
+of few drives. Fewer looks, or a last one that is nearer, err less often. The upper end shows that
+a path is better, which may end the drives early; the lower one that it is not, where an early end
+would save only time, and so it keeps more for the last look."""
 
 
 class Scores(NamedTuple):
@@ -86,8 +91,8 @@ Drive = Callable[[Sequence[int], range], Scores]
 """Drives paths of some numbers, with the drives of some numbers."""
 
 
-@dataclass(frozen=True)
-class Judgement:
+@dataclass(frozen=True, eq=False)
+class Judgement(Valued):
     """The path that won the race, and what fresh drives of it and of the shortest say."""
 
     leader: int
@@ -101,26 +106,6 @@ class Judgement:
     """Numbers of the drives that are shown: those of the confirmation, or else of the race."""
     more_lost: bool = False
     """Whether the leader lost more drives than the shortest path, in the race and after it."""
-
-    def summary(self) -> dict[str, Any]:
-        """The verdict and its drives, fit for JSON."""
-        about = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
-        drives = {"drives": len(self.drives), "first_drive": self.drives.start}
-        return finite({**about, **drives, "ratio": list(self.ratio)})
-
-    @classmethod
-    def from_summary(cls, about: Mapping[str, Any]) -> Judgement:
-        """Judgement that `summary` described.
-
-        Parameters
-        ----------
-        about : mapping
-            What `summary` gives.
-        """
-        first = about["first_drive"]
-        numbers = range(first, first + about["drives"])
-        ratio = Interval(*(math.nan if each is None else each for each in about["ratio"]))
-        return cls(about["leader"], about["verdict"], ratio, numbers, about["more_lost"])
 
 
 def judged(
@@ -195,72 +180,60 @@ def confirmed(
     drives: int,
     enough: Callable[[], bool] | None = None,
 ) -> Judgement:
-    """Drive the finalists and the shortest path afresh, until a difference is known or none is."""
-    looks = looks_of(drives)
-    level, first = LEVELS[len(looks) - 1], ROUNDS[-1]
-    # Choosing the best of several promises too much, not too little: the upper level is shared.
-    levels = level, level / len(finalists)
-    known = dict.fromkeys([0, *finalists], Scores(np.empty((1, 0)), np.empty((1, 0), bool)))
-    running, count = [*finalists], 0
+    """Drive the finalists and the shortest afresh, until a difference is known or none is."""
+    first, paths, count, done = ROUNDS[-1], [0, *finalists], 0, None
+    looks = [*itertools.takewhile(lambda each: each < drives, LOOKS), drives]
     while True:
         before, count = count, looks.pop(0)
-        paths = [0, *running]
         new = drive(paths, range(first + before, first + count))
-        known |= {path: known[path].joined(new.of([n])) for n, path in enumerate(paths)}
-        apart = {each: known[each].log_error[0] - known[0].log_error[0] for each in running}
-        ratios = {each: interval_of(apart[each], *levels) for each in running}
-        all_lost = {path: lost[path] + known[path].lost.sum() for path in paths}
-        losing = {each for each in running if all_lost[each] > all_lost[0]}
-        last = not looks or bool(enough and enough())
-        leader, verdict = _verdict(ratios, losing, count if last else None)
+        done = new if done is None else done.joined(new)
+        apart = done.log_error[1:] - done.log_error[0]
+        below, above = (_level(*end, left=len(looks)) for end in (BELOW, ABOVE))
+        # Choosing the best of several promises too much, not too little: the upper level is shared.
+        mean, low, high = interval_of(apart, below, above / len(finalists))
+        all_lost = lost[paths] + done.lost.sum(axis=1)
+        losing = all_lost[1:] > all_lost[0]
+        safe = ~losing & (mean <= WORTHWHILE)
+        clear = safe & (high < 0)
+        leads = next(some for some in (clear, safe, mean < math.inf) if some.any())
+        best = int(np.argmin(np.where(leads, mean, math.inf)))
+        verdict = ""
+        if clear.any():
+            verdict = CLEARLY_BETTER
+        elif (low > WORTHWHILE).all():
+            verdict = NO_DIFFERENCE
+        elif not looks or (enough and enough()):
+            verdict = PROBABLY_BETTER if safe.any() else LOSES_MORE
+            if mean[best] > WORTHWHILE:
+                verdict = f"undecided after {count} drives"
         if verdict:
-            shown = Interval(*np.exp(ratios[leader]).tolist())
-            return Judgement(leader, verdict, shown, range(first, first + count), leader in losing)
-        # Finalists surely worse than the best one, or than what is worthwhile, stay behind.
-        behind = {
-            each
-            for each in running
-            if interval_of(apart[each] - apart[leader], UNSURE).low > 0
-            or interval_of(apart[each], UNSURE).low > WORTHWHILE
-        }
-        running = [each for each in running if each == leader or each not in behind]
+            ratio = Interval(*(math.exp(each[best]) for each in (mean, low, high)))
+            numbers = range(first, first + count)
+            return Judgement(paths[best + 1], verdict, ratio, numbers, bool(losing[best]))
+        # Finalists that seem worse than the best one, or than what is worthwhile, stay behind: that
+        # costs no error, since none of them can be recommended any more.
+        _, worse, _ = interval_of(apart - apart[best], BEHIND, BEHIND)
+        _, poor, _ = interval_of(apart, BEHIND, BEHIND)
+        going = np.append(True, ~((worse > 0) | (poor > WORTHWHILE)))
+        going[best + 1] = True
+        rows = np.flatnonzero(going).tolist()
+        paths, done = [paths[row] for row in rows], done.of(rows)
 
 
-def _verdict(
-    ratios: Mapping[int, Interval], losing: Collection[int], drives: int | None
-) -> tuple[int, str]:
-    """The leader at a look by the logarithms of the ratios, and the verdict on it.
+def _level(critical: float, exponent: float, left: int) -> float:
+    """One-sided level of a look by the number of looks that are left after it."""
+    from scipy.special import ndtr
 
-    It is empty if more drives are to come, and there is no number of all drives.
-    """
-    order = sorted(ratios, key=lambda each: ratios[each].value)
-    safe = [each for each in order if each not in losing and ratios[each].value <= WORTHWHILE]
-    clear = [each for each in safe if ratios[each].high < 0]
-    leader = [*clear, *safe, *order][0]
-    if clear:
-        return leader, CLEARLY_BETTER
-    if all(ratio.low > WORTHWHILE for ratio in ratios.values()):
-        return leader, NO_DIFFERENCE
-    if drives is None:
-        return leader, ""
-    if ratios[leader].value > WORTHWHILE:
-        return leader, f"undecided after {drives} drives"
-    return leader, PROBABLY_BETTER if safe else LOSES_MORE
-
-
-def looks_of(drives: int) -> list[int]:
-    """Numbers of drives at which one looks: 8, twice as many, and so on, and all of them."""
-    looks = [FIRST_LOOK * 2**n for n in range(len(LEVELS))]
-    return [*(count for count in looks if count < drives), drives]
+    return float(ndtr(-critical * 2 ** (exponent * left)))
 
 
 def interval_of(
-    differences: NDArray[np.float64], below: float, above: float | None = None
-) -> Interval:
-    """Student's interval of a mean, at the one-sided levels below and above it."""
+    differences: NDArray[np.float64], below: float, above: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Mean of each row with both ends of Student's interval, at one-sided levels."""
     from scipy.special import stdtrit
 
-    count, mean = differences.size, float(differences.mean())
-    error = float(differences.std(ddof=1)) / math.sqrt(count)
-    low, high = stdtrit(count - 1, [1 - below, 1 - (above or below)]) * error
-    return Interval(mean, mean - float(low), mean + float(high))
+    count, mean = differences.shape[1], differences.mean(axis=1)
+    error = differences.std(axis=1, ddof=1) / math.sqrt(count)
+    low, high = stdtrit(count - 1, [1 - below, 1 - above])
+    return mean, mean - low * error, mean + high * error
