@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import ClassVar
@@ -14,18 +14,17 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import whole
 from locplan._util.intervals import random_of
-from locplan._util.progress import ProgressCallback, parts
+from locplan._util.progress import ProgressCallback
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.landmarks._objects import Shape, outline_of
-from locplan.landmarks._outcomes import DRIVES, FeatureDrives, Outcome
-from locplan.landmarks._routes import drive_without
-from locplan.maps import OccupancyGrid
+from locplan.landmarks._outcomes import DRIVES, FeatureDrives, driven_in, joined
+from locplan.maps import FREE, OccupancyGrid
 from locplan.robots import Robot
-from locplan.simulation import Drives, check_drives
+from locplan.simulation import Simulator, check_drives
 
 MATTERS = 0.1
 """Share of the expected deviation by which it rises without a feature that matters."""
@@ -286,21 +285,32 @@ class KeyFeatures(Result):
         lacking = [[], [*few.values()], *([few[n]] for n in single), *random]
         numbers = [drives] * 2 + [max(drives // max(len(single), 1), 2)] * len(single)
         numbers += [drives // max(len(random), 1)] * len(random)
-        callbacks = parts(progress, [len(self.routes) * number for number in numbers])
-        before, after, *rest = (
-            drive_without(self.grid, own, self.routes, self.robot, number, seed, threads, each)
-            for own, number, each in zip(lacking, numbers, callbacks, strict=True)
+        worlds = (
+            (
+                Simulator(
+                    self._without(own), self.robot, filter_map=self.grid, seed=seed, threads=threads
+                ),
+                self.routes,
+            )
+            for own in lacking
         )
-        at_random: tuple[Drives, ...] = sum(rest[len(single) :], ())
+        before, after, *rest = driven_in(worlds, numbers, len(self.routes), progress)
         return FeatureDrives(
-            Outcome(before),
-            Outcome(after),
-            Outcome(at_random) if at_random else None,
-            dict(zip(self.routes, zip(before, after, strict=True), strict=True)),
+            before,
+            after,
+            joined(rest[len(single) :]),
+            dict(zip(self.routes, zip(before.drives, after.drives, strict=True), strict=True)),
             seed,
-            {n: Outcome(each) for n, each in zip(single, rest, strict=False)},
+            dict(zip(single, rest, strict=False)),
             len(few),
         )
+
+    def _without(self, lacking: Sequence[NDArray[np.int64]]) -> OccupancyGrid:
+        """The map without the cells of features."""
+        cells = self.grid.cells.copy()
+        for each in lacking:
+            cells[tuple(each.T)] = FREE
+        return dataclasses.replace(self.grid, cells=cells)
 
     def table(self) -> Table:
         """The features in order of loss; `together` says which of the few each is, if any."""

@@ -215,7 +215,7 @@ def _draw_gains(axes: Axes, made: Landmarks) -> None:
         at = "data", "axes fraction"
         axes.annotate(note, (made.paying, 0.97), (4, 0), at, "offset points", va="top", fontsize=8)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set(xlabel="number of landmarks", ylabel=made.measure.title)
+    axes.set(xlabel="number of landmarks", ylabel=made.measure.heading)
 
 
 def draw_errors(

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import whole
-from locplan._util.progress import ProgressCallback, parts
+from locplan._util.checks import keep, whole
+from locplan._util.progress import ProgressCallback
 from locplan._util.records import POSE, Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite
-from locplan.landmarks._objectives import DEGENERACY, DEVIATION, Measure
 from locplan.landmarks._objects import outline_of, with_objects
-from locplan.landmarks._outcomes import DRIVES, Outcome, Verification
+from locplan.landmarks._outcomes import DRIVES, Verification, driven_in, joined
 from locplan.landmarks._places import Rejected
-from locplan.landmarks._routes import Setting, drive_on, fields_along, random_maps
+from locplan.landmarks._routes import Setting, fields_along, random_maps
 from locplan.landmarks._search import Regularity, Search, Shift, in_world, regularity
 from locplan.maps import OccupancyGrid, save_map
-from locplan.simulation import check_drives
+from locplan.simulation import Simulator, check_drives
 
 PAYING_SHARE = 0.05
 """Share by which a landmark must lower what is expected to pay."""
@@ -74,77 +72,44 @@ class Landmarks(Result):
 
     setting: Setting
     """The map, the routes and the robot that they are placed for."""
-    poses: NDArray[np.float64]
-    """World x, y and heading of each, (k, 3) [m, m, rad]."""
-    curve: NDArray[np.float64]
-    """Objective with 0, 1, ... landmarks, (k + 1,).
-
-    It is the expected mean of P_xx + P_yy along routes [m^2], or the mean degeneracy u in a region.
-    """
+    search: Search
+    """The search, for other placements."""
+    indices: NDArray[np.int64]
+    """Index of each place among those of the search, (k,); the existing objects' come first."""
+    shifts: tuple[Shift, ...]
+    """Landmarks that were taken out of regular rows."""
     rejected: tuple[Rejected, ...]
     """Places that were refused, and why."""
     before: OccupancyGrid
     """The map that was given."""
-    grid: OccupancyGrid
-    """The map with the landmarks."""
     existing: int
     """Number of existing objects that could be moved."""
-    indices: NDArray[np.int64]
-    """Index of each place among those of the search, (k,); the existing objects' come first."""
-    search: Search
-    """The search, for other placements."""
-    shifts: tuple[Shift, ...] = ()
-    """Landmarks that were taken out of regular rows; none by default."""
-    chosen_by: str = ""
+    chosen_by: str
     """How the places were chosen: what was made small, and among which places."""
     trials: tuple[Trial, ...] = ()
     """Placements that were driven by `best_of_trials`, the best first, which is this one."""
 
-    @classmethod
-    def of(
-        cls,
-        setting: Setting,
-        search: Search,
-        order: list[int],
-        rejected: tuple[Rejected, ...],
-        before: OccupancyGrid,
-        existing: int,
-        shifts: tuple[Shift, ...],
-    ) -> Landmarks:
-        """Landmarks at the places that a search chose, in order of gain.
+    poses: NDArray[np.float64] = field(init=False)
+    """World x, y and heading of each, (k, 3) [m, m, rad]."""
+    curve: NDArray[np.float64] = field(init=False)
+    """Objective with 0, 1, ... landmarks, (k + 1,).
 
-        Parameters
-        ----------
-        setting : Setting
-            What they are placed for.
-        search : Search
-            The search, with all places.
-        order : list of int
-            Indices of the chosen places among those of the search, in order of gain.
-        rejected, before, existing, shifts
-            The fields of these names.
-        """
-        indices = np.array(order, np.int64)
-        poses = in_world(setting.grid, search.places[indices])
-        return cls(
-            setting,
-            poses,
-            search.curve(order),
-            rejected,
-            before,
-            with_objects(setting.grid, setting.kind, poses),
-            existing,
-            indices,
-            search,
-            shifts,
-            search.objective.name,
-        )
+    It is the expected mean of P_xx + P_yy along routes [m^2], or the mean degeneracy u in a region.
+    """
+    grid: OccupancyGrid = field(init=False)
+    """The map with the landmarks."""
+
+    def __post_init__(self) -> None:
+        setting, search = self.setting, self.search
+        poses = in_world(setting.grid, search.places[self.indices])
+        curve = search.curve(self.indices.tolist())
+        keep(self, poses=poses, curve=curve, grid=with_objects(setting.grid, setting.kind, poses))
 
     def __repr__(self) -> str:
         low, high = self.expected[-1], self.expected[0]
         return (
             f"Landmarks({len(self)} x {self.setting.kind.title} in {self.grid.name or 'map'},"
-            f" {self.measure.title} {high:.3g} -> {low:.3g})"
+            f" {self.measure.heading} {high:.3g} -> {low:.3g})"
         )
 
     def __len__(self) -> int:
@@ -162,9 +127,9 @@ class Landmarks(Result):
         return -np.diff(self.curve)
 
     @property
-    def measure(self) -> Measure:
+    def measure(self) -> Column:
         """What `expected` is."""
-        return DEVIATION if self.setting.region is None else DEGENERACY
+        return self.search.objective.column
 
     @property
     def expected(self) -> NDArray[np.float64]:
@@ -172,7 +137,7 @@ class Landmarks(Result):
 
         In a region it is the mean degeneracy u, the curve itself.
         """
-        return np.asarray(self.curve**self.measure.power)
+        return np.asarray(self.curve**self.search.objective.power)
 
     @property
     def kept(self) -> int:
@@ -251,16 +216,14 @@ class Landmarks(Result):
         setting, maps = self.setting, (self.before, self.grid)
         sets = random_maps(setting, self.search, len(self), min(random_sets, drives // 2), seed)
         numbers = [drives] * 2 + [drives // max(len(sets), 1)] * len(sets)
-        callbacks = parts(progress, [len(setting.routes) * number for number in numbers])
-        before, after, *others = (
-            drive_on(setting, grid, number, seed, threads, each)
-            for grid, number, each in zip((*maps, *sets), numbers, callbacks, strict=True)
-        )
+        run = partial(Simulator, robot=setting.robot, seed=seed, threads=threads)
+        worlds = ((run(grid), setting.on(grid)) for grid in (*maps, *sets))
+        before, after, *others = driven_in(worlds, numbers, len(setting.routes), progress)
         return Verification(
-            Outcome(before),
-            Outcome(after),
-            Outcome(sum(others, ())) if others else None,
-            dict(zip(setting.routes, zip(before, after, strict=True), strict=True)),
+            before,
+            after,
+            joined(others),
+            dict(zip(setting.routes, zip(before.drives, after.drives, strict=True), strict=True)),
             seed,
             fields_along(setting, maps, threads),
         )
@@ -272,7 +235,7 @@ class Landmarks(Result):
         values = self.poses.tolist(), self.gains.tolist(), self.expected[1:].tolist()
         rows = enumerate(zip(*values, strict=True), 1)
         return Table(
-            (*COLUMNS, self.measure.column),
+            (*COLUMNS, self.measure),
             tuple((n, *pose, *about, gain, expected) for n, (pose, gain, expected) in rows),
         )
 
@@ -300,11 +263,11 @@ class Landmarks(Result):
                 "verification": verification.summary() if verification else None,
                 "map": {"name": self.before.name, "digest": self.before.digest},
                 "map_with_landmarks": {"digest": self.grid.digest},
-                "object": {"kind": setting.kind.word, **dataclasses.asdict(setting.kind)},
+                "object": {"kind": setting.kind.word, **vars(setting.kind)},
                 "landmarks": self.table().records(),
                 "chosen_by": self.chosen_by,
                 "trials": [each._asdict() for each in self.trials],
-                self.measure.column.name: self.expected.tolist(),
+                self.measure.name: self.expected.tolist(),
                 "paying": self.paying,
                 "kept": self.kept,
                 "regular": None if regular is None else regular._asdict(),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,50 +15,15 @@ from locplan.landmarks._sight import Sight
 from locplan.robots import Lidar
 
 
-class Measure(NamedTuple):
-    """How an objective is shown to people."""
-
-    column: Column
-    """What it is called in tables and files."""
-    power: float
-    """The objective to this power is shown."""
-
-    @property
-    def title(self) -> str:
-        """What it is, with its unit."""
-        return self.column.heading
-
-
-DEVIATION = Measure(Column("expected_deviation", "m", "expected deviation", 3), 0.5)
-DEGENERACY = Measure(Column("mean_degeneracy", "", "mean degeneracy u", 3), 1.0)
-
-
-class Objective(Protocol):
+@dataclass
+class Objective(ABC):
     """What is made small by the choice of places."""
 
-    sight: Sight
     name: ClassVar[str]
     """What it is, in a few words."""
-
-    def start(self, chosen: NDArray[np.int64]) -> None:
-        """Begin from objects that stand at these places, (k,)."""
-
-    def value(self) -> float:
-        """The objective with them."""
-
-    def values(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
-        """The objective with each of these places besides, (m,)."""
-
-
-@dataclass
-class AlongRoutes:
-    """Mean of P_xx + P_yy along routes [m^2], P the covariance that an information filter has.
-
-    Between two looks P becomes F P F^T + Q ds, and at each (P^-1 + I)^-1, I the information of
-    the beams that the filter compares.
-    """
-
-    name: ClassVar[str] = "deviation along the routes"
+    column: ClassVar[Column]
+    """What is shown to people and in files: the objective to a power."""
+    power: ClassVar[float]
     sight: Sight
 
     def start(self, chosen: NDArray[np.int64]) -> None:
@@ -65,8 +31,29 @@ class AlongRoutes:
         self.sight.start(chosen)
 
     def value(self) -> float:
-        """The objective with the objects [m^2]."""
+        """The objective with the objects."""
         return float(self.profile().mean())
+
+    @abstractmethod
+    def profile(self) -> NDArray[np.float64]:
+        """What it is the mean of, at each pose with the objects, (n,)."""
+
+    @abstractmethod
+    def values(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The objective with each of these places besides, (m,)."""
+
+
+@dataclass
+class AlongRoutes(Objective):
+    """Mean of P_xx + P_yy along routes [m^2], P the covariance that an information filter has.
+
+    Between two looks P becomes F P F^T + Q ds, and at each (P^-1 + I)^-1, I the information of
+    the beams that the filter compares.
+    """
+
+    name: ClassVar[str] = "deviation along the routes"
+    column: ClassVar[Column] = Column("expected_deviation", "m", "expected deviation", 3)
+    power: ClassVar[float] = 0.5
 
     def profile(self) -> NDArray[np.float64]:
         """P_xx + P_yy at each pose with the objects, (n,) [m^2]."""
@@ -87,7 +74,7 @@ class AlongRoutes:
 
 
 @dataclass
-class MeanDegeneracy:
+class MeanDegeneracy(Objective):
     """Mean of the degeneracy u at the poses, 0 to 1.
 
     u is that of the estimators: the logarithm of the position's greatest deviation, from 0.05 m to
@@ -99,7 +86,8 @@ class MeanDegeneracy:
     """
 
     name: ClassVar[str] = "degeneracy"
-    sight: Sight
+    column: ClassVar[Column] = Column("mean_degeneracy", "", "mean degeneracy u", 3)
+    power: ClassVar[float] = 1.0
     anchors: Any
     """`objectives.Anchors`."""
 
@@ -109,7 +97,7 @@ class MeanDegeneracy:
         from locplan._kernels.objectives import Anchors
 
         fisher = Fisher(lidar)
-        window = fisher.lattice(sight.resolution)
+        window = fisher.lattice(sight.grid.resolution)
         prior = 1 / np.diag(window.uniform_covariance)
         turn = prior[2] if len(prior) > 2 else 1e6
         least = float(np.sqrt(fisher.perfect(window)[0, 0]))
@@ -131,16 +119,12 @@ class MeanDegeneracy:
 
     def start(self, chosen: NDArray[np.int64]) -> None:
         """Begin from objects that stand at these places, (k,)."""
-        self.sight.start(chosen)
+        super().start(chosen)
         self._beside[:] = 0
         for n in chosen.tolist():
             if n not in self._together:
                 self._together[n] = self.sight.seen_with(n)
             self._beside[self._together[n]] ^= self._names[n]
-
-    def value(self) -> float:
-        """The objective with the objects."""
-        return float(self.profile().mean())
 
     def profile(self) -> NDArray[np.float64]:
         """The degeneracy u at each pose with the objects, (n,)."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, TypeAlias
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +43,33 @@ class Shape(NamedTuple):
         return np.asarray(np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0)))
 
 
+class LandmarkObject(Settings):
+    """An object that can be a landmark: a dataclass of one size, or of a length and a width."""
+
+    word: ClassVar[str]
+    """Its kind in files and on the command line."""
+
+    def __post_init__(self) -> None:
+        keep_checked(self, vars(self), _size)
+
+    @property
+    def _sizes(self) -> tuple[float, ...]:
+        return tuple(vars(self).values())
+
+    @property
+    def title(self) -> str:
+        """Kind and size, for tables."""
+        return f"{self.word} of {' x '.join(f'{size:g}' for size in self._sizes)} m"
+
+    @property
+    def shape(self) -> Shape:
+        """The outline as the kernels take it."""
+        sizes = self._sizes
+        return Shape(sizes[0] / 2, sizes[-1] / 2, is_round=len(sizes) == 1)
+
+
 @dataclass(frozen=True, repr=False)
-class Pole(Settings):
+class Pole(LandmarkObject):
     """A round post.
 
     Raises
@@ -57,28 +83,13 @@ class Pole(Settings):
     'pole of 0.1 m'
     """
 
+    word: ClassVar[str] = "pole"
     diameter: float = 0.2
     """Diameter, above 0 and at most 100 [m]."""
 
-    def __post_init__(self) -> None:
-        keep_checked(self, ("diameter",), _size)
-
-    word: ClassVar[str] = "pole"
-    """Its kind in files and on the command line."""
-
-    @property
-    def title(self) -> str:
-        """Kind and size, for tables."""
-        return f"pole of {self.diameter:g} m"
-
-    @property
-    def shape(self) -> Shape:
-        """The outline as the kernels take it."""
-        return Shape(self.diameter / 2, self.diameter / 2, is_round=True)
-
 
 @dataclass(frozen=True, repr=False)
-class Box(Settings):
+class Box(LandmarkObject):
     """A rectangular object such as a box, a cabinet or a board.
 
     Raises
@@ -92,35 +103,16 @@ class Box(Settings):
     'box of 1.2 x 0.1 m'
     """
 
+    word: ClassVar[str] = "box"
     length: float = 0.6
     """Extent along its heading, which is the wall's where it stands at one, at most 100 [m]."""
     width: float = 0.3
     """Extent across its heading, at most 100 [m]."""
 
-    def __post_init__(self) -> None:
-        keep_checked(self, ("length", "width"), _size)
-
-    word: ClassVar[str] = "box"
-    """Its kind in files and on the command line."""
-
-    @property
-    def title(self) -> str:
-        """Kind and size, for tables."""
-        return f"box of {self.length:g} x {self.width:g} m"
-
-    @property
-    def shape(self) -> Shape:
-        """The outline as the kernels take it."""
-        return Shape(self.length / 2, self.width / 2, is_round=False)
-
-
-LandmarkObject: TypeAlias = Pole | Box
-"""An object that can be a landmark."""
-
 
 def check_object(kind: object) -> None:
     """Raise a ConfigError unless this is an object that can be a landmark."""
-    if not isinstance(kind, (Pole, Box)):
+    if not isinstance(kind, LandmarkObject):
         raise ConfigError(f"the object must be a Pole or a Box, not {shown(kind)}")
 
 
@@ -147,15 +139,13 @@ def parsed_object(text: str) -> LandmarkObject:
     >>> parsed_object("box:0.6,0.3").title
     'box of 0.6 x 0.3 m'
     """
-    name, _, sizes = text.partition(":")
-    try:
+    word, _, sizes = text.partition(":")
+    with contextlib.suppress(ValueError):
         values = [float(size) for size in sizes.split(",")] if sizes else []
-    except ValueError:
-        name = ""
-    if name == "pole" and len(values) <= 1:
-        return Pole(*values)
-    if name == "box" and len(values) in (0, 2):
-        return Box(*values)
+        if word == "pole" and len(values) <= 1:
+            return Pole(*values)
+        if word == "box" and len(values) in (0, 2):
+            return Box(*values)
     raise ConfigError(
         "the object must be pole:DIAMETER or box:LENGTH,WIDTH in metres, such as pole:0.2 or"
         f" box:0.6,0.3, not {shown(text)}"
@@ -276,10 +266,10 @@ def filled_cells(
     return found_rows + rows.start, found_cols + cols.start
 
 
-def outline_of(shape: Shape, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+def outline_of(shape: Shape, pose: NDArray[np.float64], around: int = 24) -> NDArray[np.float64]:
     """Corners of a shape at a pose (x, y, heading), or points around a round one, (n, 2) [m]."""
     if shape.is_round:
-        angle = np.linspace(0, 2 * math.pi, 24, endpoint=False)
+        angle = np.linspace(0, 2 * math.pi, around, endpoint=False)
         return pose[:2] + shape.half_length * np.column_stack([np.cos(angle), np.sin(angle)])
     signs = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)])
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
@@ -289,11 +279,10 @@ def outline_of(shape: Shape, pose: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _outline(shape: Shape, heading: float, step: float) -> NDArray[np.float64]:
     """Points x, y along the outline of a shape at the origin, at most `step` apart [m]."""
+    origin = np.array([0.0, 0.0, heading])
     if shape.is_round:
-        count = math.ceil(2 * math.pi * shape.half_length / step)
-        angle = np.linspace(0, 2 * math.pi, count, endpoint=False)
-        return shape.half_length * np.column_stack([np.cos(angle), np.sin(angle)])
-    corners = outline_of(shape, np.array([0.0, 0.0, heading]))
+        return outline_of(shape, origin, math.ceil(2 * math.pi * shape.half_length / step))
+    corners = outline_of(shape, origin)
     sides = []
     for one, other in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         count = math.ceil(float(np.hypot(*(other - one))) / step)

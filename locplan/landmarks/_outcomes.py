@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval, of_rms, wilson
+from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import Column, Table
-from locplan.simulation import Drives
+from locplan.costs import Path
+from locplan.simulation import Drives, Simulator, drive_paths
 
 DRIVES = 100
 """Number of drives along each route by default."""
@@ -35,28 +37,32 @@ class Outcome:
     @property
     def number(self) -> int:
         """Number of drives."""
-        return sum(len(each.errors) for each in self.drives)
+        return len(self.lost)
+
+    @property
+    def lost(self) -> NDArray[np.bool_]:
+        """True for each drive that was lost, off by more than 1 m, at any time, (number,)."""
+        return np.concatenate([each.lost for each in self.drives])
+
+    @property
+    def mean_squares(self) -> NDArray[np.float64]:
+        """Mean square of each drive's position error, (number,) [m^2]."""
+        return np.concatenate([each.mean_squares for each in self.drives])
 
     @property
     def lost_rate(self) -> Interval:
         """Share of the drives that were lost, off by more than 1 m, at any time, 0..1."""
-        lost = np.concatenate([each.lost for each in self.drives])
-        return wilson(float(lost.mean()), len(lost))
+        return wilson(float(self.lost.mean()), self.number)
 
     @property
     def rmse(self) -> Interval:
         """Root mean square of the position error along the way [m]."""
-        return of_rms(self._mean_squares)
+        return of_rms(self.mean_squares)
 
     @property
     def kept_rmse(self) -> Interval:
         """RMSE of the drives that were not lost at any time [m]; NaN if all of them were."""
-        lost = np.concatenate([each.lost for each in self.drives])
-        return of_rms(self._mean_squares[~lost])
-
-    @property
-    def _mean_squares(self) -> NDArray[np.float64]:
-        return np.concatenate([each.mean_squares for each in self.drives])
+        return of_rms(self.mean_squares[~self.lost])
 
     def __repr__(self) -> str:
         return f"Outcome({self.number} drives, {self.lost_rate.value:.0%} lost)"
@@ -84,6 +90,23 @@ class Outcome:
     def summary(self) -> dict[str, object]:
         """Errors and share of lost drives in numbers, fit for JSON."""
         return Table.of(OUTCOME, [self]).records()[0]
+
+
+def joined(outcomes: Sequence[Outcome]) -> Outcome | None:
+    """All drives of some outcomes; None without any."""
+    return Outcome(tuple(d for each in outcomes for d in each.drives)) if outcomes else None
+
+
+def driven_in(
+    worlds: Iterable[tuple[Simulator, Mapping[str, Path]]],
+    drives: Sequence[int],
+    routes: int,
+    progress: ProgressCallback | None,
+) -> Iterator[Outcome]:
+    """Drive along the routes, as many in each world, each of them several times."""
+    callbacks = parts(progress, [routes * number for number in drives])
+    for (simulator, paths), number, each in zip(worlds, drives, callbacks, strict=True):
+        yield Outcome(tuple(drive_paths(simulator, paths, number, progress=each).values()))
 
 
 def outcomes_table(title: str, named: Mapping[str, Outcome]) -> Table:

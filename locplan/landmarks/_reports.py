@@ -23,7 +23,7 @@ def landmarks_report(made: Landmarks, verification: Verification | None = None) 
         ]
     lines.append(f"with {setting.robot.title}")
     after = [
-        f"{len(made)} x {setting.kind.title}, in order of gain; {made.measure.title} without any:"
+        f"{len(made)} x {setting.kind.title}, in order of gain; {made.measure.heading} without any:"
         f" {made.expected[0]:.3f}"
     ]
     if setting.region is not None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,17 +14,15 @@ from numpy.typing import NDArray
 from locplan._util.checks import position, shown
 from locplan._util.intervals import random_of
 from locplan._util.poses import Poses
-from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import CovarianceField, FieldConfig, Fused, covariance_field, points_near, scalar
 from locplan.landmarks._objects import LandmarkObject, with_objects
 from locplan.landmarks._outcomes import Profile
 from locplan.landmarks._search import Search, in_world
-from locplan.maps import FREE, OccupancyGrid
+from locplan.maps import OccupancyGrid
 from locplan.planners import plan
 from locplan.robots import Lidar, Robot
-from locplan.simulation import Drives, Simulator, drive_paths
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +41,23 @@ class Setting:
     """True if the routes are shortest paths, to be planned again among the objects."""
     robot: Robot
     """The robot that was simulated."""
+
+    def on(self, grid: OccupancyGrid) -> Mapping[str, Path]:
+        """The routes that were given, or the shortest paths between their ends on a map."""
+        if not self.planned:
+            return self.routes
+        costs = Costmap.blank(grid, robot_radius=self.robot.radius)
+        paths = {}
+        for name, path in self.routes.items():
+            (x0, y0), (x1, y1) = path.xy[[0, -1]].tolist()
+            found = plan(costs, (x0, y0), (x1, y1)).path
+            if found is None:
+                raise LocplanError(
+                    f"no path of the robot leads along {name} on the map"
+                    f" {'with' if grid is not self.grid else 'without'} landmarks"
+                )
+            paths[name] = found
+        return paths
 
 
 MAX_PLACES = 8
@@ -149,7 +163,7 @@ ENDS = 6
 
 
 def where_robot_is(
-    grid: OccupancyGrid, region: NDArray[np.bool_], robot_radius: float
+    grid: OccupancyGrid, region: NDArray[np.bool_] | None, robot_radius: float
 ) -> NDArray[np.bool_]:
     """Cells of a region where the robot's centre can be, all joined by ways on the map, (H, W).
 
@@ -160,6 +174,8 @@ def where_robot_is(
     """
     import cv2
 
+    if region is None:
+        raise ConfigError("the region must hold at least one rectangle (x0, y0, x1, y1) in metres")
     space = grid.free & ~grid.closer_than(robot_radius - 1e-9)
     _, parts = cv2.connectedComponents(space.astype(np.uint8), connectivity=4)
     counts = np.bincount(parts[space & region], minlength=1)
@@ -233,62 +249,6 @@ def routes_across(
     return routes
 
 
-Cells: TypeAlias = NDArray[np.int64]
-"""Rows and columns of a feature's cells, (k, 2)."""
-
-
-def drive_on(
-    setting: Setting,
-    grid: OccupancyGrid,
-    drives: int,
-    seed: int,
-    threads: int | None,
-    progress: ProgressCallback | None,
-) -> tuple[Drives, ...]:
-    """Drives of each route on a map that the robot's filter has, too."""
-    simulator = Simulator(grid, robot=setting.robot, seed=seed, threads=threads)
-    return tuple(
-        drive_paths(simulator, paths_on(setting, grid), drives, progress=progress).values()
-    )
-
-
-def drive_without(
-    grid: OccupancyGrid,
-    lacking: Sequence[Cells],
-    routes: Mapping[str, Path],
-    robot: Robot,
-    drives: int,
-    seed: int,
-    threads: int | None,
-    progress: ProgressCallback | None,
-) -> tuple[Drives, ...]:
-    """Drives of each route in worlds that lack features, which the robot's map still shows."""
-    cells = grid.cells.copy()
-    if lacking:
-        cells[tuple(np.concatenate(lacking).T)] = FREE
-    world = dataclasses.replace(grid, cells=cells)
-    simulator = Simulator(world, robot, filter_map=grid, seed=seed, threads=threads)
-    return tuple(drive_paths(simulator, routes, drives, progress=progress).values())
-
-
-def paths_on(setting: Setting, grid: OccupancyGrid) -> Mapping[str, Path]:
-    """The routes that were given, or the shortest paths between their ends on a map."""
-    if not setting.planned:
-        return setting.routes
-    costs = Costmap.blank(grid, robot_radius=setting.robot.radius)
-    paths = {}
-    for name, path in setting.routes.items():
-        (x0, y0), (x1, y1) = path.xy[[0, -1]].tolist()
-        found = plan(costs, (x0, y0), (x1, y1)).path
-        if found is None:
-            raise LocplanError(
-                f"no path of the robot leads along {name} on the map"
-                f" {'with' if grid is not setting.grid else 'without'} landmarks"
-            )
-        paths[name] = found
-    return paths
-
-
 def random_maps(
     setting: Setting, search: Search, count: int, sets: int, seed: int
 ) -> list[OccupancyGrid]:
@@ -312,7 +272,7 @@ def fields_along(
     The field is computed near the routes only, and updated where the second map differs.
     """
     config = FieldConfig(Fused.of(setting.robot.known_lidar))
-    routes = [paths_on(setting, grid) for grid in maps]
+    routes = [setting.on(grid) for grid in maps]
     before, after = (
         _near(grid, config, paths.values()) for grid, paths in zip(maps, routes, strict=True)
     )

@@ -200,7 +200,7 @@ class Search:
         """Why no object may stand at a place beside others, or nothing."""
         pose = self.places[place]
         sight = self.objective.sight
-        if too_close(sight.shape, pose, self.places[others], sight.resolution):
+        if too_close(sight.shape, pose, self.places[others], sight.grid.resolution):
             return "too close to another landmark"
         return "cuts a passage for the robot beside the others" if passages.cuts(pose) else ""
 
@@ -282,7 +282,7 @@ class Search:
 
     def _positions(self, indices: list[int]) -> NDArray[np.float64]:
         """Positions of places on the map, (k, 2) [m]."""
-        found: NDArray[np.float64] = self.places[indices, :2] * self.objective.sight.resolution
+        found: NDArray[np.float64] = self.places[indices, :2] * self.objective.sight.grid.resolution
         return found
 
 

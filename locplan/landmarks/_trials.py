@@ -9,7 +9,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +20,9 @@ from locplan._util.intervals import random_of
 from locplan._util.progress import ProgressCallback, parts
 from locplan.landmarks._landmarks import Landmarks, Trial
 from locplan.landmarks._objectives import MeanDegeneracy, Objective
-from locplan.landmarks._routes import drive_on
+from locplan.landmarks._outcomes import Outcome, driven_in
 from locplan.landmarks._search import Search
-from locplan.simulation import Drives
+from locplan.simulation import Simulator
 
 FIRST_DRIVES = 40
 """Number of drives along each route in the first round; it doubles while placements halve."""
@@ -75,23 +76,24 @@ def best_of_trials(
     whole("seed", seed, 0)
     if trials == 1:
         return made
-    left = [Contender(each) for each in _placements(made, trials, seed)]
-    sizes, size, drives = [], len(left), FIRST_DRIVES
-    while size > 1:
-        sizes += [drives * len(made.setting.routes)] * size
-        size, drives = -(-size // 2), 2 * drives
-    callbacks = iter(parts(progress, sizes))
-    drives, round_ = FIRST_DRIVES, 0
+    left = [Contender(each, Outcome(())) for each in _placements(made, trials, seed)]
+    sizes = [len(left)]  # placements in each round
+    while sizes[-1] > 1:
+        sizes.append(-(-sizes[-1] // 2))
+    drives = [[FIRST_DRIVES * 2**n] * size for n, size in enumerate(sizes[:-1])]
+    setting, routes = made.setting, len(made.setting.routes)
+    callbacks = parts(progress, [routes * sum(each) for each in drives])
     beaten: list[Contender] = []
-    while len(left) > 1:
-        own_seed = int(random_of(seed, ROUNDS, round_).integers(2**31))
-        for each in left:
-            setting, grid = each.made.setting, each.made.grid
-            each.driven += drive_on(setting, grid, drives, own_seed, threads, next(callbacks))
+    for n, stay in enumerate(sizes[1:]):
+        own_seed = int(random_of(seed, ROUNDS, n).integers(2**31))
+        simulator = partial(Simulator, robot=setting.robot, seed=own_seed, threads=threads)
+        grids = [each.made.grid for each in left]
+        worlds = ((simulator(grid), setting.on(grid)) for grid in grids)
+        outcomes = driven_in(worlds, drives[n], routes, callbacks[n])
+        for each, outcome in zip(left, outcomes, strict=True):
+            each.driven = Outcome(each.driven.drives + outcome.drives)
         left.sort(key=lambda each: each.score)
-        stay = -(-len(left) // 2)
         left, beaten = left[:stay], left[stay:] + beaten
-        drives, round_ = 2 * drives, round_ + 1
     trials_made = tuple(each.trial for each in [*left, *beaten])
     return dataclasses.replace(left[0].made, trials=trials_made)
 
@@ -101,21 +103,19 @@ class Contender:
     """A placement, and its drives so far."""
 
     made: Landmarks
-    driven: list[Drives] = field(default_factory=list)
+    driven: Outcome
 
     @property
     def score(self) -> tuple[int, float]:
         """Number of lost drives, and the mean logarithm of the squared error of all."""
-        squares: NDArray[np.float64] = np.concatenate([each.mean_squares for each in self.driven])
-        lost = sum(int(each.lost.sum()) for each in self.driven)
-        return lost, float(np.log(np.maximum(squares, MIN_ERROR**2)).mean())
+        squares = np.maximum(self.driven.mean_squares, MIN_ERROR**2)
+        return int(self.driven.lost.sum()), float(np.log(squares).mean())
 
     @property
     def trial(self) -> Trial:
         """What its drives say."""
         lost, error = self.score
-        number = sum(len(each.errors) for each in self.driven)
-        return Trial(self.made.chosen_by, number, lost, math.exp(error / 2))
+        return Trial(self.made.chosen_by, self.driven.number, lost, math.exp(error / 2))
 
 
 def _placements(made: Landmarks, trials: int, seed: int) -> Iterator[Landmarks]:
@@ -139,8 +139,10 @@ def _placements(made: Landmarks, trials: int, seed: int) -> Iterator[Landmarks]:
         search = Search(objective, own.passages, np.flatnonzero(keep))
         order = search.run(list(range(first)), max(len(made) - first, 0))
         order, shifts = search.without_rows(order)
-        found = Landmarks.of(
-            made.setting, own, own.in_order(order), made.rejected, made.before, first, shifts
-        )
         among = ", half of the places" if half else ""
-        yield dataclasses.replace(found, chosen_by=objective.name + among)
+        yield dataclasses.replace(
+            made,
+            indices=np.array(own.in_order(order), np.int64),
+            shifts=shifts,
+            chosen_by=objective.name + among,
+        )
