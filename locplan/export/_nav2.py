@@ -16,23 +16,25 @@ from numpy.typing import NDArray
 from locplan._util.checks import number
 from locplan.costs import Costmap, about_costs, costs_caption
 from locplan.errors import ConfigError
-from locplan.export import _value_maps as value_maps
+from locplan.export._charges import (
+    Conversion,
+    checked_planner,
+    values_for,
+    without_yaw,
+    write_preview,
+    write_values,
+)
 from locplan.export._parameters import (
     Robot,
+    Server,
     added_parameters,
     changed_parameters,
     with_costmap,
     with_planner,
-)
-from locplan.export._registry import check_has_field, export_folder
-from locplan.export._travel_costs import (
-    Conversion,
-    Server,
-    checked_planner,
-    values_for,
     write_servers,
     write_yaml,
 )
+from locplan.export._registry import check_has_field, export_folder
 from locplan.robots import Nav2Parameters
 
 
@@ -280,14 +282,14 @@ def _write(
         servers.append(Server("nav2_map_server", *node, topics | law))
     about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
-    grid = value_maps.without_yaw(costs.grid)
+    grid = without_yaw(costs.grid)
     known = {"title": title, "costs": costs, "kind": kind, "called": called}
     known |= {"file": robot.file and robot.file.name, "conversion": conversion, "changed": changed}
     known["added"] = list(added_parameters(theirs, merged.content))
     with export_folder(folder, "nav2-mask.md", about, **known) as temporary:
         write_yaml(temporary / "nav2.yaml", merged.content)
-        value_maps.write_values(temporary / "mask", values, grid)
+        write_values(temporary / "mask", values, grid)
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
         label = "speed limit [% of the robot's own]" if is_speed else f"{kind} mask [0-100]"
         above = f"{title}{costs_caption(costs)}"
-        value_maps.write_preview(temporary, grid, values, label, above, falling=is_speed)
+        write_preview(temporary, grid, values, label, above, falling=is_speed)

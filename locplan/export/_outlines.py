@@ -1,4 +1,4 @@
-"""Outlines of areas of cells: rings along the cells' edges, and the same with fewer corners.
+"""Polygons of areas of cells: rings along the cells' edges, with fewer corners, or without holes.
 
 Rings are (n, 2) arrays of whole numbers, the columns and rows of their corners in quarters of a
 cell, without the first corner once more at the end. The area lies to their left.
@@ -16,6 +16,8 @@ QUARTERS = 4
 """Units of a ring along the edge of a cell."""
 MAX_AREA_ERROR = 0.02
 """Maximum share by which fewer corners may change an area."""
+MAX_FILLED = 0.02
+"""Maximum share of an area that the holes have which are filled."""
 _STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 _CHUNK = 256
 
@@ -187,3 +189,61 @@ def _sides(
 
 def _cross(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def polygons_of(
+    mask: NDArray[np.bool_], labels: NDArray[np.int32], min_hole: float
+) -> dict[int, list[NDArray[np.int64]]]:
+    """The rings of each label, its outline first; holes of fewer cells are filled."""
+    of_label: dict[int, list[Ring]] = {}
+    for ring in rings_of(mask):
+        of_label.setdefault(int(labels[ring.cell]), []).append(ring)
+    rings, kept, owners = [], [], []
+    for label, own in of_label.items():
+        areas = np.array([signed_area(ring.corners) / QUARTERS**2 for ring in own])
+        first, *holes = np.argsort(areas)[::-1].tolist()  # the smallest holes come first
+        total = np.cumsum(-areas[holes])
+        filled = (areas[holes] > -min_hole) & (total <= MAX_FILLED * areas[first])
+        corners = [own[n].corners for n in (first, *np.array(holes, int)[~filled].tolist())]
+        rings += corners
+        kept += thinned(corners, 1.0)  # [cells], which makes steps straight
+        owners += [label] * len(corners)
+    polygons: dict[int, list[NDArray[np.int64]]] = {}
+    if rings:
+        for label, ring, few in zip(owners, rings, untangled(rings, kept), strict=True):
+            polygons.setdefault(label, []).append(ring[few])
+    return polygons
+
+
+def middle_of(inside: NDArray[np.bool_]) -> tuple[int, int]:
+    """Of the cells far from the edge of an area (H, W), that nearest to their mean."""
+    import cv2
+
+    distance = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, 5)
+    cells = np.argwhere(distance[1:-1, 1:-1] >= 0.9 * distance.max())
+    row, col = cells[np.argmin(((cells - cells.mean(axis=0)) ** 2).sum(axis=1))].tolist()
+    return row, col
+
+
+def without_holes(
+    outline: NDArray[np.float64], holes: Sequence[NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """One ring around an area without its holes, (n, 2): Lanelet2's polygons have none.
+
+    A cut leads to each hole and back, from its leftmost corner straight to the left, where the
+    outline lies or a hole that has been joined before.
+    """
+    ring = outline
+    for hole in sorted(holes, key=lambda hole: float(hole[:, 0].min())):
+        first = np.lexsort((hole[:, 1], hole[:, 0]))[0]
+        hole = np.roll(hole, -int(first), axis=0)
+        x, y = hole[0]
+        start, end = ring, np.roll(ring, -1, axis=0)
+        crosses = (start[:, 1] <= y) != (end[:, 1] <= y)
+        rise = np.where(crosses, end[:, 1] - start[:, 1], 1.0)
+        hit = start[:, 0] + (y - start[:, 1]) / rise * (end[:, 0] - start[:, 0])
+        hit = np.where(crosses & (hit < x), hit, -np.inf)
+        line = int(np.argmax(hit))
+        cut = np.array([[hit[line], y]])
+        ring = np.concatenate([ring[: line + 1], cut, hole, hole[:1], cut, ring[line + 1 :]])
+    return ring

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path as FilePath
 from typing import ClassVar
 
@@ -21,7 +22,7 @@ from locplan._util.tables import finite
 from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.landmarks._objects import Shape, outline_of
-from locplan.landmarks._outcomes import DRIVES, FeatureDrives, driven_in, joined
+from locplan.landmarks._outcomes import DRIVES, FeatureDrives, World, compared
 from locplan.maps import FREE, OccupancyGrid
 from locplan.robots import Robot
 from locplan.simulation import Simulator, check_drives
@@ -282,35 +283,17 @@ class KeyFeatures(Result):
         orders = (random_of(seed, 103, n).permutation(len(others)) for n in sets)
         random = [[others[k] for k in order[:count]] for order in orders]
         single = self.together if len(few) > 1 else ()
-        lacking = [[], [*few.values()], *([few[n]] for n in single), *random]
-        numbers = [drives] * 2 + [max(drives // max(len(single), 1), 2)] * len(single)
-        numbers += [drives // max(len(random), 1)] * len(random)
-        worlds = (
-            (
-                Simulator(
-                    self._without(own), self.robot, filter_map=self.grid, seed=seed, threads=threads
-                ),
-                self.routes,
-            )
-            for own in lacking
-        )
-        before, after, *rest = driven_in(worlds, numbers, len(self.routes), progress)
-        return FeatureDrives(
-            before,
-            after,
-            joined(rest[len(single) :]),
-            dict(zip(self.routes, zip(before.drives, after.drives, strict=True), strict=True)),
-            seed,
-            dict(zip(single, rest, strict=False)),
-            len(few),
-        )
+        lacking = [[], [*few.values()], *([few[n]] for n in single)]
+        run = partial(Simulator, robot=self.robot, filter_map=self.grid, seed=seed, threads=threads)
 
-    def _without(self, lacking: Sequence[NDArray[np.int64]]) -> OccupancyGrid:
-        """The map without the cells of features."""
-        cells = self.grid.cells.copy()
-        for each in lacking:
-            cells[tuple(each.T)] = FREE
-        return dataclasses.replace(self.grid, cells=cells)
+        def enter(cells: Sequence[NDArray[np.int64]]) -> World:
+            world = self.grid.cells.copy()
+            for each in cells:
+                world[tuple(each.T)] = FREE
+            return run(dataclasses.replace(self.grid, cells=world)), self.routes
+
+        driven, alone = compared(enter, lacking, random, drives, self.routes, progress)
+        return FeatureDrives(*driven, seed, dict(zip(single, alone, strict=True)), len(few))
 
     def table(self) -> Table:
         """The features in order of loss; `together` says which of the few each is, if any."""

@@ -16,7 +16,7 @@ from locplan._util.records import POSE, Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.landmarks._objects import outline_of, with_objects
-from locplan.landmarks._outcomes import DRIVES, Verification, driven_in, joined
+from locplan.landmarks._outcomes import DRIVES, Verification, compared
 from locplan.landmarks._places import Rejected
 from locplan.landmarks._routes import Setting, fields_along, random_maps
 from locplan.landmarks._search import Regularity, Search, Shift, in_world, regularity
@@ -215,18 +215,11 @@ class Landmarks(Result):
         whole("random_sets", random_sets, 1, 1000)
         setting, maps = self.setting, (self.before, self.grid)
         sets = random_maps(setting, self.search, len(self), min(random_sets, drives // 2), seed)
-        numbers = [drives] * 2 + [drives // max(len(sets), 1)] * len(sets)
         run = partial(Simulator, robot=setting.robot, seed=seed, threads=threads)
-        worlds = ((run(grid), setting.on(grid)) for grid in (*maps, *sets))
-        before, after, *others = driven_in(worlds, numbers, len(setting.routes), progress)
-        return Verification(
-            before,
-            after,
-            joined(others),
-            dict(zip(setting.routes, zip(before.drives, after.drives, strict=True), strict=True)),
-            seed,
-            fields_along(setting, maps, threads),
+        driven, _ = compared(
+            lambda grid: (run(grid), setting.on(grid)), maps, sets, drives, setting.routes, progress
         )
+        return Verification(*driven, seed, fields_along(setting, maps, threads))
 
     def table(self) -> Table:
         """The landmarks in order of gain, and what is expected with each and those before it."""

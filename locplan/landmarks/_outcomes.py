@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,21 +92,45 @@ class Outcome:
         return Table.of(OUTCOME, [self]).records()[0]
 
 
-def joined(outcomes: Sequence[Outcome]) -> Outcome | None:
-    """All drives of some outcomes; None without any."""
-    return Outcome(tuple(d for each in outcomes for d in each.drives)) if outcomes else None
+Compared: TypeAlias = tuple[Outcome, Outcome, Outcome | None, dict[str, tuple[Drives, Drives]]]
+"""The first fields of `BeforeAndAfter`."""
+Change = TypeVar("Change")
+World: TypeAlias = tuple[Simulator, Mapping[str, Path]]
+"""A world with a robot in it, and the robot's routes there."""
 
 
 def driven_in(
-    worlds: Iterable[tuple[Simulator, Mapping[str, Path]]],
-    drives: Sequence[int],
-    routes: int,
-    progress: ProgressCallback | None,
+    worlds: Iterable[World], drives: Sequence[int], progress: ProgressCallback | None
 ) -> Iterator[Outcome]:
-    """Drive along the routes, as many in each world, each of them several times."""
-    callbacks = parts(progress, [routes * number for number in drives])
-    for (simulator, paths), number, each in zip(worlds, drives, callbacks, strict=True):
-        yield Outcome(tuple(drive_paths(simulator, paths, number, progress=each).values()))
+    """Drive each of as many routes several times in each world."""
+    callbacks = parts(progress, drives)
+    for (simulator, routes), number, each in zip(worlds, drives, callbacks, strict=True):
+        count = number // len(routes)
+        yield Outcome(tuple(drive_paths(simulator, routes, count, progress=each).values()))
+
+
+def compared(
+    enter: Callable[[Change], World],
+    changes: Sequence[Change],
+    at_random: Sequence[Change],
+    drives: int,
+    routes: Collection[str],
+    progress: ProgressCallback | None,
+) -> tuple[Compared, list[Outcome]]:
+    """Drive before a change, after it, with parts of it alone, and after some at random.
+
+    `changes` are none, the whole one, and its parts. The parts together have as many drives, and
+    the changes at random.
+    """
+    alone, sets = len(changes) - 2, len(at_random)
+    numbers = [drives] * 2 + [max(drives // max(alone, 1), 2)] * alone
+    numbers += [drives // max(sets, 1)] * sets
+    worlds = (enter(change) for change in (*changes, *at_random))
+    counts = [len(routes) * number for number in numbers]
+    before, after, *rest = driven_in(worlds, counts, progress)
+    random = Outcome(tuple(d for each in rest[alone:] for d in each.drives)) if sets else None
+    pairs = zip(before.drives, after.drives, strict=True)
+    return (before, after, random, dict(zip(routes, pairs, strict=True))), rest[:alone]
 
 
 def outcomes_table(title: str, named: Mapping[str, Outcome]) -> Table:

@@ -80,16 +80,17 @@ def best_of_trials(
     sizes = [len(left)]  # placements in each round
     while sizes[-1] > 1:
         sizes.append(-(-sizes[-1] // 2))
-    drives = [[FIRST_DRIVES * 2**n] * size for n, size in enumerate(sizes[:-1])]
-    setting, routes = made.setting, len(made.setting.routes)
-    callbacks = parts(progress, [routes * sum(each) for each in drives])
+    setting = made.setting
+    first = FIRST_DRIVES * len(setting.routes)
+    drives = [[first * 2**n] * size for n, size in enumerate(sizes[:-1])]
+    callbacks = parts(progress, [sum(each) for each in drives])
     beaten: list[Contender] = []
     for n, stay in enumerate(sizes[1:]):
         own_seed = int(random_of(seed, ROUNDS, n).integers(2**31))
         simulator = partial(Simulator, robot=setting.robot, seed=own_seed, threads=threads)
         grids = [each.made.grid for each in left]
         worlds = ((simulator(grid), setting.on(grid)) for grid in grids)
-        outcomes = driven_in(worlds, drives[n], routes, callbacks[n])
+        outcomes = driven_in(worlds, drives[n], callbacks[n])
         for each, outcome in zip(left, outcomes, strict=True):
             each.driven = Outcome(each.driven.drives + outcome.drives)
         left.sort(key=lambda each: each.score)
