@@ -27,8 +27,7 @@ from locplan.export._charges import (
 from locplan.export._parameters import (
     Robot,
     Server,
-    added_parameters,
-    changed_parameters,
+    differences,
     with_costmap,
     with_planner,
     write_servers,
@@ -263,8 +262,7 @@ def _write(
     called: str = "",
 ) -> None:
     """Write the folder of a mask, for a planner that is called so, or for the speed filter."""
-    theirs = robot.parameters.content
-    changed = list(changed_parameters(theirs, merged.content))
+    changed, added = differences(robot.parameters.content, merged.content)
     if robot.file and changed:
         text = f"nav2.yaml has other values than {robot.file.name}: {'; '.join(changed)}"
         warnings.warn(ParametersChanged(text), stacklevel=4)
@@ -284,8 +282,8 @@ def _write(
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
     grid = without_yaw(costs.grid)
     known = {"title": title, "costs": costs, "kind": kind, "called": called}
-    known |= {"file": robot.file and robot.file.name, "conversion": conversion, "changed": changed}
-    known["added"] = list(added_parameters(theirs, merged.content))
+    known |= {"file": robot.file and robot.file.name, "conversion": conversion}
+    known |= {"changed": changed, "added": added}
     with export_folder(folder, "nav2-mask.md", about, **known) as temporary:
         write_yaml(temporary / "nav2.yaml", merged.content)
         write_values(temporary / "mask", values, grid)

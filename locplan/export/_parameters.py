@@ -298,31 +298,27 @@ def _settings(name: str, own: dict[str, Any]) -> dict[str, Any]:
     return {f"{name}.{key}": value for key, value in own.items()}
 
 
-def changed_parameters(theirs: Any, merged: Any, name: str = "") -> Iterator[str]:
-    """A sentence's part for each of a robot's own values that another one has replaced."""
-    if isinstance(theirs, dict) and isinstance(merged, dict):
-        for key, value in theirs.items():
-            yield from changed_parameters(value, merged[key], _inner(name, key))
-    elif isinstance(theirs, list) and isinstance(merged, list):
-        return  # of names, to which ours are added
-    elif theirs != merged:
-        yield f"{name}: {scalar_text(merged)} (was {scalar_text(theirs)})"
+def differences(theirs: Any, merged: Any) -> tuple[list[str], list[str]]:
+    """A sentence's part for each of a robot's own values that is another, and for each new one."""
+    changed, added = [], []
+    for name, own, value in _values_of(theirs, merged):
+        if isinstance(value, list):  # of names, to which ours are added
+            new = [str(each) for each in value if each not in (own or [])]
+            if new:
+                added.append(f"{name}: {', '.join(new)}")
+        elif own is None:
+            added.append(f"{name}: {scalar_text(value)}")
+        elif own != value:
+            changed.append(f"{name}: {scalar_text(value)} (was {scalar_text(own)})")
+    return changed, added
 
 
-def added_parameters(theirs: Any, merged: Any, name: str = "") -> Iterator[str]:
-    """A sentence's part for each value that a robot's own parameters do not have."""
-    if isinstance(merged, dict):
-        own = theirs if isinstance(theirs, dict) else {}
-        for key, value in merged.items():
-            yield from added_parameters(own.get(key), value, _inner(name, key))
-    elif isinstance(merged, list):
-        added = [each for each in merged if each not in (theirs or [])]
-        if added:
-            yield f"{name}: {', '.join(map(str, added))}"
-    elif theirs is None:
-        yield f"{name}: {scalar_text(merged)}"
-
-
-def _inner(name: str, key: str) -> str:
-    """The name of a parameter within another one; nodes' own levels are left out."""
-    return name if key in ("ros__parameters", name) else f"{name}.{key}".strip(".")
+def _values_of(theirs: Any, merged: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Name, value before and value after of each parameter; nodes' own levels are left out."""
+    if not isinstance(merged, dict):
+        yield name, theirs, merged
+        return
+    own = theirs if isinstance(theirs, dict) else {}
+    for key, value in merged.items():
+        inner = name if key in ("ros__parameters", name) else f"{name}.{key}".strip(".")
+        yield from _values_of(own.get(key), value, inner)

@@ -127,7 +127,7 @@ class KeyFeatures(Result):
     """The features of a map in order of loss, and the few whose loss together is greatest."""
 
     _drawn_by: ClassVar[str] = "locplan.landmarks:key_features_figure"
-    _reported_by: ClassVar[str] = "locplan.landmarks._reports:features_report"
+    _reported_by: ClassVar[str] = "locplan.landmarks._key_features:features_report"
     files: ClassVar[Results] = Results(
         "features",
         ("features.json", "features.png", "features.csv", "features.geojson", "verification.csv"),

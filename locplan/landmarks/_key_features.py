@@ -1,7 +1,8 @@
-"""Which features of a map localization depends on: `key_features`."""
+"""Which features of a map localization depends on: `key_features`, and its report."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -9,12 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import number, positive, whole
 from locplan._util.progress import ProgressCallback, parts
+from locplan._util.tables import wrapped
 from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.field import equipped
 from locplan.landmarks._feature_sights import Sights
-from locplan.landmarks._features import Feature, KeyFeatures
+from locplan.landmarks._features import Feature, KeyFeatures, in_cm
 from locplan.landmarks._objects import Shape
+from locplan.landmarks._outcomes import FeatureDrives
 from locplan.landmarks._routes import routes_of
 from locplan.landmarks._sight import lines_along, surroundings
 from locplan.maps import OccupancyGrid, check_grid
@@ -213,3 +216,32 @@ def _rectangle(
     length, width = max(one, other) * grid.resolution, min(one, other) * grid.resolution
     # Half a turn changes nothing.
     return float(x), float(y), length, width, float((heading + 1e-6) % np.pi - 1e-6)
+
+
+def features_report(found: KeyFeatures, drives: FeatureDrives | None = None) -> str:
+    """The verdicts, then the features with the greatest loss."""
+    said = drives.verdict if drives else "not verified: nothing was driven"
+    lines = wrapped([found.verdict, said, f"with {found.robot.title}"])
+    parts = [str(drives.table()), *lines] if drives else lines
+    if not found.features:
+        return "\n".join(parts)
+    table = found.table()
+    # Number of features in the table.
+    listed = {*range(1, 11), *found.together}
+    rows = (row for n, row in enumerate(table.rows, 1) if n in listed)
+    shown = dataclasses.replace(table, rows=tuple(rows))
+    after = [
+        f"rise: of the expected deviation of the position, {in_cm(float(found.deviations[0]))}"
+        " with all, as the feature goes; worst: at the place where it rises most",
+        f"moved: error of the position if the feature is {100 * found.shift:.0f} cm off and the"
+        " map does not show it, to first order",
+    ]
+    if len(found) > len(shown):
+        after.append(f"{len(found)} features are seen; features.csv lists all of them")
+    if len(found.together) > 1:
+        steps = ", ".join(
+            f"{number}: {in_cm(each)}"
+            for number, each in zip(found.together, found.deviations[1:].tolist(), strict=True)
+        )
+        after.append(f"expected deviation as they go one after the other: without {steps}")
+    return "\n".join([*parts, str(shown), *wrapped(after)])

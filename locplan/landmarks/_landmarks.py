@@ -14,7 +14,7 @@ from locplan._util.checks import keep, whole
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import POSE, Column, Result, Table
 from locplan._util.results import Results
-from locplan._util.tables import finite
+from locplan._util.tables import finite, wrapped
 from locplan.landmarks._objects import outline_of, with_objects
 from locplan.landmarks._outcomes import DRIVES, Verification, compared
 from locplan.landmarks._places import Rejected
@@ -55,7 +55,7 @@ class Landmarks(Result):
     """Places of equal objects, in order of gain."""
 
     _drawn_by: ClassVar[str] = "locplan.landmarks:landmarks_figure"
-    _reported_by: ClassVar[str] = "locplan.landmarks._reports:landmarks_report"
+    _reported_by: ClassVar[str] = "locplan.landmarks._landmarks:landmarks_report"
     files: ClassVar[Results] = Results(
         "landmarks",
         (
@@ -273,3 +273,54 @@ class Landmarks(Result):
                 "robot": setting.robot.summary(),
             }
         )
+
+
+def landmarks_report(made: Landmarks, verification: Verification | None = None) -> str:
+    """What the drives say, then the landmarks in order of gain, and what was refused."""
+    setting = made.setting
+    lines = ["not verified: nothing was driven"]
+    if verification:
+        (before, high), (later, high_after) = verification.match_deviations.tolist()
+        lines = [
+            verification.verdict,
+            f"deviation of a match of one scan alone: median {before:.2f} -> {later:.2f} m,"
+            f" 95 % of the way below {high:.2f} -> {high_after:.2f} m",
+        ]
+    lines.append(f"with {setting.robot.title}")
+    after = [
+        f"{len(made)} x {setting.kind.title}, in order of gain; {made.measure.heading} without any:"
+        f" {made.expected[0]:.3f}"
+    ]
+    if setting.region is not None:
+        area = float(setting.region.sum()) * made.grid.resolution**2
+        routes = f"{len(setting.routes)} routes lead across it"
+        after.append(f"the robot can be in {area:.0f} m2 of the region, and {routes}")
+    driven = [
+        f"{each.chosen_by} ({each.lost} of {each.drives} lost, error {each.error:.2f} m)"
+        for each in made.trials
+    ]
+    if driven:
+        after.append(f"of {len(driven)} placements that were driven, this one is kept: {driven[0]}")
+        after += [f"beaten: {each}" for each in driven[1:]]
+    else:
+        after.append(f"chosen by: {made.chosen_by}")
+    if made.paying == 0:
+        known = "whether they help is what the drives say" if verification else "drive them to know"
+        after.append(f"each lowers it by less than {PAYING_SHARE:.0%}: {known}")
+    elif made.paying < len(made):
+        after.append(
+            f"from number {made.paying + 1} on each lowers it by less than {PAYING_SHARE:.0%}:"
+            f" {made.paying} may do; drive them to know"
+        )
+    if made.existing:
+        after.append(f"{made.kept} of {made.existing} existing objects stay where they are")
+    after += [f"{shift}" for shift in made.shifts]
+    if made.regular:
+        after.append(
+            f"careful: {made.regular}, which a filter can mistake for a shift; move one of them"
+        )
+    if made.rejected:
+        counts = ", ".join(f"{reason} ({count})" for reason, count in made.reasons().items())
+        after.append(f"places refused: {counts}")
+    parts = [str(verification.table())] if verification else []
+    return "\n".join([*parts, *wrapped(lines), str(made.table()), *wrapped(after)])

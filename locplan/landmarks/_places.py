@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from locplan._util.checks import Settings, keep, keep_checked, number, one_of, positive
 from locplan._util.poses import way_along, window_around
 from locplan.costs import Path
-from locplan.landmarks._objects import Shape, checked_poses, filled_cells
+from locplan.landmarks._objects import Shape, checked_poses, filled_cells, outline_of
 from locplan.maps import UNKNOWN, OccupancyGrid
 
 AROUND = 3.0
@@ -198,13 +198,11 @@ def _along_walls(grid: OccupancyGrid, shape: Shape, spacing: float) -> NDArray[n
         where = (np.arange(count) + 0.5) * way[-1] / count
         # Half the length along a wall over which its direction is measured [m].
         half = min(0.25, way[-1] / 4)
-        ends = [
-            np.column_stack(
-                [np.interp((where + shift) % max(way[-1], 1e-9), way, v) for v in ring.T]
-            )
-            for shift in (-half, half)
-        ]
-        d_row, d_col = (ends[1] - ends[0]).T
+        length = max(way[-1], 1e-9)
+        d_row, d_col = (
+            np.interp((where + half) % length, way, v) - np.interp((where - half) % length, way, v)
+            for v in ring.T
+        )
         nearest = np.searchsorted(way, where).clip(0, len(at)) % len(at)
         rows, cols = at[nearest].T
         # Maximum distance of an object from its wall beyond the least one [m].
@@ -221,11 +219,18 @@ def _free_standing(grid: OccupancyGrid, shape: Shape) -> NDArray[np.float64]:
     step = 1.0 / grid.resolution
     rows, cols = (np.arange(step / 2, size, step) for size in grid.shape)
     row, col = (v.ravel() for v in np.meshgrid(rows, cols, indexing="ij"))
-    at = row.astype(int), col.astype(int)
-    clear = grid.free[at] & (grid.clearance[at] > FREE_CLEARANCE)
-    row, col = row[clear], col[clear]
     ways = (0.0,) if shape.half_length == shape.half_width else (0.0, math.pi / 2)
-    return np.concatenate([np.column_stack([row, col, np.full(len(row), way)]) for way in ways])
+    poses = [np.column_stack([row, col, np.full(len(row), way)]) for way in ways]
+    return _in_the_open(grid, np.concatenate(poses))
+
+
+def _in_the_open(grid: OccupancyGrid, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Those of some poses where the clearance is above `FREE_CLEARANCE`."""
+    rows, cols = np.floor(poses[:, :2]).astype(int).T
+    inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
+    poses, at = poses[inside], (rows[inside], cols[inside])
+    clear: NDArray[np.float64] = poses[grid.free[at] & (grid.clearance[at] > FREE_CLEARANCE)]
+    return clear
 
 
 def _beside_routes(
@@ -249,12 +254,7 @@ def _beside_routes(
                 at_row, at_col = row + np.cos(ahead) * away, col - np.sin(ahead) * away
                 heading = np.mod(ahead + turn + 1e-9, np.pi) - 1e-9
                 found.append(np.column_stack([at_row, at_col, heading]))
-    poses = np.concatenate(found)
-    rows, cols = np.floor(poses[:, :2]).astype(int).T
-    inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
-    poses, at = poses[inside], (rows[inside], cols[inside])
-    clear: NDArray[np.float64] = poses[grid.free[at] & (grid.clearance[at] > FREE_CLEARANCE)]
-    return clear
+    return _in_the_open(grid, np.concatenate(found))
 
 
 def refusals(
@@ -291,7 +291,10 @@ def refusals(
     def reason(pose: Pose) -> str:
         row, col, heading = pose.tolist()
         cells = filled_cells(shape, row, col, heading, resolution, grid.shape)
-        if _beyond(shape, (row, col, heading), grid) or unknown[cells].any():
+        corners = outline_of(shape, np.array([0.0, 0.0, heading])) / resolution
+        reach = np.abs(corners[:, ::-1]).max(axis=0) - 1e-6
+        beyond = (pose[:2] < reach) | (pose[:2] > grid.shape - reach)
+        if beyond.any() or unknown[cells].any():
             return "reaches beyond the map or into what is unknown"
         if taken[cells].any():
             return "less than 5 cm from a wall or another object"
@@ -304,19 +307,6 @@ def refusals(
         return "cuts a passage for the robot" if passages.cuts(pose) else ""
 
     return [reason(pose) for pose in places]
-
-
-def _beyond(shape: Shape, pose: tuple[float, float, float], grid: OccupancyGrid) -> bool:
-    """Whether an object at a pose [cells, cells, rad] reaches beyond the map."""
-    row, col, heading = pose
-    high = wide = shape.half_length
-    if not shape.is_round:
-        cos, sin = abs(math.cos(heading)), abs(math.sin(heading))
-        wide = cos * shape.half_length + sin * shape.half_width
-        high = sin * shape.half_length + cos * shape.half_width
-    high, wide = high / grid.resolution - 1e-6, wide / grid.resolution - 1e-6
-    rows, cols = grid.shape
-    return not (high <= row <= rows - high and wide <= col <= cols - wide)
 
 
 def too_close(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
@@ -92,31 +92,32 @@ def routes_of(
 
 
 def _named_paths(paths: Any) -> dict[str, Path]:
-    if isinstance(paths, Path):
-        paths = {"path": paths}
-    elif not isinstance(paths, Mapping):
-        if not isinstance(paths, Iterable) or isinstance(paths, str):
-            raise ConfigError(f"paths must be paths by name, not {shown(paths)}")
-        paths = {f"path {n}": path for n, path in enumerate(paths, 1)}
-    if not paths:
+    named = _named({"path": paths} if isinstance(paths, Path) else paths, "path", "paths by name")
+    if not named:
         raise ConfigError("there must be at least one path along which landmarks help")
     return {
         str(name): path if isinstance(path, Path) else Path(np.asarray(path))
-        for name, path in paths.items()
+        for name, path in named.items()
     }
 
 
 def _named_places(places: Any) -> dict[str, tuple[float, float]]:
-    if not isinstance(places, Mapping):
-        if not isinstance(places, Sequence) or isinstance(places, str):
-            raise ConfigError(f"places must be positions x, y in metres, not {shown(places)}")
-        places = {f"place {n}": xy for n, xy in enumerate(places, 1)}
-    if not 2 <= len(places) <= MAX_PLACES:
+    named = _named(places, "place", "positions x, y in metres")
+    if not 2 <= len(named) <= MAX_PLACES:
         raise ConfigError(
-            f"there must be 2 to {MAX_PLACES} places, which routes join, not {len(places)};"
+            f"there must be 2 to {MAX_PLACES} places, which routes join, not {len(named)};"
             " give longer lists of routes as paths"
         )
-    return {str(name): position(xy, name=f"place {name}") for name, xy in places.items()}
+    return {str(name): position(xy, name=f"place {name}") for name, xy in named.items()}
+
+
+def _named(values: Any, word: str, what: str) -> Mapping[Any, Any]:
+    """What has names already, or is numbered from 1."""
+    if isinstance(values, Mapping):
+        return values
+    if not isinstance(values, Iterable) or isinstance(values, str):
+        raise ConfigError(f"{word}s must be {what}, not {shown(values)}")
+    return {f"{word} {n}": value for n, value in enumerate(values, 1)}
 
 
 def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> NDArray[np.bool_] | None:
@@ -142,9 +143,8 @@ def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> NDArray[np.bool_] | 
         return values
     if values.size == 0:
         return None
-    if values.ndim != 2 or values.shape[1] != 4 or not np.issubdtype(values.dtype, np.number):
-        raise wrong
-    if not np.isfinite(values).all():
+    numbers = np.issubdtype(values.dtype, np.number) and np.isfinite(values).all()
+    if values.ndim != 2 or values.shape[1] != 4 or not numbers:
         raise wrong
     rows, cols = np.indices(grid.shape)
     at = np.stack(grid.grid_to_world(rows + 0.5, cols + 0.5), axis=-1)
