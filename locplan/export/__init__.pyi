@@ -1,5 +1,4 @@
 from ._areas import (
-    DegenerateArea as DegenerateArea,
     degenerate_areas as degenerate_areas,
     save_degenerate_areas as save_degenerate_areas,
 )
@@ -31,6 +30,7 @@ from ._nav2 import (
     nav2_speed as nav2_speed,
     nav2_static as nav2_static,
 )
+from ._outlines import DegenerateArea as DegenerateArea
 from ._parameters import (
     DISTRIBUTIONS as DISTRIBUTIONS,
     Distribution as Distribution,

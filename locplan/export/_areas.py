@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -26,61 +25,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import instance, number
 from locplan._util.records import Column, Table
 from locplan.costs import DEGENERATE, Costmap, about_costs, check_costs, costs_caption
 from locplan.errors import FieldError
-from locplan.export._outlines import QUARTERS, middle_of, polygons_of, without_holes
+from locplan.export._outlines import QUARTERS, DegenerateArea, middle_of, polygons_of, without_holes
 from locplan.export._registry import ExportSummary, check_has_field, export_folder, rendered
 from locplan.field import CovarianceField, mean_information, position_axes, scalar
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class DegenerateArea:
-    """A polygon of cells whose degeneracy u is high, in the world frame."""
-
-    name: str
-    """Name, such as area-1; the largest area comes first."""
-    outline: NDArray[np.float64]
-    """Corners [m], counter-clockwise, the first one only once, (n, 2)."""
-    holes: tuple[NDArray[np.float64], ...]
-    """Corners of the holes [m], clockwise, (n, 2) each."""
-    middle: tuple[float, float]
-    """Position well inside the area, such as for its name [m]."""
-    area: float
-    """Area of the cells [m^2]."""
-    u_mean: float
-    """Mean of u over the cells, 0..1."""
-    u_max: float
-    """Maximum u, 0..1."""
-    position_std: float
-    """Median of the largest standard deviation of the position [m]."""
-    worst_position_std: float
-    """Maximum of the largest standard deviations of the position [m]."""
-    minor_position_std: float
-    """Median of the standard deviation of the position across the largest [m]."""
-    heading_std: float
-    """Median of the heading's standard deviation [rad]; NaN in a field without rotation."""
-    worst_heading_std: float
-    """Maximum standard deviation of the heading [rad]; NaN in a field without rotation."""
-    direction: float
-    """Direction along which the position is uncertain, from x, in (-pi/2, pi/2] [rad]."""
-    agreement: float
-    """1 where all places are uncertain along that line only, 0 where there is no common one."""
-    covariance: NDArray[np.float64]
-    """Covariance of the mean information over the area, (d, d) [m, m, rad]; d = 2 without
-    rotation. Where directions differ, it is smaller than each place's."""
-
-    @property
-    def agrees(self) -> bool:
-        """Whether the area counts as uncertain along one line, which robots drive along."""
-        return self.agreement >= 0.5
-
-    def __repr__(self) -> str:
-        return (
-            f"DegenerateArea({self.name}: {self.area:.3g} m², u {self.u_mean:.2f},"
-            f" position std. deviation {100 * self.position_std:.3g} cm)"
-        )
 
 
 def degenerate_areas(
@@ -210,7 +162,7 @@ def half_free(costs: Costmap, field: CovarianceField, threshold: float | None) -
     return (share ** (1 / 3) if settings.law == "cube-root" else share) / 2
 
 
-def _points_of(field: CovarianceField, labels: NDArray[np.int32]) -> dict[int, NDArray[np.float64]]:
+def _points_of(field: CovarianceField, labels: NDArray[np.int32]) -> dict[int, Floats]:
     """The covariances on the lattice points of each label, (n, d, d)."""
     owner = np.where(field.evaluated, labels[:: field.stride, :: field.stride], 0)
     rows, cols = np.nonzero(owner)
@@ -221,14 +173,14 @@ def _points_of(field: CovarianceField, labels: NDArray[np.int32]) -> dict[int, N
     return dict(zip(found.tolist(), parts, strict=True)) if found.size else {}
 
 
-def _read(field: CovarianceField, cells: NDArray[np.int64]) -> NDArray[np.float64]:
+def _read(field: CovarianceField, cells: Ints) -> Floats:
     """Covariances at some cells (n, 2) of an area that lies between the lattice's points."""
     some = cells[:: -(-len(cells) // 50)].tolist()
     read = np.array([field.at(field.grid.cell_to_world(row, col)) for row, col in some])
     return np.asarray(read[np.isfinite(read).all(axis=(1, 2))])
 
 
-def _deviations_of(covariance: NDArray[np.float64]) -> dict[str, Any]:
+def _deviations_of(covariance: Floats) -> dict[str, Any]:
     """What the covariances of places (n, d, d) say of their area: fields of `DegenerateArea`."""
     major, minor, direction = position_axes(covariance)
     heading = scalar(covariance, "heading_std")
@@ -337,7 +289,7 @@ def _write_for_autoware(folder: Path, areas: Sequence[DegenerateArea]) -> None:
     (folder / "environment_adaptor.param.yaml").write_text(parameters, "utf-8")
 
 
-def _body_covariance(area: DegenerateArea) -> NDArray[np.float64]:
+def _body_covariance(area: DegenerateArea) -> Floats:
     """Covariance of x, y, z, roll, pitch, yaw in the robot's own frame, (6, 6) [m^2, rad^2].
 
     It is the median over the area. Where its places are uncertain along one line, the robot

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import shown
 from locplan._util.files import replacing
 from locplan._util.public import needed
@@ -45,7 +46,7 @@ def levels_of(grid: OccupancyGrid) -> NDArray[np.int8]:
     return np.select([grid.free, grid.cells == OCCUPIED], [0, 100], -1).astype(np.int8)
 
 
-def layers_of(field: CovarianceField) -> dict[str, NDArray[np.float64]]:
+def layers_of(field: CovarianceField) -> dict[str, Floats]:
     """The layers of a field by name, (h, w) each."""
     covariance = field.mean_covariance
     names = ("e", "position_std", "heading_std")[: covariance.shape[-1]]
@@ -55,7 +56,7 @@ def layers_of(field: CovarianceField) -> dict[str, NDArray[np.float64]]:
 
 
 def foxglove_grid(
-    field: CovarianceField, layers: Mapping[str, NDArray[np.float64]], header: Mapping[str, Any]
+    field: CovarianceField, layers: Mapping[str, Floats], header: Mapping[str, Any]
 ) -> dict[str, Any]:
     """foxglove_msgs/Grid: cells around the lattice's points, row by row from the lowest y."""
     grid, stride = field.grid, field.stride
@@ -78,7 +79,7 @@ def foxglove_grid(
     }
 
 
-def grid_map(field: CovarianceField, layers: Mapping[str, NDArray[np.float64]]) -> dict[str, Any]:
+def grid_map(field: CovarianceField, layers: Mapping[str, Floats]) -> dict[str, Any]:
     """grid_map_msgs/GridMap: the first cell has the highest x and y, and x changes first."""
     grid, stride = field.grid, field.stride
     step = stride * grid.resolution
@@ -135,7 +136,7 @@ def ellipse_markers(
     yield lines | {"pose": pose, "scale": np.array([0.02, 0.0, 0.0]), "color": black}
 
 
-def _poses(xy: NDArray[Any], yaw: NDArray[Any]) -> NDArray[np.float64]:
+def _poses(xy: NDArray[Any], yaw: NDArray[Any]) -> Floats:
     """Position and quaternion, (n, 7)."""
     nothing = np.zeros((len(xy), 3))
     return np.column_stack([xy, nothing, np.sin(yaw / 2), np.cos(yaw / 2)])

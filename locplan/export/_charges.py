@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import one_of
 from locplan._util.reading import dumped
 from locplan.costs import Costmap, about_costs, costs_caption
@@ -41,7 +42,7 @@ class NavPlanner:
     """Name of the plugin from Jazzy on; Humble writes / for ::."""
     parameter: str | None
     """The parameter that scales costs; None if there is none."""
-    excess: Callable[[NDArray[np.float64], float], NDArray[np.float64]]
+    excess: Callable[[Floats, float], Floats]
     """Function from costmap values 0..252 and the parameter to the share charged."""
     parameter_for: Callable[[float, float], float]
     """Function from a costmap value and an excess to the parameter at which it means that."""
@@ -53,7 +54,7 @@ class NavPlanner:
     """Minimum time that the planner needs for a way over a mask [s]; None if it has no limit."""
 
 
-def _theta_star_term(costs: NDArray[np.float64] | float) -> NDArray[np.float64]:
+def _theta_star_term(costs: Floats | float) -> Floats:
     return ((26 + 0.9 * np.asarray(costs)) / 252) ** 2
 
 
@@ -168,7 +169,7 @@ def checked_planner(name: str, param: float | None) -> NavPlanner:
 
 
 def values_for(
-    density: NDArray[np.float64],
+    density: Floats,
     planner: NavPlanner,
     greatest: float,
     param: float | None = None,
@@ -222,7 +223,7 @@ def without_yaw(grid: OccupancyGrid) -> OccupancyGrid:
     return dataclasses.replace(grid, origin=(x, y, 0.0))
 
 
-def where_unturned(grid: OccupancyGrid, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+def where_unturned(grid: OccupancyGrid, xy: Floats) -> Floats:
     """World positions (n, 2) as they are on the map without its yaw [m]."""
     unturned = dataclasses.replace(grid, origin=(*grid.origin[:2], 0.0))
     return np.column_stack(unturned.grid_to_world(*grid.world_to_grid(*xy.T)))
@@ -322,7 +323,7 @@ def ros_map(folder: str | Path, costs: Costmap) -> None:
         write_preview(temporary, costs.grid, values, "degeneracy u [%]", above)
 
 
-def _greys(mode: str) -> tuple[NDArray[np.int64], tuple[float, float]]:
+def _greys(mode: str) -> tuple[Ints, tuple[float, float]]:
     """The grey of each value 0..100, and free_thresh and occupied_thresh."""
     n = np.arange(101)
     if mode == "scale":

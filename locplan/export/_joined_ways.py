@@ -11,8 +11,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan._kernels.route import line_costs
 from locplan._kernels.search import bordered_half
 from locplan.costs import Costmap, Path
@@ -44,17 +44,17 @@ class Lines:
         grid, passable = costs.grid, np.isfinite(costs.density)
         x, y, yaw = grid.origin
         self.resolution = grid.resolution
-        self.columns = grid.shape[1] + 2
-        self.frame = np.cos(yaw) / grid.resolution, np.sin(yaw) / grid.resolution, x, y
+        turn = np.cos(yaw) / grid.resolution, np.sin(yaw) / grid.resolution
+        self.frame = grid.shape[1] + 2, (*turn, x, y)
         price = costs.unblocked_density
         priced = np.isfinite(price)
         price = np.where(priced, price, price[priced].max(initial=1.0))
         self.price = bordered_half(price, 1)
         self.blocked = bordered_half(np.where(passable, 0.0, 1.0), 1)
 
-    def costs(self, xy: Positions, pairs: Pairs) -> NDArray[np.float64]:
+    def costs(self, xy: Positions, pairs: Pairs) -> Floats:
         """J of the lines between pairs of positions [m]; infinite through what is blocked."""
-        within = line_costs(self.blocked, self.columns, self.frame, xy, pairs)
+        within = line_costs(self.blocked, *self.frame, xy, pairs)
         # A twentieth of a cell counts as none: planned paths touch the corners of blocked cells,
         # and Nav2 keeps positions in single precision.
         grazed = 0.05
@@ -67,22 +67,19 @@ class Lines:
             own = np.arange(2 * len(beyond)).reshape(-1, 2)
             for moved in (ends - aside[:, None], ends + aside[:, None]):
                 beside = moved.reshape(-1, 2), own
-                found = line_costs(self.blocked, self.columns, self.frame, *beside)
+                found = line_costs(self.blocked, *self.frame, *beside)
                 within[beyond] = np.minimum(within[beyond], found)
-        price = line_costs(self.price, self.columns, self.frame, xy, pairs)
+        price = line_costs(self.price, *self.frame, xy, pairs)
         return np.where(within <= grazed, price * self.resolution, np.inf)
 
-    def integrals(
-        self, layer: NDArray[np.float64], xy: Positions, pairs: Pairs
-    ) -> NDArray[np.float64]:
+    def integrals(self, layer: Floats, xy: Positions, pairs: Pairs) -> Floats:
         """Integral of a layer along the lines between pairs of positions; NaN without a layer."""
         if np.isnan(layer).all():
             return np.full(len(pairs), np.nan)
         half = bordered_half(np.nan_to_num(layer), 1)
-        result: NDArray[np.float64] = line_costs(half, self.columns, self.frame, xy, pairs)
-        return result * self.resolution
+        return np.asarray(line_costs(half, *self.frame, xy, pairs)) * self.resolution
 
-    def along(self, xy: Positions) -> NDArray[np.float64]:
+    def along(self, xy: Positions) -> Floats:
         """J of the lines from each position to the next [m]."""
         return self.costs(xy, np.column_stack([np.arange(len(xy) - 1), np.arange(1, len(xy))]))
 
@@ -139,7 +136,7 @@ def _without_loops(way: Sequence[int]) -> list[int]:
     return list(result)
 
 
-def _first_alike(xy: Positions) -> NDArray[np.int64]:
+def _first_alike(xy: Positions) -> Ints:
     """The number of the first position that is one place with each."""
     from scipy.spatial import cKDTree
 
@@ -243,11 +240,11 @@ def _aside(ends: Positions, xy: Positions) -> Any:
 def followed_costs(
     nodes: Positions,
     edges: Pairs,
-    price: NDArray[np.float64],
-    least: NDArray[np.float64],
+    price: Floats,
+    least: Floats,
     ways: Sequence[Sequence[int]],
-    weights: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], list[bool]]:
+    weights: Floats,
+) -> tuple[Floats, list[bool]]:
     """Costs of edges by which the cheapest routes are given ways, and for which of them they are.
 
     The sum of the changes is the least there is. Not all ways are followed where they contradict
@@ -295,10 +292,7 @@ def followed_costs(
 
 
 def _cheapest_routes(
-    edges: Pairs,
-    cost: NDArray[np.float64],
-    used: NDArray[np.float64],
-    ways: Sequence[Sequence[int]],
+    edges: Pairs, cost: Floats, used: Floats, ways: Sequence[Sequence[int]]
 ) -> Iterator[list[int]]:
     """The nodes of the cheapest route between the ends of each way."""
     from scipy.sparse import csr_array
@@ -316,12 +310,8 @@ def _cheapest_routes(
 
 
 def _min_changed(
-    price: NDArray[np.float64],
-    least: NDArray[np.float64],
-    excess: NDArray[np.float64],
-    of_way: NDArray[np.int64],
-    weights: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    price: Floats, least: Floats, excess: Floats, of_way: Ints, weights: Floats
+) -> Floats:
     """The costs nearest to `price` with ``excess @ cost <= -MARGIN``, but for contradictions.
 
     The unknowns are the costs, their changes, and by how much each way misses its margin.
@@ -342,5 +332,4 @@ def _min_changed(
         np.concatenate([np.full(len(of_way), -MARGIN), price, -price]),
         bounds=[(low, None) for low in least] + [(0, None)] * (edges + len(weights)),
     )
-    cost: NDArray[np.float64] = np.maximum(found.x[:edges], least)
-    return cost
+    return np.asarray(np.maximum(found.x[:edges], least))

@@ -266,16 +266,15 @@ def _write(
     if robot.file and changed:
         text = f"nav2.yaml has other values than {robot.file.name}: {'; '.join(changed)}"
         warnings.warn(ParametersChanged(text), stacklevel=4)
-    base, is_speed = f"localizability_{kind}", kind == "speed"
+    base = f"localizability_{kind}"
     parameters = {"topic_name": f"/{base}_mask", "frame_id": "map"}
     files = {"yaml_filename": "mask.yaml"}
     servers = [Server("nav2_map_server", "map_server", f"{base}_mask_server", parameters, files)]
-    if kind != "static":
+    # The linear map from the mask's values to costs, or to speeds in per cent.
+    laws = {"keepout": (0, 0.0, 1.0), "speed": (1, 100.0, -1.0)}
+    if kind in laws:
+        law = dict(zip(("type", "base", "multiplier"), laws[kind], strict=True))
         topics = {"filter_info_topic": f"/{base}_info", "mask_topic": f"/{base}_mask"}
-        # The linear map from the mask's values to costs, or to speeds in per cent.
-        law = {"type": 0, "base": 0.0, "multiplier": 1.0}
-        if is_speed:
-            law = {"type": 1, "base": 100.0, "multiplier": -1.0}
         node = "costmap_filter_info_server", f"{base}_info_server"
         servers.append(Server("nav2_map_server", *node, topics | law))
     about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
@@ -288,6 +287,7 @@ def _write(
         write_yaml(temporary / "nav2.yaml", merged.content)
         write_values(temporary / "mask", values, grid)
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
+        is_speed = kind == "speed"
         label = "speed limit [% of the robot's own]" if is_speed else f"{kind} mask [0-100]"
         above = f"{title}{costs_caption(costs)}"
         write_preview(temporary, grid, values, label, above, falling=is_speed)

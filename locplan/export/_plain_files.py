@@ -9,9 +9,9 @@ from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan import __version__
+from locplan._kernels.arrays import Floats
 from locplan._util.files import check_target, replacing
 from locplan._util.public import needed
 from locplan._util.tables import write_csv
@@ -239,7 +239,7 @@ def world_file(grid: OccupancyGrid) -> str:
     return "".join(f"{float(number):.12f}\n" for number in numbers)
 
 
-def write_raster(file: FilePath, values: NDArray[np.float64]) -> None:
+def write_raster(file: FilePath, values: Floats) -> None:
     """Write values (H, W) of the map's cells as a TIFF of 32-bit floats, NaN where unknown."""
     from PIL import Image
     from PIL.TiffImagePlugin import ImageFileDirectory_v2

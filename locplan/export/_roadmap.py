@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
+from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._kernels.route import clearances, cover, line_costs
 from locplan._kernels.search import bordered_half
 from locplan._util.progress import ProgressCallback, parts, scaled
@@ -43,17 +44,17 @@ class RouteGraph:
     5.0
     """
 
-    nodes: NDArray[np.float64]
+    nodes: Floats
     """World positions (n, 2) [m], exact in single precision: Nav2 keeps no more."""
-    edges: NDArray[np.int64]
+    edges: Ints
     """Pairs of nodes (m, 2), from the first to the second."""
-    length: NDArray[np.float64]
+    length: Floats
     """Length of each edge (m,) [m]."""
-    cost: NDArray[np.float64]
+    cost: Floats
     """J of each edge (m,) [m], at least its length."""
-    integrated_e: NDArray[np.float64]
+    integrated_e: Floats
     """Integral of e over each edge (m,) [m^2 rad m]; NaN without a field."""
-    integrated_u: NDArray[np.float64]
+    integrated_u: Floats
     """Integral of u over each edge (m,) [m]; NaN without a field."""
     directed: bool = False
     """Whether edges lead one way only; otherwise each can be travelled both ways."""
@@ -95,7 +96,7 @@ class RouteGraph:
         return [(n, *way) for n, (i, j) in ends for way in ((i, j), (j, i))[ways]]
 
     @property
-    def penalty(self) -> NDArray[np.float64]:
+    def penalty(self) -> Floats:
         """Excess of J over the length (m,) [m]: weight * integrated_u."""
         return self.cost - self.length
 
@@ -239,7 +240,7 @@ def roadmap(
     placing(4, 4)
     occupied, far = grid.cells == OCCUPIED, math.ceil(ROOMY * reach) + 1
 
-    def clearance(xy: Positions) -> NDArray[np.float64]:
+    def clearance(xy: Positions) -> Floats:
         row, col = (np.floor(at).astype(np.int64) for at in grid.world_to_grid(*xy.T))
         return np.asarray(clearances(occupied, row, col, far) * grid.resolution)
 
@@ -250,7 +251,7 @@ def roadmap(
     return graph
 
 
-def _places(costs: Costmap, inside: NDArray[np.bool_], reach: float, net: Net) -> NDArray[np.int64]:
+def _places(costs: Costmap, inside: Bools, reach: float, net: Net) -> Ints:
     """Nodes of the net all over the free space, in the order of the net."""
     row, col = (np.floor(at).astype(np.int64) + 1 for at in costs.grid.world_to_grid(*net.xy.T))
     cells = row * inside.shape[1] + col
@@ -259,7 +260,7 @@ def _places(costs: Costmap, inside: NDArray[np.bool_], reach: float, net: Net) -
     return np.sort(first[np.searchsorted(cells, taken)])
 
 
-def _points(costs: Costmap, inside: NDArray[np.bool_], reach: float, net: Net) -> Positions:
+def _points(costs: Costmap, inside: Bools, reach: float, net: Net) -> Positions:
     """Positions (n, 2) [m] of cells on a lattice, and of the nodes, which are in narrow places."""
     step = max(1, int(POINTS * reach))
     row, col = np.argwhere(inside[1:-1, 1:-1][step // 2 :: step, step // 2 :: step]).T

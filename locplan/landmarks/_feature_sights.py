@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats, Ints, Singles
 from locplan.field import NORMAL_REACH, surface_normals
 from locplan.landmarks._sight import Surroundings
 from locplan.maps import OCCUPIED, OccupancyGrid
@@ -19,12 +20,7 @@ OBJECT, CORNER, WALL = "object", "corner", "wall"
 
 
 def pieces_of(
-    occupied: NDArray[np.bool_],
-    met: NDArray[np.int64],
-    resolution: float,
-    piece: float,
-    largest: float,
-    gap: float,
+    occupied: Bools, met: Ints, resolution: float, piece: float, largest: float, gap: float
 ) -> tuple[NDArray[np.int32], tuple[str, ...]]:
     """Divide what a robot sees into features.
 
@@ -85,8 +81,8 @@ def pieces_of(
 
 
 def _components(
-    occupied: NDArray[np.bool_], resolution: float, largest: float, gap: float
-) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.bool_]]:
+    occupied: Bools, resolution: float, largest: float, gap: float
+) -> tuple[NDArray[np.int32], Ints, Bools]:
     """Number of what each cell is joined with (H, W), boxes, and which are objects.
 
     A box is the first and last column and row of the cells that are joined without a gap
@@ -99,7 +95,7 @@ def _components(
     sides = about[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]]
     boxes = np.concatenate([corner, corner + sides - 1], axis=1).astype(np.int64)
 
-    def fit(boxes: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def fit(boxes: Ints) -> Bools:
         sides = boxes[:, 2:] - boxes[:, :2] + 1
         return np.asarray(np.hypot(*sides.T) * resolution <= largest)
 
@@ -125,7 +121,7 @@ def _components(
     return numbers[parts].astype(np.int32), boxes, small
 
 
-def _cornerness(solid: NDArray[np.bool_], piece: float, resolution: float) -> NDArray[np.float64]:
+def _cornerness(solid: Bools, piece: float, resolution: float) -> Floats:
     """How far the outline turns about each cell, 1 for a right angle, (h, w)."""
     import cv2
 
@@ -133,7 +129,7 @@ def _cornerness(solid: NDArray[np.bool_], piece: float, resolution: float) -> ND
     size = 2 * min(max(1, round(piece / 4 / resolution)), 200) + 1
     edge: Any = {"borderType": cv2.BORDER_CONSTANT}
 
-    def response(cells: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def response(cells: Bools) -> Floats:
         padded = np.pad(cells.astype(np.float32), size)  # nothing beyond is occupied
         soft = cv2.GaussianBlur(padded, (0, 0), 1.0, **edge)
         found = cv2.cornerMinEigenVal(soft, size, ksize=3)
@@ -143,9 +139,7 @@ def _cornerness(solid: NDArray[np.bool_], piece: float, resolution: float) -> ND
     return np.asarray(response(solid) / response(ideal)[0, 0])
 
 
-def _middles(
-    at: NDArray[np.int64], sharp: NDArray[np.float64], piece: float
-) -> tuple[NDArray[np.int64], int]:
+def _middles(at: Ints, sharp: Floats, piece: float) -> tuple[Ints, int]:
     """Middles of a wall's pieces (k, 2), the corners first, and the number of corners [cells]."""
     from scipy.spatial import cKDTree
 
@@ -195,7 +189,7 @@ class Sights:
         from locplan._kernels.landmarks import sums_of
         from locplan._kernels.rays import empty_squares
 
-        self.seen, self._resolution = seen, grid.resolution
+        self.grid, self.seen = grid, seen
         self._standing = occupied = grid.cells == OCCUPIED
         self._squares, self._normals = empty_squares(occupied), surface_normals(occupied)
         self._labels, self._silent = np.full(occupied.shape, -1, np.int32), np.zeros(1, bool)
@@ -214,11 +208,17 @@ class Sights:
         self._patches: dict[int, tuple[Any, Any, Any]] = {}
         self._sort()
 
-    def profile(self) -> NDArray[np.float64]:
+    @property
+    def positions(self) -> Floats:
+        """World x and y of the poses, (n, 2) [m]."""
+        at = self.seen.rays.poses / self.grid.resolution
+        return np.column_stack(self.grid.grid_to_world(at[:, 1], at[:, 0]))
+
+    def profile(self) -> Floats:
         """P_xx + P_yy at each pose, (n,) [m^2]."""
         return self.seen.profile(self.sums)
 
-    def without(self, feature: int) -> NDArray[np.float64]:
+    def without(self, feature: int) -> Floats:
         """P_xx + P_yy at each pose with this feature away, too, (n,) [m^2]."""
         rays, new, _ = self._changes(feature)
         return self.seen.profile(self._summed(rays, new))
@@ -239,12 +239,12 @@ class Sights:
             self._silent[feature] = True
         self._sort()
 
-    def rays_of(self, feature: int) -> NDArray[np.int64]:
+    def rays_of(self, feature: int) -> Ints:
         """Rays that meet a feature: pose * beams + beam, in order."""
         low, high = np.searchsorted(self._sorted_labels, [feature, feature + 1])
         return np.sort(self._by_label[low:high])
 
-    def biases(self, feature: int) -> NDArray[np.float64]:
+    def biases(self, feature: int) -> Floats:
         """Errors of the pose by a shift of the feature; see `features.biases`, (n, 3, 2)."""
         from locplan._kernels import features
         from locplan._kernels.landmarks import HITS, NORMAL_X, NORMAL_Y, RANGE, TURN
@@ -269,17 +269,15 @@ class Sights:
             )
         )
 
-    def _look(self, rays: NDArray[np.int64]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    def _look(self, rays: Ints) -> tuple[Singles, Ints]:
         from locplan._kernels.features import look
 
         hits, cells = np.zeros((len(rays), 4), np.float32), np.empty(len(rays), np.int64)
-        scene = self._squares, self._normals, self._labels, self._silent, self._resolution
+        scene = self._squares, self._normals, self._labels, self._silent, self.grid.resolution
         look(*scene, self.seen.rays, rays, hits, cells)
         return hits, cells
 
-    def _changes(
-        self, feature: int
-    ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
+    def _changes(self, feature: int) -> tuple[Ints, Singles, Ints]:
         """Rays that see something else without a feature, their new hits, and the cells."""
         rays = self.rays_of(feature)
         if self.kinds[feature] != OBJECT:
@@ -299,9 +297,7 @@ class Sights:
         self._squares[:, rows + 1, cols + 1] = 0
         return rays, new, cells
 
-    def _patch(
-        self, feature: int
-    ) -> tuple[tuple[slice, ...], NDArray[np.float32], NDArray[np.int64]]:
+    def _patch(self, feature: int) -> tuple[tuple[slice, ...], Singles, Ints]:
         """A window, its normals without an object, and the cells that rays meet with others."""
         if feature in self._patches:
             return self._patches[feature]
@@ -324,14 +320,14 @@ class Sights:
         self._patches[feature] = patch
         return patch
 
-    def _summed(self, rays: NDArray[np.int64], new: NDArray[np.float32]) -> NDArray[np.float64]:
+    def _summed(self, rays: Ints, new: Singles) -> Floats:
         """The sums with new hits of some rays; the number of hits stays."""
         from locplan._kernels.landmarks import HITS, sums_of
 
         own = self.seen.rays
         change = sums_of(new[:, None], own) - sums_of(self._hits[rays][:, None], own)
         change[:, HITS] = 0
-        sums: NDArray[np.float64] = self.sums.copy()
+        sums: Floats = self.sums.copy()
         np.add.at(sums, rays // own.beams, change)
         return sums
 

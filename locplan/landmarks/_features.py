@@ -11,8 +11,8 @@ from pathlib import Path as FilePath
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import whole
 from locplan._util.intervals import random_of
 from locplan._util.progress import ProgressCallback
@@ -75,7 +75,7 @@ class Feature:
     map shows it where it was: beams that meet it still count fully, so that a filter which
     rejects far ends errs less.
     """
-    cells: NDArray[np.int64] = dataclasses.field(repr=False)
+    cells: Ints = dataclasses.field(repr=False)
     """Rows and columns of its cells, (k, 2)."""
 
     @property
@@ -96,7 +96,7 @@ class Feature:
         """Kind and size."""
         return f"{self.kind} of {self.length:.1f} x {self.width:.1f} m"
 
-    def corners(self) -> NDArray[np.float64]:
+    def corners(self) -> Floats:
         """Corners of the least rectangle around it in the world, (4, 2) [m]."""
         shape = Shape(self.length / 2, self.width / 2, is_round=False)
         return outline_of(shape, np.array([self.x, self.y, self.heading]))
@@ -144,13 +144,13 @@ class KeyFeatures(Result):
     together: tuple[int, ...]
     """Numbers of the few features, from 1, whose removal hurts most: each is the worst beside those
     before it."""
-    curve: NDArray[np.float64]
+    curve: Floats
     """Mean of P_xx + P_yy along the routes without the first 0, 1, ... of them, (k + 1,) [m^2]."""
-    positions: NDArray[np.float64]
+    positions: Floats
     """World x and y of the poses along the routes, (n, 2) [m]."""
     begins: tuple[int, ...]
     """Indices at which the routes begin among `positions`, and the number of all, n."""
-    profiles: NDArray[np.float64]
+    profiles: Floats
     """P_xx + P_yy at `positions` with all, without feature 1, and without the few, (3, n) [m^2]."""
     shift: float
     """Distance by which `Feature.error` moves a feature [m]."""
@@ -162,7 +162,7 @@ class KeyFeatures(Result):
         return len(self.features)
 
     @property
-    def deviations(self) -> NDArray[np.float64]:
+    def deviations(self) -> Floats:
         """Expected deviation without the first 0, 1, ... of the few, (k + 1,) [m]."""
         return np.sqrt(self.curve)
 
@@ -192,13 +192,13 @@ class KeyFeatures(Result):
         first, low = self.features[0], float(self.deviations[0])
         count = len(self.mattering)
         if count:
-            what = "1 feature" if count == 1 else f"{count} features"
-            said = f"localization on {self._these_routes} depends on {what}: without "
-            said += "it" if count == 1 else "the first"
+            what, it = ("1 feature", "it") if count == 1 else (f"{count} features", "the first")
+            routes = "this route" if len(self.routes) == 1 else f"these {len(self.routes)} routes"
             at = self.mattering[0]
-            said += (
-                f" the expected deviation rises from {in_cm(low)} to {in_cm(low + at.loss)}"
-                f" (+{at.share:.0%}), and by {in_cm(at.worst)} at the worst place"
+            said = (
+                f"localization on {routes} depends on {what}: without {it} the expected deviation"
+                f" rises from {in_cm(low)} to {in_cm(low + at.loss)} (+{at.share:.0%}), and by"
+                f" {in_cm(at.worst)} at the worst place"
             )
         else:
             most = f"{first.share:.0%}, {in_cm(first.loss)}" if first.loss > 0 else "none"
@@ -210,10 +210,6 @@ class KeyFeatures(Result):
             if self.stand_in:
                 said += ", since they stand in for each other"
         return said
-
-    @property
-    def _these_routes(self) -> str:
-        return "this route" if len(self.routes) == 1 else f"these {len(self.routes)} routes"
 
     def feature(self, number: int) -> Feature:
         """The feature of a number.
@@ -286,7 +282,7 @@ class KeyFeatures(Result):
         lacking = [[], [*few.values()], *([few[n]] for n in single)]
         run = partial(Simulator, robot=self.robot, filter_map=self.grid, seed=seed, threads=threads)
 
-        def enter(cells: Sequence[NDArray[np.int64]]) -> World:
+        def enter(cells: Sequence[Ints]) -> World:
             world = self.grid.cells.copy()
             for each in cells:
                 world[tuple(each.T)] = FREE

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.poses import way_along
 from locplan.costs import Path
 from locplan.landmarks._features import MATTERS_M, KeyFeatures
@@ -170,7 +171,7 @@ def _draw_region(axes: Axes, made: Landmarks) -> None:
 
 def draw_numbers(
     axes: Axes,
-    places: Mapping[int, NDArray[np.float64]],
+    places: Mapping[int, Floats],
     routes: Mapping[str, Path],
     colour: str,
     weight: str = "normal",

@@ -6,8 +6,9 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import number, positive, whole
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import wrapped
@@ -119,7 +120,6 @@ def key_features(
     seen = surroundings(grid, lines, Shape(half, half, is_round=True), robot)
     sights = Sights(grid, seen, piece, largest, gap)
     total = len(sights.kinds)
-    positions = np.column_stack(grid.grid_to_world(*(seen.rays.poses[:, ::-1] / grid.resolution).T))
     each, *later = parts(progress, [total] * min(count, total) or [0])
     base = sights.profile()
     profiles = np.empty((total, len(base)))
@@ -129,8 +129,7 @@ def key_features(
     losses = np.sqrt(profiles.mean(axis=1)) - np.sqrt(base.mean())
     order = np.argsort(-losses, kind="stable").tolist()
     features = tuple(
-        _feature(grid, sights, n, number, base, profiles[n], positions, shift)
-        for number, n in enumerate(order, 1)
+        _feature(sights, n, number, base, profiles[n], shift) for number, n in enumerate(order, 1)
     )
     chosen, few = _together(sights, order, later)
     return KeyFeatures(
@@ -140,7 +139,7 @@ def key_features(
         features,
         tuple(order.index(n) + 1 for n in chosen),
         np.array([float(profile.mean()) for profile in (base, *few)]),
-        positions,
+        sights.positions,
         tuple(seen.routes.tolist()),
         np.stack([base, *few[:1], *few[-1:]] if few else [base] * 3),
         shift,
@@ -149,7 +148,7 @@ def key_features(
 
 def _together(
     sights: Sights, order: list[int], callbacks: Sequence[ProgressCallback]
-) -> tuple[list[int], list[NDArray[np.float64]]]:
+) -> tuple[list[int], list[Floats]]:
     """Take features away one after the other, each the worst beside those before it.
 
     The first one is that of `order`, which are all of them. Returns their numbers, and
@@ -170,14 +169,7 @@ def _together(
 
 
 def _feature(
-    grid: OccupancyGrid,
-    sights: Sights,
-    n: int,
-    number: int,
-    base: NDArray[np.float64],
-    without: NDArray[np.float64],
-    positions: NDArray[np.float64],
-    shift: float,
+    sights: Sights, n: int, number: int, base: Floats, without: Floats, shift: float
 ) -> Feature:
     """A feature with what is lost without it."""
     cells = sights.whole[n]
@@ -187,11 +179,11 @@ def _feature(
     worst = int(np.argmax(rises))
     errors = sights.biases(n)[:, :2]
     strongest = np.linalg.eigvalsh(np.einsum("nij,nik->jk", errors, errors) / len(errors))[-1]
-    x_worst, y_worst = positions[worst].tolist()
+    x_worst, y_worst = sights.positions[worst].tolist()
     return Feature(
         number,
         sights.kinds[n],
-        *_rectangle(grid, cells),
+        *_rectangle(sights.grid, cells),
         seen=len(np.unique(sights.rays_of(n) // sights.seen.rays.beams)) / len(base),
         loss=loss,
         share=loss / before,
@@ -203,9 +195,7 @@ def _feature(
     )
 
 
-def _rectangle(
-    grid: OccupancyGrid, cells: NDArray[np.int64]
-) -> tuple[float, float, float, float, float]:
+def _rectangle(grid: OccupancyGrid, cells: Ints) -> tuple[float, float, float, float, float]:
     """World x, y, length, width and heading of the least rectangle around cells [m, rad]."""
     import cv2
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import keep, whole
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import POSE, Column, Result, Table
@@ -74,7 +74,7 @@ class Landmarks(Result):
     """The map, the routes and the robot that they are placed for."""
     search: Search
     """The search, for other placements."""
-    indices: NDArray[np.int64]
+    indices: Ints
     """Index of each place among those of the search, (k,); the existing objects' come first."""
     shifts: tuple[Shift, ...]
     """Landmarks that were taken out of regular rows."""
@@ -89,9 +89,9 @@ class Landmarks(Result):
     trials: tuple[Trial, ...] = ()
     """Placements that were driven by `best_of_trials`, the best first, which is this one."""
 
-    poses: NDArray[np.float64] = field(init=False)
+    poses: Floats = field(init=False)
     """World x, y and heading of each, (k, 3) [m, m, rad]."""
-    curve: NDArray[np.float64] = field(init=False)
+    curve: Floats = field(init=False)
     """Objective with 0, 1, ... landmarks, (k + 1,).
 
     It is the expected mean of P_xx + P_yy along routes [m^2], or the mean degeneracy u in a region.
@@ -116,13 +116,12 @@ class Landmarks(Result):
         return len(self.poses)
 
     @property
-    def positions(self) -> NDArray[np.float64]:
+    def positions(self) -> Floats:
         """World x and y of each landmark, (k, 2) [m]."""
-        xy: NDArray[np.float64] = self.poses[:, :2]
-        return xy
+        return np.asarray(self.poses[:, :2])
 
     @property
-    def gains(self) -> NDArray[np.float64]:
+    def gains(self) -> Floats:
         """What each landmark takes off the curve beside those before it, in its unit, (k,)."""
         return -np.diff(self.curve)
 
@@ -132,7 +131,7 @@ class Landmarks(Result):
         return self.search.objective.column
 
     @property
-    def expected(self) -> NDArray[np.float64]:
+    def expected(self) -> Floats:
         """Expected deviation of the position along routes [m], the root of the curve, (k + 1,).
 
         In a region it is the mean degeneracy u, the curve itself.
@@ -159,7 +158,7 @@ class Landmarks(Result):
         """A row of landmarks that the filter can mistake for one a step farther, or None."""
         return regularity(self.positions)
 
-    def first(self, count: int) -> NDArray[np.float64]:
+    def first(self, count: int) -> Floats:
         """World x, y and heading of the landmarks that gain most, (count, 3) [m, m, rad].
 
         Parameters

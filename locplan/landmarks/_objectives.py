@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._util.records import Column
 from locplan.field import Fisher
 from locplan.landmarks._sight import Sight
@@ -26,7 +26,7 @@ class Objective(ABC):
     power: ClassVar[float]
     sight: Sight
 
-    def start(self, chosen: NDArray[np.int64]) -> None:
+    def start(self, chosen: Ints) -> None:
         """Begin from objects that stand at these places, (k,)."""
         self.sight.start(chosen)
 
@@ -35,11 +35,11 @@ class Objective(ABC):
         return float(self.profile().mean())
 
     @abstractmethod
-    def profile(self) -> NDArray[np.float64]:
+    def profile(self) -> Floats:
         """What it is the mean of, at each pose with the objects, (n,)."""
 
     @abstractmethod
-    def values(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+    def values(self, indices: Ints) -> Floats:
         """The objective with each of these places besides, (m,)."""
 
 
@@ -55,18 +55,18 @@ class AlongRoutes(Objective):
     column: ClassVar[Column] = Column("expected_deviation", "m", "expected deviation", 3)
     power: ClassVar[float] = 0.5
 
-    def profile(self) -> NDArray[np.float64]:
+    def profile(self) -> Floats:
         """P_xx + P_yy at each pose with the objects, (n,) [m^2]."""
         return self.sight.seen.profile(self.sight.sums)
 
-    def values(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+    def values(self, indices: Ints) -> Floats:
         """The objective with each of these places besides, (m,) [m^2]."""
         from locplan._kernels.objectives import uncertainties
 
         sight, seen = self.sight, self.sight.seen
         given = sight.sightings, sight.hits, sight.sums, seen.rays, seen.routes, sight.outline
 
-        def run(part: NDArray[np.int64]) -> NDArray[np.float64]:
+        def run(part: Ints) -> Floats:
             found = uncertainties(sight.own, part, *given, seen.a_step, seen.motion)
             return np.asarray(found)
 
@@ -115,9 +115,9 @@ class MeanDegeneracy(Objective):
         """Name of those beside which each place was looked at."""
         self._changes = np.zeros(count)
         """What each place changes beside these."""
-        self._together: dict[int, NDArray[np.bool_]] = {}
+        self._together: dict[int, Bools] = {}
 
-    def start(self, chosen: NDArray[np.int64]) -> None:
+    def start(self, chosen: Ints) -> None:
         """Begin from objects that stand at these places, (k,)."""
         super().start(chosen)
         self._beside[:] = 0
@@ -126,14 +126,14 @@ class MeanDegeneracy(Objective):
                 self._together[n] = self.sight.seen_with(n)
             self._beside[self._together[n]] ^= self._names[n]
 
-    def profile(self) -> NDArray[np.float64]:
+    def profile(self) -> Floats:
         """The degeneracy u at each pose with the objects, (n,)."""
         from locplan._kernels.objectives import degeneracies_at
 
         sight = self.sight
         return np.asarray(degeneracies_at(sight.sums, sight.seen.a_metre, self.anchors))
 
-    def values(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+    def values(self, indices: Ints) -> Floats:
         """The objective with each of these places besides, (m,)."""
         from locplan._kernels.objectives import mean_changes
 
@@ -141,7 +141,7 @@ class MeanDegeneracy(Objective):
         profile = self.profile()
         given = sight.sightings, sight.hits, sight.sums, seen.rays, sight.outline, seen.a_metre
 
-        def run(part: NDArray[np.int64]) -> NDArray[np.float64]:
+        def run(part: Ints) -> Floats:
             return np.asarray(mean_changes(sight.own, part, *given, self.anchors, profile))
 
         indices = np.asarray(indices, np.int64)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import Settings, keep_checked, number, positive, shown
 from locplan._util.poses import window_around
 from locplan.errors import ConfigError
@@ -33,7 +33,7 @@ class Shape(NamedTuple):
         """Maximum distance of a point of the shape from its centre [m]."""
         return self.half_length if self.is_round else math.hypot(self.half_length, self.half_width)
 
-    def distance(self, x: Any, y: Any, heading: float = 0.0) -> NDArray[np.float64]:
+    def distance(self, x: Any, y: Any, heading: float = 0.0) -> Floats:
         """Distance from points to a shape at the origin; 0 within it [m]."""
         if self.is_round:
             return np.asarray(np.maximum(np.hypot(x, y) - self.half_length, 0.0))
@@ -198,9 +198,7 @@ def with_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Iterable[Any]
     return dataclasses.replace(grid, cells=cells)
 
 
-def cells_under(
-    grid: OccupancyGrid, kind: LandmarkObject, pose: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def cells_under(grid: OccupancyGrid, kind: LandmarkObject, pose: Floats) -> tuple[Ints, Ints]:
     """Rows and columns of the cells of a map that an object fills, as `with_objects` says.
 
     Parameters
@@ -216,7 +214,7 @@ def cells_under(
     return filled_cells(kind.shape, row, col, heading, grid.resolution, grid.shape)
 
 
-def checked_poses(poses: Iterable[Any], name: str = "a landmark") -> NDArray[np.float64]:
+def checked_poses(poses: Iterable[Any], name: str = "a landmark") -> Floats:
     """Poses (x, y) or (x, y, heading) as an array (n, 3) [m, m, rad]."""
     rows = []
     for pose in poses:
@@ -230,7 +228,7 @@ def checked_poses(poses: Iterable[Any], name: str = "a landmark") -> NDArray[np.
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
-def on_grid(grid: OccupancyGrid, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+def on_grid(grid: OccupancyGrid, poses: Floats) -> Floats:
     """Poses in the world as (row, col, heading) on the map [cells, cells, rad]."""
     rows, cols = grid.world_to_grid(poses[:, 0], poses[:, 1])
     return np.column_stack([rows, cols, poses[:, 2] - grid.origin[2]])
@@ -243,7 +241,7 @@ def filled_cells(
     heading: float,
     resolution: float,
     map_shape: tuple[int, int],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[Ints, Ints]:
     """Rows and columns of the cells of a map that a shape fills; see `with_objects`.
 
     The position is continuous [cells], the heading from the columns' axis towards that of the rows.
@@ -266,7 +264,7 @@ def filled_cells(
     return found_rows + rows.start, found_cols + cols.start
 
 
-def outline_of(shape: Shape, pose: NDArray[np.float64], around: int = 24) -> NDArray[np.float64]:
+def outline_of(shape: Shape, pose: Floats, around: int = 24) -> Floats:
     """Corners of a shape at a pose (x, y, heading), or points around a round one, (n, 2) [m]."""
     if shape.is_round:
         angle = np.linspace(0, 2 * math.pi, around, endpoint=False)
@@ -277,7 +275,7 @@ def outline_of(shape: Shape, pose: NDArray[np.float64], around: int = 24) -> NDA
     return np.asarray(pose[:2] + corners @ np.array([(cos, sin), (-sin, cos)]))
 
 
-def _outline(shape: Shape, heading: float, step: float) -> NDArray[np.float64]:
+def _outline(shape: Shape, heading: float, step: float) -> Floats:
     """Points x, y along the outline of a shape at the origin, at most `step` apart [m]."""
     origin = np.array([0.0, 0.0, heading])
     if shape.is_round:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats
 from locplan._util.intervals import Interval, of_rms, wilson
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import Column, Table
@@ -23,7 +23,7 @@ OUTCOME = (
     Column("rmse", "m", "error, all drives", interval=True),
     Column("kept_rmse", "m", "not lost", interval=True),
 )
-Profile: TypeAlias = NDArray[np.float64]
+Profile: TypeAlias = Floats
 """Distance along a route and the largest deviation of a match's position there, (n, 2) [m]."""
 
 
@@ -40,12 +40,12 @@ class Outcome:
         return len(self.lost)
 
     @property
-    def lost(self) -> NDArray[np.bool_]:
+    def lost(self) -> Bools:
         """True for each drive that was lost, off by more than 1 m, at any time, (number,)."""
         return np.concatenate([each.lost for each in self.drives])
 
     @property
-    def mean_squares(self) -> NDArray[np.float64]:
+    def mean_squares(self) -> Floats:
         """Mean square of each drive's position error, (number,) [m^2]."""
         return np.concatenate([each.mean_squares for each in self.drives])
 
@@ -226,7 +226,7 @@ class Verification(BeforeAndAfter):
         return f"{said}; error {error}"
 
     @property
-    def match_deviations(self) -> NDArray[np.float64]:
+    def match_deviations(self) -> Floats:
         """Median and 95 % quantile [m] along the routes of `fields`, before and after, (2, 2)."""
         every = (np.concatenate([pair[n][:, 1] for pair in self.fields.values()]) for n in (0, 1))
         return np.array([np.nanquantile(values, [0.5, 0.95]) for values in every])

@@ -10,6 +10,7 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._util.checks import check_threads, instance, whole
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Path
@@ -172,15 +173,12 @@ def place_landmarks(
     )
 
 
-def _near(
-    places: NDArray[np.float64], poses: NDArray[np.float64], within: float
-) -> NDArray[np.float64]:
+def _near(places: Floats, poses: Floats, within: float) -> Floats:
     """Places at most so far from the poses of the robot, all on the map [cells]."""
     from scipy.spatial import cKDTree
 
     apart, _ = cKDTree(poses[:, :2]).query(places[:, :2], distance_upper_bound=within)
-    near: NDArray[np.float64] = places[np.isfinite(apart)]
-    return near
+    return np.asarray(places[np.isfinite(apart)])
 
 
 def _counted(reasons: Sequence[str]) -> str:
@@ -189,13 +187,7 @@ def _counted(reasons: Sequence[str]) -> str:
     return ", ".join(f"{each} ({count})" for each, count in counts.items()) or "there are no places"
 
 
-DIRECTIONS = 8
-"""Number of directions of walls."""
-
-
-def without_objects(
-    grid: OccupancyGrid, kind: LandmarkObject, poses: NDArray[np.float64]
-) -> OccupancyGrid:
+def without_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Floats) -> OccupancyGrid:
     """Copy of a map without objects that stand in it, whose cells become free.
 
     An object is sought up to a cell from its pose, where the least of it is free. Cells stay that
@@ -218,17 +210,14 @@ def without_objects(
             )
         # Distance from an object at which a wall beside it still must be one [cells].
         reach = kind.shape.reach / grid.resolution + 2.5
-        own = [
-            not _in_wall(occupied, i, j, (row, col), reach)
-            for i, j in zip(rows.tolist(), cols.tolist(), strict=True)
-        ]
+        own = ~_in_walls(occupied, np.column_stack([rows, cols]), np.array([row, col]), reach)
         at = rows[own], cols[own]
         cells[at] = FREE
         cells[_rim(cells, at)] = FREE
     return dataclasses.replace(grid, cells=cells)
 
 
-def _check_apart(kind: LandmarkObject, poses: NDArray[np.float64]) -> None:
+def _check_apart(kind: LandmarkObject, poses: Floats) -> None:
     """Raise a ConfigError if two objects are given whose middles lie in each other."""
     for (x, y, _), (other_x, other_y, _) in combinations(poses.tolist(), 2):
         if math.hypot(x - other_x, y - other_y) < kind.shape.half_width:
@@ -240,7 +229,7 @@ def _check_apart(kind: LandmarkObject, poses: NDArray[np.float64]) -> None:
 
 def _drawn_cells(
     grid: OccupancyGrid, shape: Shape, row: float, col: float, heading: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[Ints, Ints]:
     """The occupied cells that an object fills, shifted only to where less of it is free."""
     size = grid.shape[0], grid.shape[1]
     best, found = (-math.inf, 0.0), (np.empty(0, np.int64), np.empty(0, np.int64))
@@ -254,30 +243,23 @@ def _drawn_cells(
     return found
 
 
-def _in_wall(
-    occupied: NDArray[np.bool_], row: int, col: int, centre: tuple[float, float], reach: float
-) -> bool:
-    """Whether occupied cells lead from a cell straight out of a disc [cells] on both sides."""
-
-    def leaves(d_row: float, d_col: float) -> bool:
-        at_row, at_col = row + 0.5, col + 0.5
-        while math.hypot(at_row - centre[0], at_col - centre[1]) <= reach:
-            at_row, at_col = at_row + d_row, at_col + d_col
-            i, j = math.floor(at_row), math.floor(at_col)
-            if not (0 <= i < occupied.shape[0] and 0 <= j < occupied.shape[1]):
-                return True  # the wall goes on where the map ends
-            if not occupied[i, j]:
-                return False
-        return True
-
-    angles = np.arange(DIRECTIONS) * math.pi / DIRECTIONS
-    steps = np.column_stack([np.sin(angles), np.cos(angles)]).tolist()
-    return any(leaves(y, x) and leaves(-y, -x) for y, x in steps)
+def _in_walls(occupied: Bools, cells: Ints, centre: Floats, reach: float) -> Bools:
+    """Whether occupied cells lead from each cell straight out of a disc [cells] on both sides."""
+    angles = np.arange(8) * math.pi / 8  # of walls
+    steps = np.column_stack([np.sin(angles), np.cos(angles)])
+    count = int(2 * reach) + 2
+    ways = np.repeat(np.concatenate([steps, -steps])[:, None], count + 1, axis=1)
+    ways = np.repeat(ways[None], len(cells), axis=0)
+    ways[:, :, 0] = cells[:, None] + 0.5
+    ways = np.cumsum(ways, axis=2)
+    within = np.hypot(*np.moveaxis(ways - centre, -1, 0)) <= reach
+    at = np.clip(np.floor(ways).astype(int) + 1, 0, np.array(occupied.shape) + 1)
+    free = ~np.pad(occupied, 1, constant_values=True)[at[..., 0], at[..., 1]]
+    leaves = ~(free[..., 1:] & within[..., :-1]).any(axis=2)  # a wall goes on where the map ends
+    return np.asarray((leaves[:, :8] & leaves[:, 8:]).any(axis=1))
 
 
-def _rim(
-    cells: NDArray[np.uint8], at: tuple[NDArray[np.int64], NDArray[np.int64]]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _rim(cells: NDArray[np.uint8], at: tuple[Ints, Ints]) -> tuple[Ints, Ints]:
     """Occupied cells beside those of an object that lead no farther: no wall has them."""
     import cv2
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from locplan._kernels.arrays import Bools, Floats
 from locplan._util.checks import Settings, keep, keep_checked, number, one_of, positive
 from locplan._util.poses import way_along, window_around
 from locplan.costs import Path
@@ -19,7 +20,7 @@ from locplan.maps import UNKNOWN, OccupancyGrid
 AROUND = 3.0
 """Distance from an object within which the robot must get from one side to the other [m]."""
 
-Pose = NDArray[np.float64]
+Pose = Floats
 """Row, column and heading on the map, (3,) [cells, cells, rad]."""
 
 
@@ -67,7 +68,7 @@ class Passages:
             for space, radius in zip(self.open, self.radii, strict=True)
         )
 
-    def _cuts(self, space: NDArray[np.bool_], radius: float, pose: Pose, around: float) -> bool:
+    def _cuts(self, space: Bools, radius: float, pose: Pose, around: float) -> bool:
         import cv2
 
         window, closed = self._closed(pose, radius, around)
@@ -92,7 +93,7 @@ class Passages:
 
     def _closed(
         self, pose: Pose, radius: float, around: float
-    ) -> tuple[tuple[slice, slice], NDArray[np.bool_]]:
+    ) -> tuple[tuple[slice, slice], Bools]:
         """A window on the map, and where in it the robot would be nearer than a radius [m]."""
         row, col, heading = pose.tolist()
         reach = math.ceil((self.shape.reach + radius + around) / self.resolution) + 1
@@ -166,7 +167,7 @@ class Sites(Settings):
 
 def places_of(
     grid: OccupancyGrid, shape: Shape, sites: Sites, routes: Iterable[Path], keep: float
-) -> NDArray[np.float64]:
+) -> Floats:
     """Poses of an object along walls and free-standing, not yet checked, (n, 3).
 
     Along walls it is turned as the wall is; a long object that stands free is tried both ways.
@@ -180,7 +181,7 @@ def places_of(
     return np.concatenate(parts)
 
 
-def _along_walls(grid: OccupancyGrid, shape: Shape, spacing: float) -> NDArray[np.float64]:
+def _along_walls(grid: OccupancyGrid, shape: Shape, spacing: float) -> Floats:
     """Poses every `spacing` [m] along the walls, at least `WALL_GAP` clear of them."""
     import cv2
 
@@ -213,7 +214,7 @@ def _along_walls(grid: OccupancyGrid, shape: Shape, spacing: float) -> NDArray[n
     return np.concatenate(found)
 
 
-def _free_standing(grid: OccupancyGrid, shape: Shape) -> NDArray[np.float64]:
+def _free_standing(grid: OccupancyGrid, shape: Shape) -> Floats:
     """Poses on a lattice of a metre, where the clearance is above `FREE_CLEARANCE`."""
     # Spacing of free-standing candidates [m].
     step = 1.0 / grid.resolution
@@ -224,18 +225,17 @@ def _free_standing(grid: OccupancyGrid, shape: Shape) -> NDArray[np.float64]:
     return _in_the_open(grid, np.concatenate(poses))
 
 
-def _in_the_open(grid: OccupancyGrid, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+def _in_the_open(grid: OccupancyGrid, poses: Floats) -> Floats:
     """Those of some poses where the clearance is above `FREE_CLEARANCE`."""
     rows, cols = np.floor(poses[:, :2]).astype(int).T
     inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
     poses, at = poses[inside], (rows[inside], cols[inside])
-    clear: NDArray[np.float64] = poses[grid.free[at] & (grid.clearance[at] > FREE_CLEARANCE)]
-    return clear
+    return np.asarray(poses[grid.free[at] & (grid.clearance[at] > FREE_CLEARANCE)])
 
 
 def _beside_routes(
     grid: OccupancyGrid, shape: Shape, routes: Iterable[Path], keep: float, spacing: float
-) -> NDArray[np.float64]:
+) -> Floats:
     """Poses every `spacing` [m] on both sides of routes through the open, as near as allowed.
 
     Near objects help a filter most whose heading is uncertain. They are turned as the route is,
@@ -258,12 +258,12 @@ def _beside_routes(
 
 
 def refusals(
-    places: NDArray[np.float64],
+    places: Floats,
     grid: OccupancyGrid,
     passages: Passages,
-    routes: NDArray[np.float64],
+    routes: Floats,
     keep: float,
-    keep_out: NDArray[np.bool_] | None,
+    keep_out: Bools | None,
 ) -> list[str]:
     """Why an object may not stand at each place on the map, or "" where it may.
 
@@ -309,18 +309,14 @@ def refusals(
     return [reason(pose) for pose in places]
 
 
-def too_close(
-    shape: Shape, pose: NDArray[np.float64], others: NDArray[np.float64], resolution: float
-) -> bool:
+def too_close(shape: Shape, pose: Floats, others: Floats, resolution: float) -> bool:
     """Whether an object would stand closer than `APART` to another one [cells, cells, rad]."""
     apart = np.hypot(*(others[:, :2] - pose[:2]).T) * resolution
     near = others[apart < 2 * shape.reach + APART]
     return any(shape.is_round or _boxes_near(shape, pose, other, resolution) for other in near)
 
 
-def _boxes_near(
-    shape: Shape, one: NDArray[np.float64], other: NDArray[np.float64], resolution: float
-) -> bool:
+def _boxes_near(shape: Shape, one: Floats, other: Floats, resolution: float) -> bool:
     """Whether two rectangles come closer than `APART`; points along one against the other."""
     along, across = np.meshgrid(
         np.linspace(-shape.half_length, shape.half_length, 9),

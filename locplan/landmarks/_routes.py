@@ -9,8 +9,8 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools
 from locplan._util.checks import position, shown
 from locplan._util.intervals import random_of
 from locplan._util.poses import Poses
@@ -35,7 +35,7 @@ class Setting:
     """The object, of which several are placed."""
     routes: Mapping[str, Path]
     """Routes of the robot by name; of a region, those across it that are driven."""
-    region: NDArray[np.bool_] | None
+    region: Bools | None
     """Cells in which the robot may be anywhere, (H, W), or None where it drives the routes."""
     planned: bool
     """True if the routes are shortest paths, to be planned again among the objects."""
@@ -120,7 +120,7 @@ def _named(values: Any, word: str, what: str) -> Mapping[Any, Any]:
     return {f"{word} {n}": value for n, value in enumerate(values, 1)}
 
 
-def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> NDArray[np.bool_] | None:
+def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> Bools | None:
     """Cells of a mask (H, W) or of rectangles in the world, or None without any.
 
     Raises
@@ -162,9 +162,7 @@ ENDS = 6
 """Number of places that drives join, in pairs far apart."""
 
 
-def where_robot_is(
-    grid: OccupancyGrid, region: NDArray[np.bool_] | None, robot_radius: float
-) -> NDArray[np.bool_]:
+def where_robot_is(grid: OccupancyGrid, region: Bools | None, robot_radius: float) -> Bools:
     """Cells of a region where the robot's centre can be, all joined by ways on the map, (H, W).
 
     Raises
@@ -187,7 +185,7 @@ def where_robot_is(
     return np.asarray(region & (parts == int(counts.argmax())))
 
 
-def poses_in(grid: OccupancyGrid, cells: NDArray[np.bool_], lidar: Lidar) -> Poses:
+def poses_in(grid: OccupancyGrid, cells: Bools, lidar: Lidar) -> Poses:
     """Poses in the world on a lattice over cells, with headings all round, (n, 3).
 
     The fewer a lidar sees at once, the more headings there are: any direction is seen twice.
@@ -211,9 +209,7 @@ def poses_in(grid: OccupancyGrid, cells: NDArray[np.bool_], lidar: Lidar) -> Pos
     return np.column_stack([np.repeat(x, headings), np.repeat(y, headings), turns])
 
 
-def routes_across(
-    grid: OccupancyGrid, cells: NDArray[np.bool_], robot_radius: float
-) -> dict[str, Path]:
+def routes_across(grid: OccupancyGrid, cells: Bools, robot_radius: float) -> dict[str, Path]:
     """Shortest paths between places in a region, of which each is far from those before it.
 
     Raises
@@ -282,7 +278,7 @@ def fields_along(
     return {name: (found[name], _along(field, path)) for name, path in routes[1].items()}
 
 
-def _near(grid: OccupancyGrid, config: FieldConfig, paths: Iterable[Path]) -> NDArray[np.bool_]:
+def _near(grid: OccupancyGrid, config: FieldConfig, paths: Iterable[Path]) -> Bools:
     """Lattice points that are read along some paths."""
     stride = config.stride_cells(grid.resolution)
     xy = np.concatenate([path.resampled(grid.resolution * stride / 2).xy for path in paths])

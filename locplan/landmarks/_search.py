@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan.landmarks._objectives import Objective
 from locplan.landmarks._places import Passages, too_close
 from locplan.maps import OccupancyGrid
@@ -31,7 +31,7 @@ class Regularity(NamedTuple):
         return f"landmarks {numbers} stand in a row every {self.period:.2f} m"
 
 
-def regularity(positions: NDArray[np.float64]) -> Regularity | None:
+def regularity(positions: Floats) -> Regularity | None:
     """The longest row of at least four landmarks with equal short steps, or None.
 
     Parameters
@@ -47,30 +47,21 @@ def regularity(positions: NDArray[np.float64]) -> Regularity | None:
     True
     """
     best: Regularity | None = None
-    for one in range(len(positions)):
-        for other in range(len(positions)):
-            step = positions[other] - positions[one]
-            if one == other or np.hypot(*step) > MISTAKEN:
-                continue
-            row = [one]
-            while (found := _index_at(positions, positions[row[-1]] + step)) is not None:
-                if found in row:
-                    break
-                row.append(found)
-                step = (positions[row[-1]] - positions[one]) / (len(row) - 1)
-            # Least number of landmarks in a regular row.
-            if len(row) >= 4 and (best is None or len(row) > len(best.landmarks)):
-                period = math.hypot(*(positions[row[-1]] - positions[one])) / (len(row) - 1)
-                best = Regularity(round(period, 6), tuple(n + 1 for n in row))
+    for one, other in itertools.permutations(range(len(positions)), 2):
+        step = positions[other] - positions[one]
+        if np.hypot(*step) > MISTAKEN:
+            continue
+        row, found = [one], other
+        while found not in row:
+            row.append(found)
+            step = (positions[row[-1]] - positions[one]) / (len(row) - 1)
+            apart = np.hypot(*(positions - (positions[row[-1]] + step)).T)
+            # Greatest distance of a shifted landmark from another that it may be taken for [m].
+            found = int(np.argmin(apart)) if apart.min() <= 0.2 else one
+        # Least number of landmarks in a regular row.
+        if len(row) >= 4 and (best is None or len(row) > len(best.landmarks)):
+            best = Regularity(round(float(np.hypot(*step)), 6), tuple(n + 1 for n in row))
     return best
-
-
-def _index_at(positions: NDArray[np.float64], xy: NDArray[np.float64]) -> int | None:
-    """Index of the landmark at a position, or None."""
-    apart = np.hypot(*(positions - xy).T)
-    nearest = int(np.argmin(apart))
-    # Greatest distance of a shifted landmark from another one that it may be taken for [m].
-    return nearest if apart[nearest] <= 0.2 else None
 
 
 ROUNDS = 3
@@ -101,7 +92,7 @@ class Search:
     objective: Objective
     passages: Passages
     """Space of the robot on the map without objects."""
-    among: NDArray[np.int64]
+    among: Ints
     """The places that are searched among."""
     lazy: int = 128
     """Number of places that a lazy search looks at together."""
@@ -109,7 +100,7 @@ class Search:
     """Places that would have been chosen but for the others, and why they were not."""
 
     @property
-    def places(self) -> NDArray[np.float64]:
+    def places(self) -> Floats:
         """Row, column and heading of all places on the map, (n, 3) [cells, cells, rad]."""
         return self.objective.sight.places
 
@@ -117,13 +108,12 @@ class Search:
         self, first: list[int], count: int, progress: Callable[[int, int], None] | None = None
     ) -> list[int]:
         """Indices of the places: `first` and `count` more, then exchanged, in order of gain."""
-        chosen, steps, done = list(first), count + ROUNDS * (count + len(first)), 0
+        chosen, steps = list(first), count + ROUNDS * (count + len(first))
+        done = itertools.count(1)
 
         def step() -> None:
-            nonlocal done
-            done += 1
             if progress:
-                progress(min(done, steps), steps)
+                progress(min(next(done), steps), steps)
 
         bounds = np.full(len(self.places), np.inf)
         for _ in range(count):
@@ -146,10 +136,7 @@ class Search:
         return self.in_order(chosen)
 
     def best(
-        self,
-        others: list[int],
-        now: int | None = None,
-        bounds: NDArray[np.float64] | None = None,
+        self, others: list[int], now: int | None = None, bounds: Floats | None = None
     ) -> int | None:
         """Best place beside others that is allowed; None if none is better than what is.
 
@@ -215,7 +202,7 @@ class Search:
             left.remove(best)
         return order
 
-    def curve(self, order: list[int]) -> NDArray[np.float64]:
+    def curve(self, order: list[int]) -> Floats:
         """The objective with 0, 1, ... of the places, (k + 1,)."""
         values = []
         for n in range(len(order) + 1):
@@ -280,13 +267,12 @@ class Search:
                     break
         return best
 
-    def _positions(self, indices: list[int]) -> NDArray[np.float64]:
+    def _positions(self, indices: list[int]) -> Floats:
         """Positions of places on the map, (k, 2) [m]."""
-        found: NDArray[np.float64] = self.places[indices, :2] * self.objective.sight.grid.resolution
-        return found
+        return np.asarray(self.places[indices, :2] * self.objective.sight.grid.resolution)
 
 
-def in_world(grid: OccupancyGrid, places: NDArray[np.float64]) -> NDArray[np.float64]:
+def in_world(grid: OccupancyGrid, places: Floats) -> Floats:
     """Places (row, col, heading) on a map as poses in the world, (n, 3) [m, m, rad]."""
     x, y = grid.grid_to_world(places[:, 0], places[:, 1])
     return np.column_stack([x, y, places[:, 2] + grid.origin[2]])

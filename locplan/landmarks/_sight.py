@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats, Ints, Singles
 from locplan._util.checks import check_memory
 from locplan._util.poses import Poses, way_along
 from locplan.costs import Path
@@ -41,7 +41,7 @@ class Surroundings:
 
     rays: Any
     """`landmarks.Rays`: the poses and their rays, in the map's own axes."""
-    routes: NDArray[np.int64]
+    routes: Ints
     """Indices at which the routes begin, and the number of all poses, (r + 1,).
 
     Poses of a region are one line without an order.
@@ -53,14 +53,14 @@ class Surroundings:
     motion: Any
     """`objectives.Motion`: how the covariance of the filter's pose grows on the way."""
 
-    def covariances(self, sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    def covariances(self, sums: Floats) -> Floats:
         """P at each pose, (n, 6), with what `landmarks.sums_of` makes of the hits there."""
         from locplan._kernels.objectives import covariances
 
         _, after = covariances(sums, self.rays.poses, self.routes, self.a_step, self.motion)
         return np.asarray(after)
 
-    def profile(self, sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    def profile(self, sums: Floats) -> Floats:
         """P_xx + P_yy at each pose, (n,) [m^2]."""
         from locplan._kernels.landmarks import XX, YY
 
@@ -201,12 +201,12 @@ class Sight:
     """The map without objects."""
     seen: Surroundings
     shape: Shape
-    places: NDArray[np.float64]
+    places: Floats
     """Row, column and heading of each place on the map, (m, 3) [cells, cells, rad]."""
     threads: int
-    hits: NDArray[np.float32] = field(init=False)
+    hits: Singles = field(init=False)
     """Hits of the rays with the objects, (n, beams, 4)."""
-    sums: NDArray[np.float64] = field(init=False)
+    sums: Floats = field(init=False)
     """What `sums_of` makes of them, but for the number of hits, which is that of the map."""
     sightings: Any = field(init=False)
     """`sightings.Sightings` of the places."""
@@ -230,7 +230,7 @@ class Sight:
         self._touched = np.zeros(count, bool)
         self.sightings = self._found()
 
-    def start(self, chosen: NDArray[np.int64]) -> None:
+    def start(self, chosen: Ints) -> None:
         """Begin from objects at these places, (k,)."""
         from locplan._kernels.landmarks import HITS, add_object, sum_up
 
@@ -243,7 +243,7 @@ class Sight:
         sum_up(self.hits, rays, touched, self.sums)
         self.sums[:, HITS] = self._sums_of_map[:, HITS]
 
-    def seen_with(self, place: int) -> NDArray[np.bool_]:
+    def seen_with(self, place: int) -> Bools:
         """Which places are seen from any pose that sees this one, (m,)."""
         starts, poses, _ = self.sightings
         here = np.zeros(len(self.sums), bool)
@@ -251,9 +251,7 @@ class Sight:
         counts = np.concatenate([[0], np.cumsum(here[poses])])
         return np.asarray(counts[starts[1:]] > counts[starts[:-1]])
 
-    def in_threads(
-        self, run: Callable[[NDArray[np.int64]], NDArray[np.float64]], indices: NDArray[np.int64]
-    ) -> NDArray[np.float64]:
+    def in_threads(self, run: Callable[[Ints], Floats], indices: Ints) -> Floats:
         """Values of some places that are computed in parts, each on a thread."""
         return np.concatenate(self._lots(run, np.asarray(indices, np.int64)))
 
@@ -276,9 +274,7 @@ class Sight:
         self._lots(lambda lot: fill_sightings(own, lot[0], lot[-1] + 1, *given, found), every)
         return found
 
-    def _lots(
-        self, run: Callable[[NDArray[np.int64]], Any], indices: NDArray[np.int64]
-    ) -> list[Any]:
+    def _lots(self, run: Callable[[Ints], Any], indices: Ints) -> list[Any]:
         """What a function gives for the indices of each lot of places."""
         lots = np.split(indices, range(LOT, len(indices), LOT))
         with ThreadPoolExecutor(self.threads) as pool:

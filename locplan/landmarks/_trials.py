@@ -9,12 +9,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools
 from locplan._util.checks import whole
 from locplan._util.intervals import random_of
 from locplan._util.progress import ProgressCallback, parts
@@ -76,47 +75,31 @@ def best_of_trials(
     whole("seed", seed, 0)
     if trials == 1:
         return made
-    left = [Contender(each, Outcome(())) for each in _placements(made, trials, seed)]
+    left = [(each, Outcome(())) for each in _placements(made, trials, seed)]
     sizes = [len(left)]  # placements in each round
     while sizes[-1] > 1:
         sizes.append(-(-sizes[-1] // 2))
-    setting = made.setting
+    setting, beaten = made.setting, left[:0]
     first = FIRST_DRIVES * len(setting.routes)
     drives = [[first * 2**n] * size for n, size in enumerate(sizes[:-1])]
     callbacks = parts(progress, [sum(each) for each in drives])
-    beaten: list[Contender] = []
     for n, stay in enumerate(sizes[1:]):
         own_seed = int(random_of(seed, ROUNDS, n).integers(2**31))
-        simulator = partial(Simulator, robot=setting.robot, seed=own_seed, threads=threads)
-        grids = [each.made.grid for each in left]
-        worlds = ((simulator(grid), setting.on(grid)) for grid in grids)
-        outcomes = driven_in(worlds, drives[n], callbacks[n])
-        for each, outcome in zip(left, outcomes, strict=True):
-            each.driven = Outcome(each.driven.drives + outcome.drives)
-        left.sort(key=lambda each: each.score)
+        run = partial(Simulator, robot=setting.robot, seed=own_seed, threads=threads)
+        worlds = ((run(each.grid), setting.on(each.grid)) for each, _ in left)
+        driven = zip(left, driven_in(worlds, drives[n], callbacks[n]), strict=True)
+        left = [(each, Outcome(before.drives + more.drives)) for (each, before), more in driven]
+        left.sort(key=lambda each: _trial(*each)[-2:])
         left, beaten = left[:stay], left[stay:] + beaten
-    trials_made = tuple(each.trial for each in [*left, *beaten])
-    return dataclasses.replace(left[0].made, trials=trials_made)
+    trials_made = tuple(_trial(*each) for each in [*left, *beaten])
+    return dataclasses.replace(left[0][0], trials=trials_made)
 
 
-@dataclass
-class Contender:
-    """A placement, and its drives so far."""
-
-    made: Landmarks
-    driven: Outcome
-
-    @property
-    def score(self) -> tuple[int, float]:
-        """Number of lost drives, and the mean logarithm of the squared error of all."""
-        squares = np.maximum(self.driven.mean_squares, MIN_ERROR**2)
-        return int(self.driven.lost.sum()), float(np.log(squares).mean())
-
-    @property
-    def trial(self) -> Trial:
-        """What its drives say."""
-        lost, error = self.score
-        return Trial(self.made.chosen_by, self.driven.number, lost, math.exp(error / 2))
+def _trial(made: Landmarks, driven: Outcome) -> Trial:
+    """What the drives with a placement say; the last two numbers rank it."""
+    squares = np.maximum(driven.mean_squares, MIN_ERROR**2)
+    error = math.exp(float(np.log(squares).mean()) / 2)
+    return Trial(made.chosen_by, driven.number, int(driven.lost.sum()), error)
 
 
 def _placements(made: Landmarks, trials: int, seed: int) -> Iterator[Landmarks]:
@@ -132,7 +115,7 @@ def _placements(made: Landmarks, trials: int, seed: int) -> Iterator[Landmarks]:
         objectives.append(MeanDegeneracy.of(sight, made.setting.robot.known_lidar))
     for n in range(1, trials):
         objective, half = objectives[n % len(objectives)], n >= len(objectives)
-        keep: NDArray[np.bool_] = np.ones(len(own.places), bool)
+        keep: Bools = np.ones(len(own.places), bool)
         if half:
             # Share of the places that a further placement is searched among.
             keep = random_of(seed, VARIANTS, n).random(len(keep)) < 0.5
