@@ -90,15 +90,13 @@ def degenerate_areas(
     threshold = half_free(costs, field, threshold)
     grid = costs.grid
     cell_area = grid.resolution**2
-    found = cv2.connectedComponentsWithStats(
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(
         (costs.u >= threshold).astype(np.uint8), connectivity=4, ltype=cv2.CV_32S
     )
-    labels, boxes = np.asarray(found[1]), np.asarray(found[2])
     sizes = boxes[:, cv2.CC_STAT_AREA] * cell_area
     large = np.flatnonzero(sizes[1:] >= min_area - 1e-9) + 1
     large = large[np.argsort(-sizes[large], kind="stable")]
-    is_large = np.zeros(len(sizes), bool)
-    is_large[large] = True
+    is_large = np.isin(np.arange(len(sizes)), large)
     # Holes below 0.1 m^2 are filled, such as the legs of tables.
     polygons = polygons_of(is_large[labels], labels, min(0.1, min_area) / cell_area)
     points = _points_of(field, labels)

@@ -10,7 +10,7 @@ import struct
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from importlib.resources import files
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +24,8 @@ from locplan.errors import LocplanError
 from locplan.field import CovarianceField, position_axes, sampled_covariances, scalar
 from locplan.maps import OCCUPIED, OccupancyGrid
 
+Message: TypeAlias = tuple[str, dict[str, Any]]
+"""Type of a message, and its fields but for the header."""
 _THICKNESS = 0.02  # of ellipses, which are flat cylinders, and of their axes [m]
 
 
@@ -41,9 +43,20 @@ def occupancy_grid(grid: OccupancyGrid, mask: ArrayLike) -> dict[str, Any]:
     return {"info": info, "data": values.ravel()}
 
 
-def levels_of(grid: OccupancyGrid) -> NDArray[np.int8]:
-    """The map as ROS has it, (H, W): 0 free, 100 occupied, -1 unknown."""
-    return np.select([grid.free, grid.cells == OCCUPIED], [0, 100], -1).astype(np.int8)
+def map_message(grid: OccupancyGrid) -> Message:
+    """The map as ROS has it, 0 free, 100 occupied, -1 unknown."""
+    levels = np.select([grid.free, grid.cells == OCCUPIED], [0, 100], -1)
+    return "nav_msgs/OccupancyGrid", occupancy_grid(grid, levels.astype(np.int8))
+
+
+def field_messages(
+    field: CovarianceField, layers: Mapping[str, Floats], header: Mapping[str, Any]
+) -> dict[str, Message]:
+    """Layers of a field on its lattice, by topic."""
+    return {
+        "/locplan/field": ("grid_map_msgs/GridMap", grid_map(field, layers)),
+        "/locplan/grid": ("foxglove_msgs/Grid", foxglove_grid(field, layers, header)),
+    }
 
 
 def layers_of(field: CovarianceField) -> dict[str, Floats]:
@@ -224,19 +237,14 @@ def bag(
         raise LocplanError("the field belongs to another map; compute it for this one")
     time = {"sec": stamp // 10**9, "nanosec": stamp % 10**9}
     header = {"stamp": time, "frame_id": frame}
-    content: dict[str, tuple[str, dict[str, Any]]] = {
-        "/locplan/map": ("nav_msgs/OccupancyGrid", occupancy_grid(grid, levels_of(grid)))
-    }
+    content = {"/locplan/map": map_message(grid)}
     if mask is not None:
         content["/locplan/mask"] = "nav_msgs/OccupancyGrid", occupancy_grid(grid, mask)
     if field is not None:
         layers = layers_of(field)
         markers = list(ellipse_markers(field, header, spacing, magnify))
-        content |= {
-            "/locplan/field": ("grid_map_msgs/GridMap", grid_map(field, layers)),
-            "/locplan/grid": ("foxglove_msgs/Grid", foxglove_grid(field, layers, header)),
-            "/locplan/ellipses": ("visualization_msgs/MarkerArray", {"markers": markers}),
-        }
+        content |= field_messages(field, layers, header)
+        content["/locplan/ellipses"] = "visualization_msgs/MarkerArray", {"markers": markers}
     topics = topics_of(paths or {})
     for name, route in (paths or {}).items():
         poses = [{"header": header, "pose": pose} for pose in _poses(route.xy, route.facing)]
@@ -246,7 +254,7 @@ def bag(
 
 def write_messages(
     target: str | os.PathLike[str],
-    content: Mapping[str, tuple[str, dict[str, Any]]],
+    content: Mapping[str, Message],
     header: Mapping[str, Any],
     stamp: int,
 ) -> None:

@@ -16,14 +16,7 @@ from locplan._util.files import check_target, replacing
 from locplan._util.public import needed
 from locplan._util.tables import write_csv
 from locplan.costs import Costmap, Path
-from locplan.export._bags import (
-    foxglove_grid,
-    grid_map,
-    layers_of,
-    levels_of,
-    occupancy_grid,
-    write_messages,
-)
+from locplan.export._bags import field_messages, layers_of, map_message, write_messages
 from locplan.export._registry import ExportSummary, export_folder
 from locplan.field import CovarianceField, position_axes
 from locplan.maps import OccupancyGrid
@@ -212,11 +205,7 @@ def layer(folder: str | FilePath, field: CovarianceField, *, frame: str = "map")
         every = layers_of(field)
         layers = {name: every.pop(name) for name in units} | every
         header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
-        content = {
-            "/locplan/map": ("nav_msgs/OccupancyGrid", occupancy_grid(grid, levels_of(grid))),
-            "/locplan/field": ("grid_map_msgs/GridMap", grid_map(field, layers)),
-            "/locplan/grid": ("foxglove_msgs/Grid", foxglove_grid(field, layers, header)),
-        }
+        content = {"/locplan/map": map_message(grid)} | field_messages(field, layers, header)
         write_messages(temporary / "layer.mcap", content, header, 0)
 
 

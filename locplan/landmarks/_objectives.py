@@ -65,12 +65,10 @@ class AlongRoutes(Objective):
 
         sight, seen = self.sight, self.sight.seen
         given = sight.sightings, sight.hits, sight.sums, seen.rays, seen.routes, sight.outline
-
-        def run(part: Ints) -> Floats:
-            found = uncertainties(sight.own, part, *given, seen.a_step, seen.motion)
-            return np.asarray(found)
-
-        return sight.in_threads(run, indices)
+        models = seen.a_step, seen.motion
+        return sight.in_threads(
+            lambda part: uncertainties(sight.own, part, *given, *models), indices
+        )
 
 
 @dataclass
@@ -141,11 +139,10 @@ class MeanDegeneracy(Objective):
         profile = self.profile()
         given = sight.sightings, sight.hits, sight.sums, seen.rays, sight.outline, seen.a_metre
 
-        def run(part: Ints) -> Floats:
-            return np.asarray(mean_changes(sight.own, part, *given, self.anchors, profile))
-
         indices = np.asarray(indices, np.int64)
         anew = indices[self._known[indices] != self._beside[indices]]
-        self._changes[anew] = sight.in_threads(run, anew)
+        self._changes[anew] = sight.in_threads(
+            lambda part: mean_changes(sight.own, part, *given, self.anchors, profile), anew
+        )
         self._known[anew] = self._beside[anew]
         return np.asarray(float(profile.mean()) + self._changes[indices])

@@ -144,8 +144,7 @@ class Search:
         greatest bound on, until none of the rest can gain more. Gains beside fewer objects are
         such bounds as far as the objective has diminishing returns; they are lowered in place.
         """
-        self.objective.start(np.array(others, np.int64))
-        value = self.objective.value()
+        value = self._beside(others).value()
         least = 0.0 if now is None else value - float(self.objective.values(np.array([now]))[0])
         # Share of the objective by which an exchange must lower it.
         least += 1e-6 * (value - least)
@@ -154,7 +153,7 @@ class Search:
         if bounds is not None:
             waiting, lot = waiting[np.argsort(-bounds[waiting], kind="stable")], self.lazy
         gains = np.full(len(self.places), -np.inf)
-        passages: Passages | None = None
+        passages = self.around(others)
         for begin in range(0, len(waiting), lot):
             part = waiting[begin : begin + lot]
             gains[part] = value - self.objective.values(part)
@@ -162,8 +161,6 @@ class Search:
             if bounds is not None:
                 bounds[part] = gains[part]
                 rest = bounds[waiting[begin + lot :]].max(initial=-np.inf)
-            if passages is None:
-                passages = self.around(others)
             for n in np.argsort(-gains, kind="stable").tolist():
                 if not gains[n] > least or gains[n] < rest:
                     break
@@ -196,19 +193,19 @@ class Search:
         order: list[int] = []
         left = sorted(chosen)
         while left:
-            self.objective.start(np.array(order, np.int64))
-            best = left[int(np.argmin(self.objective.values(np.array(left))))]
+            best = left[int(np.argmin(self._beside(order).values(np.array(left))))]
             order.append(best)
             left.remove(best)
         return order
 
     def curve(self, order: list[int]) -> Floats:
         """The objective with 0, 1, ... of the places, (k + 1,)."""
-        values = []
-        for n in range(len(order) + 1):
-            self.objective.start(np.array(order[:n], np.int64))
-            values.append(self.objective.value())
-        return np.array(values)
+        return np.array([self._beside(order[:n]).value() for n in range(len(order) + 1)])
+
+    def _beside(self, chosen: list[int]) -> Objective:
+        """The objective beside objects at these places."""
+        self.objective.start(np.array(chosen, np.int64))
+        return self.objective
 
     def at_random(self, count: int, random: np.random.Generator) -> list[int]:
         """Places drawn at random that are allowed beside each other, at most `count`."""
@@ -229,7 +226,7 @@ class Search:
         least, if that is at most a twentieth; else it stays.
         """
         shifts: list[Shift] = []
-        while len(shifts) < len(order) and (row := regularity(self._positions(order))):
+        while len(shifts) < len(order) and (row := regularity(self._positions[order])):
             found = self._broken(order, row)
             if found is None:
                 break
@@ -239,9 +236,8 @@ class Search:
 
     def _broken(self, order: list[int], row: Regularity) -> tuple[list[int], Shift] | None:
         """The places with one of a row moved for the least price; None if all cost more."""
-        self.objective.start(np.array(order, np.int64))
-        now = self.objective.value()
-        everywhere = self._positions(list(range(len(self.places))))
+        now = self._beside(order).value()
+        everywhere = self._positions
         # Share of the objective that breaking a row may cost.
         least, best = now * (1 + 0.05), None
         for member in row.landmarks:
@@ -249,15 +245,14 @@ class Search:
             others = order[:n] + order[n + 1 :]
             apart = np.hypot(*(everywhere[self.among] - everywhere[order[n]]).T)
             near = np.setdiff1d(self.among[apart <= MISTAKEN / 2], order)
-            self.objective.start(np.array(others, np.int64))
-            values = self.objective.values(near)
+            values = self._beside(others).values(near)
             passages = self.around(others)
             # Number of places near each landmark of a row that are looked at, the best first.
             for at in np.argsort(values, kind="stable")[:20].tolist():
                 if values[at] >= least:
                     break
                 moved = [*order[:n], int(near[at]), *order[n + 1 :]]
-                rows = regularity(self._positions(moved))
+                rows = regularity(self._positions[moved])
                 if rows is not None and len(rows.landmarks) >= len(row.landmarks):
                     continue
                 if not self.fault(int(near[at]), others, passages):
@@ -267,9 +262,10 @@ class Search:
                     break
         return best
 
-    def _positions(self, indices: list[int]) -> Floats:
-        """Positions of places on the map, (k, 2) [m]."""
-        return np.asarray(self.places[indices, :2] * self.objective.sight.grid.resolution)
+    @property
+    def _positions(self) -> Floats:
+        """Positions of all places on the map, (n, 2) [m]."""
+        return np.asarray(self.places[:, :2] * self.objective.sight.grid.resolution)
 
 
 def in_world(grid: OccupancyGrid, places: Floats) -> Floats:
