@@ -11,6 +11,7 @@ import numpy as np
 
 from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import keep, whole
+from locplan._util.intervals import random_of
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import POSE, Column, Result, Table
 from locplan._util.results import Results
@@ -18,7 +19,7 @@ from locplan._util.tables import finite, wrapped
 from locplan.landmarks._objects import outline_of, with_objects
 from locplan.landmarks._outcomes import DRIVES, Verification, compared
 from locplan.landmarks._places import Rejected
-from locplan.landmarks._routes import Setting, fields_along, random_maps
+from locplan.landmarks._routes import Setting, fields_along
 from locplan.landmarks._search import Regularity, Search, Shift, in_world, regularity
 from locplan.maps import OccupancyGrid, save_map
 from locplan.simulation import Simulator, check_drives
@@ -213,7 +214,11 @@ class Landmarks(Result):
         check_drives(drives)
         whole("random_sets", random_sets, 1, 1000)
         setting, maps = self.setting, (self.before, self.grid)
-        sets = random_maps(setting, self.search, len(self), min(random_sets, drives // 2), seed)
+        # Stream of random numbers of places at random, beside those of `Simulator`.
+        draws = [random_of(seed, 100, n) for n in range(min(random_sets, drives // 2))]
+        chosen = [self.search.at_random(len(self), draw) for draw in draws]
+        poses = [in_world(setting.grid, self.search.places[each]) for each in chosen if all(chosen)]
+        sets = [with_objects(setting.grid, setting.kind, each) for each in poses]
         run = partial(Simulator, robot=setting.robot, seed=seed, threads=threads)
         driven, _ = compared(
             lambda grid: (run(grid), setting.on(grid)), maps, sets, drives, setting.routes, progress

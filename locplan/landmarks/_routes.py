@@ -12,14 +12,12 @@ import numpy as np
 
 from locplan._kernels.arrays import Bools
 from locplan._util.checks import position, shown
-from locplan._util.intervals import random_of
 from locplan._util.poses import Poses
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import CovarianceField, FieldConfig, Fused, covariance_field, points_near, scalar
-from locplan.landmarks._objects import LandmarkObject, with_objects
+from locplan.landmarks._objects import LandmarkObject
 from locplan.landmarks._outcomes import Profile
-from locplan.landmarks._search import Search, in_world
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan
 from locplan.robots import Lidar, Robot
@@ -64,9 +62,7 @@ MAX_PLACES = 8
 """Maximum number of places; all of them are joined by routes."""
 
 
-def routes_of(
-    grid: OccupancyGrid, paths: object, places: object, robot_radius: float
-) -> dict[str, Path]:
+def routes_of(grid: OccupancyGrid, paths: Any, places: Any, robot_radius: float) -> dict[str, Path]:
     """Routes by name: the paths that were given, or the shortest ones between places.
 
     Raises
@@ -77,38 +73,31 @@ def routes_of(
         If the robot cannot stand at a place, or no path joins two.
     """
     if paths is not None:
-        return _named_paths(paths)
-    named = _named_places(places)
-    costs = Costmap.blank(grid, robot_radius=robot_radius)
-    routes = {}
-    for name, xy in named.items():
-        costs.cell_of(xy, name)
-    for (one, start), (other, goal) in combinations(named.items(), 2):
-        found = plan(costs, start, goal).path
-        if found is None:
-            raise LocplanError(f"no path leads from {one} to {other}; name places that are joined")
-        routes[f"{one} to {other}"] = found
-    return routes
-
-
-def _named_paths(paths: Any) -> dict[str, Path]:
-    named = _named({"path": paths} if isinstance(paths, Path) else paths, "path", "paths by name")
-    if not named:
-        raise ConfigError("there must be at least one path along which landmarks help")
-    return {
-        str(name): path if isinstance(path, Path) else Path(np.asarray(path))
-        for name, path in named.items()
-    }
-
-
-def _named_places(places: Any) -> dict[str, tuple[float, float]]:
+        given = {"path": paths} if isinstance(paths, Path) else paths
+        named = _named(given, "path", "paths by name")
+        if not named:
+            raise ConfigError("there must be at least one path along which landmarks help")
+        return {
+            str(name): path if isinstance(path, Path) else Path(np.asarray(path))
+            for name, path in named.items()
+        }
     named = _named(places, "place", "positions x, y in metres")
     if not 2 <= len(named) <= MAX_PLACES:
         raise ConfigError(
             f"there must be 2 to {MAX_PLACES} places, which routes join, not {len(named)};"
             " give longer lists of routes as paths"
         )
-    return {str(name): position(xy, name=f"place {name}") for name, xy in named.items()}
+    ends = {str(name): position(xy, name=f"place {name}") for name, xy in named.items()}
+    costs = Costmap.blank(grid, robot_radius=robot_radius)
+    for name, xy in ends.items():
+        costs.cell_of(xy, name)
+    routes = {}
+    for (one, start), (other, goal) in combinations(ends.items(), 2):
+        found = plan(costs, start, goal).path
+        if found is None:
+            raise LocplanError(f"no path leads from {one} to {other}; name places that are joined")
+        routes[f"{one} to {other}"] = found
+    return routes
 
 
 def _named(values: Any, word: str, what: str) -> Mapping[Any, Any]:
@@ -243,21 +232,6 @@ def routes_across(grid: OccupancyGrid, cells: Bools, robot_radius: float) -> dic
     if not routes:
         raise ConfigError("the region is too small to drive in; give a larger one")
     return routes
-
-
-def random_maps(
-    setting: Setting, search: Search, count: int, sets: int, seed: int
-) -> list[OccupancyGrid]:
-    """Maps with `count` objects at random places of those that are allowed."""
-    maps = []
-    for n in range(sets):
-        # Stream of random numbers of places at random, beside those of `Simulator`.
-        chosen = search.at_random(count, random_of(seed, 100, n))
-        if not chosen:
-            return []
-        poses = in_world(setting.grid, search.places[chosen])
-        maps.append(with_objects(setting.grid, setting.kind, poses))
-    return maps
 
 
 def fields_along(
