@@ -5,14 +5,14 @@ import re
 import subprocess
 import sys
 import types
-from typing import get_args
+from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
 from conftest import SHARED_DATA, drawn, refused
 
 import locplan
-from locplan import CovarianceField, FieldConfig, load_map, save_map
+from locplan import CovarianceField, FieldConfig, LocplanError, load_map, save_map
 from locplan.cli import COMMANDS, _options
 from locplan.field import save_config, scalar as scalar_of
 from locplan.maps import environments
@@ -729,13 +729,15 @@ def test_usage_errors_say_what_would_be_right(run, words, message):
     assert err.endswith(" (--help shows how)\n")
 
 
-def test_choices_are_those_of_the_library():
+def test_choices_are_those_of_the_library(room):
     from locplan.costs._degeneracy import SCALARS
-    from locplan.export._formats import NavPlannerName
-    from locplan.export._travel_costs import PLANNERS as NAV_PLANNERS
+    from locplan.export import formats, keepout_mask
     from locplan.field import Scan
 
-    assert get_args(NavPlannerName) == tuple(NAV_PLANNERS)
+    options = get_type_hints(formats()["nav2-keepout"].options)
+    names, _ = get_args(options["planner"])
+    with pytest.raises(LocplanError, match=f"planner must be one of {', '.join(get_args(names))},"):
+        keepout_mask(locplan.Costmap.blank(load_map(room)), planner="other")
     (help,) = (each.help for each in _options.Criterion.__metadata__)
     assert all(name in help for name in (*SCALARS, *(layer.name for layer in Scan.layers)))
 

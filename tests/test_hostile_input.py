@@ -17,7 +17,7 @@ from hostile_files import GRID, OPEN, RUN, SMALL, cache_files, made_field
 
 from locplan.comparison import Journal, read_movingai_map, read_scenarios
 from locplan.errors import ConfigError, FieldError, LocplanError, MapError
-from locplan.export._registry import _is_untouched_export
+from locplan.export import formats
 from locplan.field import (
     CacheWarning,
     CovarianceField,
@@ -297,7 +297,8 @@ def test_a_map_that_is_larger_than_described_is_not_read(tmp_path):
 @pytest.mark.parametrize("text", [DEEP, "[]", '{"files": []}', '{"files": {"a": {}}}', "\0"])
 def test_a_folder_with_a_damaged_manifest_is_not_ours(tmp_path, text):
     (tmp_path / "export.json").write_text(text)
-    assert not _is_untouched_export(tmp_path)
+    with pytest.raises(LocplanError, match="not as locplan wrote it"):
+        formats()["ros-map"].check_target(tmp_path)
 
 
 # --- memory of estimators ---------------------------------------------------------------------

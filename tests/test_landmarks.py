@@ -53,6 +53,13 @@ def hits_on(grid, rays):
     return hits
 
 
+def with_values(made, **values):
+    """A placement with other values of what it makes by itself."""
+    other = dataclasses.replace(made)
+    vars(other).update(values)
+    return other
+
+
 def positions_of(made):
     """World x and y of all places that were searched among, (n, 2) [m]."""
     places = made.search.places
@@ -702,8 +709,7 @@ def test_trials_keep_a_placement_of_as_many(placed):
 
 def regular(placed, positions):
     """The row among landmarks that stand at some positions."""
-    poses = np.column_stack([positions, np.zeros(len(positions))])
-    return dataclasses.replace(placed, poses=poses).regular
+    return with_values(placed, poses=np.column_stack([positions, np.zeros(len(positions))])).regular
 
 
 def test_a_regular_row_is_noticed_and_an_irregular_one_not(placed):
@@ -907,7 +913,7 @@ def test_a_regular_row_is_broken_where_that_costs_little(placed):
 
 def lengths(made, grid):
     """Length of the way that is driven before, and among objects, by route [m]."""
-    driven = dataclasses.replace(made, grid=grid).verify(2, random_sets=1)
+    driven = with_values(made, grid=grid).verify(2, random_sets=1)
     return {name: (before[-1, 0], after[-1, 0]) for name, (before, after) in driven.fields.items()}
 
 
@@ -980,7 +986,7 @@ def test_maps_fill_their_part_of_a_figure(placed, rows, cols):
     grid = open_floor(rows, cols)
     route = {"middle": Path([(0.5, 0.5), (0.1 * cols - 0.5, 0.1 * rows - 0.5)])}
     setting = dataclasses.replace(placed.setting, grid=grid, routes=route)
-    figure = landmarks_figure(dataclasses.replace(placed, setting=setting, before=grid, grid=grid))
+    figure = landmarks_figure(with_values(placed, setting=setting, before=grid, grid=grid))
     assert figure.get_figwidth() < 14
     figure.draw_without_rendering()
     first, second = (own for own in figure.axes if own.images)
@@ -996,12 +1002,12 @@ def test_maps_fill_their_part_of_a_figure(placed, rows, cols):
 
 
 def test_the_table_tells_how_many_landmarks_pay(placed, verification):
-    few = dataclasses.replace(placed, curve=np.array([1.0, 0.5, 0.25, 0.249]))
+    few = with_values(placed, curve=np.array([1.0, 0.5, 0.25, 0.249]))
     assert "from number 3 on each lowers it by less than 5%: 2 may do" in few.report()
-    none = dataclasses.replace(placed, curve=np.array([1.0, 0.98, 0.96, 0.94]))
+    none = with_values(placed, curve=np.array([1.0, 0.98, 0.96, 0.94]))
     assert "each lowers it by less than 5%: drive them to know" in none.report()
     assert "5%: whether they help is what the drives say" in none.report(verification)
-    all_pay = dataclasses.replace(placed, curve=np.array([1.0, 0.5, 0.25, 0.1]))
+    all_pay = with_values(placed, curve=np.array([1.0, 0.5, 0.25, 0.1]))
     assert "less than 5%" not in all_pay.report()
 
 

@@ -46,7 +46,7 @@ HOMES = {
         "maps._source",
         "robots._parameters",
         "robots._nav2",
-        "export._travel_costs",
+        "export._parameters",
     ),
     "mcap": ("export._bags",),
     "rosbags": ("recordings._bag_files",),

@@ -17,8 +17,7 @@ from locplan import export, load_or_compute, save_map
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError
 from locplan.export import DistroWarning, YawWarning
-from locplan.export._joined_ways import Lines, joined, straightened
-from locplan.export._recommended import followed_costs
+from locplan.export._joined_ways import Lines, followed_costs, joined, straightened
 from locplan.field import FieldConfig
 from locplan.maps import FREE, OccupancyGrid, environments
 from locplan.planners import plan

@@ -1,5 +1,7 @@
-from ._area_files import save_degenerate_areas as save_degenerate_areas
-from ._areas import DegenerateArea as DegenerateArea, degenerate_areas as degenerate_areas
+from ._areas import (
+    degenerate_areas as degenerate_areas,
+    save_degenerate_areas as save_degenerate_areas,
+)
 from ._bags import bag as bag
 from ._batch import (
     FieldJob as FieldJob,
@@ -8,13 +10,19 @@ from ._batch import (
     field_runs_table as field_runs_table,
     run_field_jobs as run_field_jobs,
 )
+from ._charges import (
+    Conversion as Conversion,
+    YawWarning as YawWarning,
+    percent as percent,
+    ros_map as ros_map,
+)
 from ._figures import routes_figure as routes_figure, values_figure as values_figure
-from ._geojson import (
-    nav2_routes as nav2_routes,
+from ._graph_files import (
+    lif as lif,
     route_graph as route_graph,
     to_geojson as to_geojson,
+    to_lif as to_lif,
 )
-from ._lif import lif as lif, to_lif as to_lif, with_stations as with_stations
 from ._nav2 import (
     ParametersChanged as ParametersChanged,
     keepout_mask as keepout_mask,
@@ -22,21 +30,28 @@ from ._nav2 import (
     nav2_speed as nav2_speed,
     nav2_static as nav2_static,
 )
-from ._parameters import RobotWarning as RobotWarning
+from ._outlines import DegenerateArea as DegenerateArea
+from ._parameters import (
+    DISTRIBUTIONS as DISTRIBUTIONS,
+    Distribution as Distribution,
+    DistroWarning as DistroWarning,
+    RobotWarning as RobotWarning,
+    distribution as distribution,
+)
 from ._plain_files import field as field, layer as layer, path as path
-from ._recommended import RecommendedWays as RecommendedWays, recommended_ways as recommended_ways
+from ._recommended import (
+    RecommendedWays as RecommendedWays,
+    nav2_routes as nav2_routes,
+    recommended_ways as recommended_ways,
+)
 from ._registry import (
     ExportJob as ExportJob,
     ExportSummary as ExportSummary,
     Format as Format,
     formats as formats,
 )
-from ._roadmap import RouteGraph as RouteGraph, roadmap as roadmap
-from ._travel_costs import (
-    DISTRIBUTIONS as DISTRIBUTIONS,
-    Conversion as Conversion,
-    Distribution as Distribution,
-    DistroWarning as DistroWarning,
-    distribution as distribution,
+from ._roadmap import (
+    RouteGraph as RouteGraph,
+    roadmap as roadmap,
+    with_stations as with_stations,
 )
-from ._value_maps import YawWarning as YawWarning, percent as percent, ros_map as ros_map

@@ -1,72 +1,38 @@
-"""Areas where a match is degenerate: the cells of high u, as polygons with their covariance."""
+"""Areas where a match is degenerate, as polygons with their covariance, GeoJSON, and for Autoware.
+
+Autoware's node environment_adaptor takes the polygons of type degenerate_area from the vector map,
+finds an environment by their subtype, and puts its covariance in place of that of the pose. Read
+from tier4/autoware_universe, localization/autoware_environment_adaptor/src/
+environment_classifier.cpp, environment_adaptor.cpp and covariance_utils.hpp, and
+autowarefoundation/autoware_launch,
+autoware_launch/config/localization/environment_adaptor.param.yaml. The node is proposed for
+autowarefoundation/autoware_universe (pull request 12935), and in no release of it.
+
+Its guide writes the areas as relations; but Lanelet2's reader makes polygons of ways with area=yes
+alone (fzi-forschungszentrum-informatik/Lanelet2, lanelet2_io/src/OsmHandlerLoad.cpp, loadWays).
+The map loader takes local_x and local_y for projector_type local (autowarefoundation/autoware_core,
+map/autoware_map_loader/src/lanelet2_map_loader/lanelet2_map_loader.cpp). All was read, not run.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from itertools import count
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import instance, number
-from locplan.costs import DEGENERATE, Costmap, check_costs
+from locplan._util.records import Column, Table
+from locplan.costs import DEGENERATE, Costmap, about_costs, check_costs, costs_caption
 from locplan.errors import FieldError
-from locplan.export._outlines import QUARTERS, Ring, rings_of, signed_area, thinned, untangled
-from locplan.export._registry import check_has_field
+from locplan.export._outlines import QUARTERS, DegenerateArea, middle_of, polygons_of, without_holes
+from locplan.export._registry import ExportSummary, check_has_field, export_folder, rendered
 from locplan.field import CovarianceField, mean_information, position_axes, scalar
-
-MIN_HOLE, MAX_FILLED = 0.1, 0.02
-"""Area below which holes are filled [m^2], such as the legs of tables, and the greatest share of
-their area in all."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class DegenerateArea:
-    """A polygon of cells whose degeneracy u is high, in the world frame."""
-
-    name: str
-    """Name, such as area-1; the largest area comes first."""
-    outline: NDArray[np.float64]
-    """Corners [m], counter-clockwise, the first one only once, (n, 2)."""
-    holes: tuple[NDArray[np.float64], ...]
-    """Corners of the holes [m], clockwise, (n, 2) each."""
-    middle: tuple[float, float]
-    """Position well inside the area, such as for its name [m]."""
-    area: float
-    """Area of the cells [m^2]."""
-    u_mean: float
-    """Mean of u over the cells, 0..1."""
-    u_max: float
-    """Maximum u, 0..1."""
-    position_std: float
-    """Median of the largest standard deviation of the position [m]."""
-    worst_position_std: float
-    """Maximum of the largest standard deviations of the position [m]."""
-    minor_position_std: float
-    """Median of the standard deviation of the position across the largest [m]."""
-    heading_std: float
-    """Median of the heading's standard deviation [rad]; NaN in a field without rotation."""
-    worst_heading_std: float
-    """Maximum standard deviation of the heading [rad]; NaN in a field without rotation."""
-    direction: float
-    """Direction along which the position is uncertain, from x, in (-pi/2, pi/2] [rad]."""
-    agreement: float
-    """1 where all places are uncertain along that line only, 0 where there is no common one."""
-    covariance: NDArray[np.float64]
-    """Covariance of the mean information over the area, (d, d) [m, m, rad]; d = 2 without
-    rotation. Where directions differ, it is smaller than each place's."""
-
-    @property
-    def agrees(self) -> bool:
-        """Whether the area counts as uncertain along one line, which robots drive along."""
-        return self.agreement >= 0.5
-
-    def __repr__(self) -> str:
-        return (
-            f"DegenerateArea({self.name}: {self.area:.3g} m², u {self.u_mean:.2f},"
-            f" position std. deviation {100 * self.position_std:.3g} cm)"
-        )
 
 
 def degenerate_areas(
@@ -121,26 +87,25 @@ def degenerate_areas(
     if field.grid.digest != costs.grid.digest:
         raise FieldError("the field belongs to another map than the costmap; compute it for this")
     check_has_field(costs)
-    threshold = half_free(costs, field) if threshold is None else threshold
+    threshold = half_free(costs, field, threshold)
     grid = costs.grid
     cell_area = grid.resolution**2
-    found = cv2.connectedComponentsWithStats(
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(
         (costs.u >= threshold).astype(np.uint8), connectivity=4, ltype=cv2.CV_32S
     )
-    labels, boxes = np.asarray(found[1]), np.asarray(found[2])
     sizes = boxes[:, cv2.CC_STAT_AREA] * cell_area
     large = np.flatnonzero(sizes[1:] >= min_area - 1e-9) + 1
     large = large[np.argsort(-sizes[large], kind="stable")]
-    is_large = np.zeros(len(sizes), bool)
-    is_large[large] = True
-    polygons = _polygons(is_large[labels], labels, min(MIN_HOLE, min_area) / cell_area)
+    is_large = np.isin(np.arange(len(sizes)), large)
+    # Holes below 0.1 m^2 are filled, such as the legs of tables.
+    polygons = polygons_of(is_large[labels], labels, min(0.1, min_area) / cell_area)
     points = _points_of(field, labels)
     areas = []
     for n, label in enumerate(large.tolist(), start=1):
         left, low, width, height = boxes[label, :4].tolist()
         window = slice(low, low + height), slice(left, left + width)
         inside = labels[window] == label
-        row, col = _middle(inside)
+        row, col = middle_of(inside)
         u = costs.u[window][inside]
         covariance = points.get(label)
         if covariance is None:
@@ -171,15 +136,17 @@ def check_areas(threshold: float | None, min_area: float) -> None:
     number("min_area", min_area, 0)
 
 
-def half_free(costs: Costmap, field: CovarianceField) -> float:
-    """Half of the u of a place that is featureless along one line, and well marked across it.
+def half_free(costs: Costmap, field: CovarianceField, threshold: float | None) -> float:
+    """A threshold, or half of the u of a place that is featureless along one line.
 
-    Such a place is a corridor without features. Its u is 1 by the deviation of the position, and
-    less by e, to which the position across and the heading count as well. On a logarithmic scale
-    half of it is the geometric mean of the deviations of a perfect match and of none: .21 m for
-    those that know the lidar, .26 m for `Sad`. Where u is made of something else, it is that of
-    degenerate metres.
+    Such a place, well marked across, is a corridor without features. Its u is 1 by the deviation of
+    the position, and less by e, to which the position across and the heading count as well. On a
+    logarithmic scale half of it is the geometric mean of the deviations of a perfect match and of
+    none: .21 m for those that know the lidar, .26 m for `Sad`. Where u is made of something else,
+    it is that of degenerate metres.
     """
+    if threshold is not None:
+        return threshold
     settings, estimator = costs.settings, field.config.estimator
     if settings is None or settings.criterion not in ("e", "position_std", "position_rms"):
         return DEGENERATE
@@ -193,41 +160,7 @@ def half_free(costs: Costmap, field: CovarianceField) -> float:
     return (share ** (1 / 3) if settings.law == "cube-root" else share) / 2
 
 
-def _polygons(
-    mask: NDArray[np.bool_], labels: NDArray[np.int32], min_hole: float
-) -> dict[int, list[NDArray[np.int64]]]:
-    """The rings of each label, its outline first; holes of fewer cells are filled."""
-    of_label: dict[int, list[Ring]] = {}
-    for ring in rings_of(mask):
-        of_label.setdefault(int(labels[ring.cell]), []).append(ring)
-    rings, kept, owners = [], [], []
-    for label, own in of_label.items():
-        areas = np.array([signed_area(ring.corners) / QUARTERS**2 for ring in own])
-        first, *holes = np.argsort(areas)[::-1].tolist()  # the smallest holes come first
-        total = np.cumsum(-areas[holes])
-        filled = (areas[holes] > -min_hole) & (total <= MAX_FILLED * areas[first])
-        corners = [own[n].corners for n in (first, *np.array(holes, int)[~filled].tolist())]
-        rings += corners
-        kept += thinned(corners, 1.0)  # [cells], which makes steps straight
-        owners += [label] * len(corners)
-    polygons: dict[int, list[NDArray[np.int64]]] = {}
-    if rings:
-        for label, ring, few in zip(owners, rings, untangled(rings, kept), strict=True):
-            polygons.setdefault(label, []).append(ring[few])
-    return polygons
-
-
-def _middle(inside: NDArray[np.bool_]) -> tuple[int, int]:
-    """Of the cells far from the edge of an area (H, W), that nearest to their mean."""
-    import cv2
-
-    distance = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, 5)
-    cells = np.argwhere(distance[1:-1, 1:-1] >= 0.9 * distance.max())
-    row, col = cells[np.argmin(((cells - cells.mean(axis=0)) ** 2).sum(axis=1))].tolist()
-    return row, col
-
-
-def _points_of(field: CovarianceField, labels: NDArray[np.int32]) -> dict[int, NDArray[np.float64]]:
+def _points_of(field: CovarianceField, labels: NDArray[np.int32]) -> dict[int, Floats]:
     """The covariances on the lattice points of each label, (n, d, d)."""
     owner = np.where(field.evaluated, labels[:: field.stride, :: field.stride], 0)
     rows, cols = np.nonzero(owner)
@@ -238,14 +171,14 @@ def _points_of(field: CovarianceField, labels: NDArray[np.int32]) -> dict[int, N
     return dict(zip(found.tolist(), parts, strict=True)) if found.size else {}
 
 
-def _read(field: CovarianceField, cells: NDArray[np.int64]) -> NDArray[np.float64]:
+def _read(field: CovarianceField, cells: Ints) -> Floats:
     """Covariances at some cells (n, 2) of an area that lies between the lattice's points."""
     some = cells[:: -(-len(cells) // 50)].tolist()
     read = np.array([field.at(field.grid.cell_to_world(row, col)) for row, col in some])
     return np.asarray(read[np.isfinite(read).all(axis=(1, 2))])
 
 
-def _deviations_of(covariance: NDArray[np.float64]) -> dict[str, Any]:
+def _deviations_of(covariance: Floats) -> dict[str, Any]:
     """What the covariances of places (n, d, d) say of their area: fields of `DegenerateArea`."""
     major, minor, direction = position_axes(covariance)
     heading = scalar(covariance, "heading_std")
@@ -264,3 +197,104 @@ def _deviations_of(covariance: NDArray[np.float64]) -> dict[str, Any]:
         "agreement": float(np.abs(mean)),
         "covariance": mean_information(covariance),
     }
+
+
+def save_degenerate_areas(
+    folder: str | Path,
+    costs: Costmap,
+    field: CovarianceField,
+    *,
+    threshold: float | None = None,
+    min_area: float = 1.0,
+    frame: str = "map",
+) -> tuple[DegenerateArea, ...]:
+    """Write the degenerate areas of a map as GeoJSON, for Autoware, and as a picture.
+
+    Parameters
+    ----------
+    folder : path
+        The folder; one that holds such an export without changes is replaced.
+    costs, field, threshold, min_area
+        See `degenerate_areas`.
+    frame : str, default "map"
+        Frame of the coordinates.
+
+    Returns
+    -------
+    tuple of DegenerateArea
+        What was written; without any the files are valid, but empty.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be written, or no areas can be made, see `degenerate_areas`.
+    """
+    from locplan.export import _figures
+
+    areas = degenerate_areas(costs, field, threshold=threshold, min_area=min_area)
+    least = half_free(costs, field, threshold)
+    name = costs.grid.name or "a map"
+    about = {"kind": "degenerate-areas", "threshold": least, "min_area": min_area, "frame": frame}
+    about |= about_costs(costs)
+    said = f"{len(areas) or 'no'} degenerate area{'s' if len(areas) != 1 else ''}"
+    known = {"map": name, "areas": areas, "said": said, "threshold": least, "frame": frame}
+    with export_folder(folder, "degenerate-areas.md", about, **known) as temporary:
+        outlines = [(area.outline, *area.holes) for area in areas]
+        columns = (
+            *(Column("name"), Column("area", "m^2"), Column("u_mean"), Column("u_max")),
+            *(Column(f"{which}position_std", "m") for which in ("", "worst_", "minor_")),
+            *(Column(f"{which}heading_std", "rad") for which in ("", "worst_")),
+            *(Column("direction", "rad"), Column("agreement")),
+            Column("covariance", value=lambda area: area.covariance.tolist()),
+        )
+        Table.of(columns, areas).write_geojson(temporary / "areas.geojson", outlines, frame=frame)
+        _write_for_autoware(temporary, areas)
+        title = f"{name}: {said}, u ≥ {least:.2g}{costs_caption(costs)}"
+        _figures.save_preview(temporary, _figures.areas_figure(costs.grid, areas, title))
+    return areas
+
+
+def summary_of(
+    areas: Sequence[DegenerateArea], costs: Costmap, field: CovarianceField, threshold: float | None
+) -> ExportSummary:
+    """The number of areas, their share of the free space, and the largest one."""
+    least = half_free(costs, field, threshold)
+    free = int(costs.grid.free.sum()) * costs.grid.resolution**2
+    share = sum(area.area for area in areas) / free if free else 0.0
+    values: dict[str, Any] = {"areas": len(areas), "threshold": least, "share_of_free": share}
+    found = f"{len(areas)} with u ≥ {least:.2g}, {share:.0%} of the free space"
+    rows = [("degenerate areas", found if areas else f"none with u ≥ {least:.2g}")]
+    if areas:
+        first = areas[0]
+        values |= {"largest": first.name, "largest_area": first.area}
+        deviation = f"{100 * first.position_std:.0f} cm"
+        rows.append(("largest", f"{first.name}: {first.area:.1f} m², std. deviation {deviation}"))
+    return ExportSummary(values, tuple(rows))
+
+
+def _write_for_autoware(folder: Path, areas: Sequence[DegenerateArea]) -> None:
+    """Write a Lanelet2 map (OSM) of the areas, and parameters that give poses a covariance."""
+    ids = count(-1, -1)  # negative ones are those of new objects
+    polygons = []
+    for area in areas:
+        corners = without_holes(area.outline, area.holes).tolist()
+        polygons.append((area, [(next(ids), x, y) for x, y in corners], next(ids)))
+    # Ids of environments up to 100 are left to those who tune them by hand.
+    environments = [(n, area, _body_covariance(area)) for n, area in enumerate(areas, start=101)]
+    osm = rendered("lanelet2.osm", polygons=polygons)
+    (folder / "degenerate_areas.osm").write_text(osm, "utf-8")
+    parameters = rendered("environment_adaptor.yaml", environments=environments)
+    (folder / "environment_adaptor.param.yaml").write_text(parameters, "utf-8")
+
+
+def _body_covariance(area: DegenerateArea) -> Floats:
+    """Covariance of x, y, z, roll, pitch, yaw in the robot's own frame, (6, 6) [m^2, rad^2].
+
+    It is the median over the area. Where its places are uncertain along one line, the robot
+    drives along it: x is forward. Elsewhere both axes have the larger variance.
+    """
+    height, tilt = 0.0225, 0.000625  # those of Autoware's own file: a 2D map has none
+    along = area.position_std**2
+    across = area.minor_position_std**2 if area.agrees else along
+    turn = tilt if np.isnan(area.heading_std) else area.heading_std**2
+    return np.diag([along, across, height, tilt, tilt, turn])

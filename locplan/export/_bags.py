@@ -10,11 +10,12 @@ import struct
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from importlib.resources import files
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import shown
 from locplan._util.files import replacing
 from locplan._util.public import needed
@@ -23,6 +24,8 @@ from locplan.errors import LocplanError
 from locplan.field import CovarianceField, position_axes, sampled_covariances, scalar
 from locplan.maps import OCCUPIED, OccupancyGrid
 
+Message: TypeAlias = tuple[str, dict[str, Any]]
+"""Type of a message, and its fields but for the header."""
 _THICKNESS = 0.02  # of ellipses, which are flat cylinders, and of their axes [m]
 
 
@@ -40,12 +43,23 @@ def occupancy_grid(grid: OccupancyGrid, mask: ArrayLike) -> dict[str, Any]:
     return {"info": info, "data": values.ravel()}
 
 
-def levels_of(grid: OccupancyGrid) -> NDArray[np.int8]:
-    """The map as ROS has it, (H, W): 0 free, 100 occupied, -1 unknown."""
-    return np.select([grid.free, grid.cells == OCCUPIED], [0, 100], -1).astype(np.int8)
+def map_message(grid: OccupancyGrid) -> Message:
+    """The map as ROS has it, 0 free, 100 occupied, -1 unknown."""
+    levels = np.select([grid.free, grid.cells == OCCUPIED], [0, 100], -1)
+    return "nav_msgs/OccupancyGrid", occupancy_grid(grid, levels.astype(np.int8))
 
 
-def layers_of(field: CovarianceField) -> dict[str, NDArray[np.float64]]:
+def field_messages(
+    field: CovarianceField, layers: Mapping[str, Floats], header: Mapping[str, Any]
+) -> dict[str, Message]:
+    """Layers of a field on its lattice, by topic."""
+    return {
+        "/locplan/field": ("grid_map_msgs/GridMap", grid_map(field, layers)),
+        "/locplan/grid": ("foxglove_msgs/Grid", foxglove_grid(field, layers, header)),
+    }
+
+
+def layers_of(field: CovarianceField) -> dict[str, Floats]:
     """The layers of a field by name, (h, w) each."""
     covariance = field.mean_covariance
     names = ("e", "position_std", "heading_std")[: covariance.shape[-1]]
@@ -55,7 +69,7 @@ def layers_of(field: CovarianceField) -> dict[str, NDArray[np.float64]]:
 
 
 def foxglove_grid(
-    field: CovarianceField, layers: Mapping[str, NDArray[np.float64]], header: Mapping[str, Any]
+    field: CovarianceField, layers: Mapping[str, Floats], header: Mapping[str, Any]
 ) -> dict[str, Any]:
     """foxglove_msgs/Grid: cells around the lattice's points, row by row from the lowest y."""
     grid, stride = field.grid, field.stride
@@ -78,7 +92,7 @@ def foxglove_grid(
     }
 
 
-def grid_map(field: CovarianceField, layers: Mapping[str, NDArray[np.float64]]) -> dict[str, Any]:
+def grid_map(field: CovarianceField, layers: Mapping[str, Floats]) -> dict[str, Any]:
     """grid_map_msgs/GridMap: the first cell has the highest x and y, and x changes first."""
     grid, stride = field.grid, field.stride
     step = stride * grid.resolution
@@ -135,7 +149,7 @@ def ellipse_markers(
     yield lines | {"pose": pose, "scale": np.array([0.02, 0.0, 0.0]), "color": black}
 
 
-def _poses(xy: NDArray[Any], yaw: NDArray[Any]) -> NDArray[np.float64]:
+def _poses(xy: NDArray[Any], yaw: NDArray[Any]) -> Floats:
     """Position and quaternion, (n, 7)."""
     nothing = np.zeros((len(xy), 3))
     return np.column_stack([xy, nothing, np.sin(yaw / 2), np.cos(yaw / 2)])
@@ -223,19 +237,14 @@ def bag(
         raise LocplanError("the field belongs to another map; compute it for this one")
     time = {"sec": stamp // 10**9, "nanosec": stamp % 10**9}
     header = {"stamp": time, "frame_id": frame}
-    content: dict[str, tuple[str, dict[str, Any]]] = {
-        "/locplan/map": ("nav_msgs/OccupancyGrid", occupancy_grid(grid, levels_of(grid)))
-    }
+    content = {"/locplan/map": map_message(grid)}
     if mask is not None:
         content["/locplan/mask"] = "nav_msgs/OccupancyGrid", occupancy_grid(grid, mask)
     if field is not None:
         layers = layers_of(field)
         markers = list(ellipse_markers(field, header, spacing, magnify))
-        content |= {
-            "/locplan/field": ("grid_map_msgs/GridMap", grid_map(field, layers)),
-            "/locplan/grid": ("foxglove_msgs/Grid", foxglove_grid(field, layers, header)),
-            "/locplan/ellipses": ("visualization_msgs/MarkerArray", {"markers": markers}),
-        }
+        content |= field_messages(field, layers, header)
+        content["/locplan/ellipses"] = "visualization_msgs/MarkerArray", {"markers": markers}
     topics = topics_of(paths or {})
     for name, route in (paths or {}).items():
         poses = [{"header": header, "pose": pose} for pose in _poses(route.xy, route.facing)]
@@ -245,7 +254,7 @@ def bag(
 
 def write_messages(
     target: str | os.PathLike[str],
-    content: Mapping[str, tuple[str, dict[str, Any]]],
+    content: Mapping[str, Message],
     header: Mapping[str, Any],
     stamp: int,
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,19 +55,13 @@ class FieldJob:
             with working(f"writing {self.output.name}"):
                 field.save(self.output, force=self.force)
         if self.picture:
-            with working(f"drawing {self.picture.name}"):
-                self._draw(field, self.picture)
+            from locplan import plotting
+
+            named = nullcontext(self.picture.parent)
+            home = self.pictures.writing(others_stay=True) if self.pictures else named
+            with working(f"drawing {self.picture.name}"), home as folder:
+                plotting.save_figure(plotting.field_figure(field), folder / self.picture.name)
         return field
-
-    def _draw(self, field: CovarianceField, picture: Path) -> None:
-        from locplan import plotting
-
-        figure = plotting.field_figure(field)
-        if self.pictures:
-            with self.pictures.writing(others_stay=True) as folder:
-                plotting.save_figure(figure, folder / picture.name)
-        else:
-            plotting.save_figure(figure, picture)
 
 
 def field_jobs(

@@ -20,8 +20,9 @@ from matplotlib.ticker import FuncFormatter
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan.costs import Costmap, costs_caption
-from locplan.export._areas import DegenerateArea
+from locplan.export._outlines import DegenerateArea
 from locplan.export._roadmap import RouteGraph
 from locplan.field import CovarianceField
 from locplan.maps import UNKNOWN, OccupancyGrid
@@ -134,7 +135,7 @@ def _shrunk(grid: OccupancyGrid, values: NDArray[Any]) -> tuple[OccupancyGrid, N
     return dataclasses.replace(grid, cells=cells, resolution=resolution), merged.max(axis=(1, 3))
 
 
-def norm_of(field: CovarianceField, name: str, values: NDArray[np.float64]) -> Normalize:
+def norm_of(field: CovarianceField, name: str, values: Floats) -> Normalize:
     """The scale of plots, in the unit of the values (H, W)."""
     factor = field.quantity(name).factor
     ends = np.array(field.anchors(name))
@@ -146,7 +147,7 @@ def norm_of(field: CovarianceField, name: str, values: NDArray[np.float64]) -> N
     return LogNorm(norm.vmin / factor, norm.vmax / factor)
 
 
-def write_coloured(file: FilePath, values: NDArray[np.float64], norm: Normalize) -> None:
+def write_coloured(file: FilePath, values: Floats, norm: Normalize) -> None:
     """Write values (H, W) as coloured cells, the highest row first, transparent where NaN."""
     from PIL import Image
 

@@ -30,7 +30,7 @@ class MaskOptions(NoOptions):
     that weight · u just fits."""
 
     def __post_init__(self) -> None:
-        from locplan.export._travel_costs import checked_planner
+        from locplan.export._charges import checked_planner
 
         super().__post_init__()
         if self.planner:
@@ -124,7 +124,7 @@ class GraphOptions(InDistro, InFrame, LaneOptions):
 def write_graph(target: Path, job: ExportJob, options: GraphOptions) -> ExportSummary:
     """Write lanes, with the scorers that make the server's costs J."""
     from locplan._util.progress import progress_bar
-    from locplan.export._geojson import route_graph
+    from locplan.export._graph_files import route_graph
 
     showing = progress_bar(f"writing {target.name}", "")
     with nullcontext(job.progress) if job.progress else showing as progress:
@@ -159,7 +159,7 @@ class LifOptions(LaneOptions):
 
 def write_lif(target: Path, job: ExportJob, options: LifOptions) -> ExportSummary:
     """Write lanes and stations as a layout."""
-    from locplan.export._lif import lif
+    from locplan.export._graph_files import lif
     from locplan.planners import read_stations
 
     stations = read_stations(options.stations) if options.stations else []
@@ -201,9 +201,8 @@ def check_routes(options: RoutesOptions, paths: int) -> None:
 def write_routes(target: Path, job: ExportJob, options: RoutesOptions) -> ExportSummary:
     """Choose the paths of queries by driving, and write them with the paths that are given."""
     from locplan._util.progress import working
-    from locplan.export._geojson import nav2_routes
     from locplan.export._parameters import Robot
-    from locplan.export._recommended import check_ways, chosen_ways
+    from locplan.export._recommended import check_ways, chosen_ways, nav2_routes
 
     robot = Robot.of(options.params, options.distro)
     robot.warn(robot.of_radius(job.costs.robot_radius))
@@ -244,7 +243,7 @@ def write_bag(target: Path, job: ExportJob, options: BagOptions) -> ExportSummar
 
 def write_map(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary:
     """Write u in per cent as maps in the modes raw and scale."""
-    from locplan.export._value_maps import ros_map
+    from locplan.export._charges import ros_map
 
     ros_map(target, job.costs)
     return ExportSummary()
@@ -305,7 +304,7 @@ class AreaOptions(InFrame):
 
 def write_areas(target: Path, job: ExportJob, options: AreaOptions) -> ExportSummary:
     """Write the degenerate areas as polygons."""
-    from locplan.export._area_files import save_degenerate_areas, summary_of
+    from locplan.export._areas import save_degenerate_areas, summary_of
 
     areas = save_degenerate_areas(target, job.costs, job.field, **vars(options))
     return summary_of(areas, job.costs, job.field, options.threshold)

@@ -1,14 +1,18 @@
-"""Paths that run side by side, joined to ways over common nodes."""
+"""Paths that run side by side, joined to ways over common nodes, and the costs that lead there.
+
+Where the cheapest route of a query is another one than its way, a linear programme changes the
+costs of edges as little as that takes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan._kernels.route import line_costs
 from locplan._kernels.search import bordered_half
 from locplan.costs import Costmap, Path
@@ -22,6 +26,8 @@ SPACING = 0.5
 """Maximum distance of the positions at which a way can join a lane [m]."""
 COSTLIER = 1.1
 """Maximum cost of a way over the lanes of others, as a multiple of its own."""
+MARGIN = 0.02
+"""Minimum cost by which any other route exceeds a recommended way [m]."""
 
 Ways = dict[str, list[int]]
 """The nodes of each way, from start to goal."""
@@ -38,17 +44,17 @@ class Lines:
         grid, passable = costs.grid, np.isfinite(costs.density)
         x, y, yaw = grid.origin
         self.resolution = grid.resolution
-        self.columns = grid.shape[1] + 2
-        self.frame = np.cos(yaw) / grid.resolution, np.sin(yaw) / grid.resolution, x, y
+        turn = np.cos(yaw) / grid.resolution, np.sin(yaw) / grid.resolution
+        self.frame = grid.shape[1] + 2, (*turn, x, y)
         price = costs.unblocked_density
         priced = np.isfinite(price)
         price = np.where(priced, price, price[priced].max(initial=1.0))
         self.price = bordered_half(price, 1)
         self.blocked = bordered_half(np.where(passable, 0.0, 1.0), 1)
 
-    def costs(self, xy: Positions, pairs: Pairs) -> NDArray[np.float64]:
+    def costs(self, xy: Positions, pairs: Pairs) -> Floats:
         """J of the lines between pairs of positions [m]; infinite through what is blocked."""
-        within = line_costs(self.blocked, self.columns, self.frame, xy, pairs)
+        within = line_costs(self.blocked, *self.frame, xy, pairs)
         # A twentieth of a cell counts as none: planned paths touch the corners of blocked cells,
         # and Nav2 keeps positions in single precision.
         grazed = 0.05
@@ -61,22 +67,19 @@ class Lines:
             own = np.arange(2 * len(beyond)).reshape(-1, 2)
             for moved in (ends - aside[:, None], ends + aside[:, None]):
                 beside = moved.reshape(-1, 2), own
-                found = line_costs(self.blocked, self.columns, self.frame, *beside)
+                found = line_costs(self.blocked, *self.frame, *beside)
                 within[beyond] = np.minimum(within[beyond], found)
-        price = line_costs(self.price, self.columns, self.frame, xy, pairs)
+        price = line_costs(self.price, *self.frame, xy, pairs)
         return np.where(within <= grazed, price * self.resolution, np.inf)
 
-    def integrals(
-        self, layer: NDArray[np.float64], xy: Positions, pairs: Pairs
-    ) -> NDArray[np.float64]:
+    def integrals(self, layer: Floats, xy: Positions, pairs: Pairs) -> Floats:
         """Integral of a layer along the lines between pairs of positions; NaN without a layer."""
         if np.isnan(layer).all():
             return np.full(len(pairs), np.nan)
         half = bordered_half(np.nan_to_num(layer), 1)
-        result: NDArray[np.float64] = line_costs(half, self.columns, self.frame, xy, pairs)
-        return result * self.resolution
+        return np.asarray(line_costs(half, *self.frame, xy, pairs)) * self.resolution
 
-    def along(self, xy: Positions) -> NDArray[np.float64]:
+    def along(self, xy: Positions) -> Floats:
         """J of the lines from each position to the next [m]."""
         return self.costs(xy, np.column_stack([np.arange(len(xy) - 1), np.arange(1, len(xy))]))
 
@@ -133,7 +136,7 @@ def _without_loops(way: Sequence[int]) -> list[int]:
     return list(result)
 
 
-def _first_alike(xy: Positions) -> NDArray[np.int64]:
+def _first_alike(xy: Positions) -> Ints:
     """The number of the first position that is one place with each."""
     from scipy.spatial import cKDTree
 
@@ -232,3 +235,101 @@ def _aside(ends: Positions, xy: Positions) -> Any:
     away = xy - ends[0]
     across = along[0] * away[:, 1] - along[1] * away[:, 0]
     return np.abs(across).max() / max(np.hypot(*along), 1e-9)
+
+
+def followed_costs(
+    nodes: Positions,
+    edges: Pairs,
+    price: Floats,
+    least: Floats,
+    ways: Sequence[Sequence[int]],
+    weights: Floats,
+) -> tuple[Floats, list[bool]]:
+    """Costs of edges by which the cheapest routes are given ways, and for which of them they are.
+
+    The sum of the changes is the least there is. Not all ways are followed where they contradict
+    one another, such as two ways between the same nodes. A route that is not `apart` from a way
+    counts as that way.
+
+    Parameters
+    ----------
+    nodes : (n, 2) array
+        World positions [m].
+    edges : (m, 2) array of int
+        Pairs of nodes, from the first to the second.
+    price, least : (m,) arrays
+        The costs as they should be, and their lower bounds.
+    ways : sequence of sequences of int
+        The nodes of each way.
+    weights : (ways,) array
+        What each way is worth, in changed costs, where not all can be followed.
+    """
+    index = {(i, j): n for n, (i, j) in enumerate(edges.tolist())}
+    used = np.zeros((len(ways), len(edges)))
+    for n, way in enumerate(ways):
+        used[n, [index[two] for two in pairwise(way)]] = 1
+    cost = price
+    excess, of_way = np.empty((0, len(edges))), np.empty(0, int)  # a way's edges less a route's
+    for _ in range(50):
+        routes = {
+            n: route
+            for n, route in enumerate(_cheapest_routes(edges, cost, used, ways))
+            if apart(nodes, ways[n], route)
+        }
+        others = np.zeros((len(routes), len(edges)))
+        for row, route in zip(others, routes.values(), strict=True):
+            row[[index[two] for two in pairwise(route)]] = 1
+        numbers = np.array(list(routes), int)
+        more = used[numbers] - others
+        if all(
+            ((of_way == n) & (excess == row).all(axis=1)).any()
+            for n, row in zip(numbers, more, strict=True)
+        ):
+            break
+        of_way, excess = np.concatenate([of_way, numbers]), np.vstack([excess, more])
+        cost = _min_changed(price, least, excess, of_way, weights)
+    return cost, [n not in routes for n in range(len(ways))]
+
+
+def _cheapest_routes(
+    edges: Pairs, cost: Floats, used: Floats, ways: Sequence[Sequence[int]]
+) -> Iterator[list[int]]:
+    """The nodes of the cheapest route between the ends of each way."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
+    count = int(edges.max()) + 1
+    for way, own in zip(ways, used, strict=True):
+        costlier = cost + own * MARGIN / 2 / own.sum()  # a tie would be followed by chance only
+        graph = csr_array((costlier, edges.T), shape=(count, count))
+        before = dijkstra(graph, indices=way[0], return_predecessors=True)[1]
+        route = [way[-1]]
+        while route[-1] != way[0]:
+            route.append(int(before[route[-1]]))
+        yield route[::-1]
+
+
+def _min_changed(
+    price: Floats, least: Floats, excess: Floats, of_way: Ints, weights: Floats
+) -> Floats:
+    """The costs nearest to `price` with ``excess @ cost <= -MARGIN``, but for contradictions.
+
+    The unknowns are the costs, their changes, and by how much each way misses its margin.
+    """
+    from scipy.optimize import linprog
+    from scipy.sparse import block_array, csr_array, eye_array
+
+    edges, one = len(price), eye_array(len(price))
+    missed = csr_array(
+        (np.ones(len(of_way)), (np.arange(len(of_way)), of_way)), (len(of_way), len(weights))
+    )
+    limits = block_array(
+        [[csr_array(excess), None, -missed], [one, -one, None], [-one, -one, None]]
+    )
+    found = linprog(
+        np.concatenate([np.zeros(edges), np.ones(edges), weights]),
+        limits,
+        np.concatenate([np.full(len(of_way), -MARGIN), price, -price]),
+        bounds=[(low, None) for low in least] + [(0, None)] * (edges + len(weights)),
+    )
+    return np.asarray(np.maximum(found.x[:edges], least))

@@ -20,12 +20,12 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
+from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._kernels.route import line_cost, line_costs, sights, spanner, uncrossed
 from locplan._util.progress import ProgressCallback
 from locplan.export._net import (
     MERGED,
     Net,
-    Pairs,
     Positions,
     Space,
     merged,
@@ -50,9 +50,9 @@ ROUNDS = 4
 def lanes(
     space: Space,
     net: Net,
-    places: NDArray[np.int64],
+    places: Ints,
     points: Positions,
-    clearance: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    clearance: Callable[[Floats], Floats],
     spacing: float,
     detour: float,
     progress: ProgressCallback,
@@ -88,9 +88,7 @@ def lanes(
 
 def _with_spurs(space: Space, drawn: Net, ends: Positions, points: Positions, within: float) -> Net:
     """The net with lines to ends that are seen by points which see no node."""
-    unseen = np.ones(len(points), np.bool_)
-    unseen[sights(*space, points, drawn.xy, within, 1)[:, 0]] = False
-    added = _most_seen(sights(*space, points[unseen], ends, within, len(ends)))
+    added = _most_seen(space, points, drawn.xy, ends, within)
     count = len(drawn.xy)
     xy = np.vstack([drawn.xy, ends[added]])
     lines = sights(*space, ends[added], drawn.xy, within, count)
@@ -103,8 +101,13 @@ def _with_spurs(space: Space, drawn: Net, ends: Positions, points: Positions, wi
     return _without_unused(Net(xy, edges, np.concatenate([drawn.cost, cost[least]])))
 
 
-def _most_seen(pairs: Pairs) -> NDArray[np.int64]:
-    """Nodes that all points of pairs (point, node) see one of, those first that most see."""
+def _most_seen(
+    space: Space, points: Positions, xy: Positions, others: Positions, within: float
+) -> Ints:
+    """Of other nodes those that all points see one of which see none yet, by most first."""
+    unseen = np.ones(len(points), np.bool_)
+    unseen[sights(*space, points, xy, within, 1)[:, 0]] = False
+    pairs = sights(*space, points[unseen], others, within, len(others))
     found = []
     while len(pairs):
         found.append(int(np.argmax(np.bincount(pairs[:, 1]))))
@@ -160,11 +163,11 @@ class _Weighted:
         row = np.repeat(np.arange(self._count), np.diff(self._indptr))
         self._key = row * self._count + self._indices
 
-    def matrix(self, values: NDArray[np.float64]) -> csr_array:
+    def matrix(self, values: Floats) -> csr_array:
         shape = self._count, self._count
         return csr_array((values[self._edge], self._indices, self._indptr), shape=shape)
 
-    def back(self, before: NDArray[Any], nodes: NDArray[Any]) -> NDArray[np.int64]:
+    def back(self, before: NDArray[Any], nodes: NDArray[Any]) -> Ints:
         """The edges of the ways back from nodes, by the node before each."""
         passed = set()
         for node in nodes.tolist():
@@ -172,14 +175,10 @@ class _Weighted:
                 passed.add(node)
                 node = int(before[node])
         ends = np.array(sorted(passed), np.int64)
-        found: NDArray[np.int64]
-        found = self._edge[np.searchsorted(self._key, ends * self._count + before[ends])]
-        return found
+        return np.asarray(self._edge[np.searchsorted(self._key, ends * self._count + before[ends])])
 
 
-def _routes(
-    net: Net, places: NDArray[np.int64], detour: float, progress: ProgressCallback
-) -> NDArray[np.bool_]:
+def _routes(net: Net, places: Ints, detour: float, progress: ProgressCallback) -> Bools:
     """True for the edges of lanes over which places are at most about a detour from each other."""
     weighted = _Weighted(net)
     graph = weighted.matrix(net.cost)
@@ -208,21 +207,19 @@ def _routes(
 
 
 def _look_everywhere(
-    space: Space, net: Net, chosen: NDArray[np.bool_], points: Positions, within: float
+    space: Space, net: Net, chosen: Bools, points: Positions, within: float
 ) -> None:
     """Add lanes to nodes that are seen by points which see no node of a lane, by most first."""
     weighted = _Weighted(net)
     on = np.unique(net.edges[chosen])
-    unseen = np.ones(len(points), np.bool_)
-    unseen[sights(*space, points, net.xy[on], within, 1)[:, 0]] = False
-    seen = sights(*space, points[unseen], net.xy, within, len(net.xy))
     _, before, _ = dijkstra(
         weighted.matrix(net.cost), indices=on, min_only=True, return_predecessors=True
     )
-    chosen[weighted.back(before, _most_seen(seen))] = True
+    added = _most_seen(space, points, net.xy[on], net.xy, within)
+    chosen[weighted.back(before, added)] = True
 
 
-def _close_gaps(net: Net, chosen: NDArray[np.bool_]) -> None:
+def _close_gaps(net: Net, chosen: Bools) -> None:
     """Add edges between lanes, and the ways to them, that spare a long detour."""
     weighted = _Weighted(net)
     away, before, lane = dijkstra(

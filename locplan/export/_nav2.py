@@ -16,23 +16,24 @@ from numpy.typing import NDArray
 from locplan._util.checks import number
 from locplan.costs import Costmap, about_costs, costs_caption
 from locplan.errors import ConfigError
-from locplan.export import _value_maps as value_maps
-from locplan.export._parameters import (
-    Robot,
-    added_parameters,
-    changed_parameters,
-    with_costmap,
-    with_planner,
-)
-from locplan.export._registry import check_has_field, export_folder
-from locplan.export._travel_costs import (
+from locplan.export._charges import (
     Conversion,
-    Server,
     checked_planner,
     values_for,
+    without_yaw,
+    write_preview,
+    write_values,
+)
+from locplan.export._parameters import (
+    Robot,
+    Server,
+    differences,
+    with_costmap,
+    with_planner,
     write_servers,
     write_yaml,
 )
+from locplan.export._registry import check_has_field, export_folder
 from locplan.robots import Nav2Parameters
 
 
@@ -261,33 +262,32 @@ def _write(
     called: str = "",
 ) -> None:
     """Write the folder of a mask, for a planner that is called so, or for the speed filter."""
-    theirs = robot.parameters.content
-    changed = list(changed_parameters(theirs, merged.content))
+    changed, added = differences(robot.parameters.content, merged.content)
     if robot.file and changed:
         text = f"nav2.yaml has other values than {robot.file.name}: {'; '.join(changed)}"
         warnings.warn(ParametersChanged(text), stacklevel=4)
-    base, is_speed = f"localizability_{kind}", kind == "speed"
+    base = f"localizability_{kind}"
     parameters = {"topic_name": f"/{base}_mask", "frame_id": "map"}
     files = {"yaml_filename": "mask.yaml"}
     servers = [Server("nav2_map_server", "map_server", f"{base}_mask_server", parameters, files)]
-    if kind != "static":
+    # The linear map from the mask's values to costs, or to speeds in per cent.
+    laws = {"keepout": (0, 0.0, 1.0), "speed": (1, 100.0, -1.0)}
+    if kind in laws:
+        law = dict(zip(("type", "base", "multiplier"), laws[kind], strict=True))
         topics = {"filter_info_topic": f"/{base}_info", "mask_topic": f"/{base}_mask"}
-        # The linear map from the mask's values to costs, or to speeds in per cent.
-        law = {"type": 0, "base": 0.0, "multiplier": 1.0}
-        if is_speed:
-            law = {"type": 1, "base": 100.0, "multiplier": -1.0}
         node = "costmap_filter_info_server", f"{base}_info_server"
         servers.append(Server("nav2_map_server", *node, topics | law))
     about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
-    grid = value_maps.without_yaw(costs.grid)
+    grid = without_yaw(costs.grid)
     known = {"title": title, "costs": costs, "kind": kind, "called": called}
-    known |= {"file": robot.file and robot.file.name, "conversion": conversion, "changed": changed}
-    known["added"] = list(added_parameters(theirs, merged.content))
+    known |= {"file": robot.file and robot.file.name, "conversion": conversion}
+    known |= {"changed": changed, "added": added}
     with export_folder(folder, "nav2-mask.md", about, **known) as temporary:
         write_yaml(temporary / "nav2.yaml", merged.content)
-        value_maps.write_values(temporary / "mask", values, grid)
+        write_values(temporary / "mask", values, grid)
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
+        is_speed = kind == "speed"
         label = "speed limit [% of the robot's own]" if is_speed else f"{kind} mask [0-100]"
         above = f"{title}{costs_caption(costs)}"
-        value_maps.write_preview(temporary, grid, values, label, above, falling=is_speed)
+        write_preview(temporary, grid, values, label, above, falling=is_speed)

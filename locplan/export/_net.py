@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._kernels.route import cover, line_costs, moved, owners, spanner, uncrossed, usage
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap
@@ -32,9 +33,9 @@ BAND = 1 << 20
 COVERED = 6
 """Number of rounds that add nodes, about."""
 
-Positions = NDArray[np.float64]
+Positions = Floats
 """World positions (n, 2) [m]."""
-Pairs = NDArray[np.int64]
+Pairs = Ints
 """Pairs of nodes (m, 2)."""
 Space = tuple[NDArray[Any], int, tuple[Any, ...]]
 """Half the density with its border, its columns, and the frame; see `locplan._kernels.route`."""
@@ -47,16 +48,12 @@ class Net(NamedTuple):
     """World positions (n, 2) [m]."""
     edges: Pairs
     """Pairs of nodes (m, 2)."""
-    cost: NDArray[np.float64]
+    cost: Floats
     """Cost of each edge (m,) [density x cells]."""
 
 
 def fine_net(
-    costs: Costmap,
-    space: Space,
-    inside: NDArray[np.bool_],
-    spacing: float,
-    progress: ProgressCallback,
+    costs: Costmap, space: Space, inside: Bools, spacing: float, progress: ProgressCallback
 ) -> Net:
     """A net whose nodes are about a spacing [m] apart, as connected as the cells inside."""
     reach = spacing / costs.grid.resolution
@@ -93,7 +90,7 @@ def spanned(space: Space, xy: Positions, pairs: Pairs, detour: float, size: floa
     return Net(xy, pairs[chosen], cost[chosen])
 
 
-def relaxed(space: Space, net: Net, reach: float) -> NDArray[np.float64]:
+def relaxed(space: Space, net: Net, reach: float) -> Floats:
     """The nodes, moved to where the routes through them cost less."""
     graph = symmetric(net.edges, net.cost, len(net.xy))
     # Those between 32 nodes all over the net stand for all routes.
@@ -105,27 +102,21 @@ def relaxed(space: Space, net: Net, reach: float) -> NDArray[np.float64]:
     return xy
 
 
-def neighbours(count: int, pairs: Pairs) -> list[set[int]]:
-    """The nodes that each of `count` nodes is joined to."""
-    joined: list[set[int]] = [set() for _ in range(count)]
-    for i, j in pairs.tolist():
-        joined[i].add(j)
-        joined[j].add(i)
-    return joined
-
-
 def merged(
     space: Space,
     xy: Positions,
     pairs: Pairs,
-    within: float | NDArray[np.float64],
+    within: float | Floats,
     leave: Callable[[int], bool] = lambda node: True,
 ) -> tuple[Positions, Pairs]:
     """The nodes and lines without nodes that a near one replaces, as it sees their neighbours.
 
     A node goes only if `leave`, which may take note of it, says so.
     """
-    joined = neighbours(len(xy), pairs)
+    joined: list[set[int]] = [set() for _ in xy]
+    for i, j in pairs.tolist():
+        joined[i].add(j)
+        joined[j].add(i)
     left = np.ones(len(xy), np.bool_)
     length = np.hypot(*(xy[pairs[:, 0]] - xy[pairs[:, 1]]).T)
     order = np.argsort(length, kind="stable")
@@ -149,11 +140,7 @@ def merged(
 
 
 def _cover(
-    costs: Costmap,
-    space: Space,
-    inside: NDArray[np.bool_],
-    reach: float,
-    progress: ProgressCallback,
+    costs: Costmap, space: Space, inside: Bools, reach: float, progress: ProgressCallback
 ) -> tuple[Positions, Pairs]:
     """Nodes (n, 2) and free lines between them (m, 2) that join all connected cells."""
     flat, columns = inside.reshape(-1), inside.shape[1]
@@ -177,13 +164,11 @@ def _cover(
         nodes = np.concatenate([nodes, np.unique(between[~seen][missing])])
 
 
-def _by_worth(
-    space: Space, inside: NDArray[np.bool_], clearance: NDArray[Any], reach: float
-) -> NDArray[np.int64]:
+def _by_worth(space: Space, inside: Bools, clearance: NDArray[Any], reach: float) -> Ints:
     """The cells inside, those with little degeneracy and much clearance [cells] first."""
     cells = np.flatnonzero(inside)
 
-    def worth(some: NDArray[np.int64]) -> NDArray[np.float64]:
+    def worth(some: Ints) -> Floats:
         return np.asarray(np.minimum(clearance[some] / (CLEAR * reach), 1.0) - 2 * space[0][some])
 
     strips = [cells[first : first + BAND] for first in range(0, len(cells), BAND)]
@@ -195,7 +180,7 @@ def _by_worth(
     return cells[np.argsort(np.concatenate(steps), kind="stable")]
 
 
-def _shortest_by_two(graph: csr_array, pairs: NDArray[Any]) -> NDArray[np.float64]:
+def _shortest_by_two(graph: csr_array, pairs: NDArray[Any]) -> Floats:
     """The length of the shortest way over one node between, for each of the pairs."""
     first, second = graph[pairs[:, 0]], graph[pairs[:, 1]]
     both = first.astype(bool).multiply(second.astype(bool))
@@ -207,7 +192,7 @@ def _shortest_by_two(graph: csr_array, pairs: NDArray[Any]) -> NDArray[np.float6
 
 def _touching(
     owner: NDArray[Any], columns: int, nodes: NDArray[Any], clearance: NDArray[Any]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[Ints, Ints]:
     """Pairs of nodes (m, 2) whose cells touch, and the cell there with most clearance (m,)."""
     parts = []
     for step in (1, columns):

@@ -1,4 +1,4 @@
-"""Outlines of areas of cells: rings along the cells' edges, and the same with fewer corners.
+"""Degenerate areas, and how cells become polygons: rings along their edges, with fewer corners.
 
 Rings are (n, 2) arrays of whole numbers, the columns and rows of their corners in quarters of a
 cell, without the first corner once more at the end. The area lies to their left.
@@ -7,29 +7,82 @@ cell, without the first corner once more at the end. The area lies to their left
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats, Ints
+
 QUARTERS = 4
 """Units of a ring along the edge of a cell."""
 MAX_AREA_ERROR = 0.02
 """Maximum share by which fewer corners may change an area."""
+MAX_FILLED = 0.02
+"""Maximum share of an area that the holes have which are filled."""
 _STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 _CHUNK = 256
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DegenerateArea:
+    """A polygon of cells whose degeneracy u is high, in the world frame."""
+
+    name: str
+    """Name, such as area-1; the largest area comes first."""
+    outline: Floats
+    """Corners [m], counter-clockwise, the first one only once, (n, 2)."""
+    holes: tuple[Floats, ...]
+    """Corners of the holes [m], clockwise, (n, 2) each."""
+    middle: tuple[float, float]
+    """Position well inside the area, such as for its name [m]."""
+    area: float
+    """Area of the cells [m^2]."""
+    u_mean: float
+    """Mean of u over the cells, 0..1."""
+    u_max: float
+    """Maximum u, 0..1."""
+    position_std: float
+    """Median of the largest standard deviation of the position [m]."""
+    worst_position_std: float
+    """Maximum of the largest standard deviations of the position [m]."""
+    minor_position_std: float
+    """Median of the standard deviation of the position across the largest [m]."""
+    heading_std: float
+    """Median of the heading's standard deviation [rad]; NaN in a field without rotation."""
+    worst_heading_std: float
+    """Maximum standard deviation of the heading [rad]; NaN in a field without rotation."""
+    direction: float
+    """Direction along which the position is uncertain, from x, in (-pi/2, pi/2] [rad]."""
+    agreement: float
+    """1 where all places are uncertain along that line only, 0 where there is no common one."""
+    covariance: Floats
+    """Covariance of the mean information over the area, (d, d) [m, m, rad]; d = 2 without
+    rotation. Where directions differ, it is smaller than each place's."""
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the area counts as uncertain along one line, which robots drive along."""
+        return self.agreement >= 0.5
+
+    def __repr__(self) -> str:
+        return (
+            f"DegenerateArea({self.name}: {self.area:.3g} m², u {self.u_mean:.2f},"
+            f" position std. deviation {100 * self.position_std:.3g} cm)"
+        )
 
 
 class Ring(NamedTuple):
     """A closed line around an area of cells, or around a hole in it."""
 
-    corners: NDArray[np.int64]
+    corners: Ints
     """Columns and rows of its corners [quarters of a cell], (n, 2), one a cell's edge."""
     cell: tuple[int, int]
     """Row and column of a cell of the area, beside the ring."""
 
 
-def rings_of(mask: NDArray[np.bool_]) -> list[Ring]:
+def rings_of(mask: Bools) -> list[Ring]:
     """All rings along the edges of the cells of a mask, (H, W).
 
     Cells that meet at a corner alone do not belong together: both sides keep a quarter of a cell
@@ -88,7 +141,7 @@ def signed_area(corners: NDArray[Any]) -> float:
     return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) / 2
 
 
-def thinned(rings: Sequence[NDArray[np.int64]], tolerance: float) -> list[NDArray[np.int64]]:
+def thinned(rings: Sequence[Ints], tolerance: float) -> list[Ints]:
     """The corners that are left of an area's rings, as sorted indices, by Douglas and Peucker.
 
     `tolerance` is the greatest distance of a corner that is left out [cells]; less is taken where
@@ -107,7 +160,7 @@ def thinned(rings: Sequence[NDArray[np.int64]], tolerance: float) -> list[NDArra
     return [np.arange(len(ring)) for ring in rings]
 
 
-def _kept(ring: NDArray[np.int64], tolerance: float) -> NDArray[np.int64]:
+def _kept(ring: Ints, tolerance: float) -> Ints:
     """Indices of the corners that Douglas and Peucker keep."""
     import cv2
 
@@ -116,9 +169,7 @@ def _kept(ring: NDArray[np.int64], tolerance: float) -> NDArray[np.int64]:
     return np.sort([index[x, y] for x, y in corners.tolist()])
 
 
-def untangled(
-    rings: Sequence[NDArray[np.int64]], kept: Sequence[NDArray[np.int64]]
-) -> list[NDArray[np.int64]]:
+def untangled(rings: Sequence[Ints], kept: Sequence[Ints]) -> list[Ints]:
     """The corners that are left, and as many more as it takes that no lines meet."""
     kept = list(kept)
     while True:
@@ -133,7 +184,7 @@ def untangled(
             kept[n] = np.unique(np.concatenate([kept[n], *more]))
 
 
-def _between(ring: NDArray[np.int64], kept: NDArray[np.int64], line: int) -> NDArray[np.int64]:
+def _between(ring: Ints, kept: Ints, line: int) -> Ints:
     """Index of the corner farthest from a line that left it out; none if it left out none."""
     first, last = kept[line], kept[(line + 1) % len(kept)]
     left_out = np.arange(first + 1, last if last > first else last + len(ring)) % len(ring)
@@ -145,7 +196,7 @@ def _between(ring: NDArray[np.int64], kept: NDArray[np.int64], line: int) -> NDA
     return np.asarray(left_out[farthest : farthest + 1])
 
 
-def meeting(rings: Sequence[NDArray[np.int64]]) -> NDArray[np.bool_]:
+def meeting(rings: Sequence[Ints]) -> Bools:
     """Whether each line of the rings, one after the other, meets any but its neighbours' ends."""
     sizes = [len(ring) for ring in rings]
     start = np.concatenate(rings)
@@ -175,15 +226,64 @@ def meeting(rings: Sequence[NDArray[np.int64]]) -> NDArray[np.bool_]:
     return met
 
 
-def _sides(
-    along: NDArray[np.int64],
-    origin: NDArray[np.int64],
-    one: NDArray[np.int64],
-    other: NDArray[np.int64],
-) -> NDArray[np.int64]:
+def _sides(along: Ints, origin: Ints, one: Ints, other: Ints) -> Ints:
     """At most 0 where two points do not lie strictly on one side of a line."""
     return np.sign(_cross(along, one - origin)) * np.sign(_cross(along, other - origin))
 
 
-def _cross(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
+def _cross(a: Ints, b: Ints) -> Ints:
     return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def polygons_of(mask: Bools, labels: NDArray[np.int32], min_hole: float) -> dict[int, list[Ints]]:
+    """The rings of each label, its outline first; holes of fewer cells are filled."""
+    of_label: dict[int, list[Ring]] = {}
+    for ring in rings_of(mask):
+        of_label.setdefault(int(labels[ring.cell]), []).append(ring)
+    rings, kept, owners = [], [], []
+    for label, own in of_label.items():
+        areas = np.array([signed_area(ring.corners) / QUARTERS**2 for ring in own])
+        first, *holes = np.argsort(areas)[::-1].tolist()  # the smallest holes come first
+        total = np.cumsum(-areas[holes])
+        filled = (areas[holes] > -min_hole) & (total <= MAX_FILLED * areas[first])
+        corners = [own[n].corners for n in (first, *np.array(holes, int)[~filled].tolist())]
+        rings += corners
+        kept += thinned(corners, 1.0)  # [cells], which makes steps straight
+        owners += [label] * len(corners)
+    polygons: dict[int, list[Ints]] = {}
+    if rings:
+        for label, ring, few in zip(owners, rings, untangled(rings, kept), strict=True):
+            polygons.setdefault(label, []).append(ring[few])
+    return polygons
+
+
+def middle_of(inside: Bools) -> tuple[int, int]:
+    """Of the cells far from the edge of an area (H, W), that nearest to their mean."""
+    import cv2
+
+    distance = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, 5)
+    cells = np.argwhere(distance[1:-1, 1:-1] >= 0.9 * distance.max())
+    row, col = cells[np.argmin(((cells - cells.mean(axis=0)) ** 2).sum(axis=1))].tolist()
+    return row, col
+
+
+def without_holes(outline: Floats, holes: Sequence[Floats]) -> Floats:
+    """One ring around an area without its holes, (n, 2): Lanelet2's polygons have none.
+
+    A cut leads to each hole and back, from its leftmost corner straight to the left, where the
+    outline lies or a hole that has been joined before.
+    """
+    ring = outline
+    for hole in sorted(holes, key=lambda hole: float(hole[:, 0].min())):
+        first = np.lexsort((hole[:, 1], hole[:, 0]))[0]
+        hole = np.roll(hole, -int(first), axis=0)
+        x, y = hole[0]
+        start, end = ring, np.roll(ring, -1, axis=0)
+        crosses = (start[:, 1] <= y) != (end[:, 1] <= y)
+        rise = np.where(crosses, end[:, 1] - start[:, 1], 1.0)
+        hit = start[:, 0] + (y - start[:, 1]) / rise * (end[:, 0] - start[:, 0])
+        hit = np.where(crosses & (hit < x), hit, -np.inf)
+        line = int(np.argmax(hit))
+        cut = np.array([[hit[line], y]])
+        ring = np.concatenate([ring[: line + 1], cut, hole, hole[:1], cut, ring[line + 1 :]])
+    return ring

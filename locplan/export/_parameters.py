@@ -1,16 +1,18 @@
-"""Nav2's parameters: a robot's own with ours, and what is changed and added by them."""
+"""Distributions of ROS 2, and Nav2's parameters: a robot's own with ours, and those of servers."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from locplan._util.reading import scalar_text
-from locplan.export._travel_costs import PLANNERS, Conversion, Distribution, distribution
+from locplan._util.checks import one_of
+from locplan._util.reading import ROS_BOOLEANS, ROS_NUMBER, scalar_text
+from locplan.export._charges import PLANNERS, Conversion
+from locplan.export._registry import rendered
 from locplan.robots import (
     GLOBAL_COSTMAP,
     LOCAL_COSTMAP,
@@ -18,6 +20,123 @@ from locplan.robots import (
     Nav2Parameters,
     read_parameters,
 )
+
+
+class DistroWarning(UserWarning):
+    """A distribution of ROS 2 has a fault that concerns the localization."""
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """A distribution of ROS 2, as far as exports depend on it."""
+
+    name: str
+    """The name, such as jazzy."""
+    slashes: bool = False
+    """Whether planners' plugins are named with / for :: (nav2_smac_planner/smac_plugin_2d.xml and
+    its like), up to iron."""
+    quadratic_penalty: bool = True
+    """Whether SmacPlannerHybrid has `use_quadratic_cost_penalty`, from jazzy on."""
+    graph_by: Literal["launch", "parameters", "argument"] = "argument"
+    """How the route server gets its graph (nav2_bringup/launch): bringup starts none in humble, so
+    that our launch file does; one with graph_filepath of its parameters in jazzy; and one with the
+    argument ``graph:=``, which replaces graph_filepath, from kilted on."""
+    inscribed_value: bool = True
+    """Whether a StaticLayer takes one value of a map for the inscribed cost, by default 99
+    (nav2_costmap_2d/plugins/static_layer.cpp, inscribed_obstacle_cost_value), from lyrical on."""
+    unsure_field: bool = True
+    """Whether AMCL's likelihood field is made from an uninitialised variable (`CellData cell` in
+    nav2_amcl/src/map/map_cspace.cpp), from kilted on."""
+
+    def warn(self) -> None:
+        """Warn of what a user of this distribution should know."""
+        if self.unsure_field:
+            warnings.warn(
+                DistroWarning(
+                    f"{self.name}: AMCL's likelihood field may be wrong there, since it starts from"
+                    " an uninitialised variable (map_cspace.cpp, CellData cell); build nav2_amcl"
+                    " with its occ_dist set to 0"
+                ),
+                stacklevel=2,
+            )
+
+
+DISTRIBUTIONS = {
+    each.name: each
+    for each in (
+        Distribution("humble", True, False, "launch", inscribed_value=False, unsure_field=False),
+        Distribution("jazzy", graph_by="parameters", inscribed_value=False, unsure_field=False),
+        Distribution("kilted", inscribed_value=False),
+        Distribution("lyrical"),
+        Distribution("rolling"),
+    )
+}
+"""Distributions that exports are made for, by name."""
+
+
+def distribution(name: str) -> Distribution:
+    """A distribution of ROS 2 by its name.
+
+    Parameters
+    ----------
+    name : str
+        One of `DISTRIBUTIONS`.
+
+    Raises
+    ------
+    ConfigError
+        If there is none of this name.
+    """
+    one_of("distro", name, DISTRIBUTIONS)
+    return DISTRIBUTIONS[name]
+
+
+@dataclass(frozen=True)
+class Server:
+    """A lifecycle node of Nav2."""
+
+    package: str
+    executable: str
+    name: str
+    parameters: Mapping[str, Any]
+    files: Mapping[str, str] = field(default_factory=dict)
+    """Parameters that name a file in the folder; the launch file alone has them.
+
+    It writes them for all nodes, "/**". rclcpp would take a name in the parameter file, written
+    for this node, instead of it where a -p comes before the files (parameter_map.cpp), as
+    launch_ros's SetParameter puts it.
+    """
+
+
+def write_servers(folder: Path, servers: Sequence[Server], manager_name: str) -> None:
+    """Write the nodes' parameters, and a launch file that starts and activates them."""
+    manager = Server(
+        "nav2_lifecycle_manager",
+        "lifecycle_manager",
+        manager_name,
+        {"autostart": True, "node_names": [server.name for server in servers]},
+    )
+    nodes = [*servers, manager]
+    parameters = {node.name: {"ros__parameters": dict(node.parameters)} for node in nodes}
+    write_yaml(folder / "servers.yaml", parameters)
+    launch = folder / "localizability.launch.xml"
+    launch.write_text(rendered("servers.launch.xml", nodes=nodes), "utf-8")
+
+
+def write_yaml(path: Path, content: Mapping[str, Any]) -> None:
+    """Write parameters so that ROS reads each text as a text."""
+    import yaml
+
+    class Dumper(yaml.SafeDumper):
+        """A dumper that quotes what is a text to PyYAML only."""
+
+    def represent(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
+        plain = text in ROS_BOOLEANS or ROS_NUMBER.fullmatch(text)
+        return dumper.represent_scalar("tag:yaml.org,2002:str", text, '"' if plain else None)
+
+    Dumper.add_representer(str, represent)
+    text = yaml.dump(dict(content), Dumper=Dumper, sort_keys=False, allow_unicode=True)
+    path.write_text(text, "utf-8")
 
 
 class RobotWarning(UserWarning):
@@ -179,31 +298,27 @@ def _settings(name: str, own: dict[str, Any]) -> dict[str, Any]:
     return {f"{name}.{key}": value for key, value in own.items()}
 
 
-def changed_parameters(theirs: Any, merged: Any, name: str = "") -> Iterator[str]:
-    """A sentence's part for each of a robot's own values that another one has replaced."""
-    if isinstance(theirs, dict) and isinstance(merged, dict):
-        for key, value in theirs.items():
-            yield from changed_parameters(value, merged[key], _inner(name, key))
-    elif isinstance(theirs, list) and isinstance(merged, list):
-        return  # of names, to which ours are added
-    elif theirs != merged:
-        yield f"{name}: {scalar_text(merged)} (was {scalar_text(theirs)})"
+def differences(theirs: Any, merged: Any) -> tuple[list[str], list[str]]:
+    """A sentence's part for each of a robot's own values that is another, and for each new one."""
+    changed, added = [], []
+    for name, own, value in _values_of(theirs, merged):
+        if isinstance(value, list):  # of names, to which ours are added
+            new = [str(each) for each in value if each not in (own or [])]
+            if new:
+                added.append(f"{name}: {', '.join(new)}")
+        elif own is None:
+            added.append(f"{name}: {scalar_text(value)}")
+        elif own != value:
+            changed.append(f"{name}: {scalar_text(value)} (was {scalar_text(own)})")
+    return changed, added
 
 
-def added_parameters(theirs: Any, merged: Any, name: str = "") -> Iterator[str]:
-    """A sentence's part for each value that a robot's own parameters do not have."""
-    if isinstance(merged, dict):
-        own = theirs if isinstance(theirs, dict) else {}
-        for key, value in merged.items():
-            yield from added_parameters(own.get(key), value, _inner(name, key))
-    elif isinstance(merged, list):
-        added = [each for each in merged if each not in (theirs or [])]
-        if added:
-            yield f"{name}: {', '.join(map(str, added))}"
-    elif theirs is None:
-        yield f"{name}: {scalar_text(merged)}"
-
-
-def _inner(name: str, key: str) -> str:
-    """The name of a parameter within another one; nodes' own levels are left out."""
-    return name if key in ("ros__parameters", name) else f"{name}.{key}".strip(".")
+def _values_of(theirs: Any, merged: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Name, value before and value after of each parameter; nodes' own levels are left out."""
+    if not isinstance(merged, dict):
+        yield name, theirs, merged
+        return
+    own = theirs if isinstance(theirs, dict) else {}
+    for key, value in merged.items():
+        inner = name if key in ("ros__parameters", name) else f"{name}.{key}".strip(".")
+        yield from _values_of(own.get(key), value, inner)

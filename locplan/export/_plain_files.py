@@ -9,21 +9,14 @@ from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan import __version__
+from locplan._kernels.arrays import Floats
 from locplan._util.files import check_target, replacing
 from locplan._util.public import needed
 from locplan._util.tables import write_csv
 from locplan.costs import Costmap, Path
-from locplan.export._bags import (
-    foxglove_grid,
-    grid_map,
-    layers_of,
-    levels_of,
-    occupancy_grid,
-    write_messages,
-)
+from locplan.export._bags import field_messages, layers_of, map_message, write_messages
 from locplan.export._registry import ExportSummary, export_folder
 from locplan.field import CovarianceField, position_axes
 from locplan.maps import OccupancyGrid
@@ -212,11 +205,7 @@ def layer(folder: str | FilePath, field: CovarianceField, *, frame: str = "map")
         every = layers_of(field)
         layers = {name: every.pop(name) for name in units} | every
         header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
-        content = {
-            "/locplan/map": ("nav_msgs/OccupancyGrid", occupancy_grid(grid, levels_of(grid))),
-            "/locplan/field": ("grid_map_msgs/GridMap", grid_map(field, layers)),
-            "/locplan/grid": ("foxglove_msgs/Grid", foxglove_grid(field, layers, header)),
-        }
+        content = {"/locplan/map": map_message(grid)} | field_messages(field, layers, header)
         write_messages(temporary / "layer.mcap", content, header, 0)
 
 
@@ -239,7 +228,7 @@ def world_file(grid: OccupancyGrid) -> str:
     return "".join(f"{float(number):.12f}\n" for number in numbers)
 
 
-def write_raster(file: FilePath, values: NDArray[np.float64]) -> None:
+def write_raster(file: FilePath, values: Floats) -> None:
     """Write values (H, W) of the map's cells as a TIFF of 32-bit floats, NaN where unknown."""
     from PIL import Image
     from PIL.TiffImagePlugin import ImageFileDirectory_v2

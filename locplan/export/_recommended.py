@@ -1,29 +1,29 @@
-"""The recommended ways of many queries as one graph, and edge costs by which a server takes them.
-
-Where the cheapest route of a query is another one than its recommended way, a linear programme
-changes the costs of edges as little as that takes.
-"""
+"""The recommended ways of many queries as one graph, for Nav2's route server."""
 
 from __future__ import annotations
 
+import dataclasses
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path as FilePath
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan._util.progress import progress_bar
-from locplan.costs import Costmap, Path
+from locplan._util.records import Column, Table
+from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError
-from locplan.export._joined_ways import SAME, Lines, apart, divided, joined, straightened
-from locplan.export._net import Pairs, Positions
-from locplan.export._registry import ExportJob, ExportSummary
+from locplan.export._bags import bag, topics_of
+from locplan.export._charges import where_unturned, without_yaw
+from locplan.export._graph_files import write_graph
+from locplan.export._joined_ways import SAME, Lines, divided, followed_costs, joined, straightened
+from locplan.export._parameters import distribution
+from locplan.export._registry import ExportJob, ExportSummary, export_folder
 from locplan.export._roadmap import FINENESS, RouteGraph, check_precision
+from locplan.maps import OccupancyGrid
 
-MARGIN = 0.02
-"""Minimum cost by which any other route exceeds a recommended way [m]."""
 ONE_PLACE = 2 * SAME
 """Maximum distance of ends that can become one node [m]: each may lie that far from it."""
 
@@ -163,107 +163,78 @@ def check_ways(costs: Costmap, paths: Mapping[str, Path]) -> None:
             raise ConfigError(f"path {name} leaves the map's free space; plan it on this map")
 
 
-def followed_costs(
-    nodes: Positions,
-    edges: Pairs,
-    price: NDArray[np.float64],
-    least: NDArray[np.float64],
-    ways: Sequence[Sequence[int]],
-    weights: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], list[bool]]:
-    """Costs of edges by which the cheapest routes are given ways, and for which of them they are.
+def nav2_routes(
+    folder: str | FilePath,
+    costs: Costmap,
+    paths: Mapping[str, Path],
+    *,
+    frame: str = "map",
+    distro: str = "jazzy",
+) -> RecommendedWays:
+    """Write recommended paths as a route graph that Nav2's server follows, and into a bag.
 
-    The sum of the changes is the least there is. Not all ways are followed where they contradict
-    one another, such as two ways between the same nodes. A route that is not `apart` from a way
-    counts as that way.
+    The graph's edges are the paths, joined where they run side by side, and its costs make each
+    path the cheapest route between its ends, as far as the paths do not contradict one another.
 
     Parameters
     ----------
-    nodes : (n, 2) array
-        World positions [m].
-    edges : (m, 2) array of int
-        Pairs of nodes, from the first to the second.
-    price, least : (m,) arrays
-        The costs as they should be, and their lower bounds.
-    ways : sequence of sequences of int
-        The nodes of each way.
-    weights : (ways,) array
-        What each way is worth, in changed costs, where not all can be followed.
+    folder : path
+        The folder; one that holds such an export without changes is replaced.
+    costs : Costmap
+        The costs of travel; the map's yaw is left out, as Nav2 ignores it.
+    paths : dict of Path
+        The recommended path of each query by its name, such as those of `choose_many`.
+    frame : str, default "map"
+        Frame of the nodes and of the paths.
+    distro : str, default "jazzy"
+        The distribution of ROS 2, as for `nav2_keepout`.
+
+    Returns
+    -------
+    RecommendedWays
+        The graph, each query's way on it, and the queries for which it is the cheapest route.
+
+    Raises
+    ------
+    LocplanError
+        If the package mcap is missing, the folder cannot be written, or a path does not lie in the
+        map's free space.
     """
-    index = {(i, j): n for n, (i, j) in enumerate(edges.tolist())}
-    used = np.zeros((len(ways), len(edges)))
-    for n, way in enumerate(ways):
-        used[n, [index[two] for two in pairwise(way)]] = 1
-    cost = price
-    excess, of_way = np.empty((0, len(edges))), np.empty(0, int)  # a way's edges less a route's
-    for _ in range(50):
-        routes = {
-            n: route
-            for n, route in enumerate(_cheapest_routes(edges, cost, used, ways))
-            if apart(nodes, ways[n], route)
-        }
-        others = np.zeros((len(routes), len(edges)))
-        for row, route in zip(others, routes.values(), strict=True):
-            row[[index[two] for two in pairwise(route)]] = 1
-        numbers = np.array(list(routes), int)
-        more = used[numbers] - others
-        if all(
-            ((of_way == n) & (excess == row).all(axis=1)).any()
-            for n, row in zip(numbers, more, strict=True)
-        ):
-            break
-        of_way, excess = np.concatenate([of_way, numbers]), np.vstack([excess, more])
-        cost = _min_changed(price, least, excess, of_way, weights)
-    return cost, [n not in routes for n in range(len(ways))]
+    runs = distribution(distro)
+    runs.warn()
+    grid = costs.grid
+    unturned = dataclasses.replace(costs, grid=without_yaw(grid))
+    if grid.origin[2]:
+        paths = {name: _unturned(grid, path) for name, path in paths.items()}
+    ways = recommended_ways(unturned, paths)
+    name = grid.name or "a map"
+    about = {"kind": "nav2-routes", "distro": distro, "changed_edges": ways.changed}
+    about |= {"queries": list(ways.ways), "followed": list(ways.followed)} | about_costs(costs)
+    known = {"map": name, "ways": ways, "runs": runs, "costs": costs}
+    with export_folder(folder, "nav2-routes.md", about, **known) as temporary:
+        count = len(ways.ways)
+        title = f"{name}: recommended ways of {count} quer{'y' if count == 1 else 'ies'}"
+        write_graph(temporary, unturned, ways.graph, frame, title)
+        bag(temporary / "routes.mcap", unturned.grid, paths=paths, frame=frame)
+        _table(ways, topics_of(paths)).write_csv(temporary / "routes.csv")
+    return ways
 
 
-def _cheapest_routes(
-    edges: Pairs,
-    cost: NDArray[np.float64],
-    used: NDArray[np.float64],
-    ways: Sequence[Sequence[int]],
-) -> Iterator[list[int]]:
-    """The nodes of the cheapest route between the ends of each way."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import dijkstra
-
-    count = int(edges.max()) + 1
-    for way, own in zip(ways, used, strict=True):
-        costlier = cost + own * MARGIN / 2 / own.sum()  # a tie would be followed by chance only
-        graph = csr_array((costlier, edges.T), shape=(count, count))
-        before = dijkstra(graph, indices=way[0], return_predecessors=True)[1]
-        route = [way[-1]]
-        while route[-1] != way[0]:
-            route.append(int(before[route[-1]]))
-        yield route[::-1]
+def _unturned(grid: OccupancyGrid, path: Path) -> Path:
+    """A path on the map without its yaw."""
+    heading = None if path.heading is None else path.heading - grid.origin[2]
+    return Path(where_unturned(grid, path.xy), heading)
 
 
-def _min_changed(
-    price: NDArray[np.float64],
-    least: NDArray[np.float64],
-    excess: NDArray[np.float64],
-    of_way: NDArray[np.int64],
-    weights: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """The costs nearest to `price` with ``excess @ cost <= -MARGIN``, but for contradictions.
-
-    The unknowns are the costs, their changes, and by how much each way misses its margin.
-    """
-    from scipy.optimize import linprog
-    from scipy.sparse import block_array, csr_array, eye_array
-
-    edges, one = len(price), eye_array(len(price))
-    missed = csr_array(
-        (np.ones(len(of_way)), (np.arange(len(of_way)), of_way)), (len(of_way), len(weights))
+def _table(ways: RecommendedWays, topics: Mapping[str, str]) -> Table:
+    """A row for each query, with the ids of its ends in the graph's file and its topic."""
+    matrix, rows = ways.graph.matrix, []
+    for name, way in ways.ways.items():
+        cost = float(sum(matrix[one, other] for one, other in pairwise(way)))
+        followed = "yes" if name in ways.followed else "no"
+        rows.append((name, way[0] + 1, way[-1] + 1, round(cost, 3), followed, topics[name]))
+    columns = (
+        *(Column("query"), Column("start_id"), Column("goal_id")),
+        *(Column("cost", "m"), Column("followed"), Column("topic")),
     )
-    limits = block_array(
-        [[csr_array(excess), None, -missed], [one, -one, None], [-one, -one, None]]
-    )
-    found = linprog(
-        np.concatenate([np.zeros(edges), np.ones(edges), weights]),
-        limits,
-        np.concatenate([np.full(len(of_way), -MARGIN), price, -price]),
-        bounds=[(low, None) for low in least] + [(0, None)] * (edges + len(weights)),
-    )
-    cost: NDArray[np.float64] = np.maximum(found.x[:edges], least)
-    return cost
+    return Table(columns, tuple(rows))

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
+from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._kernels.route import clearances, cover, line_costs
 from locplan._kernels.search import bordered_half
 from locplan._util.progress import ProgressCallback, parts, scaled
@@ -19,6 +21,7 @@ from locplan.errors import ConfigError
 from locplan.export._lanes import ROOMY, lanes
 from locplan.export._net import Net, Positions, Space, fine_net, symmetric
 from locplan.maps import OCCUPIED, OccupancyGrid
+from locplan.planners import Station
 
 FINENESS = 0.02
 """Coarsest step of single precision that is accepted [cells]."""
@@ -41,17 +44,17 @@ class RouteGraph:
     5.0
     """
 
-    nodes: NDArray[np.float64]
+    nodes: Floats
     """World positions (n, 2) [m], exact in single precision: Nav2 keeps no more."""
-    edges: NDArray[np.int64]
+    edges: Ints
     """Pairs of nodes (m, 2), from the first to the second."""
-    length: NDArray[np.float64]
+    length: Floats
     """Length of each edge (m,) [m]."""
-    cost: NDArray[np.float64]
+    cost: Floats
     """J of each edge (m,) [m], at least its length."""
-    integrated_e: NDArray[np.float64]
+    integrated_e: Floats
     """Integral of e over each edge (m,) [m^2 rad m]; NaN without a field."""
-    integrated_u: NDArray[np.float64]
+    integrated_u: Floats
     """Integral of u over each edge (m,) [m]; NaN without a field."""
     directed: bool = False
     """Whether edges lead one way only; otherwise each can be travelled both ways."""
@@ -86,7 +89,14 @@ class RouteGraph:
         return graph_over(costs, space_of(costs), nodes, edges, directed=directed)
 
     @property
-    def penalty(self) -> NDArray[np.float64]:
+    def directions(self) -> list[tuple[int, int, int]]:
+        """Number, start and end of each edge, once for each direction in which it is travelled."""
+        ways = slice(1 if self.directed else 2)
+        ends = enumerate(self.edges.tolist())
+        return [(n, *way) for n, (i, j) in ends for way in ((i, j), (j, i))[ways]]
+
+    @property
+    def penalty(self) -> Floats:
         """Excess of J over the length (m,) [m]: weight * integrated_u."""
         return self.cost - self.length
 
@@ -230,7 +240,7 @@ def roadmap(
     placing(4, 4)
     occupied, far = grid.cells == OCCUPIED, math.ceil(ROOMY * reach) + 1
 
-    def clearance(xy: Positions) -> NDArray[np.float64]:
+    def clearance(xy: Positions) -> Floats:
         row, col = (np.floor(at).astype(np.int64) for at in grid.world_to_grid(*xy.T))
         return np.asarray(clearances(occupied, row, col, far) * grid.resolution)
 
@@ -241,7 +251,7 @@ def roadmap(
     return graph
 
 
-def _places(costs: Costmap, inside: NDArray[np.bool_], reach: float, net: Net) -> NDArray[np.int64]:
+def _places(costs: Costmap, inside: Bools, reach: float, net: Net) -> Ints:
     """Nodes of the net all over the free space, in the order of the net."""
     row, col = (np.floor(at).astype(np.int64) + 1 for at in costs.grid.world_to_grid(*net.xy.T))
     cells = row * inside.shape[1] + col
@@ -250,10 +260,65 @@ def _places(costs: Costmap, inside: NDArray[np.bool_], reach: float, net: Net) -
     return np.sort(first[np.searchsorted(cells, taken)])
 
 
-def _points(costs: Costmap, inside: NDArray[np.bool_], reach: float, net: Net) -> Positions:
+def _points(costs: Costmap, inside: Bools, reach: float, net: Net) -> Positions:
     """Positions (n, 2) [m] of cells on a lattice, and of the nodes, which are in narrow places."""
     step = max(1, int(POINTS * reach))
     row, col = np.argwhere(inside[1:-1, 1:-1][step // 2 :: step, step // 2 :: step]).T
     first = step // 2 + 0.5
     lattice = costs.grid.grid_to_world(row * step + first, col * step + first)
     return np.vstack([np.column_stack(lattice), net.xy])
+
+
+def with_stations(
+    costs: Costmap, graph: RouteGraph, stations: Sequence[Station]
+) -> tuple[RouteGraph, list[int]]:
+    """A graph with a node at each station, and these nodes.
+
+    A station is joined to the two nodes that its straight lines to cost least; one that is nearly
+    at a node takes that one.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap that the graph was made of.
+    graph : RouteGraph
+        The graph, such as `roadmap` makes.
+    stations : sequence of Station
+        The stations in the world.
+
+    Returns
+    -------
+    graph : RouteGraph
+        The graph with more nodes and edges; the nodes that were there keep their numbers.
+    at : list of int
+        The node of each station.
+
+    Raises
+    ------
+    LocplanError
+        If the robot cannot stand at a station, or no node is seen from it.
+    """
+    space, resolution = space_of(costs), costs.grid.resolution
+    nodes, edges = [*graph.nodes], graph.edges.tolist()
+    at = []
+    for station in stations:
+        costs.cell_of((station.x, station.y), f"station {station.name}")
+        xy = np.array((station.x, station.y), np.float32).astype(np.float64)
+        away = np.hypot(*(graph.nodes - xy).T)
+        lines = np.column_stack([np.arange(len(away)), np.full(len(away), len(away))])
+        cost = line_costs(*space, np.vstack([graph.nodes, xy]), lines)
+        seen = np.argsort(cost, kind="stable")[:2]
+        seen = seen[np.isfinite(cost[seen])]
+        if len(seen) == 0:
+            remedy = "take a smaller spacing"
+            raise ConfigError(f"no node is seen from station {station.name}; {remedy}")
+        if away[seen[0]] < resolution:
+            at.append(int(seen[0]))
+            continue
+        for node in seen.tolist():
+            edges.append((node, len(nodes)))
+            if graph.directed:
+                edges.append((len(nodes), node))
+        at.append(len(nodes))
+        nodes.append(xy)
+    return RouteGraph.over(costs, nodes, edges, directed=graph.directed), at

@@ -1,6 +1,8 @@
-from ._feature_figures import key_features_figure as key_features_figure
 from ._features import Feature as Feature, KeyFeatures as KeyFeatures
-from ._figures import landmarks_figure as landmarks_figure
+from ._figures import (
+    key_features_figure as key_features_figure,
+    landmarks_figure as landmarks_figure,
+)
 from ._key_features import key_features as key_features
 from ._landmarks import PAYING_SHARE as PAYING_SHARE, Landmarks as Landmarks, Trial as Trial
 from ._objects import (

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats, Ints, Singles
 from locplan.field import NORMAL_REACH, surface_normals
 from locplan.landmarks._sight import Surroundings
+from locplan.maps import OCCUPIED, OccupancyGrid
 
 SHARP = 0.3
 """Minimum cornerness of a corner, as a share of that of a right angle."""
@@ -18,23 +19,9 @@ OBJECT, CORNER, WALL = "object", "corner", "wall"
 """Kinds of features: what stands free; walls at corners, ends and door frames; other walls."""
 
 
-class Pieces(NamedTuple):
-    """The features that a map is divided into."""
-
-    labels: NDArray[np.int32]
-    """Number of the feature that a cell belongs to, or -1, (H, W)."""
-    kinds: tuple[str, ...]
-    """Kind of each feature: object, corner or wall."""
-
-
 def pieces_of(
-    occupied: NDArray[np.bool_],
-    met: NDArray[np.int64],
-    resolution: float,
-    piece: float,
-    largest: float,
-    gap: float,
-) -> Pieces:
+    occupied: Bools, met: Ints, resolution: float, piece: float, largest: float, gap: float
+) -> tuple[NDArray[np.int32], tuple[str, ...]]:
     """Divide what a robot sees into features.
 
     Occupied cells that are joined (also by their corners) are one object, up to a greatest
@@ -56,6 +43,13 @@ def pieces_of(
         Maximum extent of an object [m].
     gap : float
         Maximum gap between the parts of one object [m].
+
+    Returns
+    -------
+    labels : (H, W) array of int
+        Number of the feature that a cell belongs to, or -1.
+    kinds : tuple of str
+        Kind of each feature: object, corner or wall.
     """
     from scipy.spatial import cKDTree
 
@@ -83,12 +77,12 @@ def pieces_of(
         )
         labels[window][inside] = np.where(np.isfinite(apart), nearest + len(kinds), -1)
         kinds += [CORNER] * number + [WALL] * (len(middles) - number)
-    return Pieces(np.ascontiguousarray(labels, np.int32), tuple(kinds))
+    return np.ascontiguousarray(labels, np.int32), tuple(kinds)
 
 
 def _components(
-    occupied: NDArray[np.bool_], resolution: float, largest: float, gap: float
-) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.bool_]]:
+    occupied: Bools, resolution: float, largest: float, gap: float
+) -> tuple[NDArray[np.int32], Ints, Bools]:
     """Number of what each cell is joined with (H, W), boxes, and which are objects.
 
     A box is the first and last column and row of the cells that are joined without a gap
@@ -101,7 +95,7 @@ def _components(
     sides = about[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]]
     boxes = np.concatenate([corner, corner + sides - 1], axis=1).astype(np.int64)
 
-    def fit(boxes: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def fit(boxes: Ints) -> Bools:
         sides = boxes[:, 2:] - boxes[:, :2] + 1
         return np.asarray(np.hypot(*sides.T) * resolution <= largest)
 
@@ -127,7 +121,7 @@ def _components(
     return numbers[parts].astype(np.int32), boxes, small
 
 
-def _cornerness(solid: NDArray[np.bool_], piece: float, resolution: float) -> NDArray[np.float64]:
+def _cornerness(solid: Bools, piece: float, resolution: float) -> Floats:
     """How far the outline turns about each cell, 1 for a right angle, (h, w)."""
     import cv2
 
@@ -135,7 +129,7 @@ def _cornerness(solid: NDArray[np.bool_], piece: float, resolution: float) -> ND
     size = 2 * min(max(1, round(piece / 4 / resolution)), 200) + 1
     edge: Any = {"borderType": cv2.BORDER_CONSTANT}
 
-    def response(cells: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def response(cells: Bools) -> Floats:
         padded = np.pad(cells.astype(np.float32), size)  # nothing beyond is occupied
         soft = cv2.GaussianBlur(padded, (0, 0), 1.0, **edge)
         found = cv2.cornerMinEigenVal(soft, size, ksize=3)
@@ -145,9 +139,7 @@ def _cornerness(solid: NDArray[np.bool_], piece: float, resolution: float) -> ND
     return np.asarray(response(solid) / response(ideal)[0, 0])
 
 
-def _middles(
-    at: NDArray[np.int64], sharp: NDArray[np.float64], piece: float
-) -> tuple[NDArray[np.int64], int]:
+def _middles(at: Ints, sharp: Floats, piece: float) -> tuple[Ints, int]:
     """Middles of a wall's pieces (k, 2), the corners first, and the number of corners [cells]."""
     from scipy.spatial import cKDTree
 
@@ -173,7 +165,6 @@ def _middles(
     return at[chosen], corners
 
 
-@dataclass
 class Sights:
     """Hits of all rays, and P along the routes, without some features.
 
@@ -181,49 +172,64 @@ class Sights:
     the normals of the map without it. A piece of a wall is no window: rays that meet it count
     for nothing, and no edge comes up where it ends. The number of hits that a filter's model counts
     stays that of the map, as with objects that are added.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    seen : Surroundings
+        Poses of the robot, and its models.
+    piece, largest, gap : float
+        See `pieces_of`.
     """
 
-    occupied: NDArray[np.bool_]
-    resolution: float
-    seen: Surroundings
-    pieces: Pieces
-    hits: NDArray[np.float32] = field(init=False)
-    """Hits of the rays, (n * beams, 4)."""
-    cells: NDArray[np.int64] = field(init=False)
-    """Cells that the rays meet, row * W + col, or -1, (n * beams,)."""
-    sums: NDArray[np.float64] = field(init=False)
-    """See `landmarks.sums_of`, (n, 7)."""
-
-    def __post_init__(self) -> None:
+    def __init__(
+        self, grid: OccupancyGrid, seen: Surroundings, piece: float, largest: float, gap: float
+    ) -> None:
         from locplan._kernels.landmarks import sums_of
         from locplan._kernels.rays import empty_squares
 
-        rays = self.seen.rays
-        self._standing = self.occupied.copy()
-        self._squares, self._normals = empty_squares(self.occupied), surface_normals(self.occupied)
-        self._silent = np.zeros(max(len(self.pieces.kinds), 1), bool)
-        self._whole: dict[int, NDArray[np.int64]] = {}
+        self.grid, self.seen = grid, seen
+        self._standing = occupied = grid.cells == OCCUPIED
+        self._squares, self._normals = empty_squares(occupied), surface_normals(occupied)
+        self._labels, self._silent = np.full(occupied.shape, -1, np.int32), np.zeros(1, bool)
+        count, beams = len(seen.rays.first), seen.rays.beams
+        self._hits, self._cells = self._look(np.arange(count * beams))
+        self.sums = sums_of(self._hits.reshape(count, beams, 4), seen.rays)
+        met = np.unique(self._cells[self._cells >= 0])
+        division = pieces_of(occupied, met, grid.resolution, piece, largest, gap)
+        self._labels, self.kinds = division
+        self._silent = np.zeros(max(len(self.kinds), 1), bool)
+        at = np.argwhere(self._labels >= 0)
+        labels = self._labels[tuple(at.T)]
+        ends = np.cumsum(np.bincount(labels, minlength=len(self.kinds)))
+        self.whole = np.split(at[np.argsort(labels, kind="stable")], ends[:-1])
+        """Rows and columns of each feature's cells, (k, 2)."""
         self._patches: dict[int, tuple[Any, Any, Any]] = {}
-        self.hits, self.cells = self._look(np.arange(len(rays.first) * rays.beams))
-        self.sums = sums_of(self.hits.reshape(len(rays.first), rays.beams, 4), rays)
         self._sort()
 
-    def profile(self, sums: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-        """P_xx + P_yy at each pose, (n,) [m^2]; with other sums than those of what stands."""
-        return self.seen.profile(self.sums if sums is None else sums)
+    @property
+    def positions(self) -> Floats:
+        """World x and y of the poses, (n, 2) [m]."""
+        at = self.seen.rays.poses / self.grid.resolution
+        return np.column_stack(self.grid.grid_to_world(at[:, 1], at[:, 0]))
 
-    def without(self, feature: int) -> NDArray[np.float64]:
+    def profile(self) -> Floats:
+        """P_xx + P_yy at each pose, (n,) [m^2]."""
+        return self.seen.profile(self.sums)
+
+    def without(self, feature: int) -> Floats:
         """P_xx + P_yy at each pose with this feature away, too, (n,) [m^2]."""
         rays, new, _ = self._changes(feature)
-        return self.profile(self._summed(rays, new))
+        return self.seen.profile(self._summed(rays, new))
 
     def take(self, feature: int) -> None:
         """Take a feature away for good."""
         rays, new, cells = self._changes(feature)
         self.sums = self._summed(rays, new)
-        self.hits[rays], self.cells[rays] = new, cells
-        if self.pieces.kinds[feature] == OBJECT:
-            rows, cols = self.whole(feature).T
+        self._hits[rays], self._cells[rays] = new, cells
+        if self.kinds[feature] == OBJECT:
+            rows, cols = self.whole[feature].T
             window, normals, _ = self._patch(feature)
             self._normals[window] = normals
             self._standing[rows, cols] = False
@@ -233,29 +239,19 @@ class Sights:
             self._silent[feature] = True
         self._sort()
 
-    def rays_of(self, feature: int) -> NDArray[np.int64]:
+    def rays_of(self, feature: int) -> Ints:
         """Rays that meet a feature: pose * beams + beam, in order."""
-        low, high = np.searchsorted(self._labels, [feature, feature + 1])
+        low, high = np.searchsorted(self._sorted_labels, [feature, feature + 1])
         return np.sort(self._by_label[low:high])
 
-    def whole(self, feature: int) -> NDArray[np.int64]:
-        """Rows and columns of a feature's cells, (k, 2)."""
-        if not self._whole:
-            labels = self.pieces.labels
-            at = np.argwhere(labels >= 0)
-            order = np.argsort(labels[tuple(at.T)], kind="stable")
-            ends = np.cumsum(np.bincount(labels[labels >= 0], minlength=len(self.pieces.kinds)))
-            self._whole = dict(enumerate(np.split(at[order], ends[:-1])))
-        return self._whole[feature]
-
-    def biases(self, feature: int) -> NDArray[np.float64]:
+    def biases(self, feature: int) -> Floats:
         """Errors of the pose by a shift of the feature; see `features.biases`, (n, 3, 2)."""
         from locplan._kernels import features
         from locplan._kernels.landmarks import HITS, NORMAL_X, NORMAL_Y, RANGE, TURN
 
         seen, rays = self.seen, self.rays_of(feature)
         share = seen.a_step.share / (1 + seen.a_step.other * self.sums[:, HITS])
-        hits = self.hits[rays].astype(np.float64)
+        hits = self._hits[rays].astype(np.float64)
         weight = np.zeros(len(rays))
         returns = np.isfinite(hits[:, RANGE])
         weight[returns] = 1 / (1 + seen.rays.swing * hits[returns, RANGE] ** 2)
@@ -273,26 +269,25 @@ class Sights:
             )
         )
 
-    def _look(self, rays: NDArray[np.int64]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    def _look(self, rays: Ints) -> tuple[Singles, Ints]:
         from locplan._kernels.features import look
 
         hits, cells = np.zeros((len(rays), 4), np.float32), np.empty(len(rays), np.int64)
-        scene = self._squares, self._normals, self.pieces.labels, self._silent, self.resolution
+        scene = self._squares, self._normals, self._labels, self._silent, self.grid.resolution
         look(*scene, self.seen.rays, rays, hits, cells)
         return hits, cells
 
-    def _changes(
-        self, feature: int
-    ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
+    def _changes(self, feature: int) -> tuple[Ints, Singles, Ints]:
         """Rays that see something else without a feature, their new hits, and the cells."""
         rays = self.rays_of(feature)
-        if self.pieces.kinds[feature] != OBJECT:
+        if self.kinds[feature] != OBJECT:
             new = np.zeros((len(rays), 4), np.float32)
             new[:, 0] = np.inf
-            return rays, new, self.cells[rays]
-        rows, cols = self.whole(feature).T
+            return rays, new, self._cells[rays]
+        rows, cols = self.whole[feature].T
         window, normals, changed = self._patch(feature)
-        beside = [self._by_cell[slice(*np.searchsorted(self._cells, [c, c + 1]))] for c in changed]
+        ends = (np.searchsorted(self._sorted_cells, [cell, cell + 1]) for cell in changed)
+        beside = [self._by_cell[slice(*each)] for each in ends]
         rays = np.unique(np.concatenate([rays, *beside]))
         before = self._normals[window].copy()
         self._normals[window] = normals
@@ -302,49 +297,44 @@ class Sights:
         self._squares[:, rows + 1, cols + 1] = 0
         return rays, new, cells
 
-    def _patch(
-        self, feature: int
-    ) -> tuple[tuple[slice, ...], NDArray[np.float32], NDArray[np.int64]]:
+    def _patch(self, feature: int) -> tuple[tuple[slice, ...], Singles, Ints]:
         """A window, its normals without an object, and the cells that rays meet with others."""
         if feature in self._patches:
             return self._patches[feature]
-        at = self.whole(feature)
+        at = self.whole[feature]
+        low, high = at.min(axis=0), at.max(axis=0) + 1
         inner, outer = (
-            tuple(
-                slice(max(0, int(cells.min()) - reach), min(size, int(cells.max()) + reach + 1))
-                for cells, size in zip(at.T, self.occupied.shape, strict=True)
-            )
+            tuple(map(slice, np.maximum(low - reach, 0), high + reach))
             for reach in (NORMAL_REACH, 2 * NORMAL_REACH)
         )
         start = np.array([outer[0].start, outer[1].start])
         own = self._standing[outer].copy()
         own[tuple((at - start).T)] = False
-        rows, cols = (slice(i.start - o, i.stop - o) for i, o in zip(inner, start, strict=True))
-        normals = surface_normals(own)[rows, cols]
-        differs = (normals != self._normals[inner]).any(axis=2) & own[rows, cols]
-        rows_of, cols_of = np.nonzero(differs)
-        width = self.occupied.shape[1]
-        flat = (rows_of + inner[0].start) * width + cols_of + inner[1].start
-        met = np.searchsorted(self._cells, flat).clip(max=len(self._cells) - 1)
-        patch = inner, normals, flat[self._cells[met] == flat]
+        own_inner = tuple(slice(i.start - o, i.stop - o) for i, o in zip(inner, start, strict=True))
+        normals = surface_normals(own)[own_inner]
+        differs = (normals != self._normals[inner]).any(axis=2) & own[own_inner]
+        rows, cols = np.nonzero(differs)
+        flat = (rows + inner[0].start) * self._standing.shape[1] + cols + inner[1].start
+        met = np.searchsorted(self._sorted_cells, flat).clip(max=len(self._sorted_cells) - 1)
+        patch = inner, normals, flat[self._sorted_cells[met] == flat]
         self._patches[feature] = patch
         return patch
 
-    def _summed(self, rays: NDArray[np.int64], new: NDArray[np.float32]) -> NDArray[np.float64]:
+    def _summed(self, rays: Ints, new: Singles) -> Floats:
         """The sums with new hits of some rays; the number of hits stays."""
         from locplan._kernels.landmarks import HITS, sums_of
 
         own = self.seen.rays
-        change = sums_of(new[:, None], own) - sums_of(self.hits[rays][:, None], own)
+        change = sums_of(new[:, None], own) - sums_of(self._hits[rays][:, None], own)
         change[:, HITS] = 0
-        sums = self.sums.copy()
+        sums: Floats = self.sums.copy()
         np.add.at(sums, rays // own.beams, change)
         return sums
 
     def _sort(self) -> None:
         """Rays in order of the cells and of the features that they meet."""
-        self._by_cell = np.argsort(self.cells, kind="stable")
-        self._cells = self.cells[self._by_cell]
-        labels = np.where(self.cells < 0, -1, self.pieces.labels.ravel()[self.cells])
+        self._by_cell = np.argsort(self._cells, kind="stable")
+        self._sorted_cells = self._cells[self._by_cell]
+        labels = np.where(self._cells < 0, -1, self._labels.ravel()[self._cells])
         self._by_label = np.argsort(labels, kind="stable")
-        self._labels = labels[self._by_label]
+        self._sorted_labels = labels[self._by_label]

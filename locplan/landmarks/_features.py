@@ -4,28 +4,28 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path as FilePath
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import whole
 from locplan._util.intervals import random_of
-from locplan._util.progress import ProgressCallback, parts
+from locplan._util.progress import ProgressCallback
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.landmarks._objects import Shape, outline_of
-from locplan.landmarks._outcomes import DRIVES, FeatureDrives, Outcome
-from locplan.landmarks._routes import drive_without
-from locplan.maps import OccupancyGrid
+from locplan.landmarks._outcomes import DRIVES, FeatureDrives, World, compared
+from locplan.maps import FREE, OccupancyGrid
 from locplan.robots import Robot
-from locplan.simulation import Drives, check_drives
+from locplan.simulation import Simulator, check_drives
 
 MATTERS = 0.1
 """Share of the expected deviation by which it rises without a feature that matters."""
@@ -75,7 +75,7 @@ class Feature:
     map shows it where it was: beams that meet it still count fully, so that a filter which
     rejects far ends errs less.
     """
-    cells: NDArray[np.int64] = dataclasses.field(repr=False)
+    cells: Ints = dataclasses.field(repr=False)
     """Rows and columns of its cells, (k, 2)."""
 
     @property
@@ -96,7 +96,7 @@ class Feature:
         """Kind and size."""
         return f"{self.kind} of {self.length:.1f} x {self.width:.1f} m"
 
-    def corners(self) -> NDArray[np.float64]:
+    def corners(self) -> Floats:
         """Corners of the least rectangle around it in the world, (4, 2) [m]."""
         shape = Shape(self.length / 2, self.width / 2, is_round=False)
         return outline_of(shape, np.array([self.x, self.y, self.heading]))
@@ -127,7 +127,7 @@ class KeyFeatures(Result):
     """The features of a map in order of loss, and the few whose loss together is greatest."""
 
     _drawn_by: ClassVar[str] = "locplan.landmarks:key_features_figure"
-    _reported_by: ClassVar[str] = "locplan.landmarks._reports:features_report"
+    _reported_by: ClassVar[str] = "locplan.landmarks._key_features:features_report"
     files: ClassVar[Results] = Results(
         "features",
         ("features.json", "features.png", "features.csv", "features.geojson", "verification.csv"),
@@ -144,13 +144,13 @@ class KeyFeatures(Result):
     together: tuple[int, ...]
     """Numbers of the few features, from 1, whose removal hurts most: each is the worst beside those
     before it."""
-    curve: NDArray[np.float64]
+    curve: Floats
     """Mean of P_xx + P_yy along the routes without the first 0, 1, ... of them, (k + 1,) [m^2]."""
-    positions: NDArray[np.float64]
+    positions: Floats
     """World x and y of the poses along the routes, (n, 2) [m]."""
     begins: tuple[int, ...]
     """Indices at which the routes begin among `positions`, and the number of all, n."""
-    profiles: NDArray[np.float64]
+    profiles: Floats
     """P_xx + P_yy at `positions` with all, without feature 1, and without the few, (3, n) [m^2]."""
     shift: float
     """Distance by which `Feature.error` moves a feature [m]."""
@@ -162,7 +162,7 @@ class KeyFeatures(Result):
         return len(self.features)
 
     @property
-    def deviations(self) -> NDArray[np.float64]:
+    def deviations(self) -> Floats:
         """Expected deviation without the first 0, 1, ... of the few, (k + 1,) [m]."""
         return np.sqrt(self.curve)
 
@@ -192,13 +192,13 @@ class KeyFeatures(Result):
         first, low = self.features[0], float(self.deviations[0])
         count = len(self.mattering)
         if count:
-            what = "1 feature" if count == 1 else f"{count} features"
-            said = f"localization on {self._these_routes} depends on {what}: without "
-            said += "it" if count == 1 else "the first"
+            what, it = ("1 feature", "it") if count == 1 else (f"{count} features", "the first")
+            routes = "this route" if len(self.routes) == 1 else f"these {len(self.routes)} routes"
             at = self.mattering[0]
-            said += (
-                f" the expected deviation rises from {in_cm(low)} to {in_cm(low + at.loss)}"
-                f" (+{at.share:.0%}), and by {in_cm(at.worst)} at the worst place"
+            said = (
+                f"localization on {routes} depends on {what}: without {it} the expected deviation"
+                f" rises from {in_cm(low)} to {in_cm(low + at.loss)} (+{at.share:.0%}), and by"
+                f" {in_cm(at.worst)} at the worst place"
             )
         else:
             most = f"{first.share:.0%}, {in_cm(first.loss)}" if first.loss > 0 else "none"
@@ -210,10 +210,6 @@ class KeyFeatures(Result):
             if self.stand_in:
                 said += ", since they stand in for each other"
         return said
-
-    @property
-    def _these_routes(self) -> str:
-        return "this route" if len(self.routes) == 1 else f"these {len(self.routes)} routes"
 
     def feature(self, number: int) -> Feature:
         """The feature of a number.
@@ -283,24 +279,17 @@ class KeyFeatures(Result):
         orders = (random_of(seed, 103, n).permutation(len(others)) for n in sets)
         random = [[others[k] for k in order[:count]] for order in orders]
         single = self.together if len(few) > 1 else ()
-        lacking = [[], [*few.values()], *([few[n]] for n in single), *random]
-        numbers = [drives] * 2 + [max(drives // max(len(single), 1), 2)] * len(single)
-        numbers += [drives // max(len(random), 1)] * len(random)
-        callbacks = parts(progress, [len(self.routes) * number for number in numbers])
-        before, after, *rest = (
-            drive_without(self.grid, own, self.routes, self.robot, number, seed, threads, each)
-            for own, number, each in zip(lacking, numbers, callbacks, strict=True)
-        )
-        at_random: tuple[Drives, ...] = sum(rest[len(single) :], ())
-        return FeatureDrives(
-            Outcome(before),
-            Outcome(after),
-            Outcome(at_random) if at_random else None,
-            dict(zip(self.routes, zip(before, after, strict=True), strict=True)),
-            seed,
-            {n: Outcome(each) for n, each in zip(single, rest, strict=False)},
-            len(few),
-        )
+        lacking = [[], [*few.values()], *([few[n]] for n in single)]
+        run = partial(Simulator, robot=self.robot, filter_map=self.grid, seed=seed, threads=threads)
+
+        def enter(cells: Sequence[Ints]) -> World:
+            world = self.grid.cells.copy()
+            for each in cells:
+                world[tuple(each.T)] = FREE
+            return run(dataclasses.replace(self.grid, cells=world)), self.routes
+
+        driven, alone = compared(enter, lacking, random, drives, self.routes, progress)
+        return FeatureDrives(*driven, seed, dict(zip(single, alone, strict=True)), len(few))
 
     def table(self) -> Table:
         """The features in order of loss; `together` says which of the few each is, if any."""

@@ -1,25 +1,31 @@
-"""Figure of landmarks: before and after, the landmarks numbered, and the gain of each."""
+"""Figures of landmarks, before and after, and of key features, with what is lost without each."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import LogNorm
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
+from locplan._util.poses import way_along
 from locplan.costs import Path
+from locplan.landmarks._features import MATTERS_M, KeyFeatures
 from locplan.landmarks._landmarks import PAYING_SHARE, Landmarks
 from locplan.landmarks._objects import outline_of
-from locplan.landmarks._outcomes import BeforeAndAfter, Verification
+from locplan.landmarks._outcomes import BeforeAndAfter, FeatureDrives, Verification
 from locplan.maps import OccupancyGrid
 from locplan.plotting import (
+    DRAWN_CELLS,
     Picture,
+    draw_cells,
     draw_ends,
     draw_map,
     draw_number,
@@ -34,7 +40,6 @@ from locplan.simulation import LOST, Drives
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 WIDTH, MIN_WIDTH = 11.0, 9.5
 """Width of a figure that its maps fill if they can, and minimum of all [inch]."""
@@ -48,27 +53,18 @@ LETTERS = 11
 """Letters of the title to an inch."""
 
 
-class Panels(NamedTuple):
-    """A figure, its maps and its plots."""
-
-    figure: Figure
-    map_part: Any
-    """The part of the figure that the maps are in, for a colour bar."""
-    maps: list[Axes]
-    plots: list[Axes]
+LOSS_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.08, 0.85, 256)))
+"""Colours of the losses: the darker, the more; none as light as the floor."""
+NUMBERED = 8
+"""Maximum number of features with their number beside them."""
 
 
-def panels(grid: OccupancyGrid, said: Sequence[str], maps: int, plots: int) -> Panels:
-    """An empty figure with room for one map or two, and for plots.
+def panels(
+    grid: OccupancyGrid, said: Sequence[str], maps: int, plots: int
+) -> tuple[Figure, Any, list[Axes], list[Axes]]:
+    """An empty figure, its part for one map or two, these maps, and plots.
 
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map that is drawn.
-    said : sequence of str
-        Lines of the title, broken where they are too wide.
-    maps, plots : int
-        Number of each.
+    The lines of its title, `said`, are broken where they are too wide.
     """
     wide, high = drawn_size(grid)
     # Ratio of a map's height to its width up to which two maps stand above each other.
@@ -97,7 +93,7 @@ def panels(grid: OccupancyGrid, said: Sequence[str], maps: int, plots: int) -> P
         lower = parts[1].subplots(1, plots, squeeze=False)[0]
     figure.suptitle("\n".join(lines), fontsize="medium")
     upper = parts[0].subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    return Panels(figure, parts[0], list(upper.ravel()), list(lower))
+    return figure, parts[0], list(upper.ravel()), list(lower)
 
 
 def landmarks_figure(made: Landmarks, verification: Verification | None = None) -> Figure:
@@ -134,10 +130,10 @@ def _draw_maps(
     profiles: Sequence[tuple[Drives, Drives]],
 ) -> None:
     """Draw the map without and with landmarks, and the routes over both."""
-    every = [each.profile() for pair in profiles for each in pair]
-    errors = np.concatenate([profile[:, 4] for profile in every]) if every else np.ones(1)
-    low = max(style.MIN_ERROR, float(errors.min()))
-    norm = LogNorm(low, max(float(errors.max()), 2 * low), clip=True)
+    driven = [[each.profile() for each in pair] for pair in profiles]
+    errors = [profile[:, 4] for pair in driven for profile in pair] or [np.ones(1)]
+    low = max(style.MIN_ERROR, float(np.concatenate(errors).min()))
+    norm = LogNorm(low, max(float(np.concatenate(errors).max()), 2 * low), clip=True)
     image = None
     for n, (own, grid) in enumerate(zip(axes, grids, strict=True)):
         draw_map(own, grid)
@@ -147,18 +143,11 @@ def _draw_maps(
         own.label_outer()
         for k, path in enumerate(made.setting.routes.values()):
             if profiles:
-                profile = profiles[k][n].profile()
-                xy = profile[:, 1:3]
+                xy, error = driven[k][n][:, 1:3], driven[k][n][:-1, 4]
                 own.plot(*xy.T, color="black", linewidth=5.0, zorder=2)
-                lines = LineCollection(
-                    list(np.stack([xy[:-1], xy[1:]], axis=1)),
-                    array=profile[:-1, 4],
-                    cmap=style.ERROR_COLOURS,
-                    norm=norm,
-                    linewidths=3.5,
-                    zorder=3,
-                )
-                image = own.add_collection(lines)
+                pieces = list(np.stack([xy[:-1], xy[1:]], axis=1))
+                shown: Any = {"cmap": style.ERROR_COLOURS, "norm": norm, "linewidths": 3.5}
+                image = own.add_collection(LineCollection(pieces, array=error, zorder=3, **shown))
             else:
                 draw_path(own, path, color="black", linewidth=1.5)
             draw_ends(own, path.xy[0], path.xy[-1])
@@ -166,9 +155,8 @@ def _draw_maps(
         bar = figure.colorbar(image, ax=list(axes), label="mean position error [m]", shrink=0.9)
         label_plainly(bar.ax.yaxis)
     shapes = [outline_of(made.setting.kind.shape, pose) for pose in made.poses]
-    axes[1].add_collection(
-        PolyCollection(shapes, facecolor=style.VERMILION, edgecolor="black", zorder=4)
-    )
+    faces = PolyCollection(shapes, facecolor=style.VERMILION, edgecolor="black", zorder=4)
+    axes[1].add_collection(faces)
     draw_numbers(axes[1], dict(enumerate(made.positions, 1)), made.setting.routes, style.VERMILION)
 
 
@@ -183,7 +171,7 @@ def _draw_region(axes: Axes, made: Landmarks) -> None:
 
 def draw_numbers(
     axes: Axes,
-    places: Mapping[int, NDArray[np.float64]],
+    places: Mapping[int, Floats],
     routes: Mapping[str, Path],
     colour: str,
     weight: str = "normal",
@@ -215,7 +203,7 @@ def _draw_gains(axes: Axes, made: Landmarks) -> None:
         at = "data", "axes fraction"
         axes.annotate(note, (made.paying, 0.97), (4, 0), at, "offset points", va="top", fontsize=8)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set(xlabel="number of landmarks", ylabel=made.measure.title)
+    axes.set(xlabel="number of landmarks", ylabel=made.measure.heading)
 
 
 def draw_errors(
@@ -257,3 +245,104 @@ def _draw_matches(axes: Axes, verification: Verification) -> None:
     axes.set_ylim(bottom=0)
     axes.set(xlabel=along_first(verification.fields), ylabel="deviation of a match [m]")
     axes.set_title("one scan alone, by the field", fontsize="small", loc="left")
+
+
+def key_features_figure(found: KeyFeatures, drives: FeatureDrives | None = None) -> Figure:
+    """Map with the loss by each feature, and the expected deviation along the first route.
+
+    Parameters
+    ----------
+    found : KeyFeatures
+        The features, as `key_features` returns them.
+    drives : FeatureDrives, optional
+        Drives of `KeyFeatures.verify`; with them their mean error along the first route is drawn.
+    """
+    grid = map_around(found.grid, list(found.routes.values()))
+    said = [f"{found.grid.name or 'map'}: {found.verdict}"]
+    said.append(drives.verdict if drives else "not verified by drives")
+    said.append(f"with {found.robot.title}")
+    figure, part, (axes,), plots = panels(grid, said, 1, 2)
+    draw_map(axes, grid)
+    axes.images[0].set_cmap(style.PALE_MAP_COLOURS)
+    for path in found.routes.values():
+        draw_path(axes, path, color="0.35", linewidth=1.5)
+        draw_ends(axes, path.xy[0], path.xy[-1])
+    if found.features:
+        axes.set_autoscale_on(False)  # features may lie beyond what is drawn
+        _draw_losses(part, axes, found, grid)
+    _draw_profiles(plots[0], found)
+    if drives:
+        labels = "with all", "without " + _listed(found.together)
+        draw_errors(plots[1], drives, labels, ("black", style.BLUE))
+    else:
+        _draw_curve(plots[1], found)
+    return figure
+
+
+def _draw_losses(figure: Any, axes: Axes, found: KeyFeatures, part: OccupancyGrid) -> None:
+    """Draw the cells of each feature in the colour of its loss, and the numbers of the first."""
+    most = 100 * max(found.features[0].loss, MATTERS_M)
+    shades: Any = {"cmap": LOSS_COLOURS, "norm": Normalize(0, most, clip=True)}
+    features = found.features[::-1]  # the greatest losses on top
+    cells = np.concatenate([each.cells for each in features])
+    lost = [100 * each.loss for each in features]
+    losses = np.repeat(lost, [len(each.cells) for each in features])
+    if max(part.shape) <= DRAWN_CELLS:  # marks are smaller than the cells of small maps
+        of_cells = np.full(found.grid.shape, np.nan)
+        of_cells[tuple(cells.T)] = losses
+        x, y = part.grid_to_world(0.5, 0.5)
+        row, col = found.grid.world_to_cell(float(x), float(y))
+        of_part = of_cells[row : row + part.shape[0], col : col + part.shape[1]]
+        draw_cells(axes, part, of_part, **shades)
+    # The less is lost, the smaller the mark of a cell [points^2].
+    sizes = 9.0 * (0.3 + 0.7 * np.clip(losses / most, 0.0, 1.0))
+    at = found.grid.grid_to_world(*(cells.T + 0.5))
+    marks = axes.scatter(*at, sizes, losses, marker="s", linewidths=0, zorder=3, **shades)
+    bar = figure.colorbar(marks, ax=axes, shrink=0.9)
+    bar.set_label("rise of the expected deviation without it [cm]")
+    low, high, bottom, top = *axes.get_xlim(), *axes.get_ylim()
+    numbers = list(dict.fromkeys([*found.together, *range(1, NUMBERED + 1)]))
+    numbers = numbers[: max(NUMBERED, len(found.together))]
+    places = {
+        each.number: np.array([each.x, each.y])
+        for each in found.features
+        if each.number in numbers and low <= each.x <= high and bottom <= each.y <= top
+    }
+    few = {number: at for number, at in places.items() if number in found.together}
+    others = {number: at for number, at in places.items() if number not in few}
+    draw_numbers(axes, others, found.routes, "0.4")
+    draw_numbers(axes, few, found.routes, style.BLUE, "bold")
+
+
+def _draw_profiles(axes: Axes, found: KeyFeatures) -> None:
+    """Draw the expected deviation along the first route, with and without the features."""
+    part = slice(found.begins[0], found.begins[1])
+    way = way_along(found.positions[part])
+    labels = ["with all features", "without 1", "without " + _listed(found.together)]
+    labels = labels[: 3 if len(found.together) > 1 else 2]
+    colours, lines = ("black", style.VERMILION, style.BLUE), ("-", "--", "-.")
+    for values, label, colour, line in zip(
+        np.sqrt(found.profiles), labels, colours, lines, strict=False
+    ):
+        axes.plot(way, values[part], line, color=colour, label=label)
+    axes.set(xlabel=along_first(found.routes), ylabel="expected deviation [m]")
+    axes.set_ylim(bottom=0)
+    axes.legend(fontsize="small", frameon=False)
+
+
+def _draw_curve(axes: Axes, found: KeyFeatures) -> None:
+    """Draw the expected deviation over the number of features that are away."""
+    axes.plot(np.arange(len(found.curve)), found.deviations, "o-", color=style.BLUE, markersize=4)
+    for n, number in enumerate(found.together, 1):
+        at = n, float(found.deviations[n])
+        axes.annotate(f"without {number}", at, (0, -9), textcoords="offset points", ha="center",
+                      va="top", fontsize=7)  # fmt: skip
+    axes.set_ylim(0, 1.1 * float(found.deviations.max()))
+    axes.set_xlim(-0.3, len(found.curve) - 0.5)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set(xlabel="number of features that are away", ylabel="expected deviation [m]")
+
+
+def _listed(numbers: tuple[int, ...]) -> str:
+    """Numbers of features, the first of many."""
+    return ", ".join(map(str, numbers[:5])) + (", ..." if len(numbers) > 5 else "")

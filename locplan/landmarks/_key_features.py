@@ -1,32 +1,28 @@
-"""Which features of a map localization depends on: `key_features`."""
+"""Which features of a map localization depends on: `key_features`, and its report."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import number, positive, whole
 from locplan._util.progress import ProgressCallback, parts
+from locplan._util.tables import wrapped
 from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.field import equipped
-from locplan.landmarks._feature_sights import Sights, pieces_of
-from locplan.landmarks._features import Feature, KeyFeatures
+from locplan.landmarks._feature_sights import Sights
+from locplan.landmarks._features import Feature, KeyFeatures, in_cm
 from locplan.landmarks._objects import Shape
+from locplan.landmarks._outcomes import FeatureDrives
 from locplan.landmarks._routes import routes_of
-from locplan.landmarks._sight import lines_along, step_of, surroundings
-from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
+from locplan.landmarks._sight import lines_along, surroundings
+from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot
-
-COUNT = 3
-"""Default number of features that are taken away together."""
-MAX_COUNT = 50
-MAX_PIECE, MAX_GAP = 20.0, 2.0
-"""Maximum length of a piece of wall, and of a gap: searches of their size take long [m]."""
 
 
 def key_features(
@@ -35,7 +31,7 @@ def key_features(
     paths: Mapping[str, Path | ArrayLike] | Sequence[Path | ArrayLike] | Path | None = None,
     places: Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | None = None,
     robot: Robot | None = None,
-    count: int = COUNT,
+    count: int = 3,
     piece: float = 1.0,
     largest: float = 4.0,
     gap: float = 0.1,
@@ -107,9 +103,10 @@ def key_features(
     ('object of 0.2 x 0.2 m', 20)
     """
     check_grid(grid)
-    number("gap", gap, 0.0, MAX_GAP)
-    number("piece", piece, 0.0, MAX_PIECE)
-    whole("count", count, 1, MAX_COUNT)
+    # Longer pieces and wider gaps would make their searches take long.
+    number("gap", gap, 0.0, 2.0)
+    number("piece", piece, 0.0, 20.0)
+    whole("count", count, 1, 50)
     # Greatest distance that a feature may be off; no filter pairs it with its place beyond [m].
     number("shift", shift, 0.0, 2.0)
     for name, value in (("piece", piece), ("largest", largest), ("shift", shift)):
@@ -119,36 +116,30 @@ def key_features(
         raise ConfigError("give paths, or places that routes lead between, and not both")
     routes = routes_of(grid, paths, places, robot.radius)
     half = grid.resolution  # half the width of the narrowest thing that no ray may miss
-    shape = Shape(half, half, is_round=True)
-    step = step_of(robot.amcl)
-    lines = lines_along(grid, routes, step)
-    seen = surroundings(grid, lines, step, shape, robot)
-    occupied = grid.cells == OCCUPIED
-    met = _met_cells(occupied, grid.resolution, seen.rays)
-    pieces = pieces_of(occupied, met, grid.resolution, piece, largest, gap)
-    sights = Sights(occupied, grid.resolution, seen, pieces)
-    total = len(pieces.kinds)
-    rays, edge = seen.rays, grid.resolution
-    positions = np.column_stack(grid.grid_to_world(*(rays.poses[:, ::-1] / edge).T))
+    lines = lines_along(grid, routes, robot)
+    seen = surroundings(grid, lines, Shape(half, half, is_round=True), robot)
+    sights = Sights(grid, seen, piece, largest, gap)
+    total = len(sights.kinds)
     each, *later = parts(progress, [total] * min(count, total) or [0])
     base = sights.profile()
     profiles = np.empty((total, len(base)))
-    found = []
     for n in range(total):
         profiles[n] = sights.without(n)
-        found.append(_feature(grid, sights, n, base, profiles[n], positions, shift))
         each(n + 1, total)
-    order = sorted(range(total), key=lambda n: (-found[n].loss, n))
-    rank = {n: k for k, n in enumerate(order, 1)}
-    chosen, few = _together(sights, order[:1], later)
+    losses = np.sqrt(profiles.mean(axis=1)) - np.sqrt(base.mean())
+    order = np.argsort(-losses, kind="stable").tolist()
+    features = tuple(
+        _feature(sights, n, number, base, profiles[n], shift) for number, n in enumerate(order, 1)
+    )
+    chosen, few = _together(sights, order, later)
     return KeyFeatures(
         grid,
         routes,
         robot,
-        tuple(dataclasses.replace(found[n], number=rank[n]) for n in order),
-        tuple(rank[n] for n in chosen),
+        features,
+        tuple(order.index(n) + 1 for n in chosen),
         np.array([float(profile.mean()) for profile in (base, *few)]),
-        positions,
+        sights.positions,
         tuple(seen.routes.tolist()),
         np.stack([base, *few[:1], *few[-1:]] if few else [base] * 3),
         shift,
@@ -156,70 +147,55 @@ def key_features(
 
 
 def _together(
-    sights: Sights, first: list[int], callbacks: Sequence[ProgressCallback]
-) -> tuple[list[int], list[NDArray[np.float64]]]:
+    sights: Sights, order: list[int], callbacks: Sequence[ProgressCallback]
+) -> tuple[list[int], list[Floats]]:
     """Take features away one after the other, each the worst beside those before it.
 
-    Returns their numbers, and P_xx + P_yy along the routes as each has gone.
+    The first one is that of `order`, which are all of them. Returns their numbers, and
+    P_xx + P_yy along the routes as each has gone.
     """
-    chosen: list[int] = []
-    profiles = []
-    total = len(sights.pieces.kinds)
-    steps: list[ProgressCallback | None] = [None, *callbacks] if first else []
-    for progress in steps:
-        worst, most = -1, -np.inf
-        for n in range(total) if chosen else ():
-            value = -np.inf if n in chosen else float(sights.without(n).mean())
-            worst, most = (n, value) if value > most else (worst, most)
-            if progress:
-                progress(n + 1, total)
-        chosen.append(worst if chosen else first[0])
-        sights.take(chosen[-1])
+    chosen, profiles = order[:1], []
+    for n in chosen:  # grows
+        sights.take(n)
         profiles.append(sights.profile())
+        if len(chosen) <= len(callbacks):
+            values = np.full(len(order), -np.inf)
+            for other in range(len(order)):
+                if other not in chosen:
+                    values[other] = sights.without(other).mean()
+                callbacks[len(chosen) - 1](other + 1, len(order))
+            chosen.append(int(np.argmax(values)))
     return chosen, profiles
 
 
 def _feature(
-    grid: OccupancyGrid,
-    sights: Sights,
-    n: int,
-    base: NDArray[np.float64],
-    without: NDArray[np.float64],
-    positions: NDArray[np.float64],
-    shift: float,
+    sights: Sights, n: int, number: int, base: Floats, without: Floats, shift: float
 ) -> Feature:
-    """A feature with what is lost without it; its number is not known yet."""
-    cells = sights.whole(n)
-    x, y, length, width, heading = _rectangle(grid, cells)
+    """A feature with what is lost without it."""
+    cells = sights.whole[n]
     before = float(np.sqrt(base.mean()))
     loss = float(np.sqrt(without.mean())) - before
     rises = np.sqrt(without) - np.sqrt(base)
     worst = int(np.argmax(rises))
     errors = sights.biases(n)[:, :2]
     strongest = np.linalg.eigvalsh(np.einsum("nij,nik->jk", errors, errors) / len(errors))[-1]
-    at = positions[worst].tolist()
+    x_worst, y_worst = sights.positions[worst].tolist()
     return Feature(
-        number=0,
-        kind=sights.pieces.kinds[n],
-        x=x,
-        y=y,
-        length=length,
-        width=width,
-        heading=heading,
+        number,
+        sights.kinds[n],
+        *_rectangle(sights.grid, cells),
         seen=len(np.unique(sights.rays_of(n) // sights.seen.rays.beams)) / len(base),
         loss=loss,
         share=loss / before,
         worst=float(rises[worst]),
         worst_share=float(rises[worst] / np.sqrt(base[worst])),
-        worst_at=(at[0], at[1]),
+        worst_at=(x_worst, y_worst),
         error=shift * float(np.sqrt(max(strongest, 0.0))),
         cells=cells,
     )
 
 
-def _rectangle(
-    grid: OccupancyGrid, cells: NDArray[np.int64]
-) -> tuple[float, float, float, float, float]:
+def _rectangle(grid: OccupancyGrid, cells: Ints) -> tuple[float, float, float, float, float]:
     """World x, y, length, width and heading of the least rectangle around cells [m, rad]."""
     import cv2
 
@@ -232,15 +208,30 @@ def _rectangle(
     return float(x), float(y), length, width, float((heading + 1e-6) % np.pi - 1e-6)
 
 
-def _met_cells(occupied: NDArray[np.bool_], resolution: float, rays: Any) -> NDArray[np.int64]:
-    """The occupied cells that rays meet, row * W + col, each once."""
-    from locplan._kernels.features import look
-    from locplan._kernels.rays import empty_squares
-
-    every = np.arange(len(rays.first) * rays.beams)
-    hits, cells = np.zeros((len(every), 4), np.float32), np.empty(len(every), np.int64)
-    labels = np.full(occupied.shape, -1, np.int32)
-    normals = np.zeros((*occupied.shape, 2), np.float32)
-    none = np.zeros(1, bool)
-    look(empty_squares(occupied), normals, labels, none, resolution, rays, every, hits, cells)
-    return np.unique(cells[cells >= 0])
+def features_report(found: KeyFeatures, drives: FeatureDrives | None = None) -> str:
+    """The verdicts, then the features with the greatest loss."""
+    said = drives.verdict if drives else "not verified: nothing was driven"
+    lines = wrapped([found.verdict, said, f"with {found.robot.title}"])
+    parts = [str(drives.table()), *lines] if drives else lines
+    if not found.features:
+        return "\n".join(parts)
+    table = found.table()
+    # Number of features in the table.
+    listed = {*range(1, 11), *found.together}
+    rows = (row for n, row in enumerate(table.rows, 1) if n in listed)
+    shown = dataclasses.replace(table, rows=tuple(rows))
+    after = [
+        f"rise: of the expected deviation of the position, {in_cm(float(found.deviations[0]))}"
+        " with all, as the feature goes; worst: at the place where it rises most",
+        f"moved: error of the position if the feature is {100 * found.shift:.0f} cm off and the"
+        " map does not show it, to first order",
+    ]
+    if len(found) > len(shown):
+        after.append(f"{len(found)} features are seen; features.csv lists all of them")
+    if len(found.together) > 1:
+        steps = ", ".join(
+            f"{number}: {in_cm(each)}"
+            for number, each in zip(found.together, found.deviations[1:].tolist(), strict=True)
+        )
+        after.append(f"expected deviation as they go one after the other: without {steps}")
+    return "\n".join([*parts, str(shown), *wrapped(after)])

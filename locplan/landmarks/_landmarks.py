@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._util.checks import whole
-from locplan._util.progress import ProgressCallback, parts
+from locplan._kernels.arrays import Floats, Ints
+from locplan._util.checks import keep, whole
+from locplan._util.intervals import random_of
+from locplan._util.progress import ProgressCallback
 from locplan._util.records import POSE, Column, Result, Table
 from locplan._util.results import Results
-from locplan._util.tables import finite
-from locplan.landmarks._objectives import DEGENERACY, DEVIATION, Measure
+from locplan._util.tables import finite, wrapped
 from locplan.landmarks._objects import outline_of, with_objects
-from locplan.landmarks._outcomes import DRIVES, Outcome, Verification
+from locplan.landmarks._outcomes import DRIVES, Verification, compared
 from locplan.landmarks._places import Rejected
-from locplan.landmarks._routes import Setting, drive_on, fields_along, random_maps
+from locplan.landmarks._routes import Setting, fields_along
 from locplan.landmarks._search import Regularity, Search, Shift, in_world, regularity
 from locplan.maps import OccupancyGrid, save_map
-from locplan.simulation import check_drives
+from locplan.simulation import Simulator, check_drives
 
 PAYING_SHARE = 0.05
 """Share by which a landmark must lower what is expected to pay."""
@@ -57,7 +56,7 @@ class Landmarks(Result):
     """Places of equal objects, in order of gain."""
 
     _drawn_by: ClassVar[str] = "locplan.landmarks:landmarks_figure"
-    _reported_by: ClassVar[str] = "locplan.landmarks._reports:landmarks_report"
+    _reported_by: ClassVar[str] = "locplan.landmarks._landmarks:landmarks_report"
     files: ClassVar[Results] = Results(
         "landmarks",
         (
@@ -74,105 +73,71 @@ class Landmarks(Result):
 
     setting: Setting
     """The map, the routes and the robot that they are placed for."""
-    poses: NDArray[np.float64]
-    """World x, y and heading of each, (k, 3) [m, m, rad]."""
-    curve: NDArray[np.float64]
-    """Objective with 0, 1, ... landmarks, (k + 1,).
-
-    It is the expected mean of P_xx + P_yy along routes [m^2], or the mean degeneracy u in a region.
-    """
+    search: Search
+    """The search, for other placements."""
+    indices: Ints
+    """Index of each place among those of the search, (k,); the existing objects' come first."""
+    shifts: tuple[Shift, ...]
+    """Landmarks that were taken out of regular rows."""
     rejected: tuple[Rejected, ...]
     """Places that were refused, and why."""
     before: OccupancyGrid
     """The map that was given."""
-    grid: OccupancyGrid
-    """The map with the landmarks."""
     existing: int
     """Number of existing objects that could be moved."""
-    indices: NDArray[np.int64]
-    """Index of each place among those of the search, (k,); the existing objects' come first."""
-    search: Search
-    """The search, for other placements."""
-    shifts: tuple[Shift, ...] = ()
-    """Landmarks that were taken out of regular rows; none by default."""
-    chosen_by: str = ""
+    chosen_by: str
     """How the places were chosen: what was made small, and among which places."""
     trials: tuple[Trial, ...] = ()
     """Placements that were driven by `best_of_trials`, the best first, which is this one."""
 
-    @classmethod
-    def of(
-        cls,
-        setting: Setting,
-        search: Search,
-        order: list[int],
-        rejected: tuple[Rejected, ...],
-        before: OccupancyGrid,
-        existing: int,
-        shifts: tuple[Shift, ...],
-    ) -> Landmarks:
-        """Landmarks at the places that a search chose, in order of gain.
+    poses: Floats = field(init=False)
+    """World x, y and heading of each, (k, 3) [m, m, rad]."""
+    curve: Floats = field(init=False)
+    """Objective with 0, 1, ... landmarks, (k + 1,).
 
-        Parameters
-        ----------
-        setting : Setting
-            What they are placed for.
-        search : Search
-            The search, with all places.
-        order : list of int
-            Indices of the chosen places among those of the search, in order of gain.
-        rejected, before, existing, shifts
-            The fields of these names.
-        """
-        indices = np.array(order, np.int64)
-        poses = in_world(setting.grid, search.places[indices])
-        return cls(
-            setting,
-            poses,
-            search.curve(order),
-            rejected,
-            before,
-            with_objects(setting.grid, setting.kind, poses),
-            existing,
-            indices,
-            search,
-            shifts,
-            search.objective.name,
-        )
+    It is the expected mean of P_xx + P_yy along routes [m^2], or the mean degeneracy u in a region.
+    """
+    grid: OccupancyGrid = field(init=False)
+    """The map with the landmarks."""
+
+    def __post_init__(self) -> None:
+        setting, search = self.setting, self.search
+        poses = in_world(setting.grid, search.places[self.indices])
+        curve = search.curve(self.indices.tolist())
+        keep(self, poses=poses, curve=curve, grid=with_objects(setting.grid, setting.kind, poses))
 
     def __repr__(self) -> str:
         low, high = self.expected[-1], self.expected[0]
         return (
             f"Landmarks({len(self)} x {self.setting.kind.title} in {self.grid.name or 'map'},"
-            f" {self.measure.title} {high:.3g} -> {low:.3g})"
+            f" {self.measure.heading} {high:.3g} -> {low:.3g})"
         )
 
     def __len__(self) -> int:
         return len(self.poses)
 
     @property
-    def positions(self) -> NDArray[np.float64]:
+    def positions(self) -> Floats:
         """World x and y of each landmark, (k, 2) [m]."""
-        xy: NDArray[np.float64] = self.poses[:, :2]
-        return xy
+        return np.asarray(self.poses[:, :2])
 
     @property
-    def gains(self) -> NDArray[np.float64]:
+    def gains(self) -> Floats:
         """What each landmark takes off the curve beside those before it, in its unit, (k,)."""
         return -np.diff(self.curve)
 
     @property
-    def measure(self) -> Measure:
+    def measure(self) -> Column:
         """What `expected` is."""
-        return DEVIATION if self.setting.region is None else DEGENERACY
+        return self.search.objective.column
 
     @property
-    def expected(self) -> NDArray[np.float64]:
+    def expected(self) -> Floats:
         """Expected deviation of the position along routes [m], the root of the curve, (k + 1,).
 
         In a region it is the mean degeneracy u, the curve itself.
         """
-        return np.asarray(self.curve**self.measure.power)
+        return np.asarray(self.curve**self.search.objective.power)
 
     @property
     def kept(self) -> int:
@@ -194,7 +159,7 @@ class Landmarks(Result):
         """A row of landmarks that the filter can mistake for one a step farther, or None."""
         return regularity(self.positions)
 
-    def first(self, count: int) -> NDArray[np.float64]:
+    def first(self, count: int) -> Floats:
         """World x, y and heading of the landmarks that gain most, (count, 3) [m, m, rad].
 
         Parameters
@@ -249,21 +214,16 @@ class Landmarks(Result):
         check_drives(drives)
         whole("random_sets", random_sets, 1, 1000)
         setting, maps = self.setting, (self.before, self.grid)
-        sets = random_maps(setting, self.search, len(self), min(random_sets, drives // 2), seed)
-        numbers = [drives] * 2 + [drives // max(len(sets), 1)] * len(sets)
-        callbacks = parts(progress, [len(setting.routes) * number for number in numbers])
-        before, after, *others = (
-            drive_on(setting, grid, number, seed, threads, each)
-            for grid, number, each in zip((*maps, *sets), numbers, callbacks, strict=True)
+        # Stream of random numbers of places at random, beside those of `Simulator`.
+        draws = [random_of(seed, 100, n) for n in range(min(random_sets, drives // 2))]
+        chosen = [self.search.at_random(len(self), draw) for draw in draws]
+        poses = [in_world(setting.grid, self.search.places[each]) for each in chosen if all(chosen)]
+        sets = [with_objects(setting.grid, setting.kind, each) for each in poses]
+        run = partial(Simulator, robot=setting.robot, seed=seed, threads=threads)
+        driven, _ = compared(
+            lambda grid: (run(grid), setting.on(grid)), maps, sets, drives, setting.routes, progress
         )
-        return Verification(
-            Outcome(before),
-            Outcome(after),
-            Outcome(sum(others, ())) if others else None,
-            dict(zip(setting.routes, zip(before, after, strict=True), strict=True)),
-            seed,
-            fields_along(setting, maps, threads),
-        )
+        return Verification(*driven, seed, fields_along(setting, maps, threads))
 
     def table(self) -> Table:
         """The landmarks in order of gain, and what is expected with each and those before it."""
@@ -272,7 +232,7 @@ class Landmarks(Result):
         values = self.poses.tolist(), self.gains.tolist(), self.expected[1:].tolist()
         rows = enumerate(zip(*values, strict=True), 1)
         return Table(
-            (*COLUMNS, self.measure.column),
+            (*COLUMNS, self.measure),
             tuple((n, *pose, *about, gain, expected) for n, (pose, gain, expected) in rows),
         )
 
@@ -300,11 +260,11 @@ class Landmarks(Result):
                 "verification": verification.summary() if verification else None,
                 "map": {"name": self.before.name, "digest": self.before.digest},
                 "map_with_landmarks": {"digest": self.grid.digest},
-                "object": {"kind": setting.kind.word, **dataclasses.asdict(setting.kind)},
+                "object": {"kind": setting.kind.word, **vars(setting.kind)},
                 "landmarks": self.table().records(),
                 "chosen_by": self.chosen_by,
                 "trials": [each._asdict() for each in self.trials],
-                self.measure.column.name: self.expected.tolist(),
+                self.measure.name: self.expected.tolist(),
                 "paying": self.paying,
                 "kept": self.kept,
                 "regular": None if regular is None else regular._asdict(),
@@ -317,3 +277,54 @@ class Landmarks(Result):
                 "robot": setting.robot.summary(),
             }
         )
+
+
+def landmarks_report(made: Landmarks, verification: Verification | None = None) -> str:
+    """What the drives say, then the landmarks in order of gain, and what was refused."""
+    setting = made.setting
+    lines = ["not verified: nothing was driven"]
+    if verification:
+        (before, high), (later, high_after) = verification.match_deviations.tolist()
+        lines = [
+            verification.verdict,
+            f"deviation of a match of one scan alone: median {before:.2f} -> {later:.2f} m,"
+            f" 95 % of the way below {high:.2f} -> {high_after:.2f} m",
+        ]
+    lines.append(f"with {setting.robot.title}")
+    after = [
+        f"{len(made)} x {setting.kind.title}, in order of gain; {made.measure.heading} without any:"
+        f" {made.expected[0]:.3f}"
+    ]
+    if setting.region is not None:
+        area = float(setting.region.sum()) * made.grid.resolution**2
+        routes = f"{len(setting.routes)} routes lead across it"
+        after.append(f"the robot can be in {area:.0f} m2 of the region, and {routes}")
+    driven = [
+        f"{each.chosen_by} ({each.lost} of {each.drives} lost, error {each.error:.2f} m)"
+        for each in made.trials
+    ]
+    if driven:
+        after.append(f"of {len(driven)} placements that were driven, this one is kept: {driven[0]}")
+        after += [f"beaten: {each}" for each in driven[1:]]
+    else:
+        after.append(f"chosen by: {made.chosen_by}")
+    if made.paying == 0:
+        known = "whether they help is what the drives say" if verification else "drive them to know"
+        after.append(f"each lowers it by less than {PAYING_SHARE:.0%}: {known}")
+    elif made.paying < len(made):
+        after.append(
+            f"from number {made.paying + 1} on each lowers it by less than {PAYING_SHARE:.0%}:"
+            f" {made.paying} may do; drive them to know"
+        )
+    if made.existing:
+        after.append(f"{made.kept} of {made.existing} existing objects stay where they are")
+    after += [f"{shift}" for shift in made.shifts]
+    if made.regular:
+        after.append(
+            f"careful: {made.regular}, which a filter can mistake for a shift; move one of them"
+        )
+    if made.rejected:
+        counts = ", ".join(f"{reason} ({count})" for reason, count in made.reasons().items())
+        after.append(f"places refused: {counts}")
+    parts = [str(verification.table())] if verification else []
+    return "\n".join([*parts, *wrapped(lines), str(made.table()), *wrapped(after)])

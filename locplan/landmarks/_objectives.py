@@ -2,55 +2,49 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._util.records import Column
 from locplan.field import Fisher
 from locplan.landmarks._sight import Sight
 from locplan.robots import Lidar
 
 
-class Measure(NamedTuple):
-    """How an objective is shown to people."""
-
-    column: Column
-    """What it is called in tables and files."""
-    power: float
-    """The objective to this power is shown."""
-
-    @property
-    def title(self) -> str:
-        """What it is, with its unit."""
-        return self.column.heading
-
-
-DEVIATION = Measure(Column("expected_deviation", "m", "expected deviation", 3), 0.5)
-DEGENERACY = Measure(Column("mean_degeneracy", "", "mean degeneracy u", 3), 1.0)
-
-
-class Objective(Protocol):
+@dataclass
+class Objective(ABC):
     """What is made small by the choice of places."""
 
-    sight: Sight
     name: ClassVar[str]
     """What it is, in a few words."""
+    column: ClassVar[Column]
+    """What is shown to people and in files: the objective to a power."""
+    power: ClassVar[float]
+    sight: Sight
 
-    def start(self, chosen: NDArray[np.int64]) -> None:
+    def start(self, chosen: Ints) -> None:
         """Begin from objects that stand at these places, (k,)."""
+        self.sight.start(chosen)
 
     def value(self) -> float:
-        """The objective with them."""
+        """The objective with the objects."""
+        return float(self.profile().mean())
 
-    def values(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+    @abstractmethod
+    def profile(self) -> Floats:
+        """What it is the mean of, at each pose with the objects, (n,)."""
+
+    @abstractmethod
+    def values(self, indices: Ints) -> Floats:
         """The objective with each of these places besides, (m,)."""
 
 
 @dataclass
-class AlongRoutes:
+class AlongRoutes(Objective):
     """Mean of P_xx + P_yy along routes [m^2], P the covariance that an information filter has.
 
     Between two looks P becomes F P F^T + Q ds, and at each (P^-1 + I)^-1, I the information of
@@ -58,36 +52,27 @@ class AlongRoutes:
     """
 
     name: ClassVar[str] = "deviation along the routes"
-    sight: Sight
+    column: ClassVar[Column] = Column("expected_deviation", "m", "expected deviation", 3)
+    power: ClassVar[float] = 0.5
 
-    def start(self, chosen: NDArray[np.int64]) -> None:
-        """Begin from objects that stand at these places, (k,)."""
-        self.sight.start(chosen)
-
-    def value(self) -> float:
-        """The objective with the objects [m^2]."""
-        return float(self.profile().mean())
-
-    def profile(self) -> NDArray[np.float64]:
+    def profile(self) -> Floats:
         """P_xx + P_yy at each pose with the objects, (n,) [m^2]."""
         return self.sight.seen.profile(self.sight.sums)
 
-    def values(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+    def values(self, indices: Ints) -> Floats:
         """The objective with each of these places besides, (m,) [m^2]."""
         from locplan._kernels.objectives import uncertainties
 
         sight, seen = self.sight, self.sight.seen
         given = sight.sightings, sight.hits, sight.sums, seen.rays, seen.routes, sight.outline
-
-        def run(part: NDArray[np.int64]) -> NDArray[np.float64]:
-            found = uncertainties(sight.own, part, *given, seen.a_step, seen.motion)
-            return np.asarray(found)
-
-        return sight.in_threads(run, indices)
+        models = seen.a_step, seen.motion
+        return sight.in_threads(
+            lambda part: uncertainties(sight.own, part, *given, *models), indices
+        )
 
 
 @dataclass
-class MeanDegeneracy:
+class MeanDegeneracy(Objective):
     """Mean of the degeneracy u at the poses, 0 to 1.
 
     u is that of the estimators: the logarithm of the position's greatest deviation, from 0.05 m to
@@ -99,7 +84,8 @@ class MeanDegeneracy:
     """
 
     name: ClassVar[str] = "degeneracy"
-    sight: Sight
+    column: ClassVar[Column] = Column("mean_degeneracy", "", "mean degeneracy u", 3)
+    power: ClassVar[float] = 1.0
     anchors: Any
     """`objectives.Anchors`."""
 
@@ -109,7 +95,7 @@ class MeanDegeneracy:
         from locplan._kernels.objectives import Anchors
 
         fisher = Fisher(lidar)
-        window = fisher.lattice(sight.resolution)
+        window = fisher.lattice(sight.grid.resolution)
         prior = 1 / np.diag(window.uniform_covariance)
         turn = prior[2] if len(prior) > 2 else 1e6
         least = float(np.sqrt(fisher.perfect(window)[0, 0]))
@@ -127,29 +113,25 @@ class MeanDegeneracy:
         """Name of those beside which each place was looked at."""
         self._changes = np.zeros(count)
         """What each place changes beside these."""
-        self._together: dict[int, NDArray[np.bool_]] = {}
+        self._together: dict[int, Bools] = {}
 
-    def start(self, chosen: NDArray[np.int64]) -> None:
+    def start(self, chosen: Ints) -> None:
         """Begin from objects that stand at these places, (k,)."""
-        self.sight.start(chosen)
+        super().start(chosen)
         self._beside[:] = 0
         for n in chosen.tolist():
             if n not in self._together:
                 self._together[n] = self.sight.seen_with(n)
             self._beside[self._together[n]] ^= self._names[n]
 
-    def value(self) -> float:
-        """The objective with the objects."""
-        return float(self.profile().mean())
-
-    def profile(self) -> NDArray[np.float64]:
+    def profile(self) -> Floats:
         """The degeneracy u at each pose with the objects, (n,)."""
         from locplan._kernels.objectives import degeneracies_at
 
         sight = self.sight
         return np.asarray(degeneracies_at(sight.sums, sight.seen.a_metre, self.anchors))
 
-    def values(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+    def values(self, indices: Ints) -> Floats:
         """The objective with each of these places besides, (m,)."""
         from locplan._kernels.objectives import mean_changes
 
@@ -157,11 +139,10 @@ class MeanDegeneracy:
         profile = self.profile()
         given = sight.sightings, sight.hits, sight.sums, seen.rays, sight.outline, seen.a_metre
 
-        def run(part: NDArray[np.int64]) -> NDArray[np.float64]:
-            return np.asarray(mean_changes(sight.own, part, *given, self.anchors, profile))
-
         indices = np.asarray(indices, np.int64)
         anew = indices[self._known[indices] != self._beside[indices]]
-        self._changes[anew] = sight.in_threads(run, anew)
+        self._changes[anew] = sight.in_threads(
+            lambda part: mean_changes(sight.own, part, *given, self.anchors, profile), anew
+        )
         self._known[anew] = self._beside[anew]
         return np.asarray(float(profile.mean()) + self._changes[indices])

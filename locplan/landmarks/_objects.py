@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, TypeAlias
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import Settings, keep_checked, number, positive, shown
 from locplan._util.poses import window_around
 from locplan.errors import ConfigError
@@ -32,7 +33,7 @@ class Shape(NamedTuple):
         """Maximum distance of a point of the shape from its centre [m]."""
         return self.half_length if self.is_round else math.hypot(self.half_length, self.half_width)
 
-    def distance(self, x: Any, y: Any, heading: float = 0.0) -> NDArray[np.float64]:
+    def distance(self, x: Any, y: Any, heading: float = 0.0) -> Floats:
         """Distance from points to a shape at the origin; 0 within it [m]."""
         if self.is_round:
             return np.asarray(np.maximum(np.hypot(x, y) - self.half_length, 0.0))
@@ -42,8 +43,33 @@ class Shape(NamedTuple):
         return np.asarray(np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0)))
 
 
+class LandmarkObject(Settings):
+    """An object that can be a landmark: a dataclass of one size, or of a length and a width."""
+
+    word: ClassVar[str]
+    """Its kind in files and on the command line."""
+
+    def __post_init__(self) -> None:
+        keep_checked(self, vars(self), _size)
+
+    @property
+    def _sizes(self) -> tuple[float, ...]:
+        return tuple(vars(self).values())
+
+    @property
+    def title(self) -> str:
+        """Kind and size, for tables."""
+        return f"{self.word} of {' x '.join(f'{size:g}' for size in self._sizes)} m"
+
+    @property
+    def shape(self) -> Shape:
+        """The outline as the kernels take it."""
+        sizes = self._sizes
+        return Shape(sizes[0] / 2, sizes[-1] / 2, is_round=len(sizes) == 1)
+
+
 @dataclass(frozen=True, repr=False)
-class Pole(Settings):
+class Pole(LandmarkObject):
     """A round post.
 
     Raises
@@ -57,28 +83,13 @@ class Pole(Settings):
     'pole of 0.1 m'
     """
 
+    word: ClassVar[str] = "pole"
     diameter: float = 0.2
     """Diameter, above 0 and at most 100 [m]."""
 
-    def __post_init__(self) -> None:
-        keep_checked(self, ("diameter",), _size)
-
-    word: ClassVar[str] = "pole"
-    """Its kind in files and on the command line."""
-
-    @property
-    def title(self) -> str:
-        """Kind and size, for tables."""
-        return f"pole of {self.diameter:g} m"
-
-    @property
-    def shape(self) -> Shape:
-        """The outline as the kernels take it."""
-        return Shape(self.diameter / 2, self.diameter / 2, is_round=True)
-
 
 @dataclass(frozen=True, repr=False)
-class Box(Settings):
+class Box(LandmarkObject):
     """A rectangular object such as a box, a cabinet or a board.
 
     Raises
@@ -92,35 +103,16 @@ class Box(Settings):
     'box of 1.2 x 0.1 m'
     """
 
+    word: ClassVar[str] = "box"
     length: float = 0.6
     """Extent along its heading, which is the wall's where it stands at one, at most 100 [m]."""
     width: float = 0.3
     """Extent across its heading, at most 100 [m]."""
 
-    def __post_init__(self) -> None:
-        keep_checked(self, ("length", "width"), _size)
-
-    word: ClassVar[str] = "box"
-    """Its kind in files and on the command line."""
-
-    @property
-    def title(self) -> str:
-        """Kind and size, for tables."""
-        return f"box of {self.length:g} x {self.width:g} m"
-
-    @property
-    def shape(self) -> Shape:
-        """The outline as the kernels take it."""
-        return Shape(self.length / 2, self.width / 2, is_round=False)
-
-
-LandmarkObject: TypeAlias = Pole | Box
-"""An object that can be a landmark."""
-
 
 def check_object(kind: object) -> None:
     """Raise a ConfigError unless this is an object that can be a landmark."""
-    if not isinstance(kind, (Pole, Box)):
+    if not isinstance(kind, LandmarkObject):
         raise ConfigError(f"the object must be a Pole or a Box, not {shown(kind)}")
 
 
@@ -147,15 +139,13 @@ def parsed_object(text: str) -> LandmarkObject:
     >>> parsed_object("box:0.6,0.3").title
     'box of 0.6 x 0.3 m'
     """
-    name, _, sizes = text.partition(":")
-    try:
+    word, _, sizes = text.partition(":")
+    with contextlib.suppress(ValueError):
         values = [float(size) for size in sizes.split(",")] if sizes else []
-    except ValueError:
-        name = ""
-    if name == "pole" and len(values) <= 1:
-        return Pole(*values)
-    if name == "box" and len(values) in (0, 2):
-        return Box(*values)
+        if word == "pole" and len(values) <= 1:
+            return Pole(*values)
+        if word == "box" and len(values) in (0, 2):
+            return Box(*values)
     raise ConfigError(
         "the object must be pole:DIAMETER or box:LENGTH,WIDTH in metres, such as pole:0.2 or"
         f" box:0.6,0.3, not {shown(text)}"
@@ -208,9 +198,7 @@ def with_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Iterable[Any]
     return dataclasses.replace(grid, cells=cells)
 
 
-def cells_under(
-    grid: OccupancyGrid, kind: LandmarkObject, pose: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def cells_under(grid: OccupancyGrid, kind: LandmarkObject, pose: Floats) -> tuple[Ints, Ints]:
     """Rows and columns of the cells of a map that an object fills, as `with_objects` says.
 
     Parameters
@@ -226,7 +214,7 @@ def cells_under(
     return filled_cells(kind.shape, row, col, heading, grid.resolution, grid.shape)
 
 
-def checked_poses(poses: Iterable[Any], name: str = "a landmark") -> NDArray[np.float64]:
+def checked_poses(poses: Iterable[Any], name: str = "a landmark") -> Floats:
     """Poses (x, y) or (x, y, heading) as an array (n, 3) [m, m, rad]."""
     rows = []
     for pose in poses:
@@ -240,7 +228,7 @@ def checked_poses(poses: Iterable[Any], name: str = "a landmark") -> NDArray[np.
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
-def on_grid(grid: OccupancyGrid, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+def on_grid(grid: OccupancyGrid, poses: Floats) -> Floats:
     """Poses in the world as (row, col, heading) on the map [cells, cells, rad]."""
     rows, cols = grid.world_to_grid(poses[:, 0], poses[:, 1])
     return np.column_stack([rows, cols, poses[:, 2] - grid.origin[2]])
@@ -253,7 +241,7 @@ def filled_cells(
     heading: float,
     resolution: float,
     map_shape: tuple[int, int],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[Ints, Ints]:
     """Rows and columns of the cells of a map that a shape fills; see `with_objects`.
 
     The position is continuous [cells], the heading from the columns' axis towards that of the rows.
@@ -276,10 +264,10 @@ def filled_cells(
     return found_rows + rows.start, found_cols + cols.start
 
 
-def outline_of(shape: Shape, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+def outline_of(shape: Shape, pose: Floats, around: int = 24) -> Floats:
     """Corners of a shape at a pose (x, y, heading), or points around a round one, (n, 2) [m]."""
     if shape.is_round:
-        angle = np.linspace(0, 2 * math.pi, 24, endpoint=False)
+        angle = np.linspace(0, 2 * math.pi, around, endpoint=False)
         return pose[:2] + shape.half_length * np.column_stack([np.cos(angle), np.sin(angle)])
     signs = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)])
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
@@ -287,13 +275,12 @@ def outline_of(shape: Shape, pose: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(pose[:2] + corners @ np.array([(cos, sin), (-sin, cos)]))
 
 
-def _outline(shape: Shape, heading: float, step: float) -> NDArray[np.float64]:
+def _outline(shape: Shape, heading: float, step: float) -> Floats:
     """Points x, y along the outline of a shape at the origin, at most `step` apart [m]."""
+    origin = np.array([0.0, 0.0, heading])
     if shape.is_round:
-        count = math.ceil(2 * math.pi * shape.half_length / step)
-        angle = np.linspace(0, 2 * math.pi, count, endpoint=False)
-        return shape.half_length * np.column_stack([np.cos(angle), np.sin(angle)])
-    corners = outline_of(shape, np.array([0.0, 0.0, heading]))
+        return outline_of(shape, origin, math.ceil(2 * math.pi * shape.half_length / step))
+    corners = outline_of(shape, origin)
     sides = []
     for one, other in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         count = math.ceil(float(np.hypot(*(other - one))) / step)

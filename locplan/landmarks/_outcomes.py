@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats
 from locplan._util.intervals import Interval, of_rms, wilson
+from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import Column, Table
-from locplan.simulation import Drives
+from locplan.costs import Path
+from locplan.simulation import Drives, Simulator, drive_paths
 
 DRIVES = 100
 """Number of drives along each route by default."""
@@ -21,7 +23,7 @@ OUTCOME = (
     Column("rmse", "m", "error, all drives", interval=True),
     Column("kept_rmse", "m", "not lost", interval=True),
 )
-Profile: TypeAlias = NDArray[np.float64]
+Profile: TypeAlias = Floats
 """Distance along a route and the largest deviation of a match's position there, (n, 2) [m]."""
 
 
@@ -35,28 +37,32 @@ class Outcome:
     @property
     def number(self) -> int:
         """Number of drives."""
-        return sum(len(each.errors) for each in self.drives)
+        return len(self.lost)
+
+    @property
+    def lost(self) -> Bools:
+        """True for each drive that was lost, off by more than 1 m, at any time, (number,)."""
+        return np.concatenate([each.lost for each in self.drives])
+
+    @property
+    def mean_squares(self) -> Floats:
+        """Mean square of each drive's position error, (number,) [m^2]."""
+        return np.concatenate([each.mean_squares for each in self.drives])
 
     @property
     def lost_rate(self) -> Interval:
         """Share of the drives that were lost, off by more than 1 m, at any time, 0..1."""
-        lost = np.concatenate([each.lost for each in self.drives])
-        return wilson(float(lost.mean()), len(lost))
+        return wilson(float(self.lost.mean()), self.number)
 
     @property
     def rmse(self) -> Interval:
         """Root mean square of the position error along the way [m]."""
-        return of_rms(self._mean_squares)
+        return of_rms(self.mean_squares)
 
     @property
     def kept_rmse(self) -> Interval:
         """RMSE of the drives that were not lost at any time [m]; NaN if all of them were."""
-        lost = np.concatenate([each.lost for each in self.drives])
-        return of_rms(self._mean_squares[~lost])
-
-    @property
-    def _mean_squares(self) -> NDArray[np.float64]:
-        return np.concatenate([each.mean_squares for each in self.drives])
+        return of_rms(self.mean_squares[~self.lost])
 
     def __repr__(self) -> str:
         return f"Outcome({self.number} drives, {self.lost_rate.value:.0%} lost)"
@@ -84,6 +90,47 @@ class Outcome:
     def summary(self) -> dict[str, object]:
         """Errors and share of lost drives in numbers, fit for JSON."""
         return Table.of(OUTCOME, [self]).records()[0]
+
+
+Compared: TypeAlias = tuple[Outcome, Outcome, Outcome | None, dict[str, tuple[Drives, Drives]]]
+"""The first fields of `BeforeAndAfter`."""
+Change = TypeVar("Change")
+World: TypeAlias = tuple[Simulator, Mapping[str, Path]]
+"""A world with a robot in it, and the robot's routes there."""
+
+
+def driven_in(
+    worlds: Iterable[World], drives: Sequence[int], progress: ProgressCallback | None
+) -> Iterator[Outcome]:
+    """Drive each of as many routes several times in each world."""
+    callbacks = parts(progress, drives)
+    for (simulator, routes), number, each in zip(worlds, drives, callbacks, strict=True):
+        count = number // len(routes)
+        yield Outcome(tuple(drive_paths(simulator, routes, count, progress=each).values()))
+
+
+def compared(
+    enter: Callable[[Change], World],
+    changes: Sequence[Change],
+    at_random: Sequence[Change],
+    drives: int,
+    routes: Collection[str],
+    progress: ProgressCallback | None,
+) -> tuple[Compared, list[Outcome]]:
+    """Drive before a change, after it, with parts of it alone, and after some at random.
+
+    `changes` are none, the whole one, and its parts. The parts together have as many drives, and
+    the changes at random.
+    """
+    alone, sets = len(changes) - 2, len(at_random)
+    numbers = [drives] * 2 + [max(drives // max(alone, 1), 2)] * alone
+    numbers += [drives // max(sets, 1)] * sets
+    worlds = (enter(change) for change in (*changes, *at_random))
+    counts = [len(routes) * number for number in numbers]
+    before, after, *rest = driven_in(worlds, counts, progress)
+    random = Outcome(tuple(d for each in rest[alone:] for d in each.drives)) if sets else None
+    pairs = zip(before.drives, after.drives, strict=True)
+    return (before, after, random, dict(zip(routes, pairs, strict=True))), rest[:alone]
 
 
 def outcomes_table(title: str, named: Mapping[str, Outcome]) -> Table:
@@ -179,7 +226,7 @@ class Verification(BeforeAndAfter):
         return f"{said}; error {error}"
 
     @property
-    def match_deviations(self) -> NDArray[np.float64]:
+    def match_deviations(self) -> Floats:
         """Median and 95 % quantile [m] along the routes of `fields`, before and after, (2, 2)."""
         every = (np.concatenate([pair[n][:, 1] for pair in self.fields.values()]) for n in (0, 1))
         return np.array([np.nanquantile(values, [0.5, 0.95]) for values in every])

@@ -6,13 +6,12 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations, product
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._util.checks import check_threads, instance, whole
-from locplan._util.poses import Poses
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Path
 from locplan.errors import ConfigError
@@ -30,7 +29,7 @@ from locplan.landmarks._routes import (
     where_robot_is,
 )
 from locplan.landmarks._search import Search, in_world
-from locplan.landmarks._sight import Sight, lines_along, step_of, surroundings
+from locplan.landmarks._sight import Sight, lines_along, surroundings
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, check_grid
 from locplan.robots import Robot
 
@@ -123,19 +122,30 @@ def place_landmarks(
     if sum(each is not None for each in (paths, places, region)) != 1:
         raise ConfigError("give one of paths, places and region")
     empty = without_objects(grid, kind, existing) if len(existing) else grid
-    if region is not None:
-        ways = _ways_in(empty, region, robot)
-    else:
-        ways = _ways_along(empty, routes_of(empty, paths, places, robot.radius), robot)
+    if region is None:
+        routes = routes_of(empty, paths, places, robot.radius)
+        setting = Setting(empty, kind, routes, None, paths is None, robot)
+        lines = lines_along(empty, routes, robot)
+        clear_of = [path.resampled(empty.resolution / 2).xy for path in routes.values()]
         if paths is not None and len(existing):
-            lines_along(grid, ways.routes, step_of(robot.amcl))  # nor may an object stand on them
-    setting = Setting(empty, kind, ways.routes, ways.region, paths is None, robot)
+            lines_along(grid, routes, robot)  # nor may an object stand on them
+    else:
+        cells = where_robot_is(empty, cells_in(empty, region, "region"), robot.radius)
+        routes = routes_across(empty, cells, robot.radius)
+        setting = Setting(empty, kind, routes, cells, True, robot)
+        lines = [poses_in(empty, cells, robot.known_lidar)]
+        clear_of = [path.xy[[0, -1]] for path in setting.routes.values()]
     passages = Passages(empty, kind.shape, robot.radius, sites.clearance)
-    seen = surroundings(empty, ways.lines, step_of(robot.amcl), kind.shape, robot)
-    tried = _within_range(setting, ways, sites, seen.rays.most + kind.shape.reach)
-    routes = np.column_stack(empty.world_to_grid(*ways.clear_of.T))
+    seen = surroundings(empty, lines, kind.shape, robot)
     keep, area = robot.radius + sites.clearance, cells_in(grid, sites.keep_out, "keep_out")
-    reasons = refusals(tried, empty, passages, routes, keep, area)
+    beside = setting.routes.values() if region is None else ()
+    tried = _near(
+        places_of(empty, kind.shape, sites, beside, keep),
+        on_grid(empty, np.concatenate(lines)),
+        (seen.rays.most + kind.shape.reach) / empty.resolution,
+    )
+    at = np.column_stack(empty.world_to_grid(*np.concatenate(clear_of).T))
+    reasons = refusals(tried, empty, passages, at, keep, area)
     allowed = np.array([not reason for reason in reasons], bool)
     every = np.concatenate([on_grid(empty, existing), tried[allowed]])
     if not len(every):
@@ -144,7 +154,7 @@ def place_landmarks(
             f" {_counted(reasons)}; allow more places (where), a smaller object or clearance, or"
             " keep less of the map out"
         )
-    sight = Sight(seen, kind.shape, every, grid.resolution, threads)
+    sight = Sight(empty, seen, kind.shape, every, threads)
     objective: Objective = AlongRoutes(sight)
     if region is not None:
         objective = MeanDegeneracy.of(sight, robot.known_lidar)
@@ -157,52 +167,18 @@ def place_landmarks(
         Rejected(x, y, heading, reason)
         for (x, y, heading), reason in zip(refused.tolist(), reasons, strict=True)
     )
-    return Landmarks.of(setting, search, order, rejected, grid, len(existing), shifts)
+    indices = np.array(order, np.int64)
+    return Landmarks(
+        setting, search, indices, shifts, rejected, grid, len(existing), objective.name
+    )
 
 
-class _Ways(NamedTuple):
-    """Where the robot is."""
-
-    routes: dict[str, Path]
-    """Routes that are driven."""
-    region: NDArray[np.bool_] | None
-    """Cells of a region, (H, W), or None where the robot drives the routes only."""
-    lines: list[Poses]
-    """Poses at which it looks around, along each route or in the region."""
-    clear_of: NDArray[np.float64]
-    """World x and y that objects keep away from, (n, 2) [m]."""
-
-
-def _ways_along(grid: OccupancyGrid, routes: dict[str, Path], robot: Robot) -> _Ways:
-    """Poses along routes."""
-    fine = [path.resampled(grid.resolution / 2).xy for path in routes.values()]
-    lines = lines_along(grid, routes, step_of(robot.amcl))
-    return _Ways(routes, None, lines, np.concatenate(fine))
-
-
-def _ways_in(grid: OccupancyGrid, region: Any, robot: Robot) -> _Ways:
-    """Poses in a region, and the routes across it."""
-    area = cells_in(grid, region, "region")
-    if area is None:
-        raise ConfigError("the region must hold at least one rectangle (x0, y0, x1, y1) in metres")
-    cells = where_robot_is(grid, area, robot.radius)
-    routes = routes_across(grid, cells, robot.radius)
-    ends = np.concatenate([path.xy[[0, -1]] for path in routes.values()])
-    return _Ways(routes, cells, [poses_in(grid, cells, robot.known_lidar)], ends)
-
-
-def _within_range(setting: Setting, ways: _Ways, sites: Sites, reach: float) -> NDArray[np.float64]:
-    """Places on the map within a distance [m] of the robot's poses, (n, 3)."""
+def _near(places: Floats, poses: Floats, within: float) -> Floats:
+    """Places at most so far from the poses of the robot, all on the map [cells]."""
     from scipy.spatial import cKDTree
 
-    grid, robot = setting.grid, setting.robot
-    beside = setting.routes.values() if setting.region is None else ()
-    places = places_of(grid, setting.kind.shape, sites, beside, robot.radius + sites.clearance)
-    poses = np.concatenate([line[:, :2] for line in ways.lines])
-    at = np.column_stack(grid.world_to_grid(*poses.T))
-    apart, _ = cKDTree(at).query(places[:, :2], distance_upper_bound=reach / grid.resolution)
-    near: NDArray[np.float64] = places[np.isfinite(apart)]
-    return near
+    apart, _ = cKDTree(poses[:, :2]).query(places[:, :2], distance_upper_bound=within)
+    return np.asarray(places[np.isfinite(apart)])
 
 
 def _counted(reasons: Sequence[str]) -> str:
@@ -211,13 +187,7 @@ def _counted(reasons: Sequence[str]) -> str:
     return ", ".join(f"{each} ({count})" for each, count in counts.items()) or "there are no places"
 
 
-DIRECTIONS = 8
-"""Number of directions of walls."""
-
-
-def without_objects(
-    grid: OccupancyGrid, kind: LandmarkObject, poses: NDArray[np.float64]
-) -> OccupancyGrid:
+def without_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Floats) -> OccupancyGrid:
     """Copy of a map without objects that stand in it, whose cells become free.
 
     An object is sought up to a cell from its pose, where the least of it is free. Cells stay that
@@ -240,17 +210,14 @@ def without_objects(
             )
         # Distance from an object at which a wall beside it still must be one [cells].
         reach = kind.shape.reach / grid.resolution + 2.5
-        own = [
-            not _in_wall(occupied, i, j, (row, col), reach)
-            for i, j in zip(rows.tolist(), cols.tolist(), strict=True)
-        ]
+        own = ~_in_walls(occupied, np.column_stack([rows, cols]), np.array([row, col]), reach)
         at = rows[own], cols[own]
         cells[at] = FREE
         cells[_rim(cells, at)] = FREE
     return dataclasses.replace(grid, cells=cells)
 
 
-def _check_apart(kind: LandmarkObject, poses: NDArray[np.float64]) -> None:
+def _check_apart(kind: LandmarkObject, poses: Floats) -> None:
     """Raise a ConfigError if two objects are given whose middles lie in each other."""
     for (x, y, _), (other_x, other_y, _) in combinations(poses.tolist(), 2):
         if math.hypot(x - other_x, y - other_y) < kind.shape.half_width:
@@ -262,7 +229,7 @@ def _check_apart(kind: LandmarkObject, poses: NDArray[np.float64]) -> None:
 
 def _drawn_cells(
     grid: OccupancyGrid, shape: Shape, row: float, col: float, heading: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[Ints, Ints]:
     """The occupied cells that an object fills, shifted only to where less of it is free."""
     size = grid.shape[0], grid.shape[1]
     best, found = (-math.inf, 0.0), (np.empty(0, np.int64), np.empty(0, np.int64))
@@ -276,30 +243,23 @@ def _drawn_cells(
     return found
 
 
-def _in_wall(
-    occupied: NDArray[np.bool_], row: int, col: int, centre: tuple[float, float], reach: float
-) -> bool:
-    """Whether occupied cells lead from a cell straight out of a disc [cells] on both sides."""
-
-    def leaves(d_row: float, d_col: float) -> bool:
-        at_row, at_col = row + 0.5, col + 0.5
-        while math.hypot(at_row - centre[0], at_col - centre[1]) <= reach:
-            at_row, at_col = at_row + d_row, at_col + d_col
-            i, j = math.floor(at_row), math.floor(at_col)
-            if not (0 <= i < occupied.shape[0] and 0 <= j < occupied.shape[1]):
-                return True  # the wall goes on where the map ends
-            if not occupied[i, j]:
-                return False
-        return True
-
-    angles = np.arange(DIRECTIONS) * math.pi / DIRECTIONS
-    steps = np.column_stack([np.sin(angles), np.cos(angles)]).tolist()
-    return any(leaves(y, x) and leaves(-y, -x) for y, x in steps)
+def _in_walls(occupied: Bools, cells: Ints, centre: Floats, reach: float) -> Bools:
+    """Whether occupied cells lead from each cell straight out of a disc [cells] on both sides."""
+    angles = np.arange(8) * math.pi / 8  # of walls
+    steps = np.column_stack([np.sin(angles), np.cos(angles)])
+    count = int(2 * reach) + 2
+    ways = np.repeat(np.concatenate([steps, -steps])[:, None], count + 1, axis=1)
+    ways = np.repeat(ways[None], len(cells), axis=0)
+    ways[:, :, 0] = cells[:, None] + 0.5
+    ways = np.cumsum(ways, axis=2)
+    within = np.hypot(*np.moveaxis(ways - centre, -1, 0)) <= reach
+    at = np.clip(np.floor(ways).astype(int) + 1, 0, np.array(occupied.shape) + 1)
+    free = ~np.pad(occupied, 1, constant_values=True)[at[..., 0], at[..., 1]]
+    leaves = ~(free[..., 1:] & within[..., :-1]).any(axis=2)  # a wall goes on where the map ends
+    return np.asarray((leaves[:, :8] & leaves[:, 8:]).any(axis=1))
 
 
-def _rim(
-    cells: NDArray[np.uint8], at: tuple[NDArray[np.int64], NDArray[np.int64]]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _rim(cells: NDArray[np.uint8], at: tuple[Ints, Ints]) -> tuple[Ints, Ints]:
     """Occupied cells beside those of an object that lead no farther: no wall has them."""
     import cv2
 

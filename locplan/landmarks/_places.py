@@ -8,18 +8,19 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from locplan._kernels.arrays import Bools, Floats
 from locplan._util.checks import Settings, keep, keep_checked, number, one_of, positive
 from locplan._util.poses import way_along, window_around
 from locplan.costs import Path
-from locplan.landmarks._objects import Shape, checked_poses, filled_cells
+from locplan.landmarks._objects import Shape, checked_poses, filled_cells, outline_of
 from locplan.maps import UNKNOWN, OccupancyGrid
 
 AROUND = 3.0
 """Distance from an object within which the robot must get from one side to the other [m]."""
 
-Pose = NDArray[np.float64]
+Pose = Floats
 """Row, column and heading on the map, (3,) [cells, cells, rad]."""
 
 
@@ -67,7 +68,7 @@ class Passages:
             for space, radius in zip(self.open, self.radii, strict=True)
         )
 
-    def _cuts(self, space: NDArray[np.bool_], radius: float, pose: Pose, around: float) -> bool:
+    def _cuts(self, space: Bools, radius: float, pose: Pose, around: float) -> bool:
         import cv2
 
         window, closed = self._closed(pose, radius, around)
@@ -92,7 +93,7 @@ class Passages:
 
     def _closed(
         self, pose: Pose, radius: float, around: float
-    ) -> tuple[tuple[slice, slice], NDArray[np.bool_]]:
+    ) -> tuple[tuple[slice, slice], Bools]:
         """A window on the map, and where in it the robot would be nearer than a radius [m]."""
         row, col, heading = pose.tolist()
         reach = math.ceil((self.shape.reach + radius + around) / self.resolution) + 1
@@ -166,7 +167,7 @@ class Sites(Settings):
 
 def places_of(
     grid: OccupancyGrid, shape: Shape, sites: Sites, routes: Iterable[Path], keep: float
-) -> NDArray[np.float64]:
+) -> Floats:
     """Poses of an object along walls and free-standing, not yet checked, (n, 3).
 
     Along walls it is turned as the wall is; a long object that stands free is tried both ways.
@@ -180,7 +181,7 @@ def places_of(
     return np.concatenate(parts)
 
 
-def _along_walls(grid: OccupancyGrid, shape: Shape, spacing: float) -> NDArray[np.float64]:
+def _along_walls(grid: OccupancyGrid, shape: Shape, spacing: float) -> Floats:
     """Poses every `spacing` [m] along the walls, at least `WALL_GAP` clear of them."""
     import cv2
 
@@ -198,13 +199,11 @@ def _along_walls(grid: OccupancyGrid, shape: Shape, spacing: float) -> NDArray[n
         where = (np.arange(count) + 0.5) * way[-1] / count
         # Half the length along a wall over which its direction is measured [m].
         half = min(0.25, way[-1] / 4)
-        ends = [
-            np.column_stack(
-                [np.interp((where + shift) % max(way[-1], 1e-9), way, v) for v in ring.T]
-            )
-            for shift in (-half, half)
-        ]
-        d_row, d_col = (ends[1] - ends[0]).T
+        length = max(way[-1], 1e-9)
+        d_row, d_col = (
+            np.interp((where + half) % length, way, v) - np.interp((where - half) % length, way, v)
+            for v in ring.T
+        )
         nearest = np.searchsorted(way, where).clip(0, len(at)) % len(at)
         rows, cols = at[nearest].T
         # Maximum distance of an object from its wall beyond the least one [m].
@@ -215,22 +214,28 @@ def _along_walls(grid: OccupancyGrid, shape: Shape, spacing: float) -> NDArray[n
     return np.concatenate(found)
 
 
-def _free_standing(grid: OccupancyGrid, shape: Shape) -> NDArray[np.float64]:
+def _free_standing(grid: OccupancyGrid, shape: Shape) -> Floats:
     """Poses on a lattice of a metre, where the clearance is above `FREE_CLEARANCE`."""
     # Spacing of free-standing candidates [m].
     step = 1.0 / grid.resolution
     rows, cols = (np.arange(step / 2, size, step) for size in grid.shape)
     row, col = (v.ravel() for v in np.meshgrid(rows, cols, indexing="ij"))
-    at = row.astype(int), col.astype(int)
-    clear = grid.free[at] & (grid.clearance[at] > FREE_CLEARANCE)
-    row, col = row[clear], col[clear]
     ways = (0.0,) if shape.half_length == shape.half_width else (0.0, math.pi / 2)
-    return np.concatenate([np.column_stack([row, col, np.full(len(row), way)]) for way in ways])
+    poses = [np.column_stack([row, col, np.full(len(row), way)]) for way in ways]
+    return _in_the_open(grid, np.concatenate(poses))
+
+
+def _in_the_open(grid: OccupancyGrid, poses: Floats) -> Floats:
+    """Those of some poses where the clearance is above `FREE_CLEARANCE`."""
+    rows, cols = np.floor(poses[:, :2]).astype(int).T
+    inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
+    poses, at = poses[inside], (rows[inside], cols[inside])
+    return np.asarray(poses[grid.free[at] & (grid.clearance[at] > FREE_CLEARANCE)])
 
 
 def _beside_routes(
     grid: OccupancyGrid, shape: Shape, routes: Iterable[Path], keep: float, spacing: float
-) -> NDArray[np.float64]:
+) -> Floats:
     """Poses every `spacing` [m] on both sides of routes through the open, as near as allowed.
 
     Near objects help a filter most whose heading is uncertain. They are turned as the route is,
@@ -249,21 +254,16 @@ def _beside_routes(
                 at_row, at_col = row + np.cos(ahead) * away, col - np.sin(ahead) * away
                 heading = np.mod(ahead + turn + 1e-9, np.pi) - 1e-9
                 found.append(np.column_stack([at_row, at_col, heading]))
-    poses = np.concatenate(found)
-    rows, cols = np.floor(poses[:, :2]).astype(int).T
-    inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
-    poses, at = poses[inside], (rows[inside], cols[inside])
-    clear: NDArray[np.float64] = poses[grid.free[at] & (grid.clearance[at] > FREE_CLEARANCE)]
-    return clear
+    return _in_the_open(grid, np.concatenate(found))
 
 
 def refusals(
-    places: NDArray[np.float64],
+    places: Floats,
     grid: OccupancyGrid,
     passages: Passages,
-    routes: NDArray[np.float64],
+    routes: Floats,
     keep: float,
-    keep_out: NDArray[np.bool_] | None,
+    keep_out: Bools | None,
 ) -> list[str]:
     """Why an object may not stand at each place on the map, or "" where it may.
 
@@ -291,7 +291,10 @@ def refusals(
     def reason(pose: Pose) -> str:
         row, col, heading = pose.tolist()
         cells = filled_cells(shape, row, col, heading, resolution, grid.shape)
-        if _beyond(shape, (row, col, heading), grid) or unknown[cells].any():
+        corners = outline_of(shape, np.array([0.0, 0.0, heading])) / resolution
+        reach = np.abs(corners[:, ::-1]).max(axis=0) - 1e-6
+        beyond = (pose[:2] < reach) | (pose[:2] > grid.shape - reach)
+        if beyond.any() or unknown[cells].any():
             return "reaches beyond the map or into what is unknown"
         if taken[cells].any():
             return "less than 5 cm from a wall or another object"
@@ -306,31 +309,14 @@ def refusals(
     return [reason(pose) for pose in places]
 
 
-def _beyond(shape: Shape, pose: tuple[float, float, float], grid: OccupancyGrid) -> bool:
-    """Whether an object at a pose [cells, cells, rad] reaches beyond the map."""
-    row, col, heading = pose
-    high = wide = shape.half_length
-    if not shape.is_round:
-        cos, sin = abs(math.cos(heading)), abs(math.sin(heading))
-        wide = cos * shape.half_length + sin * shape.half_width
-        high = sin * shape.half_length + cos * shape.half_width
-    high, wide = high / grid.resolution - 1e-6, wide / grid.resolution - 1e-6
-    rows, cols = grid.shape
-    return not (high <= row <= rows - high and wide <= col <= cols - wide)
-
-
-def too_close(
-    shape: Shape, pose: NDArray[np.float64], others: NDArray[np.float64], resolution: float
-) -> bool:
+def too_close(shape: Shape, pose: Floats, others: Floats, resolution: float) -> bool:
     """Whether an object would stand closer than `APART` to another one [cells, cells, rad]."""
     apart = np.hypot(*(others[:, :2] - pose[:2]).T) * resolution
     near = others[apart < 2 * shape.reach + APART]
     return any(shape.is_round or _boxes_near(shape, pose, other, resolution) for other in near)
 
 
-def _boxes_near(
-    shape: Shape, one: NDArray[np.float64], other: NDArray[np.float64], resolution: float
-) -> bool:
+def _boxes_near(shape: Shape, one: Floats, other: Floats, resolution: float) -> bool:
     """Whether two rectangles come closer than `APART`; points along one against the other."""
     along, across = np.meshgrid(
         np.linspace(-shape.half_length, shape.half_length, 9),

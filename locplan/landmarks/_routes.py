@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools
 from locplan._util.checks import position, shown
-from locplan._util.intervals import random_of
 from locplan._util.poses import Poses
-from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import CovarianceField, FieldConfig, Fused, covariance_field, points_near, scalar
-from locplan.landmarks._objects import LandmarkObject, with_objects
+from locplan.landmarks._objects import LandmarkObject
 from locplan.landmarks._outcomes import Profile
-from locplan.landmarks._search import Search, in_world
-from locplan.maps import FREE, OccupancyGrid
+from locplan.maps import OccupancyGrid
 from locplan.planners import plan
 from locplan.robots import Lidar, Robot
-from locplan.simulation import Drives, Simulator, drive_paths
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,21 +33,36 @@ class Setting:
     """The object, of which several are placed."""
     routes: Mapping[str, Path]
     """Routes of the robot by name; of a region, those across it that are driven."""
-    region: NDArray[np.bool_] | None
+    region: Bools | None
     """Cells in which the robot may be anywhere, (H, W), or None where it drives the routes."""
     planned: bool
     """True if the routes are shortest paths, to be planned again among the objects."""
     robot: Robot
     """The robot that was simulated."""
 
+    def on(self, grid: OccupancyGrid) -> Mapping[str, Path]:
+        """The routes that were given, or the shortest paths between their ends on a map."""
+        if not self.planned:
+            return self.routes
+        costs = Costmap.blank(grid, robot=self.robot)
+        paths = {}
+        for name, path in self.routes.items():
+            (x0, y0), (x1, y1) = path.xy[[0, -1]].tolist()
+            found = plan(costs, (x0, y0), (x1, y1)).path
+            if found is None:
+                raise LocplanError(
+                    f"no path of the robot leads along {name} on the map"
+                    f" {'with' if grid is not self.grid else 'without'} landmarks"
+                )
+            paths[name] = found
+        return paths
+
 
 MAX_PLACES = 8
 """Maximum number of places; all of them are joined by routes."""
 
 
-def routes_of(
-    grid: OccupancyGrid, paths: object, places: object, robot_radius: float
-) -> dict[str, Path]:
+def routes_of(grid: OccupancyGrid, paths: Any, places: Any, robot_radius: float) -> dict[str, Path]:
     """Routes by name: the paths that were given, or the shortest ones between places.
 
     Raises
@@ -63,13 +73,26 @@ def routes_of(
         If the robot cannot stand at a place, or no path joins two.
     """
     if paths is not None:
-        return _named_paths(paths)
-    named = _named_places(places)
+        given = {"path": paths} if isinstance(paths, Path) else paths
+        named = _named(given, "path", "paths by name")
+        if not named:
+            raise ConfigError("there must be at least one path along which landmarks help")
+        return {
+            str(name): path if isinstance(path, Path) else Path(np.asarray(path))
+            for name, path in named.items()
+        }
+    named = _named(places, "place", "positions x, y in metres")
+    if not 2 <= len(named) <= MAX_PLACES:
+        raise ConfigError(
+            f"there must be 2 to {MAX_PLACES} places, which routes join, not {len(named)};"
+            " give longer lists of routes as paths"
+        )
+    ends = {str(name): position(xy, name=f"place {name}") for name, xy in named.items()}
     costs = Costmap.blank(grid, robot=robot_radius)
-    routes = {}
-    for name, xy in named.items():
+    for name, xy in ends.items():
         costs.cell_of(xy, name)
-    for (one, start), (other, goal) in combinations(named.items(), 2):
+    routes = {}
+    for (one, start), (other, goal) in combinations(ends.items(), 2):
         found = plan(costs, start, goal).path
         if found is None:
             raise LocplanError(f"no path leads from {one} to {other}; name places that are joined")
@@ -77,35 +100,16 @@ def routes_of(
     return routes
 
 
-def _named_paths(paths: Any) -> dict[str, Path]:
-    if isinstance(paths, Path):
-        paths = {"path": paths}
-    elif not isinstance(paths, Mapping):
-        if not isinstance(paths, Iterable) or isinstance(paths, str):
-            raise ConfigError(f"paths must be paths by name, not {shown(paths)}")
-        paths = {f"path {n}": path for n, path in enumerate(paths, 1)}
-    if not paths:
-        raise ConfigError("there must be at least one path along which landmarks help")
-    return {
-        str(name): path if isinstance(path, Path) else Path(np.asarray(path))
-        for name, path in paths.items()
-    }
+def _named(values: Any, word: str, what: str) -> Mapping[Any, Any]:
+    """What has names already, or is numbered from 1."""
+    if isinstance(values, Mapping):
+        return values
+    if not isinstance(values, Iterable) or isinstance(values, str):
+        raise ConfigError(f"{word}s must be {what}, not {shown(values)}")
+    return {f"{word} {n}": value for n, value in enumerate(values, 1)}
 
 
-def _named_places(places: Any) -> dict[str, tuple[float, float]]:
-    if not isinstance(places, Mapping):
-        if not isinstance(places, Sequence) or isinstance(places, str):
-            raise ConfigError(f"places must be positions x, y in metres, not {shown(places)}")
-        places = {f"place {n}": xy for n, xy in enumerate(places, 1)}
-    if not 2 <= len(places) <= MAX_PLACES:
-        raise ConfigError(
-            f"there must be 2 to {MAX_PLACES} places, which routes join, not {len(places)};"
-            " give longer lists of routes as paths"
-        )
-    return {str(name): position(xy, name=f"place {name}") for name, xy in places.items()}
-
-
-def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> NDArray[np.bool_] | None:
+def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> Bools | None:
     """Cells of a mask (H, W) or of rectangles in the world, or None without any.
 
     Raises
@@ -128,9 +132,8 @@ def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> NDArray[np.bool_] | 
         return values
     if values.size == 0:
         return None
-    if values.ndim != 2 or values.shape[1] != 4 or not np.issubdtype(values.dtype, np.number):
-        raise wrong
-    if not np.isfinite(values).all():
+    numbers = np.issubdtype(values.dtype, np.number) and np.isfinite(values).all()
+    if values.ndim != 2 or values.shape[1] != 4 or not numbers:
         raise wrong
     rows, cols = np.indices(grid.shape)
     at = np.stack(grid.grid_to_world(rows + 0.5, cols + 0.5), axis=-1)
@@ -148,9 +151,7 @@ ENDS = 6
 """Number of places that drives join, in pairs far apart."""
 
 
-def where_robot_is(
-    grid: OccupancyGrid, region: NDArray[np.bool_], robot_radius: float
-) -> NDArray[np.bool_]:
+def where_robot_is(grid: OccupancyGrid, region: Bools | None, robot_radius: float) -> Bools:
     """Cells of a region where the robot's centre can be, all joined by ways on the map, (H, W).
 
     Raises
@@ -160,6 +161,8 @@ def where_robot_is(
     """
     import cv2
 
+    if region is None:
+        raise ConfigError("the region must hold at least one rectangle (x0, y0, x1, y1) in metres")
     space = grid.free & ~grid.closer_than(robot_radius - 1e-9)
     _, parts = cv2.connectedComponents(space.astype(np.uint8), connectivity=4)
     counts = np.bincount(parts[space & region], minlength=1)
@@ -171,7 +174,7 @@ def where_robot_is(
     return np.asarray(region & (parts == int(counts.argmax())))
 
 
-def poses_in(grid: OccupancyGrid, cells: NDArray[np.bool_], lidar: Lidar) -> Poses:
+def poses_in(grid: OccupancyGrid, cells: Bools, lidar: Lidar) -> Poses:
     """Poses in the world on a lattice over cells, with headings all round, (n, 3).
 
     The fewer a lidar sees at once, the more headings there are: any direction is seen twice.
@@ -195,9 +198,7 @@ def poses_in(grid: OccupancyGrid, cells: NDArray[np.bool_], lidar: Lidar) -> Pos
     return np.column_stack([np.repeat(x, headings), np.repeat(y, headings), turns])
 
 
-def routes_across(
-    grid: OccupancyGrid, cells: NDArray[np.bool_], robot_radius: float
-) -> dict[str, Path]:
+def routes_across(grid: OccupancyGrid, cells: Bools, robot_radius: float) -> dict[str, Path]:
     """Shortest paths between places in a region, of which each is far from those before it.
 
     Raises
@@ -233,77 +234,6 @@ def routes_across(
     return routes
 
 
-Cells: TypeAlias = NDArray[np.int64]
-"""Rows and columns of a feature's cells, (k, 2)."""
-
-
-def drive_on(
-    setting: Setting,
-    grid: OccupancyGrid,
-    drives: int,
-    seed: int,
-    threads: int | None,
-    progress: ProgressCallback | None,
-) -> tuple[Drives, ...]:
-    """Drives of each route on a map that the robot's filter has, too."""
-    simulator = Simulator(grid, robot=setting.robot, seed=seed, threads=threads)
-    return tuple(
-        drive_paths(simulator, paths_on(setting, grid), drives, progress=progress).values()
-    )
-
-
-def drive_without(
-    grid: OccupancyGrid,
-    lacking: Sequence[Cells],
-    routes: Mapping[str, Path],
-    robot: Robot,
-    drives: int,
-    seed: int,
-    threads: int | None,
-    progress: ProgressCallback | None,
-) -> tuple[Drives, ...]:
-    """Drives of each route in worlds that lack features, which the robot's map still shows."""
-    cells = grid.cells.copy()
-    if lacking:
-        cells[tuple(np.concatenate(lacking).T)] = FREE
-    world = dataclasses.replace(grid, cells=cells)
-    simulator = Simulator(world, robot, filter_map=grid, seed=seed, threads=threads)
-    return tuple(drive_paths(simulator, routes, drives, progress=progress).values())
-
-
-def paths_on(setting: Setting, grid: OccupancyGrid) -> Mapping[str, Path]:
-    """The routes that were given, or the shortest paths between their ends on a map."""
-    if not setting.planned:
-        return setting.routes
-    costs = Costmap.blank(grid, robot=setting.robot)
-    paths = {}
-    for name, path in setting.routes.items():
-        (x0, y0), (x1, y1) = path.xy[[0, -1]].tolist()
-        found = plan(costs, (x0, y0), (x1, y1)).path
-        if found is None:
-            raise LocplanError(
-                f"no path of the robot leads along {name} on the map"
-                f" {'with' if grid is not setting.grid else 'without'} landmarks"
-            )
-        paths[name] = found
-    return paths
-
-
-def random_maps(
-    setting: Setting, search: Search, count: int, sets: int, seed: int
-) -> list[OccupancyGrid]:
-    """Maps with `count` objects at random places of those that are allowed."""
-    maps = []
-    for n in range(sets):
-        # Stream of random numbers of places at random, beside those of `Simulator`.
-        chosen = search.at_random(count, random_of(seed, 100, n))
-        if not chosen:
-            return []
-        poses = in_world(setting.grid, search.places[chosen])
-        maps.append(with_objects(setting.grid, setting.kind, poses))
-    return maps
-
-
 def fields_along(
     setting: Setting, maps: tuple[OccupancyGrid, OccupancyGrid], threads: int | None
 ) -> dict[str, tuple[Profile, Profile]]:
@@ -312,7 +242,7 @@ def fields_along(
     The field is computed near the routes only, and updated where the second map differs.
     """
     config = FieldConfig(Fused.of(setting.robot.known_lidar))
-    routes = [paths_on(setting, grid) for grid in maps]
+    routes = [setting.on(grid) for grid in maps]
     before, after = (
         _near(grid, config, paths.values()) for grid, paths in zip(maps, routes, strict=True)
     )
@@ -322,7 +252,7 @@ def fields_along(
     return {name: (found[name], _along(field, path)) for name, path in routes[1].items()}
 
 
-def _near(grid: OccupancyGrid, config: FieldConfig, paths: Iterable[Path]) -> NDArray[np.bool_]:
+def _near(grid: OccupancyGrid, config: FieldConfig, paths: Iterable[Path]) -> Bools:
     """Lattice points that are read along some paths."""
     stride = config.stride_cells(grid.resolution)
     xy = np.concatenate([path.resampled(grid.resolution * stride / 2).xy for path in paths])

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan.landmarks._objectives import Objective
 from locplan.landmarks._places import Passages, too_close
 from locplan.maps import OccupancyGrid
@@ -31,7 +31,7 @@ class Regularity(NamedTuple):
         return f"landmarks {numbers} stand in a row every {self.period:.2f} m"
 
 
-def regularity(positions: NDArray[np.float64]) -> Regularity | None:
+def regularity(positions: Floats) -> Regularity | None:
     """The longest row of at least four landmarks with equal short steps, or None.
 
     Parameters
@@ -47,30 +47,21 @@ def regularity(positions: NDArray[np.float64]) -> Regularity | None:
     True
     """
     best: Regularity | None = None
-    for one in range(len(positions)):
-        for other in range(len(positions)):
-            step = positions[other] - positions[one]
-            if one == other or np.hypot(*step) > MISTAKEN:
-                continue
-            row = [one]
-            while (found := _index_at(positions, positions[row[-1]] + step)) is not None:
-                if found in row:
-                    break
-                row.append(found)
-                step = (positions[row[-1]] - positions[one]) / (len(row) - 1)
-            # Least number of landmarks in a regular row.
-            if len(row) >= 4 and (best is None or len(row) > len(best.landmarks)):
-                period = math.hypot(*(positions[row[-1]] - positions[one])) / (len(row) - 1)
-                best = Regularity(round(period, 6), tuple(n + 1 for n in row))
+    for one, other in itertools.permutations(range(len(positions)), 2):
+        step = positions[other] - positions[one]
+        if np.hypot(*step) > MISTAKEN:
+            continue
+        row, found = [one], other
+        while found not in row:
+            row.append(found)
+            step = (positions[row[-1]] - positions[one]) / (len(row) - 1)
+            apart = np.hypot(*(positions - (positions[row[-1]] + step)).T)
+            # Greatest distance of a shifted landmark from another that it may be taken for [m].
+            found = int(np.argmin(apart)) if apart.min() <= 0.2 else one
+        # Least number of landmarks in a regular row.
+        if len(row) >= 4 and (best is None or len(row) > len(best.landmarks)):
+            best = Regularity(round(float(np.hypot(*step)), 6), tuple(n + 1 for n in row))
     return best
-
-
-def _index_at(positions: NDArray[np.float64], xy: NDArray[np.float64]) -> int | None:
-    """Index of the landmark at a position, or None."""
-    apart = np.hypot(*(positions - xy).T)
-    nearest = int(np.argmin(apart))
-    # Greatest distance of a shifted landmark from another one that it may be taken for [m].
-    return nearest if apart[nearest] <= 0.2 else None
 
 
 ROUNDS = 3
@@ -101,7 +92,7 @@ class Search:
     objective: Objective
     passages: Passages
     """Space of the robot on the map without objects."""
-    among: NDArray[np.int64]
+    among: Ints
     """The places that are searched among."""
     lazy: int = 128
     """Number of places that a lazy search looks at together."""
@@ -109,7 +100,7 @@ class Search:
     """Places that would have been chosen but for the others, and why they were not."""
 
     @property
-    def places(self) -> NDArray[np.float64]:
+    def places(self) -> Floats:
         """Row, column and heading of all places on the map, (n, 3) [cells, cells, rad]."""
         return self.objective.sight.places
 
@@ -117,13 +108,12 @@ class Search:
         self, first: list[int], count: int, progress: Callable[[int, int], None] | None = None
     ) -> list[int]:
         """Indices of the places: `first` and `count` more, then exchanged, in order of gain."""
-        chosen, steps, done = list(first), count + ROUNDS * (count + len(first)), 0
+        chosen, steps = list(first), count + ROUNDS * (count + len(first))
+        done = itertools.count(1)
 
         def step() -> None:
-            nonlocal done
-            done += 1
             if progress:
-                progress(min(done, steps), steps)
+                progress(min(next(done), steps), steps)
 
         bounds = np.full(len(self.places), np.inf)
         for _ in range(count):
@@ -146,10 +136,7 @@ class Search:
         return self.in_order(chosen)
 
     def best(
-        self,
-        others: list[int],
-        now: int | None = None,
-        bounds: NDArray[np.float64] | None = None,
+        self, others: list[int], now: int | None = None, bounds: Floats | None = None
     ) -> int | None:
         """Best place beside others that is allowed; None if none is better than what is.
 
@@ -157,8 +144,7 @@ class Search:
         greatest bound on, until none of the rest can gain more. Gains beside fewer objects are
         such bounds as far as the objective has diminishing returns; they are lowered in place.
         """
-        self.objective.start(np.array(others, np.int64))
-        value = self.objective.value()
+        value = self._beside(others).value()
         least = 0.0 if now is None else value - float(self.objective.values(np.array([now]))[0])
         # Share of the objective by which an exchange must lower it.
         least += 1e-6 * (value - least)
@@ -167,7 +153,7 @@ class Search:
         if bounds is not None:
             waiting, lot = waiting[np.argsort(-bounds[waiting], kind="stable")], self.lazy
         gains = np.full(len(self.places), -np.inf)
-        passages: Passages | None = None
+        passages = self.around(others)
         for begin in range(0, len(waiting), lot):
             part = waiting[begin : begin + lot]
             gains[part] = value - self.objective.values(part)
@@ -175,8 +161,6 @@ class Search:
             if bounds is not None:
                 bounds[part] = gains[part]
                 rest = bounds[waiting[begin + lot :]].max(initial=-np.inf)
-            if passages is None:
-                passages = self.around(others)
             for n in np.argsort(-gains, kind="stable").tolist():
                 if not gains[n] > least or gains[n] < rest:
                     break
@@ -200,7 +184,7 @@ class Search:
         """Why no object may stand at a place beside others, or nothing."""
         pose = self.places[place]
         sight = self.objective.sight
-        if too_close(sight.shape, pose, self.places[others], sight.resolution):
+        if too_close(sight.shape, pose, self.places[others], sight.grid.resolution):
             return "too close to another landmark"
         return "cuts a passage for the robot beside the others" if passages.cuts(pose) else ""
 
@@ -209,19 +193,19 @@ class Search:
         order: list[int] = []
         left = sorted(chosen)
         while left:
-            self.objective.start(np.array(order, np.int64))
-            best = left[int(np.argmin(self.objective.values(np.array(left))))]
+            best = left[int(np.argmin(self._beside(order).values(np.array(left))))]
             order.append(best)
             left.remove(best)
         return order
 
-    def curve(self, order: list[int]) -> NDArray[np.float64]:
+    def curve(self, order: list[int]) -> Floats:
         """The objective with 0, 1, ... of the places, (k + 1,)."""
-        values = []
-        for n in range(len(order) + 1):
-            self.objective.start(np.array(order[:n], np.int64))
-            values.append(self.objective.value())
-        return np.array(values)
+        return np.array([self._beside(order[:n]).value() for n in range(len(order) + 1)])
+
+    def _beside(self, chosen: list[int]) -> Objective:
+        """The objective beside objects at these places."""
+        self.objective.start(np.array(chosen, np.int64))
+        return self.objective
 
     def at_random(self, count: int, random: np.random.Generator) -> list[int]:
         """Places drawn at random that are allowed beside each other, at most `count`."""
@@ -242,7 +226,7 @@ class Search:
         least, if that is at most a twentieth; else it stays.
         """
         shifts: list[Shift] = []
-        while len(shifts) < len(order) and (row := regularity(self._positions(order))):
+        while len(shifts) < len(order) and (row := regularity(self._positions[order])):
             found = self._broken(order, row)
             if found is None:
                 break
@@ -252,9 +236,8 @@ class Search:
 
     def _broken(self, order: list[int], row: Regularity) -> tuple[list[int], Shift] | None:
         """The places with one of a row moved for the least price; None if all cost more."""
-        self.objective.start(np.array(order, np.int64))
-        now = self.objective.value()
-        everywhere = self._positions(list(range(len(self.places))))
+        now = self._beside(order).value()
+        everywhere = self._positions
         # Share of the objective that breaking a row may cost.
         least, best = now * (1 + 0.05), None
         for member in row.landmarks:
@@ -262,15 +245,14 @@ class Search:
             others = order[:n] + order[n + 1 :]
             apart = np.hypot(*(everywhere[self.among] - everywhere[order[n]]).T)
             near = np.setdiff1d(self.among[apart <= MISTAKEN / 2], order)
-            self.objective.start(np.array(others, np.int64))
-            values = self.objective.values(near)
+            values = self._beside(others).values(near)
             passages = self.around(others)
             # Number of places near each landmark of a row that are looked at, the best first.
             for at in np.argsort(values, kind="stable")[:20].tolist():
                 if values[at] >= least:
                     break
                 moved = [*order[:n], int(near[at]), *order[n + 1 :]]
-                rows = regularity(self._positions(moved))
+                rows = regularity(self._positions[moved])
                 if rows is not None and len(rows.landmarks) >= len(row.landmarks):
                     continue
                 if not self.fault(int(near[at]), others, passages):
@@ -280,13 +262,13 @@ class Search:
                     break
         return best
 
-    def _positions(self, indices: list[int]) -> NDArray[np.float64]:
-        """Positions of places on the map, (k, 2) [m]."""
-        found: NDArray[np.float64] = self.places[indices, :2] * self.objective.sight.resolution
-        return found
+    @property
+    def _positions(self) -> Floats:
+        """Positions of all places on the map, (n, 2) [m]."""
+        return np.asarray(self.places[:, :2] * self.objective.sight.grid.resolution)
 
 
-def in_world(grid: OccupancyGrid, places: NDArray[np.float64]) -> NDArray[np.float64]:
+def in_world(grid: OccupancyGrid, places: Floats) -> Floats:
     """Places (row, col, heading) on a map as poses in the world, (n, 3) [m, m, rad]."""
     x, y = grid.grid_to_world(places[:, 0], places[:, 1])
     return np.column_stack([x, y, places[:, 2] + grid.origin[2]])

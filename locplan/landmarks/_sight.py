@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats, Ints, Singles
 from locplan._util.checks import check_memory
 from locplan._util.poses import Poses, way_along
 from locplan.costs import Path
@@ -41,9 +41,7 @@ class Surroundings:
 
     rays: Any
     """`landmarks.Rays`: the poses and their rays, in the map's own axes."""
-    hits: NDArray[np.float32]
-    """Hits of the rays on the map without objects, (n, beams, 4)."""
-    routes: NDArray[np.int64]
+    routes: Ints
     """Indices at which the routes begin, and the number of all poses, (r + 1,).
 
     Poses of a region are one line without an order.
@@ -55,14 +53,14 @@ class Surroundings:
     motion: Any
     """`objectives.Motion`: how the covariance of the filter's pose grows on the way."""
 
-    def covariances(self, sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    def covariances(self, sums: Floats) -> Floats:
         """P at each pose, (n, 6), with what `landmarks.sums_of` makes of the hits there."""
         from locplan._kernels.objectives import covariances
 
         _, after = covariances(sums, self.rays.poses, self.routes, self.a_step, self.motion)
         return np.asarray(after)
 
-    def profile(self, sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    def profile(self, sums: Floats) -> Floats:
         """P_xx + P_yy at each pose, (n,) [m^2]."""
         from locplan._kernels.landmarks import XX, YY
 
@@ -71,51 +69,40 @@ class Surroundings:
 
 
 def surroundings(
-    grid: OccupancyGrid,
-    lines: Sequence[Poses],
-    step: float,
-    shape: Shape,
-    robot: Robot,
+    grid: OccupancyGrid, lines: Sequence[Poses], shape: Shape, robot: Robot
 ) -> Surroundings:
-    """Look around on a map at poses in the world, about `step` [m] apart on each line."""
+    """Look around on a map at poses in the world, `step_of` apart on each line."""
     rays = _rays_at(own_axes(grid, np.concatenate(lines)), shape, robot, grid.resolution)
+    count = len(rays.first)
+    check_memory(
+        f"{count:,} poses with {rays.beams} rays", count * rays.beams * 40, "take shorter routes"
+    )
     update = max(robot.amcl.update_min_d, 1e-3)
     a_step, a_metre = (
-        _information(robot, rays.beams, grid.resolution, way / update) for way in (step, 1.0)
+        _information(robot, rays.beams, grid.resolution, way / update)
+        for way in (step_of(robot), 1.0)
     )
-    return Surroundings(
-        rays,
-        _hits_on(grid, rays),
-        np.cumsum([0, *map(len, lines)]),
-        a_step,
-        a_metre,
-        _motion_of(robot),
-    )
+    return Surroundings(rays, np.cumsum([0, *map(len, lines)]), a_step, a_metre, _motion_of(robot))
 
 
-def lines_along(grid: OccupancyGrid, paths: Mapping[str, Path], step: float) -> list[Poses]:
-    """Poses about every `step` [m] along each path.
+def lines_along(grid: OccupancyGrid, paths: Mapping[str, Path], robot: Robot) -> list[Poses]:
+    """Poses about every `step_of` [m] along each path.
 
     Raises
     ------
     LocplanError
         If a path leaves the free cells.
     """
-    lines = []
+    lines, step = [], step_of(robot)
     for name, path in paths.items():
         try:
-            lines.append(_every(poses_along(path, grid), step))
+            poses = poses_along(path, grid)
         except LocplanError as error:
             raise LocplanError(f"path {name}: {error}") from None
+        way = way_along(poses)
+        at = np.searchsorted(way, np.arange(0.0, way[-1] + step / 2, step) - 1e-9)
+        lines.append(poses[np.unique(at.clip(0, len(poses) - 1))])
     return lines
-
-
-def _every(poses: Poses, step: float) -> Poses:
-    """Poses of a line about every `step` [m]."""
-    way = way_along(poses)
-    at = np.searchsorted(way, np.arange(0.0, way[-1] + step / 2, step) - 1e-9)
-    kept: Poses = poses[np.unique(at.clip(0, len(poses) - 1))]
-    return kept
 
 
 def _rays_at(poses: Poses, shape: Shape, robot: Robot, resolution: float) -> Any:
@@ -147,9 +134,9 @@ def _rays_at(poses: Poses, shape: Shape, robot: Robot, resolution: float) -> Any
     )
 
 
-def step_of(amcl: Amcl) -> float:
+def step_of(robot: Robot) -> float:
     """Distance between two looks around [m]."""
-    return min(max(amcl.update_min_d, MIN_STEP), MAX_STEP)
+    return min(max(robot.amcl.update_min_d, MIN_STEP), MAX_STEP)
 
 
 def _swing_of(amcl: Amcl, resolution: float) -> float:
@@ -162,22 +149,6 @@ def _swing_of(amcl: Amcl, resolution: float) -> float:
     turn = times * amcl.alpha2 * amcl.update_min_d**2
     narrow = 1.0 if amcl.laser_model_type == "likelihood_field_prob" else 3.0
     return narrow * turn / (SIGMA * max(amcl.sigma_hit, resolution)) ** 2
-
-
-def _hits_on(grid: OccupancyGrid, rays: Any) -> NDArray[np.float32]:
-    """Hits of rays on a map, (n, beams, 4); see `locplan._kernels.landmarks`."""
-    from locplan._kernels.landmarks import hits_of_map
-    from locplan._kernels.rays import empty_squares
-
-    count = len(rays.first)
-    check_memory(
-        f"{count:,} poses with {rays.beams} rays", count * rays.beams * 40, "take shorter routes"
-    )
-    occupied = grid.cells == OCCUPIED
-    hits = np.zeros((count, rays.beams, 4), np.float32)
-    squares, normals = empty_squares(occupied), surface_normals(occupied)
-    hits_of_map(squares, normals, grid.resolution, rays, 0, count, hits)
-    return hits
 
 
 def _information(robot: Robot, rays: int, resolution: float, looks: float) -> Any:
@@ -226,44 +197,45 @@ LOT = 64
 class Sight:
     """What a robot sees at its poses, with objects at some of the places."""
 
+    grid: OccupancyGrid
+    """The map without objects."""
     seen: Surroundings
     shape: Shape
-    places: NDArray[np.float64]
+    places: Floats
     """Row, column and heading of each place on the map, (m, 3) [cells, cells, rad]."""
-    resolution: float
     threads: int
-    hits: NDArray[np.float32] = field(init=False)
+    hits: Singles = field(init=False)
     """Hits of the rays with the objects, (n, beams, 4)."""
-    sums: NDArray[np.float64] = field(init=False)
+    sums: Floats = field(init=False)
     """What `sums_of` makes of them, but for the number of hits, which is that of the map."""
     sightings: Any = field(init=False)
     """`sightings.Sightings` of the places."""
 
     def __post_init__(self) -> None:
-        from locplan._kernels.landmarks import sums_of
+        from locplan._kernels.landmarks import Outline, hits_of_map, sums_of
+        from locplan._kernels.rays import empty_squares
 
+        rays, resolution = self.seen.rays, self.grid.resolution
+        count, occupied = len(rays.first), self.grid.cells == OCCUPIED
+        self._hits_of_map = np.zeros((count, rays.beams, 4), np.float32)
+        scene = empty_squares(occupied), surface_normals(occupied), resolution
+        hits_of_map(*scene, rays, 0, count, self._hits_of_map)
         self.own = np.ascontiguousarray(
-            np.column_stack([self.places[:, [1, 0]] * self.resolution, self.places[:, 2]])
+            np.column_stack([self.places[:, [1, 0]] * resolution, self.places[:, 2]])
         )
-        self.hits = self.seen.hits.copy()
-        self.sums = sums_of(self.hits, self.seen.rays)
+        self.outline = Outline(*self.shape)
+        self.hits = self._hits_of_map.copy()
+        self.sums = sums_of(self.hits, rays)
         self._sums_of_map = self.sums.copy()
-        self._touched = np.zeros(len(self.sums), bool)
+        self._touched = np.zeros(count, bool)
         self.sightings = self._found()
 
-    @property
-    def outline(self) -> Any:
-        """The object as the kernels take it."""
-        from locplan._kernels.landmarks import Outline
-
-        return Outline(*self.shape)
-
-    def start(self, chosen: NDArray[np.int64]) -> None:
+    def start(self, chosen: Ints) -> None:
         """Begin from objects at these places, (k,)."""
         from locplan._kernels.landmarks import HITS, add_object, sum_up
 
         touched, rays = self._touched, self.seen.rays
-        self.hits[touched] = self.seen.hits[touched]
+        self.hits[touched] = self._hits_of_map[touched]
         self.sums[touched] = self._sums_of_map[touched]
         touched[:] = False
         for x, y, heading in self.own[chosen]:
@@ -271,7 +243,7 @@ class Sight:
         sum_up(self.hits, rays, touched, self.sums)
         self.sums[:, HITS] = self._sums_of_map[:, HITS]
 
-    def seen_with(self, place: int) -> NDArray[np.bool_]:
+    def seen_with(self, place: int) -> Bools:
         """Which places are seen from any pose that sees this one, (m,)."""
         starts, poses, _ = self.sightings
         here = np.zeros(len(self.sums), bool)
@@ -279,9 +251,7 @@ class Sight:
         counts = np.concatenate([[0], np.cumsum(here[poses])])
         return np.asarray(counts[starts[1:]] > counts[starts[:-1]])
 
-    def in_threads(
-        self, run: Callable[[NDArray[np.int64]], NDArray[np.float64]], indices: NDArray[np.int64]
-    ) -> NDArray[np.float64]:
+    def in_threads(self, run: Callable[[Ints], Floats], indices: Ints) -> Floats:
         """Values of some places that are computed in parts, each on a thread."""
         return np.concatenate(self._lots(run, np.asarray(indices, np.int64)))
 
@@ -289,7 +259,7 @@ class Sight:
         """Which poses see which place, and by which rays."""
         from locplan._kernels.features import Sightings, count_sightings, fill_sightings
 
-        own, given = self.own, (self.seen.hits, self.seen.rays, self.outline)
+        own, given = self.own, (self._hits_of_map, self.seen.rays, self.outline)
         counts, every = np.zeros(len(own), np.int64), np.arange(len(own))
         self._lots(lambda lot: count_sightings(own, lot[0], lot[-1] + 1, *given, counts), every)
         starts = np.concatenate([[0], np.cumsum(counts)])
@@ -304,9 +274,7 @@ class Sight:
         self._lots(lambda lot: fill_sightings(own, lot[0], lot[-1] + 1, *given, found), every)
         return found
 
-    def _lots(
-        self, run: Callable[[NDArray[np.int64]], Any], indices: NDArray[np.int64]
-    ) -> list[Any]:
+    def _lots(self, run: Callable[[Ints], Any], indices: Ints) -> list[Any]:
         """What a function gives for the indices of each lot of places."""
         lots = np.split(indices, range(LOT, len(indices), LOT))
         with ThreadPoolExecutor(self.threads) as pool:

@@ -9,19 +9,19 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools
 from locplan._util.checks import whole
 from locplan._util.intervals import random_of
 from locplan._util.progress import ProgressCallback, parts
 from locplan.landmarks._landmarks import Landmarks, Trial
 from locplan.landmarks._objectives import MeanDegeneracy, Objective
-from locplan.landmarks._routes import drive_on
+from locplan.landmarks._outcomes import Outcome, driven_in
 from locplan.landmarks._search import Search
-from locplan.simulation import Drives
+from locplan.simulation import Simulator
 
 FIRST_DRIVES = 40
 """Number of drives along each route in the first round; it doubles while placements halve."""
@@ -75,47 +75,31 @@ def best_of_trials(
     whole("seed", seed, 0)
     if trials == 1:
         return made
-    left = [Contender(each) for each in _placements(made, trials, seed)]
-    sizes, size, drives = [], len(left), FIRST_DRIVES
-    while size > 1:
-        sizes += [drives * len(made.setting.routes)] * size
-        size, drives = -(-size // 2), 2 * drives
-    callbacks = iter(parts(progress, sizes))
-    drives, round_ = FIRST_DRIVES, 0
-    beaten: list[Contender] = []
-    while len(left) > 1:
-        own_seed = int(random_of(seed, ROUNDS, round_).integers(2**31))
-        for each in left:
-            setting, grid = each.made.setting, each.made.grid
-            each.driven += drive_on(setting, grid, drives, own_seed, threads, next(callbacks))
-        left.sort(key=lambda each: each.score)
-        stay = -(-len(left) // 2)
+    left = [(each, Outcome(())) for each in _placements(made, trials, seed)]
+    sizes = [len(left)]  # placements in each round
+    while sizes[-1] > 1:
+        sizes.append(-(-sizes[-1] // 2))
+    setting, beaten = made.setting, left[:0]
+    first = FIRST_DRIVES * len(setting.routes)
+    drives = [[first * 2**n] * size for n, size in enumerate(sizes[:-1])]
+    callbacks = parts(progress, [sum(each) for each in drives])
+    for n, stay in enumerate(sizes[1:]):
+        own_seed = int(random_of(seed, ROUNDS, n).integers(2**31))
+        run = partial(Simulator, robot=setting.robot, seed=own_seed, threads=threads)
+        worlds = ((run(each.grid), setting.on(each.grid)) for each, _ in left)
+        driven = zip(left, driven_in(worlds, drives[n], callbacks[n]), strict=True)
+        left = [(each, Outcome(before.drives + more.drives)) for (each, before), more in driven]
+        left.sort(key=lambda each: _trial(*each)[-2:])
         left, beaten = left[:stay], left[stay:] + beaten
-        drives, round_ = 2 * drives, round_ + 1
-    trials_made = tuple(each.trial for each in [*left, *beaten])
-    return dataclasses.replace(left[0].made, trials=trials_made)
+    trials_made = tuple(_trial(*each) for each in [*left, *beaten])
+    return dataclasses.replace(left[0][0], trials=trials_made)
 
 
-@dataclass
-class Contender:
-    """A placement, and its drives so far."""
-
-    made: Landmarks
-    driven: list[Drives] = field(default_factory=list)
-
-    @property
-    def score(self) -> tuple[int, float]:
-        """Number of lost drives, and the mean logarithm of the squared error of all."""
-        squares: NDArray[np.float64] = np.concatenate([each.mean_squares for each in self.driven])
-        lost = sum(int(each.lost.sum()) for each in self.driven)
-        return lost, float(np.log(np.maximum(squares, MIN_ERROR**2)).mean())
-
-    @property
-    def trial(self) -> Trial:
-        """What its drives say."""
-        lost, error = self.score
-        number = sum(len(each.errors) for each in self.driven)
-        return Trial(self.made.chosen_by, number, lost, math.exp(error / 2))
+def _trial(made: Landmarks, driven: Outcome) -> Trial:
+    """What the drives with a placement say; the last two numbers rank it."""
+    squares = np.maximum(driven.mean_squares, MIN_ERROR**2)
+    error = math.exp(float(np.log(squares).mean()) / 2)
+    return Trial(made.chosen_by, driven.number, int(driven.lost.sum()), error)
 
 
 def _placements(made: Landmarks, trials: int, seed: int) -> Iterator[Landmarks]:
@@ -131,7 +115,7 @@ def _placements(made: Landmarks, trials: int, seed: int) -> Iterator[Landmarks]:
         objectives.append(MeanDegeneracy.of(sight, made.setting.robot.known_lidar))
     for n in range(1, trials):
         objective, half = objectives[n % len(objectives)], n >= len(objectives)
-        keep: NDArray[np.bool_] = np.ones(len(own.places), bool)
+        keep: Bools = np.ones(len(own.places), bool)
         if half:
             # Share of the places that a further placement is searched among.
             keep = random_of(seed, VARIANTS, n).random(len(keep)) < 0.5
@@ -139,8 +123,10 @@ def _placements(made: Landmarks, trials: int, seed: int) -> Iterator[Landmarks]:
         search = Search(objective, own.passages, np.flatnonzero(keep))
         order = search.run(list(range(first)), max(len(made) - first, 0))
         order, shifts = search.without_rows(order)
-        found = Landmarks.of(
-            made.setting, own, own.in_order(order), made.rejected, made.before, first, shifts
-        )
         among = ", half of the places" if half else ""
-        yield dataclasses.replace(found, chosen_by=objective.name + among)
+        yield dataclasses.replace(
+            made,
+            indices=np.array(own.in_order(order), np.int64),
+            shifts=shifts,
+            chosen_by=objective.name + among,
+        )

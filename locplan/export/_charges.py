@@ -1,143 +1,30 @@
-"""What differs between the distributions of ROS 2, and what Nav2's planners charge for costs.
+"""Values 0..100 of masks and maps: by what Nav2's planners charge for costs, or u in per cent.
 
 Formulas read from ros-navigation/navigation2, branches humble to main (2026-08): node_2d.cpp,
-node_hybrid.cpp, navfn.cpp and theta_star.hpp.
+node_hybrid.cpp, navfn.cpp, theta_star.hpp and nav2_map_server's map_io.cpp; and from ROS 1's
+image_loader.cpp.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import one_of
-from locplan._util.reading import ROS_BOOLEANS, ROS_NUMBER
+from locplan._util.reading import dumped
+from locplan.costs import Costmap, about_costs, costs_caption
 from locplan.errors import ConfigError
-from locplan.export._registry import rendered
-
-
-class DistroWarning(UserWarning):
-    """A distribution of ROS 2 has a fault that concerns the localization."""
-
-
-@dataclass(frozen=True)
-class Distribution:
-    """A distribution of ROS 2, as far as exports depend on it."""
-
-    name: str
-    """The name, such as jazzy."""
-    slashes: bool = False
-    """Whether planners' plugins are named with / for :: (nav2_smac_planner/smac_plugin_2d.xml and
-    its like), up to iron."""
-    quadratic_penalty: bool = True
-    """Whether SmacPlannerHybrid has `use_quadratic_cost_penalty`, from jazzy on."""
-    graph_by: Literal["launch", "parameters", "argument"] = "argument"
-    """How the route server gets its graph (nav2_bringup/launch): bringup starts none in humble, so
-    that our launch file does; one with graph_filepath of its parameters in jazzy; and one with the
-    argument ``graph:=``, which replaces graph_filepath, from kilted on."""
-    inscribed_value: bool = True
-    """Whether a StaticLayer takes one value of a map for the inscribed cost, by default 99
-    (nav2_costmap_2d/plugins/static_layer.cpp, inscribed_obstacle_cost_value), from lyrical on."""
-    unsure_field: bool = True
-    """Whether AMCL's likelihood field is made from an uninitialised variable (`CellData cell` in
-    nav2_amcl/src/map/map_cspace.cpp), from kilted on."""
-
-    def warn(self) -> None:
-        """Warn of what a user of this distribution should know."""
-        if self.unsure_field:
-            warnings.warn(
-                DistroWarning(
-                    f"{self.name}: AMCL's likelihood field may be wrong there, since it starts from"
-                    " an uninitialised variable (map_cspace.cpp, CellData cell); build nav2_amcl"
-                    " with its occ_dist set to 0"
-                ),
-                stacklevel=2,
-            )
-
-
-DISTRIBUTIONS = {
-    each.name: each
-    for each in (
-        Distribution("humble", True, False, "launch", inscribed_value=False, unsure_field=False),
-        Distribution("jazzy", graph_by="parameters", inscribed_value=False, unsure_field=False),
-        Distribution("kilted", inscribed_value=False),
-        Distribution("lyrical"),
-        Distribution("rolling"),
-    )
-}
-"""Distributions that exports are made for, by name."""
-
-
-def distribution(name: str) -> Distribution:
-    """A distribution of ROS 2 by its name.
-
-    Parameters
-    ----------
-    name : str
-        One of `DISTRIBUTIONS`.
-
-    Raises
-    ------
-    ConfigError
-        If there is none of this name.
-    """
-    one_of("distro", name, DISTRIBUTIONS)
-    return DISTRIBUTIONS[name]
-
-
-@dataclass(frozen=True)
-class Server:
-    """A lifecycle node of Nav2."""
-
-    package: str
-    executable: str
-    name: str
-    parameters: Mapping[str, Any]
-    files: Mapping[str, str] = field(default_factory=dict)
-    """Parameters that name a file in the folder; the launch file alone has them.
-
-    It writes them for all nodes, "/**". rclcpp would take a name in the parameter file, written
-    for this node, instead of it where a -p comes before the files (parameter_map.cpp), as
-    launch_ros's SetParameter puts it.
-    """
-
-
-def write_servers(folder: Path, servers: Sequence[Server], manager_name: str) -> None:
-    """Write the nodes' parameters, and a launch file that starts and activates them."""
-    manager = Server(
-        "nav2_lifecycle_manager",
-        "lifecycle_manager",
-        manager_name,
-        {"autostart": True, "node_names": [server.name for server in servers]},
-    )
-    nodes = [*servers, manager]
-    parameters = {node.name: {"ros__parameters": dict(node.parameters)} for node in nodes}
-    write_yaml(folder / "servers.yaml", parameters)
-    launch = folder / "localizability.launch.xml"
-    launch.write_text(rendered("servers.launch.xml", nodes=nodes), "utf-8")
-
-
-def write_yaml(path: Path, content: Mapping[str, Any]) -> None:
-    """Write parameters so that ROS reads each text as a text."""
-    import yaml
-
-    class Dumper(yaml.SafeDumper):
-        """A dumper that quotes what is a text to PyYAML only."""
-
-    def represent(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
-        plain = text in ROS_BOOLEANS or ROS_NUMBER.fullmatch(text)
-        return dumper.represent_scalar("tag:yaml.org,2002:str", text, '"' if plain else None)
-
-    Dumper.add_representer(str, represent)
-    text = yaml.dump(dict(content), Dumper=Dumper, sort_keys=False, allow_unicode=True)
-    path.write_text(text, "utf-8")
-
+from locplan.export._registry import check_has_field, export_folder
+from locplan.maps import OccupancyGrid
 
 RETROSPECTIVE_PENALTY = 0.015
 """SmacPlannerHybrid's default, which multiplies every step by 1 minus it."""
@@ -155,7 +42,7 @@ class NavPlanner:
     """Name of the plugin from Jazzy on; Humble writes / for ::."""
     parameter: str | None
     """The parameter that scales costs; None if there is none."""
-    excess: Callable[[NDArray[np.float64], float], NDArray[np.float64]]
+    excess: Callable[[Floats, float], Floats]
     """Function from costmap values 0..252 and the parameter to the share charged."""
     parameter_for: Callable[[float, float], float]
     """Function from a costmap value and an excess to the parameter at which it means that."""
@@ -167,7 +54,7 @@ class NavPlanner:
     """Minimum time that the planner needs for a way over a mask [s]; None if it has no limit."""
 
 
-def _theta_star_term(costs: NDArray[np.float64] | float) -> NDArray[np.float64]:
+def _theta_star_term(costs: Floats | float) -> Floats:
     return ((26 + 0.9 * np.asarray(costs)) / 252) ** 2
 
 
@@ -282,7 +169,7 @@ def checked_planner(name: str, param: float | None) -> NavPlanner:
 
 
 def values_for(
-    density: NDArray[np.float64],
+    density: Floats,
     planner: NavPlanner,
     greatest: float,
     param: float | None = None,
@@ -316,3 +203,133 @@ def values_for(
     largest, mean = (float(error.max()), float(error.mean())) if error.size else (0.0, 0.0)
     charges = float(charged[-1]), float(above.mean())
     return values, Conversion(planner, param, *charges, largest, mean)
+
+
+_LOW, _HIGH = 20, 216
+"""Greys, counted from white, between which the 1..99 of "scale-ros1" lie."""
+
+
+class YawWarning(UserWarning):
+    """A map's yaw was left out."""
+
+
+def without_yaw(grid: OccupancyGrid) -> OccupancyGrid:
+    """The map without its yaw, which Nav2's and ROS 1's planners ignore; warns if there is one."""
+    x, y, yaw = grid.origin
+    if not yaw:
+        return grid
+    text = f"{grid.name or 'the map'} has a yaw of {yaw:g} rad, which the stacks ignore:"
+    warnings.warn(YawWarning(f"{text} written as they have it, unturned"), stacklevel=2)
+    return dataclasses.replace(grid, origin=(x, y, 0.0))
+
+
+def where_unturned(grid: OccupancyGrid, xy: Floats) -> Floats:
+    """World positions (n, 2) as they are on the map without its yaw [m]."""
+    unturned = dataclasses.replace(grid, origin=(*grid.origin[:2], 0.0))
+    return np.column_stack(unturned.grid_to_world(*grid.world_to_grid(*xy.T)))
+
+
+def write_values(
+    stem: Path, values: NDArray[np.int8], grid: OccupancyGrid, mode: str = "raw"
+) -> None:
+    """Write values 0..100, or -1 for unknown, that map servers read back unchanged.
+
+    The YAML is `stem` with its suffix. The image is a .pgm in mode "raw", with grey n for n and
+    255 for unknown, which Nav2 and ROS 1 read alike. It is a .png in the modes "scale" for Nav2
+    and "scale-ros1" for ROS 1, whose scale has other steps.
+    """
+    from PIL import Image
+
+    free, occupied = 0.0, 1.0
+    if mode == "raw":
+        picture = Image.fromarray(values[::-1].view(np.uint8))
+        image = stem.with_suffix(".pgm")
+        occupied, free = 0.65, 0.196
+    else:
+        greys, (free, occupied) = _greys(mode)
+        known = values >= 0  # ROS 1 looks at the opacity between its thresholds only
+        shown = np.dstack([greys[np.where(known, values, 50)], np.where(known, 255, 0)])
+        picture = Image.fromarray(shown[::-1].astype(np.uint8))
+        image = stem.with_suffix(".png")
+    picture.save(image)
+    entries = {
+        "image": image.name,
+        "mode": mode.partition("-")[0],
+        "resolution": grid.resolution,
+        "origin": list(grid.origin),
+        "negate": 0,
+        "occupied_thresh": occupied,
+        "free_thresh": free,
+    }
+    stem.with_suffix(".yaml").write_text(dumped(entries, default_flow_style=None), "utf-8")
+
+
+def write_preview(
+    folder: Path,
+    grid: OccupancyGrid,
+    values: NDArray[np.int8],
+    label: str,
+    title: str,
+    *,
+    falling: bool = False,
+) -> None:
+    """Draw the values over their map; `falling` labels them by what is left of 100."""
+    from locplan.export import _figures
+
+    figure = _figures.values_figure(grid, values, label, f"{grid.name or 'map'}: {title}", falling)
+    _figures.save_preview(folder, figure, dpi=90)
+
+
+def percent(costs: Costmap) -> NDArray[np.int8]:
+    """u in per cent, 0..100, and -1 where it is not known, (H, W).
+
+    Parameters
+    ----------
+    costs : Costmap
+        A costmap that was made of a field.
+
+    Raises
+    ------
+    ConfigError
+        If the costmap was made without a field.
+    """
+    check_has_field(costs)
+    values = np.floor(100 * np.nan_to_num(costs.u) + 0.5)
+    return np.where(np.isnan(costs.u), -1, values).astype(np.int8)
+
+
+def ros_map(folder: str | Path, costs: Costmap) -> None:
+    """Write u in per cent as maps in the modes raw and scale.
+
+    Parameters
+    ----------
+    folder : path
+        The folder; one that holds such an export without changes is replaced.
+    costs : Costmap
+        A costmap that was made of a field.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be written, or there is no field.
+    """
+    values = percent(costs)
+    about = {"kind": "ros-map"} | about_costs(costs)
+    grid = without_yaw(costs.grid)
+    with export_folder(folder, "ros-map.md", about, map=grid.name or "a map") as temporary:
+        for mode in ("raw", "scale", "scale-ros1"):
+            write_values(temporary / mode.replace("-", "_"), values, grid, mode)
+        above = f"as it is published{costs_caption(costs)}"
+        write_preview(temporary, costs.grid, values, "degeneracy u [%]", above)
+
+
+def _greys(mode: str) -> tuple[Ints, tuple[float, float]]:
+    """The grey of each value 0..100, and free_thresh and occupied_thresh."""
+    n = np.arange(101)
+    if mode == "scale":
+        return np.floor(255 * (1 - n / 100) + 0.5).astype(np.int64), (0.0, 1.0)
+    # ROS 1 truncates 1 + 98 r, r the share of the way between the thresholds: n lies in the
+    # middle of its step of two greys, and 99 on the threshold itself.
+    from_white = np.clip(_LOW + 2 * n - 1, _LOW, _HIGH)
+    from_white[[0, 99, 100]] = 0, _HIGH, 255
+    return 255 - from_white, (_LOW / 255, _HIGH / 255)
