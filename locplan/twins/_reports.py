@@ -6,8 +6,7 @@ import math
 from collections.abc import Sequence
 
 from locplan._util.records import Table
-from locplan.twins._places import STARTS, SYMMETRIES, THRESHOLD, TWIN, Start
-from locplan.twins._trials import GlobalMatches
+from locplan.twins._places import STARTS, SYMMETRIES, THRESHOLD, TWIN, GlobalMatches, Start
 from locplan.twins._twins import SHOWN, Twins
 
 CLAIM = (

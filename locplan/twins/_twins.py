@@ -28,12 +28,13 @@ from locplan.twins._places import (
     SYMMETRIES,
     THRESHOLD,
     TWIN,
+    GlobalMatches,
     Start,
     Twin,
     best_starts,
+    global_matches,
 )
 from locplan.twins._symmetries import Symmetry
-from locplan.twins._trials import GlobalMatches, global_matches
 
 SHOWN = 12
 """Maximum number of a place's twins, and of symmetries, in a table or a picture."""
