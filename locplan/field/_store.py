@@ -7,7 +7,6 @@ loses only those under way. A lock lets only one process at a time compute a fie
 
 from __future__ import annotations
 
-import json
 import os
 import warnings
 from collections.abc import Callable, Iterator
@@ -20,15 +19,13 @@ from typing import Any
 import numpy as np
 
 from locplan._kernels.arrays import Bools
-from locplan._util.checks import shown
-from locplan._util.code_digest import code_digest
 from locplan._util.files import replacing_folder
 from locplan._util.progress import ProgressCallback
-from locplan.errors import FieldError, LocplanError
+from locplan.errors import FieldError
 from locplan.field import _cache as cache, _tiles as tiles, _zarr as field_files
 from locplan.field._compute import finished_chunks
 from locplan.field._config import FieldConfig, config_of
-from locplan.field._estimator import Estimator, Values, is_ours, kinds_of
+from locplan.field._estimator import Estimator, Values
 from locplan.field._field import CovarianceField
 from locplan.maps import OccupancyGrid, check_grid
 
@@ -151,7 +148,7 @@ def load_or_compute(
     needed, in_part = tiles.needed_points(grid, config, points), points is not None
     about = None
     try:
-        about = _about(grid, config, in_part)
+        about = field_files.cached_attributes(grid, config, in_part)
     except FieldError as error:
         _warn(f"the field is not cached: {error}")
     if about is None:
@@ -210,21 +207,8 @@ def field_path(
     FieldError
         If the field cannot be cached; see `load_or_compute`.
     """
-    about = _about(grid, config, in_part)
+    about = field_files.cached_attributes(grid, config, in_part)
     return cache.cache_folder(cache_dir) / field_files.name_of(about)
-
-
-def _about(grid: OccupancyGrid, config: FieldConfig, in_part: bool) -> dict[str, Any]:
-    """Attributes of a cached field; a FieldError if nothing can say what decides its values."""
-    identity, estimator = {"points": "some"} if in_part else {}, config.estimator
-    try:
-        if not is_ours(estimator):
-            identity["code"] = code_digest(estimator, kinds_of(estimator))
-        about = field_files.attributes(grid, config, **identity)
-        json.dumps(about)
-    except (LocplanError, TypeError, ValueError) as error:  # the others are of JSON
-        raise FieldError(f"estimator {shown(estimator.name)}: {error}") from None
-    return about
 
 
 @dataclass(frozen=True)
