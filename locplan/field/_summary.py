@@ -106,16 +106,12 @@ class FieldSummary:
 
     def summary(self) -> dict[str, Any]:
         """The summary, fit for JSON."""
-        percentiles = {
-            "position_std": self.position_std,
-            "heading_std": self.heading_std,
-            "e": self.e,
-        }
+        names = "position_std", "heading_std", "e"
         return finite(
             {
                 "map": self.map,
                 "cells_evaluated": self.cells_evaluated,
-                **{name: each._asdict() for name, each in percentiles.items()},
+                **{name: getattr(self, name)._asdict() for name in names},
                 "e_unit": self.e_unit,
                 "saturated_share": self.saturated_share,
                 "config": self.config.to_json(),

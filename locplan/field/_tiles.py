@@ -192,7 +192,7 @@ def coordinates(
 
 
 def chunk_of(folder: Path, shape: tuple[int, ...], kind: str = "float64") -> tuple[int, ...]:
-    """Shape of an array's chunks; one of several errors if it is not as `create` writes it."""
+    """Shape of an array's chunks; one of several errors if it is not as `write` of _zarr has it."""
     about = json.loads(read_bytes(folder / "zarr.json", MAX_JSON_BYTES))
     chunk, codecs = tuple(about["chunk_grid"]["configuration"]["chunk_shape"]), about["codecs"]
     if not (

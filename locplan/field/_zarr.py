@@ -152,8 +152,14 @@ def may_be_replaced(folder: Path, *, force: bool = False) -> bool:
     return True
 
 
-def create(folder: Path, grid: OccupancyGrid, config: FieldConfig, about: dict[str, Any]) -> None:
-    """Create a field's group with the map, the coordinates and arrays without values.
+def write(
+    folder: Path,
+    values: Values,
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    about: dict[str, Any] | None = None,
+) -> None:
+    """Write a field's group: the map, the coordinates, and all values that are known.
 
     `about` are the `attributes` of the field.
     """
@@ -163,7 +169,7 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig, about: dict[s
     compressed: Any = [ZstdCodec(level=1), Crc32cCodec()]
     edge, stride = _edge(grid, config), config.stride_cells(grid.resolution)
     chunks = sum(1 for _ in tiles.chunks_of(evaluated_points(grid.free, stride), edge))
-    about = about | {"chunks": chunks}
+    about = (about or attributes(grid, config)) | {"chunks": chunks}
     about["checksum"] = _checksum(about)
     group = zarr.create_group(folder, zarr_format=3, attributes=about)
     quantities = {layer.name: (layer.label, layer.unit) for layer in config.estimator.layers}
@@ -196,6 +202,7 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig, about: dict[s
     )
     for name, (points, meaning) in places.items():
         group.create_array(name, data=points, dimension_names=(name,), attributes=meaning)
+    write_chunks(folder, values, tiles.chunks_of(tiles.known_points(values), edge))
 
 
 def write_chunks(folder: Path, values: Values, chunks: Iterable[tiles.Chunk]) -> None:
@@ -208,18 +215,6 @@ def write_chunks(folder: Path, values: Values, chunks: Iterable[tiles.Chunk]) ->
     for chunk in chunks:
         for computed, array in arrays:
             array[chunk] = computed[chunk]
-
-
-def write(
-    folder: Path,
-    values: Values,
-    grid: OccupancyGrid,
-    config: FieldConfig,
-    about: dict[str, Any] | None = None,
-) -> None:
-    """Write all of a field that is known; `about` are its `attributes`."""
-    create(folder, grid, config, about or attributes(grid, config))
-    write_chunks(folder, values, tiles.chunks_of(tiles.known_points(values), _edge(grid, config)))
 
 
 def check_readable(values: Values, grid: OccupancyGrid, config: FieldConfig) -> None:

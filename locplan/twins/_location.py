@@ -142,8 +142,7 @@ class Location(Pictured):
         elif len(alike) <= 3:
             count = ("Two", "Three")[len(alike) - 2]
             named = [f"{_place(mode)} ({mode.weight:.0%})" for mode in alike]
-            places = f"{', '.join(named[:-1])} and {named[-1]}"
-            text = f"{count} places{where} look alike: {places}."
+            text = f"{count} places{where} look alike: {', '.join(named[:-1])} and {named[-1]}."
         else:
             # Sum of weights from which on none is left out.
             cut = sum(mode.weight for mode in self.modes) < 1 - 1e-9
