@@ -113,12 +113,13 @@ def filled(values: Floats, known: Bools, lacking: Bools) -> Floats:
     import cv2
 
     half = np.array([0.5, 1.0, 0.5])
-    weight = cv2.sepFilter2D(known.astype(float), -1, half, half, borderType=cv2.BORDER_CONSTANT)
-    summed = np.where(known, values, 0.0)
-    summed = cv2.sepFilter2D(summed, -1, half, half, borderType=cv2.BORDER_CONSTANT)
+    summed, weight = (
+        np.asarray(cv2.sepFilter2D(each, -1, half, half, borderType=cv2.BORDER_CONSTANT))
+        for each in (np.where(known, values, 0.0), known.astype(float))
+    )
     result = values.copy()
     with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where none is known around
-        result[lacking] = np.asarray(summed)[lacking] / np.asarray(weight)[lacking]
+        result[lacking] = summed[lacking] / weight[lacking]
     return result
 
 

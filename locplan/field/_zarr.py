@@ -202,7 +202,7 @@ def write(
     )
     for name, (points, meaning) in places.items():
         group.create_array(name, data=points, dimension_names=(name,), attributes=meaning)
-    write_chunks(folder, values, tiles.chunks_of(tiles.known_points(values), edge))
+    write_chunks(folder, values, [*tiles.chunks_of(tiles.known_points(values), edge)])
 
 
 def write_chunks(folder: Path, values: Values, chunks: Iterable[tiles.Chunk]) -> None:

@@ -49,7 +49,7 @@ class Twins(Result):
     """
 
     _drawn_by: ClassVar[str] = "locplan.twins:twins_figure"
-    _reported_by: ClassVar[str] = "locplan.twins._reports:twins_report"
+    _reported_by: ClassVar[str] = "locplan.twins._find:twins_report"
     files: ClassVar[Results] = Results(
         "twins",
         ("twins.json", "twins.png", "twins.csv", "twins.npz", "symmetries.csv", "starts.csv"),
