@@ -13,7 +13,7 @@ from locplan._util import checks
 from locplan.comparison import Execution, Journal, RandomQueries, Run, Task
 from locplan.errors import ConfigError
 from locplan.field import SearchWindow
-from locplan.field._lattice import standing_cells
+from locplan.field._compute import standing_cells
 from locplan.planners import Ompl, random_queries
 from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation import Simulator, evaluate, simulate

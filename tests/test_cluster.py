@@ -102,7 +102,7 @@ def test_commands_compute_on_a_cluster(scheduler, grid, tmp_path, monkeypatch, c
     arguments = "field", tmp_path / "rooms.yaml", "--disc", "1", "-o", tmp_path / "f.zarr"
     address = "--scheduler", scheduler.scheduler_address
     monkeypatch.setattr("sys.argv", ["locplan", *map(str, arguments + address)])
-    monkeypatch.setattr("locplan.field._tiles.ThreadPoolExecutor", None)  # not here
+    monkeypatch.setattr("locplan.field._compute.ThreadPoolExecutor", None)  # not here
     with pytest.raises(SystemExit) as stop:
         main()
     assert stop.value.code == 0, capsys.readouterr().err

@@ -33,7 +33,7 @@ from locplan.field import (
     scalar,
     surface_normals,
 )
-from locplan.field._lattice import standing_cells
+from locplan.field._compute import standing_cells
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.planners import plan
 from locplan.planners.ompl._motions import Motions

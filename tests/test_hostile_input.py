@@ -32,7 +32,7 @@ from locplan.field import (
     field_path,
     load_or_compute,
 )
-from locplan.field._lattice import _moves, standing_cells
+from locplan.field._compute import standing_cells
 from locplan.field._zarr import _checksum, write
 from locplan.maps import OccupancyGrid, load_map, name_of, save_map
 from locplan.recordings import read_drive
@@ -390,10 +390,14 @@ def test_an_empty_cache_folder_is_refused():
 
 
 @pytest.mark.parametrize("reach", [0, 1, 2, 5, 17])
-def test_moves_come_by_their_distance_and_then_by_row_and_column(reach):
+def test_of_the_nearest_free_cells_that_of_the_lowest_row_and_then_column_is_taken(reach):
     span = range(-reach, reach + 1)
     every = sorted(itertools.product(span, span), key=lambda move: math.hypot(*move))
-    assert list(_moves(reach)) == every
+    free, at = np.zeros((40, 40), bool), (np.array([20]), np.array([20]))
+    for row, col in reversed(every):
+        free[20 + row, 20 + col] = True
+        rows, cols = standing_cells(free, *at, reach)
+        assert (rows.tolist(), cols.tolist()) == ([20 + row], [20 + col])
 
 
 def test_a_long_stride_looks_only_as_far_as_the_nearest_free_cell():

@@ -18,6 +18,7 @@ from locplan.field import (
     Scan,
     SearchWindow,
     _cache as cache,
+    _compute as computing,
     _store as store,
     _tiles as tiles,
     _zarr as field_files,
@@ -32,11 +33,11 @@ LIDAR = Lidar(range=3.0, beams=90)
 
 CHILD = """
 import sys
-from locplan.field import _store as store, _tiles as tiles, _zarr as field_files
+from locplan.field import _compute as computing, _store as store, _zarr as field_files
 from locplan.maps import load_map
 from test_store import QUICK
 
-compute, write = tiles.compute, field_files.write_chunks
+compute, write = computing.compute, field_files.write_chunks
 def when_allowed(*arguments, **task):
     sys.stdin.readline()
     return compute(*arguments, **task)
@@ -44,7 +45,7 @@ def and_say_so(path, values, chunks):
     write(path, values, chunks)
     if chunks:
         print("written", flush=True)
-tiles.compute, field_files.write_chunks = when_allowed, and_say_so
+computing.compute, field_files.write_chunks = when_allowed, and_say_so
 store.load_or_compute(load_map(sys.argv[1]), QUICK, cache_dir=sys.argv[2], threads=1)
 """
 """Another process, which computes a tile for every line that it reads."""
@@ -96,13 +97,13 @@ def grid() -> OccupancyGrid:
 @pytest.fixture
 def computed(monkeypatch) -> list[int]:
     """How many points each tile computed had."""
-    calls, compute = [], tiles.compute
+    calls, compute = [], computing.compute
 
     def spy(engine, estimator, part):
         calls.append(len(part.rows))
         return compute(engine, estimator, part)
 
-    monkeypatch.setattr(tiles, "compute", spy)
+    monkeypatch.setattr(computing, "compute", spy)
     return calls
 
 

@@ -58,6 +58,26 @@ def one_room():
     return find_twins(side_by_side(room()), robot=Robot(LIDAR))
 
 
+def test_rooms_three_metres_apart_are_twins():
+    narrow = np.full((ROOM, 24), FREE, np.uint8)
+    narrow[[0, -1]] = narrow[:, [0, -1]] = OCCUPIED
+    narrow[1:9, 1:5] = narrow[30:36, 14:23] = OCCUPIED
+    between = np.full((ROOM, 6), UNKNOWN, np.uint8)
+    grid = OccupancyGrid(np.concatenate([narrow, between, narrow], axis=1), 0.1)
+    found = find_twins(grid, robot=Robot(LIDAR), places=[(1.2, 2.2)])
+    twin = found.of(0)[0]
+    assert (twin.x, twin.y) == pytest.approx((4.2, 2.2), abs=0.05)
+    assert twin.excess == pytest.approx(0.0, abs=0.1)
+    assert found.elsewhere[0] == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_match_fails_from_two_metres_on():
+    poses, scores = np.zeros((3, 3)), np.zeros(3)
+    matched = np.array([(1.9, 0.0, 0.0), (0.0, 2.1, 0.0), (3.9, 0.0, 0.0)])
+    made = GlobalMatches(poses, matched, scores, scores, np.zeros(3, bool))
+    assert made.failed.tolist() == [False, True, True]
+
+
 def test_each_place_of_two_equal_rooms_has_its_twin_in_the_other(equal_rooms):
     width = (ROOM + GAP) * 0.1
     assert len(equal_rooms) > 20

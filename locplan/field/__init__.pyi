@@ -7,8 +7,8 @@ from ._cache import (
 )
 from ._compute import (
     check_scheduler as check_scheduler,
-    covariance_field as covariance_field,
     executor_of as executor_of,
+    finished_chunks as finished_chunks,
 )
 from ._config import (
     SHORT_LIDAR as SHORT_LIDAR,
@@ -34,12 +34,11 @@ from ._lattice import (
     every_second_point as every_second_point,
     points_near as points_near,
     read_known_at as read_known_at,
-    well_spaced as well_spaced,
 )
-from ._reading import covariances_along as covariances_along, covariances_at as covariances_at
 from ._search_window import OffsetLattice as OffsetLattice, SearchWindow as SearchWindow
 from ._store import (
     CacheWarning as CacheWarning,
+    covariance_field as covariance_field,
     field_path as field_path,
     load_or_compute as load_or_compute,
 )
@@ -47,10 +46,13 @@ from ._summary import (
     FieldSummary as FieldSummary,
     Percentiles as Percentiles,
     about_field as about_field,
+    covariances_along as covariances_along,
+    covariances_at as covariances_at,
     sampled_covariances as sampled_covariances,
     values_at as values_at,
+    well_spaced as well_spaced,
 )
-from ._tiles import finished_chunks as finished_chunks, untouched_points as untouched_points
+from ._tiles import untouched_points as untouched_points
 from ._zarr import FIELD_SUFFIX as FIELD_SUFFIX, check_field_target as check_field_target
 from .estimators import ESTIMATORS as ESTIMATORS, estimator_class as estimator_class
 from .estimators._beams import (
@@ -58,7 +60,6 @@ from .estimators._beams import (
     surface_normals as surface_normals,
     wall_cells as wall_cells,
 )
-from .estimators._fisher import Fisher as Fisher
-from .estimators._fused import Fused as Fused
+from .estimators._fisher import Fisher as Fisher, Fused as Fused
 from .estimators._sad import Exponential as Exponential, InverseSquare as InverseSquare, Sad as Sad
 from .estimators._scan import Scan as Scan, likelihood_field as likelihood_field

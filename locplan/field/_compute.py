@@ -1,4 +1,4 @@
-"""Computing the covariance field of a map, here or on a cluster of dask.distributed."""
+"""Computing a field tile by tile: in threads, in processes, or on a cluster of dask.distributed."""
 
 from __future__ import annotations
 
@@ -6,86 +6,31 @@ import logging
 import re
 import threading
 import time
-from collections.abc import Iterator
-from concurrent.futures import Executor, Future
-from contextlib import contextmanager
+from collections.abc import Generator, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import closing, contextmanager
+from itertools import islice
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from locplan._kernels.arrays import Bools
-from locplan._util.checks import shown
+from locplan._util.checks import check_threads, shown, usable_memory
 from locplan._util.progress import ProgressCallback
 from locplan._util.public import needed
-from locplan.errors import LocplanError
+from locplan.errors import FieldError, LocplanError
 from locplan.field import _tiles as tiles
-from locplan.field._config import FieldConfig, config_of
-from locplan.field._estimator import Estimator
-from locplan.field._field import CovarianceField
-from locplan.maps import OccupancyGrid, check_grid
+from locplan.field._config import FieldConfig
+from locplan.field._covariance import check_halo, check_values, halo_of, rotated
+from locplan.field._estimator import Estimator, MapPart, Values, is_ours
+from locplan.field._tiles import Chunk, chunk_edge, chunks_of, known_points
+from locplan.maps import OccupancyGrid
 
-
-def covariance_field(
-    grid: OccupancyGrid,
-    config: FieldConfig | Estimator | None = None,
-    *,
-    points: Bools | None = None,
-    threads: int | None = None,
-    executor: Executor | None = None,
-    progress: ProgressCallback | None = None,
-) -> CovarianceField:
-    """Compute the covariance of a pose match over the free cells of a map.
-
-    It is evaluated on every lattice point (`config.stride` apart) in a free cell. A free cell
-    without such a point around it adds its nearest lattice point.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map.
-    config : FieldConfig or Estimator, optional
-        Estimator and lattice; `Sad()` by default.
-    points : (h, w) array of bool, optional
-        Lattice points to evaluate, by default all: point (i, j) is cell (i, j) times the stride.
-        The others are read from those around them. A few points take a fraction of the time.
-    threads : int, optional
-        Number of threads, >= 1; all cores by default. The result does not depend on it.
-    executor : concurrent.futures.Executor, optional
-        Executor that runs the tiles instead of threads: a process pool, or a cluster by
-        dask.distributed's ``client.get_executor()``. Its workers need locplan.
-    progress : callable, optional
-        Function that is called with (done, total) cells from time to time.
-
-    Raises
-    ------
-    ConfigError
-        If the config does not fit the map's resolution, `points` is no mask of the lattice, or
-        `threads` is below 1.
-    FieldError
-        If the executor fails, or the estimator's values are no covariances or change with the map
-        beyond its halo, see `locplan.field.Estimator.covariances`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from locplan.field import Sad
-    >>> from locplan.maps import FREE
-    >>> grid = OccupancyGrid(np.full((30, 30), FREE), resolution=0.1)
-    >>> field = covariance_field(grid, Sad(range=0.5))
-    >>> field.covariance.shape
-    (15, 15, 3, 3)
-    """
-    check_grid(grid)
-    config = config_of(config)
-    values = tiles.nothing_known(grid, config)
-    needed = tiles.needed_points(grid, config, points)
-    for _ in tiles.finished_chunks(values, grid, config, threads, executor, progress, needed):
-        pass
-    return CovarianceField.of(values, grid, config)
-
+_Points = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 PATIENCE = 10.0
 """Longest time that the scheduler may take to answer [s]."""
-
-
 WORKERLESS = 60.0
 """Longest time to wait for workers to come back when all are gone [s]."""
 
@@ -175,3 +120,147 @@ def _watch(client: Any, executor: Any, over: threading.Event) -> None:
         elif time.monotonic() - seen > WORKERLESS:
             executor.shutdown(wait=False)
             return
+
+
+def standing_cells(
+    free: Bools, rows: NDArray[np.intp], cols: NDArray[np.intp], reach: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Cells to put a lidar on: each cell, or the nearest free one within `reach` rows and columns.
+
+    A lattice point in a wall serves free cells beside it; a lidar inside the wall sees nothing.
+    """
+    rows, cols = rows.copy(), cols.copy()
+    for n in np.flatnonzero(~free[rows, cols]):
+        row, col = int(rows[n]), int(cols[n])
+        top, left = max(row - reach, 0), max(col - reach, 0)
+        around = np.argwhere(free[top : row + reach + 1, left : col + reach + 1])
+        if len(around):
+            # Of those that are as near, the first has the lowest row, and then column.
+            nearest = ((around + np.array((top - row, left - col))) ** 2).sum(axis=1).argmin()
+            rows[n], cols[n] = around[nearest] + (top, left)
+    return rows, cols
+
+
+def finished_chunks(
+    values: Values,
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    threads: int | None,
+    executor: Executor | None,
+    progress: ProgressCallback | None,
+    needed: Bools,
+) -> Generator[Chunk]:
+    """Compute the missing values, and yield each chunk of the lattice when it is finished.
+
+    For the other parameters see `covariance_field`.
+
+    Parameters
+    ----------
+    values : mapping of str to array
+        Values by name on the lattice, (h, w, ...), filled in place where they are NaN.
+    needed : (h, w) bool array
+        Lattice points that are computed.
+    """
+    missing = needed & ~known_points(values)
+    with closing(computed_chunks(missing, grid, config, threads, executor, progress)) as chunks:
+        for chunk, points, computed in chunks:
+            for name, array in computed.items():
+                values[name][points] = array
+            yield chunk
+
+
+def computed_chunks(
+    missing: Bools,
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    threads: int | None,
+    executor: Executor | None = None,
+    progress: ProgressCallback | None = None,
+) -> Generator[tuple[Chunk, _Points, Values]]:
+    """Yield the chunks of the missing lattice points (h, w), with the points and their values.
+
+    The values depend neither on the chunks nor on where they are computed. Threads of this process
+    count their cells as they go and stop at once when the caller does; an executor finishes the
+    tiles that it has begun. Covariances are in the world frame.
+    """
+    threads = check_threads(threads)
+    total, finished, yaw = int(missing.sum()), 0, grid.origin[2]
+    estimator = config.estimator
+    if not total:
+        return
+    running: dict[Future[Values], tuple[Chunk, _Points, MapPart]] = {}
+    waiting = chunks_of(missing, chunk_edge(config, grid.resolution))
+    # Threads of this process share what the estimator prepares from the whole map.
+    prepared = None if executor else estimator.prepare(grid.cells, grid.resolution)
+    taken = estimator.memory(grid.resolution, grid.shape) if prepared is None else 0.0
+    workers = max(1, int(min(threads, usable_memory() / 2 // max(1.0, taken))))
+    pool = executor or ThreadPoolExecutor(workers)
+    try:
+        while True:
+            # So many at once bound the memory of their maps.
+            for chunk in islice(waiting, 256 - len(running)):
+                i, j = np.nonzero(missing[chunk])
+                points = i + chunk[0].start, j + chunk[1].start
+                part = part_of(grid, config, points, prepared)
+                with _one_line_errors(executor):
+                    tile = pool.submit(compute, tiles.ENGINE, estimator, part)
+                running[tile] = chunk, points, part
+            if not running:
+                break
+            for ready in wait(running, 0.2, FIRST_COMPLETED).done:
+                chunk, points, part = running.pop(ready)
+                with _one_line_errors(executor):
+                    computed = ready.result()
+                check_values(computed, estimator, part)
+                # The first tile alone shows whether the halo of a user's estimator suffices.
+                if not (finished or is_ours(estimator)):
+                    check_halo(estimator, part, computed, grid.cells)
+                computed["covariance"] = rotated(computed["covariance"], yaw)
+                finished += len(points[0])
+                yield chunk, points, computed
+            if progress:
+                begun = sum(int(part.control[1]) for *_, part in running.values())
+                progress(finished + begun, total)
+    finally:
+        for tile, (*_, part) in running.items():
+            tile.cancel()
+            part.control[0] = 1
+        if executor is None:
+            pool.shutdown(cancel_futures=True)
+
+
+def compute(engine: int, estimator: Estimator, part: MapPart) -> Values:
+    """Compute the values of a tile, on a worker that must have the same engine."""
+    if engine != tiles.ENGINE:
+        mine = f"engine {tiles.ENGINE}, not {engine}"
+        raise FieldError(f"a worker has another locplan ({mine}); install the same one")
+    return estimator.covariances(part)
+
+
+def part_of(grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared: object) -> MapPart:
+    """Cells of some lattice points, with all that is prepared or the piece of the map they need."""
+    stride = config.stride_cells(grid.resolution)
+    rows, cols = (index * stride for index in points)
+    if config.estimator.casts_rays:
+        rows, cols = standing_cells(grid.free, rows, cols, stride)
+    levels, top, left = grid.cells, 0, 0
+    if prepared is None:
+        reach = halo_of(config.estimator, grid.resolution, grid.shape)
+        top, left = max(0, int(rows.min()) - reach), max(0, int(cols.min()) - reach)
+        levels = levels[top : int(rows.max()) + reach + 1, left : int(cols.max()) + reach + 1]
+    headings, at = config.heading_angles - grid.origin[2], (top, left)
+    return MapPart(levels, rows, cols, grid.resolution, grid.shape, at, headings, prepared)
+
+
+@contextmanager
+def _one_line_errors(executor: Executor | None) -> Iterator[None]:
+    """Turn any failure of a foreign executor into an error of one line."""
+    try:
+        yield
+    except LocplanError:
+        raise
+    except Exception as error:  # each executor has its own error for dead workers
+        if executor is None:
+            raise
+        what = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")[:200]
+        raise FieldError(f"the executor failed at a tile of the field ({what})") from error

@@ -22,9 +22,8 @@ from locplan._util.files import check_target, replacing
 from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_text
 from locplan._util.runs import Spelled, number_text
 from locplan.errors import ConfigError, LocplanError
-from locplan.field._estimator import Estimator
+from locplan.field._estimator import Estimator, made_of, settings_of
 from locplan.field._lattice import evaluated_points, stride_cells
-from locplan.field._settings import made_of, settings_of
 from locplan.field.estimators import estimator_class
 from locplan.field.estimators._sad import PAPER_RANGE, Sad
 from locplan.maps import OccupancyGrid

@@ -1,21 +1,22 @@
-"""The base class of the estimators of the pose covariance, and the data that it works on."""
+"""The base class of the estimators of the pose covariance, its settings, and what it works on."""
 
 from __future__ import annotations
 
+import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any, ClassVar, TypeVar, get_args, get_type_hints
 
 import numpy as np
 
 from locplan._kernels.arrays import Floats, Ints, Octets
-from locplan._util.checks import Settings, keep, positive
+from locplan._util.checks import Settings, keep, positive, shown
 from locplan.errors import ConfigError
 from locplan.field._search_window import OffsetLattice
-from locplan.field._settings import settings_of
 from locplan.robots import Lidar
 
+T = TypeVar("T")
 Values = dict[str, Floats]
 """Arrays by name: "covariance", and the layers of an estimator."""
 
@@ -290,3 +291,50 @@ class Estimator(Settings, ABC):
 
     def __post_init__(self) -> None:
         keep(self, noise_level=positive("noise_level", self.noise_level, "times Sigma"))
+
+
+def settings_of(owner: Any) -> dict[str, object]:
+    """Settings as they come back from JSON; an object begins with its class variable `name`."""
+    settings = {"name": type(owner).name} if hasattr(type(owner), "name") else {}
+    for each in fields(owner):
+        value = getattr(owner, each.name)
+        value = list(value) if isinstance(value, tuple) else value
+        settings[each.name] = settings_of(value) if is_dataclass(value) else value
+    return settings
+
+
+def kinds_of(owner: Any) -> list[type]:
+    """The class of settings, and those of the settings in them."""
+    values = [getattr(owner, each.name) for each in fields(owner)]
+    inner = [kind for value in values if is_dataclass(value) for kind in kinds_of(value)]
+    return [type(owner), *inner]
+
+
+def is_ours(owner: Any) -> bool:
+    """Return whether settings, and all settings in them, are of locplan's own classes."""
+    return all(kind.__module__.startswith("locplan.") for kind in kinds_of(owner))
+
+
+def made_of(kind: type[T], settings: Mapping[str, object]) -> T:
+    """Make an object of a class from what `settings_of` returned; missing settings get defaults."""
+    given = {name: value for name, value in settings.items() if name != "name"}
+    hints, known = get_type_hints(kind), inspect.signature(kind).parameters
+    for name in given:
+        if name not in known:
+            what = getattr(kind, "name", kind.__name__)
+            raise ConfigError(f"{what} has no setting {shown(name)}; it has: {', '.join(known)}")
+    made = {name: _nested(name, hints[name], value) for name, value in given.items()}
+    try:
+        return kind(**made)
+    except TypeError as error:  # a setting without a default is missing
+        raise ConfigError(" ".join(str(error).split())) from None
+
+
+def _nested(name: str, hint: Any, value: object) -> object:
+    if not isinstance(value, Mapping):
+        return value
+    kinds: list[Any] = [each for each in get_args(hint) or (hint,) if is_dataclass(each)]
+    named = [kind for kind in kinds if getattr(kind, "name", None) == value.get("name")]
+    if len(named) != 1:
+        raise ConfigError(f"{name} cannot be made of {shown(dict(value))}")
+    return made_of(named[0], value)

@@ -18,18 +18,11 @@ from locplan._util.progress import ProgressCallback
 from locplan._util.public import Pictured
 from locplan._util.saved import Valued
 from locplan.errors import FieldError
-from locplan.field import _tiles as tiles, _zarr as field_files
+from locplan.field import _lattice as lattice, _tiles as tiles, _zarr as field_files
+from locplan.field._compute import finished_chunks
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import Quantity, anchors_of, quantity_of, scalar
 from locplan.field._estimator import Values
-from locplan.field._lattice import (
-    evaluated_points,
-    evenly_thinned,
-    filled,
-    read_on_map,
-    stride_cells,
-)
-from locplan.field._reading import dataset_of, interpolated, merged, weights_at
 from locplan.field._search_window import OffsetLattice
 from locplan.maps import OccupancyGrid, check_grid
 
@@ -94,7 +87,7 @@ class CovarianceField(Pictured, Valued):
     @property
     def stride(self) -> int:
         """Spacing of the lattice [cells]."""
-        return stride_cells(self.config.stride, self.grid.resolution)
+        return lattice.stride_cells(self.config.stride, self.grid.resolution)
 
     @cached_property
     def evaluated(self) -> Bools:
@@ -107,7 +100,7 @@ class CovarianceField(Pictured, Valued):
 
         There are none unless only some points were asked for; see `load_or_compute`.
         """
-        return evaluated_points(self.grid.free, self.stride) & ~self.evaluated
+        return lattice.evaluated_points(self.grid.free, self.stride) & ~self.evaluated
 
     @property
     def window(self) -> OffsetLattice:
@@ -144,7 +137,9 @@ class CovarianceField(Pictured, Valued):
             covariance = self.quantised_covariance if with_q else self.covariance
             if headings == "mean":
                 own = covariance is self.covariance
-                covariance = self.mean_covariance if own else merged(covariance, self.evaluated)
+                covariance = (
+                    self.mean_covariance if own else lattice.merged(covariance, self.evaluated)
+                )
             known = name == "e" and covariance is self.covariance
             values = self.e if known else scalar(covariance, name)
         return values.max(axis=2) if values.ndim == 3 and headings == "worst" else values
@@ -152,7 +147,7 @@ class CovarianceField(Pictured, Valued):
     @cached_property
     def mean_covariance(self) -> Floats:
         """Covariance of the mean information over the headings, (h, w, d, d)."""
-        return merged(self.covariance, self.evaluated)
+        return lattice.merged(self.covariance, self.evaluated)
 
     @property
     def quantised_covariance(self) -> Floats:
@@ -178,7 +173,9 @@ class CovarianceField(Pictured, Valued):
         an empty field.
         """
         criterion = self.config.estimator.criterion
-        values = self.scalar(criterion, with_q=True)[evenly_thinned(self.evaluated, self.lacking)]
+        values = self.scalar(criterion, with_q=True)[
+            lattice.evenly_thinned(self.evaluated, self.lacking)
+        ]
         least, _ = self.anchors(criterion)
         return float(np.mean(values <= 1.05 * least)) if values.size else 0.0
 
@@ -221,7 +218,7 @@ class CovarianceField(Pictured, Valued):
             return np.moveaxis(layers, 0, 2)
         if logarithmic:
             values = np.log(np.maximum(values, np.finfo(float).tiny))
-        result = read_on_map(self.on_lattice(values), self.grid.free, self.stride)
+        result = lattice.read_on_map(self.on_lattice(values), self.grid.free, self.stride)
         return np.exp(result, out=result) if logarithmic else result
 
     def on_lattice(self, values: Floats) -> Floats:
@@ -232,7 +229,9 @@ class CovarianceField(Pictured, Valued):
         values : (h, w) array
             Values on the lattice, NaN where not evaluated.
         """
-        return filled(values, self.evaluated, self.lacking) if self.lacking.any() else values
+        return (
+            lattice.filled(values, self.evaluated, self.lacking) if self.lacking.any() else values
+        )
 
     def at(
         self, x: float | Sequence[float], y: float | None = None, heading: float | None = None
@@ -258,9 +257,9 @@ class CovarianceField(Pictured, Valued):
             If the position is not two finite numbers.
         """
         xy = position(x, y)
-        weights = weights_at(self.grid, self.stride, self.evaluated, self.lacking, xy)
+        weights = lattice.weights_at(self.grid, self.stride, self.evaluated, self.lacking, xy)
         points = np.array([*weights], np.intp).reshape(-1, 2)
-        return interpolated(self.covariance[tuple(points.T)], weights.values(), heading)
+        return lattice.interpolated(self.covariance[tuple(points.T)], weights.values(), heading)
 
     def to_xarray(self) -> Dataset:
         """All arrays with their coordinates as an xarray.Dataset.
@@ -271,7 +270,7 @@ class CovarianceField(Pictured, Valued):
             If xarray is not installed.
         """
 
-        return dataset_of(self.values, self.e, self.e_unit, self.grid, self.config)
+        return tiles.dataset_of(self.values, self.e, self.e_unit, self.grid, self.config)
 
     def update(
         self,
@@ -304,7 +303,7 @@ class CovarianceField(Pictured, Valued):
         for name, known in self.values.items():
             values[name][same] = known[same]
         made = grid, self.config, threads, executor, progress
-        for _ in tiles.finished_chunks(values, *made, tiles.needed_points(*made[:2], points)):
+        for _ in finished_chunks(values, *made, tiles.needed_points(*made[:2], points)):
             pass
         return CovarianceField.of(values, grid, self.config)
 

@@ -6,15 +6,18 @@ Lattice point ``(i, j)`` is the centre of cell ``(i * stride, j * stride)``.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Bools, Floats, Ints
+from locplan._kernels.arrays import Bools, Floats
 from locplan._util.checks import usable_cores
+from locplan.field._covariance import log_euclidean_mean, mean_information
+from locplan.maps import OccupancyGrid
 
 
 def stride_cells(stride: float, resolution: float) -> int:
@@ -110,12 +113,13 @@ def filled(values: Floats, known: Bools, lacking: Bools) -> Floats:
     import cv2
 
     half = np.array([0.5, 1.0, 0.5])
-    weight = cv2.sepFilter2D(known.astype(float), -1, half, half, borderType=cv2.BORDER_CONSTANT)
-    summed = np.where(known, values, 0.0)
-    summed = cv2.sepFilter2D(summed, -1, half, half, borderType=cv2.BORDER_CONSTANT)
+    summed, weight = (
+        np.asarray(cv2.sepFilter2D(each, -1, half, half, borderType=cv2.BORDER_CONSTANT))
+        for each in (np.where(known, values, 0.0), known.astype(float))
+    )
     result = values.copy()
     with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where none is known around
-        result[lacking] = np.asarray(summed)[lacking] / np.asarray(weight)[lacking]
+        result[lacking] = summed[lacking] / weight[lacking]
     return result
 
 
@@ -148,9 +152,7 @@ def read_on_map(values: Floats, free: Bools, stride: int) -> Floats:
 
 def _along_rows(values: Floats, cols: int, stride: int) -> Floats:
     """Values (h, w) interpolated along each row at all columns, (h, cols)."""
-    last, col = values.shape[1] - 1, np.arange(cols)
-    low, part = np.minimum(col // stride, last), col % stride / stride
-    next_one = np.minimum(low + 1, last)
+    low, next_one, part = _sides(np.arange(cols), stride, values.shape[1])
     return np.asarray(values[:, low] * (1 - part) + values[:, next_one] * part)
 
 
@@ -162,62 +164,6 @@ def _between_rows(values: Floats, first: int, count: int, stride: int) -> Floats
     read = below * (1 - part)
     read += above * part
     return np.asarray(read.reshape(-1, values.shape[1]))
-
-
-def standing_cells(
-    free: Bools, rows: NDArray[np.intp], cols: NDArray[np.intp], reach: int
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Cells to put a lidar on: each cell, or the nearest free one within `reach` rows and columns.
-
-    A lattice point in a wall serves free cells beside it; a lidar inside the wall sees nothing.
-    """
-    rows, cols = rows.copy(), cols.copy()
-    lost = np.flatnonzero(~free[rows, cols])
-    for move in _moves(min(reach, max(free.shape))):
-        if not lost.size:
-            break
-        row, col = rows[lost] + move[0], cols[lost] + move[1]
-        inside = (row >= 0) & (row < free.shape[0]) & (col >= 0) & (col < free.shape[1])
-        found = inside & free[np.where(inside, row, 0), np.where(inside, col, 0)]
-        rows[lost[found]], cols[lost[found]] = row[found], col[found]
-        lost = lost[~found]
-    return rows, cols
-
-
-def _moves(reach: int) -> Iterator[tuple[int, int]]:
-    """Rows and columns up to `reach` away, the nearest first; no list of all is made."""
-    for ring in range(math.ceil(math.sqrt(2) * reach) + 1):
-        moves = []
-        for row in range(-min(ring, reach), min(ring, reach) + 1):
-            within = (ring - 1) ** 2 - row**2 if ring else -1
-            least = math.isqrt(within) + 1 if within >= 0 else 0
-            most = min(reach, math.isqrt(ring**2 - row**2))
-            cols = {*range(-most, 1 - least), *range(least, most + 1)}
-            moves += [(row, col) for col in sorted(cols)]
-        yield from sorted(moves, key=lambda move: math.hypot(*move))
-
-
-def corners_of(
-    row: float, col: float, known: Bools, lacking: Bools
-) -> dict[tuple[int, int], float]:
-    """The known points that a position on a lattice is read from bilinearly, with their weights.
-
-    Points around a lacking one take its weight, as in `filled`.
-    """
-    found: dict[tuple[int, int], float] = {}
-    for i, weight_row in _both_sides(row, known.shape[0]):
-        for j, weight_col in _both_sides(col, known.shape[1]):
-            weight = weight_row * weight_col
-            around = {(i, j): 1.0} if known[i, j] else {}
-            if lacking[i, j]:
-                top, left = max(i - 1, 0), max(j - 1, 0)
-                near = np.argwhere(known[top : i + 2, left : j + 2]) + np.array((top, left))
-                around = {(r, c): 0.5 ** (abs(r - i) + abs(c - j)) for r, c in near.tolist()}
-            total = sum(around.values())
-            for point, share in around.items():
-                if weight > 0:
-                    found[point] = found.get(point, 0.0) + weight * share / total
-    return found
 
 
 def read_known_at(
@@ -243,9 +189,16 @@ def read_known_at(
     array
         The values at the cells, NaN where no corner is known.
     """
-    at = *_sides(cols, stride, values.shape[1]), *_sides(rows, stride, values.shape[0])
+    left, right, col_part = _sides(cols, stride, values.shape[1])
+    row, above, row_part = _sides(rows, stride, values.shape[0])
+
+    def read(array: Floats) -> Floats:
+        here = array[row, left] * (1 - col_part) + array[row, right] * col_part
+        there = array[above, left] * (1 - col_part) + array[above, right] * col_part
+        return np.asarray(here * (1 - row_part) + there * row_part)
+
     with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where nothing is known
-        return _between(values, *at) / _between(known, *at)
+        return read(values) / read(known)
 
 
 def _sides(
@@ -257,21 +210,6 @@ def _sides(
     return low, np.minimum(low + 1, size - 1), (cells - whole * stride) / stride
 
 
-def _between(
-    values: Floats,
-    left: NDArray[np.intp],
-    right: NDArray[np.intp],
-    col_part: Floats,
-    row: NDArray[np.intp],
-    above: NDArray[np.intp],
-    row_part: Floats,
-) -> Floats:
-    """Values interpolated between the four corners around each cell."""
-    here = values[row, left] * (1 - col_part) + values[row, right] * col_part
-    there = values[above, left] * (1 - col_part) + values[above, right] * col_part
-    return np.asarray(here * (1 - row_part) + there * row_part)
-
-
 def _both_sides(position: float, size: int) -> list[tuple[int, float]]:
     """Lattice indices on either side of a position, with their bilinear weights."""
     position = min(max(position, 0.0), size - 1.0)
@@ -279,34 +217,79 @@ def _both_sides(position: float, size: int) -> list[tuple[int, float]]:
     return [(low, 1 - (position - low)), (min(low + 1, size - 1), position - low)]
 
 
-def well_spaced(xy: Floats, priority: Floats, spacing: float) -> Ints:
-    """Choose positions at least `spacing` apart that leave no gap, high priority first.
+def weights_at(
+    grid: OccupancyGrid, stride: int, known: Bools, lacking: Bools, xy: tuple[float, float]
+) -> dict[tuple[int, int], float]:
+    """Lattice points that a world position [m] is read from, with their weights.
+
+    There are none in cells that are not free, and outside the map. Points around a lacking one take
+    its weight, as in `filled`.
 
     Parameters
     ----------
-    xy : (n, 2) array
-        The positions.
-    priority : (n,) array
-        Number of each position; of two that are too near to each other the higher one stays.
-    spacing : float
-        Minimum distance of two positions, in their unit.
-
-    Returns
-    -------
-    (k,) array of int
-        Indices of the chosen positions.
-
-    Examples
-    --------
-    >>> xy = np.array([[0.1, 0.5], [0.9, 0.5], [1.1, 0.5], [2.5, 0.5]])
-    >>> well_spaced(xy, np.array([1.0, 2.0, 3.0, 1.0]), 0.9).tolist()
-    [2, 0, 3]
+    grid : OccupancyGrid
+        The map.
+    stride : int
+        Spacing of the lattice [cells].
+    known, lacking : (h, w) arrays of bool
+        Lattice points that hold a covariance, and those that are read from their neighbours.
+    xy : (x, y)
+        The position [m].
     """
-    from scipy.spatial import cKDTree
+    found: dict[tuple[int, int], float] = {}
+    cell = grid.world_to_cell(xy)
+    if not (grid.contains(*cell) and grid.free[cell]):
+        return found
+    row, col = ((float(v) - 0.5) / stride for v in grid.world_to_grid(*xy))
+    sides = product(_both_sides(row, known.shape[0]), _both_sides(col, known.shape[1]))
+    for (i, weight_row), (j, weight_col) in sides:
+        weight = weight_row * weight_col
+        around = {(i, j): 1.0} if known[i, j] else {}
+        if lacking[i, j]:
+            top, left = max(i - 1, 0), max(j - 1, 0)
+            near = np.argwhere(known[top : i + 2, left : j + 2]) + np.array((top, left))
+            around = {(r, c): 0.5 ** (abs(r - i) + abs(c - j)) for r, c in near.tolist()}
+        total = sum(around.values())
+        for point, share in around.items():
+            if weight > 0:
+                found[point] = found.get(point, 0.0) + weight * share / total
+    return found
 
-    tree, covered, chosen = cKDTree(xy), np.zeros(len(xy), bool), []
-    for k in np.argsort(-priority, kind="stable").tolist():
-        if not covered[k]:
-            chosen.append(k)
-            covered[tree.query_ball_point(xy[k], spacing * (1 - 1e-9))] = True
-    return np.array(chosen, np.int64)
+
+def interpolated(covariances: Floats, weights: Iterable[float], heading: float | None) -> Floats:
+    """Weighted mean of the covariances of some lattice points, (d, d); NaN without any.
+
+    Parameters
+    ----------
+    covariances : (k, d, d) or (k, n, d, d) array
+        Covariances of k points, for n headings.
+    weights : iterable of k floats
+        Their weights.
+    heading : float or None
+        Heading of the robot [rad]; None takes all headings together.
+    """
+    if not len(covariances):
+        return np.full(covariances.shape[-2:], np.nan)
+    own = [_towards(each, heading) for each in covariances]
+    return log_euclidean_mean(np.array(own), np.array([*weights]))
+
+
+def _towards(covariance: NDArray[Any], heading: float | None) -> Floats:
+    """Covariance of a lattice point for one heading [rad], or for all headings together."""
+    if covariance.ndim == 2:
+        return covariance
+    if heading is None:
+        return mean_information(covariance)
+    position = heading / (2 * math.pi) * len(covariance)
+    low, share = math.floor(position), position % 1
+    both = covariance[[low % len(covariance), (low + 1) % len(covariance)]]
+    return log_euclidean_mean(both, np.array([1 - share, share]))
+
+
+def merged(covariance: Floats, known: Bools) -> Floats:
+    """Covariances (h, w, d, d) of the mean information over the headings of (h, w, n, d, d)."""
+    if covariance.ndim == 4:
+        return covariance
+    result = np.full((*covariance.shape[:2], *covariance.shape[3:]), np.nan)
+    result[known] = mean_information(covariance[known])
+    return result

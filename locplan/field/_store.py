@@ -1,14 +1,12 @@
-"""The field store: it reads fields that were computed before, and completes unfinished ones.
+"""Covariance fields computed anew, or read from the store, which completes unfinished ones.
 
-Each field is a Zarr group (`locplan.field._zarr`) in the cache folder, named by a digest of all
-that decides its values. Chunks are written as they are finished, so that a killed run loses only
-those under way. A lock lets only one process at a time compute a field.
+Each field in the store is a Zarr group (`locplan.field._zarr`) in the cache folder, named by a
+digest of all that decides its values. Chunks are written as they are finished, so that a killed run
+loses only those under way. A lock lets only one process at a time compute a field.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import warnings
 from collections.abc import Callable, Iterator
@@ -21,27 +19,81 @@ from typing import Any
 import numpy as np
 
 from locplan._kernels.arrays import Bools
-from locplan._util.checks import shown
-from locplan._util.code_digest import code_digest
 from locplan._util.files import replacing_folder
 from locplan._util.progress import ProgressCallback
-from locplan.errors import FieldError, LocplanError
+from locplan.errors import FieldError
 from locplan.field import _cache as cache, _tiles as tiles, _zarr as field_files
-from locplan.field._compute import covariance_field
+from locplan.field._compute import finished_chunks
 from locplan.field._config import FieldConfig, config_of
 from locplan.field._estimator import Estimator, Values
 from locplan.field._field import CovarianceField
-from locplan.field._settings import is_ours, kinds_of
 from locplan.maps import OccupancyGrid, check_grid
 
-DECISIVE = ("format", "engine", "map_digest", "identity")
-"""Attributes that decide the values of a field."""
 _PATIENCE = 0.3
 """Interval of checks whether another process has finished [s]."""
 
 
 class CacheWarning(UserWarning):
     """Warning that the cache cannot be used as intended; the result is right all the same."""
+
+
+def covariance_field(
+    grid: OccupancyGrid,
+    config: FieldConfig | Estimator | None = None,
+    *,
+    points: Bools | None = None,
+    threads: int | None = None,
+    executor: Executor | None = None,
+    progress: ProgressCallback | None = None,
+) -> CovarianceField:
+    """Compute the covariance of a pose match over the free cells of a map.
+
+    It is evaluated on every lattice point (`config.stride` apart) in a free cell. A free cell
+    without such a point around it adds its nearest lattice point.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    config : FieldConfig or Estimator, optional
+        Estimator and lattice; `Sad()` by default.
+    points : (h, w) array of bool, optional
+        Lattice points to evaluate, by default all: point (i, j) is cell (i, j) times the stride.
+        The others are read from those around them. A few points take a fraction of the time.
+    threads : int, optional
+        Number of threads, >= 1; all cores by default. The result does not depend on it.
+    executor : concurrent.futures.Executor, optional
+        Executor that runs the tiles instead of threads: a process pool, or a cluster by
+        dask.distributed's ``client.get_executor()``. Its workers need locplan.
+    progress : callable, optional
+        Function that is called with (done, total) cells from time to time.
+
+    Raises
+    ------
+    ConfigError
+        If the config does not fit the map's resolution, `points` is no mask of the lattice, or
+        `threads` is below 1.
+    FieldError
+        If the executor fails, or the estimator's values are no covariances or change with the map
+        beyond its halo, see `locplan.field.Estimator.covariances`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from locplan.field import Sad
+    >>> from locplan.maps import FREE
+    >>> grid = OccupancyGrid(np.full((30, 30), FREE), resolution=0.1)
+    >>> field = covariance_field(grid, Sad(range=0.5))
+    >>> field.covariance.shape
+    (15, 15, 3, 3)
+    """
+    check_grid(grid)
+    config = config_of(config)
+    values = tiles.nothing_known(grid, config)
+    needed = tiles.needed_points(grid, config, points)
+    for _ in finished_chunks(values, grid, config, threads, executor, progress, needed):
+        pass
+    return CovarianceField.of(values, grid, config)
 
 
 def load_or_compute(
@@ -96,14 +148,14 @@ def load_or_compute(
     needed, in_part = tiles.needed_points(grid, config, points), points is not None
     about = None
     try:
-        about = _about(grid, config, in_part)
+        about = field_files.cached_attributes(grid, config, in_part)
     except FieldError as error:
         _warn(f"the field is not cached: {error}")
     if about is None:
         return covariance_field(
             grid, config, points=points, threads=threads, executor=executor, progress=progress
         )
-    path = _path(about, cache_dir)
+    path = cache.cache_folder(cache_dir) / field_files.name_of(about)
     found = _Found.at(path, about, grid, config, needed)
     if lacking := int(found.lacking.sum()):
         del found  # saves memory on a large map
@@ -111,15 +163,15 @@ def load_or_compute(
             found = _Found.at(path, about, grid, config, needed)
             if found.complaint:
                 _warn(f"{found.complaint}; computed anew")
-            _carry_over(found, path, about, grid, config)
-            chunks = tiles.finished_chunks(
+            found.carry_over()
+            chunks = finished_chunks(
                 found.values, grid, config, threads, executor, progress, needed
             )
             with closing(chunks):
-                cached = writable and _attempt(_open, path, about, found, grid, config)
+                cached = writable and _attempt(path, found.open)
                 for chunk in chunks:
                     cached = cached and _attempt(
-                        field_files.write_chunks, path, found.values, [chunk]
+                        path, field_files.write_chunks, path, found.values, [chunk]
                     )
         if cached:
             cache.evict(path.parent, limit, path)
@@ -155,32 +207,22 @@ def field_path(
     FieldError
         If the field cannot be cached; see `load_or_compute`.
     """
-    return _path(_about(grid, config, in_part), cache_dir)
-
-
-def _about(grid: OccupancyGrid, config: FieldConfig, in_part: bool) -> dict[str, Any]:
-    """Attributes of a cached field; a FieldError if nothing can say what decides its values."""
-    identity, estimator = {"points": "some"} if in_part else {}, config.estimator
-    try:
-        if not is_ours(estimator):
-            identity["code"] = code_digest(estimator, kinds_of(estimator))
-        about = field_files.attributes(grid, config, **identity)
-        json.dumps(about)
-    except (LocplanError, TypeError, ValueError) as error:  # the others are of JSON
-        raise FieldError(f"estimator {shown(estimator.name)}: {error}") from None
-    return about
-
-
-def _path(about: dict[str, Any], cache_dir: str | os.PathLike[str] | None) -> Path:
-    decisive = [about[name] for name in DECISIVE]
-    key = hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:32]
-    return cache.cache_folder(cache_dir) / (key + field_files.FIELD_SUFFIX)
+    about = field_files.cached_attributes(grid, config, in_part)
+    return cache.cache_folder(cache_dir) / field_files.name_of(about)
 
 
 @dataclass(frozen=True)
 class _Found:
     """The part of a field that the cache holds."""
 
+    path: Path
+    """Path of the field."""
+    about: dict[str, Any]
+    """Attributes of the field."""
+    grid: OccupancyGrid
+    """The map."""
+    config: FieldConfig
+    """The settings."""
     values: Values
     """Arrays of the field, NaN where they are not known."""
     lacking: Bools
@@ -194,17 +236,17 @@ class _Found:
     def at(
         cls,
         path: Path,
-        expected: dict[str, Any],
+        about: dict[str, Any],
         grid: OccupancyGrid,
         config: FieldConfig,
         needed: Bools,
     ) -> _Found:
-        """Read what a path holds, if it is the field of the attributes expected."""
+        """Read what a path holds, if it is the field of these attributes."""
         values, complaint, sound = None, "", False
         if os.path.exists(path):  # False, too, where the folder cannot be searched
             try:
-                about = field_files.read_attributes(path)
-                if any(about.get(name) != expected[name] for name in DECISIVE):
+                held = field_files.read_attributes(path)
+                if any(held.get(name) != about[name] for name in field_files.DECISIVE):
                     raise FieldError(f"{path}: holds another field")
                 values, damaged = field_files.read_values(path, grid, config)
                 # Whatever stands in place of a damaged chunk goes with the group.
@@ -216,7 +258,47 @@ class _Found:
         if values is None:
             values = tiles.nothing_known(grid, config)
         lacking = needed & ~tiles.known_points(values)
-        return cls(values, lacking, sound, complaint)
+        return cls(path, about, grid, config, values, lacking, sound, complaint)
+
+    def carry_over(self) -> None:
+        """Fill in the values that other fields of this map, or another state of it, share."""
+        expected, looked_at = field_files.kind_of(self.about), 0
+        for folder in cache.fields(self.path.parent):
+            lacking = self.lacking & ~tiles.known_points(self.values)
+            if looked_at == 3 or not lacking.any():
+                break
+            with suppress(FieldError):  # damaged ones are skipped: this is only a shortcut
+                other = field_files.read_attributes(folder)
+                if folder == self.path or field_files.kind_of(other) != expected:
+                    continue
+                looked_at += 1
+                before = field_files.read_grid(folder, other)
+                useful = lacking & tiles.untouched_points(before, self.grid, self.config)
+                if useful.any():
+                    known, _ = field_files.read_values(folder, self.grid, self.config)
+                    for name, array in known.items():
+                        self.values[name][useful] = array[useful]
+
+    def open(self) -> None:
+        """Write the chunks carried over, to a new group if there is no sound one."""
+        if self.sound:
+            for partial in self.path.rglob("*.partial"):  # of a process killed while it wrote
+                partial.unlink()
+            known = tiles.known_points(self.values)
+            lacking, edge = (
+                self.lacking & ~known,
+                tiles.chunk_edge(self.config, self.grid.resolution),
+            )
+            carried = tiles.chunks_of(self.lacking & known, edge)
+            whole = [chunk for chunk in carried if not lacking[chunk].any()]
+            try:
+                return field_files.write_chunks(self.path, self.values, whole)
+            except Exception as error:  # damaged descriptions of arrays fail in many ways
+                if isinstance(error, OSError):
+                    raise
+        with replacing_folder(self.path, field_files.FIELD_SUFFIX, lambda _: True) as temporary:
+            # All that is known goes along, since the group that held it may be replaced.
+            field_files.write(temporary, self.values, self.grid, self.config, self.about)
 
 
 @contextmanager
@@ -243,59 +325,10 @@ def _alone(path: Path, lacking: int, progress: ProgressCallback | None) -> Itera
             lock.release()
 
 
-def _carry_over(
-    found: _Found, path: Path, about: dict[str, Any], grid: OccupancyGrid, config: FieldConfig
-) -> None:
-    """Fill in the values that other cached fields of this map, or of another state of it, share."""
-    expected = _kind(about)
-    looked_at = 0
-    for folder in cache.fields(path.parent):
-        lacking = found.lacking & ~tiles.known_points(found.values)
-        if looked_at == 3 or not lacking.any():
-            break
-        with suppress(FieldError):  # damaged ones are skipped: this is only a shortcut
-            other = field_files.read_attributes(folder)
-            if folder == path or _kind(other) != expected:
-                continue
-            looked_at += 1
-            before = field_files.read_grid(folder, other)
-            useful = lacking & tiles.untouched_points(before, grid, config)
-            if useful.any():
-                known, _ = field_files.read_values(folder, grid, config)
-                for name, array in known.items():
-                    found.values[name][useful] = array[useful]
-
-
-def _kind(about: dict[str, Any]) -> dict[str, Any]:
-    """The attributes that fields must share for values of one to be values of the other."""
-    names = ("format", "engine", "map_shape", "resolution", "origin")
-    identity = {name: value for name, value in about["identity"].items() if name != "points"}
-    return {**{name: about.get(name) for name in names}, "identity": identity}
-
-
-def _open(
-    path: Path, about: dict[str, Any], found: _Found, grid: OccupancyGrid, config: FieldConfig
-) -> None:
-    """Make the field's group if there is no sound one, and write the chunks carried over."""
-    known, edge = tiles.known_points(found.values), tiles.chunk_edge(config, grid.resolution)
-    if not (found.sound and field_files.takes_chunks(path, found.values)):
-        with replacing_folder(path, field_files.FIELD_SUFFIX, lambda _: True) as temporary:
-            field_files.create(temporary, grid, config, about)
-            # All that is known goes along, since the group that held it may be replaced.
-            field_files.write_chunks(temporary, found.values, [*tiles.chunks_of(known, edge)])
-        return
-    for partial in path.rglob("*.partial"):  # left by a process that was killed while it wrote
-        partial.unlink()
-    lacking = found.lacking & ~known
-    carried = tiles.chunks_of(found.lacking & known, edge)
-    whole = [chunk for chunk in carried if not lacking[chunk.at].any()]
-    field_files.write_chunks(path, found.values, whole)
-
-
-def _attempt(action: Callable[..., None], path: Path, *arguments: Any) -> bool:
-    """Run an action on the cache; return whether it worked, and warn the user if not."""
+def _attempt(path: Path, action: Callable[..., None], *arguments: Any) -> bool:
+    """Run an action on a cached field; return whether it worked, and warn the user if not."""
     try:
-        action(path, *arguments)
+        action(*arguments)
     except Exception as error:  # a description damaged meanwhile fails in many ways, too
         _warn(f"the field is not cached in {path.parent}: {_reason(error)}")
         return False

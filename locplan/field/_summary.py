@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.tables import finite, table
+from locplan.field import _tiles as tiles
+from locplan.field._compute import computed_chunks
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import SCALARS, mean_information
 from locplan.field._field import CovarianceField
-from locplan.field._lattice import read_known_at, well_spaced
+from locplan.field._lattice import interpolated, read_known_at, weights_at
+from locplan.maps import OccupancyGrid
 
 SATURATED = 1 / 3
 """A larger saturated share makes the table suggest what would resolve it."""
@@ -102,16 +106,12 @@ class FieldSummary:
 
     def summary(self) -> dict[str, Any]:
         """The summary, fit for JSON."""
-        percentiles = {
-            "position_std": self.position_std,
-            "heading_std": self.heading_std,
-            "e": self.e,
-        }
+        names = "position_std", "heading_std", "e"
         return finite(
             {
                 "map": self.map,
                 "cells_evaluated": self.cells_evaluated,
-                **{name: each._asdict() for name, each in percentiles.items()},
+                **{name: getattr(self, name)._asdict() for name in names},
                 "e_unit": self.e_unit,
                 "saturated_share": self.saturated_share,
                 "config": self.config.to_json(),
@@ -229,3 +229,110 @@ def values_at(
     values = np.where(known, values, 0.0)
     read = read_known_at(values, known.astype(float), rows, cols, field.stride)
     return np.exp(read, out=read) if logarithmic else read
+
+
+def well_spaced(xy: Floats, priority: Floats, spacing: float) -> Ints:
+    """Choose positions at least `spacing` apart that leave no gap, high priority first.
+
+    Parameters
+    ----------
+    xy : (n, 2) array
+        The positions.
+    priority : (n,) array
+        Number of each position; of two that are too near to each other the higher one stays.
+    spacing : float
+        Minimum distance of two positions, in their unit.
+
+    Returns
+    -------
+    (k,) array of int
+        Indices of the chosen positions.
+
+    Examples
+    --------
+    >>> xy = np.array([[0.1, 0.5], [0.9, 0.5], [1.1, 0.5], [2.5, 0.5]])
+    >>> well_spaced(xy, np.array([1.0, 2.0, 3.0, 1.0]), 0.9).tolist()
+    [2, 0, 3]
+    """
+    from scipy.spatial import cKDTree
+
+    tree, covered, chosen = cKDTree(xy), np.zeros(len(xy), bool), []
+    for k in np.argsort(-priority, kind="stable").tolist():
+        if not covered[k]:
+            chosen.append(k)
+            covered[tree.query_ball_point(xy[k], spacing * (1 - 1e-9))] = True
+    return np.array(chosen, np.int64)
+
+
+def covariances_at(
+    grid: OccupancyGrid, config: FieldConfig, points: Ints, *, threads: int | None = None
+) -> Floats:
+    """Covariances at points of the config's lattice, (n, d, d), as a field has them.
+
+    Several headings give the covariance of their mean information.
+
+    Parameters
+    ----------
+    grid, config
+        The map, and the field's settings.
+    points : (n, 2) array
+        Rows and columns on the lattice.
+    threads : int, optional
+        Number of threads; all cores by default.
+
+    Raises
+    ------
+    ConfigError
+        If the computation takes too much memory.
+    """
+    found = _computed_at(grid, config, points, threads)
+    return mean_information(found) if found.ndim == 4 else found
+
+
+def covariances_along(
+    grid: OccupancyGrid, config: FieldConfig, poses: Floats, *, threads: int | None = None
+) -> Floats:
+    """Covariances at poses in the world, (n, d, d), as `CovarianceField.at` reads them.
+
+    Parameters
+    ----------
+    grid, config
+        The map, and the field's settings.
+    poses : (n, 3) array
+        Poses x, y, heading [m, m, rad].
+    threads : int, optional
+        Number of threads; all cores by default.
+
+    Raises
+    ------
+    ConfigError
+        If the computation takes too much memory.
+    """
+    known, stride = tiles.needed_points(grid, config), config.stride_cells(grid.resolution)
+    lacking = np.zeros_like(known)
+    weights = [weights_at(grid, stride, known, lacking, (x, y)) for x, y, _ in poses.tolist()]
+    points = np.array([point for each in weights for point in each], np.int64).reshape(-1, 2)
+    found = np.split(
+        _computed_at(grid, config, points, threads), np.cumsum([len(each) for each in weights])[:-1]
+    )
+    return np.array(
+        [
+            interpolated(some, each.values(), heading)
+            for some, each, heading in zip(found, weights, poses[:, 2].tolist(), strict=True)
+        ]
+    )
+
+
+def _computed_at(
+    grid: OccupancyGrid, config: FieldConfig, points: Ints, threads: int | None
+) -> Floats:
+    """Covariances at points (n, 2) of the lattice, (n, d, d), or (n, headings, d, d) of several."""
+    tiles.check_tiles(grid, config)
+    shape = tiles.field_shapes(grid, config)["covariance"]
+    number = np.full(shape[:2], -1)
+    number[tuple(points.T)] = np.arange(len(points))
+    found = np.full((len(points), *shape[2:]), np.nan)
+    with closing(computed_chunks(number >= 0, grid, config, threads)) as chunks:
+        for _, some, computed in chunks:
+            found[number[some]] = computed["covariance"]
+    return np.asarray(found[number[tuple(points.T)]])

@@ -1,51 +1,45 @@
-"""Computing a field tile by tile: in threads, in processes, or on a cluster."""
+"""The arrays of a field over its lattice, the tiles that they are computed and stored in.
+
+`read_array` reads such arrays without zarr, which takes longer to import than they to read. Only
+arrays just as `locplan.field._zarr` writes them are read; the memory that they take is known from
+their shape, whatever their chunks say.
+"""
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Generator, Iterator
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from contextlib import closing, contextmanager, suppress
-from itertools import islice
-from queue import Empty, SimpleQueue
-from typing import NamedTuple
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Bools
-from locplan._util.checks import check_memory, check_threads, usable_memory
-from locplan._util.progress import ProgressCallback
-from locplan.errors import ConfigError, FieldError, LocplanError
+from locplan._kernels.arrays import Bools, Floats
+from locplan._util.checks import check_memory
+from locplan._util.public import needed
+from locplan._util.reading import MAX_JSON_BYTES, read_bytes
+from locplan.errors import ConfigError, FieldError
 from locplan.field._config import FieldConfig
-from locplan.field._covariance import check_halo, check_values, halo_of, rotated
-from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
-from locplan.field._lattice import evaluated_points, standing_cells
-from locplan.field._settings import is_ours
+from locplan.field._covariance import halo_of
+from locplan.field._estimator import TILE_CELLS, Values
+from locplan.field._lattice import evaluated_points
 from locplan.maps import OccupancyGrid
+
+if TYPE_CHECKING:
+    from xarray import Dataset
 
 ENGINE = 4
 """Version of the computation; it grows when the same map and config give other values."""
 TILE = 64
 """Maximum edge length of a tile, which is computed and stored as a whole [lattice points]."""
 
-
-class Chunk(NamedTuple):
-    """A rectangle of the lattice."""
-
-    top: int
-    left: int
-    bottom: int
-    right: int
-
-    @property
-    def at(self) -> tuple[slice, slice]:
-        """Slices of the chunk in an array over the lattice."""
-        return slice(self.top, self.bottom), slice(self.left, self.right)
-
-
-_Points = tuple[NDArray[np.intp], NDArray[np.intp]]
-_Tile = Future[Values]
+SEPARATORS = {"float64": ".", "uint8": "/"}
+"""What parts the numbers in the names of chunks, of values and of the map's cells."""
+Chunk = tuple[slice, slice]
+"""Rows and columns of a rectangle of the lattice."""
 
 
 def field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[int, ...]]:
@@ -106,105 +100,6 @@ def needed_points(grid: OccupancyGrid, config: FieldConfig, points: Bools | None
     return points & needed
 
 
-def finished_chunks(
-    values: Values,
-    grid: OccupancyGrid,
-    config: FieldConfig,
-    threads: int | None,
-    executor: Executor | None,
-    progress: ProgressCallback | None,
-    needed: Bools,
-) -> Generator[Chunk]:
-    """Compute the missing values, and yield each chunk of the lattice when it is finished.
-
-    For the other parameters see `covariance_field`.
-
-    Parameters
-    ----------
-    values : mapping of str to array
-        Values by name on the lattice, (h, w, ...), filled in place where they are NaN.
-    needed : (h, w) bool array
-        Lattice points that are computed.
-    """
-    missing = needed & ~known_points(values)
-    with closing(computed_chunks(missing, grid, config, threads, executor, progress)) as chunks:
-        for chunk, points, computed in chunks:
-            for name, array in computed.items():
-                values[name][points] = array
-            yield chunk
-
-
-def computed_chunks(
-    missing: Bools,
-    grid: OccupancyGrid,
-    config: FieldConfig,
-    threads: int | None,
-    executor: Executor | None,
-    progress: ProgressCallback | None,
-) -> Generator[tuple[Chunk, _Points, Values]]:
-    """Yield the chunks of the missing lattice points (h, w), with the points and their values.
-
-    The values depend neither on the chunks nor on where they are computed. Threads of this process
-    count their cells as they go and stop at once when the caller does; an executor finishes the
-    tiles that it has begun. Covariances are in the world frame.
-    """
-    threads = check_threads(threads)
-    total, finished, yaw = int(missing.sum()), 0, grid.origin[2]
-    estimator = config.estimator
-    if not total:
-        return
-    running: dict[_Tile, tuple[Chunk, _Points, MapPart]] = {}
-    done: SimpleQueue[_Tile] = SimpleQueue()
-    waiting = chunks_of(missing, chunk_edge(config, grid.resolution))
-    # Threads of this process share what the estimator prepares from the whole map.
-    prepared = None if executor else estimator.prepare(grid.cells, grid.resolution)
-    taken = estimator.memory(grid.resolution, grid.shape) if prepared is None else 0.0
-    workers = max(1, int(min(threads, usable_memory() / 2 // max(1.0, taken))))
-    pool = executor or ThreadPoolExecutor(workers)
-    try:
-        while True:
-            # So many at once bound the memory of their maps.
-            for chunk in islice(waiting, 256 - len(running)):
-                i, j = np.nonzero(missing[chunk.at])
-                points = i + chunk.top, j + chunk.left
-                part = part_of(grid, config, points, prepared)
-                with _one_line_errors(executor):
-                    tile = pool.submit(compute, ENGINE, estimator, part)
-                running[tile] = chunk, points, part
-                tile.add_done_callback(done.put)
-            if not running:
-                break
-            if ready := _next(done):
-                chunk, points, part = running.pop(ready)
-                with _one_line_errors(executor):
-                    computed = ready.result()
-                check_values(computed, estimator, part)
-                # The first tile alone shows whether the halo of a user's estimator suffices.
-                if not (finished or is_ours(estimator)):
-                    check_halo(estimator, part, computed, grid.cells)
-                computed["covariance"] = rotated(computed["covariance"], yaw)
-                finished += len(points[0])
-                yield chunk, points, computed
-            if progress:
-                begun = sum(int(part.control[1]) for *_, part in running.values())
-                progress(finished + begun, total)
-    finally:
-        for tile, (*_, part) in running.items():
-            tile.cancel()
-            part.control[0] = 1
-        if executor is None:
-            pool.shutdown(cancel_futures=True)
-
-
-def compute(engine: int, estimator: Estimator, part: MapPart) -> Values:
-    """Compute the values of a tile, on a worker that must have the same engine."""
-    if engine != ENGINE:
-        raise FieldError(
-            f"a worker has another locplan (engine {ENGINE}, not {engine}); install the same one"
-        )
-    return estimator.covariances(part)
-
-
 def chunk_edge(config: FieldConfig, resolution: float) -> int:
     """Edge length of the square tiles that are finished and stored as a whole [lattice points].
 
@@ -219,12 +114,10 @@ def chunk_edge(config: FieldConfig, resolution: float) -> int:
 
 def chunks_of(points: Bools, edge: int) -> Iterator[Chunk]:
     """Chunks that hold at least one of the points, row by row."""
-    height, width = points.shape
-    for top in range(0, height, edge):
-        for left in range(0, width, edge):
-            chunk = Chunk(top, left, min(top + edge, height), min(left + edge, width))
-            if points[chunk.at].any():
-                yield chunk
+    for top, left in product(*(range(0, size, edge) for size in points.shape)):
+        chunk = slice(top, top + edge), slice(left, left + edge)
+        if points[chunk].any():
+            yield chunk
 
 
 def untouched_points(before: OccupancyGrid, after: OccupancyGrid, config: FieldConfig) -> Bools:
@@ -264,37 +157,97 @@ def untouched_points(before: OccupancyGrid, after: OccupancyGrid, config: FieldC
     return np.asarray((near[::stride, ::stride] == 0) & evaluated_points(after.free, stride))
 
 
-def part_of(grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared: object) -> MapPart:
-    """Cells of some lattice points, with all that is prepared or the piece of the map they need."""
-    stride = config.stride_cells(grid.resolution)
-    rows, cols = (index * stride for index in points)
-    if config.estimator.casts_rays:
-        rows, cols = standing_cells(grid.free, rows, cols, stride)
-    levels, top, left = grid.cells, 0, 0
-    if prepared is None:
-        reach = halo_of(config.estimator, grid.resolution, grid.shape)
-        top, left = max(0, int(rows.min()) - reach), max(0, int(cols.min()) - reach)
-        levels = levels[top : int(rows.max()) + reach + 1, left : int(cols.max()) + reach + 1]
-    headings, at = config.heading_angles - grid.origin[2], (top, left)
-    return MapPart(levels, rows, cols, grid.resolution, grid.shape, at, headings, prepared)
+def dataset_of(
+    values: Values, e: Floats, e_unit: str, grid: OccupancyGrid, config: FieldConfig
+) -> Dataset:
+    """A field's arrays and e with their coordinates; see `CovarianceField.to_xarray`."""
+    needed("xarray", "tables", "to_xarray")
+    from xarray import Dataset
+
+    along = coordinates(grid, config)
+    places = tuple(along)
+    arrays: dict[str, Any] = {name: (places, array) for name, array in values.items()}
+    arrays["covariance"] = (*places, "pose_row", "pose_col"), values["covariance"]
+    arrays["e"] = places, e, {"units": e_unit}
+    at = {name: (name, *described) for name, described in along.items()}
+    about = {"map": grid.name, "yaw": grid.origin[2], "estimator": config.estimator.summary}
+    return Dataset(arrays, at, about)
 
 
-def _next(done: SimpleQueue[_Tile]) -> _Tile | None:
-    """A finished tile, or None if none is finished within 0.2 s."""
-    with suppress(Empty):
-        return done.get(timeout=0.2)
-    return None
+def coordinates(
+    grid: OccupancyGrid, config: FieldConfig
+) -> dict[str, tuple[NDArray[Any], dict[str, Any]]]:
+    """Values and attributes of the coordinates y, x and, if there are several, heading."""
+    stride, (x0, y0, _) = config.stride_cells(grid.resolution), grid.origin
+    meaning = "of the map's own axes, which the origin's yaw turns about the origin"
+    metres = {"long_name": meaning, "units": "m"}
+    found = {
+        name: (start + (np.arange(-(-size // stride)) * stride + 0.5) * grid.resolution, metres)
+        for name, start, size in zip("yx", (y0, x0), grid.shape, strict=True)
+    }
+    if config.headings != 1:
+        about = {"long_name": "of the robot in the world", "units": "rad"}
+        found["heading"] = config.heading_angles, about
+    return found
 
 
-@contextmanager
-def _one_line_errors(executor: Executor | None) -> Iterator[None]:
-    """Turn any failure of a foreign executor into an error of one line."""
-    try:
-        yield
-    except LocplanError:
-        raise
-    except Exception as error:  # each executor has its own error for dead workers
-        if executor is None:
-            raise
-        what = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")[:200]
-        raise FieldError(f"the executor failed at a tile of the field ({what})") from error
+def chunk_of(folder: Path, shape: tuple[int, ...], kind: str = "float64") -> tuple[int, ...]:
+    """Shape of an array's chunks; one of several errors if it is not as `write` of _zarr has it."""
+    about = json.loads(read_bytes(folder / "zarr.json", MAX_JSON_BYTES))
+    chunk, codecs = tuple(about["chunk_grid"]["configuration"]["chunk_shape"]), about["codecs"]
+    if not (
+        about["zarr_format"] == 3
+        and about["node_type"] == "array"
+        and about["data_type"] == kind
+        and about["shape"] == list(shape)
+        and about["chunk_grid"]["name"] == "regular"
+        and len(chunk) == len(shape)
+        and all(type(each) is int and each > 0 for each in chunk)
+        and math.prod(chunk) * np.dtype(kind).itemsize <= 2**28
+        and about["chunk_key_encoding"]["name"] == "default"
+        and about["chunk_key_encoding"]["configuration"]["separator"] == SEPARATORS[kind]
+        and about["fill_value"] == ("NaN" if kind == "float64" else 0)
+        and not about["storage_transformers"]
+        and [each["name"] for each in codecs] == ["bytes", "zstd", "crc32c"]  # as applied
+        and codecs[0].get("configuration", {}).get("endian", "little") == "little"
+    ):
+        raise ValueError(f"its {folder.name} does not fit its own map and config")
+    return chunk
+
+
+def read_array(
+    folder: Path, shape: tuple[int, ...], kind: str = "float64"
+) -> tuple[NDArray[Any], int]:
+    """Read a whole array, and count its damaged chunks, which are as the absent ones: NaN or 0.
+
+    One of several errors is raised if it is not as written.
+    """
+    chunk = chunk_of(folder, shape, kind)
+    values = np.full(shape, np.nan if kind == "float64" else 0, kind)
+    damaged = 0
+    counts = [-(-size // each) for size, each in zip(shape, chunk, strict=True)]
+    for index in product(*map(range, counts)):
+        at = [slice(i * each, (i + 1) * each) for i, each in zip(index, chunk, strict=True)]
+        part = values[tuple(at)]
+        try:
+            decoded = _decoded(folder / SEPARATORS[kind].join(map(str, ("c", *index))), chunk, kind)
+            part[...] = decoded[tuple(slice(size) for size in part.shape)]
+        except FileNotFoundError:
+            continue
+        except Exception:  # whatever it holds, it is computed anew
+            damaged += 1
+    return values, damaged
+
+
+def _decoded(file: Path, chunk: tuple[int, ...], kind: str) -> NDArray[Any]:
+    """The values of a chunk; one of several errors if it is damaged."""
+    from google_crc32c import value as crc32c
+    from numcodecs.zstd import Zstd  # type: ignore[import-untyped]
+
+    values = np.empty(chunk, np.dtype(kind).newbyteorder("<"))
+    content = read_bytes(file, 2 * values.nbytes + MAX_JSON_BYTES)
+    body, checksum = content[:-4], content[-4:]
+    if crc32c(body) != int.from_bytes(checksum, "little"):
+        raise ValueError("its checksum is another one")
+    Zstd().decode(body, out=values)  # no byte beyond them, whatever it declares
+    return values

@@ -18,23 +18,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan import __version__
 from locplan._util.checks import shown
+from locplan._util.code_digest import code_digest
 from locplan._util.files import check_folder_target
 from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_bytes
 from locplan.errors import FieldError, LocplanError
 from locplan.field import _tiles as tiles
-from locplan.field._chunks import chunk_of, read_array
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import check_values
-from locplan.field._estimator import MapPart, Values
+from locplan.field._estimator import MapPart, Values, is_ours, kinds_of
 from locplan.field._lattice import evaluated_points
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 FORMAT = "locplan-field-4"
 FIELD_SUFFIX = ".zarr"
+DECISIVE = ("format", "engine", "map_digest", "identity")
+"""Attributes that decide the values of a field."""
 
 
 def attributes(grid: OccupancyGrid, config: FieldConfig, **identity: str) -> dict[str, Any]:
@@ -56,6 +57,33 @@ def attributes(grid: OccupancyGrid, config: FieldConfig, **identity: str) -> dic
         },
         "config": config.to_json(),
     }
+
+
+def cached_attributes(grid: OccupancyGrid, config: FieldConfig, in_part: bool) -> dict[str, Any]:
+    """Attributes of a cached field; a FieldError if nothing can say what decides its values."""
+    identity, estimator = {"points": "some"} if in_part else {}, config.estimator
+    try:
+        if not is_ours(estimator):
+            identity["code"] = code_digest(estimator, kinds_of(estimator))
+        about = attributes(grid, config, **identity)
+        json.dumps(about)
+    except (LocplanError, TypeError, ValueError) as error:  # the others are of JSON
+        raise FieldError(f"estimator {shown(estimator.name)}: {error}") from None
+    return about
+
+
+def name_of(about: dict[str, Any]) -> str:
+    """Name in the cache of the field that has these attributes."""
+    decisive = [about[name] for name in DECISIVE]
+    key = hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:32]
+    return key + FIELD_SUFFIX
+
+
+def kind_of(about: dict[str, Any]) -> dict[str, Any]:
+    """The attributes that fields must share for values of one to be values of the other."""
+    names = ("format", "engine", "map_shape", "resolution", "origin")
+    identity = {name: value for name, value in about["identity"].items() if name != "points"}
+    return {**{name: about.get(name) for name in names}, "identity": identity}
 
 
 def read_attributes(folder: Path) -> dict[str, Any]:
@@ -124,8 +152,14 @@ def may_be_replaced(folder: Path, *, force: bool = False) -> bool:
     return True
 
 
-def create(folder: Path, grid: OccupancyGrid, config: FieldConfig, about: dict[str, Any]) -> None:
-    """Create a field's group with the map, the coordinates and arrays without values.
+def write(
+    folder: Path,
+    values: Values,
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    about: dict[str, Any] | None = None,
+) -> None:
+    """Write a field's group: the map, the coordinates, and all values that are known.
 
     `about` are the `attributes` of the field.
     """
@@ -135,17 +169,17 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig, about: dict[s
     compressed: Any = [ZstdCodec(level=1), Crc32cCodec()]
     edge, stride = _edge(grid, config), config.stride_cells(grid.resolution)
     chunks = sum(1 for _ in tiles.chunks_of(evaluated_points(grid.free, stride), edge))
-    about = about | {"chunks": chunks}
+    about = (about or attributes(grid, config)) | {"chunks": chunks}
     about["checksum"] = _checksum(about)
     group = zarr.create_group(folder, zarr_format=3, attributes=about)
     quantities = {layer.name: (layer.label, layer.unit) for layer in config.estimator.layers}
     whole = "covariance of a pose match (x, y, theta), world frame"
     quantities["covariance"] = whole, "m2, m rad, rad2"
-    places = coordinates(grid, config)
+    places = tiles.coordinates(grid, config)
     for name, shape in tiles.field_shapes(grid, config).items():
         group.create_array(
             name,
-            chunk_key_encoding={"name": "default", "separator": "."},
+            chunk_key_encoding={"name": "default", "separator": tiles.SEPARATORS["float64"]},
             shape=shape,
             chunks=(edge, edge, *shape[2:]),
             dtype="float64",
@@ -168,23 +202,7 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig, about: dict[s
     )
     for name, (points, meaning) in places.items():
         group.create_array(name, data=points, dimension_names=(name,), attributes=meaning)
-
-
-def coordinates(
-    grid: OccupancyGrid, config: FieldConfig
-) -> dict[str, tuple[NDArray[Any], dict[str, Any]]]:
-    """Values and attributes of the coordinates y, x and, if there are several, heading."""
-    stride, (x0, y0, _) = config.stride_cells(grid.resolution), grid.origin
-    meaning = "of the map's own axes, which the origin's yaw turns about the origin"
-    metres = {"long_name": meaning, "units": "m"}
-    found = {
-        name: (start + (np.arange(-(-size // stride)) * stride + 0.5) * grid.resolution, metres)
-        for name, start, size in zip("yx", (y0, x0), grid.shape, strict=True)
-    }
-    if config.headings != 1:
-        about = {"long_name": "of the robot in the world", "units": "rad"}
-        found["heading"] = config.heading_angles, about
-    return found
+    write_chunks(folder, values, [*tiles.chunks_of(tiles.known_points(values), edge)])
 
 
 def write_chunks(folder: Path, values: Values, chunks: Iterable[tiles.Chunk]) -> None:
@@ -196,24 +214,7 @@ def write_chunks(folder: Path, values: Values, chunks: Iterable[tiles.Chunk]) ->
     arrays: Any = [(values[name], zarr.open_array(folder / name, mode="r+")) for name in names]
     for chunk in chunks:
         for computed, array in arrays:
-            array[chunk.at] = computed[chunk.at]
-
-
-def takes_chunks(folder: Path, values: Values) -> bool:
-    """Return whether zarr can write chunks there, whatever the arrays' descriptions say."""
-    try:
-        write_chunks(folder, values, [])
-    except OSError:
-        raise
-    except Exception:  # a damaged description fails in many ways
-        return False
-    return True
-
-
-def write(folder: Path, values: Values, grid: OccupancyGrid, config: FieldConfig) -> None:
-    """Write a whole field."""
-    create(folder, grid, config, attributes(grid, config))
-    write_chunks(folder, values, tiles.chunks_of(tiles.known_points(values), _edge(grid, config)))
+            array[chunk] = computed[chunk]
 
 
 def check_readable(values: Values, grid: OccupancyGrid, config: FieldConfig) -> None:
@@ -258,7 +259,7 @@ def read_values(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> tuple
     values, damaged = {}, 0
     for name, shape in shapes.items():
         try:
-            values[name], lost = read_array(folder / name, shape)
+            values[name], lost = tiles.read_array(folder / name, shape)
         except Exception as error:  # a damaged description fails in as many ways as JSON can be cut
             raise FieldError(f"{folder}: not a covariance field ({_in_short(error)})") from None
         damaged += lost
@@ -271,7 +272,7 @@ def read_values(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> tuple
 def has_todays_chunks(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> bool:
     """Return whether a field's chunks are as large as they would be if it were computed now."""
     shapes, edge = tiles.field_shapes(grid, config), _edge(grid, config)
-    return all(chunk_of(folder / name, shapes[name])[:2] == (edge, edge) for name in shapes)
+    return all(tiles.chunk_of(folder / name, shapes[name])[:2] == (edge, edge) for name in shapes)
 
 
 def read_grid(folder: Path, about: dict[str, Any]) -> OccupancyGrid:
@@ -280,7 +281,7 @@ def read_grid(folder: Path, about: dict[str, Any]) -> OccupancyGrid:
         rows, cols = about["map_shape"]
         if rows * cols > 2**28:
             raise ValueError("it has over 2^28 cells")
-        cells, damaged = read_array(folder / "cells", (rows, cols), "uint8", "/")
+        cells, damaged = tiles.read_array(folder / "cells", (rows, cols), "uint8")
         if damaged:
             raise ValueError(f"damaged chunks: {damaged}")
         grid = OccupancyGrid(cells, about["resolution"], tuple(about["origin"]), about["map_name"])

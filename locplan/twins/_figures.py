@@ -1,8 +1,9 @@
-"""Figure of twins: how sure a match is, which places are joined to which, and where to start."""
+"""Figures of twins, with where to start, of located scans, and of located drives."""
 
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -12,12 +13,27 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse
 from matplotlib.ticker import PercentFormatter
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from locplan.plotting import Picture, draw_cells, draw_map, map_size, style
-from locplan.twins._places import THRESHOLD, Start
-from locplan.twins._trials import GlobalMatches
+from locplan._util.poses import ends_in_map
+from locplan.costs import Path
+from locplan.field import position_axes
+from locplan.maps import OccupancyGrid
+from locplan.plotting import (
+    Picture,
+    draw_cells,
+    draw_inset,
+    draw_map,
+    draw_number,
+    map_size,
+    style,
+    zoomed_to,
+)
+from locplan.robots import Lidar
+from locplan.twins._location import LocatedDrive, Location
+from locplan.twins._places import THRESHOLD, GlobalMatches, Start
 from locplan.twins._twins import SHOWN, Twins
 
 if TYPE_CHECKING:
@@ -55,11 +71,8 @@ def twins_figure(
     if len(twins) == 1:
         return place_figure(twins, 0)
     starts = twins.best_starts() if starts is None else starts
-    width, height = map_size(twins.grid)
     named = twins.symmetries[:5]
-    figure = Picture(figsize=(width, height + 0.5 + 0.16 * len(named)), layout="constrained")
-    axes = figure.add_subplot()
-    draw_map(axes, twins.grid)
+    figure, axes = _on_map(twins.grid, 0.5 + 0.16 * len(named))
     image = draw_cells(axes, twins.grid, twins.layer("elsewhere"), cmap=COLOURS, vmin=0.0, vmax=1.0)
     bar = figure.colorbar(image, ax=axes, shrink=0.8, label="chance that a match lands elsewhere")
     bar.ax.yaxis.set_major_formatter(PercentFormatter(1.0))
@@ -85,9 +98,7 @@ def twins_figure(
 def place_figure(twins: Twins, place: int) -> Figure:
     """Draw one place, joined with its best twins, which are numbered as in its table."""
     x, y = twins.places[place].tolist()
-    figure = Picture(figsize=map_size(twins.grid), layout="constrained")
-    axes = figure.add_subplot()
-    draw_map(axes, twins.grid)
+    figure, axes = _on_map(twins.grid)
     found = twins.of(place)
     for n, twin in enumerate(found[:SHOWN], 1):
         alike = twin.excess <= THRESHOLD
@@ -95,10 +106,7 @@ def place_figure(twins: Twins, place: int) -> Figure:
             [x, twin.x], [y, twin.y], color=style.COLOURS[0] if alike else OTHER, zorder=3
         )
         line[0].set_linestyle("-" if alike else ":")
-        axes.plot(twin.x, twin.y, zorder=5, **NUMBERED)
-        axes.annotate(
-            str(n), (twin.x, twin.y), ha="center", va="center", fontsize=7, zorder=6 + 1 / n
-        )
+        _draw_number(axes, n, (twin.x, twin.y), 6 + 1 / n)
     axes.plot(x, y, "*", color=style.VERMILION, markeredgecolor="black", markersize=15, zorder=8)
     about = "no twin"
     if found:
@@ -113,10 +121,24 @@ def place_figure(twins: Twins, place: int) -> Figure:
     return figure
 
 
+def _on_map(grid: OccupancyGrid, more: float = 0.0) -> tuple[Figure, Axes]:
+    """A figure with Axes on which the map is drawn, so much higher than it [inch]."""
+    width, height = map_size(grid)
+    figure = Picture(figsize=(width, height + more), layout="constrained")
+    axes = figure.add_subplot()
+    draw_map(axes, grid)
+    return figure, axes
+
+
+def _draw_number(axes: Axes, number: int, at: tuple[float, float], zorder: float) -> None:
+    axes.plot(*at, zorder=5, **NUMBERED)
+    axes.annotate(str(number), at, ha="center", va="center", fontsize=7, zorder=zorder)
+
+
 def _draw_twins(axes: Axes, twins: Twins) -> list[Any]:
     """Join some places with their twins, of each symmetry in its colour; the legend's handles."""
     handles: list[Any] = []
-    chosen = _joined(twins)
+    chosen, others = _joined(twins), "other twins" if twins.symmetries else "twins"
     for number, pairs in sorted(chosen.items(), key=lambda item: (item[0] < 0, item[0])):
         colour = style.COLOURS[number] if number >= 0 else OTHER
         lines = [twins.places[place].tolist() + twin for place, twin in pairs]
@@ -125,20 +147,16 @@ def _draw_twins(axes: Axes, twins: Twins) -> list[Any]:
             LineCollection(list(segments), colors=colour, linewidths=1.2, alpha=0.85, zorder=3)
         )
         axes.plot(*segments.reshape(-1, 2).T, "o", color=colour, markersize=3, zorder=3)
-        label = (
-            f"twins by symmetry {number + 1}"
-            if number >= 0
-            else "other twins"
-            if twins.symmetries
-            else "twins"
-        )
+        label = f"twins by symmetry {number + 1}" if number >= 0 else others
         handles.append(Line2D([], [], color=colour, marker="o", markersize=3, label=label))
     return handles
 
 
 def _joined(twins: Twins) -> dict[int, list[tuple[int, list[float]]]]:
     """Pairs of a place and its best twin, thinned out, by the symmetry that joins them or -1."""
-    twin = _best_twins(twins)
+    every = twins.twins[:, :, 0]
+    heading = np.nan_to_num(every[:, :, 3], nan=np.inf).argmin(axis=1)
+    twin: NDArray[np.float64] = every[np.arange(len(every)), heading]
     # Share of the posterior elsewhere from which on a place is joined to its twin.
     having = np.flatnonzero((twin[:, 3] <= THRESHOLD) & (twins.elsewhere >= 0.2))
     # The fewer lines there may be, the farther apart their ends are.
@@ -157,14 +175,6 @@ def _joined(twins: Twins) -> dict[int, list[tuple[int, list[float]]]]:
     return pairs
 
 
-def _best_twins(twins: Twins) -> NDArray[np.float64]:
-    """x, y, heading and excess of the best twin of each place, (n, 4); NaN where there is none."""
-    every = twins.twins[:, :, 0]
-    heading = np.nan_to_num(every[:, :, 3], nan=np.inf).argmin(axis=1)
-    best: NDArray[np.float64] = every[np.arange(len(every)), heading]
-    return best
-
-
 def _symmetry_of(twins: Twins, place: int, twin: NDArray[np.float64]) -> int:
     """Number of the first symmetry with a colour that takes a place to a twin, or -1."""
     for n, each in enumerate(twins.symmetries[: len(style.COLOURS)]):
@@ -179,8 +189,157 @@ def _symmetry_of(twins: Twins, place: int, twin: NDArray[np.float64]) -> int:
 def _draw_starts(axes: Axes, starts: Sequence[Start]) -> Any:
     """Draw the starts with their numbers; the legend's handle."""
     for n, start in enumerate(starts, 1):
-        axes.plot(start.x, start.y, zorder=5, **NUMBERED)
-        axes.annotate(str(n), (start.x, start.y), ha="center", va="center", fontsize=7, zorder=6)
+        _draw_number(axes, n, (start.x, start.y), 6)
     most = max(start.elsewhere for start in starts)
     label = f"best starts, at most {most:.0%} elsewhere"
     return Line2D([], [], label=label, **(NUMBERED | {"markersize": 8}))
+
+
+CLOSE = 4.5
+"""Width of that map [inch]."""
+DEVIATIONS = 2.0
+"""Deviations at which ellipses are drawn."""
+
+
+def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> Figure:
+    """The map with the scan at the best mode, and the other modes, numbered, with their weights.
+
+    Ellipses show the deviations of the positions. Where the robot sees but a part of the map, its
+    surroundings are shown beside it.
+
+    Parameters
+    ----------
+    location : Location
+        A located scan, as `locate` returns it.
+    recorded : (3,) array, optional
+        Another pose x, y, heading to show, such as the recorded one [m, m, rad]; none by default.
+    """
+    grid, best = location.grid, location.best
+    width, height = map_size(grid)
+    on_robot = location.lidar.ends_on_robot(location.ranges[None].astype(np.float32))
+    ends = ends_in_map(on_robot, np.array([best.pose]))[0]
+    away = np.hypot(*(ends - np.array(best.pose[:2])).T)
+    # Minimum distance from the robot to the edges of that map [m].
+    reach = max(4.0, 1.1 * float(np.nanquantile(away, 0.95)))
+    # Share of the map's width from which on the surroundings of the robot get no map of their own.
+    columns = 2 if 2 * reach < 0.6 * max(grid.shape) * grid.resolution else 1
+    figure = Picture(
+        figsize=(width + (columns - 1) * CLOSE, max(height, CLOSE) + 1.2), layout="constrained"
+    )
+    axes = figure.subplots(1, columns, squeeze=False, width_ratios=(width, CLOSE)[:columns])[0]
+    for own in axes:
+        draw_map(own, grid)
+        own.plot(*ends.T, ".", color=style.VERMILION, markersize=3, zorder=4)
+    for n, mode in reversed(list(enumerate(location.modes, 1))):
+        colour = style.VERMILION if n == 1 else style.BLUE
+        _draw_arrow(axes[0], mode.pose, colour)
+        # The numbers stand at one side and the other in turn.
+        heading, side = mode.pose[2], (1, -1)[n % 2]
+        aside = -15 * side * math.sin(heading), 15 * side * math.cos(heading)
+        draw_number(axes[0], n, mode.pose[:2], aside, colour, zorder=8 if n == 1 else 7)
+    close = axes[-1]
+    if columns == 2:
+        x, y, _ = best.pose
+        (left, right), (low, high) = close.get_xlim(), close.get_ylim()
+        close.set(xlim=(max(left, x - reach), min(right, x + reach)), ylabel="")
+        close.set(ylim=(max(low, y - reach), min(high, y + reach)))
+        close.set_title("around place 1", fontsize="medium", loc="left")
+        _draw_arrow(close, best.pose, style.VERMILION)
+    low, high = close.get_xlim()
+    # Ellipses are so much larger that that of the best mode has this share of the map's width.
+    magnify = max(1.0, float(f"{0.08 * (high - low) / (DEVIATIONS * best.position_std):.1g}"))
+    larger = "" if magnify == 1 else f", {magnify:g} times as large"
+    for own in axes:
+        for mode in location.modes:
+            major, minor, direction = (float(each) for each in position_axes(mode.covariance))
+            own.add_patch(
+                Ellipse(
+                    mode.pose[:2],
+                    2 * DEVIATIONS * magnify * major,
+                    2 * DEVIATIONS * magnify * minor,
+                    angle=math.degrees(direction),
+                    facecolor="none",
+                    edgecolor=style.VERMILION if mode is best else style.BLUE,
+                    linewidth=1.2,
+                    zorder=5,
+                )
+            )
+    handles = [
+        Line2D([], [], color=style.VERMILION, marker=".", linestyle="", label="scan at place 1"),
+        Line2D([], [], color=style.VERMILION, label=f"{DEVIATIONS:g} std. deviations{larger}"),
+    ]
+    if recorded is not None:
+        pose = np.asarray(recorded, np.float64)
+        for own in axes:
+            own.plot(*pose[:2], "x", color=style.GREEN, markersize=9, mew=2, zorder=7)
+        cross = Line2D([], [], color=style.GREEN, marker="x", mew=2, ls="", label="recorded pose")
+        handles.append(cross)
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+    lines = [location.sentence]
+    if len(location.modes) > 1:
+        shares = [mode.weight for mode in location.modes]
+        texts = [f"{share:.0%}" if share >= 0.005 else "< 1%" for share in shares]
+        weights = [f"{n}: {text}" for n, text in enumerate(texts, 1)]
+        lines.append(f"share of each place:  {',  '.join(weights)}")
+    return _titled(figure, grid, location.lidar, lines)
+
+
+def _titled(figure: Figure, grid: OccupancyGrid, lidar: Lidar, sentences: list[str]) -> Figure:
+    """The figure with the names of the map and the lidar above it, and sentences."""
+    lines = [f"{grid.name or 'map'}; {lidar.title}"]
+    for each in sentences:
+        lines += textwrap.wrap(each, int(11 * figure.get_figwidth()), break_on_hyphens=False)
+    figure.suptitle("\n".join(lines), fontsize="medium")
+    return figure
+
+
+def _draw_arrow(axes: Axes, pose: tuple[float, float, float], colour: str) -> None:
+    """Draw a pose as a dot with an arrow of its heading, of one size at any scale."""
+    x, y, heading = pose
+    axes.plot(x, y, "o", color=colour, markersize=6, markeredgecolor="white", zorder=6)
+    ahead = 20 * math.cos(heading), 20 * math.sin(heading)
+    arrow = {"arrowstyle": "<|-", "color": colour, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", (x, y), ahead, textcoords="offset points", arrowprops=arrow, zorder=6)
+
+
+def located_drive_figure(found: LocatedDrive) -> Figure:
+    """The recorded drive over the map, with what each scan by itself was located as.
+
+    Scans that are located elsewhere are joined to the place where they were found. The only scan is
+    drawn by `locate_figure`.
+
+    Parameters
+    ----------
+    found : LocatedDrive
+        What `locate_drive` returned.
+    """
+    if found.alone:
+        return locate_figure(found.alone, recorded=found.recording.poses[0])
+    grid, drive = found.grid, found.recording.poses[:, :2]
+    poses, right, certain = found.poses[:, :2], found.right, found.certain
+    known = np.isfinite(poses[:, 0])
+    shown = [Path(np.concatenate([drive, poses[known]]))]
+    part = zoomed_to(grid, shown)
+    figure, axes = _on_map(part, 1.4)
+    draw_inset(axes, grid, part, shown)
+    wrong = known & ~right
+    kinds: list[tuple[str, NDArray[np.bool_], str, str]] = [
+        ("right, certain", right & certain, "o", style.BLUE),
+        ("right, other places alike", right & ~certain, "o", style.BLUE),
+        ("elsewhere, other places alike", wrong & ~certain, "s", style.VERMILION),
+        ("elsewhere, certain", wrong & certain, "s", style.VERMILION),
+        ("too few returns", ~known, "x", "0.4"),
+    ]
+    joined = list(np.stack([drive[wrong], poses[wrong]], axis=1))
+    dotted: dict[str, Any] = {"linewidths": 0.8, "linestyles": "dotted", "zorder": 3}
+    axes.add_collection(LineCollection(joined, colors=style.VERMILION, **dotted))
+    axes.plot(*poses[wrong].T, "+", color=style.VERMILION, markersize=7, zorder=4)
+    for label, chosen, marker, colour in kinds:
+        if chosen.any():
+            face = "white" if "alike" in label else colour
+            named: dict[str, Any] = {"label": f"{label}: {int(chosen.sum())}", "zorder": 5}
+            axes.plot(*drive[chosen].T, marker, color=colour, mfc=face, markersize=5, **named)
+    if wrong.any():
+        axes.plot([], [], "+", color=style.VERMILION, label="where they were found")
+    figure.legend(loc="outside lower center", ncols=2, frameon=False)
+    return _titled(figure, grid, found.recording.lidar, [found.sentence])

@@ -7,10 +7,11 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import instance, number, shown, whole
+from locplan._util.checks import check_threads, instance, number, shown, whole
 from locplan._util.poses import Numbers
+from locplan._util.progress import ProgressCallback
 from locplan.costs import Path
-from locplan.errors import ConfigError
+from locplan.errors import ConfigError, RecordingError
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.matching import (
     APART,
@@ -22,10 +23,11 @@ from locplan.matching import (
     ScanDatabase,
     ScanOnMap,
     checked_database,
+    in_batches,
 )
 from locplan.recordings import Recording
 from locplan.robots import Lidar
-from locplan.twins._location import Location, Mode
+from locplan.twins._location import LocatedDrive, Location, Mode
 
 WITHIN = 3.0
 """Default distance from a route within which a robot is looked for [m]."""
@@ -237,3 +239,69 @@ def _checked(scan: ArrayLike | Recording, lidar: Lidar | None) -> tuple[Numbers,
             " ranges in metres, and the lidar's right?"
         )
     return np.where(returns, ranges, np.inf), lidar
+
+
+def locate_drive(
+    recording: Recording,
+    grid: OccupancyGrid,
+    *,
+    near: Path | ArrayLike | None = None,
+    within: float = WITHIN,
+    count: int = COUNT,
+    clearance: float = CLEARANCE,
+    database: ScanDatabase | None = None,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> LocatedDrive:
+    """Locate each scan of a recorded drive by itself, as `locate` does.
+
+    The recorded poses are only compared with the result.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive.
+    grid : OccupancyGrid
+        The map.
+    near, within, count, clearance, database
+        See `locate`.
+    threads : int, optional
+        Number of threads, at least 1; all cores by default.
+    progress : callable, optional
+        Called with (done, total) scans.
+
+    Returns
+    -------
+    LocatedDrive
+        The location of each scan, and how many are right.
+
+    Raises
+    ------
+    LocplanError
+        If a value is out of its range, no scan has enough returns, or there is no place for the
+        robot.
+    """
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
+    check_grid(grid)
+    whole("count", count)
+    workers = check_threads(threads)
+    database = checked_database(grid, recording.lidar, clearance, database)
+    places = places_of(database, near, within)
+    _ = database.matcher.prepared  # now, once for all threads
+
+    def find(some: NDArray[np.int64]) -> list[Location | None]:
+        found: list[Location | None] = []
+        for n in some:
+            ranges = recording.ranges[n].astype(np.float64)
+            try:
+                found.append(located(database, ranges, places, count, restricted=near is not None))
+            except NotLocatedError:
+                found.append(None)
+        return found
+
+    locations = in_batches(find, len(recording), workers, progress)
+    if not any(locations):
+        raise RecordingError(
+            f"none of {len(recording)} scans has enough returns to know where it was taken"
+        )
+    return LocatedDrive(recording, grid, tuple(locations))

@@ -28,12 +28,13 @@ from locplan.twins._places import (
     SYMMETRIES,
     THRESHOLD,
     TWIN,
+    GlobalMatches,
     Start,
     Twin,
     best_starts,
+    global_matches,
 )
 from locplan.twins._symmetries import Symmetry
-from locplan.twins._trials import GlobalMatches, global_matches
 
 SHOWN = 12
 """Maximum number of a place's twins, and of symmetries, in a table or a picture."""
@@ -48,7 +49,7 @@ class Twins(Result):
     """
 
     _drawn_by: ClassVar[str] = "locplan.twins:twins_figure"
-    _reported_by: ClassVar[str] = "locplan.twins._reports:twins_report"
+    _reported_by: ClassVar[str] = "locplan.twins._find:twins_report"
     files: ClassVar[Results] = Results(
         "twins",
         ("twins.json", "twins.png", "twins.csv", "twins.npz", "symmetries.csv", "starts.csv"),

@@ -14,7 +14,7 @@ ESTIMATORS: dict[str, str] = {
     "sad": "locplan.field.estimators._sad:Sad",
     "fisher": "locplan.field.estimators._fisher:Fisher",
     "scan": "locplan.field.estimators._scan:Scan",
-    "fused": "locplan.field.estimators._fused:Fused",
+    "fused": "locplan.field.estimators._fisher:Fused",
 }
 """Module and class of each estimator; imported when first used."""
 
