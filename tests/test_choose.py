@@ -341,11 +341,8 @@ def test_a_path_that_is_clearly_better_is_taken(better):
     ],
 )
 def test_only_a_clear_verdict_recommends_unless_one_is_bold(better, verdict, bold, best, said):
-    from locplan._util.intervals import Interval
-
-    judgement = dataclasses.replace(
-        better.judgement, leader=1, verdict=verdict, ratio=Interval(0.5, 0.4, 0.6)
-    )
+    ratio = type(better.judgement.ratio)(0.5, 0.4, 0.6)
+    judgement = dataclasses.replace(better.judgement, leader=1, verdict=verdict, ratio=ratio)
     settings = dataclasses.replace(better.settings, bold=bold)
     made = dataclasses.replace(better, judgement=judgement, settings=settings)
     assert made.best == best
