@@ -339,6 +339,7 @@ def test_settings_reach_the_planner():
     assert tree.getRange() == 0.7
     assert tree.getGoalBias() == 0.2
     assert tree.getRewireFactor() == 0.25
+    assert planner_of("BITstar", information, {}).getSamplesPerBatch() == 1000
 
 
 @pytest.mark.parametrize("planner", [name for name, kind in KINDS.items() if kind.from_grid])
