@@ -11,6 +11,7 @@ import tracemalloc
 import numpy as np
 import pytest
 from conftest import SHARED_DATA, changed, refused
+from figure_looks import check_looks
 from scipy import stats
 
 import locplan
@@ -230,6 +231,7 @@ def test_evaluations_are_written_and_drawn(evaluation, tmp_path):
     many = dataclasses.replace(
         evaluation, places=[*evaluation.places] * 4, predictions=[*evaluation.predictions] * 4
     )
+    check_looks(simulation.evaluation_figure(evaluation), "evaluation")
     assert "8 maps" in simulation.evaluation_figure(many).subfigs[0].get_suptitle()
     table = evaluation.report()
     assert "paper visible, heading *" in table
@@ -296,6 +298,9 @@ def test_a_calibration_finds_the_noise_level(grid, config):
     assert result.in_metres
     assert not result.fitted_tau
     assert result.within_two == 1.0
+    apart = np.log(result.predicted / result.measured)
+    expected = 1 - np.mean(apart**2) / np.log(result.measured).var()
+    assert result.r_squared == pytest.approx(expected)
     assert result.config == changed(config, noise_level=result.config.estimator.noise_level)
     if not config.estimator.adds_q:
         fourfold = calibrate([places], config, error="match")
@@ -366,6 +371,7 @@ def test_a_calibration_that_says_nothing_says_so(places):
     poor = dataclasses.replace(calibrate([places]), r_squared=-0.1)
     assert "NOT IN METRES" in poor.report()
     assert not poor.in_metres
+    check_looks(simulation.calibration_figure(poor), "calibration")
     assert simulation.calibration_figure(poor).axes[0].get_title().startswith("NOT IN METRES: sad")
 
 

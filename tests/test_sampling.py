@@ -562,6 +562,10 @@ def test_no_more_is_said_than_was_searched():
     assert via.note.startswith("no path was found to waypoint 1: no path found within 1 iterations")
     alone = sampling.grow_roadmap(sampling.Motions(costs), limits=Limits(iterations=1))
     assert alone.plan(start, goal).status == "not found"
+    on_grid = plan(costs, start, goal, planner="grid")
+    given = {"limits": Limits(iterations=1), "ahead": on_grid.path.xy}
+    led = sampling.grow_roadmap(sampling.Motions(costs), **given).plan(start, goal)
+    assert led.metrics.cost <= on_grid.metrics.cost * (1 + 1e-6)
 
 
 @pytest.mark.parametrize("heading", [math.pi, -math.pi, 3 * math.pi, 7.0])
