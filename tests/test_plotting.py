@@ -150,6 +150,7 @@ def test_the_map_of_e_is_zero_outside_free_space(field):
 def test_slides_are_drawn_with_their_templates():
     figure = paper.slides_figure(paper.one_dimensional(resolution=0.5))
     check_looks(figure, "slides")
+    assert figure.get_size_inches().tolist() == [15.0, 6.4]
     assert len(figure.axes) == 6
     lower = figure.axes[3:]
     assert [axes.get_xlabel() for axes in lower] == ["shift of the template [m]"] * 3

@@ -564,8 +564,11 @@ def test_no_more_is_said_than_was_searched():
     assert alone.plan(start, goal).status == "not found"
     on_grid = plan(costs, start, goal, planner="grid")
     given = {"limits": Limits(iterations=1), "ahead": on_grid.path.xy}
-    led = sampling.grow_roadmap(sampling.Motions(costs), **given).plan(start, goal)
-    assert led.metrics.cost <= on_grid.metrics.cost * (1 + 1e-6)
+    led = sampling.grow_roadmap(sampling.Motions(costs), **given)
+    assert led.plan(start, goal).metrics.cost <= on_grid.metrics.cost * (1 + 1e-6)
+    ahead = np.arange(len(led.poses) - len(on_grid.path.xy), len(led.poses))
+    for one, other in ((ahead[1:], ahead[:-1]), (ahead[:-1], ahead[1:])):
+        assert (led.graph[one, other] > 0).all()
 
 
 @pytest.mark.parametrize("heading", [math.pi, -math.pi, 3 * math.pi, 7.0])

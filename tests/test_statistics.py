@@ -152,6 +152,8 @@ def test_only_queries_that_both_solved_are_compared():
         if (run.task.planner, run.task.query) != ("base", "q5")
     ]
     assert the(contrasts(lost, "base"), planner="mine", measure="cost").pairs == 10
+    ours, theirs = [0.2, np.nan, 0.1, 0.4, 0.3], [0.3, 0.2, np.nan, 0.1, 0.2]
+    assert pair(ours, theirs, "degenerate_share").pairs == 3
 
 
 def test_what_may_be_zero_is_a_ratio_of_sums():
