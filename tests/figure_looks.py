@@ -6,6 +6,7 @@ that is meant, LOOKS=new in the environment lets the tests write that anew.
 
 from __future__ import annotations
 
+import difflib
 import itertools
 import json
 import numbers
@@ -34,9 +35,10 @@ def check_looks(figure: Any, name: str) -> None:
     if os.environ.get("LOOKS") == "new":
         looks[name] = {"words": words, "limits": limits}
         FILE.write_text(json.dumps(dict(sorted(looks.items())), indent=1) + "\n")
-    assert words == looks[name]["words"]
-    for found, known in zip(limits, looks[name]["limits"], strict=True):
-        (low, high), own = (tuple(map(float, each.split())) for each in (known, found))
+    known = looks[name]["words"]
+    assert words == known, "\n".join(difflib.unified_diff(known, words, name, "now", lineterm=""))
+    for pair in zip(looks[name]["limits"], limits, strict=True):
+        (low, high), own = (tuple(map(float, each.split())) for each in pair)
         # What is simulated may differ a little from one machine to another.
         assert own == pytest.approx((low, high), abs=0.05 * abs(high - low) + 1e-4), name
 
