@@ -10,6 +10,7 @@ import math
 import numpy as np
 import pytest
 from conftest import refused
+from figure_looks import check_looks
 
 from locplan import (
     Choice,
@@ -193,9 +194,9 @@ def test_candidates_are_paths_plans_fronts_planners_and_arrays(grid, fielded):
 
 def test_a_users_paths_are_kept_whatever_their_names_and_lengths(grid, costs):
     long = Path([START, (1, 5), (11, 4.5), (1, 5), (11, 4.5), GOAL])
-    own = {"shortest": long, "way around 1": long}
+    own = dict.fromkeys(("shortest", "way around 1", "aware and clear"), long)
     found = choose(grid, START, GOAL, costs=costs, candidates=own, **QUICK)
-    assert names_of(found)[-2:] == ["own shortest", "own way around 1"]
+    assert names_of(found)[-3:] == [f"own {name}" for name in own]
 
 
 def test_a_planners_path_that_is_too_long_is_left_out(grid, costs):
@@ -341,11 +342,8 @@ def test_a_path_that_is_clearly_better_is_taken(better):
     ],
 )
 def test_only_a_clear_verdict_recommends_unless_one_is_bold(better, verdict, bold, best, said):
-    from locplan._util.intervals import Interval
-
-    judgement = dataclasses.replace(
-        better.judgement, leader=1, verdict=verdict, ratio=Interval(0.5, 0.4, 0.6)
-    )
+    ratio = type(better.judgement.ratio)(0.5, 0.4, 0.6)
+    judgement = dataclasses.replace(better.judgement, leader=1, verdict=verdict, ratio=ratio)
     settings = dataclasses.replace(better.settings, bold=bold)
     made = dataclasses.replace(better, judgement=judgement, settings=settings)
     assert made.best == best
@@ -671,6 +669,7 @@ def test_bad_input_ends_the_command_before_long_work(
 
 def test_the_path_to_take_is_drawn_strongest_and_last(better):
     figure = choice_figure(better)
+    check_looks(figure, "choice")
     lines = [line for line in figure.axes[0].lines if len(line.get_xdata()) > 1]
     widths = [line.get_linewidth() for line in lines]
     assert widths == sorted(widths)

@@ -730,9 +730,8 @@ def test_usage_errors_say_what_would_be_right(run, words, message):
 
 
 def test_choices_are_those_of_the_library(room):
-    from locplan.costs._degeneracy import SCALARS
     from locplan.export import formats, keepout_mask
-    from locplan.field import Scan
+    from locplan.field import SCALARS, Scan
 
     options = get_type_hints(formats()["nav2-keepout"].options)
     names, _ = get_args(options["planner"])

@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 
 from locplan import OccupancyGrid, Robot
-from locplan._util.intervals import Interval, Rank
+from locplan._util import intervals
 from locplan.maps import FREE
 from locplan.simulation import Evaluation, Places, Predictor
 
-ABOVE, ZERO, BELOW = Interval(0.6, 0.4, 0.8), Interval(0.1, -0.2, 0.4), Interval(-0.3, -0.5, -0.1)
-CHANCE, FINDS = Interval(0.6, 0.4, 0.8), Interval(0.9, 0.7, 1.0)
-UNKNOWN = Interval(math.nan, math.nan, math.nan)
+ABOVE, ZERO, BELOW = (
+    intervals.Interval(0.6, 0.4, 0.8),
+    intervals.Interval(0.1, -0.2, 0.4),
+    intervals.Interval(-0.3, -0.5, -0.1),
+)
+CHANCE, FINDS = intervals.Interval(0.6, 0.4, 0.8), intervals.Interval(0.9, 0.7, 1.0)
+UNKNOWN = intervals.Interval(math.nan, math.nan, math.nan)
 PLANNED = [
     *(Predictor(name, "position_std") for name in ("fused", "scan", "fisher")),
     *(Predictor(name, "e") for name in ("sad", "sad visible", "paper", "paper visible")),
@@ -63,7 +67,7 @@ def said(
     made = Made([places], [{}], Robot("turtlebot4"), 16, 16, 1)
     others = [ZERO] * (len(PLANNED) - len(correlations))
     found = zip(PLANNED, [*correlations, *others], strict=True)
-    ranks = {(each, "tracking"): Rank(value, value, auc) for each, value in found}
+    ranks = {(each, "tracking"): intervals.Rank(value, value, auc) for each, value in found}
     made.__dict__.update(ranks=ranks, agreement=agreement)
     return made.conclusion
 
@@ -94,15 +98,15 @@ def test_a_filter_that_holds_its_position_needs_nothing(lost, text):
 
 
 def test_the_first_field_above_zero_is_named_with_its_interval():
-    assert first(ABOVE, ZERO, ABOVE, Interval(0.9, 0.8, 1.0)) == (
+    assert first(ABOVE, ZERO, ABOVE, intervals.Interval(0.9, 0.8, 1.0)) == (
         "Where the filter errs depends on the place, and `scan, position` ranks the"
         " places (.60 [.40, .80]): plan with --lidar and --estimator scan."
     )
 
 
 def test_of_many_fields_one_is_not_named_by_chance():
-    barely = Interval(0.3, 0.02, 0.55)
-    assert "`fused, position` ranks" in first(ABOVE, Interval(0.3, 0.1, 0.5))
+    barely = intervals.Interval(0.3, 0.02, 0.55)
+    assert "`fused, position` ranks" in first(ABOVE, intervals.Interval(0.3, 0.1, 0.5))
     assert "no field that" in first(ABOVE, barely, ZERO, ZERO, ZERO)
 
 

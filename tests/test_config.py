@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import math
 import re
@@ -5,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+import locplan
 from locplan.errors import ConfigError
 from locplan.field import (
     Exponential,
@@ -18,7 +20,10 @@ from locplan.field import (
     config_of,
     estimator_class,
 )
-from locplan.robots import Lidar
+from locplan.landmarks import Sites
+from locplan.matching import Matching, ScanDatabase
+from locplan.robots import Disturbances, Inflation, Kinematics, Lidar, Odometry
+from locplan.simulation import ChoiceSettings
 
 
 @pytest.mark.parametrize(
@@ -173,3 +178,31 @@ def test_the_settings_for_a_lidar_are_those_that_real_lasers_bear_out():
     assert fused.scan.temperature == fused.fisher.temperature == pytest.approx(0.07)
     few = Lidar(range=9.0, beams=8)
     assert (Scan(few).temperature, Scan(few, effective_beams=5).temperature) == (1.0, 0.625)
+
+
+@pytest.mark.parametrize(
+    ("kind", "numbers"),
+    [
+        (locplan.Box, (0.6, 0.3)),
+        (locplan.Pole, (0.2,)),
+        (FieldConfig, (0.2, 0)),
+        (Fisher, (1.0, 0.1, 12.6, 180)),
+        (Fused, (1.0,)),
+        (Scan, (1.0, 0.1, 12.6, 180, 0.05)),
+        (Sad, (1.0, True, 6.0)),
+        (SearchWindow, (2.0, 0.2, 60.0, 10.0)),
+        (Lidar, (12.0, 0.0, 360.0, 360, 0.03, 0.0, 0.0, 0.0)),
+        (locplan.Robot, (0.2, 0.05, 0.25)),
+        (Inflation, (0.55, 10.0)),
+        (Kinematics, (0.0, True, 0.5)),
+        (Odometry, (0.02, 1.0, 1.0, 0.02, 1.0, 0.02)),
+        (Disturbances, (0.1, 8, 0.04, 0.2, 20.0, 0.1, 3.0)),
+        (Matching, (36.0, 0.1, 0.05, 0.25, False, 600)),
+        (ScanDatabase, (0.1,)),
+        (Sites, (0.5, 0.2)),
+        (ChoiceSettings, (1.5, False, 0.3, 64, False)),
+    ],
+)
+def test_default_settings_stay_as_they_were_published(kind, numbers):
+    defaults = [each.default for each in dataclasses.fields(kind)]
+    assert tuple(each for each in defaults if isinstance(each, (int, float))) == numbers

@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+from figure_looks import check_looks
 from made_drives import recorded
 
 from locplan import Costmap, plan, save_map
@@ -116,7 +117,8 @@ def test_reports_speak_of_the_drive(tuned):
     assert (about["drive"], about["levels"]) == ("the drive", None)
     json.dumps(about, allow_nan=False)
     figure = tuning_figure(tuned)
-    assert "5 stretches of the drive" in figure.get_suptitle().replace("\n", " ")
+    check_looks(figure, "tuning on a drive")
+    assert "5 stretches of the drive, 2 replays each" in figure.get_suptitle().replace("\n", " ")
 
 
 def test_drives_that_nothing_can_be_tuned_on_are_refused(grid, drive):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +13,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from locplan.errors import ConfigError
-from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments, load_map
 
 NAMES = environments.names()
+MAPS = Path(__file__).resolve().parent.parent / "maps"
 RESOLUTIONS = few_of([0.05, 0.1, 0.02], 2)
 ROBOT_RADIUS = 0.25
 make = functools.cache(environments.make)
@@ -130,6 +132,11 @@ class TestEveryEnvironment:
         assert grid.origin == usual.origin
         area, expected = (g.free.sum() * g.resolution**2 for g in (grid, usual))
         assert area == pytest.approx(expected, rel=0.005)
+
+
+@pytest.mark.parametrize("name", ["two_corridors", "office", "warehouse", "hall", "places"])
+def test_the_maps_that_are_checked_in_are_those_that_are_generated(name: str) -> None:
+    assert load_map(MAPS / f"{name}.yaml") == make(name)
 
 
 @pytest.mark.parametrize("name", ["two_corridors", "office", "warehouse"])

@@ -36,7 +36,7 @@ from locplan.field import (
 from locplan.field._compute import standing_cells
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.planners import plan
-from locplan.planners.ompl._motions import Motions
+from locplan.planners.ompl import Motions
 from locplan.robots import PRESETS, Lidar
 
 ALL_ROUND = Lidar(range=2.5, beams=72)

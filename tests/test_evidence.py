@@ -11,11 +11,12 @@ import tracemalloc
 import numpy as np
 import pytest
 from conftest import SHARED_DATA, changed, refused
+from figure_looks import check_looks
 from scipy import stats
 
 import locplan
 from locplan import FieldConfig, LocplanError, simulation
-from locplan._util.intervals import RESAMPLES, Resamples, auc, rank, spearman
+from locplan._util import intervals
 from locplan.errors import CalibrationError, ConfigError
 from locplan.field import (
     SHORT_LIDAR,
@@ -57,8 +58,10 @@ def test_rank_correlations_are_scipys():
     random = np.random.default_rng(0)
     for n in (5, 40, 200):
         values, errors = random.integers(0, 12, n).astype(float), random.lognormal(size=n)
-        assert spearman(values, errors) == pytest.approx(stats.spearmanr(values, errors)[0])
-    assert spearman(np.ones(6), np.arange(6.0)) == 0
+        assert intervals.spearman(values, errors) == pytest.approx(
+            stats.spearmanr(values, errors)[0]
+        )
+    assert intervals.spearman(np.ones(6), np.arange(6.0)) == 0
 
 
 def test_areas_under_the_curve_are_those_of_the_rank_sum():
@@ -67,18 +70,22 @@ def test_areas_under_the_curve_are_those_of_the_rank_sum():
     worst = np.argsort(errors)[-12:]
     others = np.setdiff1d(np.arange(60), worst)
     expected = stats.mannwhitneyu(values[worst], values[others]).statistic / (12 * 48)
-    assert auc(values, errors) == pytest.approx(expected)
+    assert intervals.auc(values, errors) == pytest.approx(expected)
 
 
 def test_a_resample_is_ranked_like_the_places_drawn():
     random = np.random.default_rng(2)
     values, errors = random.integers(0, 9, (2, 30)).astype(float)
-    drawn = Resamples.of([30])
+    drawn = intervals.Resamples.of([30])
     assert (drawn.places[0].sum(axis=1) == 30).all()
-    one = dataclasses.replace(drawn, places=[np.repeat(drawn.places[0][:1], RESAMPLES, axis=0)])
+    one = dataclasses.replace(
+        drawn, places=[np.repeat(drawn.places[0][:1], intervals.RESAMPLES, axis=0)]
+    )
     often = drawn.places[0][0].astype(int)
     expected = stats.spearmanr(np.repeat(values, often), np.repeat(errors, often))[0]
-    assert rank([values], [errors], one).spearman[1:] == pytest.approx((expected, expected))
+    assert intervals.rank([values], [errors], one).spearman[1:] == pytest.approx(
+        (expected, expected)
+    )
 
 
 def test_intervals_of_ranks_hold_the_truth():
@@ -86,7 +93,7 @@ def test_intervals_of_ranks_hold_the_truth():
     truth = 6 / math.pi * math.asin(0.6 / 2)  # Spearman's of a bivariate normal with r = 0.6
     for seed in range(60):
         a, b = random.multivariate_normal([0, 0], [[1, 0.6], [0.6, 1]], 80).T
-        low, high = rank([a], [b], Resamples.of([80], seed)).spearman[1:]
+        low, high = intervals.rank([a], [b], intervals.Resamples.of([80], seed)).spearman[1:]
         inside += low <= truth <= high
     assert inside >= 51
 
@@ -96,10 +103,12 @@ def test_several_maps_widen_the_interval_and_are_averaged():
     # Within each map the values say nothing; between maps everything.
     errors = [np.exp(m + 0.1 * random.standard_normal(50)) for m in range(4)]
     values = [m + 0.1 * random.standard_normal(50) for m in range(4)]
-    found = rank(values, errors, Resamples.of([50] * 4))
+    found = intervals.rank(values, errors, intervals.Resamples.of([50] * 4))
     assert found.spearman.value > 0.85
     assert abs(found.within.value) < 0.2
-    alone = rank([np.concatenate(values)], [np.concatenate(errors)], Resamples.of([200]))
+    alone = intervals.rank(
+        [np.concatenate(values)], [np.concatenate(errors)], intervals.Resamples.of([200])
+    )
     assert found.spearman.high - found.spearman.low > alone.spearman.high - alone.spearman.low
 
 
@@ -222,6 +231,7 @@ def test_evaluations_are_written_and_drawn(evaluation, tmp_path):
     many = dataclasses.replace(
         evaluation, places=[*evaluation.places] * 4, predictions=[*evaluation.predictions] * 4
     )
+    check_looks(simulation.evaluation_figure(evaluation), "evaluation")
     assert "8 maps" in simulation.evaluation_figure(many).subfigs[0].get_suptitle()
     table = evaluation.report()
     assert "paper visible, heading *" in table
@@ -288,6 +298,9 @@ def test_a_calibration_finds_the_noise_level(grid, config):
     assert result.in_metres
     assert not result.fitted_tau
     assert result.within_two == 1.0
+    apart = np.log(result.predicted / result.measured)
+    expected = 1 - np.mean(apart**2) / np.log(result.measured).var()
+    assert result.r_squared == pytest.approx(expected)
     assert result.config == changed(config, noise_level=result.config.estimator.noise_level)
     if not config.estimator.adds_q:
         fourfold = calibrate([places], config, error="match")
@@ -358,6 +371,7 @@ def test_a_calibration_that_says_nothing_says_so(places):
     poor = dataclasses.replace(calibrate([places]), r_squared=-0.1)
     assert "NOT IN METRES" in poor.report()
     assert not poor.in_metres
+    check_looks(simulation.calibration_figure(poor), "calibration")
     assert simulation.calibration_figure(poor).axes[0].get_title().startswith("NOT IN METRES: sad")
 
 

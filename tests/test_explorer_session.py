@@ -232,6 +232,17 @@ def test_idle_searches_from_the_stops_that_a_drag_leaves_at_rest(session, monkey
         assert len(floods(session)) == 2 * count
 
 
+def test_idle_ends_where_one_of_its_searches_is_ended(session, monkeypatch):
+    def ended(*_, **__):
+        raise Ended
+
+    start, goal = free_places(session, 2, seed=9)
+    session.kept.forget()
+    monkeypatch.setattr("locplan._kernels.search.search", ended)
+    with pytest.raises(Ended):
+        answer(session, "idle", start=start, goal=goal, weight=4.0)
+
+
 def test_idle_prepares_the_drafts_of_large_maps(session, monkeypatch):
     start, goal = free_places(session, 2, seed=13)
     asked = {"start": start, "goal": goal, "weight": 4.0}
@@ -304,6 +315,17 @@ def test_coarse_drafts_join_the_same_stops(session, monkeypatch):
             np.testing.assert_allclose(ends, [start, goal], atol=1e-4)
             assert found["shortest"]["length"] < 1.3 * fine["shortest"]["length"]
         assert not fine["draft"]
+
+
+@pytest.mark.parametrize("free", range(1, 5))
+def test_a_stop_whose_coarse_cell_is_blocked_has_a_draft(free):
+    cells = np.full((40, 60), FREE)
+    cells[: 4 - free] = OCCUPIED
+    start, goal = (0.55, (4 - free) / 10 + 0.05), (5.05, 3.05)
+    found = planned(bare(OccupancyGrid(cells, 0.1), draft_cells=50), [start, goal], 4.0, draft=True)
+    assert found["draft"]
+    assert found["shortest"]["xy"][0] == pytest.approx(start)
+    assert found["shortest"]["length"] < 1.1 * math.dist(start, goal)
 
 
 def test_drafts_cost_what_they_would_at_the_weight_of_the_aware_path(session, monkeypatch):

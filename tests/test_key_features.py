@@ -11,6 +11,7 @@ import naive
 import numpy as np
 import pytest
 from conftest import corridor, drawn, few_of, refused
+from figure_looks import check_looks
 
 import locplan
 from locplan import LocplanError, Pole, save_map
@@ -503,7 +504,9 @@ def test_the_world_lacks_what_the_map_still_shows(found, drives):
 def test_the_figure_is_drawn(found, drives, tmp_path):
     for name, given in (("without", None), ("with", drives)):
         file = tmp_path / f"{name}.png"
-        locplan.plotting.save_figure(key_features_figure(found, given), file)
+        figure = key_features_figure(found, given)
+        check_looks(figure, f"key features {name} drives")
+        locplan.plotting.save_figure(figure, file)
         assert file.stat().st_size > 10_000
 
 

@@ -12,6 +12,7 @@ import naive
 import numpy as np
 import pytest
 from conftest import corridor, drawn, few_of, refused
+from figure_looks import check_looks
 
 import locplan
 from locplan import Box, LocplanError, Path, Pole, place_landmarks, save_map
@@ -816,6 +817,8 @@ def test_what_is_kept_of_earlier_looks_is_as_if_it_were_found_anew(in_region):
 def test_a_region_is_verified_by_drives_across_it(in_region):
     ends = np.concatenate([path.xy[[0, -1]] for path in in_region.setting.routes.values()])
     assert (np.abs(ends) <= (6.1, 1.3)).all()
+    middles = np.array(in_region.before.world_to_grid(*ends.T)) % 1
+    np.testing.assert_allclose(middles, 0.5, atol=1e-6)  # they are centres of cells
     assert max(path.length for path in in_region.setting.routes.values()) > 10
     driven = in_region.verify(2, random_sets=1)
     assert driven.after.number == 2 * len(in_region.setting.routes)
@@ -976,7 +979,9 @@ def test_both_objectives_are_driven(placed):
 def test_the_figure_is_drawn(placed, verification, tmp_path):
     for name, given in (("without", None), ("with", verification)):
         file = tmp_path / f"{name}.png"
-        locplan.plotting.save_figure(landmarks_figure(placed, given), file)
+        figure = landmarks_figure(placed, given)
+        check_looks(figure, f"landmarks {name} drives")
+        locplan.plotting.save_figure(figure, file)
         assert file.stat().st_size > 10_000
 
 
@@ -1028,6 +1033,9 @@ def test_a_placement_is_saved_with_outlines_and_sizes(placed, tmp_path):
 
 
 def test_the_table_has_the_pose_and_what_is_expected_of_each(placed):
+    before, after = (f"{placed.expected[n]:.3g}" for n in (0, 3))
+    assert f"3 x {placed.setting.kind.title} in " in repr(placed)
+    assert f"{placed.measure.title} {before} -> {after})" in repr(placed)
     for record, pose, gain, expected in zip(
         placed.table().records(), placed.poses, placed.gains, placed.expected[1:], strict=True
     ):

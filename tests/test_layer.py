@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from conftest import drawn
+from figure_looks import check_looks
 from matplotlib.figure import Figure
 from PIL import Image
 from test_bag import cell_positions, cells, matrices, read, yaw_of
@@ -129,6 +130,7 @@ def test_the_bag_begins_with_the_deviations_at_their_place(folder, field):
 def test_the_legend_says_both_units(field):
     norms = {n: norm_of(field, n, field.on_map(v)) for n, v in deviations(field).items()}
     figure = legend_figure(field, norms, {"position_std": "m", "heading_std": "rad"})
+    check_looks(figure, "legend of a layer")
     for axes, below, above in zip(figure.axes, ("[m]", "[rad]"), ("[cm]", "[deg]"), strict=True):
         (second,) = axes.child_axes
         assert below in axes.get_xlabel()

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import drawn, few_of, random_rooms, refused
+from figure_looks import check_looks
 from PIL import Image
 
 from locplan import Fused, Lidar, covariance_field, plotting
@@ -83,6 +84,13 @@ def test_the_robots_radius_parts_rooms():
     doors = drawn(*["#" * 13], *["#.....#.....#"] * 2, "#...........#", *["#.....#.....#"] * 2)
     assert len(describe_map(doors, robot=0.4).rooms) == 1
     assert len(describe_map(doors, robot=0.6).rooms) == 2
+
+
+@pytest.mark.parametrize(("cells", "rooms"), [(6, 1), (7, 2)])
+def test_a_small_part_is_a_room_from_a_tenth_of_the_largest_on(cells, rooms):
+    lines = ["#" * 18, "#........#" + ("." * cells).ljust(8, "#"), *["#........#########"] * 7]
+    info = describe_map(drawn(*lines, "#" * 18, resolution=0.3), robot_radius=0.0)
+    assert (len(info.rooms), info.specks) == (rooms, 2 - rooms)
 
 
 def test_specks_are_summed_up():
@@ -297,6 +305,7 @@ def test_the_picture_has_numbered_lines_rooms_and_places():
     grid = drawn(*TWO_ROOMS)
     info = describe_map(OccupancyGrid(grid.cells, 1.0, (5.0, -2.0, 0.3), "lab"), robot=0.0)
     figure = plotting.info_figure(info)
+    check_looks(figure, "info")
     (axes,) = figure.axes
     assert axes.get_title().startswith("lab: 14 x 5 m, 1 m a cell, yaw 17.19 deg\n2 rooms")
     figure.canvas.draw()

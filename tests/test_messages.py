@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import pytest
 
-from locplan._util.checks import number, position, positive, shown, whole
+from locplan._util import checks
 from locplan.errors import MAX_MESSAGE, ConfigError, LocplanError, PoseError
 from locplan.field import Sad, Scan
 from locplan.robots import Lidar
@@ -32,16 +32,16 @@ def bomb(depth: int) -> list:
     ],
 )
 def test_values_are_shown_as_they_are_written(value, text):
-    assert shown(value) == text
+    assert checks.shown(value) == text
 
 
 def test_numbers_too_long_to_be_written_are_shown_by_their_size():
-    assert shown(10**5000) == "a number of 16610 bits"
+    assert checks.shown(10**5000) == "a number of 16610 bits"
 
 
 @pytest.mark.parametrize("value", ["a" * 10**6, list(range(10**6)), bomb(100), {"a": bomb(9)}])
 def test_long_and_deep_values_are_cut_before_they_are_written_out(value):
-    assert len(shown(value)) <= 60
+    assert len(checks.shown(value)) <= 60
 
 
 def test_every_message_is_one_line_that_can_be_printed():
@@ -56,33 +56,33 @@ def test_every_message_is_one_line_that_can_be_printed():
 @pytest.mark.parametrize("value", [10**400, -(10**400), math.inf, math.nan, True, "1", None, [1]])
 def test_what_no_float_can_hold_is_no_number(value):
     with pytest.raises(ConfigError):
-        number("a", value)
+        checks.number("a", value)
     with pytest.raises(ConfigError):
-        positive("a", value)
+        checks.positive("a", value)
 
 
 @pytest.mark.parametrize("value", [1e13, 1e308, 10**13])
 def test_numbers_whose_products_overflow_are_refused(value):
-    for check in (number, positive):
+    for check in (checks.number, checks.positive):
         with pytest.raises(ConfigError, match=r"and at most 1e\+12"):
             check("a", value)
 
 
 def test_numbers_whose_reciprocals_overflow_are_not_positive():
     with pytest.raises(ConfigError, match="at least 1e-12"):
-        positive("a", 1e-320)
+        checks.positive("a", 1e-320)
 
 
 def test_whole_numbers_fit_64_bits():
-    assert whole("a", 2**63 - 1) == 2**63 - 1
+    assert checks.whole("a", 2**63 - 1) == 2**63 - 1
     with pytest.raises(ConfigError, match=r"below 2\^63"):
-        whole("a", 2**63)
+        checks.whole("a", 2**63)
 
 
 @pytest.mark.parametrize("x", [10**400, 1e12, -1e9])
 def test_positions_farther_than_any_map_are_refused(x):
     with pytest.raises(PoseError):
-        position(x, 0.0)
+        checks.position(x, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from conftest import drawn, few_of
+from figure_looks import check_looks
 
 import locplan
 from locplan import export, paper, plotting, simulation
@@ -47,6 +48,9 @@ def figures_of(name: str):
     )
     yield "drives", simulation.simulation_figure(driven)
     lines = paper.template_matching.along_axis(grid, 4.5, 3.5, "x", locplan.Sad(range=3.0))
+    values = np.arange(grid.cells.size).reshape(grid.shape) - 1
+    yield "values", export.values_figure(grid, values, "mask", name)
+    yield "falling values", export.values_figure(grid, values, "limit", name, falling=True)
     yield "models", paper.models_figure(*lines, "x", name)
 
 
@@ -60,6 +64,8 @@ def test_names_are_shown_as_they_are(name):
 def test_names_are_shown_as_they_are_in_every_picture(name):
     shown = "".join(c if c.isprintable() else "\ufffd" for c in name)
     for kind, figure in figures_of(name):
+        if name == NAMES[0]:
+            check_looks(figure, kind)
         texts = texts_of(figure)
         assert shown in texts.replace("?", "\ufffd"), f"{kind}: {texts}"
 

@@ -9,15 +9,16 @@ import subprocess
 import sys
 from contextlib import closing
 from datetime import datetime
-from typing import get_args
+from typing import get_args, get_type_hints
 
 import pytest
 from made_up import failed, made_up, solved
 
 from locplan import __version__
 from locplan.comparison import STATUSES, Task, write_ompl_logs
+from locplan.costs import Path
 from locplan.errors import LocplanError
-from locplan.planners._protocol import Status
+from locplan.planners import Found
 
 
 def database(logs, folder, *options):
@@ -126,7 +127,7 @@ def test_every_status_has_its_name(tmp_path):
     assert named.pop("solved") == "Exact solution"
     assert named.pop("crashed") == "Crash"
     assert all(name.lower() == status for status, name in named.items())
-    assert set(STATUSES) > set(get_args(Status))
+    assert set(STATUSES) > set(get_args(get_type_hints(Found, localns={"Path": Path})["status"]))
 
 
 def test_our_numbers_are_ompls_own(tmp_path):

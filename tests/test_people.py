@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import io
 
 import numpy as np
@@ -10,7 +11,7 @@ from conftest import drawn
 from PIL import Image
 
 import locplan
-from locplan import Costmap, CovarianceField, Path
+from locplan import Costmap, CovarianceField, Path, matching, recordings, simulation, twins
 from locplan.errors import ConfigError, LocplanError, PoseError
 from locplan.maps import environments
 from locplan.planners import Found, Plan
@@ -190,3 +191,32 @@ def test_a_field_is_a_dataset_of_xarray(grid, field):
 def test_arguments_of_another_kind_are_named(grid, field, costs, call, message):
     with pytest.raises((ConfigError, LocplanError, TypeError), match=message):
         call(grid, field, costs)
+
+
+RECIPES = (
+    *(locplan.choose, locplan.covariance_field, locplan.find_twins, locplan.key_features),
+    *(locplan.locate, locplan.place_landmarks, matching.ScanDatabase, recordings.calibrate_drive),
+    *(recordings.evaluate_drive, recordings.fit_to_map, recordings.match_scans),
+    *(recordings.record_drive, recordings.replay, recordings.tune_on_drive, simulation.Simulator),
+    *(simulation.simulate, twins.locate_drive),
+)
+WRONG = {
+    **dict.fromkeys(("grid", "recording", "robot", "lidar", "filter_map"), 7),
+    **{"drives": 0.5, "runs": 0, "seed": -1, "threads": 0, "clearance": -1.0, "start": "here"},
+}
+
+
+@pytest.mark.parametrize("recipe", RECIPES, ids=lambda recipe: recipe.__name__)
+def test_recipes_name_each_argument_that_cannot_be(grid, recipe):
+    poses = [(2.0 + n / 4, 3.0, 0.0) for n in range(40)]
+    lidar, path = locplan.Lidar(range=5.0, field_of_view_deg=180.0, beams=5), Path([(2, 3), (4, 3)])
+    drive = recordings.Recording(np.full((40, 5), 1.0), lidar, poses, odometry=poses)
+    sound = {"grid": grid, "recording": drive, "robot": Robot(lidar), "lidar": lidar, "path": path}
+    sound |= {"paths": {"a": path}, "start": (2, 3), "goal": (4, 3), "scan": np.ones(5)}
+    sound |= {"kind": locplan.Pole(), "count": 1}
+    takes = inspect.signature(recipe).parameters
+    given = {name: value for name, value in sound.items() if name in takes}
+    for name in WRONG.keys() & takes.keys():
+        called = {"filter_map": "grid", "threads": "thread"}.get(name, name)
+        with pytest.raises(LocplanError, match=rf"\b{called}"):
+            recipe(**given | {name: WRONG[name]})

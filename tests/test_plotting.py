@@ -4,6 +4,7 @@ import re
 import numpy as np
 import pytest
 from conftest import drawn, random_rooms
+from figure_looks import check_looks
 from PIL import Image
 
 from locplan import paper, plotting
@@ -67,6 +68,7 @@ def test_plan_figure_has_u_along_each_path_in_metres(field, tmp_path):
     assert found.status == "solved"
     nothing = Plan("unreachable", "grid", *ends, None, None, 0.0)
     figure = plotting.plan_figure(costs, field, {"aware": found, "other": nothing})
+    check_looks(figure, "plans of which one failed")
     lower = figure.axes[1]
     assert lower.get_xlabel() == "distance along the path [m]"
     distance, u = lower.lines[0].get_data()
@@ -92,6 +94,7 @@ def test_front_figure_shows_paths_the_front_and_its_knee():
     costs = dataclasses.replace(Costmap.blank(grid, robot=0.0), u=u, e=u + 0.1, weight=1.0)
     front = pareto_front(costs, (0.55, 0.55), (5.55, 0.55))
     figure = plotting.front_figure(front)
+    check_looks(figure, "front with its knee")
     upper, lower = figure.axes[:2]
     assert "exact" in upper.get_title()
     assert f"of {len(front)} paths" in upper.get_title()
@@ -146,6 +149,8 @@ def test_the_map_of_e_is_zero_outside_free_space(field):
 
 def test_slides_are_drawn_with_their_templates():
     figure = paper.slides_figure(paper.one_dimensional(resolution=0.5))
+    check_looks(figure, "slides")
+    assert figure.get_size_inches().tolist() == [15.0, 6.4]
     assert len(figure.axes) == 6
     lower = figure.axes[3:]
     assert [axes.get_xlabel() for axes in lower] == ["shift of the template [m]"] * 3
@@ -163,6 +168,7 @@ def test_distributions_show_every_plane_of_the_window(rotation):
     shape = 21, 21, len(window.angles)
     mismatch = np.arange(np.prod(shape), dtype=float).reshape(shape)
     figure = paper.distribution_figure({"here": mismatch}, window)
+    check_looks(figure, f"distribution over {rotation} deg")
     flat = [axes for axes in figure.axes if axes.name == "rectilinear" and axes.collections]
     planes = {(a.get_xlabel(), a.get_ylabel()): a.collections[0] for a in flat if a.get_xlabel()}
     xy = planes["shift x [m]", "shift y [m]"].get_array()
@@ -179,6 +185,7 @@ def test_fields_of_several_estimators_are_drawn_on_one_scale():
     estimators = Sad(range=2.0), Scan(Lidar(range=2.0))
     fields = {each.name: covariance_field(grid, each) for each in estimators}
     figure = plotting.fields_figure([fields], "position_std")
+    check_looks(figure, "fields of several estimators")
     scales = {axes.images[-1].get_clim() for axes in figure.axes[:2]}
     least = [100 * f.anchors("position_std")[0] for f in fields.values()]
     greatest = [100 * np.nanmax(f.scalar("position_std")) for f in fields.values()]

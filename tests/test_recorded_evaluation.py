@@ -11,6 +11,7 @@ import naive
 import numpy as np
 import pytest
 from conftest import SHARED_DATA, refused
+from figure_looks import check_looks
 from matplotlib.collections import LineCollection
 from scipy.stats import spearmanr
 from small_drive import FILE, MAP
@@ -265,6 +266,7 @@ def made_up(stds, directions, blocks):
 @pytest.mark.draws
 def test_scans_far_from_each_other_are_dots(office, drive):
     apart = evaluate_drive(drive.every(24), office, estimators={"scan": Scan(drive.lidar)})
+    check_looks(drive_figure(apart), "drive")
     axes = drive_figure(apart).axes[0]
     lines = [each for each in axes.collections if isinstance(each, LineCollection)][-1]
     ends = np.array([path.vertices for path in lines.get_paths()])

@@ -3,10 +3,13 @@
 import csv
 import json
 import math
+import pkgutil
 from dataclasses import dataclass
+from importlib import import_module
 
 import pytest
 
+import locplan
 from locplan._util.intervals import Interval
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
@@ -66,6 +69,19 @@ def test_per_cent_stand_behind_the_values_and_not_in_the_heading():
     share = Column("share", title="lost", people="%", interval=True)
     assert (share.heading, share.text(Interval(0.5, 0.0, 1.0))[:6]) == ("lost", "50.00%")
     assert share.names == ("share", "share_low", "share_high")
+
+
+def test_every_declared_column_has_a_unit_and_a_title_for_people_that_is_none():
+    names = [each.name for each in pkgutil.walk_packages(locplan.__path__, "locplan.")]
+    modules = [vars(import_module(name)) for name in names if "__main__" not in name]
+    tuples = (value for module in modules for value in module.values() if type(value) is tuple)
+    columns = {id(each): each for found in tuples for each in found if isinstance(each, Column)}
+    assert len(columns) > 100
+    units = {"", "m", "rad", "s", "nat", "m² rad", "m² rad m"}
+    for each in columns.values():
+        assert each.unit in units, each
+        assert each.title not in units - {""}, each
+        assert each.unit == {"cm": "m", "deg": "rad", "%": ""}.get(each.people, each.unit), each
 
 
 def test_long_tables_are_cut_and_wide_ones_broken():

@@ -8,6 +8,7 @@ import math
 import cv2
 import numpy as np
 import pytest
+from figure_looks import check_looks
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components, dijkstra
 
@@ -171,7 +172,9 @@ def test_graphs_of_lines_of_ones_own() -> None:
 def test_the_picture_has_each_edge_in_the_colour_of_its_cost_per_metre() -> None:
     costs = rooms().with_weight(4.0)
     graph = roadmap(costs)
-    axes, bar = routes_figure(costs, graph, "rooms").axes
+    figure = routes_figure(costs, graph, "rooms")
+    check_looks(figure, "routes")
+    axes, bar = figure.axes
     (lines,) = axes.collections
     order = np.argsort(graph.cost / graph.length, kind="stable")
     assert np.allclose(lines.get_array(), (graph.cost / graph.length)[order])

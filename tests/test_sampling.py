@@ -339,6 +339,7 @@ def test_settings_reach_the_planner():
     assert tree.getRange() == 0.7
     assert tree.getGoalBias() == 0.2
     assert tree.getRewireFactor() == 0.25
+    assert planner_of("BITstar", information, {}).getSamplesPerBatch() == 1000
 
 
 @pytest.mark.parametrize("planner", [name for name, kind in KINDS.items() if kind.from_grid])
@@ -561,6 +562,13 @@ def test_no_more_is_said_than_was_searched():
     assert via.note.startswith("no path was found to waypoint 1: no path found within 1 iterations")
     alone = sampling.grow_roadmap(sampling.Motions(costs), limits=Limits(iterations=1))
     assert alone.plan(start, goal).status == "not found"
+    on_grid = plan(costs, start, goal, planner="grid")
+    given = {"limits": Limits(iterations=1), "ahead": on_grid.path.xy}
+    led = sampling.grow_roadmap(sampling.Motions(costs), **given)
+    assert led.plan(start, goal).metrics.cost <= on_grid.metrics.cost * (1 + 1e-6)
+    ahead = np.arange(len(led.poses) - len(on_grid.path.xy), len(led.poses))
+    for one, other in ((ahead[1:], ahead[:-1]), (ahead[:-1], ahead[1:])):
+        assert (led.graph[one, other] > 0).all()
 
 
 @pytest.mark.parametrize("heading", [math.pi, -math.pi, 3 * math.pi, 7.0])

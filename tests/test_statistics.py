@@ -10,7 +10,7 @@ import pytest
 from made_up import failed, made_up, solved
 from scipy import stats
 
-from locplan._util.intervals import of_geometric_mean, of_mean, of_rms, wilson
+from locplan._util import intervals
 from locplan.comparison import MEASURES, Comparison, Task
 from locplan.errors import LocplanError
 
@@ -73,10 +73,12 @@ def test_the_interval_is_students_of_the_logarithms():
 def test_means_have_students_interval_with_one_degree_of_freedom_less():
     values = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
     half = 2.776445 * np.sqrt(2.5 / 5)  # the table's t of 4 degrees of freedom
-    assert of_mean(values) == pytest.approx((3.0, 3.0 - half, 3.0 + half), rel=1e-6)
-    assert of_geometric_mean(np.exp(values)) == pytest.approx(np.exp(of_mean(values)))
+    assert intervals.of_mean(values) == pytest.approx((3.0, 3.0 - half, 3.0 + half), rel=1e-6)
+    assert intervals.of_geometric_mean(np.exp(values)) == pytest.approx(
+        np.exp(intervals.of_mean(values))
+    )
     low, high = stats.t.interval(0.95, 11, 3.5, stats.sem(np.arange(12)))
-    assert of_mean(np.arange(12) - 2.0)[1:] == pytest.approx((low, high))
+    assert intervals.of_mean(np.arange(12) - 2.0)[1:] == pytest.approx((low, high))
 
 
 def test_a_root_mean_square_has_the_interval_of_its_pseudo_values():
@@ -87,7 +89,7 @@ def test_a_root_mean_square_has_the_interval_of_its_pseudo_values():
     pseudo = [5 * log(every) - 4 * log(every != n) for n in every]
     half = 2.776445 * stats.sem(pseudo)
     expected = np.exp(np.array([log(every), log(every) - half, log(every) + half]) / 2)
-    assert of_rms(squares) == pytest.approx(expected, rel=1e-6)
+    assert intervals.of_rms(squares) == pytest.approx(expected, rel=1e-6)
 
 
 def test_seeds_are_one_query_by_their_median():
@@ -150,6 +152,8 @@ def test_only_queries_that_both_solved_are_compared():
         if (run.task.planner, run.task.query) != ("base", "q5")
     ]
     assert the(contrasts(lost, "base"), planner="mine", measure="cost").pairs == 10
+    ours, theirs = [0.2, np.nan, 0.1, 0.4, 0.3], [0.3, 0.2, np.nan, 0.1, 0.2]
+    assert pair(ours, theirs, "degenerate_share").pairs == 3
 
 
 def test_what_may_be_zero_is_a_ratio_of_sums():
@@ -258,8 +262,8 @@ def test_success_counts_queries_not_seeds():
     assert summary.success == pytest.approx(
         (0.8, *stats.binomtest(8, 10).proportion_ci(0.95, "wilson"))
     )
-    assert wilson(1.0, 3).high == 1
-    assert wilson(0.0, 3).low == 0
+    assert intervals.wilson(1.0, 3).high == 1
+    assert intervals.wilson(0.0, 3).low == 0
 
 
 def test_quartiles_are_over_what_is_known():

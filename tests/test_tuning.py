@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import yaml
+from figure_looks import check_looks
 
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
@@ -417,6 +418,7 @@ def test_results_are_written_and_drawn(tuning, tmp_path):
     assert about["conclusion"] == tuning.conclusion
     assert about["changes"] == tuning.changes
     assert read_amcl(tmp_path / "out" / "nav2_params.yaml") == tuning.winner
+    check_looks(tuning_figure(tuning), "tuning")
     panels = tuning_figure(tuning).axes
     labels = [panel.get_ylabel() for panel in panels]
     assert labels[:2] == ["RMSE of the position [m]", "lost drives [%]"]

@@ -11,6 +11,7 @@ import naive
 import numpy as np
 import pytest
 from conftest import corridor, refused
+from figure_looks import check_looks
 from scipy.ndimage import affine_transform
 
 import locplan
@@ -632,6 +633,7 @@ def test_the_command_refuses_in_one_line(run, map_file, options):
 def test_the_figure_joins_places_with_their_twins(equal_rooms):
     figure = twins_figure(equal_rooms, equal_rooms.best_starts(3, apart=2.0))
     axes = figure.axes[0]
+    check_looks(figure, "twins")
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert labels[0] == "twins by symmetry 1"
     assert "best starts, at most" in labels[-1]

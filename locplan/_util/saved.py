@@ -178,6 +178,8 @@ def made(kind: Any, tree: Any) -> Any:
         return _one_of(args, tree)
     if origin is typing.Literal:
         return _checked(tree, tree in args)
+    if hasattr(origin, "__value__"):  # an alias, as NDArray is from Python 3.12 on
+        return made(origin.__value__[args], tree)
     if origin is np.ndarray:
         return _array(tree, args[1])
     if origin is not None:
