@@ -36,8 +36,6 @@ ENGINE = 4
 TILE = 64
 """Maximum edge length of a tile, which is computed and stored as a whole [lattice points]."""
 
-SEPARATORS = {"float64": ".", "uint8": "/"}
-"""What parts the numbers in the names of chunks, of values and of the map's cells."""
 Chunk = tuple[slice, slice]
 """Rows and columns of a rectangle of the lattice."""
 
@@ -194,25 +192,35 @@ def coordinates(
 def chunk_of(folder: Path, shape: tuple[int, ...], kind: str = "float64") -> tuple[int, ...]:
     """Shape of an array's chunks; one of several errors if it is not as `write` of _zarr has it."""
     about = json.loads(read_bytes(folder / "zarr.json", MAX_JSON_BYTES))
-    chunk, codecs = tuple(about["chunk_grid"]["configuration"]["chunk_shape"]), about["codecs"]
-    if not (
+    chunk = tuple(about["chunk_grid"]["configuration"]["chunk_shape"])
+    size = math.prod(chunk) * np.dtype(kind).itemsize
+    whole = len(chunk) == len(shape) and all(type(each) is int and each > 0 for each in chunk)
+    if not whole or size > 2**28 or not _as_written(about, shape, kind):
+        raise ValueError(f"its {folder.name} does not fit its own map and config")
+    return chunk
+
+
+def separator_of(kind: str) -> str:
+    """What parts the numbers in the names of chunks, of values and of the map's cells."""
+    return "." if kind == "float64" else "/"
+
+
+def _as_written(about: Any, shape: tuple[int, ...], kind: str) -> bool:
+    """True if an array's description is that of `locplan.field._zarr.write`."""
+    codecs = about["codecs"]
+    return bool(
         about["zarr_format"] == 3
         and about["node_type"] == "array"
         and about["data_type"] == kind
         and about["shape"] == list(shape)
         and about["chunk_grid"]["name"] == "regular"
-        and len(chunk) == len(shape)
-        and all(type(each) is int and each > 0 for each in chunk)
-        and math.prod(chunk) * np.dtype(kind).itemsize <= 2**28
         and about["chunk_key_encoding"]["name"] == "default"
-        and about["chunk_key_encoding"]["configuration"]["separator"] == SEPARATORS[kind]
+        and about["chunk_key_encoding"]["configuration"]["separator"] == separator_of(kind)
         and about["fill_value"] == ("NaN" if kind == "float64" else 0)
         and not about["storage_transformers"]
         and [each["name"] for each in codecs] == ["bytes", "zstd", "crc32c"]  # as applied
         and codecs[0].get("configuration", {}).get("endian", "little") == "little"
-    ):
-        raise ValueError(f"its {folder.name} does not fit its own map and config")
-    return chunk
+    )
 
 
 def read_array(
@@ -230,7 +238,9 @@ def read_array(
         at = [slice(i * each, (i + 1) * each) for i, each in zip(index, chunk, strict=True)]
         part = values[tuple(at)]
         try:
-            decoded = _decoded(folder / SEPARATORS[kind].join(map(str, ("c", *index))), chunk, kind)
+            decoded = _decoded(
+                folder / separator_of(kind).join(map(str, ("c", *index))), chunk, kind
+            )
             part[...] = decoded[tuple(slice(size) for size in part.shape)]
         except FileNotFoundError:
             continue

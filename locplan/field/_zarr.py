@@ -179,7 +179,7 @@ def write(
     for name, shape in tiles.field_shapes(grid, config).items():
         group.create_array(
             name,
-            chunk_key_encoding={"name": "default", "separator": tiles.SEPARATORS["float64"]},
+            chunk_key_encoding={"name": "default", "separator": tiles.separator_of("float64")},
             shape=shape,
             chunks=(edge, edge, *shape[2:]),
             dtype="float64",
