@@ -1,4 +1,5 @@
 from ._advice_figures import choice_figure as choice_figure, tuning_figure as tuning_figure
+from ._arrivals import Arrival as Arrival, Arrivals as Arrivals, drive_closed as drive_closed
 from ._calibration import (
     Calibration as Calibration,
     check_calibration as check_calibration,
