@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import math
 
 import naive
@@ -10,10 +11,10 @@ import pytest
 
 from locplan import Footprint, Lidar, OccupancyGrid, Path, Robot
 from locplan._util.intervals import random_of
-from locplan.errors import ConfigError
+from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Disturbances, Kinematics
-from locplan.simulation import Simulator, drive_closed
+from locplan.simulation import Simulator, drive_closed, simulate
 
 QUIET = Disturbances(boundary_noise=0.0, outliers=0.0, occlusion=0.0)
 OUTLINE = Footprint([(0.35, 0.15), (0.35, -0.15), (-0.2, -0.15), (-0.2, 0.15)])
@@ -91,7 +92,7 @@ def test_a_robot_whose_filter_is_good_arrives_at_its_goal():
     goal = line(*BENT, grid=grid).xy[-1]
     assert all(math.dist(each.truth[-1, :2], goal) < 0.5 for each in found.drives)
     assert all(math.dist(each.believed[-1, :2], goal) <= 0.25 for each in found.drives)
-    assert found.share("arrived").low == pytest.approx(0.676, abs=1e-3)
+    assert found.arrived.low == pytest.approx(0.676, abs=1e-3)
 
 
 class Shifted:
@@ -194,3 +195,28 @@ def test_a_car_like_robot_is_refused():
     robot = Robot(Lidar(range=5.0), kinematics=Kinematics(drive="car-like", turning_radius=1.0))
     with pytest.raises(ConfigError, match="car-like robot cannot be steered yet"):
         driven(room(), line(*BENT), robot, 1)
+
+
+def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):
+    grid, robot = room(wall=True, door=(2.2, 2.6)), Robot(Lidar(range=5.0, beams=60))
+    paths = {"through": line((2.0, 2.4), (6.5, 2.4)), "away": line((2.0, 2.4), (2.0, 4.0))}
+    found = simulate(grid, paths, robot, drives=2, closed=3, seed=4)
+    assert simulate(grid, paths, robot, drives=2, seed=4).arrivals is None
+    about = found.summary()["arrivals"]
+    assert about["through"]["stuck"] == about["through"]["follower_fails"] == 1.0
+    assert about["away"]["drives"] == 3
+    assert about["away"]["arrived"][0] == 1.0
+    (through, away) = found.table().records()
+    assert (through["arrived"], away["arrived"]) == (0.0, 1.0)
+    legend = [each.get_text() for each in found.figure().legends[0].get_texts()]
+    assert "0 of 3 arrive (crosses" in " ".join(legend[0].split())
+    assert "3 of 3 arrive" in " ".join(legend[1].split())
+    found.save(tmp_path / "out")
+    with (tmp_path / "out" / "arrivals.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["outcome"] for row in rows] == ["stuck"] * 3 + ["arrived"] * 3
+    assert float(rows[0]["x"]) < 4.0 < 6.5
+    with pytest.raises(LocplanError, match="drives"):
+        simulate(grid, paths, robot, closed=1)
+    with pytest.raises(ConfigError, match="replan must be"):
+        simulate(grid, paths, robot, closed=2, replan=0.0)

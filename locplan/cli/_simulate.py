@@ -55,6 +55,12 @@ class Driven:
     """Minimum distance from start to goal of random queries, in metres; 10 by default."""
     drives: Pair | None = None
     """Number of drives along each path; 100 by default, and 20 of a recorded drive."""
+    closed: Pair | None = None
+    """Number of further drives along each path that are steered by the filter's pose, to see how
+    many arrive; none by default."""
+    replan: float | None = None
+    """Time after which these plan anew in any case, in seconds; by default where something is in
+    the way."""
 
     @property
     def distance(self) -> float:
@@ -69,6 +75,10 @@ class Driven:
         asked = bool(self.path), bool(self.start or self.goal), self.random is not None
         if asked.count(True) != 1 or bool(self.start) != bool(self.goal):
             raise ConfigError("give one of --path, --start with --goal, --random, and --drive")
+        if self.random is not None:
+            refuse("with --random", closed=self.closed)
+        if self.closed is None:
+            refuse("without --closed", replan=self.replan)
         if self.path:
             own = {"config": None, "estimator": None}  # they name the lidar, too
             refuse("with --path: no path is planned", **of_plans | own)
@@ -157,7 +167,7 @@ def _along_paths(
     out: Output,
 ) -> None:
     """Drive the paths that were given, or the shortest and the aware one between two places."""
-    out.check(locplan.simulation.Simulation.files)
+    out.check(locplan.simulation.Simulation.files, *(["arrivals.csv"] if driven.closed else ()))
     (grid,) = grids
     paths, costmap = read_paths(driven.path), None
     if driven.start and driven.goal:
@@ -169,6 +179,7 @@ def _along_paths(
     if not paths:
         out.show({"status": "unreachable"}, "unreachable: no path leads to the goal")
         return
+    every |= {"closed": driven.closed or 0, "replan": driven.replan}
     with progress_bar("simulating", "drives") as progress:
         simulate = locplan.simulation.simulate
         result = simulate(grid, paths, robot, costs=costmap, progress=progress, **every)
