@@ -102,9 +102,11 @@ def simulation_report(simulation: Simulation) -> str:
         del rows[len(DRIVEN)]
     count = len(next(iter(simulation.drives.values())).errors)
     about = f"errors of the position, of {count} drives each"
-    if simulation.arrivals:
-        closed = len(next(iter(simulation.arrivals.values())).drives)
-        about += f", and the ends of {closed} that the filter steers"
+    if arrivals := simulation.arrivals:
+        about += f", and the ends of {len(next(iter(arrivals.values())).drives)} more"
+        # Ends that no drive has are not worth a line.
+        none = [each.heading for each in ARRIVING[1:] if not any(map(each.of, arrivals.values()))]
+        rows = [row for row in rows if row[0] not in none]
     return f"{table(head, rows)}\n{about} [95 % intervals]\nwith {simulation.robot.title}"
 
 
