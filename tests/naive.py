@@ -1461,3 +1461,106 @@ def rotated(covariances, yaw):
     turn[0, :2] = math.cos(yaw), -math.sin(yaw)
     turn[1, :2] = math.sin(yaw), math.cos(yaw)
     return np.einsum("ij,...jk,lk->...il", turn, covariances, turn)
+
+
+def clearance(stops, resolution):
+    """Distance of cells' centres to the nearest occupied cell's edge, row by row [m]."""
+    walls = np.argwhere(stops).tolist()
+
+    def distance(row, col):
+        return min(
+            math.hypot(max(abs(row - i) - 0.5, 0), max(abs(col - j) - 0.5, 0)) for i, j in walls
+        )
+
+    rows, cols = stops.shape
+    return [
+        [0.0 if stops[i, j] else resolution * distance(i, j) for j in range(cols)]
+        for i in range(rows)
+    ]
+
+
+def margin_at(near, resolution, discs, pose):
+    """Distance of an outline from the walls, bilinearly between cells' centres [m]."""
+    x, y, heading = pose
+    margins = []
+    for ahead, left, radius in discs:
+        row = (y + math.sin(heading) * ahead + math.cos(heading) * left) / resolution - 0.5
+        col = (x + math.cos(heading) * ahead - math.sin(heading) * left) / resolution - 0.5
+        i, j = math.floor(row), math.floor(col)
+        if not (0 <= i < len(near) - 1 and 0 <= j < len(near[0]) - 1):
+            return -1.0
+        corners = [
+            (near[i + a][j + b], abs(1 - a - (row - i)) * abs(1 - b - (col - j)))
+            for a in (0, 1)
+            for b in (0, 1)
+        ]
+        margins.append(sum(value * share for value, share in corners) - radius)
+    return min(margins)
+
+
+def follow(random, path, stops, resolution, robot, discs, first, ticks):
+    """True poses of a robot that knows them, tick by tick."""
+    near = clearance(stops, resolution)
+    odometry, speed = robot.odometry, robot.kinematics.speed
+    sideways = robot.kinematics.drive == "omnidirectional"
+    scale = 1 + odometry.distance_bias * random.standard_normal()
+    bend = math.radians(odometry.heading_bias_deg) * random.standard_normal()
+    turn_scale = 1 + odometry.turn_bias * random.standard_normal()
+    truth, nearest, blocked = [tuple(first)], 0, 0
+
+    def after(pose, way, aside, turn):
+        middle = pose[2] + turn / 2 + aside
+        return (
+            pose[0] + way * math.cos(middle),
+            pose[1] + way * math.sin(middle),
+            pose[2] + turn,
+        )
+
+    def is_clear(ahead, left, turn):
+        enough, pose = min(0.01, margin_at(near, resolution, discs, truth[-1])) - 1e-9, truth[-1]
+        for _ in range(10):
+            pose = after(pose, math.hypot(ahead, left) / 10, math.atan2(left, ahead), turn / 10)
+            if margin_at(near, resolution, discs, pose) < enough:
+                return False
+        return True
+
+    while math.dist(truth[-1][:2], path[-1]) > robot.goal_tolerance and len(truth) < ticks:
+        x, y, heading = truth[-1]
+        close = path[nearest : nearest + 40]
+        nearest += min(range(len(close)), key=lambda k: math.dist(close[k], (x, y)))
+        carrot, way = nearest, 0.0
+        while carrot < len(path) - 1 and way < 0.5:
+            way += math.dist(path[carrot], path[carrot + 1])
+            carrot += 1
+        dx, dy = path[carrot][0] - x, path[carrot][1] - y
+        aside = wrapped(math.atan2(dy, dx) - heading)
+        pace = min(speed, max(0.1, math.dist(path[-1], (x, y))))
+        pace *= min(1.0, max(0.4, margin_at(near, resolution, discs, truth[-1]) / 0.1))
+        if sideways:
+            command = pace * math.cos(aside), pace * math.sin(aside), min(max(aside, -1), 1)
+        elif abs(aside) > math.pi / 4:
+            command = 0.0, 0.0, math.copysign(min(1.0, 2 * abs(aside)), aside)
+        else:
+            pace *= 1 - abs(aside) / (math.pi / 2)
+            turn = 2 * pace * math.sin(aside) / max(math.hypot(dx, dy), 0.1)
+            command = pace, 0.0, min(max(turn, -1.0), 1.0)
+        slower = [
+            (share * command[0], share * command[1], command[2] + more)
+            for share in (1.0, 0.6, 0.3)
+            for more in (0.0, 0.3, -0.3, 0.6, -0.6, 1.0, -1.0)
+        ]
+        clear = next((each for each in [command, *slower] if is_clear(*each)), None)
+        blocked = blocked + 1 if clear is None else 0
+        assert blocked < 20, "recoveries are not in here"
+        ahead, left, turn = (each / 10 for each in clear or (0.0, 0.0, 0.0))
+        way, aside = math.hypot(ahead, left), math.atan2(left, ahead)
+        drift = odometry.distance_drift * math.sqrt(way) * random.standard_normal()
+        noise = random.standard_normal() * math.hypot(
+            math.radians(odometry.heading_drift_deg) * math.sqrt(way),
+            math.radians(odometry.turn_drift_deg) * math.sqrt(abs(turn)),
+        )
+        true_turn = (turn - bend * way - noise) / turn_scale
+        new = after(truth[-1], max(0.0, (way - drift) / scale), aside, true_turn)
+        margins = [margin_at(near, resolution, discs, each) for each in (truth[-1], new)]
+        truth.append(truth[-1] if margins[1] < min(0.0, margins[0]) else new)
+    return np.array(truth)

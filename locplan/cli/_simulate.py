@@ -45,6 +45,12 @@ class Driven:
     """Minimum distance from start to goal of random queries, in metres; 10 by default."""
     drives: typed.Pair | None = None
     """Number of drives along each path; 100 by default, and 20 of a recorded drive."""
+    closed: typed.Pair | None = None
+    """Number of further drives along each path that are steered by the filter's pose, to see how
+    many arrive; none by default."""
+    replan: float | None = None
+    """Time after which these plan anew in any case, in seconds; by default where something is in
+    the way."""
 
     @property
     def distance(self) -> float:
@@ -59,6 +65,10 @@ class Driven:
         asked = bool(self.path), bool(self.start or self.goal), self.random is not None
         if asked.count(True) != 1 or bool(self.start) != bool(self.goal):
             raise ConfigError("give one of --path, --start with --goal, --random, and --drive")
+        if self.random is not None:
+            typed.refuse("with --random", closed=self.closed)
+        if self.closed is None:
+            typed.refuse("without --closed", replan=self.replan)
         if self.path:
             of_lidar = {"config": None, "estimator": None}  # they name the lidar, too
             typed.refuse("with --path: no path is planned", **of_plans | of_lidar)
@@ -79,7 +89,8 @@ class Driven:
     def check_folder(self, out: Output, grids: list[OccupancyGrid]) -> None:
         """Raise a LocplanError if the folder cannot take the results; before long work."""
         if self.random is None:
-            return out.check(locplan.simulation.Simulation.files)
+            more = ("arrivals.csv",) if self.closed else ()
+            return out.check(locplan.simulation.Simulation.files, *more)
         results = locplan.simulation.RoutesOnMaps
         return out.check(results.files, *results.pictures([grid.name for grid in grids]))
 
@@ -157,6 +168,7 @@ def _along_paths(
         paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
     if not paths:
         return None
+    every |= {"closed": driven.closed or 0, "replan": driven.replan}
     with progress_bar("simulating", "drives") as progress:
         simulate = locplan.simulation.simulate
         return simulate(grid, paths, robot, costs=costmap, progress=progress, **every)

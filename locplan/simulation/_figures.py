@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ from locplan.plotting import (
     zoomed_to,
 )
 from locplan.robots import Robot
+from locplan.simulation._arrivals import ARRIVED, Arrivals
 from locplan.simulation._calibration import Calibration
 from locplan.simulation._drives import LOST, contrasts
 from locplan.simulation._evaluation import Evaluation
@@ -92,6 +93,8 @@ def simulation_figure(simulation: Simulation) -> Figure:
             text += f" ({in_metres(drives.kept_rmse.value)} of those not lost)"
         if name in ratios:
             text += f"; RMSE {_formatted(ratios[name])} of {next(iter(profiles))}'s"
+        if simulation.arrivals:
+            text += f"; {_failures_drawn(upper, simulation.arrivals[name], style)}"
         text = textwrap.fill(text, int(LETTERS * (width - 1)), break_on_hyphens=False)
         handles.append(Line2D([], [], linewidth=2, label=text, **style))
         draw_ends(upper, xy[0], xy[-1])
@@ -114,6 +117,17 @@ def simulation_figure(simulation: Simulation) -> Figure:
         fontsize="medium",
     )
     return figure
+
+
+def _failures_drawn(axes: Axes, found: Arrivals, style: Mapping[str, Any]) -> str:
+    """Draw a cross where each drive ends that does not arrive, and say how many do."""
+    failed = [each.truth[-1] for each in found.drives if each.outcome != ARRIVED]
+    if failed:
+        x, y, _ = np.array(failed).T
+        axes.plot(x, y, "x", color=style["color"], markersize=7, markeredgewidth=2, zorder=5)
+    count = len(found.drives)
+    at = " (crosses: where others end)" if failed else ""
+    return f"steered by the filter, {count - len(failed)} of {count} arrive{at}"
 
 
 def queries_figure(routes: Routes) -> Figure:

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from locplan._util.checks import positive
 from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import Column, Result, Table
@@ -22,6 +23,8 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import prepared_beside
 from locplan.robots import Lidar, Robot
+from locplan.simulation._arrivals import ARRIVING, Arrivals, ends_of
+from locplan.simulation._closed_loop import drive_closed
 from locplan.simulation._drives import DRIVEN, Drives, check_drives, contrasts, profiles
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import about_filter, poses_along
@@ -51,6 +54,8 @@ class Simulation(Result):
     """Costmap that the paths were planned on; None if that is not known."""
     filter_map: OccupancyGrid | None = None
     """The filter's map, where it is not the one that was driven in."""
+    arrivals: Mapping[str, Arrivals] | None = None
+    """Closed-loop drives along each path, where they were asked for."""
 
     def __repr__(self) -> str:
         driven = ", ".join(f"{name}: {drives!r}" for name, drives in self.drives.items())
@@ -67,32 +72,42 @@ class Simulation(Result):
             "robot": self.robot.summary(),
             **about_filter(self.filter_map),
         }
+        if self.arrivals:
+            about["arrivals"] = {name: each.summary() for name, each in self.arrivals.items()}
         return finite(about)
 
     def table(self) -> Table:
         """Length and errors of each path, and the ratio of its RMSE to the first's."""
         ratios, alone = contrasts(self.drives), Interval(1.0, math.nan, math.nan)
         ratio = Column("rmse_ratio", "", f"error over {next(iter(self.drives))}'s", interval=True)
-        rows = (
-            (name, *(column.of(each) for column in DRIVEN), ratios.get(name, alone))
+        rows = {
+            name: [name, *(column.of(each) for column in DRIVEN), ratios.get(name, alone)]
             for name, each in self.drives.items()
-        )
-        return Table((Column("path", title=""), *DRIVEN, ratio), tuple(rows))
+        }
+        for name, each in (self.arrivals or {}).items():
+            rows[name] += [column.of(each) for column in ARRIVING]
+        columns = (Column("path", title=""), *DRIVEN, ratio, *(ARRIVING if self.arrivals else ()))
+        return Table(columns, tuple(map(tuple, rows.values())))
 
     def _write(self, folder: FilePath, *about: Any) -> None:
         profiles(self.drives).write_csv(folder / "errors.csv")
+        if self.arrivals:
+            ends_of(self.arrivals).write_csv(folder / "arrivals.csv")
 
 
 def simulation_report(simulation: Simulation) -> str:
     """Table of the errors along each path, side by side."""
     head, *rows = simulation.table().turned()
     if len(head) == 2:  # one path has no ratio
-        del rows[-1]
+        del rows[len(DRIVEN)]
     count = len(next(iter(simulation.drives.values())).errors)
-    return (
-        f"{table(head, rows)}\nerrors of the position, of {count} drives each"
-        f" [95 % intervals]\nwith {simulation.robot.title}"
-    )
+    about = f"errors of the position, of {count} drives each"
+    if arrivals := simulation.arrivals:
+        about += f", and the ends of {len(next(iter(arrivals.values())).drives)} more"
+        # Ends that no drive has are not worth a line.
+        none = [each.heading for each in ARRIVING[1:] if not any(map(each.of, arrivals.values()))]
+        rows = [row for row in rows if row[0] not in none]
+    return f"{table(head, rows)}\n{about} [95 % intervals]\nwith {simulation.robot.title}"
 
 
 def simulate(
@@ -101,6 +116,8 @@ def simulate(
     robot: Robot | None = None,
     *,
     drives: int = 100,
+    closed: int = 0,
+    replan: float | None = None,
     filter_map: OccupancyGrid | None = None,
     seed: int = 1,
     threads: int | None = None,
@@ -109,7 +126,8 @@ def simulate(
 ) -> Simulation:
     """Drive some paths of one map with a particle filter.
 
-    The robot follows the path exactly, whatever the filter thinks.
+    The robot follows the path exactly, whatever the filter believes, but in closed-loop drives, in
+    which a pursuit follower steers it by the filter's pose: they show whether it arrives.
 
     Parameters
     ----------
@@ -123,6 +141,11 @@ def simulate(
         your own, such as `Robot.from_nav2` reads.
     drives : int, default 100
         Number of drives along each path, 2 to 100,000. Fewer are quicker, and widen the intervals.
+    closed : int, default 0
+        Number of closed-loop drives along each path, 0 or 2 to 100,000.
+    replan : float, optional
+        Time after which a closed-loop drive is planned anew in any case, above 0 [s]; by default
+        only where something is in the way.
     filter_map : OccupancyGrid, optional
         The filter's map in the same frame, where it differs from the one that is driven in; its
         resolution, origin and size may differ, too.
@@ -155,6 +178,9 @@ def simulate(
     0.0
     """
     check_drives(drives)
+    check_drives(closed, or_none=True)
+    if replan is not None:
+        positive("replan", replan, "s")
     if not isinstance(paths, Mapping):
         raise ConfigError("paths must be a mapping of names to paths, such as {'mine': plan.path}")
     if not paths:
@@ -164,8 +190,13 @@ def simulate(
         name: path if isinstance(path, Path) else Path(np.asarray(path))
         for name, path in paths.items()
     }
-    driven = drive_paths(simulator, routes, drives, progress=progress)
-    return Simulation(grid, routes, driven, simulator.robot, seed, costs, filter_map)
+    opened, steered = parts(progress, [drives * len(routes), closed * len(routes)])
+    driven = drive_paths(simulator, routes, drives, progress=opened)
+    arrivals = None
+    if closed:
+        numbers = range(closed)
+        arrivals = drive_closed(simulator, routes, numbers, replan=replan, progress=steered)
+    return Simulation(grid, routes, driven, simulator.robot, seed, costs, filter_map, arrivals)
 
 
 def drive_paths(

@@ -26,7 +26,7 @@ MATCH_WINDOW, MATCH_STEP = 2.0, 0.05
 """Half width and spacing of the offsets at which single scans are matched [m]."""
 ARRAYS = 4
 """Number of arrays of all poses that are in memory at once."""
-DRIVE, MATCH, WORLD, POINTS, APPROACH, BEAMS = range(6)
+DRIVE, MATCH, WORLD, POINTS, APPROACH, BEAMS, CLOSED = range(7)
 """Streams of random numbers, see `random_of`; drives and their worlds have further numbers."""
 
 
@@ -146,7 +146,7 @@ class Simulator:
             stage = self.stage(own[n : n + 1])
             errors[n] = stage.drive(own[n], stage.world(stream, n), stream, n, self.arguments)
 
-        self._in_threads(run, len(own), progress)
+        self.in_threads(run, len(own), progress)
         return turned(errors, self.filter_map.origin[2])
 
     def drive_together(
@@ -192,7 +192,7 @@ class Simulator:
                 made[n] = stage.drive(line, world, stream, numbers[n], self.arguments)
 
         steps = len(numbers) * len(own)
-        self._in_threads(run, len(numbers) * parts, progress, steps)
+        self.in_threads(run, len(numbers) * parts, progress, steps)
         return [turned(each, self.filter_map.origin[2]) for each in errors]
 
     def line(self, poses: Poses) -> Line:
@@ -301,7 +301,7 @@ class Simulator:
                 )
 
         _ = self.worlds  # made once, not by every thread
-        self._in_threads(run, len(cells), progress)
+        self.in_threads(run, len(cells), progress)
         errors[..., :2] *= resolution
         return turned(errors, self.grid.origin[2])
 
@@ -315,7 +315,7 @@ class Simulator:
         """Arguments of the kernels for the filter's map and the robot."""
         return drive_arguments(self.filter_map, self.robot)
 
-    def _in_threads(
+    def in_threads(
         self,
         run: Callable[[int], None],
         count: int,

@@ -1,0 +1,222 @@
+"""Closed-loop drives: steered by the filter's pose, does the robot arrive?"""
+
+from __future__ import annotations
+
+import csv
+import math
+
+import naive
+import numpy as np
+import pytest
+
+from locplan import Footprint, Lidar, OccupancyGrid, Path, Robot
+from locplan._util.intervals import random_of
+from locplan.errors import ConfigError, LocplanError
+from locplan.maps import FREE, OCCUPIED
+from locplan.robots import Disturbances, Kinematics
+from locplan.simulation import Simulator, drive_closed, simulate
+
+QUIET = Disturbances(boundary_noise=0.0, outliers=0.0, occlusion=0.0)
+OUTLINE = Footprint([(0.35, 0.15), (0.35, -0.15), (-0.2, -0.15), (-0.2, 0.15)])
+CLOSED = 6
+"""Stream of random numbers of closed-loop drives."""
+
+
+def room(*, wall=None, door=(0, 0), origin=(0.0, 0.0, 0.0), resolution=0.1):
+    """A room of 8 x 5 m, in which a wall at x = 4 m may have a door between two heights [m]."""
+    cells = np.full((round(5 / resolution), round(8 / resolution)), FREE)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    cells[15:17, 10:13] = OCCUPIED
+    if wall:
+        cells[:, round(4 / resolution)] = OCCUPIED
+        low, high = (round(each / resolution) for each in door)
+        cells[low:high, round(4 / resolution)] = FREE
+    return OccupancyGrid(cells, resolution, origin=origin, name="room")
+
+
+def line(*xy, grid=None):
+    points = np.array(xy)
+    if grid is not None:
+        points = np.column_stack(grid.grid_to_world(*(points[:, ::-1] / grid.resolution).T))
+    return Path(points)
+
+
+def driven(grid, path, robot, drives=8, seed=1, **options):
+    simulator = Simulator(grid, robot, seed=seed)
+    return drive_closed(simulator, {"path": path}, range(drives), **options)["path"]
+
+
+def ends(found):
+    return [each.outcome for each in found.drives]
+
+
+ROBOTS = {
+    "round": Robot(Lidar(range=5.0, beams=60)),
+    "outlined": Robot(Lidar(range=5.0, beams=60), footprint=OUTLINE),
+    "sideways": Robot(
+        Lidar(range=5.0, beams=60), kinematics=Kinematics(drive="omnidirectional", speed=0.4)
+    ),
+}
+BENT = ((1.5, 1.0), (3.0, 3.5), (6.5, 1.5))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_robot_that_knows_its_pose_is_driven_as_plain_loops_do(name):
+    grid, robot = room(), ROBOTS[name].changed({"boundary_noise": 0.0})
+    path = line(*BENT)
+    (found,) = driven(grid, path, robot, 1, seed=3, perfect=True).drives
+    corners = OUTLINE.vertices
+    discs = [(0.0, 0.0, 0.2)]
+    if name == "outlined":
+        sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+        discs = [
+            (*(a + step * 0.05 / math.dist(a, b) * (b - a)), 0.025)
+            for a, b in sides
+            for step in range(math.ceil(math.dist(a, b) / 0.05 - 1e-9))
+        ]
+    way = path.resampled(0.05, even=True).xy
+    first = (*way[0], math.atan2(*(way[6] - way[0])[::-1]))
+    stops = grid.cells == OCCUPIED
+    truth = naive.follow(
+        random_of(3, CLOSED, 0, 0), way.tolist(), stops, 0.1, robot, discs, first, 1000
+    )
+    assert found.outcome == "arrived"
+    assert found.truth == pytest.approx(truth, abs=1e-9)
+    assert found.believed == pytest.approx(found.truth)
+
+
+def test_a_robot_whose_filter_is_good_arrives_at_its_goal():
+    grid = room(origin=(-3.0, 2.0, 0.7))
+    found = driven(grid, line(*BENT, grid=grid), ROBOTS["round"])
+    assert ends(found) == ["arrived"] * 8
+    goal = line(*BENT, grid=grid).xy[-1]
+    assert all(math.dist(each.truth[-1, :2], goal) < 0.5 for each in found.drives)
+    assert all(math.dist(each.believed[-1, :2], goal) <= 0.25 for each in found.drives)
+    assert found.arrived.low == pytest.approx(0.676, abs=1e-3)
+
+
+class Shifted:
+    """A filter that believes odometry from a pose that is off by some metres in x."""
+
+    title, settings = "shifted", "Shifted()"
+
+    def __init__(self, shift, stands=False):
+        self.shift, self.stands = shift, stands
+
+    def start(self, grid, lidar, pose, deviation, random):
+        self.pose = np.add(pose, (self.shift, 0.0, 0.0))
+        self.last = None
+        return self
+
+    def motion(self, odometry):
+        if self.last is not None and not self.stands:
+            turn = self.pose[2] - self.last[2]
+            dx, dy = odometry[:2] - self.last[:2]
+            cos, sin = math.cos(turn), math.sin(turn)
+            step = [cos * dx - sin * dy, sin * dx + cos * dy, odometry[2] - self.last[2]]
+            self.pose = self.pose + step
+        self.last = np.array(odometry)
+
+    def scan(self, ranges):
+        pass
+
+    def estimate(self):
+        return self.pose
+
+    def covariance(self):
+        return np.eye(3)
+
+
+def exact(filter):
+    still = dict.fromkeys(
+        ("distance_drift", "heading_drift_deg", "turn_drift_deg", "distance_bias"), 0.0
+    )
+    still |= {"heading_bias_deg": 0.0, "turn_bias": 0.0, "start_sigma": 0.0, "start_sigma_deg": 0.0}
+    robot = Robot(Lidar(range=5.0, beams=20), filter=filter, disturbances=QUIET)
+    return robot.changed(still)
+
+
+def test_a_robot_that_is_off_believes_to_be_at_the_goal_and_is_elsewhere():
+    path = line((2.0, 2.5), (6.0, 2.5))
+    (found,) = driven(room(), path, exact(Shifted(0.8)), 1).drives
+    assert found.outcome == "elsewhere"
+    assert not found.follower_fails
+    assert found.believed[-1] - found.truth[-1] == pytest.approx([0.8, 0.0, 0.0], abs=1e-6)
+    (near,) = driven(room(), path, exact(Shifted(0.2)), 1).drives
+    assert near.outcome == "arrived"
+
+
+def test_a_robot_that_comes_no_farther_is_stuck_after_three_recoveries():
+    (found,) = driven(
+        room(), line((2.0, 2.5), (6.0, 2.5)), exact(Shifted(0.0, stands=True)), 1
+    ).drives
+    assert found.outcome == "stuck"
+    assert 40 < found.seconds < 60
+
+
+def test_what_is_not_on_the_path_s_map_is_driven_around():
+    path = line((2.0, 2.5), (6.5, 2.5))
+    grid = room(wall=True, door=(3.2, 4.2))
+    robot = ROBOTS["round"].changed({"boundary_noise": 0.0})
+    found = driven(grid, path, robot, 4)
+    assert ends(found) == ["arrived"] * 4
+    crossed = [each.truth[np.argmin(abs(each.truth[:, 0] - 4.05))] for each in found.drives]
+    assert all(3.3 < y < 4.1 for _, y, _ in crossed)
+
+
+def test_a_door_too_narrow_for_the_robot_is_the_follower_s_failure():
+    grid, path = room(wall=True, door=(2.2, 2.6)), line((2.0, 2.4), (6.5, 2.4))
+    found = driven(grid, path, Robot(Lidar(range=5.0, beams=60)), 3)
+    assert set(ends(found)) == {"stuck"}
+    assert found.follower_fails == 1.0
+    assert all(each.truth[:, 0].max() < 4.0 for each in found.drives)
+
+
+def test_drives_are_those_of_their_numbers_on_any_number_of_threads():
+    grid, path = room(), line(*BENT)
+
+    def made(threads, drives):
+        simulator = Simulator(grid, ROBOTS["round"], seed=2, threads=threads)
+        return drive_closed(simulator, {"a": path, "b": path}, drives)
+
+    whole, part = made(2, range(6)), made(1, range(3, 6))
+    for one, other in zip(whole["a"].drives[3:], part["b"].drives, strict=True):
+        assert one.outcome == other.outcome
+        assert np.array_equal(one.truth, other.truth)
+    assert not np.array_equal(whole["a"].drives[0].truth[-1], whole["a"].drives[1].truth[-1])
+
+
+def test_a_plan_now_and_then_leads_to_the_goal_too():
+    found = driven(room(), line(*BENT), ROBOTS["round"], 4, replan=1.0)
+    assert ends(found) == ["arrived"] * 4
+
+
+def test_a_car_like_robot_is_refused():
+    robot = Robot(Lidar(range=5.0), kinematics=Kinematics(drive="car-like", turning_radius=1.0))
+    with pytest.raises(ConfigError, match="car-like robot cannot be steered yet"):
+        driven(room(), line(*BENT), robot, 1)
+
+
+def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):
+    grid, robot = room(wall=True, door=(2.2, 2.6)), Robot(Lidar(range=5.0, beams=60))
+    paths = {"through": line((2.0, 2.4), (6.5, 2.4)), "away": line((2.0, 2.4), (2.0, 4.0))}
+    found = simulate(grid, paths, robot, drives=2, closed=3, seed=4)
+    assert simulate(grid, paths, robot, drives=2, seed=4).arrivals is None
+    about = found.summary()["arrivals"]
+    assert about["through"]["stuck"] == about["through"]["follower_fails"] == 1.0
+    assert about["away"]["drives"] == 3
+    assert about["away"]["arrived"][0] == 1.0
+    (through, away) = found.table().records()
+    assert (through["arrived"], away["arrived"]) == (0.0, 1.0)
+    legend = [each.get_text() for each in found.figure().legends[0].get_texts()]
+    assert "0 of 3 arrive (crosses" in " ".join(legend[0].split())
+    assert "3 of 3 arrive" in " ".join(legend[1].split())
+    found.save(tmp_path / "out")
+    with (tmp_path / "out" / "arrivals.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["outcome"] for row in rows] == ["stuck"] * 3 + ["arrived"] * 3
+    assert float(rows[0]["x"]) < 4.0 < 6.5
+    with pytest.raises(LocplanError, match="drives"):
+        simulate(grid, paths, robot, closed=1)
+    with pytest.raises(ConfigError, match="replan must be"):
+        simulate(grid, paths, robot, closed=2, replan=0.0)
