@@ -230,13 +230,7 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
     for own in axes:
         draw_map(own, grid)
         own.plot(*ends.T, ".", color=style.VERMILION, markersize=3, zorder=4)
-    for n, mode in reversed(list(enumerate(location.modes, 1))):
-        colour = style.VERMILION if n == 1 else style.BLUE
-        _draw_arrow(axes[0], mode.pose, colour)
-        # The numbers stand at one side and the other in turn.
-        heading, side = mode.pose[2], (1, -1)[n % 2]
-        aside = -15 * side * math.sin(heading), 15 * side * math.cos(heading)
-        draw_number(axes[0], n, mode.pose[:2], aside, colour, zorder=8 if n == 1 else 7)
+    _draw_modes(axes[0], location)
     close = axes[-1]
     if columns == 2:
         x, y, _ = best.pose
@@ -277,9 +271,10 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
     lines = [location.sentence]
     if len(location.modes) > 1:
-        shares = [mode.weight for mode in location.modes]
-        texts = [f"{share:.0%}" if share >= 0.005 else "< 1%" for share in shares]
-        weights = [f"{n}: {text}" for n, text in enumerate(texts, 1)]
+        weights = [
+            f"{n}: {mode.weight:.0%}" if mode.weight >= 0.005 else f"{n}: < 1%"
+            for n, mode in enumerate(location.modes, 1)
+        ]
         lines.append(f"share of each place:  {',  '.join(weights)}")
     return _titled(figure, grid, location.lidar, lines)
 
@@ -291,6 +286,16 @@ def _titled(figure: Figure, grid: OccupancyGrid, lidar: Lidar, sentences: list[s
         lines += textwrap.wrap(each, int(11 * figure.get_figwidth()), break_on_hyphens=False)
     figure.suptitle("\n".join(lines), fontsize="medium")
     return figure
+
+
+def _draw_modes(axes: Axes, location: Location) -> None:
+    """Draw the modes, the best one last, each with its number at one side or the other."""
+    for n, mode in reversed(list(enumerate(location.modes, 1))):
+        colour = style.VERMILION if n == 1 else style.BLUE
+        _draw_arrow(axes, mode.pose, colour)
+        heading, side = mode.pose[2], (1, -1)[n % 2]
+        aside = -15 * side * math.sin(heading), 15 * side * math.cos(heading)
+        draw_number(axes, n, mode.pose[:2], aside, colour, zorder=8 if n == 1 else 7)
 
 
 def _draw_arrow(axes: Axes, pose: tuple[float, float, float], colour: str) -> None:
