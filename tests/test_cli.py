@@ -729,10 +729,9 @@ def test_usage_errors_say_what_would_be_right(run, words, message):
 
 
 def test_choices_are_those_of_the_library():
-    from locplan.costs._degeneracy import SCALARS
     from locplan.export._formats import NavPlannerName
     from locplan.export._travel_costs import PLANNERS as NAV_PLANNERS
-    from locplan.field import Scan
+    from locplan.field import SCALARS, Scan
 
     assert get_args(NavPlannerName) == tuple(NAV_PLANNERS)
     (help,) = (each.help for each in _options.Criterion.__metadata__)
