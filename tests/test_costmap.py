@@ -11,7 +11,7 @@ from conftest import corridor, drawn, random_rooms
 from locplan._kernels import rays
 from locplan.comparison import _journal as journal
 from locplan.costs import Costmap, Path, path_metrics, profile
-from locplan.costs._degeneracy import HeadingLayers
+from locplan.costs._layers import HeadingLayers
 from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import CovarianceField, FieldConfig, Fisher, Sad, SearchWindow, covariance_field
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid

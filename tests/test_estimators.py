@@ -14,7 +14,7 @@ from naive import rotated
 from scipy.linalg import expm, logm
 
 from locplan.costs import Costmap, Path, path_metrics, profile
-from locplan.costs._degeneracy import HeadingLayers
+from locplan.costs._layers import HeadingLayers
 from locplan.errors import ConfigError
 from locplan.field import (
     NORMAL_REACH,

@@ -89,7 +89,7 @@ def test_the_robots_radius_parts_rooms():
 @pytest.mark.parametrize(("cells", "rooms"), [(6, 1), (7, 2)])
 def test_a_small_part_is_a_room_from_a_tenth_of_the_largest_on(cells, rooms):
     lines = ["#" * 18, "#........#" + ("." * cells).ljust(8, "#"), *["#........#########"] * 7]
-    info = describe_map(drawn(*lines, "#" * 18, resolution=0.3), robot_radius=0.0)
+    info = describe_map(drawn(*lines, "#" * 18, resolution=0.3), robot=0.0)
     assert (len(info.rooms), info.specks) == (rooms, 2 - rooms)
 
 

@@ -1,16 +1,15 @@
-from ._about import (
-    about_costs as about_costs,
-    check_costs as check_costs,
-    costs_caption as costs_caption,
-    named_maps as named_maps,
-)
 from ._cells import (
     CellWindow as CellWindow,
     changed_window as changed_window,
     joined_windows as joined_windows,
 )
-from ._costmap import ROBOT_RADIUS as ROBOT_RADIUS, Costmap as Costmap
-from ._degeneracy import (
+from ._costmap import (
+    ROBOT_RADIUS as ROBOT_RADIUS,
+    Costmap as Costmap,
+    about_costs as about_costs,
+    check_costs as check_costs,
+)
+from ._layers import (
     CostSettings as CostSettings,
     check_criterion as check_criterion,
     check_weight as check_weight,
@@ -20,7 +19,9 @@ from ._metrics import (
     LidarShare as LidarShare,
     PathMetrics as PathMetrics,
     compare_lidars as compare_lidars,
+    costs_caption as costs_caption,
     lidars_table as lidars_table,
+    named_maps as named_maps,
     path_cost as path_cost,
     path_metrics as path_metrics,
     profile as profile,

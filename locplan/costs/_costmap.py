@@ -10,26 +10,25 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan import __version__
 from locplan._util.checks import instance, one_of
 from locplan._util.saved import Saved
-from locplan.costs._cells import (
-    CellWindow,
-    changed_window,
-    joined_windows,
-    part_around,
-)
-from locplan.costs._degeneracy import (
+from locplan._util.tables import finite
+from locplan.costs._cells import CellWindow, changed_window, joined_windows, part_around
+from locplan.costs._layers import (
+    LAYERS,
+    MAX_DENSITY,
+    CostLayers,
     CostSettings,
     HeadingLayers,
     blocked_near,
     check_weight,
-    checked_density,
     checked_layer,
     degeneracy,
     density_of,
     sealed,
+    shaped,
 )
-from locplan.costs._layers import LAYERS, CostLayers
 from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid, check_grid
@@ -199,7 +198,13 @@ class Costmap(CostLayers, Saved):
             ones above 1e9.
         """
         check_grid(grid)
-        values = blocked_near(checked_density(density, grid), grid, radius_of(robot))
+        values = shaped("density", density, grid)
+        if not ((values >= 1) & ((values <= MAX_DENSITY) | np.isposinf(values))).all():
+            raise ConfigError(
+                f"density must lie in 1..{MAX_DENSITY:g} everywhere, or be inf to block"
+            )
+        values[~grid.free] = np.inf
+        values = blocked_near(values, grid, radius_of(robot))
         nothing = np.broadcast_to(np.nan, grid.shape)
         return cls(grid, values, math.nan, radius_of(robot), u=nothing, e=nothing)
 
@@ -306,3 +311,30 @@ class Costmap(CostLayers, Saved):
             )
         density = blocked_near(self.density, self.grid, radius)
         return dataclasses.replace(self, density=density, robot_radius=radius)
+
+
+def about_costs(costs: Costmap) -> dict[str, object]:
+    """Version, map and settings of a costmap, fit for JSON.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap, whether or not it has a field.
+    """
+    return {
+        "locplan": __version__,
+        "map": {"name": costs.grid.name, "digest": costs.grid.digest},
+        **finite({"weight": costs.weight, "robot_radius": costs.robot_radius}),
+        **(costs.settings.to_json() if costs.settings else {}),
+    }
+
+
+def check_costs(costs: object) -> None:
+    """Raise a ConfigError unless this is a costmap.
+
+    Parameters
+    ----------
+    costs : object
+        What a function was given for a costmap.
+    """
+    instance("costs", costs, Costmap, "make one with locplan.Costmap.from_field(grid, field)")

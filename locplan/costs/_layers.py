@@ -1,27 +1,22 @@
-"""Arrays of a costmap, and what is read from them."""
+"""Arrays of a costmap: a field's degeneracy between absolute anchors, and the density it gives."""
 
 from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from functools import cached_property, partial
+from typing import Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from locplan._util.checks import number, one_of, position, shown
 from locplan._util.public import Pictured
-from locplan.costs._cells import (
-    standing_cell,
-)
-from locplan.costs._degeneracy import (
-    CostSettings,
-    HeadingLayers,
-    density_of,
-    sealed,
-)
-from locplan.maps import OccupancyGrid
+from locplan.errors import ConfigError, PoseError
+from locplan.field import SCALARS, CovarianceField, FieldConfig
+from locplan.maps import OCCUPIED, UNKNOWN, OccupancyGrid
 
 LAYERS = ("density", "u", "e")
 """Names of the arrays of a costmap."""
@@ -120,4 +115,219 @@ class CostLayers(Pictured):
             If the robot cannot stand there. The error says why, and names the nearest position
             where it can.
         """
-        return standing_cell(self.grid, self.density, self.robot_radius, xy, role)
+        x, y = position(xy, name=role)
+        row, col = self.grid.world_to_cell(x, y)
+        fault = self._fault(row, col)
+        if fault is None:
+            return row, col
+        remedy = f"no cell of the map is free for a robot of radius {self.robot_radius:g} m"
+        rows, cols = np.nonzero(np.isfinite(self.density))
+        if rows.size:
+            there = self.grid.world_to_grid(x, y)
+            at = np.argmin((rows + 0.5 - there[0]) ** 2 + (cols + 0.5 - there[1]) ** 2)
+            nearest = self.grid.cell_to_world(int(rows[at]), int(cols[at]))
+            decimals = max(2, math.ceil(1 - math.log10(self.grid.resolution)))
+            remedy = "the nearest free position is "
+            remedy += ",".join(f"{v:.{decimals}f}" for v in nearest)
+        where = "locplan info MAP -o PICTURE shows coordinates"
+        raise PoseError(f"{role} {x:.10g},{y:.10g} {fault}; {remedy}; {where}")
+
+    def _fault(self, row: int, col: int) -> str | None:
+        """Why a robot cannot stand in a cell; None if it can."""
+        if not self.grid.contains(row, col):
+            return "lies outside the map"
+        if np.isfinite(self.density[row, col]):
+            return None
+        level = self.grid.cells[row, col]
+        if level in (OCCUPIED, UNKNOWN):
+            return "lies in a wall" if level == OCCUPIED else "lies in unknown space"
+        clearance, radius = self.grid.clearance[row, col], self.robot_radius
+        if clearance < radius:
+            return (
+                f"is {clearance:.2f} m from a wall, closer than the robot's radius of {radius:g} m"
+            )
+        return "lies in a blocked cell"
+
+
+MAX_DENSITY = 1e9
+"""Maximum finite density; with a higher one, rounding would swallow a path's short steps."""
+
+
+@dataclass(frozen=True)
+class CostSettings:
+    """Settings of the degeneracy u of a costmap; see `Costmap.from_field`."""
+
+    law: str
+    """Law that makes u of the criterion: "logarithmic", "linear" or "cube-root"."""
+    criterion: str
+    """Scalar or layer of the field that u is made of, such as "e" or "position_std"."""
+    headings: str
+    """Value that counts where the robot's heading is not known: "mean" or "worst"."""
+    config: FieldConfig
+    """The settings of the field."""
+    whole_field: bool = True
+    """False if the field has values at some lattice points only, as near paths."""
+
+    def to_json(self) -> dict[str, object]:
+        """All settings, fit for JSON."""
+        return {**vars(self), "config": self.config.to_json()}
+
+
+def check_criterion(criterion: str, config: FieldConfig) -> None:
+    """Check that fields have a scalar, before they are computed.
+
+    Parameters
+    ----------
+    criterion : str
+        The scalar or layer that degeneracy is to be made of, see `Costmap.from_field`.
+    config : FieldConfig
+        Settings of the fields.
+
+    Raises
+    ------
+    ConfigError
+        If they have none of this name.
+    """
+    layers = [layer.name for layer in config.estimator.layers]
+    one_of("criterion", criterion, [*SCALARS, *layers])
+
+
+def degeneracy(
+    field: CovarianceField, criterion: str, law: str, headings: Literal["mean", "worst"] | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """u and e of a field, (H, W), or without `headings` of each one, (n, H, W)."""
+    check_criterion(criterion, field.config)
+    least, greatest = field.anchors(criterion)
+    if not greatest > least:
+        raise ConfigError(f"criterion {shown(criterion)} says nothing in a field without rotation")
+    values = field.scalar(criterion, headings=headings, with_q=True)
+    of_e = field.scalar("e", headings=headings)
+    e = field.on_map(of_e)
+    if criterion in field.layers:
+        u = field.on_map((values - least) / (greatest - least), logarithmic=False)
+    elif law == "logarithmic" and values is of_e:
+        u = e / least
+        u = np.log(u, out=u)
+        u /= math.log(greatest / least)
+    elif law == "logarithmic":
+        values = np.log(np.maximum(values, np.finfo(float).tiny) / least)
+        u = field.on_map(values / math.log(greatest / least), logarithmic=False)
+    else:
+        u = field.on_map(values / greatest)
+        u = np.cbrt(u, out=u) if law == "cube-root" else u
+    u = np.clip(u, 0.0, 1.0, out=u)
+    return (u, e) if headings else (np.moveaxis(u, 2, 0), np.moveaxis(e, 2, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class HeadingLayers:
+    """u and e for each heading of the robot, read from a field when they are first asked for."""
+
+    read: Callable[[], tuple[NDArray[np.floating], NDArray[np.floating]]]
+    """It returns u, 0..1, and e [m^2 rad] for n headings, (n, H, W) each."""
+
+    @classmethod
+    def of(cls, field: CovarianceField, settings: CostSettings) -> HeadingLayers | None:
+        """Layers of the headings that a field has; None if they are alike."""
+        if field.config.headings == 1:
+            return None
+        return cls(partial(degeneracy, field, settings.criterion, settings.law, None))
+
+    @cached_property
+    def both(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """u and e, (n, H, W) each, read-only."""
+        u, e = (np.array(layer, np.float32) for layer in self.read())
+        return sealed(u), sealed(e)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, HeadingLayers):
+            return NotImplemented
+        pairs = zip(self.both, other.both, strict=True)
+        return self is other or all(np.array_equal(*pair, equal_nan=True) for pair in pairs)
+
+    def __hash__(self) -> int:
+        return 0  # the costmaps that have them differ in more
+
+    def to_json(self) -> dict[str, NDArray[np.float32]]:
+        """Both layers by name."""
+        return dict(zip(("u", "e"), self.both, strict=True))
+
+    @classmethod
+    def from_json(cls, layers: Mapping[str, NDArray[np.float32]]) -> HeadingLayers:
+        """Layers of what `to_json` gave."""
+        return cls(lambda: (layers["u"], layers["e"]))
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What has been read needs no field any more, which is large.
+        both = vars(self).get("both")
+        return {"read": partial(tuple, both), "both": both} if both else vars(self)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        for layer in state.get("both", ()):
+            sealed(layer)
+
+
+def density_of(u: NDArray[np.float64], weight: float) -> NDArray[np.float64]:
+    """1 + weight u; infinite where u is NaN."""
+    density = u * weight
+    density += 1
+    np.copyto(density, np.inf, where=np.isnan(u))
+    return density
+
+
+def shaped(name: str, layer: ArrayLike, grid: OccupancyGrid) -> NDArray[np.float64]:
+    """A copy of a layer of one's own; a ConfigError if it has another shape than the map."""
+    values = np.array(layer, dtype=np.float64)
+    if values.shape != grid.shape:
+        raise ConfigError(f"{name} has shape {values.shape}, but the map {grid.shape}")
+    return values
+
+
+def checked_layer(
+    name: str, layer: ArrayLike, grid: OccupancyGrid, highest: float
+) -> NDArray[np.float64]:
+    """A read-only copy of a layer of one's own, (H, W), NaN where the map is not free.
+
+    Raises
+    ------
+    ConfigError
+        If it has another shape than the map, or values below 0, above the highest or not finite
+        in a free cell.
+    """
+    values = shaped(name, layer, grid)
+    values[~grid.free] = np.nan
+    free = values[grid.free]
+    if not (np.isfinite(free) & (free >= 0) & (free <= highest)).all():
+        bounds = "finite and at least 0" if math.isinf(highest) else f"from 0 to {highest:g}"
+        raise ConfigError(f"{name} must be {bounds} in every free cell")
+    return sealed(values)
+
+
+def blocked_near(density: NDArray[Any], grid: OccupancyGrid, robot_radius: float) -> NDArray[Any]:
+    """The density, infinite closer to occupied cells than a radius [m] as well, read-only."""
+    density = density if density.flags.writeable else density.copy()
+    np.copyto(density, np.inf, where=grid.closer_than(robot_radius - 1e-9))
+    return sealed(density)
+
+
+def check_weight(weight: float) -> None:
+    """Check a weight of degenerate metres, before a costmap is made.
+
+    Parameters
+    ----------
+    weight : float
+        The weight, see `Costmap.from_field`.
+
+    Raises
+    ------
+    ConfigError
+        If it is no number, or not from 0 to 1e9.
+    """
+    number("weight", weight, 0, MAX_DENSITY)
+
+
+def sealed(layer: NDArray[Any]) -> NDArray[Any]:
+    """Make an array read-only, and return it."""
+    layer.setflags(write=False)
+    return layer

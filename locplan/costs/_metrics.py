@@ -1,22 +1,25 @@
-"""Metrics of paths on a costmap, and how much of a map is degenerate with each lidar."""
+"""Metrics of paths on a costmap, and of maps with several lidars; maps as callers name them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path as File
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import shown
 from locplan._util.progress import ProgressCallback, in_turn
 from locplan._util.records import Column, Table
 from locplan._util.saved import Valued
 from locplan.costs._costmap import ROBOT_RADIUS, Costmap
 from locplan.costs._path import Path
-from locplan.errors import LocplanError
+from locplan.errors import ConfigError, LocplanError
 from locplan.field import FieldConfig, Fused, load_or_compute
-from locplan.maps import OccupancyGrid
+from locplan.maps import OccupancyGrid, find_maps, load_map
 from locplan.robots import Lidar, Robot
 
 DEGENERATE = 0.5
@@ -261,3 +264,73 @@ def lidars_table(shares: Sequence[LidarShare]) -> Table:
         Column("degenerate_share", title=f"floor with u > {DEGENERATE:g}", digits=0, people="%"),
     )
     return Table.of(columns, shares)
+
+
+def costs_caption(costs: Costmap) -> str:
+    """A further line of a title about the field and the robot of a costmap.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap.
+
+    Returns
+    -------
+    str
+        The line, which begins with a line break; empty for a costmap without a field.
+    """
+    if costs.settings is None:
+        return ""
+    return f"\n{costs.settings.config.summary}, robot radius {costs.robot_radius:g} m"
+
+
+def named_maps(
+    maps: Any, read: Callable[[File], OccupancyGrid] = load_map
+) -> dict[str, OccupancyGrid | Costmap]:
+    """Read maps in any form that functions of many maps accept, and name them.
+
+    Parameters
+    ----------
+    maps : path, OccupancyGrid or Costmap, sequence or mapping of them
+        Map files, folders of them, grids or costmaps; a mapping gives them names of its own.
+    read : callable, default `load_map`
+        Function that reads a map's file.
+
+    Returns
+    -------
+    dict of str to OccupancyGrid or Costmap
+        The maps by name.
+
+    Raises
+    ------
+    ConfigError
+        If there is none, one is something else, or two have one name.
+    """
+    if isinstance(maps, Mapping) and maps:
+        return {str(name): _map(one, read) for name, one in maps.items()}
+    if isinstance(maps, (str, os.PathLike, OccupancyGrid, Costmap)):
+        maps = [maps]
+    named: dict[str, OccupancyGrid | Costmap] = {}
+    for n, given in enumerate(maps, 1):
+        for one in find_maps(given) if isinstance(given, (str, os.PathLike)) else [given]:
+            loaded = _map(one, read)
+            grid = loaded.grid if isinstance(loaded, Costmap) else loaded
+            name = grid.name or f"map {n}"
+            if name in named and isinstance(one, File):
+                name = f"{one.resolve().parent.name}/{name}"
+            if name in named:
+                raise ConfigError(
+                    f"two maps are called {shown(name)}; give a mapping of names to maps"
+                )
+            named[name] = loaded
+    if not named:
+        raise ConfigError("there must be at least one map")
+    return named
+
+
+def _map(given: Any, read: Callable[[File], OccupancyGrid]) -> OccupancyGrid | Costmap:
+    if isinstance(given, (OccupancyGrid, Costmap)):
+        return given
+    if isinstance(given, (str, os.PathLike)):
+        return read(File(given))
+    raise ConfigError(f"a map must be a file, an OccupancyGrid or a Costmap, not {shown(given)}")

@@ -16,7 +16,6 @@ from ._grid import (
     connected_parts as connected_parts,
 )
 from ._map_info import MapInfo as MapInfo, describe_map as describe_map
-from ._named_rows import Station as Station, read_stations as read_stations
 from ._pareto import BudgetPlanner as BudgetPlanner, pareto_front as pareto_front
 from ._plan import (
     AWARE as AWARE,
@@ -35,10 +34,12 @@ from ._protocol import (
 )
 from ._queries import (
     Query as Query,
+    Station as Station,
     check_random as check_random,
     queries_of as queries_of,
     random_queries as random_queries,
     read_queries as read_queries,
+    read_stations as read_stations,
 )
 from ._registry import (
     DEFAULT as DEFAULT,

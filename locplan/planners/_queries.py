@@ -1,35 +1,48 @@
-"""Queries for the planners that are compared: from a file, or drawn at random."""
+"""Queries for the planners that are compared, from a file or drawn at random, and stations."""
 
 from __future__ import annotations
 
+import contextlib
+import csv
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import file_path, is_whole, number, shown, whole
+from locplan._util.checks import file_path, is_whole, number, position, shown, whole
+from locplan._util.reading import read_text
+from locplan._util.tables import from_csv_cell
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners._grid import connected_parts
-from locplan.planners._named_rows import (
-    STATION,
-    Station,
-    finite_number,
-    header_of,
-    named_rows,
-    read_stations,
-)
 from locplan.planners._protocol import Position
 
-COLUMNS = ("name", "start_x", "start_y", "goal_x", "goal_y")
-"""The columns of a file of queries, which come first."""
-HEADINGS = ("start_heading_deg", "goal_heading_deg")
-"""The columns that may follow."""
+COLUMNS = {
+    "queries": ("name,start_x,start_y,goal_x,goal_y", "start_heading_deg,goal_heading_deg"),
+    "stations": ("name,x,y", ""),
+}
+"""The columns of each kind of file, and those that may follow."""
+
+
+@dataclass(frozen=True)
+class Station:
+    """A named position where robots have something to do."""
+
+    name: str
+    """The name, which no other station has."""
+    x: float
+    """World x [m]."""
+    y: float
+    """World y [m]."""
+
+    def __post_init__(self) -> None:
+        position(self.x, self.y, f"station {self.name}")
 
 
 @dataclass(frozen=True)
@@ -103,6 +116,28 @@ def queries_of(
         ) from None
 
 
+def read_stations(file: str | os.PathLike[str]) -> list[Station]:
+    """Read stations from a CSV file.
+
+    Parameters
+    ----------
+    file : path
+        File with columns name, x and y [m].
+
+    Returns
+    -------
+    list of Station
+        The stations in the order of the rows.
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be read, or a row is wrong.
+    """
+    rows = _rows(file, "stations")
+    return [Station(name, *_pose(where, values, "")) for name, (where, values) in rows.items()]
+
+
 def read_queries(file: str | os.PathLike[str]) -> list[Query]:
     """Read queries from a CSV file.
 
@@ -123,35 +158,82 @@ def read_queries(file: str | os.PathLike[str]) -> list[Query]:
     LocplanError
         If the file cannot be read, or a row is wrong.
     """
-    path = file_path("a file of queries", file)
-    header = header_of(path)
-    if tuple(header) == STATION:
-        stations = read_stations(path)
-        if len(stations) < 2:
-            raise LocplanError(f"{path}: has one station; add a row for each, at least two")
-        return between(stations)
-    beside = set(header[len(COLUMNS) :])
-    if tuple(header[: len(COLUMNS)]) != COLUMNS or not beside <= set(HEADINGS):
-        raise LocplanError(
-            f"{path}: its header must be {','.join(COLUMNS)}, and if wanted"
-            f" {','.join(HEADINGS)}, or {','.join(STATION)} of stations, not"
-            f" {shown(','.join(header))}"
-        )
-    queries = [
-        Query(values["name"], _pose(where, values, "start"), _pose(where, values, "goal"))
-        for where, values in named_rows(path, "query")
-    ]
-    if not queries:
-        raise LocplanError(f"{path}: has no queries; add a row for each below the header")
-    return queries
-
-
-def between(stations: Sequence[Station]) -> list[Query]:
-    """A query for each two stations, from the one that comes first to the other."""
+    rows = _rows(file, "queries", "stations")
+    if all("start_x" in values for _, values in rows.values()):
+        return [
+            Query(name, _pose(where, values, "start_"), _pose(where, values, "goal_"))
+            for name, (where, values) in rows.items()
+        ]
+    if len(rows) < 2:
+        raise LocplanError(f"{file}: has one station; add a row for each, at least two")
     return [
         Query(f"{one.name} to {other.name}", (one.x, one.y), (other.x, other.y))
-        for one, other in combinations(stations, 2)
+        for one, other in combinations(read_stations(file), 2)
     ]
+
+
+def _pose(where: str, values: Mapping[str, str], end: str) -> Position:
+    """The position in the columns of an end, and its heading if there is one."""
+    heading = f"{end}heading_deg"
+    columns = [f"{end}x", f"{end}y", *([heading] if values.get(heading) else [])]
+    pose = [_number(where, column, values[column]) for column in columns]
+    return (*pose[:2], *map(math.radians, pose[2:]))
+
+
+def _number(where: str, column: str, text: str) -> float:
+    """The finite number in a column of a row."""
+    with contextlib.suppress(ValueError):
+        if math.isfinite(value := float(text)):
+            return value
+    raise LocplanError(f"{where}: {column} must be a finite number, not {shown(text)}")
+
+
+def _rows(file: str | os.PathLike[str], *kinds: str) -> dict[str, tuple[str, dict[str, str]]]:
+    """The rows of a file by name: where each stands, and its values; empty lines are none.
+
+    An apostrophe that keeps a name from being a formula in a spreadsheet is no part of the name.
+    """
+    path = file_path(f"a file of {kinds[0]}", file)
+    lines = _lines(path)
+    _, header = next(lines, ("", []))
+    known = []
+    for kind in kinds:
+        first, more = COLUMNS[kind]
+        columns, beside = first.split(","), set(filter(None, more.split(",")))
+        if header[: len(columns)] == columns and set(header[len(columns) :]) <= beside:
+            break
+        known.append(f"{first}, and if wanted {more}" if more else first)
+    else:
+        text = f"{'; or '.join(known)}, not {shown(','.join(header))}"
+        raise LocplanError(f"{path}: its header must be {text}")
+    rows = {}
+    for where, line in lines:
+        if not any(line):
+            continue
+        if len(line) != len(header):
+            raise LocplanError(
+                f"{where}: has {len(line)} values, but the header {len(header)} columns"
+            )
+        values = dict(zip(header, line, strict=True))
+        name = values["name"] = from_csv_cell(values["name"])
+        if not name:
+            raise LocplanError(f"{where}: name is empty; give each row one")
+        if name in rows:
+            raise LocplanError(f"{where}: another row is named {shown(name)}; name each otherwise")
+        rows[name] = where, values
+    if not rows:
+        raise LocplanError(f"{path}: has no {kind}; add a row for each below the header")
+    return rows
+
+
+def _lines(path: Path) -> Iterator[tuple[str, list[str]]]:
+    """Where each line of a CSV file stands, and its values."""
+    lines = csv.reader(read_text(path).splitlines())
+    try:
+        for line in lines:
+            yield f"{path}: row {lines.line_num}", [value.strip() for value in line]
+    except csv.Error as error:
+        raise LocplanError(f"{path}: row {lines.line_num}: is no CSV ({error})") from None
 
 
 def random_queries(
@@ -201,14 +283,6 @@ def random_queries(
         )
         queries.append(Query(f"random {n:0{len(str(count))}}", start, goal))
     return queries
-
-
-def _pose(where: str, values: Mapping[str, str], end: str) -> Position:
-    """The position in the columns of an end, and its heading if there is one."""
-    pose = [finite_number(where, f"{end}_{axis}", values) for axis in "xy"]
-    if values.get(f"{end}_heading_deg"):
-        pose.append(math.radians(finite_number(where, f"{end}_heading_deg", values)))
-    return tuple(pose)
 
 
 class _Parts:
