@@ -14,7 +14,7 @@ from locplan._util.intervals import random_of
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Disturbances, Kinematics
-from locplan.simulation import Simulator, drive_closed, simulate
+from locplan.simulation import Closed, Simulator, drive_closed, simulate
 
 QUIET = Disturbances(boundary_noise=0.0, outliers=0.0, occlusion=0.0)
 OUTLINE = Footprint([(0.35, 0.15), (0.35, -0.15), (-0.2, -0.15), (-0.2, 0.15)])
@@ -200,7 +200,7 @@ def test_a_car_like_robot_is_refused():
 def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):
     grid, robot = room(wall=True, door=(2.2, 2.6)), Robot(Lidar(range=5.0, beams=60))
     paths = {"through": line((2.0, 2.4), (6.5, 2.4)), "away": line((2.0, 2.4), (2.0, 4.0))}
-    found = simulate(grid, paths, robot, drives=2, closed=3, seed=4)
+    found = simulate(grid, paths, robot, drives=2, closed=Closed(drives=3), seed=4)
     assert simulate(grid, paths, robot, drives=2, seed=4).arrivals is None
     about = found.summary()["arrivals"]
     assert about["through"]["stuck"] == about["through"]["follower_fails"] == 1.0
@@ -217,6 +217,6 @@ def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):
     assert [row["outcome"] for row in rows] == ["stuck"] * 3 + ["arrived"] * 3
     assert float(rows[0]["x"]) < 4.0 < 6.5
     with pytest.raises(LocplanError, match="drives"):
-        simulate(grid, paths, robot, closed=1)
+        Closed(drives=1)
     with pytest.raises(ConfigError, match="replan must be"):
-        simulate(grid, paths, robot, closed=2, replan=0.0)
+        Closed(replan=0.0)

@@ -173,7 +173,7 @@ def decide(path: Floats, surroundings: Surroundings, body: Body, period: int, tr
     body : Body
         The robot.
     period : int
-        Number of ticks after which a new plan is made in any case; 0 for never.
+        Number of ticks after which a new plan is made though nothing is in the way.
     trace : Trace
         The drive until now.
     """
@@ -185,36 +185,41 @@ def decide(path: Floats, surroundings: Surroundings, body: Body, period: int, tr
     if n + 1 == len(trace.truth):
         return TIMED_OUT
     command[:] = 0.0
-    if counts[WAITS]:
-        counts[WAITS] -= 1
-        counts[BACKS] = 0 if counts[WAITS] else BACK
-        return GO
-    if counts[BACKS]:
-        counts[BACKS] -= 1
-        if counts[BACKS] == 0:
-            counts[PLANNED] = counts[SINCE] = n
-            return PLAN
-        if is_clear(surroundings, body, trace.truth[n], -RETREAT, 0.0, 0.0):
-            command[0] = -RETREAT
-        return GO
+    if counts[WAITS] or counts[BACKS]:
+        return recover(surroundings, body, trace)
     before = trace.believed[max(n - STALL, 0)]
     stalled = n - STALL >= counts[SINCE] and np.hypot(x - before[0], y - before[1]) < STALLED
     if stalled or counts[BLOCKED] >= PATIENCE:
         counts[TRIED] += 1
         counts[BLOCKED], counts[SINCE], counts[WAITS] = 0, n, WAIT
         return STUCK if counts[TRIED] > TRIES else GO
-    if period and n - counts[PLANNED] >= period:
-        counts[PLANNED] = n
-        return PLAN
     px, py, heading = trace.truth[n]
     pursue(path, body, margin_at(surroundings, body, px, py, heading), trace)
-    if is_clear(surroundings, body, trace.truth[n], command[0], command[1], command[2]):
-        counts[BLOCKED] = 0
-        return GO
-    if n - counts[PLANNED] >= REPLAN:
+    clear = is_clear(surroundings, body, trace.truth[n], command[0], command[1], command[2])
+    if n - counts[PLANNED] >= (period if clear else REPLAN):
         counts[PLANNED] = n
         return PLAN
+    if clear:
+        counts[BLOCKED] = 0
+        return GO
     counts[BLOCKED] = 0 if evade(surroundings, body, trace) else counts[BLOCKED] + 1
+    return GO
+
+
+@njit(nogil=True, cache=True)
+def recover(surroundings: Surroundings, body: Body, trace: Trace) -> int:
+    """Wait, or back off where that is clear, and plan again at last."""
+    counts, n = trace.counts, trace.counts[TICKS]
+    if counts[WAITS]:
+        counts[WAITS] -= 1
+        counts[BACKS] = 0 if counts[WAITS] else BACK
+        return GO
+    counts[BACKS] -= 1
+    if counts[BACKS] == 0:
+        counts[PLANNED] = counts[SINCE] = n
+        return PLAN
+    if is_clear(surroundings, body, trace.truth[n], -RETREAT, 0.0, 0.0):
+        trace.command[0] = -RETREAT
     return GO
 
 

@@ -168,7 +168,8 @@ def _along_paths(
         paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
     if not paths:
         return None
-    every |= {"closed": driven.closed or 0, "replan": driven.replan}
+    if driven.closed:
+        every["closed"] = locplan.simulation.Closed(drives=driven.closed, replan=driven.replan)
     with progress_bar("simulating", "drives") as progress:
         simulate = locplan.simulation.simulate
         return simulate(grid, paths, robot, costs=costmap, progress=progress, **every)

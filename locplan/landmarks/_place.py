@@ -162,11 +162,7 @@ def place_landmarks(
     order = search.run(list(range(len(existing))), count, progress)
     order, shifts = search.without_rows(order)
     refused = in_world(empty, np.concatenate([tried[~allowed], every[list(search.refused)]]))
-    reasons = [*filter(None, reasons), *search.refused.values()]
-    rejected = tuple(
-        Rejected(x, y, heading, reason)
-        for (x, y, heading), reason in zip(refused.tolist(), reasons, strict=True)
-    )
+    rejected = _rejected(refused, [*filter(None, reasons), *search.refused.values()])
     indices = np.array(order, np.int64)
     return Landmarks(
         setting, search, indices, shifts, rejected, grid, len(existing), objective.name
@@ -179,6 +175,13 @@ def _near(places: Floats, poses: Floats, within: float) -> Floats:
 
     apart, _ = cKDTree(poses[:, :2]).query(places[:, :2], distance_upper_bound=within)
     return np.asarray(places[np.isfinite(apart)])
+
+
+def _rejected(poses: Floats, reasons: Sequence[str]) -> tuple[Rejected, ...]:
+    return tuple(
+        Rejected(x, y, heading, reason)
+        for (x, y, heading), reason in zip(poses.tolist(), reasons, strict=True)
+    )
 
 
 def _counted(reasons: Sequence[str]) -> str:

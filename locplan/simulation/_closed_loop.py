@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import Settings, positive
 from locplan._util.intervals import random_of
 from locplan._util.poses import Poses, after_way, way_between
 from locplan._util.progress import ProgressCallback
@@ -31,6 +32,7 @@ from locplan.simulation._arrivals import (
     Arrival,
     Arrivals,
 )
+from locplan.simulation._drives import check_drives
 from locplan.simulation._simulator import CLOSED, Simulator
 from locplan.simulation._worlds import Stage, ranges_at, started, updated
 
@@ -45,6 +47,28 @@ LEAVE, LEAVING = 6, 50.0
 """Cells about the robot that a new plan may pass in any case, and their cost per metre."""
 PATIENCE = 60.0, 3.0
 """Maximum time of a drive: so long [s], and so many times that of its path."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Closed(Settings):
+    """Closed-loop drives that `simulate` adds.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+    """
+
+    drives: int = 40
+    """Number of drives along each path, 2 to 100,000."""
+    replan: float | None = None
+    """Time after which a new plan is made in any case, above 0 [s]; None plans only where something
+    is in the way."""
+
+    def __post_init__(self) -> None:
+        check_drives(self.drives)
+        if self.replan is not None:
+            positive("replan", self.replan, "s")
 
 
 def drive_closed(
@@ -211,7 +235,8 @@ class ClosedLoop:
 
         arguments, sensing = self.simulator.arguments, random.spawn(1)[0]
         first = way_between(self.frame, trace.truth[0])
-        period = round(self.replan / TICK) if self.replan else 0
+        # Without one the period is longer than any drive.
+        period = round(self.replan / TICK) if self.replan else len(trace.truth)
         driven = world.surroundings, self.body, period
         if arguments.scores is None:
             own = OwnLoop(self, (random, sensing), first, trace)

@@ -12,7 +12,6 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from locplan._util.checks import positive
 from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import Column, Result, Table
@@ -24,7 +23,7 @@ from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import prepared_beside
 from locplan.robots import Lidar, Robot
 from locplan.simulation._arrivals import ARRIVING, Arrivals, ends_of
-from locplan.simulation._closed_loop import drive_closed
+from locplan.simulation._closed_loop import Closed, drive_closed
 from locplan.simulation._drives import DRIVEN, Drives, check_drives, contrasts, profiles
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import about_filter, poses_along
@@ -116,8 +115,7 @@ def simulate(
     robot: Robot | None = None,
     *,
     drives: int = 100,
-    closed: int = 0,
-    replan: float | None = None,
+    closed: Closed | None = None,
     filter_map: OccupancyGrid | None = None,
     seed: int = 1,
     threads: int | None = None,
@@ -141,11 +139,8 @@ def simulate(
         your own, such as `Robot.from_nav2` reads.
     drives : int, default 100
         Number of drives along each path, 2 to 100,000. Fewer are quicker, and widen the intervals.
-    closed : int, default 0
-        Number of closed-loop drives along each path, 0 or 2 to 100,000.
-    replan : float, optional
-        Time after which a closed-loop drive is planned anew in any case, above 0 [s]; by default
-        only where something is in the way.
+    closed : Closed, optional
+        Closed-loop drives along each path besides; none by default.
     filter_map : OccupancyGrid, optional
         The filter's map in the same frame, where it differs from the one that is driven in; its
         resolution, origin and size may differ, too.
@@ -178,9 +173,6 @@ def simulate(
     0.0
     """
     check_drives(drives)
-    check_drives(closed, or_none=True)
-    if replan is not None:
-        positive("replan", replan, "s")
     if not isinstance(paths, Mapping):
         raise ConfigError("paths must be a mapping of names to paths, such as {'mine': plan.path}")
     if not paths:
@@ -190,12 +182,14 @@ def simulate(
         name: path if isinstance(path, Path) else Path(np.asarray(path))
         for name, path in paths.items()
     }
-    opened, steered = parts(progress, [drives * len(routes), closed * len(routes)])
+    steered = closed.drives if closed else 0
+    opened, rest = parts(progress, [drives * len(routes), steered * len(routes)])
     driven = drive_paths(simulator, routes, drives, progress=opened)
     arrivals = None
     if closed:
-        numbers = range(closed)
-        arrivals = drive_closed(simulator, routes, numbers, replan=replan, progress=steered)
+        arrivals = drive_closed(
+            simulator, routes, range(steered), replan=closed.replan, progress=rest
+        )
     return Simulation(grid, routes, driven, simulator.robot, seed, costs, filter_map, arrivals)
 
 
