@@ -17,7 +17,7 @@ import locplan
 from locplan._util.code_digest import code_digest
 from locplan.comparison import PlannerSpec
 from locplan.errors import LocplanError
-from locplan.field import _store as store, _tiles as tiles
+from locplan.field import _compute as computing, _store as store, _zarr as field_files
 
 FILES = {
     "own_parts": """
@@ -162,13 +162,13 @@ def grid() -> locplan.OccupancyGrid:
 @pytest.fixture
 def computed(monkeypatch) -> list[int]:
     """How many points each tile computed had."""
-    calls, compute = [], tiles.compute
+    calls, compute = [], computing.compute
 
     def spy(engine, estimator, part):
         calls.append(len(part.rows))
         return compute(engine, estimator, part)
 
-    monkeypatch.setattr(tiles, "compute", spy)
+    monkeypatch.setattr(computing, "compute", spy)
     return calls
 
 
@@ -216,7 +216,7 @@ def test_an_edited_estimator_within_one_of_ours_gets_no_old_field(grid):
 
 def test_our_own_estimators_are_found_by_their_settings_alone(grid, monkeypatch):
     asked = []
-    monkeypatch.setattr(store, "code_digest", lambda *_: asked.append(1))
+    monkeypatch.setattr(field_files, "code_digest", lambda *_: asked.append(1))
     for estimator in (locplan.Sad(), locplan.Fused.of(locplan.Lidar())):
         store.field_path(grid, locplan.FieldConfig(estimator))
     assert not asked

@@ -79,7 +79,7 @@ SAID = "robot: tim571, 25 m, 270°; radius 0.5 m, margin 0.01 m; AMCL's alpha1 0
     ("command", "options", "stopped_by"),
     [
         ("pareto", ENDS, "locplan.planners.check_ends"),
-        ("plan", ENDS, "locplan.simulation.choice._choose.check_ends"),
+        ("plan", ENDS, "locplan.simulation.choice._ask.check_ends"),
         ("simulate", ENDS, "locplan.planners.check_ends"),
         ("simulate", ("--random", "2"), "locplan.planners.random_queries"),
         ("tune", (), "locplan.simulation.tune"),

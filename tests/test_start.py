@@ -24,7 +24,6 @@ from locplan._util import progress
 from locplan.field import (
     FieldConfig,
     Sad,
-    _chunks as chunks,
     _tiles as tiles,
     _zarr as field_files,
     field_path,
@@ -48,7 +47,7 @@ def folder(tmp_path):
 
 def read(folder):
     shape = tiles.field_shapes(folder.grid, CONFIG)["covariance"]
-    return chunks.read_array(folder.path / "covariance", shape)
+    return tiles.read_array(folder.path / "covariance", shape)
 
 
 def test_chunks_are_read_as_zarr_reads_them(folder):
@@ -56,10 +55,10 @@ def test_chunks_are_read_as_zarr_reads_them(folder):
     assert not damaged
     assert np.isfinite(values).any()
     np.testing.assert_array_equal(values, zarr.open_array(folder.path / "covariance", mode="r")[:])
-    cells, damaged = chunks.read_array(folder.path / "cells", folder.grid.shape, "uint8", "/")
+    cells, damaged = tiles.read_array(folder.path / "cells", folder.grid.shape, "uint8")
     np.testing.assert_array_equal(cells, folder.grid.cells)
     edge = field_files._edge(folder.grid, CONFIG)
-    assert chunks.chunk_of(folder.path / "covariance", values.shape)[:2] == (edge, edge)
+    assert tiles.chunk_of(folder.path / "covariance", values.shape)[:2] == (edge, edge)
 
 
 def test_absent_and_damaged_chunks_are_nan_and_the_latter_counted(folder):

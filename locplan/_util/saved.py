@@ -1,4 +1,4 @@
-"""What users come back to: objects that equal by value, and files that give them back as they were.
+"""What users come back to: objects that equal by value, and files that give them back.
 
 A file holds a tree: texts, numbers, lists and entries by name, as JSON has them, and arrays. As
 .json they are lists; as .npz they are arrays of their own, and the tree is the array "about".
@@ -188,10 +188,8 @@ def made(kind: Any, tree: Any) -> Any:
         return _number(tree)
     if kind in (int, str, bool, type(None)):
         return _checked(tree, type(tree) is kind)
-    if hasattr(kind, "from_json"):
-        return kind.from_json(_entries(tree))
-    if hasattr(kind, "from_summary"):
-        return kind.from_summary(_entries(tree))
+    if maker := getattr(kind, "from_json", None) or getattr(kind, "from_summary", None):
+        return maker(_entries(tree))
     if kind is range or issubclass(kind, tuple):
         return kind(*_unlisted(_list(tree)))
     hints, derived = typing.get_type_hints(kind), getattr(kind, "derived", ())

@@ -80,7 +80,7 @@ class Case:
             assert self.own is not None
             return self.own, None
         made = self.field_of(self.grid, self.settings)
-        about: Any = {"robot_radius": self.robot_radius, "criterion": self.criterion}
+        about: Any = {"robot": self.robot_radius, "criterion": self.criterion}
         return Costmap.from_field(self.grid, made, **about), made
 
 

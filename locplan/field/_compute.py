@@ -207,7 +207,8 @@ def computed_chunks(
                 running[tile] = chunk, points, part
             if not running:
                 break
-            for ready in wait(running, 0.2, FIRST_COMPLETED).done:
+            wait(running, 0.2, FIRST_COMPLETED)
+            for ready in [each for each in running if each.done()]:  # in the map's order
                 chunk, points, part = running.pop(ready)
                 with _one_line_errors(executor):
                     computed = ready.result()

@@ -110,7 +110,7 @@ class Landmarks(Result):
         low, high = self.expected[-1], self.expected[0]
         return (
             f"Landmarks({len(self)} x {self.setting.kind.title} in {self.grid.name or 'map'},"
-            f" {self.measure.heading} {high:.3g} -> {low:.3g})"
+            f" {self.measure.title} {high:.3g} -> {low:.3g})"
         )
 
     def __len__(self) -> int:

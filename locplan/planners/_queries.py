@@ -298,16 +298,16 @@ class _Parts:
         ]
         if not every:
             raise ConfigError(f"{costs.grid.name or 'the map'}: has no cell where the robot fits")
-        self._least = min_distance / costs.grid.resolution - 1e-9
+        self._min = min_distance / costs.grid.resolution - 1e-9
         ends = [_farthest_apart(part) for part in every]
         widths = [_apart(*pair) for pair in ends]
-        if max(widths) < self._least:
+        if max(widths) < self._min:
             raise ConfigError(
                 f"{costs.grid.name or 'the map'}: no two positions that are joined lie"
                 f" {min_distance:g} m apart; the farthest are"
-                f" {max(widths) * costs.grid.resolution:.2f} m; choose a smaller least distance"
+                f" {max(widths) * costs.grid.resolution:.2f} m; choose a smaller minimum distance"
             )
-        wide = [n for n, width in enumerate(widths) if width >= self._least]
+        wide = [n for n, width in enumerate(widths) if width >= self._min]
         self._cells, self._ends = [every[n] for n in wide], [ends[n] for n in wide]
 
     def draw(self, random: np.random.Generator) -> NDArray[np.float64]:
@@ -316,17 +316,13 @@ class _Parts:
         which = random.choice(len(self._cells), p=pairs / pairs.sum())
         part = self._cells[which]
         starts, goals = (part[random.integers(0, len(part), 4096)] for _ in range(2))
-        fit = np.flatnonzero(_apart(starts, goals) >= self._least)
+        fit = np.flatnonzero(_apart(starts, goals) >= self._min)
         if fit.size:
             return np.concatenate([starts[fit[0]], goals[fit[0]]])
-        goal = self._beyond(part, self._ends[which][random.integers(2)], random)
-        return np.concatenate([self._beyond(part, goal, random), goal])
-
-    def _beyond(
-        self, part: NDArray[Any], cell: NDArray[Any], random: np.random.Generator
-    ) -> NDArray[Any]:
-        """A cell of the part that is far enough from another one."""
-        return np.asarray(random.choice(part[_apart(part, cell) >= self._least]))
+        ends = [self._ends[which][random.integers(2)]]
+        for _ in range(2):  # the goal is far from an end of the part, and the start from the goal
+            ends.append(random.choice(part[_apart(part, ends[-1]) >= self._min]))
+        return np.concatenate(ends[:0:-1])
 
 
 def _apart(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.float64]:

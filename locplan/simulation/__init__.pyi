@@ -1,11 +1,11 @@
 from ._advice_figures import choice_figure as choice_figure, tuning_figure as tuning_figure
-from ._arrivals import Arrival as Arrival, Arrivals as Arrivals
+from ._arrivals import Arrival as Arrival, Arrivals as Arrivals, Closed as Closed
 from ._calibration import (
     Calibration as Calibration,
     check_calibration as check_calibration,
     write_calibration as write_calibration,
 )
-from ._closed_loop import Closed as Closed, drive_closed as drive_closed
+from ._closed_loop import drive_closed as drive_closed
 from ._drives import (
     DRIVEN as DRIVEN,
     LOST as LOST,

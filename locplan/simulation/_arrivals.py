@@ -5,14 +5,38 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from locplan._util.checks import Settings, positive
 from locplan._util.intervals import Interval, wilson
 from locplan._util.poses import Poses
 from locplan._util.records import POSE, Column, Table
+from locplan.simulation._drives import check_drives
 
 ARRIVED, ELSEWHERE, STUCK, TIMED_OUT = "arrived", "elsewhere", "stuck", "timed out"
 """How a drive ends; elsewhere, the robot believes to be at the goal, and is not."""
 FOLLOWER = "a pursuit follower"
 """What steers."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Closed(Settings):
+    """Closed-loop drives that `simulate` adds.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+    """
+
+    drives: int = 40
+    """Number of drives along each path, 2 to 100,000."""
+    replan: float | None = None
+    """Time after which a new plan is made in any case, above 0 [s]; None plans only where something
+    is in the way."""
+
+    def __post_init__(self) -> None:
+        check_drives(self.drives)
+        if self.replan is not None:
+            positive("replan", self.replan, "s")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

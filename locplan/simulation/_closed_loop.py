@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import Settings, positive
 from locplan._util.intervals import random_of
 from locplan._util.poses import Poses, after_way, way_between
 from locplan._util.progress import ProgressCallback
@@ -32,9 +31,9 @@ from locplan.simulation._arrivals import (
     Arrival,
     Arrivals,
 )
-from locplan.simulation._drives import check_drives
+from locplan.simulation._own_filters import OwnLoop
 from locplan.simulation._simulator import CLOSED, Simulator
-from locplan.simulation._worlds import Stage, ranges_at, started, updated
+from locplan.simulation._worlds import Stage
 
 ARRIVES = 0.5
 """Distance from the goal within which a robot has arrived, or twice its tolerance [m]."""
@@ -47,28 +46,6 @@ LEAVE, LEAVING = 6, 50.0
 """Cells about the robot that a new plan may pass in any case, and their cost per metre."""
 PATIENCE = 60.0, 3.0
 """Maximum time of a drive: so long [s], and so many times that of its path."""
-
-
-@dataclass(frozen=True, kw_only=True, repr=False)
-class Closed(Settings):
-    """Closed-loop drives that `simulate` adds.
-
-    Raises
-    ------
-    ConfigError
-        If a value is out of its range.
-    """
-
-    drives: int = 40
-    """Number of drives along each path, 2 to 100,000."""
-    replan: float | None = None
-    """Time after which a new plan is made in any case, above 0 [s]; None plans only where something
-    is in the way."""
-
-    def __post_init__(self) -> None:
-        check_drives(self.drives)
-        if self.replan is not None:
-            positive("replan", self.replan, "s")
 
 
 def drive_closed(
@@ -239,7 +216,7 @@ class ClosedLoop:
         period = round(self.replan / TICK) if self.replan else len(trace.truth)
         driven = world.surroundings, self.body, period
         if arguments.scores is None:
-            own = OwnLoop(self, (random, sensing), first, trace)
+            own = OwnLoop(arguments, self.frame, (random, sensing), first, trace)
             return lambda way: own.follow(way, *driven, perfect)
         tracker = begin(sensing, first, arguments.start, arguments.filter)
         known = (arguments.scores, arguments.lidar, arguments.disturbances, arguments.odometry)
@@ -308,43 +285,6 @@ class ClosedLoop:
         rows, cols = np.nonzero(stops[low[0] : high[0], low[1] : high[1]])
         xy = (np.column_stack([cols + low[1], rows + low[0]]) + 0.5) * resolution
         return _at(xy[np.hypot(*(xy - truth[:2]).T) <= SIGHT])
-
-
-class OwnLoop:
-    """The loop of a filter that is not AMCL, which `follower.follow` is for AMCL."""
-
-    def __init__(self, loop: ClosedLoop, random: tuple[Any, Any], first: Any, trace: Any) -> None:
-        self.loop, self.trace = loop, trace
-        self.random, self.sensing = random
-        self.arguments = loop.simulator.arguments
-        self.tracker = started(self.sensing, self.arguments.filter, first, self.arguments.start)
-        self.sensed = -1
-
-    def follow(self, way: Any, surroundings: Any, body: Any, period: int, perfect: bool) -> int:
-        """Drive until a plan is needed or the drive has ended."""
-        from locplan._kernels.follower import GO, TICKS, act, believe, decide
-
-        trace, arguments = self.trace, self.arguments
-        while True:
-            n = int(trace.counts[TICKS])
-            if perfect:
-                trace.believed[n] = trace.truth[n]
-            elif n > self.sensed:
-                believe(self._pose_at(n, surroundings), self.loop.frame, trace)
-                self.sensed = n
-            decision: int = decide(way, surroundings, body, period, trace)
-            if decision != GO:
-                return decision
-            act(self.random, surroundings, body, arguments.odometry, trace)
-
-    def _pose_at(self, n: int, surroundings: Any) -> tuple[float, ...]:
-        x, y, heading = self.trace.truth[n]
-        resolution, arguments = surroundings.resolution, self.arguments
-        cell = np.array([y / resolution, x / resolution, heading])
-        sensor = arguments.lidar, arguments.disturbances
-        scan = ranges_at(self.sensing, surroundings.squares, resolution, cell, *sensor)
-        pose = updated(self.tracker, arguments.filter, self.trace.reported[n], scan)
-        return tuple(pose.tolist())
 
 
 def _discs(robot: Robot) -> NDArray[np.float64]:

@@ -22,8 +22,8 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import prepared_beside
 from locplan.robots import Lidar, Robot
-from locplan.simulation._arrivals import ARRIVING, Arrivals, ends_of
-from locplan.simulation._closed_loop import Closed, drive_closed
+from locplan.simulation._arrivals import ARRIVING, Arrivals, Closed, ends_of
+from locplan.simulation._closed_loop import drive_closed
 from locplan.simulation._drives import DRIVEN, Drives, check_drives, contrasts, profiles
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import about_filter, poses_along

@@ -14,10 +14,10 @@ from locplan._util.intervals import random_of
 from locplan._util.poses import Poses
 from locplan.costs import Costmap, Path, divided_poses
 from locplan.errors import ConfigError, LocplanError
-from locplan.maps import OccupancyGrid, check_grid, own_axes
+from locplan.maps import OccupancyGrid, check_grid
 from locplan.planners import plan_field
-from locplan.robots import Tracker
-from locplan.simulation._drives import DriveArguments, Line, OwnFilter
+from locplan.simulation._drives import DriveArguments, Line
+from locplan.simulation._own_filters import track
 
 POSE_SPACING = 0.05
 """Maximum distance between two poses [m]."""
@@ -218,77 +218,6 @@ class Stage:
         follow: Any = track if arguments.scores is None else drive
         follow(random, line.truth, World(world, self.resolution, cells), *arguments, errors)
         return errors
-
-
-def track(
-    random: np.random.Generator,
-    truth: Poses,
-    world: Any,
-    scores: None,
-    lidar: Any,
-    disturbances: Any,
-    odometry: Any,
-    start: Any,
-    own: OwnFilter,
-    errors: NDArray[np.float64],
-) -> None:
-    """Drive once with a filter that is not AMCL, as the kernel `drives.drive` does with AMCL.
-
-    The filter gets every scan, with all beams, and random numbers of its own. It is started at a
-    pose that is off by the deviation that it is given.
-    """
-    from locplan._kernels.drives import odometry_along
-
-    reported = odometry_along(random, truth, odometry)
-    tracker = started(random, own, truth[0], start)
-    for n, pose in enumerate(world.poses):
-        scan = ranges_at(random, world.squares, world.resolution, pose, lidar, disturbances)
-        errors[n] = updated(tracker, own, reported[n], scan) - truth[n]
-    errors[:, 2] = np.remainder(errors[:, 2] + np.pi, 2 * np.pi) - np.pi
-
-
-def started(random: np.random.Generator, own: OwnFilter, first: Any, start: Any) -> Tracker:
-    """A filter started about a pose (3,) in its map's own axes, with random numbers of its own."""
-    own_random = random.spawn(1)[0]
-    deviation = np.array([start.position, start.position, start.heading])
-    x, y, heading = first + deviation * random.standard_normal(3)
-    at = own.grid.grid_to_world(y / own.grid.resolution, x / own.grid.resolution)
-    pose = np.array([*at, heading + own.grid.origin[2]])
-    deviations = start.position, start.heading
-    return own.settings.start(own.grid, own.lidar, pose, deviations, own_random)
-
-
-def ranges_at(
-    random: np.random.Generator,
-    squares: NDArray[np.uint8],
-    resolution: float,
-    pose: NDArray[np.float64],
-    lidar: Any,
-    disturbances: Any,
-) -> NDArray[np.float32]:
-    """A measured scan at a pose (row, col, heading) of a world, inf without a return [m]."""
-    from locplan._kernels.lidar import measured_ends
-
-    ends = np.empty((lidar.angles.size, 2))
-    measured_ends(random, squares, resolution, pose, lidar, disturbances, ends)
-    rays = resolution * ends - (lidar.forward, lidar.left)
-    ranges = np.nan_to_num(np.hypot(*rays.T), nan=np.inf)
-    return np.asarray(ranges, np.float32)
-
-
-def updated(
-    tracker: Tracker, own: OwnFilter, odometry: NDArray[np.float64], scan: NDArray[np.float32]
-) -> NDArray[np.float64]:
-    """The filter's pose (3,) in its map's own axes, after a motion and a scan."""
-    tracker.motion(odometry)
-    tracker.scan(scan)
-    estimate = np.asarray(tracker.estimate(), float)
-    if estimate.shape != (3,) or not np.isfinite(estimate).all():
-        raise LocplanError(
-            f"{own.settings.title}: estimate() must be three finite numbers;"
-            " locplan.testing.check_filter checks a filter"
-        )
-    return np.asarray(own_axes(own.grid, estimate[None])[0])
 
 
 def turned(errors: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:

@@ -230,7 +230,7 @@ class Ask:
         own: dict[str, Any] = {
             "weight": settings.weight,
             "criterion": settings.criterion,
-            "robot_radius": radius,
+            "robot": radius,
         }
 
         def costs_of(field: CovarianceField) -> Costmap:
