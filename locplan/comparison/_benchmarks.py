@@ -36,14 +36,14 @@ def read_map(file: Path) -> OccupancyGrid:
     return read_movingai_map(file) if file.suffix == ".map" else load_map(file)
 
 
-def read_movingai_map(file: str | os.PathLike[str], resolution: float = 1.0) -> OccupancyGrid:
+def read_movingai_map(path: str | os.PathLike[str], resolution: float = 1.0) -> OccupancyGrid:
     """The map of a MovingAI benchmark: passable cells are free, all others are walls.
 
     The file's first row of cells is the map's top, which has the greatest y.
 
     Parameters
     ----------
-    file : path
+    path : path
         The .map file.
     resolution : float, default 1.0
         Edge of a cell [m].
@@ -53,7 +53,7 @@ def read_movingai_map(file: str | os.PathLike[str], resolution: float = 1.0) -> 
     LocplanError
         If the file cannot be read, or is no such map.
     """
-    path = file_path("a map file", file)
+    path = file_path("a map file", path)
     lines = read_text(path).splitlines()
     if "map" not in lines[:8] or not lines[0].startswith("type"):
         raise MapError(f"{path}: is no MovingAI map; its first line must be 'type octile'")
@@ -67,7 +67,7 @@ def read_movingai_map(file: str | os.PathLike[str], resolution: float = 1.0) -> 
 
 
 def read_scenarios(
-    file: str | os.PathLike[str], grid: OccupancyGrid, *, count: int | None = None
+    path: str | os.PathLike[str], grid: OccupancyGrid, *, count: int | None = None
 ) -> list[Query]:
     """The scenarios of a MovingAI benchmark as queries, from cell centre to cell centre.
 
@@ -75,7 +75,7 @@ def read_scenarios(
 
     Parameters
     ----------
-    file : path
+    path : path
         The .scen file.
     grid : OccupancyGrid
         The map that the scenarios are for.
@@ -88,7 +88,7 @@ def read_scenarios(
     LocplanError
         If the file cannot be read, or a scenario is not for this map.
     """
-    path = file_path("a file of scenarios", file)
+    path = file_path("a file of scenarios", path)
     lines = read_text(path).splitlines()
     if not lines or not lines[0].startswith("version"):
         raise LocplanError(f"{path}: is no MovingAI scenario; its first line must be 'version 1'")

@@ -179,7 +179,7 @@ _LATCHED = (
 
 
 def bag(
-    target: str | os.PathLike[str],
+    path: str | os.PathLike[str],
     grid: OccupancyGrid,
     *,
     mask: ArrayLike | None = None,
@@ -197,7 +197,7 @@ def bag(
 
     Parameters
     ----------
-    target : path
+    path : path
         The file, named *.mcap.
     grid : OccupancyGrid
         "/locplan/map", nav_msgs/OccupancyGrid: the map, which gives the mask its place.
@@ -249,7 +249,7 @@ def bag(
     for name, route in (paths or {}).items():
         poses = [{"header": header, "pose": pose} for pose in _poses(route.xy, route.facing)]
         content[topics[name]] = "nav_msgs/Path", {"poses": poses}
-    write_messages(target, content, header, stamp)
+    write_messages(path, content, header, stamp)
 
 
 def write_messages(

@@ -282,7 +282,7 @@ def to_lif(
 
 
 def lif(
-    target: str | os.PathLike[str],
+    path: str | os.PathLike[str],
     costs: Costmap,
     *,
     spacing: float = 2.0,
@@ -295,7 +295,7 @@ def lif(
 
     Parameters
     ----------
-    target : path
+    path : path
         The file, .json.
     costs : Costmap
         The costs of travel.
@@ -318,7 +318,7 @@ def lif(
     LocplanError
         If the file cannot be written, or no layout can be made, see `roadmap` and `to_lif`.
     """
-    file = Path(target)
+    file = Path(path)
     check_target(file, ".json")
     grid = costs.grid
     if grid.origin[2]:

@@ -23,7 +23,7 @@ from locplan.maps import OccupancyGrid
 
 
 def path(
-    target: str | os.PathLike[str], route: Path, *, frame: str = "map", step: float | None = None
+    path: str | os.PathLike[str], route: Path, *, frame: str = "map", step: float | None = None
 ) -> None:
     """Write a path; the suffix chooses the format.
 
@@ -33,7 +33,7 @@ def path(
 
     Parameters
     ----------
-    target : path
+    path : path
         The file, named *.csv, *.json or *.yaml; one that is there is replaced.
     route : Path
         The path.
@@ -48,7 +48,7 @@ def path(
     LocplanError
         If the suffix is another, or the file cannot be written.
     """
-    file = FilePath(target)
+    file = FilePath(path)
     check_target(file, ".csv", ".json", ".yaml")
     if step is not None:
         route = route.resampled(step)
@@ -79,7 +79,7 @@ def _nav_path(poses: np.ndarray, frame: str) -> str:
     return "\n".join(lines)
 
 
-def field(target: str | os.PathLike[str], computed: CovarianceField) -> None:
+def field(path: str | os.PathLike[str], computed: CovarianceField) -> None:
     """Write a field; the suffix chooses the format.
 
     .csv: a row for each evaluated lattice point, its position, scalars and covariance. .npz: for
@@ -90,7 +90,7 @@ def field(target: str | os.PathLike[str], computed: CovarianceField) -> None:
 
     Parameters
     ----------
-    target : path
+    path : path
         The file, named *.csv, *.npz or *.png; one that is there is replaced.
     computed : CovarianceField
         The field.
@@ -100,7 +100,7 @@ def field(target: str | os.PathLike[str], computed: CovarianceField) -> None:
     LocplanError
         If the suffix is another, or the file cannot be written.
     """
-    file = FilePath(target)
+    file = FilePath(path)
     check_target(file, ".csv", ".npz", ".png")
     if file.suffix.lower() == ".csv":
         _field_csv(file, computed)

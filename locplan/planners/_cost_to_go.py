@@ -199,7 +199,7 @@ def farthest_pairs(
     room_of_cell: NDArray[Any],
     room: int,
     names: Sequence[str],
-    least: float,
+    min_distance: float,
 ) -> list[PlacePair]:
     """Pairs of the places in a room that are farthest apart by path length, the farthest first.
 
@@ -216,8 +216,8 @@ def farthest_pairs(
     room : int
         Number of the room.
     names : sequence of str
-        Names of the places, as many as are wanted; fewer are found where the room is small.
-    least : float
+        Names of the places, as many as there may be; fewer are found where the room is small.
+    min_distance : float
         Minimum distance of any two places [m].
     """
     searched = _Room(grid, room_of_cell, room)
@@ -227,7 +227,7 @@ def farthest_pairs(
         nearest = np.minimum.reduce(distances)
         place = searched.farthest(nearest)
         spacing = 0.2 * distances[0][chosen[1]] if len(chosen) > 1 else 0.0
-        if nearest[place] <= max(least, spacing):
+        if nearest[place] <= max(min_distance, spacing):
             break
         chosen.append(place)
         distances.append(searched.distance(place))

@@ -116,12 +116,12 @@ def queries_of(
         ) from None
 
 
-def read_stations(file: str | os.PathLike[str]) -> list[Station]:
+def read_stations(path: str | os.PathLike[str]) -> list[Station]:
     """Read stations from a CSV file.
 
     Parameters
     ----------
-    file : path
+    path : path
         File with columns name, x and y [m].
 
     Returns
@@ -134,16 +134,16 @@ def read_stations(file: str | os.PathLike[str]) -> list[Station]:
     LocplanError
         If the file cannot be read, or a row is wrong.
     """
-    rows = _rows(file, "stations")
+    rows = _rows(path, "stations")
     return [Station(name, *_pose(where, values, "")) for name, (where, values) in rows.items()]
 
 
-def read_queries(file: str | os.PathLike[str]) -> list[Query]:
+def read_queries(path: str | os.PathLike[str]) -> list[Query]:
     """Read queries from a CSV file.
 
     Parameters
     ----------
-    file : path
+    path : path
         File with columns name, start_x, start_y, goal_x and goal_y [m]; start_heading_deg and
         goal_heading_deg [deg] may follow, and be empty. Or a file with columns name, x and y [m]
         of stations, each two of which are a query.
@@ -158,17 +158,17 @@ def read_queries(file: str | os.PathLike[str]) -> list[Query]:
     LocplanError
         If the file cannot be read, or a row is wrong.
     """
-    rows = _rows(file, "queries", "stations")
+    rows = _rows(path, "queries", "stations")
     if all("start_x" in values for _, values in rows.values()):
         return [
             Query(name, _pose(where, values, "start_"), _pose(where, values, "goal_"))
             for name, (where, values) in rows.items()
         ]
     if len(rows) < 2:
-        raise LocplanError(f"{file}: has one station; add a row for each, at least two")
+        raise LocplanError(f"{path}: has one station; add a row for each, at least two")
     return [
         Query(f"{one.name} to {other.name}", (one.x, one.y), (other.x, other.y))
-        for one, other in combinations(read_stations(file), 2)
+        for one, other in combinations(read_stations(path), 2)
     ]
 
 

@@ -200,33 +200,33 @@ def round_numbers(low: float, high: float, most: int = MAX_TICKS) -> NDArray[np.
     return found
 
 
-def label_plainly(axis: Axis, most: int = MAX_TICKS) -> None:
+def label_plainly(axis: Axis, max_ticks: int = MAX_TICKS) -> None:
     """Label a logarithmic axis with plain numbers.
 
     Parameters
     ----------
     axis : matplotlib.axis.Axis
         The axis.
-    most : int, default 8
+    max_ticks : int, default 8
         Maximum number of ticks.
     """
-    axis.set_major_locator(RoundNumbers(most))
+    axis.set_major_locator(RoundNumbers(max_ticks))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.6g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
-def make_logarithmic(axis: Any, most: int = MAX_TICKS) -> None:
+def make_logarithmic(axis: Any, max_ticks: int = MAX_TICKS) -> None:
     """Make an axis of matplotlib logarithmic, with plain numbers.
 
     Parameters
     ----------
     axis : matplotlib.axis.Axis
         The axis.
-    most : int, default 8
+    max_ticks : int, default 8
         Maximum number of ticks.
     """
     getattr(axis.axes, f"set_{axis.axis_name}scale")("log")
-    label_plainly(axis, most)
+    label_plainly(axis, max_ticks)
 
 
 def draw_number(

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def read_drive(
-    file: str | os.PathLike[str],
+    path: str | os.PathLike[str],
     *,
     every: int = 1,
     window: tuple[float, float] | None = None,
@@ -63,7 +63,7 @@ def read_drive(
 
     Parameters
     ----------
-    file : path
+    path : path
         The file, or the folder of a bag.
     every : int, default 1
         Keep every n-th scan, n >= 1. Raise it for a long drive, whose neighbouring scans tell the
@@ -73,8 +73,8 @@ def read_drive(
         0 <= start < end; all by default.
     topics : Topics, optional
         Topics and frames, where a log has several, or others than usual. Not for CSV and NPZ.
-    range_limits : (least, greatest), optional
-        Distances between which a beam's reading is a return [m], 0 <= least < greatest, where the
+    range_limits : (min, max), optional
+        Distances between which a beam's reading is a return [m], 0 <= min < max, where the
         log's own are wrong.
     mount : (x, y, yaw), optional
         Pose of the lidar on the robot [m, m, rad], where the log does not tell it.
@@ -108,7 +108,7 @@ def read_drive(
     """
     limits: Any = {"window": window, "range_limits": range_limits, "mount": mount}
     options = Options(every=every, **vars(topics or Topics()), **limits)
-    path = file_path("a recorded drive", file)
+    path = file_path("a recorded drive", path)
     if not path.exists():
         raise RecordingError(f"{path}: is not there; name a recorded drive")
     keep_input(path)

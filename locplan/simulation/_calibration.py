@@ -231,12 +231,12 @@ def write_calibration(
     return [target] if figure is None else [target, picture]
 
 
-def check_calibration(target: Path, *, force: bool = False) -> Path:
+def check_calibration(path: Path, *, force: bool = False) -> Path:
     """The picture beside a calibration, if both can be written; to be called before long work.
 
     Parameters
     ----------
-    target : Path
+    path : Path
         The file of the calibration, which ends in .json.
     force : bool, default False
         True lets files be replaced that are no calibration.
@@ -251,24 +251,24 @@ def check_calibration(target: Path, *, force: bool = False) -> Path:
     LocplanError
         If one cannot be written, or is in the way, not as a calibration wrote it, without `force`.
     """
-    check_target(target, ".json")
-    picture = target.with_name(f"{target.stem}_calibration.png")
+    check_target(path, ".json")
+    picture = path.with_name(f"{path.stem}_calibration.png")
     check_target(picture, ".png")
     if force:
         return picture
     written = None
-    if target.exists():
+    if path.exists():
         with suppress(LocplanError, ValueError):
-            content = parsed_json(read_text(target))
+            content = parsed_json(read_text(path))
             if isinstance(content, dict) and {"config", "calibration"} <= content.keys():
                 written = str(content.get("picture"))
-    if target.exists() and not written:
+    if path.exists() and not written:
         raise LocplanError(
-            f"{target}: is there, and no calibration; name another file, or replace it with --force"
+            f"{path}: is there, and no calibration; name another file, or replace it with --force"
         )
     if picture.exists() and digest_of(picture) != written:
         raise LocplanError(
-            f"{picture}: is in the way of the picture; move it, rename {target}, or replace it with"
+            f"{picture}: is in the way of the picture; move it, rename {path}, or replace it with"
             " --force"
         )
     return picture
