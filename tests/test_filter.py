@@ -282,7 +282,7 @@ def test_whatever_drives_takes_a_filter_map(tmp_path):
     assert error[0] == error[1] < error[2]
     chosen[2].save(tmp_path)
     assert Choice.load(tmp_path) == chosen[2] != chosen[0]
-    assert chosen[2].summary()["filter_map"] == {"name": "old", "digest": old.digest}
+    assert chosen[2].summary()["about"]["filter_map"] == {"name": "old", "digest": old.digest}
     aware = [simulate_queries(costs, query, EXACT, drives=4, filter_map=m) for m in (None, old)]
     assert aware[0].rmse[0] < aware[1].rmse[0]
     places = [evaluate(grid, EXACT, places=6, drives=2, scans=1, filter_map=m) for m in (None, old)]

@@ -41,7 +41,18 @@ class Setting:
     """The robot that was simulated."""
 
     def on(self, grid: OccupancyGrid) -> Mapping[str, Path]:
-        """The routes that were given, or the shortest paths between their ends on a map."""
+        """The routes that were given, or the shortest paths between their ends on a map.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map, with landmarks or without.
+
+        Raises
+        ------
+        LocplanError
+            If the landmarks close a way.
+        """
         if not self.planned:
             return self.routes
         costs = Costmap.blank(grid, robot=self.robot)

@@ -322,7 +322,19 @@ class Simulator:
         progress: ProgressCallback | None,
         steps: int | None = None,
     ) -> None:
-        """Run tasks in their order; they are reported as so many steps, by default one each."""
+        """Run tasks in their order, in the simulator's threads.
+
+        Parameters
+        ----------
+        run : callable
+            Called with the number of each task.
+        count : int
+            Number of tasks.
+        progress : callable or None
+            Called with (done, total) steps.
+        steps : int, optional
+            Number of steps that the tasks are reported as; by default one each.
+        """
         steps = steps or count
         _ = self.arguments, self.boundary  # made once, not by every thread
         pool = ThreadPoolExecutor(self.threads)
