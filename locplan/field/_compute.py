@@ -208,7 +208,7 @@ def computed_chunks(
             if not running:
                 break
             wait(running, 0.2, FIRST_COMPLETED)
-            for ready in [each for each in running if each.done()]:  # in the map's order
+            for ready in [*filter(Future.done, running)]:  # in the map's order
                 chunk, points, part = running.pop(ready)
                 with _one_line_errors(executor):
                     computed = ready.result()
