@@ -6,7 +6,8 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 from cyclopts import App, Group, Parameter
 from cyclopts.help import DefaultFormatter
@@ -125,8 +126,13 @@ def _record(run: Run, _: object, commands: tuple[str, ...], arguments: ArgumentC
     }
     run.settings = {name: _typed(each) for name, each in settings.items()}
     run.files = frozenset(
-        name for name, each in settings.items() if "pathlib.Path" in str(each.field_info.annotation)
+        name for name, each in settings.items() if _names_a_file(each.field_info.annotation)
     )
+
+
+def _names_a_file(kind: Any) -> bool:
+    """Whether an option's type has paths in it."""
+    return kind is Path or any(map(_names_a_file, get_args(kind)))
 
 
 def _typed(argument: Argument) -> Setting:
