@@ -1463,44 +1463,29 @@ def rotated(covariances, yaw):
     return np.einsum("ij,...jk,lk->...il", turn, covariances, turn)
 
 
-def clearance(stops, resolution):
-    """Distance of cells' centres to the nearest occupied cell's edge, row by row [m]."""
-    walls = np.argwhere(stops).tolist()
-
-    def distance(row, col):
-        return min(
-            math.hypot(max(abs(row - i) - 0.5, 0), max(abs(col - j) - 0.5, 0)) for i, j in walls
-        )
-
-    rows, cols = stops.shape
-    return [
-        [0.0 if stops[i, j] else resolution * distance(i, j) for j in range(cols)]
-        for i in range(rows)
-    ]
-
-
-def margin_at(near, resolution, discs, pose):
-    """Distance of an outline from the walls, bilinearly between cells' centres [m]."""
+def margin_at(walls, resolution, shape, discs, pose):
+    """Distance of an outline from the edges of walls, cells of (row, col) [m]."""
     x, y, heading = pose
     margins = []
     for ahead, left, radius in discs:
-        row = (y + math.sin(heading) * ahead + math.cos(heading) * left) / resolution - 0.5
-        col = (x + math.cos(heading) * ahead - math.sin(heading) * left) / resolution - 0.5
-        i, j = math.floor(row), math.floor(col)
-        if not (0 <= i < len(near) - 1 and 0 <= j < len(near[0]) - 1):
-            return -1.0
-        corners = [
-            (near[i + a][j + b], abs(1 - a - (row - i)) * abs(1 - b - (col - j)))
-            for a in (0, 1)
-            for b in (0, 1)
-        ]
-        margins.append(sum(value * share for value, share in corners) - radius)
+        row = (y + math.sin(heading) * ahead + math.cos(heading) * left) / resolution
+        col = (x + math.cos(heading) * ahead - math.sin(heading) * left) / resolution
+        if not (0 <= row < shape[0] and 0 <= col < shape[1]):
+            return -math.inf
+        gaps = (
+            math.hypot(max(i - row, row - i - 1, 0), max(j - col, col - j - 1, 0)) for i, j in walls
+        )
+        margins.append(resolution * min(gaps) - radius)
     return min(margins)
 
 
 def follow(random, path, stops, resolution, robot, discs, first, ticks):
     """True poses of a robot that knows them, tick by tick."""
-    near = clearance(stops, resolution)
+    walls = np.argwhere(stops).tolist()
+
+    def margin(pose):
+        return margin_at(walls, resolution, stops.shape, discs, pose)
+
     odometry, speed = robot.odometry, robot.kinematics.speed
     sideways = robot.kinematics.drive == "omnidirectional"
     scale = 1 + odometry.distance_bias * random.standard_normal()
@@ -1517,10 +1502,10 @@ def follow(random, path, stops, resolution, robot, discs, first, ticks):
         )
 
     def is_clear(ahead, left, turn):
-        enough, pose = min(0.01, margin_at(near, resolution, discs, truth[-1])) - 1e-9, truth[-1]
+        enough, pose = min(0.01, margin(truth[-1])) - 1e-9, truth[-1]
         for _ in range(10):
             pose = after(pose, math.hypot(ahead, left) / 10, math.atan2(left, ahead), turn / 10)
-            if margin_at(near, resolution, discs, pose) < enough:
+            if margin(pose) < enough:
                 return False
         return True
 
@@ -1535,7 +1520,7 @@ def follow(random, path, stops, resolution, robot, discs, first, ticks):
         dx, dy = path[carrot][0] - x, path[carrot][1] - y
         aside = wrapped(math.atan2(dy, dx) - heading)
         pace = min(speed, max(0.1, math.dist(path[-1], (x, y))))
-        pace *= min(1.0, max(0.4, margin_at(near, resolution, discs, truth[-1]) / 0.1))
+        pace *= min(1.0, max(0.4, margin(truth[-1]) / 0.1))
         if sideways:
             command = pace * math.cos(aside), pace * math.sin(aside), min(max(aside, -1), 1)
         elif abs(aside) > math.pi / 4:
@@ -1561,6 +1546,6 @@ def follow(random, path, stops, resolution, robot, discs, first, ticks):
         )
         true_turn = (turn - bend * way - noise) / turn_scale
         new = after(truth[-1], max(0.0, (way - drift) / scale), aside, true_turn)
-        margins = [margin_at(near, resolution, discs, each) for each in (truth[-1], new)]
+        margins = [margin(each) for each in (truth[-1], new)]
         truth.append(truth[-1] if margins[1] < min(0.0, margins[0]) else new)
     return np.array(truth)

@@ -140,7 +140,7 @@ def test_a_robot_that_is_off_believes_to_be_at_the_goal_and_is_elsewhere():
     path = line((2.0, 2.5), (6.0, 2.5))
     (found,) = driven(room(), path, exact(Shifted(0.8)), 1).drives
     assert found.outcome == "elsewhere"
-    assert not found.follower_fails
+    assert not found.fault
     assert found.believed[-1] - found.truth[-1] == pytest.approx([0.8, 0.0, 0.0], abs=1e-6)
     (near,) = driven(room(), path, exact(Shifted(0.2)), 1).drives
     assert near.outcome == "arrived"
@@ -164,11 +164,17 @@ def test_what_is_not_on_the_path_s_map_is_driven_around():
     assert all(3.3 < y < 4.1 for _, y, _ in crossed)
 
 
-def test_a_door_too_narrow_for_the_robot_is_the_follower_s_failure():
-    grid, path = room(wall=True, door=(2.2, 2.6)), line((2.0, 2.4), (6.5, 2.4))
-    found = driven(grid, path, Robot(Lidar(range=5.0, beams=60)), 3)
+@pytest.mark.parametrize(("door", "fault"), [((2.2, 2.6), "follower"), ((2.3, 2.5), "world")])
+def test_a_door_as_wide_as_the_robot_is_the_follower_s_failure_and_a_narrower_one_is_not(
+    door, fault
+):
+    grid, path = room(wall=True, door=door), line((2.0, 2.4), (6.5, 2.4))
+    robot = Robot(Lidar(range=5.0, beams=60)).changed({"boundary_noise": 0.0})
+    found = driven(grid, path, robot, 3)
     assert set(ends(found)) == {"stuck"}
-    assert found.follower_fails == 1.0
+    assert {each.fault for each in found.drives} == {fault}
+    assert found.follower_fails.value == float(fault == "follower")
+    assert found.no_way.value == float(fault == "world")
     assert all(each.truth[:, 0].max() < 4.0 for each in found.drives)
 
 
@@ -198,12 +204,12 @@ def test_a_car_like_robot_is_refused():
 
 
 def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):
-    grid, robot = room(wall=True, door=(2.2, 2.6)), Robot(Lidar(range=5.0, beams=60))
+    grid, robot = room(wall=True, door=(2.3, 2.5)), Robot(Lidar(range=5.0, beams=60))
     paths = {"through": line((2.0, 2.4), (6.5, 2.4)), "away": line((2.0, 2.4), (2.0, 4.0))}
     found = simulate(grid, paths, robot, drives=2, closed=Closed(drives=3), seed=4)
     assert simulate(grid, paths, robot, drives=2, seed=4).arrivals is None
     about = found.summary()["arrivals"]
-    assert about["through"]["stuck"] == about["through"]["follower_fails"] == 1.0
+    assert about["through"]["stuck"][0] == about["through"]["no_way"][0] == 1.0
     assert about["away"]["drives"] == 3
     assert about["away"]["arrived"][0] == 1.0
     (through, away) = found.table().records()

@@ -60,7 +60,6 @@ class Surroundings(NamedTuple):
     """The true world of a drive."""
 
     squares: Octets  # (4, H + 2, W + 2) as `rays.empty_squares` gives them
-    clearance: Floats  # (H, W) distance of the cells' centres from walls [m]
     resolution: float  # edge of a cell [m]
 
 
@@ -76,22 +75,39 @@ class Trace(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def margin_at(surroundings: Surroundings, body: Body, x: float, y: float, heading: float) -> float:
-    """Distance of an outline from the walls [m]; below 0 it is in one, or off the map."""
-    clearance, cos, sin = surroundings.clearance, np.cos(heading), np.sin(heading)
-    rows, cols = clearance.shape
-    margin = np.inf
+def gap_at(squares: Octets, row: float, col: float, reach: float) -> float:
+    """Distance to the nearest wall's edge, up to `reach` [cells]; below 0 off the map."""
+    i, j = int(np.floor(row)), int(np.floor(col))
+    rows, cols = squares.shape[1] - 2, squares.shape[2] - 2
+    if not (0 <= i < rows and 0 <= j < cols):
+        return -np.inf
+    empty = 255
+    for quadrant in range(4):
+        empty = min(empty, int(squares[quadrant, i + 1, j + 1]))
+    least = reach * reach
+    if empty - 1 >= reach:
+        return reach
+    for r in range(max(0, int(row - reach)), min(rows, int(row + reach) + 1)):
+        up = max(r - row, row - r - 1, 0.0)
+        for c in range(max(0, int(col - reach)), min(cols, int(col + reach) + 1)):
+            if squares[0, r + 1, c + 1] == 0:
+                across = max(c - col, col - c - 1, 0.0)
+                least = min(least, up * up + across * across)
+    return np.sqrt(least)
+
+
+@njit(nogil=True, cache=True)
+def margin_at(
+    surroundings: Surroundings, body: Body, x: float, y: float, heading: float, enough: float
+) -> float:
+    """Distance of an outline from the walls, up to `enough` [m]; below 0 it is in one."""
+    cos, sin, cell = np.cos(heading), np.sin(heading), surroundings.resolution
+    margin = enough
     for n in range(len(body.discs)):
         ahead, left, radius = body.discs[n]
-        row = (y + sin * ahead + cos * left) / surroundings.resolution - 0.5
-        col = (x + cos * ahead - sin * left) / surroundings.resolution - 0.5
-        i, j = int(np.floor(row)), int(np.floor(col))
-        if not (0 <= i < rows - 1 and 0 <= j < cols - 1):
-            return -1.0
-        up, right = row - i, col - j
-        below = (1 - right) * clearance[i, j] + right * clearance[i, j + 1]
-        above = (1 - right) * clearance[i + 1, j] + right * clearance[i + 1, j + 1]
-        margin = min(margin, (1 - up) * below + up * above - radius)
+        row, col = (y + sin * ahead + cos * left) / cell, (x + cos * ahead - sin * left) / cell
+        reach = max(radius + margin, 0.0) / cell
+        margin = min(margin, gap_at(surroundings.squares, row, col, reach) * cell - radius)
     return margin
 
 
@@ -101,13 +117,13 @@ def is_clear(
 ) -> bool:
     """Whether a second of a command keeps off the walls, or at least comes no nearer."""
     x, y, heading = pose
-    enough = min(MARGIN, margin_at(surroundings, body, x, y, heading)) - 1e-9
+    enough = margin_at(surroundings, body, x, y, heading, MARGIN)
     for _ in range(LOOK):
         middle = heading + turn * TICK / 2
         cos, sin = np.cos(middle) * TICK, np.sin(middle) * TICK
         x, y = x + cos * ahead - sin * left, y + sin * ahead + cos * left
         heading += turn * TICK
-        if margin_at(surroundings, body, x, y, heading) < enough:
+        if margin_at(surroundings, body, x, y, heading, enough) < enough - 1e-9:
             return False
     return True
 
@@ -194,7 +210,7 @@ def decide(path: Floats, surroundings: Surroundings, body: Body, period: int, tr
         counts[BLOCKED], counts[SINCE], counts[WAITS] = 0, n, WAIT
         return STUCK if counts[TRIED] > TRIES else GO
     px, py, heading = trace.truth[n]
-    pursue(path, body, margin_at(surroundings, body, px, py, heading), trace)
+    pursue(path, body, margin_at(surroundings, body, px, py, heading, NEAR), trace)
     clear = is_clear(surroundings, body, trace.truth[n], command[0], command[1], command[2])
     if n - counts[PLANNED] >= (period if clear else REPLAN):
         counts[PLANNED] = n
@@ -241,9 +257,9 @@ def act(
     moved(trace.truth, n, true_way, aside, true_turn)
     trace.counts[TICKS] = n + 1
     x, y, heading = trace.truth[n]
-    enough = min(0.0, margin_at(surroundings, body, x, y, heading))
+    enough = margin_at(surroundings, body, x, y, heading, 0.0)
     x, y, heading = trace.truth[n + 1]
-    if margin_at(surroundings, body, x, y, heading) < enough:  # a wall is in the way
+    if margin_at(surroundings, body, x, y, heading, enough) < enough:  # a wall is in the way
         for axis in range(3):
             trace.truth[n + 1, axis] = trace.truth[n, axis]
 

@@ -115,7 +115,7 @@ def simulate(
     computing: Computing = Computing(),
     out: Output = Output(),
 ) -> None:
-    """Drive paths with AMCL in simulated worlds: its error, and how often it is lost (> 1 m).
+    """Drive paths with AMCL in simulated worlds: its error, and how often it is off by over 1 m.
 
     With --drive, AMCL runs on the odometry and the scans of a recorded drive instead, and its
     errors are those against the recorded poses.

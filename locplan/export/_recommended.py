@@ -127,7 +127,7 @@ def chosen_ways(
 ) -> tuple[dict[str, Path], ExportSummary]:
     """The paths of the queries in a file, chosen by driving, and what the choices bring."""
     from locplan.planners import read_queries
-    from locplan.simulation import choose_many
+    from locplan.simulation import RATES, choose_many
 
     asked = read_queries(queries)
     for query in asked:
@@ -135,16 +135,18 @@ def chosen_ways(
             raise ConfigError(f"a path and a query are both named {query.name}; rename one")
     with progress_bar("driving the candidates", "queries") as progress:
         choices = choose_many(job.costs, asked, job.robot, drives=drives, progress=progress)
-    before, after = choices.lost
     paths = {each.query.name: each.choice.path for each in choices}
     without = [name for name, path in paths.items() if path is None]
     rows = [
         ("queries", f"{len(choices)}, {choices.left} leave the shortest path"),
-        ("drives that are lost", f"{before:.0%} -> {after:.0%}"),
+        *(
+            (f"drives {rate.title}", "{:.0%} -> {:.0%}".format(*both))
+            for rate, both in zip(RATES, (choices.lost, choices.off_at_goal), strict=True)
+        ),
     ]
     if without:
         rows.append(("without a path", ", ".join(without)))
-    values = {"left_the_shortest": choices.left, "lost": [before, after], "no_path": without}
+    values = {"left_the_shortest": choices.left, "lost": list(choices.lost), "no_path": without}
     found = {name: path for name, path in paths.items() if path is not None}
     return found, ExportSummary(values, tuple(rows))
 

@@ -221,7 +221,14 @@ def draw_errors(
         axes.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
         at = "axes fraction", "data"
         axes.annotate(
-            "lost", (1, LOST), (-5, -2), at, "offset points", ha="right", va="top", fontsize=8
+            "off by > 1 m",
+            (1, LOST),
+            (-5, -2),
+            at,
+            "offset points",
+            ha="right",
+            va="top",
+            fontsize=8,
         )
     make_logarithmic(axes.yaxis)
     axes.set_ylim(bottom=max(style.MIN_ERROR / 2, axes.get_ylim()[0]))

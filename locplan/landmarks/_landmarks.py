@@ -300,7 +300,8 @@ def landmarks_report(made: Landmarks, verification: Verification | None = None) 
         routes = f"{len(setting.routes)} routes lead across it"
         after.append(f"the robot can be in {area:.0f} m2 of the region, and {routes}")
     driven = [
-        f"{each.chosen_by} ({each.lost} of {each.drives} lost, error {each.error:.2f} m)"
+        f"{each.chosen_by} ({each.lost} of {each.drives} off by more than 1 m,"
+        f" error {each.error:.2f} m)"
         for each in made.trials
     ]
     if driven:

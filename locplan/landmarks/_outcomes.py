@@ -1,4 +1,4 @@
-"""What drives say: the share of those that were lost, their errors, and a verdict."""
+"""What drives say: the share of those that went wrong, their errors, and a verdict."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from locplan._util.intervals import Interval, of_rms, wilson
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import Column, Table
 from locplan.costs import Path
-from locplan.simulation import Drives, Simulator, drive_paths
+from locplan.simulation import RATES, Drives, Simulator, drive_paths, rates_of
 
 DRIVES = 100
 """Number of drives along each route by default."""
 OUTCOME = (
     Column("drives", title="drives", digits=0, value=lambda outcome: outcome.number),
-    Column("lost_rate", title="lost (> 1 m) [95 %]", digits=0, people="%", interval=True),
+    *RATES,
     Column("rmse", "m", "error, all drives", interval=True),
-    Column("kept_rmse", "m", "not lost", interval=True),
+    Column("kept_rmse", "m", "of those never off", interval=True),
 )
 Profile: TypeAlias = Floats
 """Distance along a route and the largest deviation of a match's position there, (n, 2) [m]."""
@@ -55,6 +55,11 @@ class Outcome:
         return wilson(float(self.lost.mean()), self.number)
 
     @property
+    def off_at_goal(self) -> Interval:
+        """Share of the drives that were off by more than 0.5 m where they end, 0..1."""
+        return wilson(float(np.concatenate([each.off for each in self.drives]).mean()), self.number)
+
+    @property
     def rmse(self) -> Interval:
         """Root mean square of the position error along the way [m]."""
         return of_rms(self.mean_squares)
@@ -65,7 +70,7 @@ class Outcome:
         return of_rms(self.mean_squares[~self.lost])
 
     def __repr__(self) -> str:
-        return f"Outcome({self.number} drives, {self.lost_rate.value:.0%} lost)"
+        return f"Outcome({self.number} drives, {rates_of(self)})"
 
     def better_than(self, other: Outcome) -> bool:
         """Whether fewer drives are lost, or as few with clearly less error.
@@ -219,9 +224,10 @@ class Verification(BeforeAndAfter):
         if self.none_lost:
             said = "nothing to gain" if self.nothing_to_gain else said
             few = f"{lost:.0%} of the drives were" if lost else "no drive was"
-            said += f": {few} lost to begin with; error {error}"
+            said += f": {few} off by more than 1 m to begin with; error {error}"
             return said + (f", {random.rmse.value:.2f} m at random places" if random else "")
-        said += f": {lost:.0%} of the drives lost before, {after.lost_rate.value:.0%} after"
+        said += f": {lost:.0%} of the drives off by more than 1 m at some time before,"
+        said += f" {after.lost_rate.value:.0%} after"
         said += f", {random.lost_rate.value:.0%} at random places" if random else ""
         return f"{said}; error {error}"
 
@@ -232,7 +238,7 @@ class Verification(BeforeAndAfter):
         return np.array([np.nanquantile(values, [0.5, 0.95]) for values in every])
 
     def table(self) -> Table:
-        """The drives on each map: how many were lost, and their errors."""
+        """The drives on each map: how many went wrong, and their errors."""
         named = {"none": self.before, "proposed": self.after}
         if self.random:
             named["as many at random"] = self.random
@@ -263,7 +269,7 @@ class FeatureDrives(BeforeAndAfter):
     def verdict(self) -> str:
         """What the drives say, in one line."""
         before, without = self.before, self.after
-        lost = f"{before.lost_rate.value:.0%} of the drives lost with all,"
+        lost = f"{before.lost_rate.value:.0%} of the drives off by more than 1 m with all,"
         lost += f" {without.lost_rate.value:.0%} without the {self.count}"
         error = f"error {before.rmse.value:.2f} -> {without.rmse.value:.2f} m"
         if self.random is not None:
@@ -274,13 +280,15 @@ class FeatureDrives(BeforeAndAfter):
         said = "their absence is not shown to hurt"
         # Width of the lost drives' intervals up to which a missing difference says something.
         if high - low > 0.3:
-            said = f"too few drives to know (lost drives {low:.0%} to {high:.0%}, with 95 %)"
+            said = (
+                f"too few drives to know ({low:.0%} to {high:.0%} off by more than 1 m, with 95 %)"
+            )
         if self.hurts or self.helps:
             said = "their absence " + ("hurts" if self.hurts else "helps, against what is expected")
         return f"{said}: {lost}; {error}"
 
     def table(self) -> Table:
-        """The drives in each world: how many were lost, and their errors."""
+        """The drives in each world: how many went wrong, and their errors."""
         named = {"all features": self.before}
         named |= {f"without {number}": each for number, each in self.alone.items()}
         named[f"without the {self.count}"] = self.after

@@ -210,7 +210,7 @@ def replay_figure(replay: Replay) -> Figure:
         lower.axhline(LOST, color="0.5", linewidth=0.8, zorder=0)
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
         style: dict[str, Any] = {"ha": "left", "va": "bottom", "fontsize": "small", "bbox": box}
-        lower.annotate("lost", (0, LOST), (4, 2), textcoords="offset points", **style)
+        lower.annotate("off by > 1 m", (0, LOST), (4, 2), textcoords="offset points", **style)
     lower.set(xlim=(0, max(way[-1], 1e-3)), ylim=(0, top), ylabel="position [m]")
     runs = f"{len(replay.errors)} runs"
     lower.legend(

@@ -161,8 +161,8 @@ class Replay(Result):
         if lost < 0.05:
             return self.consistency.sentence
         return (
-            f"The filter is lost in {lost:.0%} of the runs; locplan tune --drive looks for settings"
-            f" that hold. {self.consistency.sentence}"
+            f"The filter is off by more than 1 m at some time in {lost:.0%} of the runs; locplan"
+            f" tune --drive looks for settings that hold. {self.consistency.sentence}"
         )
 
     @property

@@ -10,10 +10,12 @@ from ._drives import (
     DRIVEN as DRIVEN,
     LOST as LOST,
     PROFILE as PROFILE,
+    RATES as RATES,
     DriveArguments as DriveArguments,
     Drives as Drives,
     check_drives as check_drives,
     drive_arguments as drive_arguments,
+    rates_of as rates_of,
     rmse_ratio as rmse_ratio,
 )
 from ._evaluation import (

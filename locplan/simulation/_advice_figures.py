@@ -29,8 +29,8 @@ from locplan.plotting import (
     map_size,
     style,
 )
-from locplan.simulation._drives import LOST
-from locplan.simulation._figures import LETTERS, MAP_MARKS
+from locplan.simulation._drives import LOST, rates_of
+from locplan.simulation._figures import LETTERS, MAP_MARKS, draw_places, place_handles
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._driven import Candidate
 from locplan.simulation.tuning._results import Tuning
@@ -79,17 +79,20 @@ def choice_figure(choice: Choice) -> Figure:
     for each in sorted(choice.candidates, key=lambda each: _rank(choice, each)):
         rank = _rank(choice, each)
         draw_path(upper, each.path, color=COLOURS[rank], linewidth=WIDTHS[rank])
+        if each.arrivals:
+            draw_places(upper, each.arrivals, COLOURS[rank])
     draw_ends(upper, choice.start, choice.goal)
+    arrivals = [each.arrivals for each in choice.candidates if each.arrivals]
     if choice.candidates:
         (_draw_errors if choice.judgement else _draw_degeneracy)(axes[1, 0], choice)
     figure.legend(
-        handles=[*_handles(choice), *end_handles()],
+        handles=[*_handles(choice), *place_handles(arrivals), *end_handles()],
         loc="outside lower center",
         frameon=False,
         ncols=3,
     )
     name = choice.map["name"] or "map"
-    texts = [f"{name}: {choice.sentence}", *choice.advice, choice.driven]
+    texts = [f"{name}: {choice.said[0]}", *choice.said[1:], choice.driven]
     lines = [line for text in texts for line in textwrap.wrap(text, int(12.5 * width))]
     figure.suptitle("\n".join(lines), fontsize="medium")
     return figure
@@ -130,7 +133,7 @@ def _figures(each: Candidate) -> str:
     """Length, error and lost drives of a candidate."""
     if each.driven is None:
         return f"{each.path.length:.1f} m, {each.metrics.integrated_u:.1f} m degenerate"
-    return f"{each.path.length:.1f} m, lost {each.driven.lost_rate.value:.0%}"
+    return f"{each.path.length:.1f} m, {rates_of(each.driven)}"
 
 
 def _draw_errors(axes: Axes, choice: Choice) -> None:
@@ -228,7 +231,7 @@ def _draw_judged(errors: Axes, lost: Axes, tuning: Tuning) -> None:
     lost.set_title(f"share of all {runs}, 95 %", fontsize="medium")
     make_logarithmic(errors.yaxis)
     errors.set_ylabel("RMSE of the position [m]")
-    lost.set_ylabel(f"lost {runs} [%]")
+    lost.set_ylabel(f"{runs} off by > 1 m at some time [%]")
     lost.set_ylim(bottom=-0.04 * lost.get_ylim()[1])
 
 

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
 
 from locplan._util.checks import Settings, positive
 from locplan._util.intervals import Interval, wilson
 from locplan._util.poses import Poses
 from locplan._util.records import POSE, Column, Table
-from locplan.simulation._drives import check_drives
+from locplan._util.saved import Valued
+from locplan.costs import Path
+from locplan.simulation._drives import OFF, check_drives
 
 ARRIVED, ELSEWHERE, STUCK, TIMED_OUT = "arrived", "elsewhere", "stuck", "timed out"
 """How a drive ends; elsewhere, the robot believes to be at the goal, and is not."""
-FOLLOWER = "a pursuit follower"
-"""What steers."""
+FOLLOWER, WORLD = "follower", "world"
+"""What is at fault where a drive fails with perfect localization, too: the follower, or a world
+in which no way leads to the goal."""
+STANDS = 2.0
+"""Time from which on a robot that stands still has stopped [s]."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -39,32 +47,80 @@ class Closed(Settings):
             positive("replan", self.replan, "s")
 
 
+NOWHERE = np.empty((0, 3))
+Place = tuple[float, float, float]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Arrival:
+class Arrival(Valued):
     """One closed-loop drive."""
 
     outcome: str
     """How it ended: arrived, elsewhere, stuck or timed out."""
-    truth: Poses
-    """The true poses every 0.1 s, (n, 3), in the world [m, m, rad]."""
-    believed: Poses
+    seconds: float
+    """Duration [s]."""
+    end: Place
+    """True pose at the end, in the world [m, m, rad]."""
+    believed_end: Place
+    """The filter's pose at the end, in the world [m, m, rad]."""
+    stops: tuple[Place, ...] = ()
+    """True poses at which the robot stood for 2 s or more, at most one in half a metre."""
+    leaves: tuple[Place, ...] = ()
+    """True poses at which it was 0.5 m off the path, each time anew."""
+    fault: str = ""
+    """What fails with perfect localization, too: the follower, or the world, in which no way leads
+    to the goal; empty if nothing does."""
+    truth: Poses = field(default_factory=NOWHERE.copy, compare=False)
+    """The true poses every 0.1 s, (n, 3), in the world [m, m, rad]; none in what was loaded."""
+    believed: Poses = field(default_factory=NOWHERE.copy, compare=False)
     """The filter's poses, (n, 3), in the world [m, m, rad]."""
-    follower_fails: bool = False
-    """Whether the drive fails with perfect localization, too."""
+
+    @classmethod
+    def of(cls, outcome: str, truth: Poses, believed: Poses, path: Path) -> Arrival:
+        """A drive that ended.
+
+        Parameters
+        ----------
+        outcome : str
+            How it ended.
+        truth, believed : (n, 3) array
+            The true and the filter's poses every 0.1 s, in the world [m, m, rad].
+        path : Path
+            The path that was followed.
+        """
+        from scipy.spatial import cKDTree
+
+        from locplan._kernels.follower import TICK
+
+        off = cKDTree(path.resampled(0.1).xy).query(truth[:, :2])[0] > OFF
+        wait = round(STANDS / TICK)
+        stands = (truth[wait:] == truth[:-wait]).all(axis=1)
+        stops: list[NDArray[np.float64]] = []
+        for pose in truth[np.flatnonzero(stands)]:
+            if all(np.hypot(*(pose - each)[:2]) > OFF for each in stops):
+                stops.append(pose)
+        begins = np.flatnonzero(off & ~np.append(False, off[:-1]))
+        places = [
+            tuple(map(tuple, np.reshape(each, (-1, 3)).tolist()))
+            for each in (truth[-1], believed[-1], stops, truth[begins])
+        ]
+        return cls(
+            outcome,
+            (len(truth) - 1) * TICK,
+            *places[0],
+            *places[1],
+            *places[2:],
+            "",
+            truth,
+            believed,
+        )
 
     def __repr__(self) -> str:
         return f"Arrival({self.outcome} after {self.seconds:.1f} s)"
 
-    @property
-    def seconds(self) -> float:
-        """Duration [s]."""
-        from locplan._kernels.follower import TICK
-
-        return (len(self.truth) - 1) * TICK
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Arrivals:
+class Arrivals(Valued):
     """Closed-loop drives along one path; the n-th of two paths have the same world and seed."""
 
     drives: tuple[Arrival, ...]
@@ -74,54 +130,92 @@ class Arrivals:
         return f"Arrivals({self.arrived.value:.0%} of {len(self.drives)} arrived)"
 
     @property
-    def arrived(self) -> Interval:
-        """Share of the drives that arrive, 0..1, with its 95 % interval."""
-        return wilson(self._share(ARRIVED), len(self.drives))
+    def count(self) -> int:
+        """Number of the drives that arrive."""
+        return sum(each.outcome == ARRIVED for each in self.drives)
 
     @property
-    def elsewhere(self) -> float:
+    def words(self) -> str:
+        """How many of the drives arrive, with the share's 95 % interval."""
+        _, low, high = self.arrived
+        return f"{self.count} of {len(self.drives)} [{100 * low:.0f}, {100 * high:.0f} %]"
+
+    @property
+    def arrived(self) -> Interval:
+        """Share of the drives that arrive, 0..1, with its 95 % interval."""
+        return self._share(ARRIVED)
+
+    @property
+    def elsewhere(self) -> Interval:
         """Share of those that end where the robot believes to be at the goal, and is not."""
         return self._share(ELSEWHERE)
 
     @property
-    def stuck(self) -> float:
+    def stuck(self) -> Interval:
         """Share of those that come no farther."""
         return self._share(STUCK)
 
     @property
-    def timed_out(self) -> float:
+    def timed_out(self) -> Interval:
         """Share of those that take too long."""
         return self._share(TIMED_OUT)
 
     @property
-    def follower_fails(self) -> float:
+    def follower_fails(self) -> Interval:
         """Share of those that fail with perfect localization, too: they are the follower's."""
-        return sum(each.follower_fails for each in self.drives) / len(self.drives)
+        return self._share(FOLLOWER)
 
-    def _share(self, outcome: str) -> float:
-        return sum(each.outcome == outcome for each in self.drives) / len(self.drives)
+    @property
+    def no_way(self) -> Interval:
+        """Share of those in whose world no way leads to the goal."""
+        return self._share(WORLD)
+
+    def _share(self, what: str) -> Interval:
+        found = sum(what in (each.outcome, each.fault) for each in self.drives)
+        return wilson(found / len(self.drives), len(self.drives))
+
+    def places(self) -> Table:
+        """Where robots stop, end without having arrived, and leave the path by over 0.5 m."""
+        return Table(PLACES, tuple(self._places()))
+
+    def _places(self) -> Iterator[tuple[int, str, float, float, float]]:
+        for n, each in enumerate(self.drives):
+            ends = () if each.outcome == ARRIVED else (each.end,)
+            for what, poses in ((LEAVES, each.leaves), (STOPS, each.stops), (ENDS, ends)):
+                yield from ((n, what, *pose) for pose in poses)
 
     def summary(self) -> dict[str, object]:
         """Shares of the drives by their ends, fit for JSON."""
-        about = {each.name: each.of(self) for each in ARRIVING}
-        return {"drives": len(self.drives), **about, "arrived": list(self.arrived)}
+        return {"drives": len(self.drives), **{e.name: list(e.of(self)) for e in ARRIVING}}
+
+
+LEAVES, STOPS, ENDS = "leaves the path by 0.5 m", "stops", "ends"
+"""What is at a place."""
+PLACES = (Column("drive"), Column("what"), *POSE)
+"""Columns of `Arrivals.places`."""
+
+
+def _rate(name: str, title: str) -> Column:
+    return Column(name, "", title, 0, "%", interval=True)
 
 
 ARRIVING = (
-    Column("arrived", "", f"arrives, with {FOLLOWER}", 0, "%", interval=True),
-    Column("elsewhere", "", "believes to be there, is elsewhere", 0, "%"),
-    Column("stuck", "", "gets stuck", 0, "%"),
-    Column("timed_out", "", "runs out of time", 0, "%"),
-    Column("follower_fails", "", "fails with perfect localization, too", 0, "%"),
+    _rate("arrived", "arrives, with a pursuit follower"),
+    _rate("elsewhere", "believes to be there, is elsewhere"),
+    _rate("stuck", "gets stuck"),
+    _rate("timed_out", "runs out of time"),
+    _rate("follower_fails", "fails with perfect localization, too"),
+    _rate("no_way", "has no way in its world"),
 )
 """Columns of `Arrivals`."""
 
 
-ENDS = (
+ENDED = (
     Column("path"),
     Column("drive"),
     Column("outcome"),
     Column("seconds", "s"),
+    Column("fault"),
     *POSE,
     *(Column(f"believed_{each.name}", each.unit) for each in POSE),
 )
@@ -131,8 +225,28 @@ ENDS = (
 def ends_of(arrivals: Mapping[str, Arrivals]) -> Table:
     """Where the closed-loop drives along some paths ended, and where the filter believed to be."""
     rows = (
-        (name, n, each.outcome, each.seconds, *each.truth[-1], *each.believed[-1])
+        (name, n, each.outcome, each.seconds, each.fault, *each.end, *each.believed_end)
         for name, found in arrivals.items()
         for n, each in enumerate(found.drives)
     )
-    return Table(ENDS, tuple(rows))
+    return Table(ENDED, tuple(rows))
+
+
+def faults_of(*arrivals: Arrivals) -> str:
+    """Which of the failed drives are not the filter's, in words; empty if all are.
+
+    Parameters
+    ----------
+    *arrivals : Arrivals
+        Closed-loop drives along some paths.
+    """
+    faults = [each.fault for some in arrivals for each in some.drives]
+    said = [
+        f"{faults.count(fault)} {words}"
+        for fault, words in (
+            (FOLLOWER, "fail with perfect localization, too"),
+            (WORLD, "have no way"),
+        )
+        if fault in faults
+    ]
+    return f" ({', '.join(said)})" if said else ""

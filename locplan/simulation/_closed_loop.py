@@ -18,32 +18,33 @@ from numpy.typing import NDArray
 from locplan._util.intervals import random_of
 from locplan._util.poses import Poses, after_way, way_between
 from locplan._util.progress import ProgressCallback
-from locplan.costs import Costmap, Path
+from locplan.costs import Path
 from locplan.errors import ConfigError
-from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, own_axes
-from locplan.planners import plan_field
-from locplan.robots import Inflation, Robot
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid, own_axes
+from locplan.robots import Robot
 from locplan.simulation._arrivals import (
     ARRIVED,
     ELSEWHERE,
+    FOLLOWER,
     STUCK,
     TIMED_OUT,
+    WORLD,
     Arrival,
     Arrivals,
 )
+from locplan.simulation._drives import OFF
 from locplan.simulation._own_filters import OwnLoop
 from locplan.simulation._simulator import CLOSED, Simulator
-from locplan.simulation._worlds import Stage
+from locplan.simulation._worlds import Stage, inflated, inflation_of
 
-ARRIVES = 0.5
-"""Distance from the goal within which a robot has arrived, or twice its tolerance [m]."""
 POINTS = 0.05
 """Distance between the points of a path that is followed [m]."""
 SIGHT, JOIN, AROUND = 3.0, (1.0, 5.0), 8.0
 """A new plan knows the true walls so far away, joins the path so far ahead, and is made on the map
 so far around the robot [m]."""
-LEAVE, LEAVING = 6, 50.0
-"""Cells about the robot that a new plan may pass in any case, and their cost per metre."""
+LEAVE, LEAVING = 0.3, 50.0
+"""Distance from the robot in which a new plan may come too near to walls [m], and its cost there
+per metre."""
 PATIENCE = 60.0, 3.0
 """Maximum time of a drive: so long [s], and so many times that of its path."""
 
@@ -96,19 +97,9 @@ def drive_closed(
         for name in paths:
             found[name][n] = loop.drive(name, world, stream, drives[n])
 
-    _ = loop.stage, loop.body  # made once, not by every thread
+    _ = loop.density, loop.body  # made once, not by every thread
     simulator.in_threads(run, len(drives), progress, len(drives) * len(paths))
     return {name: Arrivals(tuple(each)) for name, each in found.items()}
-
-
-@dataclass(frozen=True)
-class World:
-    """The world of a closed-loop drive."""
-
-    stops: NDArray[np.bool_]
-    """Cells that are occupied, (H, W)."""
-    surroundings: Any
-    """`follower.Surroundings`."""
 
 
 @dataclass(frozen=True)
@@ -147,28 +138,47 @@ class ClosedLoop:
         sideways = kinematics.drive == "omnidirectional"
         return Body(_discs(robot), sideways, kinematics.speed, robot.goal_tolerance)
 
-    def world(self, stream: int, number: int) -> World:
+    @cached_property
+    def density(self) -> NDArray[np.float64]:
+        """Cost per metre of each cell, as Nav2's planners see it on the inflated map, (H, W)."""
+        return self._inflated(self.part.clearance)
+
+    def world(self, stream: int, number: int) -> Any:
         """The world of a drive, that of the open-loop drive of this number."""
         from locplan._kernels.follower import Surroundings
-        from locplan._kernels.rays import empty_squares
 
-        stops = self.stage.stops_of(stream, number)
         # Nobody knows what stands in unknown cells: they are no walls, as in the lidar's world.
-        walls = replace(self.part, cells=np.where(stops, OCCUPIED, FREE).astype(np.uint8))
-        clearance = np.minimum(walls.clearance, AROUND)
-        return World(stops, Surroundings(empty_squares(stops), clearance, self.part.resolution))
+        return Surroundings(self.stage.world(stream, number), self.part.resolution)
 
-    def drive(self, name: str, world: World, stream: int, number: int) -> Arrival:
+    def drive(self, name: str, world: Any, stream: int, number: int) -> Arrival:
         """Drive once along a path; a drive that fails is repeated with perfect localization."""
         found = self._driven(name, world, stream, number, perfect=self.perfect)
-        if found.outcome == ARRIVED or self.perfect:
+        if found.outcome == ARRIVED:
             return found
-        control = self._driven(name, world, stream, number, perfect=True)
-        return replace(found, follower_fails=control.outcome != ARRIVED)
+        control = found
+        if not self.perfect:
+            control = self._driven(name, world, stream, number, perfect=True)
+        if control.outcome == ARRIVED:
+            return found
+        return replace(found, fault=FOLLOWER if self._has_way(name, world) else WORLD)
 
-    def _driven(
-        self, name: str, world: World, stream: int, number: int, *, perfect: bool
-    ) -> Arrival:
+    def _has_way(self, name: str, world: Any) -> bool:
+        """Whether a disc within the outline fits through a world from the start to the goal."""
+        from scipy.ndimage import label
+
+        cells = np.where(world.squares[0, 1:-1, 1:-1], FREE, OCCUPIED).astype(np.uint8)
+        clearance = OccupancyGrid(cells, world.resolution).clearance
+        robot, half = self.simulator.robot, world.resolution / 2
+        radius = robot.outline.inscribed_radius if robot.outline else robot.footprint
+        rooms, _ = label(clearance >= max(radius - half, half))
+        ends = own_axes(self.part, _at(self.paths[name].xy[[0, -1]]))[:, 1::-1]
+        low, high = (
+            np.maximum(np.floor(ends / world.resolution + each).astype(int), 0) for each in (-1, 2)
+        )
+        near = [rooms[a:b, c:d] for (a, c), (b, d) in zip(low, high, strict=True)]
+        return bool(np.intersect1d(*near).any())
+
+    def _driven(self, name: str, world: Any, stream: int, number: int, *, perfect: bool) -> Arrival:
         from locplan._kernels import follower
 
         random = random_of(self.simulator.seed, CLOSED, stream, number)
@@ -182,17 +192,16 @@ class ClosedLoop:
         follow = self._follower(random, world, trace, perfect)
         while (decision := follow(way)) == follower.PLAN:
             n, at = trace.counts[follower.TICKS], trace.counts[follower.AT]
-            way = self._planned(way[at:], trace.truth[n], trace.believed[n], world.stops)
+            way = self._planned(way[at:], trace.truth[n], trace.believed[n], world)
             trace.counts[follower.AT] = 0
         n = int(trace.counts[follower.TICKS]) + 1
         outcome = {follower.STUCK: STUCK, follower.TIMED_OUT: TIMED_OUT}.get(decision, ARRIVED)
-        near = max(ARRIVES, 2 * self.body.tolerance)
+        near = max(OFF, 2 * self.body.tolerance)
         if outcome == ARRIVED and math.dist(trace.truth[n - 1, :2], way[-1]) > near:
             outcome = ELSEWHERE
         of_part = np.array(self.part.origin)
-        return Arrival(
-            outcome, after_way(of_part, trace.truth[:n]), after_way(of_part, trace.believed[:n])
-        )
+        truth, believed = (after_way(of_part, each[:n]) for each in (trace.truth, trace.believed))
+        return Arrival.of(outcome, truth, believed, self.paths[name])
 
     def _trace(self, random: np.random.Generator, first: Any, ticks: int) -> Any:
         """An empty trace, with this drive's biases of odometry."""
@@ -205,7 +214,7 @@ class ClosedLoop:
         truth[0] = first
         return Trace(truth, believed, reported, np.zeros(3), biases, np.zeros(8, np.int64))
 
-    def _follower(self, random: Any, world: World, trace: Any, perfect: bool) -> Any:
+    def _follower(self, random: Any, world: Any, trace: Any, perfect: bool) -> Any:
         """A function that follows a way until a plan is needed, or the drive has ended."""
         from locplan._kernels.drives import begin
         from locplan._kernels.follower import TICK, follow
@@ -214,7 +223,7 @@ class ClosedLoop:
         first = way_between(self.frame, trace.truth[0])
         # Without one the period is longer than any drive.
         period = round(self.replan / TICK) if self.replan else len(trace.truth)
-        driven = world.surroundings, self.body, period
+        driven = world, self.body, period
         if arguments.scores is None:
             own = OwnLoop(arguments, self.frame, (random, sensing), first, trace)
             return lambda way: own.follow(way, *driven, perfect)
@@ -233,56 +242,82 @@ class ClosedLoop:
             trace,
         )
 
-    def _planned(
-        self, way: Any, truth: Any, believed: Any, stops: NDArray[np.bool_]
-    ) -> NDArray[np.float64]:
+    def _planned(self, way: Any, truth: Any, believed: Any, world: Any) -> NDArray[np.float64]:
         """A way (n, 2) from the believed pose back to the path, on the map and what is seen.
 
         It joins the path within some metres where that is shortest, or else later. The path stays
         where no way is found.
         """
-        resolution, radius = self.part.resolution, self.simulator.robot.radius
-        here = np.floor(believed[1::-1] / resolution).astype(int)
-        low = np.maximum(here - math.ceil(AROUND / resolution), 0)
-        high = np.maximum(here + math.ceil(AROUND / resolution), 0)
-        near = self.part.cells[low[0] : high[0], low[1] : high[1]].copy()
-        start, unknown = here - low, near == UNKNOWN
-        if not _within(start[None], near.shape).all():
+        from locplan._kernels.search import bordered_half, shortest_costs
+        from locplan._kernels.ways import trace
+
+        resolution = self.part.resolution
+        here, reach = np.floor(believed[1::-1] / resolution).astype(int), AROUND / resolution
+        low = np.maximum(here - math.ceil(reach), 0)
+        window = tuple(
+            slice(a, max(b, 0)) for a, b in zip(low, here + math.ceil(reach), strict=True)
+        )
+        density, start = self.density[window].copy(), here - low
+        if not _within(start[None], density.shape).all():
             return np.asarray(way)
         # Walls are seen from the true pose, and put where the believed one has them.
-        seen = after_way(believed, way_between(truth, self._seen(truth, stops)))
-        to = np.floor(seen[:, 1::-1] / resolution).astype(int) - low
-        near[tuple(to[_within(to, near.shape)].T)] = OCCUPIED
-        near[tuple(start)] = FREE
-        joined = OccupancyGrid(near, resolution)
-        density = _inflated(joined.clearance, self.simulator.robot)
-        density[(joined.clearance < radius - 1e-9) | unknown] = np.inf
+        seen = after_way(believed, way_between(truth, self._seen(truth, world)))
+        walls = np.floor(seen[:, 1::-1] / resolution).astype(int) - low
+        walls = walls[_within(walls, density.shape)]
+        self._add(walls, density)
         # A robot that stands too near to a wall may leave, at a price.
-        about = tuple(slice(max(0, each - LEAVE), each + LEAVE + 1) for each in start)
+        leave = int(LEAVE / resolution)
+        about = tuple(slice(max(0, each - leave), each + leave + 1) for each in start)
         density[about] = np.minimum(density[about], LEAVING)
-        to_go = plan_field(Costmap.from_density(joined, density), joined.cell_to_world(*start))
+        density[self.part.cells[window] != FREE] = np.inf
+        density[tuple(walls.T)] = np.inf
+        density[tuple(start)] = LEAVING
 
+        half, columns = bordered_half(density, 1), density.shape[1] + 2
+        costs = shortest_costs(half, columns, (start[0] + 1) * columns + start[1] + 1, -1, False)
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
         points = np.floor(way[:, ::-1] / resolution).astype(int) - low
-        able = _within(points, near.shape) & (along >= min(JOIN[0], along[-1]))
+        able = _within(points, density.shape) & (along >= min(JOIN[0], along[-1]))
+        flat = (points[able] + 1) @ (columns, 1)
         cost = np.full(len(way), np.inf)
-        cost[able] = to_go.cost[tuple(points[able].T)]
+        cost[able] = resolution * costs[flat]
         cost += along[-1] - along
         soon = np.where(along <= JOIN[1], cost, np.inf)
         best = int(np.argmin(soon if np.isfinite(soon).any() else cost))
         if not np.isfinite(cost[best]):
             return np.asarray(way)
-        back = to_go.path(joined.cell_to_world(*points[best]))
-        assert back is not None  # its cost is finite
-        back_xy = back.resampled(POINTS).xy[::-1] if back.length else back.xy
-        return np.concatenate([back_xy + low[::-1] * resolution, way[best + 1 :]])
+        cells = trace(half, columns, costs, (points[best] + 1) @ (columns, 1), False)
+        centres = (np.column_stack(np.divmod(cells, columns)[::-1]) - 0.5 + low[::-1]) * resolution
+        if len(centres) > 1:
+            centres = Path(centres).resampled(POINTS).xy
+        return np.concatenate([centres, way[best + 1 :]])
 
-    def _seen(self, truth: NDArray[np.float64], stops: NDArray[np.bool_]) -> Poses:
+    def _add(self, walls: NDArray[np.int64], density: NDArray[np.float64]) -> None:
+        """Raise a density about further walls, cells (n, 2)."""
+        if not len(walls):
+            return
+        robot = self.simulator.robot
+        reach = max(robot.radius, inflation_of(robot).inflation_radius)
+        margin = math.ceil(reach / self.part.resolution) + 1
+        low = np.maximum(walls.min(axis=0) - margin, 0)
+        window = tuple(slice(a, b + margin) for a, b in zip(low, walls.max(axis=0), strict=True))
+        cells = np.full(density[window].shape, FREE)
+        cells[tuple((walls - low).T)] = OCCUPIED
+        more = self._inflated(OccupancyGrid(cells, self.part.resolution).clearance)
+        density[window] = np.maximum(density[window], more)
+
+    def _inflated(self, clearance: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Density at a clearance, which is infinite where the robot does not fit."""
+        density = inflated(clearance, self.simulator.robot)
+        return np.where(clearance < self.simulator.robot.radius - 1e-9, np.inf, density)
+
+    def _seen(self, truth: NDArray[np.float64], world: Any) -> Poses:
         """Centres of the true walls near the robot, with heading 0 [m, m, rad]."""
-        resolution = self.part.resolution
+        resolution = world.resolution
         low = np.maximum((truth[1::-1] - SIGHT) / resolution, 0).astype(int)
         high = np.maximum(np.ceil((truth[1::-1] + SIGHT) / resolution), 0).astype(int)
-        rows, cols = np.nonzero(stops[low[0] : high[0], low[1] : high[1]])
+        stops = world.squares[0, 1:-1, 1:-1][low[0] : high[0], low[1] : high[1]] == 0
+        rows, cols = np.nonzero(stops)
         xy = (np.column_stack([cols + low[1], rows + low[0]]) + 0.5) * resolution
         return _at(xy[np.hypot(*(xy - truth[:2]).T) <= SIGHT])
 
@@ -297,13 +332,6 @@ def _discs(robot: Robot) -> NDArray[np.float64]:
         [a + np.arange(0, 1, POINTS / math.dist(a, b))[:, None] * (b - a) for a, b in sides]
     )
     return np.column_stack([edge, np.full(len(edge), POINTS / 2)])
-
-
-def _inflated(clearance: NDArray[np.float64], robot: Robot) -> NDArray[np.float64]:
-    """Density that Nav2's planners see in the robot's inflated costmap."""
-    inflation = robot.inflation or Inflation(inflation_radius=0.7, cost_scaling_factor=3.0)
-    cost = 4 * np.exp(-inflation.cost_scaling_factor * (clearance - robot.radius))
-    return 1 + np.where(clearance <= inflation.inflation_radius, np.minimum(cost, 4), 0)
 
 
 def _at(xy: NDArray[np.float64]) -> Poses:

@@ -31,12 +31,26 @@ MAX_DRIVES = 100_000
 """Maximum number of drives along a path, or to a place."""
 LOST = 1.0
 """Position error above which, at any time of a drive, the robot counts as lost [m]."""
+OFF = 0.5
+"""Position error above which a robot is off at its goal [m]: of what open-loop drives show, that
+tells best whether a robot that is steered by its estimate arrives."""
+
+
+def _rate(name: str, title: str) -> Column:
+    return Column(name, "", title, 0, "%", interval=True)
+
+
+RATES = (
+    _rate("lost_rate", f"off by > {LOST:g} m at some time"),
+    _rate("off_at_goal", f"off by > {OFF:g} m at the goal"),
+)
+"""Columns of shares of the drives that go wrong, with 95 % intervals."""
 DRIVEN = (
     Column("length", "m", "length"),
     Column("typical_rmse", "m", "error of a typical drive", interval=True),
     Column("median_error", "m", "median error", interval=True),
-    Column("lost_rate", "", f"lost (> {LOST:g} m at any time)", 0, "%", interval=True),
-    Column("kept_rmse", "m", "RMSE of those not lost", interval=True),
+    *RATES,
+    Column("kept_rmse", "m", "RMSE of those never off", interval=True),
     Column("rmse", "m", "RMSE of all", interval=True),
     Column("final_rmse", "m", "RMSE at the end", interval=True),
     Column("heading_rmse", "rad", "heading RMSE", 1, "deg", interval=True),
@@ -152,6 +166,16 @@ class Drives:
         return wilson(float(self.lost.mean()), len(self.lost))
 
     @property
+    def off(self) -> NDArray[np.bool_]:
+        """True for each drive that is off by more than 0.5 m where it ends, (drives,)."""
+        return np.asarray(self.position_error[:, -1] > OFF)
+
+    @property
+    def off_at_goal(self) -> Interval:
+        """Share of the drives that are off by more than 0.5 m where they end, 0..1."""
+        return wilson(float(self.off.mean()), len(self.off))
+
+    @property
     def final_rmse(self) -> Interval:
         """Root mean square of the position error where the drive ends [m]."""
         return of_rms(self.position_error[:, -1] ** 2)
@@ -169,6 +193,17 @@ class Drives:
         heading = np.sqrt((self.errors[..., 2] ** 2).mean(axis=0))
         columns = self.distance, self.poses, error.mean(axis=0), median, low, high, heading
         return np.column_stack(columns)
+
+
+def rates_of(drives: Any) -> str:
+    """Shares of the drives that go wrong, in words.
+
+    Parameters
+    ----------
+    drives : Drives, or what has its rates
+        The drives.
+    """
+    return ", ".join(f"{each.of(drives).value:.0%} {each.title}" for each in RATES)
 
 
 def profiles(drives: Mapping[str, Drives]) -> Table:

@@ -22,6 +22,7 @@ from locplan._util.tables import REPORT_WIDTH, finite, table
 from locplan.field import equipped
 from locplan.maps import OccupancyGrid
 from locplan.robots import Robot
+from locplan.simulation._drives import RATES
 from locplan.simulation._places import KINDS, ErrorKind, Places, measure_maps
 from locplan.simulation._predictors import Predictor, conclusion, configs, predictions
 from locplan.simulation._worlds import about_filter
@@ -134,7 +135,7 @@ class Evaluation(Result):
         return np.quantile(known, (0.1, 0.5, 0.9)).tolist() if known.size else [np.nan] * 3
 
     def lost_rate(self, number: int) -> float:
-        """Share of the drives to a map's places that were lost at any time, 0..1.
+        """Share of the drives to a map's places that were off by more than 1 m at some time, 0..1.
 
         Parameters
         ----------
@@ -142,6 +143,16 @@ class Evaluation(Result):
             Index of the map in `places`, from 0 on.
         """
         return float(self.places[number].lost.mean())
+
+    def rates(self, number: int) -> dict[str, float]:
+        """Shares of the drives to a map's places that go wrong, 0..1, by the names of `RATES`.
+
+        Parameters
+        ----------
+        number : int
+            Index of the map in `places`, from 0 on.
+        """
+        return {each.name: float(self.places[number].sizes[each.name].mean()) for each in RATES}
 
     @cached_property
     def _drawn(self) -> Resamples:
@@ -153,11 +164,11 @@ class Evaluation(Result):
             "maps": [
                 {"name": places.grid.name, "digest": places.grid.digest}
                 | {"places": len(places.points)}
-                | {"lost_rate": self.lost_rate(n)}
+                | self.rates(n)
                 | {
                     f"{each}_10_50_90": self.quantiles(n, each)
                     for each in places.sizes
-                    if each != "lost_rate"
+                    if each not in self.rates(n)
                 }
                 for n, places in enumerate(self.places)
             ],
@@ -192,7 +203,7 @@ class Evaluation(Result):
         columns = (
             Column("map"),
             *POSITION,
-            *(Column(size, "" if size == "lost_rate" else "m") for size in self.places[0].sizes),
+            *(Column(size, "" if size in self.rates(0) else "m") for size in self.places[0].sizes),
             *(Column(f"{kind}_heading_rmse", "rad") for kind in KINDS),
             *(Column(each.column) for each in self.predictions[0]),
         )
@@ -220,16 +231,17 @@ def evaluation_report(evaluation: Evaluation) -> str:
         cells = [places.grid.name]
         for size in places.sizes:
             some = (plain(each, digits_of(each)) for each in evaluation.quantiles(n, size)[1:])
-            lost = f"{evaluation.lost_rate(n):.0%}"
-            cells.append(lost if size == "lost_rate" else "/".join(some))
+            rate = evaluation.rates(n).get(size)
+            cells.append("/".join(some) if rate is None else f"{rate:.0%}")
         sizes.append(cells)
-    columns = ["map", "median", "lost", "RMSE,\nkept", "RMSE", "scan\nmedian", "scan\nRMSE"]
+    columns = ["map", "median", "off by\n> 1 m", "there\n> 0.5 m", "RMSE,\nkept", "RMSE"]
+    columns += ["scan\nmedian", "scan\nRMSE"]
     parts += [
         "Spearman's correlation of e and the deviations with the RMSE of the position (*: of the",
         "heading) [95 %]; AUC: of finding the worst fifth of the places, by chance 0.5",
         table(columns, sizes),
-        "errors of the position, 50/90 % of the places [m]; lost: of the drives, > 1 m at any"
-        " time;\nkept: those not lost",
+        "errors of the position, 50/90 % of the places [m]; off by > 1 m at some time, and by"
+        " > 0.5 m at\nthe place: of the drives; kept: those never off by > 1 m",
         f"{sum(len(each.points) for each in evaluation.places)} places, {evaluation.drives} drives"
         f" to each, {evaluation.scans} scans there; with {evaluation.robot.title}",
         "",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,9 +31,9 @@ from locplan.plotting import (
     zoomed_to,
 )
 from locplan.robots import Robot
-from locplan.simulation._arrivals import ARRIVED, Arrivals
+from locplan.simulation._arrivals import ENDS, LEAVES, STOPS, Arrivals, faults_of
 from locplan.simulation._calibration import Calibration
-from locplan.simulation._drives import LOST, contrasts
+from locplan.simulation._drives import LOST, contrasts, rates_of
 from locplan.simulation._evaluation import Evaluation
 from locplan.simulation._places import KINDS, ErrorKind
 from locplan.simulation._predictors import Predictor
@@ -87,28 +87,27 @@ def simulation_figure(simulation: Simulation) -> Figure:
         lower.plot(distance, mean, linewidth=1.8, **style)
         text = (
             f"{name}: {distance[-1]:.1f} m, median error {in_metres(drives.median_error.value)},"
-            f" {drives.lost_rate.value:.0%} lost, RMSE {in_metres(drives.rmse.value)}"
+            f" {rates_of(drives)}, RMSE {in_metres(drives.rmse.value)}"
         )
         if 0 < drives.lost_rate.value < 1:
-            text += f" ({in_metres(drives.kept_rmse.value)} of those not lost)"
+            text += f" ({in_metres(drives.kept_rmse.value)} of those never off by more than 1 m)"
         if name in ratios:
             text += f"; RMSE {_formatted(ratios[name])} of {next(iter(profiles))}'s"
         if simulation.arrivals:
-            text += f"; {_failures_drawn(upper, simulation.arrivals[name], style)}"
+            found = simulation.arrivals[name]
+            draw_places(upper, found, colour)
+            text += f"; steered by the filter, {found.words} arrive{faults_of(found)}"
         text = textwrap.fill(text, int(LETTERS * (width - 1)), break_on_hyphens=False)
         handles.append(Line2D([], [], linewidth=2, label=text, **style))
         draw_ends(upper, xy[0], xy[-1])
     bar = figure.colorbar(coloured, ax=upper, label="mean position error [m]", shrink=0.9)
     label_plainly(bar.ax.yaxis)
     lower.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
-    where = "axes fraction", "data"
-    lower.annotate("lost", (1, LOST), (-4, -3), where, "offset points", ha="right", va="top")
     lower.set(xlabel="distance along the path [m]", ylabel="position error [m]")
     make_logarithmic(lower.yaxis)
     lower.margins(x=0.01)
-    figure.legend(
-        handles=[*handles, *end_handles()], loc="outside lower center", frameon=False, ncols=1
-    )
+    handles += [*place_handles((simulation.arrivals or {}).values()), *end_handles()]
+    figure.legend(handles=handles, loc="outside lower center", frameon=False, ncols=1)
     count = len(next(iter(simulation.drives.values())).errors)
     upper.set_title(
         f"{grid.name or 'map'}: {count} simulated drives of each path,"
@@ -119,15 +118,42 @@ def simulation_figure(simulation: Simulation) -> Figure:
     return figure
 
 
-def _failures_drawn(axes: Axes, found: Arrivals, style: Mapping[str, Any]) -> str:
-    """Draw a cross where each drive ends that does not arrive, and say how many do."""
-    failed = [each.truth[-1] for each in found.drives if each.outcome != ARRIVED]
-    if failed:
-        x, y, _ = np.array(failed).T
-        axes.plot(x, y, "x", color=style["color"], markersize=7, markeredgewidth=2, zorder=5)
-    count = len(found.drives)
-    at = " (crosses: where others end)" if failed else ""
-    return f"steered by the filter, {count - len(failed)} of {count} arrive{at}"
+MARKS = {ENDS: "x", STOPS: "s", LEAVES: "."}
+"""Marks of where closed-loop drives go wrong."""
+
+
+def draw_places(axes: Axes, arrivals: Arrivals, colour: Any) -> None:
+    """Mark where robots stop, end without having arrived, and leave the path.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to draw.
+    arrivals : Arrivals
+        Closed-loop drives along one path.
+    colour : color
+        The path's colour.
+    """
+    rows = arrivals.places().rows
+    for what, mark in MARKS.items():
+        xy = np.array([row[2:4] for row in rows if row[1] == what]).reshape(-1, 2)
+        axes.plot(
+            *xy.T, mark, color=colour, markersize=6, markeredgewidth=1.5, mfc="none", zorder=5
+        )
+
+
+def place_handles(arrivals: Iterable[Arrivals]) -> list[Line2D]:
+    """Entries of a legend for the marks that there are.
+
+    Parameters
+    ----------
+    arrivals : iterable of Arrivals
+        Closed-loop drives along some paths.
+    """
+    shown = {row[1] for each in arrivals for row in each.places().rows}
+    style: dict[str, Any] = {"linestyle": "", "color": "0.3", "mfc": "none"}
+    kinds = [(what, mark) for what, mark in MARKS.items() if what in shown]
+    return [Line2D([], [], marker=mark, label=f"a robot {what}", **style) for what, mark in kinds]
 
 
 def queries_figure(routes: Routes) -> Figure:
@@ -152,8 +178,8 @@ def queries_figure(routes: Routes) -> Figure:
             xlim=(-0.03, 1.03),
             ylim=(-0.03, 1.03),
             aspect="equal",
-            xlabel="lost on the shortest path, share of drives",
-            ylabel="lost on the aware path",
+            xlabel="off by > 1 m at some time on the shortest path, share of drives",
+            ylabel="the same on the aware path",
         )
     for number, at in enumerate(_beside(np.log(rmse)), 1):
         style = {"ha": "center", "va": "center", "fontsize": "small"}
@@ -164,7 +190,7 @@ def queries_figure(routes: Routes) -> Figure:
         f"{routes.grid.name or 'map'}{lidar}, {len(routes.routes)} queries: {routes.verdict}",
         f"aware over shortest: RMSE {_formatted(routes.rmse_ratio)},"
         f" length {_formatted(routes.length_ratio)}",
-        "" if lost.any() else "no drive was lost on either path",
+        "" if lost.any() else "no drive was off by more than 1 m on either path",
     ]
     most = int(LETTERS * figure.get_figwidth())
     filled = (textwrap.fill(line, most, break_on_hyphens=False) for line in lines if line)

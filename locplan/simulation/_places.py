@@ -17,7 +17,7 @@ from locplan.errors import ConfigError
 from locplan.field import FieldConfig, well_spaced
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot, radius_of
-from locplan.simulation._drives import LOST, MAX_DRIVES
+from locplan.simulation._drives import LOST, MAX_DRIVES, OFF
 from locplan.simulation._simulator import APPROACH, POINTS, Simulator
 from locplan.simulation._worlds import approaches, check_of_one_map
 
@@ -52,10 +52,11 @@ class Places:
     match_median: NDArray[np.float64]
     """Median of the matches' position error, (n,) [m]."""
     lost: NDArray[np.float64]
-    """Share of the drives to each place that were lost, off by more than 1 m, at any time, (n,),
-    0..1."""
+    """Share of the drives to each place that were off by more than 1 m at some time, (n,), 0..1."""
+    off_at_goal: NDArray[np.float64]
+    """Share of those that were off by more than 0.5 m at the place, (n,), 0..1."""
     kept_rmse: NDArray[np.float64]
-    """RMSE of the position of the drives that were not lost, (n,) [m]; NaN where all were."""
+    """RMSE of the position of those never off by more than 1 m, (n,) [m]; NaN where all were."""
     halves: NDArray[np.float64]
     """RMSE of the position of every second drive and of the others, (n, 2) [m]."""
 
@@ -110,10 +111,11 @@ class Places:
 
     @property
     def sizes(self) -> dict[str, NDArray[np.float64]]:
-        """Sizes of the errors at each place by name, (n,) [m]; "lost_rate" is a share."""
+        """Sizes of the errors at each place by name, (n,) [m]; those of `RATES` are shares."""
         return {
             "tracking_median": self.tracking_median,
             "lost_rate": self.lost,
+            "off_at_goal": self.off_at_goal,
             "tracking_kept_rmse": self.kept_rmse,
             "tracking_rmse": self.position_rmse("tracking"),
             "match_median": self.match_median,
@@ -221,6 +223,9 @@ def measure(
         np.median(_distances(tracking), axis=1),
         np.median(_distances(matching), axis=1),
         lost,
+        np.where(np.isnan(last[:, :, -1, 0]), np.nan, _distances(last[:, :, -1]) > OFF).mean(
+            axis=1
+        ),
         kept,
         _halves(last),
     )

@@ -143,7 +143,7 @@ def conclusion(
         share = f"{100 * lost:.1f} % of the drives were" if lost else "no drive was"
         return [
             f"The filter holds its position: at 90 % of the places its RMSE is at most"
-            f" {in_metres(rmse)}, and {share} lost.",
+            f" {in_metres(rmse)}, and {share} off by more than 1 m at some time.",
             "There is little to gain here, whether from other settings or from other paths.",
         ]
     failed = float((found["match_rmse"] > 0.25).mean())
@@ -210,7 +210,7 @@ def _about_deeds(tracking: float, match: float, rmse: float, lost: float, failed
         return f"Single scans {failing}: {avoid}; the filter needs no tuning: {medians}."
     return (
         f"The filter is about as good as single scans ({medians}), but"
-        f" {100 * lost:.1f} % of the drives were lost (> {LOST:g} m at any time), and at"
+        f" {100 * lost:.1f} % of the drives were off by more than {LOST:g} m at some time, and at"
         f" 10 % of the places its RMSE exceeds {in_metres(rmse)}: compare paths with"
         " `locplan plan`."
     )

@@ -16,6 +16,7 @@ from locplan.costs import Costmap, Path, divided_poses
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.planners import plan_field
+from locplan.robots import Inflation, Robot
 from locplan.simulation._drives import DriveArguments, Line
 from locplan.simulation._own_filters import track
 
@@ -218,6 +219,32 @@ class Stage:
         follow: Any = track if arguments.scores is None else drive
         follow(random, line.truth, World(world, self.resolution, cells), *arguments, errors)
         return errors
+
+
+def inflation_of(robot: Robot) -> Inflation:
+    """The robot's inflation, or that of Nav2's bringup.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    """
+    return robot.inflation or Inflation(inflation_radius=0.7, cost_scaling_factor=3.0)
+
+
+def inflated(clearance: NDArray[np.float64], robot: Robot) -> NDArray[np.float64]:
+    """Density that Nav2's planners see in an inflated costmap: 50 to 252, over 50.
+
+    Parameters
+    ----------
+    clearance : array
+        Distance from walls [m].
+    robot : Robot
+        The robot.
+    """
+    inflation = inflation_of(robot)
+    cost = 4 * np.exp(-inflation.cost_scaling_factor * (clearance - robot.radius))
+    return 1 + np.where(clearance <= inflation.inflation_radius, np.minimum(cost, 4), 0)
 
 
 def turned(errors: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:

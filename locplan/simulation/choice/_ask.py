@@ -81,6 +81,9 @@ class ChoiceSettings(Settings):
     """Maximum number of confirming drives of a path, 2 to 1024; 0 drives no path."""
     bold: bool = False
     """Whether a path that is only probably better is recommended, too."""
+    thorough: bool = False
+    """Whether 40 closed-loop drives of the path to take and of the shortest show how often each
+    arrives, rather than 16."""
     time_limit: float | None = None
     """Time after which no further round of confirming drives begins, above 0 [s]; None sets
     none."""
@@ -96,7 +99,7 @@ class ChoiceSettings(Settings):
         keep(self, via=tuple(self.via), longest=number("longest", self.longest, 1.0))
         keep(self, price=number("price", self.price, 0.0))
         one_of("minimise", self.minimise, MINIMISED)
-        for name in ("front", "bold"):
+        for name in ("front", "bold", "thorough"):
             instance(name, getattr(self, name), bool, "give true or false")
         if self.drives != 0:
             whole("drives (0 drives no path)", self.drives, 2, LOOKS[-1])
@@ -141,6 +144,11 @@ class ChoiceSettings(Settings):
             return None
         rival = dataclasses.replace(own, **CALM) if self.rival == TUNED else self.rival
         return None if rival == own else rival
+
+    @property
+    def closed_drives(self) -> int:
+        """Number of closed-loop drives of the path to take and of the shortest."""
+        return 40 if self.thorough else 16
 
     @property
     def is_limited(self) -> bool:

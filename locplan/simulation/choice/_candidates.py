@@ -17,8 +17,7 @@ from locplan.errors import ConfigError
 from locplan.field import CovarianceField, values_at
 from locplan.maps import OccupancyGrid
 from locplan.planners import SHORTEST, ParetoFront, Plan, Planner, pareto_front, planner_for
-from locplan.robots import Inflation
-from locplan.simulation._worlds import Window, window_about
+from locplan.simulation._worlds import Window, inflated, window_about
 from locplan.simulation.choice._ask import NEAR, Ask, distances_to
 from locplan.simulation.choice._driven import lines_along
 
@@ -88,14 +87,8 @@ class Part:
 
     @property
     def inflated(self) -> NDArray[np.float64]:
-        """Density that Nav2's planners see in an inflated costmap: 50 to 252, over 50."""
-        nav2s = Inflation(inflation_radius=0.7, cost_scaling_factor=3.0)  # of its bringup
-        inflation = self.ask.robot.inflation or nav2s
-        beyond = self.grid.clearance - self.ask.robot.radius
-        cost = 4 * np.exp(-inflation.cost_scaling_factor * beyond)
-        return 1 + np.where(
-            self.grid.clearance <= inflation.inflation_radius, np.minimum(cost, 4), 0
-        )
+        """Density that Nav2's planners see in an inflated costmap."""
+        return inflated(self.grid.clearance, self.ask.robot)
 
     @property
     def beside(self) -> NDArray[np.float64]:

@@ -16,16 +16,19 @@ from locplan._util.tables import file_name, wrapped, write_rows
 from locplan.costs import Costmap, Path
 from locplan.planners import Plan, Position
 from locplan.robots import Amcl, Robot
+from locplan.simulation._arrivals import Arrivals, faults_of
 from locplan.simulation.choice._ask import TUNED, ChoiceSettings
 from locplan.simulation.choice._driven import DRIVEN, PLANNED, Candidate, Driven
 from locplan.simulation.choice._race import (
-    CLEARLY_BETTER,
     LOSES_MORE,
     NO_DIFFERENCE,
     PROBABLY_BETTER,
     ROUNDS,
     Judgement,
 )
+
+FAILS_MORE = 1 / 8
+"""Share of the closed-loop drives by which a path may fail more often than the shortest."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,7 +37,8 @@ class Choice(Result, Stored):
 
     kind: ClassVar[str] = "choice"
     suffix: ClassVar[str] = ".json"
-    derived: ClassVar[tuple[str, ...]] = ("taken", "verdict", "sentence", "advice")
+    version: ClassVar[int] = 2
+    derived: ClassVar[tuple[str, ...]] = ("taken", "verdict", "sentence", "arrives", "advice")
 
     files: ClassVar[Results] = Results(
         "choice", ("choice.json", "choice.png", "candidates.csv", "chosen.csv", "errors.csv")
@@ -93,8 +97,21 @@ class Choice(Result, Stored):
         """Index of the candidate to take: the aware path of the field where nothing was driven."""
         if self.judgement is None:
             return int(len(self.candidates) > 1 and self.candidates[1].planner != "")
-        takes = (CLEARLY_BETTER, *([PROBABLY_BETTER] if self.settings.bold else []))
-        return self.judgement.leader if self.verdict in takes else 0
+        takes = self.judgement.takes(self.settings.bold) and not self._fails_more
+        return self.judgement.leader if takes else 0
+
+    @property
+    def _arrivals(self) -> list[Arrivals]:
+        """Closed-loop drives of the shortest path and of the race's winner; none if it is that."""
+        return [each.arrivals for each in self.candidates if each.arrivals is not None]
+
+    @property
+    def _fails_more(self) -> bool:
+        """Whether the robot arrives too seldom by the winner of the race."""
+        if not self._arrivals:
+            return False
+        shortest, leader = self._arrivals
+        return shortest.count - leader.count > FAILS_MORE * len(leader.drives)
 
     @property
     def shortest(self) -> Candidate | None:
@@ -130,17 +147,31 @@ class Choice(Result, Stored):
             return f"take the shortest: no other path led by 1 % in the race of {ROUNDS[-1]} drives"
         leader = self.candidates[found.leader]
         error = f"x{short(found.ratio)} of its error {at_length(shortest, leader)}"
-        more_lost = ", but more of its drives are lost" if found.more_lost else ""
+        more_lost = ", but more of its drives are off by over 1 m" if found.more_lost else ""
         if chosen is leader:
             answer = f'take "{leader.name}": {found.verdict} than the shortest, {error}'
             return answer + self._slight
         bold = "; --bold (bold=True) takes it" if self.verdict == PROBABLY_BETTER else ""
+        if self._fails_more:
+            return f"take the shortest: by {leader.name} fewer robots arrive, {error}"
         if found.verdict == LOSES_MORE:
-            return f"take the shortest: {leader.name} loses more drives, {error}"
+            return f"take the shortest: by {leader.name} more drives are off by over 1 m, {error}"
         what = f"{leader.name} is {found.verdict}"
         if found.verdict == NO_DIFFERENCE:
             what = f"{found.verdict} to {leader.name}"
         return f"take the shortest: {what}, {error}{more_lost}{bold}"
+
+    @property
+    def arrives(self) -> str:
+        """How many robots arrive that a follower steers by their filters' poses, in words."""
+        if not self._arrivals or self.judgement is None:
+            return ""
+        shortest, leader = self._arrivals
+        name = self.candidates[self.judgement.leader].name
+        return (
+            f'"{name}" arrives in {leader.words} instead of {shortest.words}, with a pursuit'
+            f" follower{faults_of(shortest, leader)}"
+        )
 
     @property
     def _slight(self) -> str:
@@ -150,7 +181,7 @@ class Choice(Result, Stored):
         gained = shortest.driven.error.value - chosen.driven.error.value
         if self.settings.minimise != "rmse" or gained >= 0.02 or shortest.driven.lost.any():
             return ""
-        return "; that is under 2 cm, and no drive is lost on the shortest either"
+        return "; that is under 2 cm, and no drive is off by over 1 m on the shortest either"
 
     @property
     def advice(self) -> list[str]:
@@ -161,7 +192,7 @@ class Choice(Result, Stored):
         if chosen.driven.lost_rate.value >= 0.5:  # paths are not the remedy
             tool = " with `locplan tune`" if isinstance(self.robot.filter, Amcl) else ""
             found.append(
-                f"half of its drives or more are lost: tune the filter first{tool};"
+                f"half of its drives or more are off by over 1 m: tune the filter first{tool};"
                 " `locplan evaluate` tells if single scans fail as well"
             )
         taken = self.judgement.ratio.value if self.best else 1.0
@@ -174,6 +205,11 @@ class Choice(Result, Stored):
                 f" {preset if filter == TUNED else filter.title} has x{short(rival)} of the error"
             )
         return found
+
+    @property
+    def said(self) -> list[str]:
+        """The answer, who arrives, and the advice."""
+        return [each for each in (self.sentence, self.arrives, *self.advice) if each]
 
     @property
     def driven(self) -> str:
@@ -222,16 +258,13 @@ class Choice(Result, Stored):
         shown_of = what.get(self.settings.minimise, "error of the heading")
         heads = [
             f"{shown_of}: of a typical drive (geometric mean of the RMSE); [95 % intervals]",
-            "lost: off by more than 1 m at some time",
         ]
         left = [f"{each.name}: {each.note}" for each in self.candidates if each.note]
         left += [f"left out: {name}: {why}" for name, why in self.left_out.items()]
         below = [*left, *([self.driven, *heads] if self.judgement else [])]
         if self.costs is not None and not self.costs.has_weak_spots:
             below.append("no weak spot for this lidar: u is 0 all over the map")
-        return "\n".join(
-            [*wrapped([self.sentence, *self.advice]), str(self.table()), *wrapped(below)]
-        )
+        return "\n".join([*wrapped(self.said), str(self.table()), *wrapped(below)])
 
     def _write(self, folder: File, *about: Any) -> None:
         """Write the paths, the table and the errors along the paths."""

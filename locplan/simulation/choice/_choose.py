@@ -59,7 +59,8 @@ def choose(
     Candidates are the shortest path, the one on the robot's own inflated costmap, paths clear of
     walls, ways around, and localizability-aware paths. They race over a few drives; the leading
     ones and the shortest are then driven afresh until the ratio of their errors is known. Only a
-    path that is clearly better, and does not lose more drives, replaces the shortest.
+    path that is clearly better, and does not lose more drives, replaces the shortest; and only if
+    the robot, steered by its filter in some closed-loop drives of both, arrives about as often.
 
     Where the robot's lidar is not known, nothing is driven: the aware path of the field is then
     given beside the shortest one.
@@ -171,8 +172,12 @@ def _driven(
         asked.drives,
         lambda: time.monotonic() > until,
     )
+    arrivals = driver.arrivals(found)
     made = tuple(
-        Candidate(name, path, path_metrics(costs, path), driver.shown(n, found))
+        Candidate(
+            *(name, path, path_metrics(costs, path), driver.shown(n, found)),
+            arrivals=arrivals.get(n),
+        )
         for n, (name, path) in enumerate(paths.items())
     )
     parts = {"candidates": made, "left_out": left_out, "judgement": found}

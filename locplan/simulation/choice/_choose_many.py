@@ -24,6 +24,7 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.field import Fused, equipped, load_or_compute
 from locplan.planners import Query, check_ends, check_random, queries_of
 from locplan.robots import Robot
+from locplan.simulation._drives import RATES
 from locplan.simulation._worlds import check_of_one_map
 from locplan.simulation.choice._ask import ChoiceSettings
 from locplan.simulation.choice._choice import Choice
@@ -59,6 +60,11 @@ class MapChoice:
     def lost(self) -> tuple[float, float]:
         """Share of lost drives of both, 0..1; NaN without a path."""
         return self._both(lambda each: each.driven.lost_rate.value if each.driven else math.nan)
+
+    @property
+    def off_at_goal(self) -> tuple[float, float]:
+        """Share of drives of both off by more than 0.5 m at the goal, 0..1; NaN without a path."""
+        return self._both(lambda each: each.driven.off_at_goal.value if each.driven else math.nan)
 
     def _both(self, value: Callable[[Candidate], float]) -> tuple[float, float]:
         both = self.choice.shortest, self.choice.chosen
@@ -121,7 +127,15 @@ class Choices:
     @property
     def lost(self) -> tuple[float, float]:
         """Share of lost drives along the shortest and the chosen paths: means over the queries."""
-        both = np.array([each.lost for each in self.solved] or [(math.nan, math.nan)])
+        return self._means("lost")
+
+    @property
+    def off_at_goal(self) -> tuple[float, float]:
+        """Share of drives off by more than 0.5 m at the goal along both: means."""
+        return self._means("off_at_goal")
+
+    def _means(self, name: str) -> tuple[float, float]:
+        both = np.array([getattr(each, name) for each in self.solved] or [(math.nan, math.nan)])
         shortest, chosen = both.mean(axis=0).tolist()
         return shortest, chosen
 
@@ -138,6 +152,7 @@ class Choices:
             *_pair("length", "lengths", "m"),
             *_pair("error", "errors"),
             *_pair("lost", "lost"),
+            *_pair("off_at_goal", "off_at_goal"),
         )
         return Table.of(columns, self.choices)
 
@@ -150,6 +165,7 @@ class Choices:
             "error_ratio": list(self.error_ratio),
             "length_ratio": list(self.length_ratio),
             "lost": list(self.lost),
+            "off_at_goal": list(self.off_at_goal),
             "choices": [
                 {"map": each.map, "query": each.query.name, **each.choice.summary()}
                 for each in self.choices
@@ -169,13 +185,16 @@ class Choices:
             Column("left", title="detours", digits=0),
             Column("length_ratio", title="length"),
             Column("error_ratio", title="error", interval=True),
-            Column("lost", title="lost"),
+            *(Column(each.name, title=each.title) for each in RATES),
         )
         rows = (
             (
                 *(name, f"{len(group.solved)} of {len(group)}", group.left),
                 *(group.length_ratio.value, group.error_ratio),
-                "{:.0%} -> {:.0%}".format(*group.lost) if group.solved else "-",
+                *(
+                    "{:.0%} -> {:.0%}".format(*both) if group.solved else "-"
+                    for both in (group.lost, group.off_at_goal)
+                ),
             )
             for name, group in groups.items()
         )

@@ -19,7 +19,9 @@ from locplan._util.saved import Valued
 from locplan.costs import Path, PathMetrics
 from locplan.errors import LocplanError
 from locplan.maps import OccupancyGrid
-from locplan.simulation._drives import Drives, log_errors, worst_error
+from locplan.simulation._arrivals import ARRIVING, Arrivals
+from locplan.simulation._closed_loop import drive_closed
+from locplan.simulation._drives import RATES, Drives, log_errors, worst_error
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import poses_along
 from locplan.simulation.choice._ask import ChoiceSettings
@@ -30,7 +32,7 @@ from locplan.simulation.choice._race import FINALISTS, KEPT, ROUNDS, Judgement, 
 class Driven(Valued):
     """How the drives went whose figures are shown of a candidate."""
 
-    derived: ClassVar[tuple[str, ...]] = ("error", "lost_rate")
+    derived: ClassVar[tuple[str, ...]] = ("error", "lost_rate", "off_at_goal")
 
     numbers: range
     """Numbers of the drives; those of the same number have one world and one seed."""
@@ -43,6 +45,8 @@ class Driven(Valued):
     profile: NDArray[np.float64]
     """Distance along the path, and the median, the 10 % and the 90 % quantile over the drives of
     the error of the position there, (n, 4) [m]."""
+    off: NDArray[np.bool_] = dataclasses.field(default_factory=lambda: np.zeros(0, bool))
+    """True for each drive that was off by more than 0.5 m at the goal, (drives,)."""
 
     @classmethod
     def of(
@@ -64,7 +68,7 @@ class Driven(Valued):
         at = np.unique(np.linspace(0, len(drives.poses) - 1, 200).round().astype(int))
         low, median, high = np.quantile(drives.position_error[:, at], (0.1, 0.5, 0.9), axis=0)
         profile = np.column_stack([drives.distance[at], median, low, high])
-        return cls(numbers, log_error, drives.lost, ratio, profile)
+        return cls(numbers, log_error, drives.lost, ratio, profile, drives.off)
 
     @property
     def error(self) -> Interval:
@@ -75,6 +79,13 @@ class Driven(Valued):
     def lost_rate(self) -> Interval:
         """Share of the drives that were off by more than 1 m at some time."""
         return wilson(float(self.lost.mean()), len(self.lost))
+
+    @property
+    def off_at_goal(self) -> Interval:
+        """Share of the drives that were off by more than 0.5 m at the goal."""
+        if not len(self.off):  # of a choice that an older locplan saved
+            return NOTHING
+        return wilson(float(self.off.mean()), len(self.off))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -98,9 +109,14 @@ class Candidate(Valued):
     """What the planner says of it."""
     history: tuple[tuple[float, float], ...] = ()
     """Time since a sampling planner began [s] and its best J [m], whenever that fell."""
+    arrivals: Arrivals | None = None
+    """Closed-loop drives, of the path to take and of the shortest, unless they are one."""
 
     def __repr__(self) -> str:
         return f"Candidate({self.name}, {self.path.length:.2f} m)"
+
+
+NOTHING = Interval(math.nan, math.nan, math.nan)
 
 
 def _of_metrics(name: str, unit: str, title: str | None = None, digits: int = 2) -> Column:
@@ -112,6 +128,17 @@ def _of_drives(name: str, unit: str, title: str, digits: int = 2, people: str = 
         return getattr(each.driven, name)
 
     return Column(name, unit, title, digits, people, interval=True, value=value)
+
+
+def _of_rate(column: Column) -> Column:
+    return dataclasses.replace(column, value=lambda each: getattr(each.driven, column.name))
+
+
+def _of_arrivals(column: Column) -> Column:
+    def value(each: Candidate) -> Interval:
+        return column.of(each.arrivals) if each.arrivals else NOTHING
+
+    return dataclasses.replace(column, title=None, value=value)
 
 
 _NAMED = (Column("name", title="path"), _of_metrics("length", "m", "length", 1))
@@ -136,12 +163,13 @@ DRIVEN: tuple[Column, ...] = (
     *_NAMED,
     _of_drives("error", "m", "error"),
     _of_drives("ratio", "", "ratio"),
-    _of_drives("lost_rate", "", "lost", 0, "%"),
+    *map(_of_rate, RATES),
     Column("drives", value=lambda each: len(each.driven.numbers)),
     _of_metrics("cost", "m"),
     _of_metrics("integrated_u", "m"),
     _of_metrics("integrated_e", "m² rad m"),
     *_E,
+    *map(_of_arrivals, ARRIVING),
 )
 """Columns of candidates that were driven."""
 
@@ -186,6 +214,7 @@ class Driver:
         progress: ProgressCallback | None,
     ) -> None:
         grid = simulator.grid
+        self._paths = [*paths.values()]
         self._lines = [*lines_along(paths, grid).values()]
         self._whole, self._simulator = simulator, simulator.about(self._lines)
         self._settings, self._progress = settings, progress
@@ -196,6 +225,8 @@ class Driver:
         kept = min(len(paths), KEPT + 1)
         self._done, self._total = 0, ROUNDS[0] * len(paths) + (ROUNDS[1] - ROUNDS[0]) * kept
         self._total += min(len(paths), FINALISTS + 1) * settings.drives + RIVAL_DRIVES
+        self._closed = range(settings.closed_drives)
+        self._total += 2 * len(self._closed)
 
     def __call__(self, paths: Sequence[int], numbers: range) -> Scores:
         """Drive some paths with the drives of some numbers."""
@@ -211,12 +242,23 @@ class Driver:
         leads = found.leader and path in (0, found.leader)
         own = found.drives if leads else range(ROUNDS[-1])
         numbers = range(own.start, min(own.stop, len(self._errors[path])))
-        ratio = Interval(math.nan, math.nan, math.nan)
+        ratio = NOTHING
         if path:
             apart = self._log_errors(path, numbers) - self._log_errors(0, numbers)
             ratio = found.ratio if leads else of_geometric_mean(np.exp(apart))
         errors = self._log_errors(path, numbers)
         return Driven.of(self._drives(path, numbers), numbers, errors, ratio)
+
+    def arrivals(self, found: Judgement) -> dict[int, Arrivals]:
+        """Closed-loop drives of the path to take and of the shortest, unless they are one."""
+        if not found.takes(self._settings.bold):
+            return {}
+        both = {f"{path}": self._paths[path] for path in (0, found.leader)}
+        made = drive_closed(
+            self._simulator, both, self._closed, stream=STREAM + 1, progress=self._step
+        )
+        self._done += 2 * len(self._closed)
+        return {int(path): each for path, each in made.items()}
 
     def rival(self, found: Judgement) -> Driven | None:
         """Drives of the shortest path with the rival's filter, beside those that are shown."""
@@ -236,14 +278,14 @@ class Driver:
     def _drive(
         self, simulator: Simulator, paths: Sequence[int], numbers: range
     ) -> list[NDArray[np.float64]]:
-        def step(done: int, _: int) -> None:
-            if self._progress:
-                self._progress(self._done + done, self._total)
-
         lines = [self._lines[path] for path in paths]
-        errors = simulator.drive_together(lines, numbers, stream=STREAM, progress=step)
+        errors = simulator.drive_together(lines, numbers, stream=STREAM, progress=self._step)
         self._done += len(paths) * len(numbers)
         return errors
+
+    def _step(self, done: int, _: int) -> None:
+        if self._progress:
+            self._progress(self._done + done, self._total)
 
     def _drives(self, path: int, numbers: range) -> Drives:
         return Drives(self._lines[path], self._errors[path][numbers.start : numbers.stop])

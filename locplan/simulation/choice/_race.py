@@ -107,6 +107,16 @@ class Judgement(Valued):
     more_lost: bool = False
     """Whether the leader lost more drives than the shortest path, in the race and after it."""
 
+    def takes(self, bold: bool) -> bool:
+        """Whether the leader is to be taken in place of the shortest path.
+
+        Parameters
+        ----------
+        bold : bool
+            Whether probably better is enough.
+        """
+        return self.verdict == CLEARLY_BETTER or (bold and self.verdict == PROBABLY_BETTER)
+
 
 def judged(
     drive: Drive,

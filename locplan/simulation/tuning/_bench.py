@@ -20,7 +20,7 @@ from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan, random_queries
 from locplan.robots import Amcl, Lidar, Robot, score_values
-from locplan.simulation._drives import FLOOR, LOST, DriveArguments, drive_arguments
+from locplan.simulation._drives import FLOOR, LOST, OFF, DriveArguments, drive_arguments
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import poses_along
 
@@ -68,7 +68,9 @@ class Driven:
     squares: NDArray[np.float64]
     """Mean square of each drive's position error [m^2]."""
     lost: NDArray[np.float64]
-    """1 for each drive that was lost at any time, else 0."""
+    """1 for each drive that was off by more than 1 m at some time, else 0."""
+    off: NDArray[np.float64]
+    """1 for each drive that was off by more than 0.5 m at the end, else 0."""
     seconds: NDArray[np.float64]
     """CPU time of each drive [s]."""
     errors: dict[tuple[int, int, int], NDArray[np.float32]]
@@ -185,8 +187,8 @@ class TuningBench(ABC):
         left_out = [n for n in range(len(self.levels)) if levels is not None and n not in levels]
         for amcl in dict.fromkeys(settings):
             if amcl not in self.driven:
-                squares, lost, seconds = (np.full(self._shape, np.nan) for _ in range(3))
-                self.driven[amcl] = Driven(squares, lost, seconds, {})
+                squares, lost, off, seconds = (np.full(self._shape, np.nan) for _ in range(4))
+                self.driven[amcl] = Driven(squares, lost, off, seconds, {})
             missing = np.isnan(self.driven[amcl].squares[:, :paths, :drives])
             missing[left_out] = False
             if missing.any():
@@ -250,6 +252,7 @@ class TuningBench(ABC):
             into.seconds[level, path, n] = time.thread_time() - started
             position = np.nan_to_num(np.hypot(errors[:, 0], errors[:, 1]), nan=FARTHEST)
             into.lost[level, path, n] = position.max() > LOST
+            into.off[level, path, n] = position[-1] > OFF
             into.squares[level, path, n] = (position**2).mean()
             into.errors[level, path, n] = position[::8].astype(np.float32)
         return len(drives)

@@ -322,6 +322,7 @@ def _judged(bench: TuningBench, name: str, amcl: Amcl, own: Amcl) -> Judged:
                 math.nan if lost.all() else float(np.sqrt(squares[~lost].mean())),
                 float(np.median(errors)),
                 wilson(float(lost.mean()), lost.size),
+                wilson(float(driven.off[n].mean()), lost.size),
                 of_geometric_mean(ratios[n]),
                 of_mean(differences[n]),
             )
