@@ -309,7 +309,8 @@ def _explained(tuning: Tuning) -> str:
     return (
         "RMSE of the position, and shares of the drives off by > 1 m at some time and by > 0.5 m"
         " at the\ngoal, with a third of, once and three times odometry's errors, on"
-        f" {tuning.paths} random paths, {tuning.drives} drives each, on which\nnothing was chosen; RMSE to A's over all levels [95 %]; ms: CPU time,"
+        f" {tuning.paths} random paths, {tuning.drives} drives each, on which\nnothing was chosen;"
+        " RMSE to A's over all levels [95 %]; ms: CPU time,"
         " with that of the simulated scan"
     )
 
