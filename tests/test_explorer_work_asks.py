@@ -43,19 +43,18 @@ def session():
 
 def test_a_simulation_is_answered_with_intervals_and_profiles(session):
     told = answered(session, "simulate", **{**WAY, "via": [list(MIDDLE)], "weight": 12}, drives=3)
-    assert told["chosen"] in {each["name"] for each in told["candidates"]}
+    assert told["taken"] in {each["name"] for each in told["candidates"]}
     for each in told["candidates"]:
-        assert len(each["error_m"]) == len(each["lost"]) == 3
-        profile = each["profile"]
-        assert len(profile["s"]) == len(profile["median_cm"]) == len(profile["p90_cm"])
-        assert profile["s"][-1] == pytest.approx(each["length"], abs=0.2)
-        assert all(np.subtract(profile["p90_cm"], profile["median_cm"]) >= 0)
+        assert len(each["driven"]["error"]) == len(each["driven"]["lost_rate"]) == 3
+        distance, median, _, high = np.array(each["driven"]["profile"]).T
+        assert distance[-1] == pytest.approx(each["metrics"]["length"], abs=0.2)
+        assert (high >= median).all()
 
 
 def test_the_robot_of_the_command_line_is_simulated():
     session = session_of(robot=ROBOT.changed({"laser_model_type": "likelihood_field_prob"}))
     told = answered(session, "simulate", **{**WAY, "via": [list(MIDDLE)], "weight": 12}, drives=2)
-    assert "likelihood_field_prob" in told["verdict"]
+    assert "likelihood_field_prob" in told["driven"]
     session.close()
 
 

@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import MAX_RANGE, number
 from locplan._util.files import make_folder
-from locplan._util.poses import window_around
 from locplan.errors import ConfigError
 from locplan.explorer._asks import Ask, Cancelled
 from locplan.explorer._scene import Limits
 from locplan.explorer._session import Session
 from locplan.field import ESTIMATORS, SHORT_LIDAR, FieldConfig, estimator_class
-from locplan.landmarks import Box, Pole, cells_under
+from locplan.landmarks import Box, Pole, Shape, cells_under
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
 from locplan.robots import PRESETS, Lidar
 
@@ -162,20 +161,13 @@ def drawn(grid: OccupancyGrid, strokes: Sequence[Stroke]) -> Patch | None:
 def _draw_line(cells: NDArray[np.uint8], grid: OccupancyGrid, stroke: Stroke) -> None:
     """Fill the cells whose centres a line covers, or those that it crosses where it is thin."""
     level = OCCUPIED if stroke.tool == "wall" else FREE
-    rows, cols = grid.world_to_grid(*np.array(stroke.points).T)
-    half = max(stroke.size[0] / 2 / grid.resolution, math.sqrt(0.5))
-    ends = list(zip(rows.tolist(), cols.tolist(), strict=True))
-    for (row0, col0), (row1, col1) in zip(ends, ends[1:] or ends, strict=False):
-        middle = (row0 + row1) / 2, (col0 + col1) / 2
-        reach = half + math.hypot(row1 - row0, col1 - col0) / 2 + 1
-        window = window_around(*middle, reach, grid.shape)
-        y = np.arange(window[0].start, window[0].stop)[:, None] + 0.5 - row0
-        x = np.arange(window[1].start, window[1].stop) + 0.5 - col0
-        dy, dx = row1 - row0, col1 - col0
-        long = dx * dx + dy * dy
-        share = np.clip((x * dx + y * dy) / long, 0.0, 1.0) if long else 0.0
-        near = np.hypot(x - share * dx, y - share * dy) <= half + 1e-9
-        cells[window][near] = level
+    half = max(stroke.size[0] / 2, math.sqrt(0.5) * grid.resolution)
+    ends = np.column_stack(grid.world_to_grid(*np.array(stroke.points).T))
+    for one, other in itertools.pairwise(ends if len(ends) > 1 else [*ends, *ends]):
+        middle, way = (one + other) / 2, other - one
+        line = Shape(grid.resolution * float(np.hypot(*way)) / 2, 0.0, is_round=False)
+        window, apart = line.distances(grid, np.array([*middle, math.atan2(*way)]), half)
+        cells[window][apart <= half + 1e-9] = level
 
 
 def _apply(session: Session, patch: Patch, window: NDArray[np.uint8]) -> None:

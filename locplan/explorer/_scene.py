@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.poses import window_around
+from locplan._util.tables import finite
 from locplan.costs import Costmap
 from locplan.errors import PoseError
 from locplan.field import SCALARS, CovarianceField, FieldConfig
@@ -293,18 +294,9 @@ class Texture:
 
     def to_json(self) -> dict[str, object]:
         """All but the values, fit for JSON."""
-        return {
-            "name": self.name,
-            "title": self.title,
-            "unit": self.unit,
-            "scale": "log" if self.logarithmic else "linear",
-            "anchors": list(self.anchors),
-            "present": self.present,
-            "decimals": self.decimals,
-            "factor": self.factor,
-            "note": self.note,
-            "digest": self.digest or None,
-        }
+        shown = {name: value for name, value in vars(self).items() if name != "values"}
+        scale = "log" if self.logarithmic else "linear"
+        return finite(shown | {"scale": scale, "present": self.present})
 
 
 def textures_of(field: CovarianceField) -> dict[str, Texture]:

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,24 +34,11 @@ from locplan.matching import (
 )
 from locplan.robots import FARTHEST_OBJECT, NEAREST_OBJECT, Disturbances
 
+if TYPE_CHECKING:
+    from locplan.twins._twins import Twins
 
-class Layer(NamedTuple):
-    """What is known of each place."""
-
-    label: str
-    """Name for people."""
-    unit: str
-    """Unit; empty for shares and numbers."""
-
-
-LAYERS = {
-    "excess": Layer("least excess of another place", "nat"),
-    "elsewhere": Layer("share of the posterior elsewhere", ""),
-    "modes": Layer("number of look-alike poses elsewhere", ""),
-    "turned": Layer("number of look-alike headings in place", ""),
-    "stretch": Layer("distance that a match may slide", "m"),
-}
-"""The layers by name."""
+LAYERS = ("excess", "elsewhere", "modes", "turned", "stretch")
+"""Names of what is known of each place, see the properties of `Twins`."""
 
 
 class Twin(NamedTuple):
@@ -269,22 +256,15 @@ class GlobalMatches:
 
 
 def global_matches(
-    grid: OccupancyGrid,
-    matching: Matching,
-    cells: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
-    known: tuple[Numbers, Numbers, Numbers, Numbers, Numbers],
+    twins: Twins,
     count: int,
     disturbances: Disturbances,
     seed: int,
     threads: int | None,
     progress: ProgressCallback | None,
 ) -> GlobalMatches:
-    """Match `count` noisy scans with the map; see `Twins.verify`.
-
-    `cells` are the rows, columns and places of those that poses are drawn from; `known` of all
-    places their positions, (n, 2), excess, share elsewhere, twins, (n, k, 4), and stretch.
-    """
-    rows, cols, near = cells
+    """Match `count` noisy scans with the map; see `Twins.verify`."""
+    grid, matching, (rows, cols, near) = twins.grid, twins.matching, twins.nearest_places
     if not rows.size:
         raise ConfigError("no cell of the map lies near a place whose twins are known")
     random = np.random.default_rng(seed)
@@ -292,20 +272,21 @@ def global_matches(
     aside = random.random((2, count))
     at = cols[chosen] + aside[0], rows[chosen] + aside[1]
     poses = np.column_stack([*at, random.uniform(-math.pi, math.pi, count)])
-    looked = [grid.world_to_cell(x, y) for x, y in known[0].tolist()]
+    looked = [grid.world_to_cell(x, y) for x, y in twins.places.tolist()]
     database = make_database(grid, matching, looked)
     scans = noisy_scans(grid, matching, poses, disturbances, random, seed)
     found = find_all_modes(database, scans, threads=check_threads(threads), progress=progress)
     nowhere = np.full(3, np.nan)
     best = np.array([each.poses[0] if len(each.poses) else nowhere for each in found])
     matched = database.in_world(best)
-    places, excess, elsewhere, twins, stretch = (each[near[chosen]] for each in known)
-    to_twins = np.hypot(*np.moveaxis(twins[:, :, :2] - matched[:, None, :2], -1, 0))
-    on_twin = np.nan_to_num(to_twins, nan=np.inf).min(axis=1, initial=np.inf) <= NAMED
-    slid = np.hypot(*(matched[:, :2] - places).T)
-    on_stretch = (stretch > 0) & (slid <= stretch + NAMED)
-    made = database.in_world(poses), matched, excess, elsewhere
-    return GlobalMatches(*made, on_twin | on_stretch)
+    near = near[chosen]
+    apart = twins.twins[near, ..., :2].reshape(count, -1, 2) - matched[:, None, :2]
+    to_twins = np.nan_to_num(np.hypot(*np.moveaxis(apart, -1, 0)), nan=np.inf)
+    on_twin = to_twins.min(axis=1, initial=np.inf) <= NAMED
+    slid, stretch = np.hypot(*(matched[:, :2] - twins.places[near]).T), twins.stretch[near]
+    named = on_twin | ((stretch > 0) & (slid <= stretch + NAMED))
+    world = database.in_world(poses)
+    return GlobalMatches(world, matched, twins.excess[near], twins.elsewhere[near], named)
 
 
 def noisy_scans(

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Ints
 from locplan._util.checks import instance, number, one_of, position, positive, whole
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
@@ -177,7 +178,7 @@ class Twins(Result):
         one_of("layer", name, LAYERS)
         whole("stride", stride, 1)
         values = np.full(self.grid.cells[::stride, ::stride].shape, np.nan)
-        rows, cols, place = self._nearest_places if stride == 1 else self._nearest(stride)
+        rows, cols, place = self.nearest_places if stride == 1 else self._nearest(stride)
         values[rows, cols] = getattr(self, name)[place]
         return values
 
@@ -204,13 +205,11 @@ class Twins(Result):
         return self.grid.free & ~self.grid.closer_than(self.matching.robot_radius - 1e-9)
 
     @cached_property
-    def _nearest_places(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Rows and columns of the cells that have a place, and its number."""
+    def nearest_places(self) -> tuple[Ints, Ints, Ints]:
+        """Rows and columns of the cells that have a place near them, and its number, (k,) each."""
         return self._nearest(1)
 
-    def _nearest(
-        self, stride: int
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    def _nearest(self, stride: int) -> tuple[Ints, Ints, Ints]:
         """The same of every so many-th cell; rows and columns count these."""
         from scipy.spatial import cKDTree
 
@@ -281,18 +280,7 @@ class Twins(Result):
         whole("seed", seed, 0)
         disturbances = disturbances or Disturbances()
         instance("disturbances", disturbances, Disturbances)
-        twins = self.twins.reshape(len(self), -1, 4)
-        return global_matches(
-            self.grid,
-            self.matching,
-            self._nearest_places,
-            (self.places, self.excess, self.elsewhere, twins, self.stretch),
-            count,
-            disturbances,
-            seed,
-            threads,
-            progress,
-        )
+        return global_matches(self, count, disturbances, seed, threads, progress)
 
     def table(self) -> Table:
         """The places, each with its layers and the best of its twins."""
