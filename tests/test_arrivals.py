@@ -14,7 +14,7 @@ from locplan._util.intervals import random_of
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Disturbances, Kinematics
-from locplan.simulation import Closed, Simulator, drive_closed, simulate
+from locplan.simulation import Arrival, Arrivals, Closed, Simulator, drive_closed, simulate
 
 QUIET = Disturbances(boundary_noise=0.0, outliers=0.0, occlusion=0.0)
 OUTLINE = Footprint([(0.35, 0.15), (0.35, -0.15), (-0.2, -0.15), (-0.2, 0.15)])
@@ -226,3 +226,28 @@ def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):
         Closed(drives=1)
     with pytest.raises(ConfigError, match="replan must be"):
         Closed(replan=0.0)
+
+
+def test_drives_say_where_robots_stop_end_and_leave_the_path():
+    grid = room(wall=True, door=(2.2, 2.6))
+    robot = Robot(Lidar(range=5.0, beams=60)).changed({"boundary_noise": 0.0})
+    (stuck,) = driven(grid, line((2.0, 2.4), (6.5, 2.4)), robot, 1).drives
+    places = Arrivals((stuck,)).places().records()
+    assert {each["what"] for each in places} == {"stops", "ends"}
+    (end,) = (each for each in places if each["what"] == "ends")
+    assert (end["x"], end["y"], end["drive"]) == (*stuck.truth[-1, :2], 0)
+    stops = np.array([(each["x"], each["y"]) for each in places if each["what"] == "stops"])
+    still = (stuck.truth[20:] == stuck.truth[:-20]).all(axis=1)
+    at = stuck.truth[:-20][still, :2]
+    assert np.hypot(*(at[:, None] - stops).T).min(axis=0).max() <= 0.5
+    assert np.hypot(*(at[:, None] - stops).T).min(axis=1).max() == 0.0
+
+    truth = np.zeros((40, 3))
+    truth[:, 0] = np.arange(40) * 0.1
+    truth[10:20, 1] = truth[30:35, 1] = 0.7
+    path = line((0.0, 0.0), (4.0, 0.0))
+    found = Arrivals((Arrival.of("arrived", truth, truth, path),))
+    assert [(each["what"], each["x"]) for each in found.places().records()] == [
+        ("leaves the path by 0.5 m", pytest.approx(1.0)),
+        ("leaves the path by 0.5 m", pytest.approx(3.0)),
+    ]

@@ -34,7 +34,14 @@ from locplan.maps import FREE, OCCUPIED, environments
 from locplan.planners import AnyAngle, Found, plan_beside_shortest
 from locplan.plotting import map_around
 from locplan.robots import Amcl, Footprint, Inflation, Kinematics, Lidar, Robot
-from locplan.simulation import ChoiceSettings, choice_figure
+from locplan.simulation import (
+    Arrival,
+    Arrivals,
+    ChoiceSettings,
+    Simulator,
+    choice_figure,
+    drive_closed,
+)
 from locplan.simulation._drives import FLOOR, MINIMISED, log_errors
 
 START, GOAL = (1.0, 3.0), (11.0, 3.0)
@@ -727,3 +734,93 @@ def test_the_shortest_path_is_that_of_simulate(grid, fielded):
     found = choose(grid, START, GOAL, costs=fielded, **QUICK)
     paths = plan_beside_shortest(fielded, START, GOAL)
     assert found.shortest.path == paths["shortest"].path
+
+
+# Closed-loop drives
+
+
+def arriving(count, drives=16):
+    """Closed-loop drives of which some arrive."""
+    here = (0.0, 0.0, 0.0)
+    outcomes = ["arrived"] * count + ["stuck"] * (drives - count)
+    return Arrivals(tuple(Arrival(each, 1.0, here, here) for each in outcomes))
+
+
+def with_arrivals(choice, shortest, leader):
+    """The choice, as if so many robots arrived along both paths."""
+    made = {0: arriving(shortest), choice.judgement.leader: arriving(leader)}
+    candidates = tuple(
+        dataclasses.replace(each, arrivals=made.get(n)) for n, each in enumerate(choice.candidates)
+    )
+    return dataclasses.replace(choice, candidates=candidates)
+
+
+def test_what_is_recommended_is_driven_by_a_follower_too(better, corridors, tmp_path):
+    leader = better.judgement.leader
+    assert better.best == leader > 0
+    driven = [n for n, each in enumerate(better.candidates) if each.arrivals]
+    assert driven == [0, leader]
+    shortest, taken = (better.candidates[n].arrivals for n in driven)
+    assert len(shortest.drives) == len(taken.drives) == 16
+    assert better.arrives == (
+        f'"{better.taken}" arrives in {taken.words} instead of {shortest.words}, with a pursuit'
+        " follower"
+    )
+    assert " ".join(better.arrives.split()) in " ".join(better.report().split())
+    assert better.summary()["arrives"] == better.arrives
+    paths = {better.taken: better.path, "shortest": better.shortest.path}
+    again = drive_closed(Simulator(corridors.grid, better.robot, seed=9), paths, range(2))
+    assert [each.outcome for each in again[better.taken].drives] == ["arrived"] * 2
+    better.save(tmp_path / "out")
+    assert json.loads((tmp_path / "out" / "choice.json").read_text())["version"] == 2
+    loaded = Choice.load(tmp_path / "out")
+    assert loaded == better
+    assert loaded.candidates[leader].arrivals == taken
+    with (tmp_path / "out" / "candidates.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert float(rows[leader]["arrived"]) == taken.arrived.value
+    assert all(row["arrived"] == "" for n, row in enumerate(rows) if n not in driven)
+
+
+def test_a_choice_that_was_saved_before_arrivals_were_is_read(better, tmp_path):
+    better.save(tmp_path / "out")
+    file = tmp_path / "out" / "choice.json"
+    tree = json.loads(file.read_text()) | {"version": 1}
+    for each in tree["candidates"]:
+        del each["arrivals"], each["driven"]["off"]
+    del tree["settings"]["thorough"], tree["arrives"]
+    file.write_text(json.dumps(tree))
+    old = Choice.load(file)
+    assert old.taken == better.taken
+    assert old.arrives == ""
+    assert math.isnan(old.chosen.driven.off_at_goal.value)
+
+
+def test_where_the_shortest_is_taken_nobody_is_steered(choice):
+    assert choice.best == 0
+    assert choice.arrives == ""
+    assert all(each.arrivals is None for each in choice.candidates)
+
+
+@pytest.mark.parametrize(("shortest", "leader", "taken"), [(16, 14, True), (16, 13, False)])
+def test_a_path_by_which_fewer_robots_arrive_is_not_recommended(better, shortest, leader, taken):
+    choice = with_arrivals(better, shortest, leader)
+    assert (choice.best > 0) == taken
+    assert f"arrives in {leader} of 16 [" in choice.arrives
+    assert ("fewer robots arrive" in choice.sentence) == (not taken)
+    assert choice.sentence.startswith("take the shortest") == (not taken)
+
+
+def test_a_thorough_choice_steers_more_drives(corridors):
+    thorough = two_ways(corridors, thorough=True)
+    assert [len(e.arrivals.drives) for e in thorough.candidates if e.arrivals] == [40, 40]
+
+
+def test_the_picture_marks_where_robots_go_wrong(better):
+    leader = better.judgement.leader
+    texts = [each.get_text() for each in better.figure().legends[0].get_texts()]
+    assert not any("a robot" in each for each in texts)
+    failing = with_arrivals(better, 14, 16)
+    texts = [each.get_text() for each in failing.figure().legends[0].get_texts()]
+    assert "a robot ends" in texts
+    assert failing.best == leader

@@ -20,9 +20,9 @@ playwright = pytest.importorskip("playwright.sync_api", reason="playwright is no
 pytestmark = pytest.mark.skipif(browser_file() is None, reason="no chromium on this machine")
 
 
-TEAL, BLUE, RED = (8, 122, 126), (26, 95, 180), (178, 20, 66)
-"""Colours of the aware path, of landmarks that are proposed, and of the simulated path with the
-greatest error, on a light page."""
+TEAL, BLUE, RED, MARK = (8, 122, 126), (26, 95, 180), (178, 20, 66), (194, 24, 63)
+"""Colours of the aware path, of landmarks that are proposed, of the simulated path with the
+greatest error, and of what a robot believes, on a light page."""
 
 
 @pytest.fixture(scope="module")
@@ -293,6 +293,36 @@ def test_intervals_and_verdicts_read_as_people_speak(browser, server):
     assert not seen.has_drawn(BLUE)
     assert seen.faults == []
     context.close()
+
+
+def test_a_drive_that_the_filter_steers_is_played_beside_what_it_believes(browser, server):
+    driven = {"profile": [[36.0, 0.09, 0.05, 0.12]], "error": [0.2, 0.1, 0.3]}
+    driven |= {"lost_rate": [0.5, 0.2, 0.8], "off_at_goal": [0.25, 0.1, 0.5]}
+    fails = {"outcome": "stuck", "end": [20.0, 1.0, 0.0], "stops": [[20.0, 1.0, 0.0]], "leaves": []}
+    path = {"path": {"xy": [[3, 1], [39, 1]]}, "metrics": {"length": 36.0}}
+    candidate = {"name": "a", "driven": driven, "arrivals": {"drives": [fails]}, **path}
+    seen = Seen(browser.new_context().new_page())
+    steered = {"what": "Drive 2: stuck. Of 16, 9 of 16 [33, 77 %] arrive", "t": [0.0, 0.5, 1.0]}
+    steered |= {"x": [3.0, 3.2, 3.4], "y": [1.0] * 3, "heading": [0.0] * 3}
+    steered |= {"believed": [[3.0, 1.0, 0.0], [3.2, 1.1, 0.0], [3.4, 1.5, 0.0]]}
+    said = {"sentence": "no matter", "arrives": "it arrives", "advice": [], "driven": "3 drives"}
+    simulated = said | {"taken": "a", "candidates": [candidate]}
+    seen.answer({"simulate": simulated, "steer": steered | {"sees": [[[2.0, 0.5]]] * 3}})
+    seen.open(server.address)
+    seen.unfold("simulate-group")
+    seen.page.locator("#simulate").click()
+    seen.page.locator("#simulated-verdict", has_text="no matter. it arrives.").wait_for()
+    assert "25" in seen.page.locator("#candidates td:nth-child(6)").inner_text()
+    assert not seen.has_drawn(MARK)
+    seen.page.locator("#candidates button").click()
+    note = seen.page.locator("#drive-note", has_text="Drive 2: stuck. Of 16, 9 of 16")
+    note.filter(has_text="believes to be 50 cm away").wait_for()
+    assert seen.has_drawn(MARK)
+    assert seen.page.locator("#drive-match").is_hidden()
+    seen.page.locator("#drive-time").fill("0.5")
+    note.filter(has_text="believes to be 10 cm away").wait_for()
+    assert seen.faults == []
+    seen.page.context.close()
 
 
 @pytest.mark.long

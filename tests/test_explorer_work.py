@@ -27,7 +27,7 @@ from locplan.explorer import Opening, Session
 from locplan.landmarks import Box, Pole, place_landmarks
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import AWARE, pareto_front, plan
-from locplan.simulation import choose
+from locplan.simulation import Simulator, choose, drive_closed
 
 
 @pytest.fixture(scope="module")
@@ -134,6 +134,34 @@ def test_the_simulated_choice_is_that_of_the_library(session):
     expected = json.loads(json.dumps(own.summary()))
     assert {name: shown[name] for name in expected} == expected
     assert shown["driven"] == own.driven
+
+
+def test_a_drive_that_the_filter_steers_is_told_pose_by_pose_with_what_it_sees(session):
+    path = paths_of(0.0)[AWARE]
+    shown = answered(session, "steer", xy=path.xy.tolist())
+    grid = corridors()[0]
+    own = drive_closed(Simulator(grid, ROBOT), {"": path}, range(16))[""]
+    n = int(shown["what"].split()[1][:-1]) - 1
+    failing = [each.outcome != "arrived" for each in own.drives]
+    assert n == (failing.index(True) if any(failing) else 0)
+    assert own.words in shown["what"]
+    drive = own.drives[n]
+    assert np.column_stack([shown[each] for each in ("x", "y", "heading")]) == pytest.approx(
+        drive.truth[::5], abs=1e-3
+    )
+    assert np.array(shown["believed"]) == pytest.approx(drive.believed[::5], abs=1e-3)
+    assert shown["t"][:3] == [0.0, 0.5, 1.0]
+    # Most of what it sees from its true pose are walls of the map.
+    ends = [np.array(each) for each in shown["sees"]]
+    x, y, heading = drive.truth[::5].T
+    gaps = []
+    for k, (ahead, left) in enumerate(each.T for each in ends):
+        cos, sin = np.cos(heading[k]), np.sin(heading[k])
+        at = grid.world_to_grid(x[k] + cos * ahead - sin * left, y[k] + sin * ahead + cos * left)
+        rows, cols = np.floor(at).astype(int)
+        inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
+        gaps.append(grid.clearance[rows[inside], cols[inside]])
+    assert (np.concatenate(gaps) < 0.2).mean() > 0.7
 
 
 def test_while_the_field_follows_an_edit_the_simulated_choice_takes_none_of_it(session):

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from locplan._util.checks import FARTHEST, whole
+from locplan.costs import Path
 from locplan.errors import ConfigError
-from locplan.explorer._scene import MAX_DRIVES, Texture, snapped
+from locplan.explorer._scene import MAX_DRIVES, Texture, rounded, snapped
 from locplan.landmarks import parsed_object, place_landmarks
 from locplan.matching import ScanDatabase
 from locplan.robots import Robot
-from locplan.simulation import choose
+from locplan.simulation import Simulator, choose, drive_closed, seen_on
 from locplan.twins import PLACE_HEADINGS, PLACE_SPACING, Twins, find_twins
 
 if TYPE_CHECKING:
@@ -47,6 +48,29 @@ def simulate(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     if choice.path is None:
         raise ConfigError("no path joins start and goal; move one of them")
     return {**choice.summary(), "driven": choice.driven}
+
+
+def steer(session: Session, ask: Ask, work: Work) -> dict[str, object]:
+    """Answer the ask for a closed-loop drive along a path: the first of 16 that fails, if one does.
+
+    It is the robot's pose, what it believes and what it sees, twice a second.
+    """
+    path = Path(np.array(ask.positions("xy", 5000)))
+    view = session.view(ask)
+    simulator = Simulator(view.grid, view.robot, threads=session.opening.threads)
+    found = drive_closed(simulator, {"": path}, range(16), progress=work.progress)[""]
+    failing = (n for n, each in enumerate(found.drives) if each.outcome != "arrived")
+    number = next(failing, 0)
+    drive = found.drives[number]
+    truth = drive.truth[::5]
+    x, y, heading = map(list, zip(*rounded(truth), strict=True))
+    return {
+        "what": f"Drive {number + 1}: {drive.outcome}. Of 16, {found.words} arrive",
+        "t": (0.5 * np.arange(len(truth))).tolist(),
+        **{"x": x, "y": y, "heading": heading},
+        "believed": rounded(drive.believed[::5]),
+        "sees": [rounded(each) for each in seen_on(simulator, path, number, truth)],
+    }
 
 
 ALIKE = 3.0

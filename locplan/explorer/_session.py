@@ -129,6 +129,7 @@ ASKS: dict[str, Entry] = {
     "save": Entry("locplan.explorer._edits:save", "edit", each=True),
     "front": Entry("locplan.explorer._plans:front", "long"),
     "simulate": Entry("locplan.explorer._long:simulate", "long"),
+    "steer": Entry("locplan.explorer._long:steer", "long"),
     "landmarks": Entry("locplan.explorer._long:landmarks", "long"),
     "twins": Entry("locplan.explorer._long:twins", "long"),
     "twins_everywhere": Entry("locplan.explorer._long:twins_everywhere", "long"),

@@ -102,6 +102,41 @@ def drive_closed(
     return {name: Arrivals(tuple(each)) for name, each in found.items()}
 
 
+def seen_on(
+    simulator: Simulator, path: Path, number: int, poses: Poses
+) -> list[NDArray[np.float64]]:
+    """What the lidar sees on a closed-loop drive along one path.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        The map and the robot.
+    path : Path
+        The only path of `drive_closed`.
+    number : int
+        Number of the drive.
+    poses : (n, 3) array
+        True poses of it, in the world [m, m, rad].
+
+    Returns
+    -------
+    list of (k, 2) arrays
+        Ends of the beams that return, ahead of the robot and to its left [m], for each pose.
+    """
+    from locplan._kernels.lidar import measured_ends
+
+    loop = ClosedLoop(simulator, {"": path}, None, False)
+    world, arguments = loop.world(0, number), simulator.arguments
+    random = random_of(simulator.seed, CLOSED, 0, number, 1)
+    cells = own_axes(loop.part, poses)[:, [1, 0, 2]] / (world.resolution, world.resolution, 1)
+    found = []
+    for cell in cells:
+        ends = np.empty((arguments.lidar.angles.size, 2))
+        measured_ends(random, *world, cell, arguments.lidar, arguments.disturbances, ends)
+        found.append(world.resolution * ends[np.isfinite(ends[:, 0])])
+    return found
+
+
 @dataclass(frozen=True)
 class ClosedLoop:
     """Closed-loop drives on the part of a map about some paths, in whose own axes all poses are."""

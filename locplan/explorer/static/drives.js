@@ -50,8 +50,16 @@ export function paintDrive(pen) {
 	haloedPath(pen, drive.xy, { colour: palette.drive, width: 1.5, dash: [2, 4] });
 	haloedPath(pen, drive.xy.slice(0, upTo + 1), { colour: palette.drive, width: 3 });
 	paintDeviations(pen, drive);
+	if (drive.believed) paintBelief(pen, drive, drive.believed[upTo], drive.sees[upTo]);
 	for (let k = 0; k <= upTo; k++) if (drive.unlike?.[k]) writeAt(pen, "×", ...screenOf(...drive.xy[k]), palette.mark, "center", "700 18px");
-	drawRobot(pen, drive, upTo);
+	drawRobot(pen, drive.xy[upTo], drive.heading[upTo], palette.drive);
+}
+
+// Where the robot believes to be, and the scan, put there.
+function paintBelief(pen, drive, [x, y, heading], scan) {
+	const [cos, sin] = [Math.cos(heading), Math.sin(heading)];
+	for (const [ahead, left] of scan) haloedDot(pen, ...screenOf(x + cos * ahead - sin * left, y + sin * ahead + cos * left), 2, palette.mark);
+	drawRobot(pen, [x, y], heading, palette.mark);
 }
 
 // Dots in the colours of the field's deviation.
@@ -72,17 +80,17 @@ function paintDeviations(pen, { sd, xy }) {
 	});
 }
 
-function drawRobot(pen, drive, k) {
-	const [px, py] = screenOf(...drive.xy[k]);
-	const angle = screenAngle(drive.heading[k]);
+function drawRobot(pen, place, heading, colour) {
+	const [px, py] = screenOf(...place);
+	const angle = screenAngle(heading);
 	pen.beginPath();
 	pen.moveTo(px + 20 * Math.cos(angle), py + 20 * Math.sin(angle));
 	pen.lineTo(px + 9 * Math.cos(angle + 2), py + 9 * Math.sin(angle + 2));
 	pen.lineTo(px + 9 * Math.cos(angle - 2), py + 9 * Math.sin(angle - 2));
 	pen.closePath();
-	pen.fillStyle = palette.drive;
+	pen.fillStyle = colour;
 	pen.fill();
-	haloedDot(pen, px, py, 7, palette.drive);
+	haloedDot(pen, px, py, 7, colour);
 }
 
 async function chooseDrive() {
@@ -98,15 +106,31 @@ async function chooseDrive() {
 	try {
 		const found = await fetchDrive(number);
 		if (byId("drive").value !== number) return;
-		model.drive = { ...found, timed: found.timed !== false, xy: found.x.map((x, k) => [x, found.y[k]]), time: found.t[0], plays: false };
+		begin(found);
 		followField();
 		matchDrive();
-		const slider = byId("drive-time");
-		[slider.min, slider.max] = [found.t[0], found.t.at(-1)];
-		setTime(found.t[0]);
 	} catch (error) {
 		complain(error);
 	}
+}
+
+/** Show a drive that was steered by the filter: the robot, what it believes, and what it sees. */
+export function showSteered(found) {
+	pause();
+	cancel("match");
+	byId("drive").value = "";
+	Object.assign(byId("drives-group"), { hidden: false, open: true });
+	byId("drives-group").querySelector(".player").hidden = false;
+	begin({ ...found, sd: [] });
+	showScale();
+	togglePlay();
+}
+
+function begin(found) {
+	model.drive = { ...found, timed: found.timed !== false, xy: found.x.map((x, k) => [x, found.y[k]]), time: found.t[0], plays: false };
+	const slider = byId("drive-time");
+	[slider.min, slider.max] = [found.t[0], found.t.at(-1)];
+	setTime(found.t[0]);
 }
 
 function setTime(time) {
@@ -119,7 +143,7 @@ function setTime(time) {
 	const when = drive.timed ? `${clock(time - drive.t[0])} of ${clock(drive.t.at(-1) - drive.t[0])}` : `scan ${k + 1} of ${drive.t.length}`;
 	byId("drive-time").setAttribute("aria-valuetext", when);
 	const count = drive.unlike?.filter(Boolean).length;
-	write("drive-note", `${[when, wordsAt(drive, k)].filter(Boolean).join(": ")}${unlike}.${count ? ` ${count} of ${drive.t.length} scans are unlike the map (crosses).` : ""}`);
+	write("drive-note", `${drive.what ? `${drive.what}. ` : ""}${[when, wordsAt(drive, k)].filter(Boolean).join(": ")}${unlike}.${count ? ` ${count} of ${drive.t.length} scans are unlike the map (crosses).` : ""}`);
 	repaint("overlay");
 }
 
@@ -130,6 +154,7 @@ function wordsAt(drive, k) {
 	const said = fieldAt(drive.xy[k]);
 	const words = value === null ? [] : [`${layer.title.toLowerCase()} ${layerValue(layer, value)}`];
 	if (Number.isFinite(drive.sd[k])) words.push(`position deviation measured ${centimetres(100 * drive.sd[k])}`);
+	else if (drive.believed) words.push(`believes to be ${centimetres(100 * Math.hypot(drive.believed[k][0] - drive.xy[k][0], drive.believed[k][1] - drive.xy[k][1]))} away`);
 	else if (drive.matched) words.push("too few returns to measure the deviation");
 	if (said !== null) words.push(`field says ${centimetres(100 * said)}`);
 	return words.join(", ");
@@ -174,7 +199,7 @@ async function matchDrive() {
 function showScale() {
 	const drive = model.drive;
 	const isOld = drive?.matched && drive.matched !== model.state.map.digest;
-	byId("drive-match").hidden = !drive || drive.matching || Boolean(drive.matched && !isOld);
+	byId("drive-match").hidden = !drive || drive.believed || drive.matching || Boolean(drive.matched && !isOld);
 	byId("drive-scale").hidden = !drive?.matched;
 	if (!drive?.matched) return;
 	const layer = deviationLayer();

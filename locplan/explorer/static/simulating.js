@@ -1,12 +1,13 @@
 // Candidates driven in simulation: coloured by their error on the map, in a table, with bands in the profile.
 import { byId, hear, make } from "./dom.js";
+import { showSteered } from "./drives.js";
 import { repaint } from "./frames.js";
 import { pointAlong } from "./lines.js";
 import { work } from "./link.js";
 import { onRoute, routeAsked, routeKey } from "./route.js";
 import { report } from "./say.js";
 import { model, tell } from "./store.js";
-import { haloedPath, numberedDot } from "./strokes.js";
+import { haloedPath, numberedDot, writeAt } from "./strokes.js";
 import { errorMetres, metres } from "./text.js";
 import { palette } from "./theme.js";
 import { screenOf } from "./view.js";
@@ -56,7 +57,18 @@ export function paintCandidates(pen) {
 	candidates.forEach((candidate, k) => {
 		const place = pointAlong(candidate.path.xy, candidate.metrics.length * (0.35 + 0.3 * (k / Math.max(1, candidates.length - 1))));
 		if (place) numberedDot(pen, ...screenOf(...place), String(k + 1), errorColour(candidate));
+		for (const drive of candidate.arrivals?.drives ?? []) paintPlaces(pen, drive, errorColour(candidate));
 	});
+}
+
+// Where a robot that is steered by its filter leaves the path, stops, and ends without having arrived.
+function paintPlaces(pen, { leaves, stops, end, outcome }, colour) {
+	const ends = outcome === "arrived" ? [] : [end];
+	for (const [mark, poses] of [["•", leaves], ["▫", stops], ["×", ends]]) for (const [x, y] of poses) writeAt(pen, mark, ...screenOf(x, y), colour, "center", "700 18px");
+}
+
+function steer(candidate) {
+	return work("steer", "Steering drives", { ...routeAsked(), xy: candidate.path.xy }, (answer) => showSteered(answer), "Drives cancelled.");
 }
 
 function clearSimulated() {
@@ -93,19 +105,22 @@ function showSimulated(answer) {
 	byId("simulated").hidden = false;
 	byId("profile-kind").value = "error";
 	showAge();
-	report("simulated-verdict", [`${answer.sentence}.`, ...answer.advice, `(${answer.driven})`].join(" "));
+	report("simulated-verdict", [`${answer.sentence}.`, answer.arrives && `${answer.arrives}.`, ...answer.advice, `(${answer.driven})`].filter(Boolean).join(" "));
 	repaint("overlay", "profile");
 	tell("simulated");
 }
 
 function tableHead() {
-	return make("thead", {}, make("tr", {}, ...["", "path", "length", "error", "lost"].map((textContent) => make("th", { textContent, scope: "col" }))));
+	return make("thead", {}, make("tr", {}, ...["", "path", "length", "error", "> 1 m", "> 0.5 m at the goal", ""].map((textContent) => make("th", { textContent, scope: "col" }))));
 }
 
 function tableRow(candidate, k) {
 	const badge = make("span", { className: "badge", textContent: String(k + 1) });
 	badge.style.background = errorColour(candidate);
-	const row = make("tr", {}, make("td", {}, badge), make("th", { scope: "row", textContent: candidate.name }), make("td", { textContent: metres(candidate.metrics.length) }), ranged(candidate.driven.error, errorMetres), ranged(candidate.driven.lost_rate, (v) => `${(100 * v).toFixed(0)}\u202f%`));
+	const share = (v) => `${(100 * v).toFixed(0)}\u202f%`;
+	const play = make("button", { className: "plain", textContent: "▶", title: `Play a drive along ${candidate.name} that is steered by the filter` });
+	play.addEventListener("click", () => steer(candidate));
+	const row = make("tr", {}, make("td", {}, badge), make("th", { scope: "row", textContent: candidate.name }), make("td", { textContent: metres(candidate.metrics.length) }), ranged(candidate.driven.error, errorMetres), ranged(candidate.driven.lost_rate, share), ranged(candidate.driven.off_at_goal, share), make("td", {}, play));
 	if (candidate.name === model.simulated.taken) row.className = "chosen";
 	return row;
 }
