@@ -3,7 +3,7 @@
 Routes: on each map some random queries, of 10 m or more and with a shortest path of at most 40 m,
 are chosen for as `locplan plan` does, seed 1. The shortest, the inflated, the leading and the
 chosen path are then driven 64 times by `simulate` with seed 1001: in other worlds, which no
-choice has seen.
+choice has seen. A pursuit follower steers 40 more drives of each by the filter's pose.
 
 Whether `plan` and `simulate` agree: for the shortest path and for the one that led the race, the
 error of a typical drive and the share of lost drives; and the ratio of both paths' errors. Each
@@ -24,13 +24,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import spearmanr
 
 import locplan
 from locplan._util.intervals import Interval, of_mean, wilson
 from locplan.field import SHORT_LIDAR
 from locplan.planners import random_queries
 from locplan.robots import Amcl, Robot
-from locplan.simulation import Evaluation, evaluate, simulate
+from locplan.simulation import Arrivals, Closed, Evaluation, evaluate, simulate
 
 OWN = Path(__file__).resolve().parent.parent / "maps"
 PRODUCT = {"laser_model_type": "likelihood_field_prob"}
@@ -44,6 +45,8 @@ ROUTE_FILTERS = {
 """The filters that drive with a lidar of 6 m; tuned ones beside Nav2's."""
 MIN_DISTANCE, LONGEST_DISTANCE = 10.0, 40.0
 """Least distance from start to goal, and greatest length of the shortest path [m]."""
+CLOSED = 40
+"""Number of closed-loop drives of each path."""
 SHORTEST, INFLATED, LEADER, CHOSEN = "shortest", "inflated", "winner of the race", "chosen"
 
 
@@ -63,7 +66,7 @@ def main(
         for grid in grids
         for each in routes_of(grid, name, Robot(SHORT_LIDAR, filter=amcl), drives, queries)
     ]
-    text = [routes_table(driven), maps_table(driven)]
+    text = [routes_table(driven), maps_table(driven), ranks_table(driven)]
     print("\n\n".join(text), flush=True)
     evaluations = {}
     for name, amcl in PLACES_FILTERS.items():
@@ -90,7 +93,11 @@ class Judged:
     log_error: Mapping[str, np.ndarray]
     """Logarithm of the RMSE of each fresh drive of the paths [ln m]."""
     lost: Mapping[str, np.ndarray]
-    """True for each fresh drive that was lost."""
+    """True for each fresh drive that was off by more than 1 m at some time."""
+    off: Mapping[str, np.ndarray]
+    """True for each fresh drive that was off by more than 0.5 m at the goal."""
+    arrivals: Mapping[str, Arrivals]
+    """Fresh closed-loop drives of the paths."""
 
     def path_of(self, what: str) -> str:
         """Name of the path that is chosen, led the race, or has this name."""
@@ -161,7 +168,9 @@ def judged(
     seconds = time.perf_counter() - began - in_fields
     wanted = {SHORTEST, INFLATED, choice.candidates[choice.judgement.leader].name}
     paths = {each.name: each.path for each in choice.candidates if each.name in wanted}
-    found = simulate(grid, paths, robot, drives=drives, seed=1001).drives
+    closed = Closed(drives=CLOSED)
+    simulated = simulate(grid, paths, robot, drives=drives, closed=closed, seed=1001)
+    found = simulated.drives
     return Judged(
         grid.name,
         name,
@@ -169,6 +178,8 @@ def judged(
         seconds,
         {path: np.log(each.mean_squares) / 2 for path, each in found.items()},
         {path: each.lost for path, each in found.items()},
+        {path: each.off for path, each in found.items()},
+        simulated.arrivals,
     )
 
 
@@ -182,19 +193,22 @@ def routes_table(driven: Sequence[Judged]) -> str:
         moved = sum(each.choice.best > 0 for each in own)
         better, worse = sum(r.high < 0 for r in over[0]), sum(r.low > 0 for r in over[0])
         worst = [float(np.exp(each.ratio(CHOSEN).value)) for each in own if each.choice.best]
-        lost = [
-            np.mean([each.lost[each.path_of(w)].mean() for each in own])
-            for w in (SHORTEST, INFLATED, CHOSEN)
-        ]
+        what = SHORTEST, INFLATED, CHOSEN
+        lost = [np.mean([each.lost[each.path_of(w)].mean() for each in own]) for w in what]
+        off = [np.mean([each.off[each.path_of(w)].mean() for each in own]) for w in what]
+        arrive = [[each.arrivals[each.path_of(w)].arrived.value for each in own] for w in what]
+        gain = over_queries([100 * (c - s) for s, _, c in zip(*arrive, strict=True)], maps)
         verdicts = [each.choice.verdict for each in own]
         undecided = sum("undecided" in each or "probably" in each for each in verdicts)
         agree = [each for route in own for each in route.agreements()]
         rows.append(
             [
                 f"{name} ({len(own)} queries, {len(set(maps))} maps)",
-                *(text_of(over_queries([each.value for each in ratios], maps)) for ratios in over),
+                *(text_of(exp(over_queries([each.value for each in r], maps))) for r in over),
                 f"{moved}: {better}/{worse}",
                 " / ".join(f"{each:.0%}" for each in lost),
+                " / ".join(f"{each:.0%}" for each in off),
+                f"{' / '.join(f'{np.mean(each):.1%}' for each in arrive)}; {text_of(gain)} points",
                 f"{sum(each > 0.95 for each in worst)}",
                 f"{undecided / len(own):.0%}",
                 f"{np.mean(agree):.0%} of {len(agree)}",
@@ -206,7 +220,9 @@ def routes_table(driven: Sequence[Judged]) -> str:
         "error over the shortest's",
         "over the inflated one's",
         "moved: better/worse",
-        "lost: shortest / inflated / chosen",
+        "off by > 1 m: shortest / inflated / chosen",
+        "off by > 0.5 m at the goal",
+        "arrive; chosen over shortest",
         "above .95",
         "undecided",
         "`plan` and `simulate` agree",
@@ -238,17 +254,46 @@ def maps_table(driven: Sequence[Judged]) -> str:
     return markdown(["map", *filters], rows)
 
 
-def over_queries(logs: Sequence[float], maps: Sequence[str], resamples: int = 1000) -> Interval:
-    """The geometric mean of ratios, with its 95 % interval over maps and queries."""
+def ranks_table(driven: Sequence[Judged]) -> str:
+    """Rank correlation over paths of what open drives show with closed-loop failures."""
+    rows = []
+    for name in dict.fromkeys(each.filter for each in driven):
+        own = [(each, path) for each in driven if each.filter == name for path in each.arrivals]
+        fails = [1 - each.arrivals[path].arrived.value for each, path in own]
+        cells = [f"{name} ({len(own)} paths, {sum(each > 0 for each in fails)} fail at times)"]
+        for figures in ("log_error", "lost", "off"):
+            shown = [getattr(each, figures)[path].mean() for each, path in own]
+            cells.append(f"{spearman(shown, fails):.2f}")
+        faults = [d.fault for each, path in own for d in each.arrivals[path].drives]
+        cells.append(f"{faults.count('follower')} and {faults.count('world')} of {len(faults)}")
+        rows.append(cells)
+    heads = ("filter", "ln RMSE", "off by > 1 m", "off by > 0.5 m at the goal")
+    return markdown((*heads, "fail with perfect localization: follower, world"), rows)
+
+
+def spearman(one: Sequence[float], other: Sequence[float]) -> float:
+    """Spearman's rank correlation; NaN where all values are one."""
+    if len(set(one)) < 2 or len(set(other)) < 2:
+        return float("nan")
+    return float(spearmanr(one, other).statistic)
+
+
+def exp(interval: Interval) -> Interval:
+    """The ratio of which this is the logarithm."""
+    return Interval(*np.exp(interval).tolist())
+
+
+def over_queries(numbers: Sequence[float], maps: Sequence[str], resamples: int = 1000) -> Interval:
+    """The mean, with its 95 % interval over maps and queries."""
     random = np.random.default_rng(0)
-    values, names = np.array(logs), np.array(maps)
+    values, names = np.array(numbers), np.array(maps)
     groups = [values[names == name] for name in dict.fromkeys(maps)]
     means = []
     for _ in range(resamples):
         drawn = [groups[n] for n in random.integers(0, len(groups), len(groups))]
         means.append(np.concatenate([random.choice(g, len(g)) for g in drawn]).mean())
-    low, high = np.exp(np.quantile(means, (0.025, 0.975))).tolist()
-    return Interval(float(np.exp(values.mean())), low, high)
+    low, high = np.quantile(means, (0.025, 0.975)).tolist()
+    return Interval(float(values.mean()), low, high)
 
 
 # Places: how well the fields rank errors.
