@@ -1534,6 +1534,8 @@ def follow(random, path, stops, resolution, robot, discs, first, ticks):
             for share in (1.0, 0.6, 0.3)
             for more in (0.0, 0.3, -0.3, 0.6, -0.6, 1.0, -1.0)
         ]
+        if abs(command[2]) > 0.1:
+            slower.append((0.0, 0.0, command[2]))
         clear = next((each for each in [command, *slower] if is_clear(*each)), None)
         blocked = blocked + 1 if clear is None else 0
         assert blocked < 20, "recoveries are not in here"

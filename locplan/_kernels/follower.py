@@ -25,8 +25,8 @@ AHEAD = 0.5
 """Distance to the point that is pursued [m]."""
 SPOT = np.pi / 4
 """Angle to that point above which a robot turns on the spot [rad]."""
-MAX_TURN = 1.0
-"""Maximum turning rate [rad/s]."""
+SLIGHT, MAX_TURN = 0.1, 1.0
+"""Turning rate below which a blocked robot need not turn, and the maximum [rad/s]."""
 LOOK = 10
 """Number of ticks that the follower looks ahead."""
 MARGIN, NEAR = 0.01, 0.1
@@ -164,7 +164,10 @@ def pursue(path: Floats, body: Body, near: float, trace: Trace) -> None:
 
 @njit(nogil=True, cache=True)
 def evade(surroundings: Surroundings, body: Body, trace: Trace) -> bool:
-    """Change the command to the nearest slower one that is clear; False if none is."""
+    """Change the command to the nearest slower one that is clear; False if none is.
+
+    Where no arc is, the robot turns on the spot to the point that it pursues.
+    """
     pose, command = trace.truth[trace.counts[TICKS]], trace.command
     ahead, left, turn = command
     for share in (1.0, 0.6, 0.3):
@@ -172,8 +175,11 @@ def evade(surroundings: Surroundings, body: Body, trace: Trace) -> bool:
             if is_clear(surroundings, body, pose, share * ahead, share * left, turn + bend):
                 command[0], command[1], command[2] = share * ahead, share * left, turn + bend
                 return True
-    command[:] = 0.0
-    return False
+    command[0] = command[1] = 0.0
+    command[2] = (
+        turn if abs(turn) > SLIGHT and is_clear(surroundings, body, pose, 0.0, 0.0, turn) else 0.0
+    )
+    return command[2] != 0.0
 
 
 @njit(nogil=True, cache=True)
