@@ -1,4 +1,4 @@
-"""Where sixty robots believe to be, on the shortest path and on the aware one, as an animation.
+"""Where robots go that their filters steer, on the shortest path and on the one to take.
 
 Run: python examples/animation.py [FOLDER]
 """
@@ -14,56 +14,43 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import locplan
-from locplan.robots import Robot
-from locplan.simulation import Drives, simulate
+from locplan.simulation import Arrivals, Simulator, drive_closed
 
-MAP = Path(__file__).resolve().parent.parent / "maps" / "two_corridors.yaml"
-START, GOAL = (2.0, 3.0), (38.0, 3.0)
+MAP = Path(__file__).resolve().parent.parent / "maps" / "hall.yaml"
+START, GOAL = (8.4, 0.4), (17.9, 28.9)
 DRIVES = 60
-STYLES = {"shortest": {"color": "#2b2b33", "linestyle": "--"}, "aware": {"color": "#00857c"}}
+COLOURS = {"shortest": "#b5431f", "to take": "#00857c"}
+TICK = 0.1
+"""Time between two poses of a drive [s]."""
 
-BELIEF = {"markersize": 4, "color": "white", "markeredgecolor": "#0072b2", "markeredgewidth": 0.8}
-ROBOT = {"markersize": 7, "markeredgecolor": "white"}
 
-
-def main(folder: str = "animation", step: float = 0.5, drives: int = DRIVES) -> None:
-    """Write FOLDER/drives.gif with a frame every `step` metres of the way."""
-    grid, lidar = locplan.load_map(MAP), locplan.Lidar.preset("turtlebot4")
-    field = locplan.load_or_compute(grid, locplan.Fused.of(lidar))
-    costs = locplan.Costmap.from_field(grid, field)
-    paths = {
-        "shortest": locplan.plan(costs.with_weight(0.0), START, GOAL).path,
-        "aware": locplan.plan(costs, START, GOAL).path,
-    }
-    driven = simulate(grid, paths, robot=Robot(lidar), drives=drives).drives
+def main(folder: str = "animation", step: float = 1.0, drives: int = DRIVES) -> None:
+    """Write FOLDER/drives.gif with a frame every `step` seconds."""
+    grid, robot = locplan.load_map(MAP), locplan.Robot("turtlebot4")
+    choice = locplan.choose(grid, START, GOAL, robot)
+    paths = {"shortest": choice.shortest.path, "to take": choice.path}
+    driven = drive_closed(Simulator(grid, robot, seed=1001), paths, range(drives))
     for name, each in driven.items():
-        print(f"{name}: {each.distance[-1]:.1f} m, {each.lost_rate.value:.0%} of the drives lost")
+        print(f"{name}: {paths[name].length:.1f} m, {each.words} arrive")
 
-    figure = Figure(figsize=(8.8, 6.0), layout="constrained")
+    figure = Figure(figsize=(8.0, 6.4), layout="constrained")
     above, below = figure.subplots(2, 1, height_ratios=(7, 3))
-    image = locplan.plotting.draw_field(above, field)
-    image.set_alpha(0.55)
+    locplan.plotting.draw_map(above, grid)
     locplan.plotting.draw_ends(above, START, GOAL)
-    moving = {name: _Moving(name, each, above, below) for name, each in driven.items()}
-    lost = driven["shortest"].lost_rate.value, driven["aware"].lost_rate.value
+    moving = [_Moving(name, paths[name], each, above, below) for name, each in driven.items()]
+    arrive = [f"{each.count} of {drives}" for each in driven.values()]
     above.set_title(
-        f"Where {drives} robots believe to be (AMCL with Nav2's defaults, lidar of TurtleBot 4):\n"
-        f"{lost[0]:.0%} get lost on the shortest path, {lost[1]:.0%} on the aware one",
+        f"{drives} robots steered by AMCL (Nav2's defaults, lidar of TurtleBot 4):\n"
+        f"{arrive[0]} arrive on the shortest path, {arrive[1]} on the one that is recommended",
         fontsize=10,
     )
-    longest = max(each.distance[-1] for each in driven.values())
-    below.set(xlim=(0, longest), ylim=(0, 1.5))
-    below.set(xlabel="distance driven [m]", ylabel="position error [m]")
-    below.axhline(1.0, color="0.6", linewidth=0.8)
-    below.text(0.3, 1.03, "lost", color="0.4", fontsize=8)
-    below.legend(loc="upper right", frameon=False, fontsize=9)
-    marks = [moving["aware"].robot, moving["aware"].beliefs]
-    names = ["the robots", "where each believes to be"]
-    above.legend(marks, names, loc="center", bbox_to_anchor=(0.5, 0.5), fontsize=9)
-    above.set(xlim=(-0.5, 40.5), ylim=(-0.5, 15.2))
+    above.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
+    longest = max(each.seconds for each in driven["to take"].drives) + 5.0
+    below.set(xlim=(0, longest), xlabel="time [s]", ylabel="position error [m]")
+    below.legend(loc="upper left", frameon=False, fontsize=9)
 
     at = np.append(np.arange(0.0, longest, step), [longest] * 12)  # the last frame rests
-    film = FuncAnimation(figure, lambda s: [each.show(s) for each in moving.values()], at)
+    film = FuncAnimation(figure, lambda s: [each.show(s) for each in moving], at)
     target = Path(folder) / "drives.gif"
     target.parent.mkdir(parents=True, exist_ok=True)
     film.save(target, PillowWriter(fps=10), dpi=100)
@@ -71,25 +58,33 @@ def main(folder: str = "animation", step: float = 0.5, drives: int = DRIVES) -> 
 
 
 class _Moving:
-    """A robot, what its filters believe, and the median and 90 % of their errors so far."""
+    """Robots on one path, and the median of their errors so far."""
 
-    def __init__(self, name: str, drives: Drives, above: Axes, below: Axes) -> None:
-        self.drives, style = drives, STYLES[name]
-        self.error = np.percentile(drives.position_error, (50, 90), axis=0)
-        above.plot(*drives.poses[:, :2].T, linewidth=1.2, **style)
-        self.beliefs = above.plot([], [], "o", zorder=5, **BELIEF)[0]
-        self.robot = above.plot([], [], "D", zorder=6, color=style["color"], **ROBOT)[0]
-        self.median = below.plot([], [], linewidth=2, label=f"{name}: median", **style)[0]
-        self.most = below.plot([], [], linewidth=1, alpha=0.6, label="90 % are below", **style)[0]
+    def __init__(
+        self, name: str, path: locplan.Path, found: Arrivals, above: Axes, below: Axes
+    ) -> None:
+        ticks = max(len(each.truth) for each in found.drives)
 
-    def show(self, distance: float) -> None:
-        """Draw the state after a distance [m]."""
-        n = min(int(np.searchsorted(self.drives.distance, distance)), len(self.drives.poses) - 1)
-        here = self.drives.poses[n, :2]
-        self.robot.set_data(*here[:, None])
-        self.beliefs.set_data(*(here + self.drives.errors[:, n, :2]).T)
-        self.median.set_data(self.drives.distance[: n + 1], self.error[0, : n + 1])
-        self.most.set_data(self.drives.distance[: n + 1], self.error[1, : n + 1])
+        def held(poses: np.ndarray) -> np.ndarray:
+            """Positions at each tick; a robot whose drive has ended stays."""
+            return np.pad(poses[:, :2], ((0, ticks - len(poses)), (0, 0)), mode="edge")
+
+        self.truth = np.array([held(each.truth) for each in found.drives])
+        believed = np.array([held(each.believed) for each in found.drives])
+        self.error = np.median(np.hypot(*(believed - self.truth).transpose(2, 0, 1)), axis=0)
+        colour = COLOURS[name]
+        above.plot(*path.xy.T, linewidth=1.2, color=colour)
+        self.robots = above.plot([], [], "o", color=colour, ms=4, mec="white", mew=0.5, label=name)[
+            0
+        ]
+        self.median = below.plot([], [], linewidth=2, color=colour, label=f"{name}: median")[0]
+        below.set_ylim(0, max(below.get_ylim()[1], 1.1 * float(self.error.max())))
+
+    def show(self, seconds: float) -> None:
+        """Draw the state after a time [s]."""
+        n = min(round(seconds / TICK), len(self.error) - 1)
+        self.robots.set_data(*self.truth[:, n].T)
+        self.median.set_data(TICK * np.arange(n + 1), self.error[: n + 1])
 
 
 if __name__ == "__main__":

@@ -817,10 +817,12 @@ def test_a_thorough_choice_steers_more_drives(corridors):
 
 
 def test_the_picture_marks_where_robots_go_wrong(better):
-    leader = better.judgement.leader
-    texts = [each.get_text() for each in better.figure().legends[0].get_texts()]
-    assert not any("a robot" in each for each in texts)
-    failing = with_arrivals(better, 14, 16)
-    texts = [each.get_text() for each in failing.figure().legends[0].get_texts()]
-    assert "a robot ends" in texts
-    assert failing.best == leader
+    for choice in (better, with_arrivals(better, 14, 16), with_arrivals(better, 16, 16)):
+        every = [each.arrivals for each in choice.candidates if each.arrivals]
+        kinds = {f"a robot {row[1]}" for each in every for row in each.places().rows}
+        texts = [each.get_text() for each in choice.figure().legends[0].get_texts()]
+        assert {each for each in texts if each.startswith("a robot")} == kinds
+        marked = {
+            line.get_marker() for line in choice.figure().axes[0].lines if len(line.get_xdata())
+        }
+        assert ("x" in marked) == any(each.count < 16 for each in every)

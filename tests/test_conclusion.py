@@ -61,6 +61,7 @@ def said(
         tracking_median * every,
         match_median * every,
         lost * every,
+        lost * every,
         tracking_rmse * every,
         np.full((count, 2), tracking_rmse),
     )
@@ -85,7 +86,7 @@ def test_too_few_places_conclude_nothing():
     assert len(said([ABOVE], count=20)) == 2
 
 
-@pytest.mark.parametrize(("lost", "text"), [(0.0, "no drive was lost"), (0.003, "0.3 % of the")])
+@pytest.mark.parametrize(("lost", "text"), [(0.0, "no drive was off by"), (0.003, "0.3 % of the")])
 def test_a_filter_that_holds_its_position_needs_nothing(lost, text):
     good = {"tracking_rmse": 0.08, "lost": lost}
     sentences = said([ABOVE], **good)
@@ -163,7 +164,7 @@ def test_a_tuned_filter_avoids_the_places_where_scans_fail():
 def test_a_tuned_filter_where_scans_match_compares_paths():
     sentence = second(tracking_median=0.03)
     assert sentence.startswith("The filter is about as good as single scans")
-    assert "10.0 % of the drives were lost" in sentence
+    assert "10.0 % of the drives were off by more than 1 m at some time" in sentence
     assert "`locplan plan`" in sentence
     assert "tune" not in sentence
 

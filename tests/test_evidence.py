@@ -269,7 +269,7 @@ def made_up_places(grid, config, level, *, noise=0.1):
     moments = scatter * (level * (covariances_at(grid, plain, points) - q) + q)
     rmse = np.sqrt(moments[:, 0, 0] + moments[:, 1, 1])
     halves = np.column_stack([rmse, rmse])
-    return Places(grid, points, moments, 4 * moments, rmse, 2 * rmse, 0 * rmse, rmse, halves)
+    return Places(grid, points, moments, 4 * moments, rmse, 2 * rmse, *[0 * rmse] * 2, rmse, halves)
 
 
 @pytest.fixture(scope="module")
@@ -420,12 +420,13 @@ def test_simulate_drives_both_paths(run, map_file, tmp_path):
     out = tmp_path / "out"
     code, table, err = run("simulate", map_file, *ENDS, "--drives", 4, "-o", out)
     assert code == 0
-    assert [row.split("  ")[1] for row in table.splitlines()[2:8]] == [
+    assert [row.split("  ")[1] for row in table.splitlines()[2:9]] == [
         "length [m]",
         "error of a typical drive [m]",
         "median error [m]",
-        "lost (> 1 m at any time)",
-        "RMSE of those not lost [m]",
+        "off by > 1 m at some time",
+        "off by > 0.5 m at the goal",
+        "RMSE of those never off [m]",
         "RMSE of all [m]",
     ]
     assert "4 drives each" in table

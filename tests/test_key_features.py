@@ -626,10 +626,18 @@ def test_a_hall_is_lost_without_three_objects(real_maps, name):
         (
             4,
             0.1,
-            "too few drives to know (lost drives 0% to 49%, with 95 %): 0% of the",
+            "too few drives to know (0% to 49% off by more than 1 m, with 95 %): 0% of the",
         ),
-        (40, 0.1, "their absence is not shown to hurt: 0% of the drives lost with all, 0% without"),
-        (4, 1.5, "their absence hurts: 0% of the drives lost with all, 100% without the 2"),
+        (
+            40,
+            0.1,
+            "their absence is not shown to hurt: 0% of the drives off by more than 1 m with",
+        ),
+        (
+            4,
+            1.5,
+            "their absence hurts: 0% of the drives off by more than 1 m with all, 100%",
+        ),
     ],
 )
 def test_few_drives_without_a_difference_tell_nothing(number, error, said):

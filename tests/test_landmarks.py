@@ -666,7 +666,9 @@ def test_where_nothing_is_lost_there_is_nothing_to_gain():
     made = place_landmarks(grid, Pole(0.2), 1, paths=route)
     driven = made.verify(4, random_sets=1)
     assert driven.nothing_to_gain
-    assert driven.verdict.startswith("nothing to gain: no drive was lost to begin with; error 0.")
+    assert driven.verdict.startswith(
+        "nothing to gain: no drive was off by more than 1 m to begin with; error 0."
+    )
 
 
 def driven_with(lost: float, error: float, count: int = 40) -> Outcome:
@@ -680,16 +682,32 @@ def driven_with(lost: float, error: float, count: int = 40) -> Outcome:
 @pytest.mark.parametrize(
     ("before", "after", "verdict"),
     [
-        ((0.5, 0.3), (0.1, 0.3), "they help: 50% of the drives lost before, 10% after"),
+        (
+            (0.5, 0.3),
+            (0.1, 0.3),
+            "they help: 50% of the drives off by more than 1 m at some time before, 10% after",
+        ),
         (
             (0.0, 0.15),
             (0.0, 0.04),
-            "they help: no drive was lost to begin with; error 0.15",
+            "they help: no drive was off by more than 1 m to begin with; error 0.15",
         ),
-        ((0.0, 0.15), (0.0, 0.14), "nothing to gain: no drive was lost to begin with"),
-        ((0.0, 0.04), (0.0, 0.15), "they hurt: no drive was lost to begin with"),
-        ((0.0, 0.15), (0.1, 0.04), "not shown to help: 0% of the drives lost before, 10% after"),
-        ((0.1, 0.3), (0.5, 0.3), "they hurt: 10% of the drives lost before, 50% after"),
+        (
+            (0.0, 0.15),
+            (0.0, 0.14),
+            "nothing to gain: no drive was off by more than 1 m to begin with",
+        ),
+        ((0.0, 0.04), (0.0, 0.15), "they hurt: no drive was off by more than 1 m to begin with"),
+        (
+            (0.0, 0.15),
+            (0.1, 0.04),
+            "not shown to help: 0% of the drives off by more than 1 m at some time before, 10%",
+        ),
+        (
+            (0.1, 0.3),
+            (0.5, 0.3),
+            "they hurt: 10% of the drives off by more than 1 m at some time before, 50% after",
+        ),
         ((0.5, 0.3), (0.4, 0.3), "not shown to help"),
     ],
 )

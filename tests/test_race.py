@@ -12,7 +12,7 @@ from locplan.simulation import Scores, judged
 
 CLEARLY, PROBABLY = "clearly better", "probably better"
 NO_DIFFERENCE, UNDECIDED = "no worthwhile difference", "undecided after 64 drives"
-NONE_LED, LOSES = "none led the race", "more drives lost"
+NONE_LED, LOSES = "none led the race", "more drives off by over 1 m"
 
 
 class Paths:

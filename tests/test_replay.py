@@ -185,7 +185,9 @@ def test_wrong_covariances_are_told(replayed, factor, said):
 def test_a_verdict_begins_with_lost_runs(replayed):
     assert replayed.verdict == replayed.consistency.sentence
     lost = dataclasses.replace(replayed, errors=replayed.errors + np.array([3.0, 0.0, 0.0]))
-    assert lost.verdict.startswith("The filter is lost in 100% of the runs; locplan tune --drive")
+    assert lost.verdict.startswith(
+        "The filter is off by more than 1 m at some time in 100% of the runs;"
+    )
 
 
 def test_a_filter_that_hardly_resamples_is_not_judged(grid, drive):

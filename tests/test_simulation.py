@@ -260,6 +260,8 @@ def test_lost_drives_and_their_intervals(two_corridors):
     drives = simulate(two_corridors, {"a": short}, drives=30).drives["a"]
     assert drives.lost.tolist() == (drives.position_error > 1).any(axis=1).tolist()
     assert 0 < drives.lost_rate.low < drives.lost_rate.value < drives.lost_rate.high < 1
+    assert drives.off.tolist() == (drives.position_error[:, -1] > 0.5).tolist()
+    assert drives.off_at_goal.value == drives.off.mean()
     mean_square = (drives.errors[..., :2] ** 2).sum(axis=2).mean()
     assert drives.rmse.value == pytest.approx(math.sqrt(mean_square))
     assert drives.rmse.low < drives.rmse.value < drives.rmse.high
@@ -340,10 +342,11 @@ def test_the_aware_path_is_followed_better_in_the_hall():
 def test_queries_whose_drives_were_all_lost_are_left_out_of_the_rmse_of_those_kept(monkeypatch):
     ends = Query("a", (0, 0), (9, 0))
     routes = [
-        Route(ends, (9.0, 9.0), (0.1, 0.1), lost, kept, (1.0, 1.0), {})
+        Route(ends, (9.0, 9.0), (0.1, 0.1), lost, lost, kept, (1.0, 1.0), {})
         for lost, kept in (((0.0, 0.0), (0.2, 0.4)), ((0.5, 0.5), (0.8, 0.1)))
     ]
-    lost = Route(ends, (9.0, 9.0), (2.0, 0.1), (1.0, 0.0), (math.nan, 0.1), (2.0, 0.1), {})
+    errors = (2.0, 0.1), (1.0, 0.0), (1.0, 0.0), (math.nan, 0.1), (2.0, 0.1)
+    lost = Route(ends, (9.0, 9.0), *errors, {})
     grid = open_space(4.0)
     assert Routes(grid, [*routes, lost], {}).kept_rmse == pytest.approx((0.4, 0.2))
     only = Routes(grid, [lost], {})
@@ -458,13 +461,20 @@ def test_errors_at_places_are_those_of_the_last_metre_and_lost_at_any_time(monke
     monkeypatch.setattr(Simulator, "drive", lambda *_, **__: errors)
     places = measure(Simulator(grid), points, drives=3, scans=0)
     assert places.lost == pytest.approx([1 / 3, 1.0])
+    assert places.off_at_goal == pytest.approx([0.0, 1.0])
     assert places.tracking_median == pytest.approx([0.3, 0.0])
     assert places.position_rmse("tracking")[0] == pytest.approx(math.sqrt(0.29 / 3))
     assert places.kept_rmse == pytest.approx([math.sqrt(0.1), math.nan], nan_ok=True)
     assert places.halves[0] == pytest.approx([math.sqrt(0.065), 0.4])
     assert np.isnan(places.position_median("match")).all()
     undriven = measure(Simulator(grid), points, drives=0, scans=5)
-    for each in (undriven.lost, undriven.kept_rmse, undriven.halves, undriven.tracking_median):
+    for each in (
+        undriven.lost,
+        undriven.off_at_goal,
+        undriven.kept_rmse,
+        undriven.halves,
+        undriven.tracking_median,
+    ):
         assert np.isnan(each).all()
     found = Simulator(grid).match(points * 2, 5)
     expected = np.median(np.hypot(found[..., 0], found[..., 1]), axis=1)

@@ -421,7 +421,7 @@ def test_results_are_written_and_drawn(tuning, tmp_path):
     check_looks(tuning_figure(tuning), "tuning")
     panels = tuning_figure(tuning).axes
     labels = [panel.get_ylabel() for panel in panels]
-    assert labels[:2] == ["RMSE of the position [m]", "lost drives [%]"]
+    assert labels[:2] == ["RMSE of the position [m]", "drives off by > 1 m at some time [%]"]
 
 
 @pytest.mark.parametrize(

@@ -79,14 +79,16 @@ def choice_figure(choice: Choice) -> Figure:
     for each in sorted(choice.candidates, key=lambda each: _rank(choice, each)):
         rank = _rank(choice, each)
         draw_path(upper, each.path, color=COLOURS[rank], linewidth=WIDTHS[rank])
-        if each.arrivals:
-            draw_places(upper, each.arrivals, COLOURS[rank])
+        draw_places(upper, each.arrivals, COLOURS[rank])
     draw_ends(upper, choice.start, choice.goal)
-    arrivals = [each.arrivals for each in choice.candidates if each.arrivals]
     if choice.candidates:
         (_draw_errors if choice.judgement else _draw_degeneracy)(axes[1, 0], choice)
     figure.legend(
-        handles=[*_handles(choice), *place_handles(arrivals), *end_handles()],
+        handles=[
+            *_handles(choice),
+            *place_handles(each.arrivals for each in choice.candidates),
+            *end_handles(),
+        ],
         loc="outside lower center",
         frameon=False,
         ncols=3,

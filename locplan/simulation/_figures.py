@@ -122,19 +122,19 @@ MARKS = {ENDS: "x", STOPS: "s", LEAVES: "."}
 """Marks of where closed-loop drives go wrong."""
 
 
-def draw_places(axes: Axes, arrivals: Arrivals, colour: Any) -> None:
+def draw_places(axes: Axes, arrivals: Arrivals | None, colour: Any) -> None:
     """Mark where robots stop, end without having arrived, and leave the path.
 
     Parameters
     ----------
     axes : Axes
         Where to draw.
-    arrivals : Arrivals
-        Closed-loop drives along one path.
+    arrivals : Arrivals or None
+        Closed-loop drives along one path, if there are any.
     colour : color
         The path's colour.
     """
-    rows = arrivals.places().rows
+    rows = arrivals.places().rows if arrivals else ()
     for what, mark in MARKS.items():
         xy = np.array([row[2:4] for row in rows if row[1] == what]).reshape(-1, 2)
         axes.plot(
@@ -142,15 +142,15 @@ def draw_places(axes: Axes, arrivals: Arrivals, colour: Any) -> None:
         )
 
 
-def place_handles(arrivals: Iterable[Arrivals]) -> list[Line2D]:
+def place_handles(arrivals: Iterable[Arrivals | None]) -> list[Line2D]:
     """Entries of a legend for the marks that there are.
 
     Parameters
     ----------
-    arrivals : iterable of Arrivals
+    arrivals : iterable of Arrivals, or of None
         Closed-loop drives along some paths.
     """
-    shown = {row[1] for each in arrivals for row in each.places().rows}
+    shown = {row[1] for each in arrivals if each for row in each.places().rows}
     style: dict[str, Any] = {"linestyle": "", "color": "0.3", "mfc": "none"}
     kinds = [(what, mark) for what, mark in MARKS.items() if what in shown]
     return [Line2D([], [], marker=mark, label=f"a robot {what}", **style) for what, mark in kinds]

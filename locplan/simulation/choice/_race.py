@@ -23,7 +23,7 @@ CLEARLY_BETTER, NO_DIFFERENCE, PROBABLY_BETTER, LOSES_MORE, NONE_LED = (
     "clearly better",
     "no worthwhile difference",
     "probably better",
-    "more drives lost",
+    "more drives off by over 1 m",
     "none led the race",
 )
 """Verdicts, beside "undecided after 64 drives".
