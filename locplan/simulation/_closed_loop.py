@@ -55,7 +55,6 @@ def drive_closed(
     drives: range,
     *,
     replan: float | None = None,
-    stream: int = 0,
     perfect: bool = False,
     progress: ProgressCallback | None = None,
 ) -> dict[str, Arrivals]:
@@ -68,12 +67,10 @@ def drive_closed(
     paths : mapping of str to Path
         The paths by name.
     drives : range
-        Numbers of the drives.
+        Numbers of the drives; each has a world and random numbers of its own.
     replan : float, optional
         Time after which a new plan is made in any case [s]; by default only where something is in
         the way.
-    stream : int, default 0
-        Number of the stream of random numbers.
     perfect : bool, default False
         Whether the robot knows its true pose, which shows what the follower alone can do.
     progress : callable, optional
@@ -93,9 +90,9 @@ def drive_closed(
     found: dict[str, list[Any]] = {name: [None] * len(drives) for name in paths}
 
     def run(n: int) -> None:
-        world = loop.world(stream, drives[n])
+        world = loop.world(drives[n])
         for name in paths:
-            found[name][n] = loop.drive(name, world, stream, drives[n])
+            found[name][n] = loop.drive(name, world, drives[n])
 
     _ = loop.density, loop.body  # made once, not by every thread
     simulator.in_threads(run, len(drives), progress, len(drives) * len(paths))
@@ -126,7 +123,7 @@ def seen_on(
     from locplan._kernels.lidar import measured_ends
 
     loop = ClosedLoop(simulator, {"": path}, None, False)
-    world, arguments = loop.world(0, number), simulator.arguments
+    world, arguments = loop.world(number), simulator.arguments
     random = random_of(simulator.seed, CLOSED, 0, number, 1)
     cells = own_axes(loop.part, poses)[:, [1, 0, 2]] / (world.resolution, world.resolution, 1)
     found = []
@@ -178,21 +175,21 @@ class ClosedLoop:
         """Cost per metre of each cell, as Nav2's planners see it on the inflated map, (H, W)."""
         return self._inflated(self.part.clearance)
 
-    def world(self, stream: int, number: int) -> Any:
+    def world(self, number: int) -> Any:
         """The world of a drive, that of the open-loop drive of this number."""
         from locplan._kernels.follower import Surroundings
 
         # Nobody knows what stands in unknown cells: they are no walls, as in the lidar's world.
-        return Surroundings(self.stage.world(stream, number), self.part.resolution)
+        return Surroundings(self.stage.world(0, number), self.part.resolution)
 
-    def drive(self, name: str, world: Any, stream: int, number: int) -> Arrival:
+    def drive(self, name: str, world: Any, number: int) -> Arrival:
         """Drive once along a path; a drive that fails is repeated with perfect localization."""
-        found = self._driven(name, world, stream, number, perfect=self.perfect)
+        found = self._driven(name, world, number, perfect=self.perfect)
         if found.outcome == ARRIVED:
             return found
         control = found
         if not self.perfect:
-            control = self._driven(name, world, stream, number, perfect=True)
+            control = self._driven(name, world, number, perfect=True)
         if control.outcome == ARRIVED:
             return found
         return replace(found, fault=FOLLOWER if self._has_way(name, world) else WORLD)
@@ -213,10 +210,10 @@ class ClosedLoop:
         near = [rooms[a:b, c:d] for (a, c), (b, d) in zip(low, high, strict=True)]
         return bool(np.intersect1d(*near).any())
 
-    def _driven(self, name: str, world: Any, stream: int, number: int, *, perfect: bool) -> Arrival:
+    def _driven(self, name: str, world: Any, number: int, *, perfect: bool) -> Arrival:
         from locplan._kernels import follower
 
-        random = random_of(self.simulator.seed, CLOSED, stream, number)
+        random = random_of(self.simulator.seed, CLOSED, 0, number)
         way = own_axes(self.part, _at(self.paths[name].resampled(POINTS, even=True).xy))
         way = np.ascontiguousarray(way[:, :2])
         ahead = way[min(len(way) - 1, 6)] - way[0]

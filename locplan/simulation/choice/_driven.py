@@ -175,7 +175,8 @@ DRIVEN: tuple[Column, ...] = (
 
 
 STREAM = 1_000_000
-"""Stream of the random numbers of these drives, above those of `simulate` and its queries."""
+"""Stream of the random numbers of these drives, above those of `simulate` and its queries; and the
+first number of closed-loop drives."""
 RIVAL_DRIVES = 8
 """Number of drives of the shortest path with the rival's settings."""
 
@@ -225,7 +226,7 @@ class Driver:
         kept = min(len(paths), KEPT + 1)
         self._done, self._total = 0, ROUNDS[0] * len(paths) + (ROUNDS[1] - ROUNDS[0]) * kept
         self._total += min(len(paths), FINALISTS + 1) * settings.drives + RIVAL_DRIVES
-        self._closed = range(settings.closed_drives)
+        self._closed = range(STREAM, STREAM + settings.closed_drives)
         self._total += 2 * len(self._closed)
 
     def __call__(self, paths: Sequence[int], numbers: range) -> Scores:
@@ -254,9 +255,7 @@ class Driver:
         if not found.takes(self._settings.bold):
             return {}
         both = {f"{path}": self._paths[path] for path in (0, found.leader)}
-        made = drive_closed(
-            self._simulator, both, self._closed, stream=STREAM + 1, progress=self._step
-        )
+        made = drive_closed(self._simulator, both, self._closed, progress=self._step)
         self._done += 2 * len(self._closed)
         return {int(path): each for path, each in made.items()}
 
