@@ -173,8 +173,8 @@ def test_a_door_as_wide_as_the_robot_is_the_follower_s_failure_and_a_narrower_on
     found = driven(grid, path, robot, 3)
     assert set(ends(found)) == {"stuck"}
     assert {each.fault for each in found.drives} == {fault}
-    assert found.follower_fails.value == float(fault == "follower")
-    assert found.no_way.value == float(fault == "world")
+    assert found.rate("follower").value == float(fault == "follower")
+    assert found.rate("world").value == float(fault == "world")
     assert all(each.truth[:, 0].max() < 4.0 for each in found.drives)
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from locplan._util.poses import Poses
 from locplan._util.records import POSE, Column, Table
 from locplan._util.saved import Valued
 from locplan.costs import Path
-from locplan.simulation._drives import OFF, check_drives
+from locplan.simulation._drives import OFF, check_drives, rate_column
 
 ARRIVED, ELSEWHERE, STUCK, TIMED_OUT = "arrived", "elsewhere", "stuck", "timed out"
 """How a drive ends; elsewhere, the robot believes to be at the goal, and is not."""
@@ -47,6 +48,8 @@ class Closed(Settings):
             positive("replan", self.replan, "s")
 
 
+LEAVES, STOPS, ENDS = "leaves the path by 0.5 m", "stops", "ends"
+"""What is at a place."""
 NOWHERE = np.empty((0, 3))
 Place = tuple[float, float, float]
 
@@ -100,20 +103,16 @@ class Arrival(Valued):
             if all(np.hypot(*(pose - each)[:2]) > OFF for each in stops):
                 stops.append(pose)
         begins = np.flatnonzero(off & ~np.append(False, off[:-1]))
-        places = [
-            tuple(map(tuple, np.reshape(each, (-1, 3)).tolist()))
-            for each in (truth[-1], believed[-1], stops, truth[begins])
-        ]
-        return cls(
-            outcome,
-            (len(truth) - 1) * TICK,
-            *places[0],
-            *places[1],
-            *places[2:],
-            "",
-            truth,
-            believed,
-        )
+        ends = truth[-1], believed[-1]
+        (end, believed_end), *places = map(_placed, (ends, stops, truth[begins]))
+        seconds = (len(truth) - 1) * TICK
+        return cls(outcome, seconds, end, believed_end, *places, "", truth, believed)
+
+    @property
+    def places(self) -> tuple[tuple[str, tuple[Place, ...]], ...]:
+        """True poses at which something goes wrong, by what does."""
+        ends = () if self.outcome == ARRIVED else (self.end,)
+        return (LEAVES, self.leaves), (STOPS, self.stops), (ENDS, ends)
 
     def __repr__(self) -> str:
         return f"Arrival({self.outcome} after {self.seconds:.1f} s)"
@@ -143,69 +142,45 @@ class Arrivals(Valued):
     @property
     def arrived(self) -> Interval:
         """Share of the drives that arrive, 0..1, with its 95 % interval."""
-        return self._share(ARRIVED)
+        return self.rate(ARRIVED)
 
-    @property
-    def elsewhere(self) -> Interval:
-        """Share of those that end where the robot believes to be at the goal, and is not."""
-        return self._share(ELSEWHERE)
+    def rate(self, what: str) -> Interval:
+        """Share of the drives with this outcome or this fault, 0..1, with its 95 % interval.
 
-    @property
-    def stuck(self) -> Interval:
-        """Share of those that come no farther."""
-        return self._share(STUCK)
-
-    @property
-    def timed_out(self) -> Interval:
-        """Share of those that take too long."""
-        return self._share(TIMED_OUT)
-
-    @property
-    def follower_fails(self) -> Interval:
-        """Share of those that fail with perfect localization, too: they are the follower's."""
-        return self._share(FOLLOWER)
-
-    @property
-    def no_way(self) -> Interval:
-        """Share of those in whose world no way leads to the goal."""
-        return self._share(WORLD)
-
-    def _share(self, what: str) -> Interval:
+        Parameters
+        ----------
+        what : str
+            "elsewhere" (the robot believes to be at the goal, and is not), "stuck", "timed out"; or
+            "follower" (it fails with perfect localization, too), "world" (it has no way to the goal).
+        """
         found = sum(what in (each.outcome, each.fault) for each in self.drives)
         return wilson(found / len(self.drives), len(self.drives))
 
     def places(self) -> Table:
         """Where robots stop, end without having arrived, and leave the path by over 0.5 m."""
-        return Table(PLACES, tuple(self._places()))
-
-    def _places(self) -> Iterator[tuple[int, str, float, float, float]]:
-        for n, each in enumerate(self.drives):
-            ends = () if each.outcome == ARRIVED else (each.end,)
-            for what, poses in ((LEAVES, each.leaves), (STOPS, each.stops), (ENDS, ends)):
-                yield from ((n, what, *pose) for pose in poses)
+        every = [(n, *place) for n, each in enumerate(self.drives) for place in each.places]
+        return Table(PLACES, tuple((n, what, *pose) for n, what, poses in every for pose in poses))
 
     def summary(self) -> dict[str, object]:
         """Shares of the drives by their ends, fit for JSON."""
         return {"drives": len(self.drives), **{e.name: list(e.of(self)) for e in ARRIVING}}
 
 
-LEAVES, STOPS, ENDS = "leaves the path by 0.5 m", "stops", "ends"
-"""What is at a place."""
 PLACES = (Column("drive"), Column("what"), *POSE)
 """Columns of `Arrivals.places`."""
 
 
-def _rate(name: str, title: str) -> Column:
-    return Column(name, "", title, 0, "%", interval=True)
+def _rate(name: str, what: str, title: str) -> Column:
+    return rate_column(name, title, lambda found: found.rate(what))
 
 
 ARRIVING = (
-    _rate("arrived", "arrives, with a pursuit follower"),
-    _rate("elsewhere", "believes to be there, is elsewhere"),
-    _rate("stuck", "gets stuck"),
-    _rate("timed_out", "runs out of time"),
-    _rate("follower_fails", "fails with perfect localization, too"),
-    _rate("no_way", "has no way in its world"),
+    _rate("arrived", ARRIVED, "arrives, with a pursuit follower"),
+    _rate("elsewhere", ELSEWHERE, "believes to be there, is elsewhere"),
+    _rate("stuck", STUCK, "gets stuck"),
+    _rate("timed_out", TIMED_OUT, "runs out of time"),
+    _rate("follower_fails", FOLLOWER, "fails with perfect localization, too"),
+    _rate("no_way", WORLD, "has no way in its world"),
 )
 """Columns of `Arrivals`."""
 
@@ -241,12 +216,10 @@ def faults_of(*arrivals: Arrivals) -> str:
         Closed-loop drives along some paths.
     """
     faults = [each.fault for some in arrivals for each in some.drives]
-    said = [
-        f"{faults.count(fault)} {words}"
-        for fault, words in (
-            (FOLLOWER, "fail with perfect localization, too"),
-            (WORLD, "have no way"),
-        )
-        if fault in faults
-    ]
+    words = {FOLLOWER: "fail with perfect localization, too", WORLD: "have no way"}
+    said = [f"{faults.count(each)} {text}" for each, text in words.items() if each in faults]
     return f" ({', '.join(said)})" if said else ""
+
+
+def _placed(poses: Any) -> tuple[Place, ...]:
+    return tuple((x, y, heading) for x, y, heading in np.reshape(poses, (-1, 3)).tolist())

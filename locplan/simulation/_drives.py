@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -36,13 +36,14 @@ OFF = 0.5
 tells best whether a robot that is steered by its estimate arrives."""
 
 
-def _rate(name: str, title: str) -> Column:
-    return Column(name, "", title, 0, "%", interval=True)
+def rate_column(name: str, title: str, value: Callable[[Any], Interval] | None = None) -> Column:
+    """Column of a share of drives with its interval."""
+    return Column(name, "", title, 0, "%", interval=True, value=value)
 
 
 RATES = (
-    _rate("lost_rate", f"off by > {LOST:g} m at some time"),
-    _rate("off_at_goal", f"off by > {OFF:g} m at the goal"),
+    rate_column("lost_rate", f"off by > {LOST:g} m at some time"),
+    rate_column("off_at_goal", f"off by > {OFF:g} m at the goal"),
 )
 """Columns of shares of the drives that go wrong, with 95 % intervals."""
 DRIVEN = (
