@@ -151,7 +151,7 @@ class Arrivals(Valued):
         ----------
         what : str
             "elsewhere" (the robot believes to be at the goal, and is not), "stuck", "timed out"; or
-            "follower" (it fails with perfect localization, too), "world" (it has no way to the goal).
+            "follower" (it fails with perfect localization, too), "world" (no way to the goal).
         """
         found = sum(what in (each.outcome, each.fault) for each in self.drives)
         return wilson(found / len(self.drives), len(self.drives))
