@@ -138,7 +138,7 @@ def test_the_simulated_choice_is_that_of_the_library(session):
 
 def test_a_drive_that_the_filter_steers_is_told_pose_by_pose_with_what_it_sees(session):
     path = paths_of(0.0)[AWARE]
-    shown = answered(session, "steer", xy=path.xy.tolist())
+    shown = answered(session, "steer", **WAY, xy=path.xy.tolist())
     grid = corridors()[0]
     own = drive_closed(Simulator(grid, ROBOT), {"": path}, range(16))[""]
     n = int(shown["what"].split()[1][:-1]) - 1
