@@ -45,6 +45,8 @@ so far around the robot [m]."""
 LEAVE, LEAVING = 0.3, 50.0
 """Distance from the robot in which a new plan may come too near to walls [m], and its cost there
 per metre."""
+FINE = 0.02
+"""Maximum edge of the cells on which a way through a world is looked for [m]."""
 PATIENCE = 60.0, 3.0
 """Maximum time of a drive: so long [s], and so many times that of its path."""
 
@@ -198,14 +200,18 @@ class ClosedLoop:
         """Whether a disc within the outline fits through a world from the start to the goal."""
         from scipy.ndimage import label
 
+        # Cells of 2 cm at most: on coarse ones a gap would seem narrower than it is.
+        finer = math.ceil(world.resolution / FINE)
         cells = np.where(world.squares[0, 1:-1, 1:-1], FREE, OCCUPIED).astype(np.uint8)
-        clearance = OccupancyGrid(cells, world.resolution).clearance
-        robot, half = self.simulator.robot, world.resolution / 2
+        cells, resolution = cells.repeat(finer, 0).repeat(finer, 1), world.resolution / finer
+        clearance, robot = OccupancyGrid(cells, resolution).clearance, self.simulator.robot
         radius = robot.outline.inscribed_radius if robot.outline else robot.footprint
-        rooms, _ = label(clearance >= max(radius - half, half))
+        rooms, _ = label(clearance >= max(radius - resolution / 2, resolution / 2))
         ends = own_axes(self.part, _at(self.paths[name].xy[[0, -1]]))[:, 1::-1]
+        reach = self.body.tolerance
         low, high = (
-            np.maximum(np.floor(ends / world.resolution + each).astype(int), 0) for each in (-1, 2)
+            np.maximum(np.ceil((ends + each) / resolution), 0).astype(int)
+            for each in (-reach, reach)
         )
         near = [rooms[a:b, c:d] for (a, c), (b, d) in zip(low, high, strict=True)]
         return bool(np.intersect1d(*near).any())
