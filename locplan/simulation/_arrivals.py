@@ -48,7 +48,9 @@ class Closed(Settings):
             positive("replan", self.replan, "s")
 
 
-LEAVES, STOPS, ENDS = "leaves the path by 0.5 m", "stops", "ends"
+LEAVES: str = "leaves the path by 0.5 m"
+STOPS: str = "stops"
+ENDS: str = "ends"
 """What is at a place."""
 NOWHERE = np.empty((0, 3))
 Place = tuple[float, float, float]
@@ -103,10 +105,10 @@ class Arrival(Valued):
             if all(np.hypot(*(pose - each)[:2]) > OFF for each in stops):
                 stops.append(pose)
         begins = np.flatnonzero(off & ~np.append(False, off[:-1]))
-        ends = truth[-1], believed[-1]
-        (end, believed_end), *places = map(_placed, (ends, stops, truth[begins]))
+        end, believed_end = _placed((truth[-1], believed[-1]))
+        places = _placed(stops), _placed(truth[begins])
         seconds = (len(truth) - 1) * TICK
-        return cls(outcome, seconds, end, believed_end, *places, "", truth, believed)
+        return cls(outcome, seconds, end, believed_end, *places, truth=truth, believed=believed)
 
     @property
     def places(self) -> tuple[tuple[str, tuple[Place, ...]], ...]:
@@ -174,7 +176,7 @@ def _rate(name: str, what: str, title: str) -> Column:
     return rate_column(name, title, lambda found: found.rate(what))
 
 
-ARRIVING = (
+ARRIVING: tuple[Column, ...] = (
     _rate("arrived", ARRIVED, "arrives, with a pursuit follower"),
     _rate("elsewhere", ELSEWHERE, "believes to be there, is elsewhere"),
     _rate("stuck", STUCK, "gets stuck"),

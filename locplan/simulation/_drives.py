@@ -41,7 +41,7 @@ def rate_column(name: str, title: str, value: Callable[[Any], Interval] | None =
     return Column(name, "", title, 0, "%", interval=True, value=value)
 
 
-RATES = (
+RATES: tuple[Column, ...] = (
     rate_column("lost_rate", f"off by > {LOST:g} m at some time"),
     rate_column("off_at_goal", f"off by > {OFF:g} m at the goal"),
 )
