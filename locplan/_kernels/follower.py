@@ -81,12 +81,9 @@ def gap_at(squares: Octets, row: float, col: float, reach: float) -> float:
     rows, cols = squares.shape[1] - 2, squares.shape[2] - 2
     if not (0 <= i < rows and 0 <= j < cols):
         return -np.inf
-    empty = 255
-    for quadrant in range(4):
-        empty = min(empty, int(squares[quadrant, i + 1, j + 1]))
-    least = reach * reach
-    if empty - 1 >= reach:
+    if int(squares[:, i + 1, j + 1].min()) - 1 >= reach:
         return reach
+    least = reach * reach
     for r in range(max(0, int(row - reach)), min(rows, int(row + reach) + 1)):
         up = max(r - row, row - r - 1, 0.0)
         for c in range(max(0, int(col - reach)), min(cols, int(col + reach) + 1)):
@@ -175,11 +172,11 @@ def evade(surroundings: Surroundings, body: Body, trace: Trace) -> bool:
             if is_clear(surroundings, body, pose, share * ahead, share * left, turn + bend):
                 command[0], command[1], command[2] = share * ahead, share * left, turn + bend
                 return True
-    command[0] = command[1] = 0.0
-    command[2] = (
-        turn if abs(turn) > SLIGHT and is_clear(surroundings, body, pose, 0.0, 0.0, turn) else 0.0
-    )
-    return command[2] != 0.0
+    command[:] = 0.0
+    turns = abs(turn) > SLIGHT and is_clear(surroundings, body, pose, 0.0, 0.0, turn)
+    if turns:
+        command[2] = turn
+    return turns
 
 
 @njit(nogil=True, cache=True)
@@ -314,7 +311,8 @@ def follow(
     perfect : bool
         Whether the filter's pose is the true one.
     """
-    ends, finer = np.empty((lidar.angles.size, 2)), surroundings.resolution / scores.resolution
+    squares, resolution = surroundings.squares, surroundings.resolution
+    ends, finer = np.empty((lidar.angles.size, 2)), resolution / scores.resolution
     cell = np.empty(3)
     while True:
         n = trace.counts[TICKS]
@@ -327,16 +325,8 @@ def follow(
                 advance(sensing, tracker, trace.reported, n, settings)
             if due or n == 0:
                 x, y, cell[2] = trace.truth[n]
-                cell[0], cell[1] = y / surroundings.resolution, x / surroundings.resolution
-                measured_ends(
-                    sensing,
-                    surroundings.squares,
-                    surroundings.resolution,
-                    cell,
-                    lidar,
-                    disturbances,
-                    ends,
-                )
+                cell[0], cell[1] = y / resolution, x / resolution
+                measured_ends(sensing, squares, resolution, cell, lidar, disturbances, ends)
                 for b in range(len(ends)):
                     ends[b, 0] *= finer
                     ends[b, 1] *= finer
