@@ -17,7 +17,7 @@ import locplan
 from locplan.simulation import Arrivals, Simulator, drive_closed
 
 MAP = Path(__file__).resolve().parent.parent / "maps" / "hall.yaml"
-START, GOAL = (8.4, 0.4), (17.9, 28.9)
+START, GOAL = (32.2, 16.0), (4.3, 15.0)
 DRIVES = 60
 COLOURS = {"shortest": "#b5431f", "to take": "#00857c"}
 TICK = 0.1
@@ -33,7 +33,7 @@ def main(folder: str = "animation", step: float = 1.0, drives: int = DRIVES) -> 
     for name, each in driven.items():
         print(f"{name}: {paths[name].length:.1f} m, {each.words} arrive")
 
-    figure = Figure(figsize=(8.0, 6.4), layout="constrained")
+    figure = Figure(figsize=(8.0, 7.0), layout="constrained")
     above, below = figure.subplots(2, 1, height_ratios=(7, 3))
     locplan.plotting.draw_map(above, grid)
     locplan.plotting.draw_ends(above, START, GOAL)

@@ -104,7 +104,7 @@ class Drives:
     def __repr__(self) -> str:
         return (
             f"Drives({len(self.errors)} of {self.distance[-1]:.2f} m,"
-            f" median error {self.median_error.value:.3g} m, {self.lost_rate.value:.0%} lost)"
+            f" median error {self.median_error.value:.3g} m, {rates_of(self)})"
         )
 
     @property
