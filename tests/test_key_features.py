@@ -556,7 +556,7 @@ def test_the_command_writes_features(run, map_file, tmp_path):
     options = ["--drives", 2, "--set", "range=3", "--count", 2, "-o", out]
     code, said, err = run("features", map_file, *ENDS, *FEW, *options)
     assert code == 0, err
-    assert said.index("lost") < said.index("depends on 1 feature") < said.index("object")
+    assert said.index("off by") < said.index("depends on 1 feature") < said.index("object")
     with (out / "features.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert rows[0]["kind"] == "object"

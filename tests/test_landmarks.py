@@ -1099,7 +1099,7 @@ def test_the_command_writes_places_and_the_map(run, map_file, tmp_path):
     ends = ["--start", "-6,0", "--goal", "6,0"]
     code, said, err = run("landmarks", map_file, *ends, *options, *more)
     assert code == 0, err
-    assert said.index("lost") < said.index("landmark   x [m]")
+    assert said.index("off by") < said.index("landmark   x [m]")
     with (out / "landmarks.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["number"] for row in rows] == ["1", "2"]

@@ -78,8 +78,8 @@ def choice_figure(choice: Choice) -> Figure:
     # The path to take is drawn last.
     for each in sorted(choice.candidates, key=lambda each: _rank(choice, each)):
         rank = _rank(choice, each)
-        draw_path(upper, each.path, color=COLOURS[rank], linewidth=WIDTHS[rank])
         draw_places(upper, each.arrivals, COLOURS[rank])
+        draw_path(upper, each.path, color=COLOURS[rank], linewidth=WIDTHS[rank])
     draw_ends(upper, choice.start, choice.goal)
     if choice.candidates:
         (_draw_errors if choice.judgement else _draw_degeneracy)(axes[1, 0], choice)

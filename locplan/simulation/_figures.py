@@ -136,10 +136,9 @@ def draw_places(axes: Axes, arrivals: Arrivals | None, colour: Any) -> None:
     """
     rows = arrivals.places().rows if arrivals else ()
     for what, mark in MARKS.items():
-        xy = np.array([row[2:4] for row in rows if row[1] == what]).reshape(-1, 2)
-        axes.plot(
-            *xy.T, mark, color=colour, markersize=6, markeredgewidth=1.5, mfc="none", zorder=5
-        )
+        if xy := [row[2:4] for row in rows if row[1] == what]:
+            style: dict[str, Any] = {"markeredgewidth": 1.5, "mfc": "none", "zorder": 5}
+            axes.plot(*np.array(xy).T, mark, color=colour, markersize=6, **style)
 
 
 def place_handles(arrivals: Iterable[Arrivals | None]) -> list[Line2D]:
