@@ -396,7 +396,7 @@ def test_progress_counts_the_drives_up_to_the_greatest_number(grid, costs):
     calls = []
     found = choose(grid, START, GOAL, costs=costs, progress=lambda *at: calls.append(at), **QUICK)
     count = len(found.candidates)
-    total = 4 * count + 4 * min(6, count) + 4 * min(4, count) + 8
+    total = 4 * count + 4 * min(6, count) + 4 * min(4, count) + 8 + 2 * 16
     done = [done for done, _ in calls]
     assert done == [*range(1, len(done) + 1)]
     assert {every for _, every in calls} == {total}

@@ -219,17 +219,9 @@ def draw_errors(
         axes.plot(profile[:, 0], profile[:, 4], line, color=colour, label=label)
     if axes.get_ylim()[1] > LOST / 2:
         axes.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
-        at = "axes fraction", "data"
-        axes.annotate(
-            "off by > 1 m",
-            (1, LOST),
-            (-5, -2),
-            at,
-            "offset points",
-            ha="right",
-            va="top",
-            fontsize=8,
-        )
+        right: dict[str, Any] = {"ha": "right", "va": "top", "fontsize": 8}
+        at = (1, LOST), (-5, -2), ("axes fraction", "data"), "offset points"
+        axes.annotate("off by > 1 m", *at, **right)
     make_logarithmic(axes.yaxis)
     axes.set_ylim(bottom=max(style.MIN_ERROR / 2, axes.get_ylim()[0]))
     axes.set(xlabel=along_first(driven.profiles), ylabel="position error of drives [m]")
