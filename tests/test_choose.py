@@ -42,7 +42,9 @@ from locplan.simulation import (
     choice_figure,
     drive_closed,
 )
-from locplan.simulation._drives import FLOOR, MINIMISED, log_errors
+from locplan.simulation._drives import FLOOR
+from locplan.simulation.choice._ask import MINIMISED
+from locplan.simulation.choice._driven import log_errors
 
 START, GOAL = (1.0, 3.0), (11.0, 3.0)
 FEW = Amcl(min_particles=100, max_particles=100)

@@ -34,17 +34,10 @@ from locplan.simulation._arrivals import (
 )
 from locplan.simulation._drives import OFF
 from locplan.simulation._own_filters import OwnLoop
+from locplan.simulation._replanning import POINTS, Replanner, at_heading_0
 from locplan.simulation._simulator import CLOSED, Simulator
-from locplan.simulation._worlds import Stage, inflated, inflation_of
+from locplan.simulation._worlds import Stage
 
-POINTS = 0.05
-"""Distance between the points of a path that is followed [m]."""
-SIGHT, JOIN, AROUND = 3.0, (1.0, 5.0), 8.0
-"""A new plan knows the true walls so far away, joins the path so far ahead, and is made on the map
-so far around the robot [m]."""
-LEAVE, LEAVING = 0.3, 50.0
-"""Distance from the robot in which a new plan may come too near to walls [m], and its cost there
-per metre."""
 FINE = 0.02
 """Maximum edge of the cells on which a way through a world is looked for [m]."""
 PATIENCE = 60.0, 3.0
@@ -96,7 +89,7 @@ def drive_closed(
         for name in paths:
             found[name][n] = loop.drive(name, world, drives[n])
 
-    _ = loop.density, loop.body  # made once, not by every thread
+    _ = loop.planner.density, loop.body  # made once, not by every thread
     simulator.in_threads(run, len(drives), progress, len(drives) * len(paths))
     return {name: Arrivals(tuple(each)) for name, each in found.items()}
 
@@ -149,7 +142,7 @@ class ClosedLoop:
     def stage(self) -> Stage:
         """The part of the map in which worlds differ."""
         xy = np.concatenate([path.xy for path in self.paths.values()])
-        return self.simulator.stage([self.simulator.line(_at(xy))])
+        return self.simulator.stage([self.simulator.line(at_heading_0(xy))])
 
     @cached_property
     def part(self) -> OccupancyGrid:
@@ -173,9 +166,9 @@ class ClosedLoop:
         return Body(_discs(robot), sideways, kinematics.speed, robot.goal_tolerance)
 
     @cached_property
-    def density(self) -> NDArray[np.float64]:
-        """Cost per metre of each cell, as Nav2's planners see it on the inflated map, (H, W)."""
-        return self._inflated(self.part.clearance)
+    def planner(self) -> Replanner:
+        """What leads a hindered robot back to its path."""
+        return Replanner(self.part, self.simulator.robot)
 
     def world(self, number: int) -> Any:
         """The world of a drive, that of the open-loop drive of this number."""
@@ -207,7 +200,7 @@ class ClosedLoop:
         clearance, robot = OccupancyGrid(cells, resolution).clearance, self.simulator.robot
         radius = robot.outline.inscribed_radius if robot.outline else robot.footprint
         rooms, _ = label(clearance >= max(radius - resolution / 2, resolution / 2))
-        ends = own_axes(self.part, _at(self.paths[name].xy[[0, -1]]))[:, 1::-1]
+        ends = own_axes(self.part, at_heading_0(self.paths[name].xy[[0, -1]]))[:, 1::-1]
         reach = self.body.tolerance
         low, high = (
             np.maximum(np.ceil((ends + each) / resolution), 0).astype(int)
@@ -220,7 +213,7 @@ class ClosedLoop:
         from locplan._kernels import follower
 
         random = random_of(self.simulator.seed, CLOSED, 0, number)
-        way = own_axes(self.part, _at(self.paths[name].resampled(POINTS, even=True).xy))
+        way = own_axes(self.part, at_heading_0(self.paths[name].resampled(POINTS, even=True).xy))
         way = np.ascontiguousarray(way[:, :2])
         ahead = way[min(len(way) - 1, 6)] - way[0]
         first = np.array([*way[0], math.atan2(ahead[1], ahead[0])])
@@ -230,7 +223,7 @@ class ClosedLoop:
         follow = self._follower(random, world, trace, perfect)
         while (decision := follow(way)) == follower.PLAN:
             n, at = trace.counts[follower.TICKS], trace.counts[follower.AT]
-            way = self._planned(way[at:], trace.truth[n], trace.believed[n], world)
+            way = self.planner.way(way[at:], trace.truth[n], trace.believed[n], world)
             trace.counts[follower.AT] = 0
         n = int(trace.counts[follower.TICKS]) + 1
         outcome = {follower.STUCK: STUCK, follower.TIMED_OUT: TIMED_OUT}.get(decision, ARRIVED)
@@ -280,85 +273,6 @@ class ClosedLoop:
             trace,
         )
 
-    def _planned(self, way: Any, truth: Any, believed: Any, world: Any) -> NDArray[np.float64]:
-        """A way (n, 2) from the believed pose back to the path, on the map and what is seen.
-
-        It joins the path within some metres where that is shortest, or else later. The path stays
-        where no way is found.
-        """
-        from locplan._kernels.search import bordered_half, shortest_costs
-        from locplan._kernels.ways import trace
-
-        resolution = self.part.resolution
-        here, reach = np.floor(believed[1::-1] / resolution).astype(int), AROUND / resolution
-        low = np.maximum(here - math.ceil(reach), 0)
-        window = tuple(
-            slice(a, max(b, 0)) for a, b in zip(low, here + math.ceil(reach), strict=True)
-        )
-        density, start = self.density[window].copy(), here - low
-        if not _within(start[None], density.shape).all():
-            return np.asarray(way)
-        # Walls are seen from the true pose, and put where the believed one has them.
-        seen = after_way(believed, way_between(truth, self._seen(truth, world)))
-        walls = np.floor(seen[:, 1::-1] / resolution).astype(int) - low
-        walls = walls[_within(walls, density.shape)]
-        self._add(walls, density)
-        # A robot that stands too near to a wall may leave, at a price.
-        leave = int(LEAVE / resolution)
-        about = tuple(slice(max(0, each - leave), each + leave + 1) for each in start)
-        density[about] = np.minimum(density[about], LEAVING)
-        density[self.part.cells[window] != FREE] = np.inf
-        density[tuple(walls.T)] = np.inf
-        density[tuple(start)] = LEAVING
-
-        half, columns = bordered_half(density, 1), density.shape[1] + 2
-        costs = shortest_costs(half, columns, (start[0] + 1) * columns + start[1] + 1, -1, False)
-        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
-        points = np.floor(way[:, ::-1] / resolution).astype(int) - low
-        able = _within(points, density.shape) & (along >= min(JOIN[0], along[-1]))
-        flat = (points[able] + 1) @ (columns, 1)
-        cost = np.full(len(way), np.inf)
-        cost[able] = resolution * costs[flat]
-        cost += along[-1] - along
-        soon = np.where(along <= JOIN[1], cost, np.inf)
-        best = int(np.argmin(soon if np.isfinite(soon).any() else cost))
-        if not np.isfinite(cost[best]):
-            return np.asarray(way)
-        cells = trace(half, columns, costs, (points[best] + 1) @ (columns, 1), False)
-        centres = (np.column_stack(np.divmod(cells, columns)[::-1]) - 0.5 + low[::-1]) * resolution
-        if len(centres) > 1:
-            centres = Path(centres).resampled(POINTS).xy
-        return np.concatenate([centres, way[best + 1 :]])
-
-    def _add(self, walls: NDArray[np.int64], density: NDArray[np.float64]) -> None:
-        """Raise a density about further walls, cells (n, 2)."""
-        if not len(walls):
-            return
-        robot = self.simulator.robot
-        reach = max(robot.radius, inflation_of(robot).inflation_radius)
-        margin = math.ceil(reach / self.part.resolution) + 1
-        low = np.maximum(walls.min(axis=0) - margin, 0)
-        window = tuple(slice(a, b + margin) for a, b in zip(low, walls.max(axis=0), strict=True))
-        cells = np.full(density[window].shape, FREE)
-        cells[tuple((walls - low).T)] = OCCUPIED
-        more = self._inflated(OccupancyGrid(cells, self.part.resolution).clearance)
-        density[window] = np.maximum(density[window], more)
-
-    def _inflated(self, clearance: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Density at a clearance, which is infinite where the robot does not fit."""
-        density = inflated(clearance, self.simulator.robot)
-        return np.where(clearance < self.simulator.robot.radius - 1e-9, np.inf, density)
-
-    def _seen(self, truth: NDArray[np.float64], world: Any) -> Poses:
-        """Centres of the true walls near the robot, with heading 0 [m, m, rad]."""
-        resolution = world.resolution
-        low = np.maximum((truth[1::-1] - SIGHT) / resolution, 0).astype(int)
-        high = np.maximum(np.ceil((truth[1::-1] + SIGHT) / resolution), 0).astype(int)
-        stops = world.squares[0, 1:-1, 1:-1][low[0] : high[0], low[1] : high[1]] == 0
-        rows, cols = np.nonzero(stops)
-        xy = (np.column_stack([cols + low[1], rows + low[0]]) + 0.5) * resolution
-        return _at(xy[np.hypot(*(xy - truth[:2]).T) <= SIGHT])
-
 
 def _discs(robot: Robot) -> NDArray[np.float64]:
     """The robot's outline as discs: x, y and radius, (n, 3) [m]."""
@@ -370,12 +284,3 @@ def _discs(robot: Robot) -> NDArray[np.float64]:
         [a + np.arange(0, 1, POINTS / math.dist(a, b))[:, None] * (b - a) for a, b in sides]
     )
     return np.column_stack([edge, np.full(len(edge), POINTS / 2)])
-
-
-def _at(xy: NDArray[np.float64]) -> Poses:
-    """Poses at positions, with heading 0."""
-    return np.column_stack([xy, np.zeros(len(xy))])
-
-
-def _within(cells: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    return np.asarray(((cells >= 0) & (cells < shape)).all(axis=1))

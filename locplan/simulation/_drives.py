@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,10 +60,8 @@ DRIVEN = (
 PROFILE = (
     Column("distance", "m"),
     *POSE,
-    Column("error_mean", "m"),
-    Column("error_median", "m"),
-    Column("error_percentile_10", "m"),
-    Column("error_percentile_90", "m"),
+    *(Column(f"error_{each}", "m") for each in ("mean", "median")),
+    *(Column(f"error_percentile_{each}", "m") for each in (10, 90)),
     Column("heading_error_rms", "rad"),
 )
 """Columns of `Drives.profile`."""
@@ -243,42 +241,8 @@ def contrasts(drives: Mapping[str, Drives]) -> dict[str, Interval]:
     return {name: rmse_ratio(drives[name], drives[first]) for name in rest}
 
 
-Minimise = Literal["rmse", "lost", "goal-error", "heading"]
-"""Quantity that the chosen path has least of."""
-MINIMISED: tuple[Minimise, ...] = get_args(Minimise)
 FLOOR = 1e-6
 """Mean square error that is added, so that no drive without error decides alone [m^2, rad^2]."""
-
-
-def log_errors(
-    distance: NDArray[np.float64], errors: NDArray[np.float64], minimise: Minimise, worst: float
-) -> NDArray[np.float64]:
-    """Logarithm of the root mean square error of each drive, (drives,).
-
-    Parameters
-    ----------
-    distance : (n,) array
-        Distance driven up to each pose [m].
-    errors : (drives, n, 3) array
-        The filter's pose minus the true one [m, m, rad].
-    minimise : str
-        "heading" takes the error of the heading [rad], "goal-error" that of the position over the
-        last metre, "rmse" and "lost" that of the position [m].
-    worst : float
-        Error as which larger ones count [m, or rad].
-    """
-    if minimise == "heading":
-        squares = errors[..., 2] ** 2
-    else:
-        squares = errors[..., 0] ** 2 + errors[..., 1] ** 2
-    if minimise == "goal-error":
-        squares = squares[:, distance >= distance[-1] - 1.0]
-    return np.asarray(0.5 * np.log(np.minimum(squares.mean(axis=1), worst**2) + FLOOR))
-
-
-def worst_error(shape: tuple[int, int], resolution: float) -> float:
-    """Error of a position as which larger ones count: the length of the map's diagonal [m]."""
-    return math.hypot(*shape) * resolution
 
 
 class Line(NamedTuple):

@@ -44,8 +44,7 @@ class Route:
     off_at_goal: tuple[float, float]
     """Share of each path's drives that were off by more than 0.5 m at the goal."""
     kept_rmse: tuple[float, float]
-    """RMSE of the position of each path's drives never off by more than 1 m [m]; NaN where all
-    were."""
+    """RMSE of each path's drives never off by more than 1 m [m]; NaN where all were."""
     rmse: tuple[float, float]
     """RMSE of the position along each path [m]."""
     summary: Mapping[str, object]
@@ -123,14 +122,12 @@ class Routes(Pictured):
     @property
     def lost(self) -> tuple[float, float]:
         """Share of lost drives along the shortest and the aware paths: means over the queries."""
-        shortest, aware = self.pairs("lost").mean(axis=0).tolist()
-        return shortest, aware
+        return _pair_of(self.pairs("lost").mean(axis=0))
 
     @property
     def off_at_goal(self) -> tuple[float, float]:
         """Share of drives off by more than 0.5 m at the goal along both kinds: means."""
-        shortest, aware = self.pairs("off_at_goal").mean(axis=0).tolist()
-        return shortest, aware
+        return _pair_of(self.pairs("off_at_goal").mean(axis=0))
 
     @property
     def lost_difference(self) -> Interval:
@@ -163,8 +160,7 @@ class Routes(Pictured):
         known = pairs[~np.isnan(pairs).any(axis=1)]
         if not len(known):
             return math.nan, math.nan
-        shortest, aware = np.exp(np.log(known).mean(axis=0)).tolist()
-        return shortest, aware
+        return _pair_of(np.exp(np.log(known).mean(axis=0)))
 
     def table(self) -> Table:
         """A row per query: both ends, and the errors along both paths."""
@@ -172,25 +168,15 @@ class Routes(Pictured):
 
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON; pairs are of the shortest and of the aware path."""
+        over_queries = "length_ratio", "rmse_ratio", "lost", "off_at_goal", "kept_rmse", "rmse"
         about: dict[str, object] = {
             **self.about,
             "verdict": self.verdict,
-            "length_ratio": list(self.length_ratio),
-            "rmse_ratio": list(self.rmse_ratio),
             "median_error": list(self.median),
-            "lost": list(self.lost),
-            "off_at_goal": list(self.off_at_goal),
-            "kept_rmse": list(self.kept_rmse),
-            "rmse": list(self.rmse),
-            "lost_difference": list(self.lost_difference),
+            **{name: list(getattr(self, name)) for name in (*over_queries, "lost_difference")},
             "queries": [
-                {
-                    "name": each.query.name,
-                    "start": list(each.query.start),
-                    "goal": list(each.query.goal),
-                    **each.summary,
-                }
-                for each in self.routes
+                {"name": at.name, "start": list(at.start), "goal": list(at.goal), **each.summary}
+                for at, each in ((each.query, each) for each in self.routes)
             ],
         }
         return finite(about)
@@ -321,13 +307,8 @@ def simulate_queries(
         If no query has a path, or a number is out of its range.
     """
     check_drives(drives)
-    simulator = Simulator(
-        costs.grid,
-        equipped(robot, costs.settings.config if costs.settings else None),
-        filter_map=filter_map,
-        seed=seed,
-        threads=threads,
-    )
+    robot = equipped(robot, costs.settings.config if costs.settings else None)
+    simulator = Simulator(costs.grid, robot, filter_map=filter_map, seed=seed, threads=threads)
     found = {}
     for query in queries:
         plans = plan_beside_shortest(costs, query.start, query.goal)
@@ -351,16 +332,17 @@ def simulate_queries(
     return Routes(costs.grid, routes, about)
 
 
+def _pair_of(both: NDArray[np.float64]) -> tuple[float, float]:
+    return float(both[0]), float(both[1])
+
+
 def _route(query: Query, drives: Mapping[str, Drives]) -> Route:
     shortest, aware = drives[SHORTEST], drives[AWARE]
     ratio = rmse_ratio(aware, shortest)
+    names = "median_error", "lost_rate", "off_at_goal", "kept_rmse", "rmse"
     return Route(
         query,
         (shortest.length, aware.length),
-        (shortest.median_error.value, aware.median_error.value),
-        (shortest.lost_rate.value, aware.lost_rate.value),
-        (shortest.off_at_goal.value, aware.off_at_goal.value),
-        (shortest.kept_rmse.value, aware.kept_rmse.value),
-        (shortest.rmse.value, aware.rmse.value),
+        *((getattr(shortest, name).value, getattr(aware, name).value) for name in names),
         {"paths": {name: each.summary() for name, each in drives.items()}, "rmse_ratio": [*ratio]},
     )

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +29,11 @@ from locplan.planners import (
     planner_for,
 )
 from locplan.robots import Amcl, Robot
-from locplan.simulation._drives import MINIMISED, Minimise
 from locplan.simulation.choice._race import LOOKS
 
+Minimise = Literal["rmse", "lost", "goal-error", "heading"]
+"""Quantity that the chosen path has least of."""
+MINIMISED: tuple[Minimise, ...] = get_args(Minimise)
 CALM: dict[str, Any] = {
     **dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"), 0.05),
     "laser_model_type": "likelihood_field_prob",

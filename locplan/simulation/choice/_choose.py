@@ -19,10 +19,9 @@ from locplan.field import CovarianceField, FieldConfig, Fused, Sad, equipped, lo
 from locplan.maps import FREE, OccupancyGrid, check_grid
 from locplan.planners import SHORTEST, AnyAngle, Found, Plan, Planner, Position
 from locplan.robots import Robot
-from locplan.simulation._drives import Minimise
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import about_filter
-from locplan.simulation.choice._ask import Ask, ChoiceSettings, Compute
+from locplan.simulation.choice._ask import Ask, ChoiceSettings, Compute, Minimise
 from locplan.simulation.choice._candidates import (
     WEIGHTS,
     Candidates,

@@ -74,10 +74,8 @@ class MapChoice:
 
 def _pair(name: str, values: str, unit: str = "") -> tuple[Column, Column]:
     """Columns of a pair of values, of the shortest and of the chosen path."""
-    return (
-        Column(f"{name}_shortest", unit, value=lambda each: getattr(each, values)[0]),
-        Column(f"{name}_chosen", unit, value=lambda each: getattr(each, values)[1]),
-    )
+    shortest = Column(f"{name}_shortest", unit, value=lambda each: getattr(each, values)[0])
+    return shortest, Column(f"{name}_chosen", unit, value=lambda each: getattr(each, values)[1])
 
 
 @dataclass(frozen=True, repr=False)
@@ -151,21 +149,18 @@ class Choices:
             Column("chosen", value=lambda each: each.choice.taken),
             *_pair("length", "lengths", "m"),
             *_pair("error", "errors"),
-            *_pair("lost", "lost"),
-            *_pair("off_at_goal", "off_at_goal"),
+            *(each for name in ("lost", "off_at_goal") for each in _pair(name, name)),
         )
         return Table.of(columns, self.choices)
 
     def summary(self) -> dict[str, object]:
         """What the choices bring, and each of them, fit for JSON; shortest before chosen."""
+        over_queries = "error_ratio", "length_ratio", "lost", "off_at_goal"
         about = {
             "queries": len(self),
             "solved": len(self.solved),
             "left_the_shortest": self.left,
-            "error_ratio": list(self.error_ratio),
-            "length_ratio": list(self.length_ratio),
-            "lost": list(self.lost),
-            "off_at_goal": list(self.off_at_goal),
+            **{name: list(getattr(self, name)) for name in over_queries},
             "choices": [
                 {"map": each.map, "query": each.query.name, **each.choice.summary()}
                 for each in self.choices
@@ -187,22 +182,16 @@ class Choices:
             Column("error_ratio", title="error", interval=True),
             *(Column(each.name, title=each.title) for each in RATES),
         )
-        rows = (
-            (
-                *(name, f"{len(group.solved)} of {len(group)}", group.left),
-                *(group.length_ratio.value, group.error_ratio),
-                *(
-                    "{:.0%} -> {:.0%}".format(*both) if group.solved else "-"
-                    for both in (group.lost, group.off_at_goal)
-                ),
-            )
-            for name, group in groups.items()
+        rows = []
+        for name, group in groups.items():
+            both = group.lost, group.off_at_goal
+            rates = ("{:.0%} -> {:.0%}".format(*each) if group.solved else "-" for each in both)
+            counts = f"{len(group.solved)} of {len(group)}", group.left
+            rows.append((name, *counts, group.length_ratio.value, group.error_ratio, *rates))
+        return (
+            f"{Table(columns, tuple(rows))}\ndetours leave the shortest path; chosen over shortest,"
+            " by the drives that confirmed it [95 % intervals]"
         )
-        last = (
-            "detours leave the shortest path; chosen over shortest, by the drives that confirmed it"
-            " [95 % intervals]"
-        )
-        return f"{Table(columns, tuple(rows))}\n{last}"
 
 
 class _Case(NamedTuple):

@@ -21,11 +21,42 @@ from locplan.errors import LocplanError
 from locplan.maps import OccupancyGrid
 from locplan.simulation._arrivals import ARRIVING, Arrivals
 from locplan.simulation._closed_loop import drive_closed
-from locplan.simulation._drives import RATES, Drives, log_errors, worst_error
+from locplan.simulation._drives import FLOOR, RATES, Drives
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import poses_along
-from locplan.simulation.choice._ask import ChoiceSettings
+from locplan.simulation.choice._ask import ChoiceSettings, Minimise
 from locplan.simulation.choice._race import FINALISTS, KEPT, ROUNDS, Judgement, Scores
+
+
+def log_errors(
+    distance: NDArray[np.float64], errors: NDArray[np.float64], minimise: Minimise, worst: float
+) -> NDArray[np.float64]:
+    """Logarithm of the root mean square error of each drive, (drives,).
+
+    Parameters
+    ----------
+    distance : (n,) array
+        Distance driven up to each pose [m].
+    errors : (drives, n, 3) array
+        The filter's pose minus the true one [m, m, rad].
+    minimise : str
+        "heading" takes the error of the heading [rad], "goal-error" that of the position over the
+        last metre, "rmse" and "lost" that of the position [m].
+    worst : float
+        Error as which larger ones count [m, or rad].
+    """
+    if minimise == "heading":
+        squares = errors[..., 2] ** 2
+    else:
+        squares = errors[..., 0] ** 2 + errors[..., 1] ** 2
+    if minimise == "goal-error":
+        squares = squares[:, distance >= distance[-1] - 1.0]
+    return np.asarray(0.5 * np.log(np.minimum(squares.mean(axis=1), worst**2) + FLOOR))
+
+
+def worst_error(shape: tuple[int, int], resolution: float) -> float:
+    """Error of a position as which larger ones count: the length of the map's diagonal [m]."""
+    return math.hypot(*shape) * resolution
 
 
 @dataclass(frozen=True, eq=False)
