@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import Settings, instance, keep_checked, number, positive, whole
+from locplan._util.checks import Settings, instance, number, positive, setting, whole
 from locplan._util.poses import Numbers, ends_in_map, turning
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError
@@ -42,31 +42,26 @@ class Matching(Settings):
 
     lidar: Lidar
     """The lidar: its range, field of view and mount; its number of beams does not matter."""
-    global_effective_beams: float = GLOBAL_EFFECTIVE_BEAMS
+    global_effective_beams: float = setting(GLOBAL_EFFECTIVE_BEAMS, positive, "beams")
     """Number of independent beams that count as much as 96 all round, above 0."""
-    sigma_hit: float = 0.1
+    sigma_hit: float = setting(0.1, positive, "m")
     """Standard deviation of the distance of a beam's end from a wall [m], above 0; it counts as at
     least a cell."""
-    z_rand: float = 0.05
+    z_rand: float = setting(0.05, positive)
     """Share of the beams that end anywhere, above 0 and below 1."""
-    robot_radius: float = 0.25
+    robot_radius: float = setting(0.25, number, 0.0)
     """Distance from walls at which a pose is possible [m], >= 0."""
-    count_missing: bool = False
+    count_missing: bool = setting(False, instance, bool)
     """True lets a beam without a return count against poses at which it meets a wall in range."""
-    shortlisted: int = 600
+    shortlisted: int = setting(600, whole, 1, 100_000)
     """Number of pairs of a place and a turn that are refined, before alike ones are dropped, 1 to
     100,000."""
 
     def __post_init__(self) -> None:
         instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
-        keep_checked(self, ("global_effective_beams",), positive, "beams")
-        keep_checked(self, ("sigma_hit",), positive, "m")
-        keep_checked(self, ("z_rand",), positive)
+        super().__post_init__()
         if self.z_rand >= 1:
             raise ConfigError(f"z_rand must be below 1, not {self.z_rand:g}")
-        keep_checked(self, ("robot_radius",), number, 0.0)
-        keep_checked(self, ("shortlisted",), whole, 1, 100_000)
-        instance("count_missing", self.count_missing, bool)
 
     def sigmas(self, resolution: float) -> NDArray[np.float64]:
         """Deviations at which a pose is refined, one after the other, at least a cell [m].

@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import instance, keep_checked, number
+from locplan._util.checks import instance, keep, number
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError
@@ -52,7 +52,7 @@ class ScanDatabase:
     def __post_init__(self) -> None:
         check_grid(self.grid)
         instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
-        keep_checked(self, ("clearance",), number, 0.0)
+        keep(self, clearance=number("clearance", self.clearance, 0.0))
 
     def __repr__(self) -> str:
         return f"ScanDatabase({self.grid.name or 'map'}, {self.lidar.title})"

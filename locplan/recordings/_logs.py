@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import FARTHEST, MAX_RANGE, Settings, keep_checked, number, shown, whole
+from locplan._util.checks import FARTHEST, MAX_RANGE, Settings, keep, number, shown, whole
 from locplan._util.poses import Numbers, wrapped
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.robots import MAX_BEAMS, Lidar
@@ -69,9 +69,10 @@ class Options(Topics):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        keep_checked(self, ("every",), whole)
-        keep_checked(self, ("window", "range_limits"), _numbers, 2, "two numbers")
-        keep_checked(self, ("mount",), _numbers, 3, "x, y [m] and yaw [rad] of the lidar")
+        keep(self, every=whole("every", self.every))
+        for name in ("window", "range_limits"):
+            keep(self, **{name: _numbers(name, getattr(self, name), 2, "two numbers")})
+        keep(self, mount=_numbers("mount", self.mount, 3, "x, y [m] and yaw [rad] of the lidar"))
         if self.window and not 0 <= self.window[0] < self.window[1]:
             raise ConfigError(
                 "window must be two times from the start on, the first one earlier [s], not"

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from locplan._util.checks import (
     Settings,
     file_path,
-    keep_checked,
     number,
     one_of,
     positive,
     reach,
+    setting,
     shown,
     whole,
 )
@@ -114,47 +114,42 @@ class Lidar(Settings):
     30.0
     """
 
-    range: float = 12.0
+    range: float = setting(12.0, reach)
     """Maximum distance that is measured [m], above 0 up to 10,000: that of bright walls."""
-    min_range: float = 0.0
+    min_range: float = setting(0.0, number, 0.0)
     """Distance below which a return counts as none [m], from 0 to below `range`."""
-    field_of_view_deg: float = 360.0
+    field_of_view_deg: float = setting(360.0, positive, "deg")
     """Angle that the beams cover, centred on `mount_yaw_deg` [deg], above 0 up to 360.
 
     Less than 360 makes what the lidar sees depend on the robot's heading.
     """
-    beams: int = 360
+    beams: int = setting(360, whole, 1, MAX_BEAMS)
     """Number of beams in the field of view, 1 to 100,000."""
-    range_sigma: float = 0.03
+    # With less noise, rounding errors would dominate a covariance.
+    range_sigma: float = setting(0.03, number, 1e-6)
     """Standard deviation of a measured distance [m], at least 1e-6.
 
     Simulated scans and `Fisher` of ranges read it; the other estimators do not.
     """
     model: str = field(default="", compare=False)
     """Name of the lidar, for titles; it decides nothing."""
-    mount_x: float = 0.0
+    mount_x: float = setting(0.0, number)
     """Position of the lidar on the robot, ahead of its centre [m]; negative is behind it."""
-    mount_y: float = 0.0
+    mount_y: float = setting(0.0, number)
     """Position of the lidar on the robot, to the left of its centre [m]; negative is right."""
-    mount_yaw_deg: float = 0.0
+    mount_yaw_deg: float = setting(0.0, number)
     """Direction of the middle beam on the robot, counter-clockwise from ahead [deg]."""
 
     def __post_init__(self) -> None:
-        # With less noise, rounding errors would dominate a covariance.
-        keep_checked(self, ("range_sigma",), number, 1e-6)
-        keep_checked(self, ("range",), reach)
-        keep_checked(self, ("field_of_view_deg",), positive, "deg")
-        keep_checked(self, ("min_range",), number, 0.0)
+        super().__post_init__()
         if self.min_range >= self.range:
             raise ConfigError(
                 f"min_range ({self.min_range} m) must be below range ({self.range} m)"
             )
-        keep_checked(self, ("mount_x", "mount_y", "mount_yaw_deg"), number)
         if self.field_of_view_deg > 360:
             raise ConfigError(
                 f"field_of_view_deg must be at most 360 deg, not {shown(self.field_of_view_deg)}"
             )
-        keep_checked(self, ("beams",), whole, 1, MAX_BEAMS)
 
     @classmethod
     def preset(cls, name: str) -> Lidar:
