@@ -219,7 +219,7 @@ def test_the_bar_says_that_it_compiles_only_while_it_does():
     from numba.core.compiler_lock import global_compiler_lock
 
     bar = progress._Bar("field", "cells", "starting")
-    assert bar._says() == "starting"
+    assert str(bar) == "starting"
     held, done = threading.Event(), threading.Event()
 
     def compile_something():
@@ -230,15 +230,15 @@ def test_the_bar_says_that_it_compiles_only_while_it_does():
     thread = threading.Thread(target=compile_something)
     thread.start()
     held.wait()
-    assert [bar._says() for _ in range(3)] == ["starting", progress.COMPILING, progress.COMPILING]
+    assert [str(bar) for _ in range(3)] == ["starting", progress.COMPILING, progress.COMPILING]
     done.set()
     thread.join()
     bar.update(10, 100)
-    assert bar._says() == ""
+    assert str(bar) == ""
 
 
 def test_a_kernel_read_from_the_cache_is_not_called_compiled(monkeypatch):
     bar = progress._Bar("field", "cells", "starting")
     looks = iter([True, False, True, False])
     monkeypatch.setattr(progress, "is_compiling", lambda: next(looks))
-    assert [bar._says() for _ in range(4)] == ["starting"] * 4
+    assert [str(bar) for _ in range(4)] == ["starting"] * 4
