@@ -6,7 +6,7 @@ import dataclasses
 import math
 import os
 import reprlib
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -143,9 +143,21 @@ def _most(value: object) -> str:
     return f" and at most {MAX_AMOUNT:g}" if is_number(value) and abs(value) > MAX_AMOUNT else ""
 
 
-def setting(default: object, check: Callable[..., object], *limits: object) -> Any:
-    """A field of `Settings`: its default, and one of the checks above, with its limits."""
-    return dataclasses.field(default=default, metadata={"check": (check, *limits)})
+def setting(default: object, *limits: Any) -> Any:
+    """A field of `Settings` that is checked as its default is: a number, a bool, or a word.
+
+    After the default come a number's least and greatest value, or all words; or one of the checks
+    above, with what it takes.
+    """
+    check: tuple[Any, ...] = limits
+    if not (limits and callable(limits[0])):
+        check = {
+            bool: (instance, bool, "give true or false"),
+            str: (one_of, limits),
+            int: (whole, *limits),
+            float: (number, *limits),
+        }[type(default)]
+    return dataclasses.field(default=default, metadata={"check": check})
 
 
 class Settings:

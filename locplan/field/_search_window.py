@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from locplan._kernels.arrays import Floats, Ints
-from locplan._util.checks import Settings, number, positive, setting
+from locplan._util.checks import Settings, positive, setting
 from locplan.errors import ConfigError
 
 MAX_STEPS = 1000
@@ -40,7 +40,7 @@ class SearchWindow(Settings):
 
     Half of it resolves smaller deviations, in four times the time.
     """
-    half_rotation_deg: float = setting(60.0, number, 0.0, 180.0)
+    half_rotation_deg: float = setting(60.0, 0.0, 180.0)
     """Maximum turn [deg], 0 to 180; 0 compares positions only, and then e has the unit m^2."""
     rotation_step_deg: float = setting(10.0, positive, "deg")
     """Spacing of the turns [deg], above 0 up to `half_rotation_deg`."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from locplan._kernels.arrays import Bools, Floats
-from locplan._util.checks import Settings, keep, number, one_of, positive, setting
+from locplan._util.checks import Settings, keep, positive, setting
 from locplan._util.poses import way_along, window_around
 from locplan.costs import Path
 from locplan.landmarks._objects import Shape, checked_poses, filled_cells, outline_of
@@ -140,14 +140,14 @@ class Sites(Settings):
     Sites(where='walls', clearance=0.5)
     """
 
-    where: Literal["walls", "free", "both"] = setting("both", one_of, ("walls", "free", "both"))
+    where: Literal["walls", "free", "both"] = setting("both", "walls", "free", "both")
     """Places that are tried: along "walls", "free" with a clearance above 1.2 m, on a lattice of
     1 m and beside the routes, or "both". Those beyond the lidar's range of the robot are left
     out."""
     spacing: float = setting(0.5, positive, "m")
     """Distance between the places along walls and beside routes [m], above 0. A smaller one tries
     more places, and takes longer."""
-    clearance: float = setting(0.2, number, 0.0)
+    clearance: float = setting(0.2, 0.0)
     """Distance that routes, and ends of those in a region, and passages keep from the objects
     besides the robot's radius [m], >= 0. Lower it where no place is left."""
     keep_out: ArrayLike | None = None

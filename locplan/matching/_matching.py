@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import Settings, instance, number, positive, setting, whole
+from locplan._util.checks import Settings, instance, positive, setting
 from locplan._util.poses import Numbers, ends_in_map, turning
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError
@@ -49,11 +49,11 @@ class Matching(Settings):
     least a cell."""
     z_rand: float = setting(0.05, positive)
     """Share of the beams that end anywhere, above 0 and below 1."""
-    robot_radius: float = setting(0.25, number, 0.0)
+    robot_radius: float = setting(0.25, 0.0)
     """Distance from walls at which a pose is possible [m], >= 0."""
-    count_missing: bool = setting(False, instance, bool)
+    count_missing: bool = setting(False)
     """True lets a beam without a return count against poses at which it meets a wall in range."""
-    shortlisted: int = setting(600, whole, 1, 100_000)
+    shortlisted: int = setting(600, 1, 100_000)
     """Number of pairs of a place and a turn that are refined, before alike ones are dropped, 1 to
     100,000."""
 

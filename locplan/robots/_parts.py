@@ -12,16 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import (
-    Settings,
-    instance,
-    number,
-    one_of,
-    positive,
-    setting,
-    shown,
-    whole,
-)
+from locplan._util.checks import Settings, positive, setting, shown
 from locplan._util.poses import turning
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
@@ -43,13 +34,13 @@ class Kinematics(Settings):
     """
 
     drive: Literal["differential", "omnidirectional", "car-like"] = setting(
-        "differential", one_of, ("differential", "omnidirectional", "car-like")
+        "differential", "differential", "omnidirectional", "car-like"
     )
     """A differential drive turns on the spot, an omnidirectional one moves sideways, too, and a
     car-like one needs a turning radius."""
-    turning_radius: float = setting(0.0, number, 0.0)
+    turning_radius: float = setting(0.0, 0.0)
     """Minimum turning radius, above 0 for a car-like robot and else 0 [m]."""
-    reverse: bool = setting(True, instance, bool, "give true or false")
+    reverse: bool = setting(True)
     """Whether the robot drives in reverse, too."""
     speed: float = setting(0.5, positive)
     """Usual speed, above 0 [m/s]."""
@@ -78,7 +69,7 @@ class Inflation(Settings):
     10.0
     """
 
-    inflation_radius: float = setting(0.55, number, 0.0)
+    inflation_radius: float = setting(0.55, 0.0)
     """Distance from walls up to which cells cost more, >= 0 [m]."""
     cost_scaling_factor: float = setting(10.0, positive)
     """Decay of the cost with the distance, above 0 [1/m]."""
@@ -106,20 +97,20 @@ class Odometry(Settings):
     Odometry(distance_drift=0.05)
     """
 
-    distance_drift: float = setting(0.02, number, 0.0)
+    distance_drift: float = setting(0.02, 0.0)
     """Standard deviation of the reported distance after 1 m, >= 0 [m]; it grows with the root of
     the distance."""
-    heading_drift_deg: float = setting(1.0, number, 0.0)
+    heading_drift_deg: float = setting(1.0, 0.0)
     """Standard deviation of the reported heading after 1 m, >= 0 [deg]; it grows with the root of
     the distance."""
-    turn_drift_deg: float = setting(1.0, number, 0.0)
+    turn_drift_deg: float = setting(1.0, 0.0)
     """Standard deviation of the reported heading after a turn of 1 rad, >= 0 [deg]; it grows with
     the root of the turn."""
-    distance_bias: float = setting(0.02, number, 0.0)
+    distance_bias: float = setting(0.02, 0.0)
     """Standard deviation, from drive to drive, of the factor on reported distances, >= 0 [1]."""
-    heading_bias_deg: float = setting(1.0, number, 0.0)
+    heading_bias_deg: float = setting(1.0, 0.0)
     """Standard deviation, from drive to drive, of a reported bend to one side, >= 0 [deg/m]."""
-    turn_bias: float = setting(0.02, number, 0.0)
+    turn_bias: float = setting(0.02, 0.0)
     """Standard deviation, from drive to drive, of the factor on reported turns, >= 0 [1]."""
 
 
@@ -141,21 +132,21 @@ class Disturbances(Settings):
     8
     """
 
-    boundary_noise: float = setting(0.1, number, 0.0, 1.0)
+    boundary_noise: float = setting(0.1, 0.0, 1.0)
     """Share of the cells between free space and walls in which the world differs from the map,
     0..1; raise it where furniture is moved or the map is old."""
-    worlds: int = setting(8, whole, 1, 1000)
+    worlds: int = setting(8, 1, 1000)
     """Number of such worlds, which single scans take in turn, 1 to 1000; a drive has its own."""
-    outliers: float = setting(0.04, number, 0.0, 1.0)
+    outliers: float = setting(0.04, 0.0, 1.0)
     """Share of the beams that end at a random distance within the range, 0..1."""
-    occlusion: float = setting(0.2, number, 0.0, 1.0)
+    occlusion: float = setting(0.2, 0.0, 1.0)
     """Share of the scans in which an object stands in view of the lidar, 0.5 to 2 m away, 0..1;
     raise it where people walk about."""
-    occlusion_deg: float = setting(20.0, number, 0.0, 360.0)
+    occlusion_deg: float = setting(20.0, 0.0, 360.0)
     """Width of this object in the lidar's view, 0 to 360 [deg]."""
-    start_sigma: float = setting(0.1, number, 0.0)
+    start_sigma: float = setting(0.1, 0.0)
     """Standard deviation of the filter's first position in x and y, >= 0 [m]."""
-    start_sigma_deg: float = setting(3.0, number, 0.0)
+    start_sigma_deg: float = setting(3.0, 0.0)
     """Standard deviation of the filter's first heading, >= 0 [deg]."""
 
 
