@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import shutil
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import file_path, printable
 from locplan._util.reading import fault_of, opened, reason_of
+from locplan._util.results import move_together
 from locplan._util.runs import note_map
 from locplan._util.supervision import temporary_folder
 from locplan.errors import MapError
@@ -263,20 +263,10 @@ def _draw(grid: OccupancyGrid, header: Header) -> Image.Image:
 def _replace_both(file: Path, text: str, image: Path, picture: Image.Image) -> None:
     """Replace both files or neither, and leave no other file behind."""
     with temporary_folder(file.parent) as folder:
-        new_image, new_file, backup = (Path(folder, part) for part in ("image", "yaml", "old"))
+        new_image, new_file = folder / "image", folder / "yaml"
         picture.save(new_image, "PNG" if image.suffix == ".png" else "PPM")
         new_file.write_text(text, encoding="utf-8")
-        if image.exists():
-            shutil.copy2(image, backup)
-        os.replace(new_image, image)
-        try:
-            os.replace(new_file, file)
-        except BaseException:
-            if backup.exists():
-                os.replace(backup, image)
-            else:
-                image.unlink()
-            raise
+        move_together([(new_image, image), (new_file, file)], folder / "old")
 
 
 def _image_of(file: Path) -> Path | None:
