@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from locplan.maps._grid import OccupancyGrid
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
-
-Box = tuple[float, float, float, float]
-"""Limits x0, y0, x1, y1 [m]."""
 
 _WALL = 0.1  # thickness of the walls [m]
 _MARGIN = 0.6  # from the drawing to the grid's edge [m]: the wall, and 0.5 m of unknown
@@ -22,17 +19,18 @@ _GAP = 0.6  # least gap between pieces of furniture, so that a robot can pass [m
 class Canvas:
     """Free space carved out of the unknown, in world metres; its walls appear at the end.
 
+    Its methods are the words of the plans in `plans/`; boxes are x0, y0, x1, y1 [m].
     Edges belong on multiples of 0.1 m, which all the usual resolutions represent exactly.
     """
 
-    def __init__(self, size: tuple[float, float], resolution: float) -> None:
+    def __init__(self, size: Sequence[float], resolution: float) -> None:
         self.resolution = resolution
         width, height = (math.ceil((v + 2 * _MARGIN) / resolution - 1e-6) for v in size)
         # Slightly off the cells' centres, so that rounding never decides where an edge falls.
         self._x = (np.arange(width) + 0.5) * resolution - _MARGIN + 1e-7
         self._y = (np.arange(height) + 0.5) * resolution - _MARGIN + 1e-7
         self._free = np.zeros((height, width), bool)
-        self._keep_out: list[Box] = []
+        self._keep_out: list[tuple[float, ...]] = []
 
     def _window(self, x0: float, y0: float, x1: float, y1: float) -> tuple[slice, slice]:
         return (
@@ -40,39 +38,35 @@ class Canvas:
             slice(*np.searchsorted(self._x, (x0, x1)).tolist()),
         )
 
-    def carve(self, *boxes: Box) -> None:
-        """Make boxes free."""
-        for box in boxes:
-            self._free[self._window(*box)] = True
+    def carve(self, *box: float) -> None:
+        """Make a box free."""
+        self._free[self._window(*box)] = True
 
-    def door(self, *boxes: Box) -> None:
-        """Make boxes free, and keep furniture away from them."""
-        self.carve(*boxes)
-        self._keep_out += boxes
+    def door(self, *box: float) -> None:
+        """Make a box free, and keep furniture away from it."""
+        self.carve(*box)
+        self._keep_out.append(box)
 
-    def block(self, *boxes: Box) -> None:
-        """Put obstacles into free space."""
-        for box in boxes:
-            self._free[self._window(*box)] = False
-        self._keep_out += boxes
+    def block(self, *box: float) -> None:
+        """Put an obstacle into free space."""
+        self._free[self._window(*box)] = False
+        self._keep_out.append(box)
 
-    def disc(self, x: float, y: float, radius: float, *, free: bool) -> None:
-        """Carve a round room, or add a round pillar."""
-        box = (x - radius, y - radius, x + radius, y + radius)
-        window = self._window(*box)
+    def disc(self, x: float, y: float, radius: float, *, free: bool = True) -> None:
+        """Carve a round room."""
+        window = self._window(x - radius, y - radius, x + radius, y + radius)
         dx, dy = self._x[window[1]] - x, self._y[window[0], None] - y
         self._free[window][dx * dx + dy * dy < radius * radius] = free
-        if not free:
-            self._keep_out.append(box)
 
-    def pillars(self, centres: Iterable[tuple[float, float]], radius: float) -> None:
-        """Add round pillars."""
-        for x, y in centres:
-            self.disc(x, y, radius, free=False)
+    def pillar(self, x: float, y: float, radius: float) -> None:
+        """Put a round pillar into free space."""
+        self.disc(x, y, radius, free=False)
+        self._keep_out.append((x - radius, y - radius, x + radius, y + radius))
 
-    def polygon(self, corners: Sequence[tuple[float, float]]) -> None:
-        """Put a polygonal obstacle into free space."""
-        xs, ys = zip(*corners, strict=True)
+    def polygon(self, *places: float) -> None:
+        """Put a polygonal obstacle into free space, of corners x, y one after the other."""
+        xs, ys = places[::2], places[1::2]
+        corners = [*zip(xs, ys, strict=True)]
         box = (min(xs), min(ys), max(xs), max(ys))
         window = self._window(*box)
         x, y = self._x[window[1]], self._y[window[0], None]
@@ -83,14 +77,24 @@ class Canvas:
         self._free[window][inside] = False
         self._keep_out.append(box)
 
-    def furnish(self, rng: np.random.Generator, room: Box, count: int, largest: float) -> None:
-        """Put up to `count` pieces of furniture, 0.3 m to `largest` metres, into a room.
+    def seed(self, seed: float) -> None:
+        """Begin the random positions of furniture."""
+        self._random = np.random.default_rng(int(seed))
 
-        Positions depend on the generator alone, not on the resolution.
+    def room(self, *room: float) -> None:
+        """Carve a box and put furniture into it, see `furnish`."""
+        self.carve(*room[:4])
+        self.furnish(*room)
+
+    def furnish(self, *room: float) -> None:
+        """Put furniture into a room, whose box is followed by the most pieces and a size.
+
+        Pieces are of 0.3 m to the size [m]. Positions depend on the seed alone, not on the
+        resolution.
         """
-        x0, y0, x1, y1 = room
-        left = count
-        for _ in range(30 * count):
+        x0, y0, x1, y1, left, largest = room
+        rng = self._random
+        for _ in range(30 * int(left)):
             w, h = (int(v) / 10 for v in rng.integers(3, round(10 * largest) + 1, 2))
             x, y = _place(rng, x0, x1 - w), _place(rng, y0, y1 - h)
             wide = (x - _GAP, y - _GAP, x + w + _GAP, y + h + _GAP)
@@ -98,7 +102,7 @@ class Canvas:
             gaps = (x - x0, y - y0, x1 - x - w, y1 - y - h)
             blocked = any(1e-6 < gap < _GAP - 1e-6 for gap in gaps) or min(gaps) < -1e-6
             if not blocked and not any(_overlap(wide, other) for other in self._keep_out):
-                self.block((x, y, x + w, y + h))
+                self.block(x, y, x + w, y + h)
                 left -= 1
                 if left == 0:
                     return
@@ -121,5 +125,5 @@ def _place(rng: np.random.Generator, low: float, high: float) -> float:
     return (low, high, low + step / 10, low + step / 10)[end]
 
 
-def _overlap(a: Box, b: Box) -> bool:
+def _overlap(a: Sequence[float], b: Sequence[float]) -> bool:
     return a[0] < b[2] - 1e-6 and b[0] < a[2] - 1e-6 and a[1] < b[3] - 1e-6 and b[1] < a[3] - 1e-6
