@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import file_path, printable
-from locplan._util.reading import fault_of, opened, reason_of
+from locplan._util.reading import dumped, fault_of, opened, reason_of
 from locplan._util.results import move_together
 from locplan._util.runs import note_map
 from locplan._util.supervision import temporary_folder
@@ -209,8 +209,6 @@ def save_map(
     MapError
         If an option does not fit, or the files cannot be written.
     """
-    import yaml
-
     check_grid(grid)
     file = file_path("a map file", path)
     if file.suffix not in (".yaml", ".yml"):
@@ -226,7 +224,7 @@ def save_map(
     negate = bool(negate) and mode != "raw"
     header = Header(image.name, grid.resolution, grid.origin, negate, 0.65, 0.196, mode)
     entries = header._asdict() | {"negate": int(negate)}  # ROS 1 does not read true and false
-    text = yaml.safe_dump(entries, default_flow_style=None, allow_unicode=True, width=math.inf)
+    text = dumped(entries, default_flow_style=None, sort_keys=True, width=math.inf)
     try:
         _replace_both(file, text, image, _draw(grid, header))
     except (OSError, ValueError) as error:

@@ -19,7 +19,6 @@ from locplan._util.reading import SCALAR_TAGS, compose, fault_of, read_content, 
 from locplan.maps._occupancy import FREE, UNKNOWN
 
 if TYPE_CHECKING:
-    import yaml
     from PIL import Image, ImageFile
 
 
@@ -74,14 +73,12 @@ def read_header(file: Path) -> Header:
 
 def _read_entries(file: Path) -> dict[str, Entry]:
     """Read the top level of a map YAML, as nodes only: no tag is obeyed, no alias expanded."""
-    import yaml
-
     content = read_content(
         file, MAX_YAML_BYTES, "give a map YAML, which is a few lines, not its image"
     )
     remedy = "write lines such as image: map.pgm"
     root = compose(file, content, remedy)
-    if not isinstance(root, yaml.MappingNode):
+    if root is None or root.id != "mapping":
         raise fault_of(file, "holds no keys", remedy)
     entries: dict[str, Entry] = {}
     for key, value in root.value:
@@ -92,16 +89,15 @@ def _read_entries(file: Path) -> dict[str, Entry]:
     return entries
 
 
-def _plain(node: yaml.Node) -> Entry:
+def _plain(node: Any) -> Entry:
     """Text of a scalar, or the texts of a sequence; ... stands for anything else."""
-    import yaml
-
     if node.tag == "tag:yaml.org,2002:null":
         return None
-    if isinstance(node, yaml.ScalarNode) and node.tag in SCALAR_TAGS:
+    if node.id == "scalar" and node.tag in SCALAR_TAGS:
         return str(node.value)
-    items = node.value if isinstance(node, yaml.SequenceNode) else [None]
-    return [str(item.value) if isinstance(item, yaml.ScalarNode) else "..." for item in items]
+    if node.id != "sequence":
+        return ["..."]
+    return [str(item.value) if item.id == "scalar" else "..." for item in node.value]
 
 
 def _number(entry: Entry) -> float:

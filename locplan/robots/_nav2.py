@@ -8,7 +8,7 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from locplan._util.checks import number, positive
 from locplan._util.reading import compose, read_content, scalar_text
@@ -27,9 +27,6 @@ from locplan.robots._parameters import (
     read_parameters,
 )
 from locplan.robots._parts import Footprint, Inflation, Kinematics
-
-if TYPE_CHECKING:
-    import yaml
 
 NO_MATTER = {
     *("allow_parameter_qos_overrides", "always_reset_initial_pose", "base_frame_id"),
@@ -231,11 +228,9 @@ def edited_parameters(
     return made
 
 
-def _found(mapping: Any, keys: Sequence[str]) -> tuple[yaml.Node, yaml.Node] | None:
+def _found(mapping: Any, keys: Sequence[str]) -> tuple[Any, Any] | None:
     """Key and value at the end of keys, the last ones where a key stands several times."""
-    import yaml
-
-    if not (keys and isinstance(mapping, yaml.MappingNode)):
+    if not (keys and mapping is not None and mapping.id == "mapping"):
         return None
     first, *inner = keys
     for key, value in reversed(mapping.value):
@@ -246,9 +241,7 @@ def _found(mapping: Any, keys: Sequence[str]) -> tuple[yaml.Node, yaml.Node] | N
     return None
 
 
-def _replacement(
-    text: str, key: yaml.Node, value: yaml.Node, new: float | str | bool
-) -> tuple[int, int, str]:
+def _replacement(text: str, key: Any, value: Any, new: float | str | bool) -> tuple[int, int, str]:
     """Beginning, end and new text of a value."""
     start, end = value.start_mark.index, value.end_mark.index
     if start < key.end_mark.index:  # an alias, whose node stands where its anchor is
