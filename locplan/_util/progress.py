@@ -23,17 +23,15 @@ ProgressCallback = Callable[[int, int], None]
 
 
 @contextmanager
-def progress_bar(
-    label: str, unit: str, *, patience: float = 1.0, first: str = "starting"
-) -> Iterator[ProgressCallback]:
+def progress_bar(label: str, unit: str, *, first: str = "starting") -> Iterator[ProgressCallback]:
     """Show a bar on standard error with the time left and, if it has a unit, the rate.
 
-    It appears once the work has taken `patience` seconds, also before anything is done, and
-    vanishes when the work ends. Before anything is done it says `first`, or that kernels are
+    It appears once the work has taken a second, also before anything is done, and vanishes when
+    the work ends. Before anything is done it says `first`, or that kernels are
     being compiled. There is no bar if standard error is no terminal.
     """
     bar = _Bar(label, unit, first)
-    with _shown_after(patience, bar.show):
+    with _shown_later(bar.show):
         yield bar.update
 
 
@@ -52,11 +50,11 @@ def later_progress_bar(label: str, unit: str) -> Iterator[ProgressCallback]:
 
 
 @contextmanager
-def working(label: str, *, patience: float = 1.0) -> Iterator[None]:
+def working(label: str) -> Iterator[None]:
     """Show on standard error what is done, and for how long, until it is done.
 
-    It appears once the work has taken `patience` seconds, and vanishes when the work ends. It must
-    not be shown while a `progress_bar` is. Nothing is shown if standard error is no terminal.
+    It appears once the work has taken a second, and vanishes when the work ends. It must not be
+    shown while a `progress_bar` is. Nothing is shown if standard error is no terminal.
     """
 
     def show() -> Progress | None:
@@ -65,19 +63,19 @@ def working(label: str, *, patience: float = 1.0) -> Iterator[None]:
         columns = SpinnerColumn(), "{task.description}", TimeElapsedColumn()
         return _started(label, *columns, total=None)
 
-    with _shown_after(patience, show):
+    with _shown_later(show):
         yield
 
 
 @contextmanager
-def _shown_after(patience: float, show: Callable[[], Progress | None]) -> Iterator[None]:
-    """Show a display once the work has taken `patience` seconds, until it ends."""
+def _shown_later(show: Callable[[], Progress | None]) -> Iterator[None]:
+    """Show a display once the work has taken a second, until it ends."""
     # Asked here, and as rich does: its import takes a quarter of a second.
     if not (sys.stderr.isatty() or os.environ.get("FORCE_COLOR")):
         yield
         return
     shown: list[Progress | None] = []
-    timer = threading.Timer(patience, lambda: shown.append(show()))
+    timer = threading.Timer(1.0, lambda: shown.append(show()))
     timer.daemon = True
     timer.start()
     try:
