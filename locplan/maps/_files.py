@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Octets, Singles
 from locplan._util.checks import file_path, printable
 from locplan._util.reading import dumped, fault_of, opened, reason_of
 from locplan._util.results import move_together
@@ -232,7 +232,7 @@ def save_map(
         raise fault_of(file, f"cannot be written ({reason_of(error)})", remedy) from error
 
 
-def _meaning_of_values(header: Header, top: int) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+def _meaning_of_values(header: Header, top: int) -> tuple[Singles, Octets]:
     """Occupancy and level of each pixel value 0..top; above 1 there is none, in mode raw."""
     raw = header.mode == "raw"
     occupancy = np.arange(top + 1, dtype=np.float32) / np.float32(100 if raw else top)

@@ -11,8 +11,8 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools
 from locplan._util.checks import number, one_of, whole
 from locplan.maps._drawing import Canvas
 from locplan.maps._grid import OccupancyGrid
@@ -147,7 +147,7 @@ def with_boundary_noise(grid: OccupancyGrid, fraction: float, *, seed: int = 0) 
     return replace(grid, cells=cells)
 
 
-def boundary_cells(grid: OccupancyGrid) -> NDArray[np.bool_]:
+def boundary_cells(grid: OccupancyGrid) -> Bools:
     """Occupied cells with a free 4-neighbour, and free ones with an occupied one, (H, W).
 
     Parameters
@@ -159,7 +159,7 @@ def boundary_cells(grid: OccupancyGrid) -> NDArray[np.bool_]:
     return np.asarray((occupied & _beside(free)) | (free & _beside(occupied)))
 
 
-def _beside(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _beside(mask: Bools) -> Bools:
     """Cells with a 4-neighbour in the mask."""
     beside = np.zeros_like(mask)
     beside[1:] |= mask[:-1]

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats
 from locplan._util.checks import Settings, instance, positive, setting
-from locplan._util.poses import Numbers, ends_in_map, turning
+from locplan._util.poses import ends_in_map, turning
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError
 from locplan.field import Scan, wall_cells
@@ -63,7 +64,7 @@ class Matching(Settings):
         if self.z_rand >= 1:
             raise ConfigError(f"z_rand must be below 1, not {self.z_rand:g}")
 
-    def sigmas(self, resolution: float) -> NDArray[np.float64]:
+    def sigmas(self, resolution: float) -> Floats:
         """Deviations at which a pose is refined, one after the other, at least a cell [m].
 
         Parameters
@@ -75,18 +76,18 @@ class Matching(Settings):
         return np.array(sorted(set(levels), reverse=True))
 
     @property
-    def bearings(self) -> NDArray[np.float64]:
+    def bearings(self) -> Floats:
         """Directions of the beams that are compared, from the robot's front, (96,) [rad]."""
         return np.arange(TURNS, dtype=np.float64) * STEP
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
+    def seen(self) -> Bools:
         """Mask of these beams that lie in the lidar's field of view, (96,)."""
         aside = (self.bearings - self.lidar.mount_yaw + math.pi) % (2 * math.pi) - math.pi
         half = math.radians(self.lidar.field_of_view_deg) / 2
         return np.asarray(np.abs(aside) <= half + 1e-9)
 
-    def compared(self, ranges: NDArray[np.float64]) -> NDArray[np.float64]:
+    def compared(self, ranges: Floats) -> Floats:
         """Ranges of scans at `bearings`.
 
         Parameters
@@ -138,10 +139,7 @@ BAND = 1 << 20
 
 
 def loss_tables(
-    grid: OccupancyGrid,
-    matching: Matching,
-    fits: NDArray[np.bool_],
-    progress: ProgressCallback | None = None,
+    grid: OccupancyGrid, matching: Matching, fits: Bools, progress: ProgressCallback | None = None
 ) -> Any:
     """The losses around the map at each deviation, in the form that the kernels take.
 
@@ -189,7 +187,7 @@ def loss_tables(
 
 
 def _losses_of_squares(
-    sigmas: NDArray[np.float64], z_rand: float, resolution: float, farthest: float
+    sigmas: Floats, z_rand: float, resolution: float, farthest: float
 ) -> NDArray[np.uint32]:
     """Losses at a squared distance of 0, 1, ... cells^2 for each deviation; the last one is `TOP`.
 
@@ -211,13 +209,13 @@ def _losses_of_squares(
 class Posteriors(NamedTuple):
     """The posteriors of n scans about n poses, in the world's frame."""
 
-    mean: Numbers
+    mean: Floats
     """Mean offset from the pose, (n, 3) [m, m, rad]."""
-    covariance: Numbers
+    covariance: Floats
     """Covariance about the mean, (n, 3, 3) [m, m, rad]."""
-    best: Numbers
+    best: Floats
     """Most probable offset, (n, 3) [m, m, rad]."""
-    summary: Numbers
+    summary: Floats
     """Entropy [nat], ambiguity, and log-likelihood a return at the most probable offset, (n, 3)."""
 
 
@@ -258,7 +256,7 @@ class Matcher:
         field = self.settings.prepare(self.grid.cells, self.grid.resolution).likelihood
         return field, make_lattice(self.window.half_steps, self.window.angles)
 
-    def posteriors(self, on_robot: Numbers, poses: Numbers) -> Posteriors:
+    def posteriors(self, on_robot: Floats, poses: Floats) -> Posteriors:
         """Match scans about poses, each from the centre of its cell.
 
         Parameters

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats, Singles
 from locplan._util.checks import instance, keep, number
-from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid, check_grid
@@ -100,7 +99,7 @@ class ScanDatabase:
         beams = len(self.matcher.settings.beam_numbers)
         return matching.nats_a_loss * float(matching.seen.sum()) / beams
 
-    def compared_ends(self, on_robot: Numbers) -> NDArray[np.float32]:
+    def compared_ends(self, on_robot: Floats) -> Singles:
         """Ends of up to 180 beams that return, (2, k) [cells], those that `locplan.Scan` compares.
 
         Parameters
@@ -111,7 +110,7 @@ class ScanDatabase:
         ends = on_robot[self.matcher.settings.beam_numbers] / self.grid.resolution
         return np.ascontiguousarray(ends[np.isfinite(ends[:, 0])].T, np.float32)
 
-    def near(self, xy: Numbers, within: float) -> Database:
+    def near(self, xy: Floats, within: float) -> Database:
         """Ranges at the places near some positions.
 
         Parameters
@@ -173,7 +172,7 @@ def checked_database(
     return database
 
 
-def _distances(grid: OccupancyGrid, xy: Numbers) -> NDArray[np.float32]:
+def _distances(grid: OccupancyGrid, xy: Floats) -> Singles:
     """Distance of each cell from the nearest cell with a position, (H, W) [m]."""
     import cv2
 
@@ -187,7 +186,7 @@ def _distances(grid: OccupancyGrid, xy: Numbers) -> NDArray[np.float32]:
     return np.asarray(cells * np.float32(grid.resolution))
 
 
-def _restricted(database: Database, fits: NDArray[np.bool_]) -> Database:
+def _restricted(database: Database, fits: Bools) -> Database:
     """The part of a database of the places from which the robot can get to cells (H, W)."""
     from locplan._kernels.simd import OCTETS
 

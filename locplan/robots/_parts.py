@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._kernels.arrays import Bools, Floats
 from locplan._util.checks import Settings, positive, setting, shown
 from locplan._util.poses import turning
 from locplan.errors import ConfigError
@@ -167,7 +168,7 @@ class Footprint:
     (0.539, 0.2)
     """
 
-    vertices: NDArray[np.float64]
+    vertices: Floats
 
     def __post_init__(self) -> None:
         hull = _hull(_corners(self.vertices))
@@ -263,7 +264,7 @@ class Footprint:
 
 
 def _moves(
-    grid: OccupancyGrid, poses: NDArray[np.float64]
+    grid: OccupancyGrid, poses: Floats
 ) -> Iterator[tuple[NDArray[Any], NDArray[Any], float, float]]:
     """Start and end (col, row), first heading and turn [rad] of each move along a path."""
     lines = itertools.pairwise(np.column_stack(grid.world_to_grid(*poses[:, :2].T))[:, ::-1])
@@ -283,7 +284,7 @@ def _moves(
         previous = heading
 
 
-def _corners(vertices: ArrayLike) -> NDArray[np.float64]:
+def _corners(vertices: ArrayLike) -> Floats:
     try:
         corners = np.array(vertices, dtype=np.float64)
     except (TypeError, ValueError):
@@ -294,20 +295,20 @@ def _corners(vertices: ArrayLike) -> NDArray[np.float64]:
     return corners
 
 
-def _hull(corners: NDArray[Any]) -> NDArray[np.float64]:
+def _hull(corners: NDArray[Any]) -> Floats:
     import cv2
 
     order = cv2.convexHull(corners.astype(np.float32), returnPoints=False)
     return np.asarray(corners[np.asarray(order).ravel()])
 
 
-def _normals(polygon: NDArray[Any]) -> NDArray[np.float64]:
+def _normals(polygon: NDArray[Any]) -> Floats:
     """Outward normals of a polygon's edges, as long as the edges; counter-clockwise corners."""
     x, y = (np.roll(polygon, -1, axis=0) - polygon).T
     return np.column_stack([y, -x])
 
 
-def _meets(occupied: NDArray[np.bool_], polygon: NDArray[Any]) -> bool:
+def _meets(occupied: Bools, polygon: NDArray[Any]) -> bool:
     """True if a convex polygon (n, 2) of (col, row) meets an occupied cell, by separating axes."""
     low, high = np.floor(polygon.min(axis=0)).astype(int), np.floor(polygon.max(axis=0)).astype(int)
     top, left = max(0, low[1]), max(0, low[0])
