@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Bools, Ints, Octets, Singles
+from locplan._kernels.arrays import Array, Bools, Ints, Octets, Singles
 from locplan._util.checks import FARTHEST, RESOLUTIONS, is_file_name, shown
 from locplan._util.reading import SCALAR_TAGS, compose, fault_of, read_content, reason_of
 from locplan.maps._occupancy import FREE, UNKNOWN
@@ -155,7 +154,7 @@ class MapSource:
         cls,
         file: str,
         header: Header,
-        pixels: NDArray[np.integer[Any]],
+        pixels: Array,
         seen: Bools | None,
         occupancy: Singles,
         levels: Octets,
@@ -197,7 +196,7 @@ class MapSource:
         )
 
 
-def _counts(pixels: NDArray[np.integer[Any]], seen: Bools | None, values: int) -> Ints:
+def _counts(pixels: Array, seen: Bools | None, values: int) -> Ints:
     """Number of the pixels that are seen of each value, (values,)."""
     counts = np.zeros(values, np.int64)
     for rows in range(0, len(pixels), ROWS):  # bincount takes 8 bytes for each pixel
@@ -209,11 +208,7 @@ def _counts(pixels: NDArray[np.integer[Any]], seen: Bools | None, values: int) -
 
 
 def _as_of_walls(
-    dark: Bools,
-    counts: Ints,
-    pixels: NDArray[np.integer[Any]],
-    seen: Bools | None,
-    resolution: float,
+    dark: Bools, counts: Ints, pixels: Array, seen: Bools | None, resolution: float
 ) -> int:
     """Number of pixels of dark values, or 0 if most lie in areas too wide for walls."""
     import cv2
@@ -231,7 +226,7 @@ def _as_of_walls(
     return 0 if np.count_nonzero(wide) > count / 2 else count
 
 
-def _within(values: NDArray[Any], low: float, high: float) -> Bools:
+def _within(values: Array, low: float, high: float) -> Bools:
     return np.asarray((values >= low) & (values <= high))
 
 
@@ -241,7 +236,7 @@ MAX_IMAGE_BYTES, MAX_PIXELS = 2**30, 2**28
 PIXELS_PER_BYTE = 8300  # deflate's best is 1032 to 1, with eight 1-bit pixels in a byte
 
 
-def read_pixels(file: Path) -> tuple[NDArray[Any], Bools | None, bool]:
+def read_pixels(file: Path) -> tuple[Array, Bools | None, bool]:
     """Read the grey values, the mask of opaque ones if others are transparent, and whether values
     were rescaled to span all of uint8 or uint16; the top row comes first."""
     content = read_content(file, MAX_IMAGE_BYTES, "correct image: in the YAML")
@@ -276,7 +271,7 @@ def _opened(content: bytes) -> ImageFile.ImageFile:
     raise ValueError("its first bytes are those of none of them")
 
 
-def _decode(image: Image.Image) -> tuple[NDArray[Any], Bools | None]:
+def _decode(image: Image.Image) -> tuple[Array, Bools | None]:
     """Decode some rows at a time: Pillow's conversions and copies take ten bytes a pixel."""
     tops = range(0, image.height, ROWS)
     boxes = [(0, top, image.width, min(top + ROWS, image.height)) for top in tops]
@@ -284,7 +279,7 @@ def _decode(image: Image.Image) -> tuple[NDArray[Any], Bools | None]:
     return np.concatenate(pixels), None if opaque[0] is None else np.concatenate(opaque)
 
 
-def _decode_rows(image: Image.Image) -> tuple[NDArray[Any], Bools | None]:
+def _decode_rows(image: Image.Image) -> tuple[Array, Bools | None]:
     if image.mode in ("I", "I;16"):
         pixels = np.asarray(image).astype(np.uint16)
         return pixels, pixels != image.info.get("transparency", -1)

@@ -154,19 +154,25 @@ def make_database(
 
 def _all_codes(database: Database, progress: ProgressCallback) -> Octets:
     """Codes of the ranges at all places, as `Database.codes` has them."""
-    from locplan._kernels.simd import OCTETS
-
     count = len(database.positions)
-    blocks = -(-count // OCTETS)
-    padded = np.zeros((blocks * OCTETS, TURNS), np.uint8)
+    codes = np.empty((count, TURNS), np.uint8)
     for first in range(0, count, 1 << 14):  # in blocks, which bounds the memory
         some = database.positions[first : first + (1 << 14)]
         poses = np.column_stack([some, np.zeros(len(some))])
         ranges = _ranges(database, poses, 0.0, 0.0)
-        padded[first : first + len(some)] = database.codes_of(ranges)
+        codes[first : first + len(some)] = database.codes_of(ranges)
         progress(first + len(some), count)
-    laid_out = padded.reshape(blocks, OCTETS, TURNS).transpose(0, 2, 1)
-    return np.concatenate([laid_out, laid_out], axis=1).reshape(-1)
+    return in_blocks(np.hstack([codes, codes]))
+
+
+def in_blocks(codes: Octets) -> Octets:
+    """Codes of n places, (n, turns), as `Database.codes` has them."""
+    from locplan._kernels.simd import OCTETS
+
+    blocks = -(-len(codes) // OCTETS)
+    padded = np.zeros((blocks * OCTETS, codes.shape[1]), np.uint8)
+    padded[: len(codes)] = codes
+    return padded.reshape(blocks, OCTETS, -1).transpose(0, 2, 1).reshape(-1)
 
 
 def reachable(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -12,7 +13,7 @@ from locplan._util.checks import instance, keep, number
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.matching._database import Database, _of_lidar, make_database
+from locplan.matching._database import Database, _of_lidar, in_blocks, make_database
 from locplan.matching._matching import TURNS, Matcher, Matching
 from locplan.robots import Lidar
 
@@ -190,20 +191,14 @@ def _restricted(database: Database, fits: Bools) -> Database:
     """The part of a database of the places from which the robot can get to cells (H, W)."""
     from locplan._kernels.simd import OCTETS
 
-    grid, matching = database.grid, database.matching
-    near = _of_lidar(grid, matching, fits)
+    near = _of_lidar(database.grid, database.matching, fits)
     col, row = np.floor(database.positions.T).astype(np.int64)
     chosen = np.flatnonzero(near[row, col])
     places = database.codes.reshape(-1, 2 * TURNS, OCTETS).transpose(0, 2, 1)
-    codes = np.zeros((-(-len(chosen) // OCTETS) * OCTETS, 2 * TURNS), np.uint8)
-    codes[: len(chosen)] = places.reshape(-1, 2 * TURNS)[chosen]
-    laid_out = codes.reshape(-1, OCTETS, 2 * TURNS).transpose(0, 2, 1).reshape(-1)
-    return Database(
-        grid,
-        matching,
-        fits,
-        database.positions[chosen],
-        np.ascontiguousarray(laid_out),
-        database.tables._replace(fits=fits.astype(np.uint8)),
-        database.squares,
+    return dataclasses.replace(
+        database,
+        fits=fits,
+        positions=database.positions[chosen],
+        codes=in_blocks(places.reshape(-1, 2 * TURNS)[chosen]),
+        tables=database.tables._replace(fits=fits.astype(np.uint8)),
     )
