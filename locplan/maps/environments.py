@@ -6,28 +6,33 @@ on occupancy grid maps" (ROBOMECH Journal 10, 2023); the plans are the files in 
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from locplan._kernels.arrays import Bools
 from locplan._util.checks import number, one_of, whole
-from locplan.maps._drawing import Canvas
 from locplan.maps._grid import OccupancyGrid
-from locplan.maps._occupancy import FREE, OCCUPIED
+from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
 
 _FINEST, _COARSEST = 0.01, 0.1  # limits of the resolution at which plans keep their walls [m]
 _NAMES = ("places", "hall", "two_corridors", "office", "warehouse")
+_WALL = 0.1  # thickness of the walls [m]
+_MARGIN = 0.6  # from the drawing to the grid's edge [m]: the wall, and 0.5 m of unknown
+_GAP = 0.6  # least gap between pieces of furniture, so that a robot can pass [m]
 
-Shape = tuple[str, list[float]]
+_Shape = tuple[str, list[float]]
 
 
 @cache
-def _plan(name: str) -> tuple[list[Shape], dict[str, tuple[float, float]]]:
+def _plan(name: str) -> tuple[list[_Shape], dict[str, tuple[float, float]]]:
     """The shapes of a plan in the order in which they are drawn, and its named places."""
-    shapes: list[Shape] = []
+    shapes: list[_Shape] = []
     places: dict[str, tuple[float, float]] = {}
     text = Path(__file__).with_name("plans").joinpath(f"{name}.txt").read_text("utf-8")
     for line in text.splitlines():
@@ -112,7 +117,7 @@ def make(
     one_of("the environment", name, _NAMES)
     number("resolution", resolution, _FINEST, _COARSEST)
     (_, size), *shapes = _plan(name)[0]
-    canvas = Canvas(size, resolution)
+    canvas = _Canvas(size, resolution)
     for word, numbers in shapes:
         getattr(canvas, word)(*numbers)
     return with_boundary_noise(canvas.grid(name), boundary_noise, seed=seed)
@@ -167,3 +172,116 @@ def _beside(mask: Bools) -> Bools:
     beside[:, 1:] |= mask[:, :-1]
     beside[:, :-1] |= mask[:, 1:]
     return beside
+
+
+class _Canvas:
+    """Free space carved out of the unknown, in world metres; its walls appear at the end.
+
+    Its methods are the words of the plans in `plans/`; boxes are x0, y0, x1, y1 [m].
+    Edges belong on multiples of 0.1 m, which all the usual resolutions represent exactly.
+    """
+
+    def __init__(self, size: Sequence[float], resolution: float) -> None:
+        self.resolution = resolution
+        width, height = (math.ceil((v + 2 * _MARGIN) / resolution - 1e-6) for v in size)
+        # Slightly off the cells' centres, so that rounding never decides where an edge falls.
+        self._x = (np.arange(width) + 0.5) * resolution - _MARGIN + 1e-7
+        self._y = (np.arange(height) + 0.5) * resolution - _MARGIN + 1e-7
+        self._free = np.zeros((height, width), bool)
+        self._keep_out: list[tuple[float, ...]] = []
+
+    def _window(self, x0: float, y0: float, x1: float, y1: float) -> tuple[slice, slice]:
+        return (
+            slice(*np.searchsorted(self._y, (y0, y1)).tolist()),
+            slice(*np.searchsorted(self._x, (x0, x1)).tolist()),
+        )
+
+    def carve(self, *box: float) -> None:
+        """Make a box free."""
+        self._free[self._window(*box)] = True
+
+    def door(self, *box: float) -> None:
+        """Make a box free, and keep furniture away from it."""
+        self.carve(*box)
+        self._keep_out.append(box)
+
+    def block(self, *box: float) -> None:
+        """Put an obstacle into free space."""
+        self._free[self._window(*box)] = False
+        self._keep_out.append(box)
+
+    def disc(self, x: float, y: float, radius: float, *, free: bool = True) -> None:
+        """Carve a round room."""
+        window = self._window(x - radius, y - radius, x + radius, y + radius)
+        dx, dy = self._x[window[1]] - x, self._y[window[0], None] - y
+        self._free[window][dx * dx + dy * dy < radius * radius] = free
+
+    def pillar(self, x: float, y: float, radius: float) -> None:
+        """Put a round pillar into free space."""
+        self.disc(x, y, radius, free=False)
+        self._keep_out.append((x - radius, y - radius, x + radius, y + radius))
+
+    def polygon(self, *places: float) -> None:
+        """Put a polygonal obstacle into free space, of corners x, y one after the other."""
+        xs, ys = places[::2], places[1::2]
+        corners = [*zip(xs, ys, strict=True)]
+        box = (min(xs), min(ys), max(xs), max(ys))
+        window = self._window(*box)
+        x, y = self._x[window[1]], self._y[window[0], None]
+        inside = np.zeros((y.size, x.size), bool)
+        for (xa, ya), (xb, yb) in pairwise([*corners, corners[0]]):
+            if ya != yb:  # a level edge crosses no ray along x
+                inside ^= ((ya > y) != (yb > y)) & (x < xa + (y - ya) * (xb - xa) / (yb - ya))
+        self._free[window][inside] = False
+        self._keep_out.append(box)
+
+    def seed(self, seed: float) -> None:
+        """Begin the random positions of furniture."""
+        self._random = np.random.default_rng(int(seed))
+
+    def room(self, *room: float) -> None:
+        """Carve a box and put furniture into it, see `furnish`."""
+        self.carve(*room[:4])
+        self.furnish(*room)
+
+    def furnish(self, *room: float) -> None:
+        """Put furniture into a room, whose box is followed by the most pieces and a size.
+
+        Pieces are of 0.3 m to the size [m]. Positions depend on the seed alone, not on the
+        resolution.
+        """
+        x0, y0, x1, y1, left, largest = room
+        rng = self._random
+        for _ in range(30 * int(left)):
+            w, h = (int(v) / 10 for v in rng.integers(3, round(10 * largest) + 1, 2))
+            x, y = _place(rng, x0, x1 - w), _place(rng, y0, y1 - h)
+            wide = (x - _GAP, y - _GAP, x + w + _GAP, y + h + _GAP)
+            # A piece stands at a wall or clear of it, and clear of all else: nothing is closed off.
+            gaps = (x - x0, y - y0, x1 - x - w, y1 - y - h)
+            blocked = any(1e-6 < gap < _GAP - 1e-6 for gap in gaps) or min(gaps) < -1e-6
+            if not blocked and not any(_overlap(wide, other) for other in self._keep_out):
+                self.block(x, y, x + w, y + h)
+                left -= 1
+                if left == 0:
+                    return
+
+    def grid(self, name: str) -> OccupancyGrid:
+        """Put walls around the free space and leave the rest unknown, as in a SLAM map."""
+        import cv2
+
+        solid = (~self._free).astype(np.uint8)
+        depth = np.asarray(cv2.distanceTransform(solid, cv2.DIST_L2, cv2.DIST_MASK_PRECISE))
+        # Walls hold at least the eight neighbours, or else they would leak at their corners.
+        wall = depth <= max(_WALL / self.resolution, 1.5) + 0.01
+        cells = np.where(self._free, FREE, np.where(wall, OCCUPIED, UNKNOWN)).astype(np.uint8)
+        return OccupancyGrid(cells, self.resolution, (-_MARGIN, -_MARGIN, 0.0), name)
+
+
+def _place(rng: np.random.Generator, low: float, high: float) -> float:
+    """Random position: either end, or one between them on a lattice of 0.1 m."""
+    end, step = int(rng.integers(4)), int(rng.integers(max(round(10 * (high - low)), 0) + 1))
+    return (low, high, low + step / 10, low + step / 10)[end]
+
+
+def _overlap(a: Sequence[float], b: Sequence[float]) -> bool:
+    return a[0] < b[2] - 1e-6 and b[0] < a[2] - 1e-6 and a[1] < b[3] - 1e-6 and b[1] < a[3] - 1e-6
