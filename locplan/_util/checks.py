@@ -128,9 +128,6 @@ class _Short(reprlib.Repr):
         super().__init__()
         self.maxlevel, self.maxstring, self.maxother = 3, 200, 200
 
-    def repr_str(self, x: str, level: int) -> str:
-        return repr(x[: self.maxstring])
-
     def repr_int(self, x: int, level: int) -> str:
         return f"a number of {x.bit_length()} bits" if x.bit_length() > 999 else repr(x)
 

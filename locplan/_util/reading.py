@@ -9,7 +9,7 @@ import os
 import re
 import stat
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from io import BufferedReader, TextIOWrapper
 from pathlib import Path
@@ -100,10 +100,13 @@ def numbered_lines(file: Path, errors: str = "strict") -> Iterator[tuple[int, st
             yield number, line
 
 
-def parsed_json(text: str) -> Any:
-    """Value of a text in JSON; a ValueError if it is none, or too deep or long to be read."""
+def parsed_json(text: str, entries: Callable[[dict[str, Any]], Any] | None = None) -> Any:
+    """Value of a text in JSON; a ValueError if it is none, or too deep or long to be read.
+
+    What `entries` makes of each dictionary stands in its place.
+    """
     try:
-        return json.loads(text)
+        return json.loads(text, object_hook=entries)
     except RecursionError:
         raise ValueError("its brackets are too deep") from None
 
