@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, asdict, dataclass, field, fields, replace
+from dataclasses import KW_ONLY, asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import (
@@ -172,14 +172,12 @@ class Robot(Settings):
 
     def summary(self) -> dict[str, Any]:
         """All settings by the names of the fields, fit for JSON and YAML."""
-        about = {each.name: getattr(self, each.name) for each in fields(self)}
-        for name in PARTS.keys() - {"filter"}:
-            about[name] = about[name] and asdict(about[name])
-        code = {"title": self.filter.title, "settings": repr(self.filter)}  # of one's own
-        amcl = self.filter if isinstance(self.filter, Amcl) else None
-        about["filter"] = asdict(amcl) if amcl else code
-        if isinstance(self.footprint, Footprint):
-            about["footprint"] = self.footprint.vertices.tolist()
+        own = not isinstance(self.filter, Amcl)  # a filter of one's own, which may hold anything
+        about = asdict(replace(self, filter=Amcl()) if own else self)
+        if own:
+            about["filter"] = {"title": self.filter.title, "settings": repr(self.filter)}
+        if self.outline:
+            about["footprint"] = self.outline.vertices.tolist()
         return about
 
     @classmethod
@@ -209,7 +207,7 @@ class Robot(Settings):
     def title(self) -> str:
         """The lidar, the size, and what differs from the defaults, in one line for people."""
         lidar = self.lidar.title if self.lidar else "no lidar named"
-        outline = self.footprint if isinstance(self.footprint, Footprint) else None
+        outline = self.outline
         size = f"{len(outline.vertices)} corners" if outline else f"radius {self.footprint:g} m"
         others = [*differing(self.odometry), *differing(self.disturbances)]
         changed = f", {', '.join(others)}" if others else ""
