@@ -47,13 +47,6 @@ class Patch:
         """Bytes of its cells."""
         return self.before.nbytes + self.after.nbytes
 
-    def limits(self, grid: OccupancyGrid) -> list[float]:
-        """Minimum and maximum x and y of the window in the world, x0, y0, x1, y1 [m]."""
-        rows = [self.rows.start, self.rows.stop, self.rows.start, self.rows.stop]
-        cols = [self.cols.start, self.cols.start, self.cols.stop, self.cols.stop]
-        x, y = grid.grid_to_world(rows, cols)
-        return [float(x.min()), float(y.min()), float(x.max()), float(y.max())]
-
 
 @dataclass(frozen=True)
 class Stroke:
@@ -87,12 +80,11 @@ def edit(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     strokes = [Stroke.read(each) for each in ask.items("strokes", 500)]
     with session.changing:
         patch = drawn(session.grid, strokes)
-        if patch is None:
-            return {"changed": []}
-        session.edits = last_ones([*session.edits, patch], session.opening.limits)
-        session.undone = []
-        _apply(session, patch, patch.after)
-    return {"changed": [patch.limits(session.grid)]}
+        if patch is not None:
+            session.edits = last_ones([*session.edits, patch], session.opening.limits)
+            session.undone = []
+            _apply(session, patch, patch.after)
+    return {"changed": patch is not None}
 
 
 def last_ones(patches: list[Patch], limits: Limits) -> list[Patch]:
@@ -112,7 +104,7 @@ def step(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
         patch = taken.pop()
         given.append(patch)
         _apply(session, patch, patch.before if back else patch.after)
-    return {"changed": [patch.limits(session.grid)]}
+    return {"changed": True}
 
 
 def save(session: Session, ask: Ask, work: Work) -> dict[str, Any]:

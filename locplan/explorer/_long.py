@@ -160,23 +160,13 @@ def twins_everywhere(session: Session, ask: Ask, work: Work) -> dict[str, object
         work.progress(done, total, "comparing places")
 
     progress(0, 1)
-    found = find_twins(
-        database.grid,
-        robot,
-        spacing=spacing_of(database),
-        database=database,
-        progress=progress,
-    )
+    spacing = spacing_of(database)
+    found = find_twins(database.grid, robot, spacing=spacing, database=database, progress=progress)
     progress(1, 1)
     session.twins = texture_of(found, field.stride, digest)
     session.tell({"event": "state"})
-    return {
-        "layer": "twins",
-        "share": found.share,
-        "alike": ALIKE,
-        "places": len(found),
-        "spacing": found.spacing,
-    }
+    about = {"share": found.share, "places": len(found), "spacing": spacing}
+    return {"layer": "twins", "alike": ALIKE, **about}
 
 
 def match(session: Session, ask: Ask, work: Work) -> dict[str, object]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import RESOLUTIONS
 from locplan._util.poses import Numbers, way_along
-from locplan.costs import Costmap, Path
+from locplan.costs import Costmap, Path, crossed_cells
 from locplan.errors import ConfigError
 from locplan.explorer._scene import FACTOR, Scene, rounded, stops_of
 from locplan.explorer._searches import Flood, Searches
@@ -126,14 +126,8 @@ def path_answer(
     The numbers are those of `locplan.costs.path_metrics`, which takes the clearance of the whole
     map besides. The cost is that at a weight where one is given, such as for a draft.
     """
-    from locplan._kernels.rays import cells_along
-
-    rows, cols, lengths = cells_along(np.column_stack(costs.grid.world_to_grid(*path.xy.T)))
-    if not lengths.size:  # a path within one position
-        rows, cols = (np.array([v]) for v in costs.grid.world_to_cell(*path.xy[0]))
-        lengths = np.zeros(1)
-    rows, cols = (np.clip(i, 0, n - 1) for i, n in zip((rows, cols), costs.grid.shape, strict=True))
-    lengths = lengths * costs.grid.resolution
+    _, *at, lengths = crossed_cells(costs.grid, path)
+    rows, cols = (np.clip(i, 0, n - 1) for i, n in zip(at, costs.grid.shape, strict=True))
     ends, u = np.cumsum(lengths), costs.u[rows, cols]
     density, degenerate = costs.density[rows, cols], float(u @ lengths)
     cost = 2 * float(density @ lengths) if np.isfinite(density).all() else float("inf")

@@ -111,30 +111,22 @@ def stops_of(ask: Ask, parts: Parts) -> tuple[list[Position], int | None]:
     return snapped(parts, stops, held), held
 
 
-@dataclass(frozen=True, eq=False)
-class Floor:
-    """The floor that a robot can stand on, in larger cells."""
+def coarse_costs(fine: Costmap, factor: int = FACTOR) -> Costmap:
+    """The costmap of larger cells: free where at least half is floor, whose mean degeneracy counts.
 
-    grid: OccupancyGrid
-    """The map: free where at least half of a cell's floor is."""
-    u: NDArray[np.float64]
-    """Mean degeneracy of the floor in each cell, (h, w); 0 without a field."""
-
-    @classmethod
-    def of(cls, fine: Costmap, factor: int = FACTOR) -> Floor:
-        """The floor of a costmap, in blocks of its cells."""
-        shape = -(-fine.grid.shape[0] // factor), -(-fine.grid.shape[1] // factor)
-        total, count = np.zeros(shape), np.zeros(shape, np.uint8)
-        for row, col in itertools.product(range(factor), repeat=2):  # no copy of the whole map
-            some = slice(row, None, factor), slice(col, None, factor)
-            free, u = np.isfinite(fine.density[some]), fine.u[some]
-            at = slice(0, free.shape[0]), slice(0, free.shape[1])
-            total[at] += np.where(free & ~np.isnan(u), u, 0.0)
-            count[at] += free
-        free = count >= factor * factor / 2
-        cells = np.where(free, FREE, UNKNOWN).astype(np.uint8)
-        grid = OccupancyGrid(cells, fine.grid.resolution * factor, fine.grid.origin)
-        return cls(grid, total / np.maximum(count, 1))
+    Without a field it has a degeneracy of 0.
+    """
+    shape = -(-fine.grid.shape[0] // factor), -(-fine.grid.shape[1] // factor)
+    total, count = np.zeros(shape), np.zeros(shape, np.uint8)
+    for row, col in itertools.product(range(factor), repeat=2):  # no copy of the whole map
+        some = slice(row, None, factor), slice(col, None, factor)
+        free, u = np.isfinite(fine.density[some]), fine.u[some]
+        at = slice(0, free.shape[0]), slice(0, free.shape[1])
+        total[at] += np.where(free & ~np.isnan(u), u, 0.0)
+        count[at] += free
+    cells = np.where(count >= factor * factor / 2, FREE, UNKNOWN).astype(np.uint8)
+    grid = OccupancyGrid(cells, fine.grid.resolution * factor, fine.grid.origin)
+    return Costmap.from_layers(grid, u=total / np.maximum(count, 1), robot=0.0)
 
 
 @dataclass(frozen=True)
@@ -223,9 +215,9 @@ class Scene:
         return Parts.of(self.costs)
 
     @cached_property
-    def floor(self) -> Floor:
-        """The floor in larger cells, for drafts."""
-        return Floor.of(self.costs)
+    def coarse(self) -> Costmap:
+        """The costmap in larger cells, for drafts."""
+        return coarse_costs(self.costs)
 
     @cached_property
     def log_deviation(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path
-from locplan.explorer._scene import Floor, Scene
+from locplan.explorer._scene import Scene
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import AnyAngle, Bordered, Position, any_angle_path, bordered_index
 
@@ -109,13 +109,6 @@ class Searched:
         inner = bordered.half.reshape(-1, bordered.columns)[1:-1, 1:-1]
         inner.setflags(write=False)
         return cls(dataclasses.replace(costs, density=inner), bordered)
-
-    @classmethod
-    def coarse(cls, floor: Floor, weight: float) -> Searched:
-        """The costmap of a floor in larger cells, for drafts."""
-        density = np.where(floor.grid.free, 1 + weight * floor.u, np.inf)
-        costs = Costmap.from_density(floor.grid, density)
-        return cls(costs, Bordered.of(costs))
 
     def index_of(self, xy: Position) -> int:
         """Index in the bordered grid of the cell at a world position [m]."""
@@ -213,11 +206,13 @@ class Searches:
 
     def coarse(self, weight: float) -> Searched:
         """The costmap of drafts at a weight."""
+
+        def make() -> Searched:
+            costs = self.scene.coarse.with_weight(weight)
+            return Searched(costs, Bordered.of(costs))
+
         key = ("coarse", self.scene.serial, weight)
-        make = Searched.coarse
-        return self.kept.made(
-            key, lambda: make(self.scene.floor, weight), lambda m: 3 * m.bordered.half.nbytes
-        )
+        return self.kept.made(key, make, lambda made: 3 * made.bordered.half.nbytes)
 
     def flood(
         self, weight: float, end: Position, check: Check | None = None, *, draft: bool = False

@@ -6,6 +6,7 @@ import gzip
 import hashlib
 import hmac
 import logging
+import os
 import re
 import secrets
 import socket
@@ -310,16 +311,11 @@ def _packed_file(content: bytes) -> bytes:
 
 def _listening(port: int) -> socket.socket:
     """A socket of this machine alone that listens on a port, or on any free one for 0."""
-    made = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        made.bind(("127.0.0.1", port))
-        made.listen(64)
-    except (OSError, OverflowError) as error:
-        made.close()
-        reason = getattr(error, "strerror", None) or error
+        return socket.create_server(("127.0.0.1", port), backlog=64)
+    except OSError as error:
+        reason = os.strerror(error.errno) if error.errno else error
         raise ConfigError(f"port {port} cannot be used ({reason}); choose another one") from None
-    return made
 
 
 def _missing() -> Response:

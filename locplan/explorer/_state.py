@@ -16,12 +16,7 @@ from locplan._util.checks import FARTHEST, number
 from locplan._util.poses import window_around
 from locplan.explorer._asks import MAX_WEIGHT, Ask, Work
 from locplan.explorer._scene import Scene
-from locplan.field import (
-    ESTIMATORS,
-    estimator_class,
-    position_axes,
-    scalar,
-)
+from locplan.field import ESTIMATORS, estimator_class, position_axes, scalar
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import PRESETS
 
