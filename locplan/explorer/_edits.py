@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Octets
 from locplan._util.checks import MAX_RANGE, number
 from locplan._util.files import make_folder
 from locplan.errors import ConfigError
@@ -37,9 +37,9 @@ class Patch:
     """Rows of the window."""
     cols: slice
     """Columns of the window."""
-    before: NDArray[np.uint8]
+    before: Octets
     """Its cells before."""
-    after: NDArray[np.uint8]
+    after: Octets
     """Its cells after."""
 
     @property
@@ -150,7 +150,7 @@ def drawn(grid: OccupancyGrid, strokes: Sequence[Stroke]) -> Patch | None:
     return Patch(rows, cols, grid.cells[rows, cols].copy(), cells[rows, cols].copy())
 
 
-def _draw_line(cells: NDArray[np.uint8], grid: OccupancyGrid, stroke: Stroke) -> None:
+def _draw_line(cells: Octets, grid: OccupancyGrid, stroke: Stroke) -> None:
     """Fill the cells whose centres a line covers, or those that it crosses where it is thin."""
     level = OCCUPIED if stroke.tool == "wall" else FREE
     half = max(stroke.size[0] / 2, math.sqrt(0.5) * grid.resolution)
@@ -162,7 +162,7 @@ def _draw_line(cells: NDArray[np.uint8], grid: OccupancyGrid, stroke: Stroke) ->
         cells[window][apart <= half + 1e-9] = level
 
 
-def _apply(session: Session, patch: Patch, window: NDArray[np.uint8]) -> None:
+def _apply(session: Session, patch: Patch, window: Octets) -> None:
     """Put a window's cells into the session's map, and bring its field up to date."""
     cells = session.grid.cells.copy()
     cells[patch.rows, patch.cols] = window

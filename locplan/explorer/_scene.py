@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Octets
 from locplan._util.poses import window_around
 from locplan._util.tables import finite
 from locplan.costs import Costmap
@@ -220,7 +221,7 @@ class Scene:
         return coarse_costs(self.costs)
 
     @cached_property
-    def log_deviation(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    def log_deviation(self) -> tuple[Floats, Floats] | None:
         """Logarithm of the largest position deviation [m] on the lattice, and 1 where it is known.
 
         Both are 0 elsewhere, and there are none without a field.
@@ -262,7 +263,7 @@ class Texture:
     """Whether the steps are even in the logarithm."""
     anchors: tuple[float, float]
     """Values of the first and the last step; the last one is the worst."""
-    values: NDArray[np.float64]
+    values: Floats
     """Values on the lattice in SI units, row 0 at the lowest y; NaN where there are none."""
     note: str = ""
     """What the values say, for people; empty where the title suffices."""
@@ -270,7 +271,7 @@ class Texture:
     """Digest of what it is made of; empty for a layer of the field, which has one."""
 
     @property
-    def texels(self) -> NDArray[np.uint8]:
+    def texels(self) -> Octets:
         """Steps from 1 to 255 between the anchors, 0 where there is no value, row 0 on top."""
         steps = 1 + np.rint(254 * share_between(self.values, self.anchors, self.logarithmic))
         return np.asarray(np.nan_to_num(steps, nan=0.0)[::-1], np.uint8)
@@ -302,16 +303,14 @@ def textures_of(field: CovarianceField) -> dict[str, Texture]:
     return {each.name: each for each in made if each.anchors[1] > each.anchors[0]}
 
 
-def degeneracy_of(field: CovarianceField) -> NDArray[np.float64]:
+def degeneracy_of(field: CovarianceField) -> Floats:
     """u of the estimator's own criterion on the lattice, (h, w), as costmaps have it."""
     criterion = field.config.estimator.criterion
     values = field.scalar(criterion, headings="mean", with_q=True)
     return share_between(values, field.anchors(criterion), criterion not in field.layers)
 
 
-def share_between(
-    values: NDArray[np.float64], anchors: tuple[float, float], logarithmic: bool
-) -> NDArray[np.float64]:
+def share_between(values: Floats, anchors: tuple[float, float], logarithmic: bool) -> Floats:
     """Where values lie between two anchors, 0..1; NaN where they are NaN."""
     low, high = anchors
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Ints, Octets
 from locplan.costs import Costmap, Path
 from locplan.explorer._scene import Scene
 from locplan.maps import FREE, OccupancyGrid
@@ -122,7 +122,7 @@ class Searched:
             return xy
         # A free place has a cell at most two away that is free for its greater part.
         rows, cols = (slice(max(0, at - 2), max(0, at + 3)) for at in (row, col))
-        near: NDArray[np.int64] = np.argwhere(np.isfinite(density[rows, cols]))
+        near: Ints = np.argwhere(np.isfinite(density[rows, cols]))
         if not near.size:
             return None
         near = near + np.array((rows.start, cols.start))
@@ -140,7 +140,7 @@ class Flood:
 
     source: int
     """Index of the end's cell in the bordered grid."""
-    steps: NDArray[np.uint8]
+    steps: Octets
     """Steps back to the end on cheapest ways, flat with the border: a bit for each neighbour."""
 
     @classmethod
@@ -167,7 +167,7 @@ class Flood:
         """Bytes that a search takes while it is made, with its costs."""
         return bordered.half.nbytes + bordered.half.size
 
-    def cells(self, bordered: Bordered, first: int, last: int) -> NDArray[np.int64] | None:
+    def cells(self, bordered: Bordered, first: int, last: int) -> Ints | None:
         """Cells (n, 2) of (row, col) of the cheapest path between two cells; None without one.
 
         One of them is the flood's end. It is the path that a planner finds from the first to the

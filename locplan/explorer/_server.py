@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
@@ -27,6 +26,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
+from locplan._kernels.arrays import Octets
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._asks import MAX_MESSAGE
 from locplan.explorer._session import Lane, Session
@@ -239,15 +239,13 @@ class Server:
     def _layer(self, request: Request) -> Response:
         digest, name = request.path_params["digest"], request.path_params["name"]
 
-        def texels() -> NDArray[np.uint8] | None:
+        def texels() -> Octets | None:
             found = (self.session.textures(digest) or {}).get(name)
             return None if found is None else found.texels
 
         return self._data(("layer", digest, name), texels)
 
-    def _data(
-        self, key: tuple[str, ...], array: Callable[[], NDArray[np.uint8] | None]
-    ) -> Response:
+    def _data(self, key: tuple[str, ...], array: Callable[[], Octets | None]) -> Response:
         """Bytes of an array that never changes, packed once."""
         found: bytes | None = self.session.files.get(key)
         if found is None:

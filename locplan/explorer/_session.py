@@ -14,8 +14,8 @@ from pathlib import Path as FilePath
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools
 from locplan._util.public import called
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
@@ -59,9 +59,7 @@ class View:
             {"criterion": criterion} if criterion != own else {}
         )
 
-    def field_at(
-        self, grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
-    ) -> CovarianceField:
+    def field_at(self, grid: OccupancyGrid, points: Bools | None = None, /) -> CovarianceField:
         """The field with values at some lattice points (h, w) alone, as if computed for these."""
         if points is None:
             return self.field

@@ -8,8 +8,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Ints
 from locplan._util.checks import check_threads
 from locplan._util.progress import ProgressCallback
 from locplan.costs import CellWindow, Costmap, changed_window, joined_windows
@@ -212,9 +212,7 @@ class Upkeep:
             listener(done, total)
 
 
-def nearest_first(
-    due: NDArray[np.bool_], first: NDArray[np.bool_], changed: NDArray[np.bool_], stride: int
-) -> NDArray[np.int64]:
+def nearest_first(due: Bools, first: Bools, changed: Bools, stride: int) -> Ints:
     """Flat indices of the due lattice points (h, w): some first, then by distance to an edit.
 
     The edit is a mask of the map's cells (H, W).

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations, product
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from locplan._kernels.arrays import Bools, Floats, Ints
+from locplan._kernels.arrays import Bools, Floats, Ints, Octets
 from locplan._util.checks import check_threads, instance, whole
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Path
@@ -240,7 +240,7 @@ def _in_walls(occupied: Bools, cells: Ints, centre: Floats, reach: float) -> Boo
     return np.asarray((leaves[:, :8] & leaves[:, 8:]).any(axis=1))
 
 
-def _rim(cells: NDArray[np.uint8], at: tuple[Ints, Ints]) -> tuple[Ints, Ints]:
+def _rim(cells: Octets, at: tuple[Ints, Ints]) -> tuple[Ints, Ints]:
     """Occupied cells beside those of an object that lead no farther: no wall has them."""
     import cv2
 

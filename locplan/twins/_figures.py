@@ -15,8 +15,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 from matplotlib.ticker import PercentFormatter
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from locplan._kernels.arrays import Bools, Floats
 from locplan._util.poses import ends_in_map
 from locplan.costs import Path
 from locplan.field import position_axes
@@ -156,12 +157,12 @@ def _joined(twins: Twins) -> dict[int, list[tuple[int, list[float]]]]:
     """Pairs of a place and its best twin, thinned out, by the symmetry that joins them or -1."""
     every = twins.twins[:, :, 0]
     heading = np.nan_to_num(every[:, :, 3], nan=np.inf).argmin(axis=1)
-    twin: NDArray[np.float64] = every[np.arange(len(every)), heading]
+    twin: Floats = every[np.arange(len(every)), heading]
     # Share of the posterior elsewhere from which on a place is joined to its twin.
     having = np.flatnonzero((twin[:, 3] <= THRESHOLD) & (twins.elsewhere >= 0.2))
     # The fewer lines there may be, the farther apart their ends are.
     apart = math.sqrt(having.size * twins.spacing**2 / (MAX_LINES / 2)) if having.size else 0.0
-    taken: list[NDArray[np.float64]] = []
+    taken: list[Floats] = []
     pairs: dict[int, list[tuple[int, list[float]]]] = {}
     for place in having[np.argsort(twin[having, 3], kind="stable")]:
         ends = twins.places[place], twin[place, :2]
@@ -175,7 +176,7 @@ def _joined(twins: Twins) -> dict[int, list[tuple[int, list[float]]]]:
     return pairs
 
 
-def _symmetry_of(twins: Twins, place: int, twin: NDArray[np.float64]) -> int:
+def _symmetry_of(twins: Twins, place: int, twin: Floats) -> int:
     """Number of the first symmetry with a colour that takes a place to a twin, or -1."""
     for n, each in enumerate(twins.symmetries[: len(style.COLOURS)]):
         from_middle = twins.places[place] - np.array(each.middle)
@@ -328,7 +329,7 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
     figure, axes = _on_map(part, 1.4)
     draw_inset(axes, grid, part, shown)
     wrong = known & ~right
-    kinds: list[tuple[str, NDArray[np.bool_], str, str]] = [
+    kinds: list[tuple[str, Bools, str, str]] = [
         ("right, certain", right & certain, "o", style.BLUE),
         ("right, other places alike", right & ~certain, "o", style.BLUE),
         ("elsewhere, other places alike", wrong & ~certain, "s", style.VERMILION),

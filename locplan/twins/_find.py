@@ -7,8 +7,8 @@ import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Ints
 from locplan._util.checks import check_threads, position, positive, shown
 from locplan._util.poses import Numbers, wrapped
 from locplan._util.progress import ProgressCallback, parts
@@ -146,7 +146,7 @@ def find_twins(
     )
     ranges = seen.scans_at(homes)
 
-    def look(some: NDArray[np.int64]) -> list[Looks]:
+    def look(some: Ints) -> list[Looks]:
         return [look_around(seen, ranges[n], homes[n]) for n in some]
 
     looking, moving = parts(progress, [len(homes), len(homes)])

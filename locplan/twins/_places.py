@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools
 from locplan._util.checks import check_threads
 from locplan._util.intervals import Interval, wilson
 from locplan._util.poses import Numbers, wrapped
@@ -61,11 +61,7 @@ STARTS = (
     Column("excess", "nat", "least excess", 1),
     Column("elsewhere", "", "elsewhere", 1, "%"),
 )
-TWIN = (
-    *POSE,
-    Column("excess", "nat", "excess"),
-    Column("here", "rad", "heading here", 0, "deg"),
-)
+TWIN = (*POSE, Column("excess", "nat", "excess"), Column("here", "rad", "heading here", 0, "deg"))
 PLACES = (
     *STARTS,
     Column("modes", "", "modes", 0),
@@ -198,7 +194,7 @@ class GlobalMatches:
     """Excess of the nearest place, (n,) [nats]."""
     elsewhere: Numbers
     """Share of the posterior elsewhere of the nearest place, (n,), 0..1."""
-    named: NDArray[np.bool_]
+    named: Bools
     """True where the match lies within 1.5 m of a twin of the nearest place, or of its stretch,
     (n,)."""
 
@@ -206,7 +202,7 @@ class GlobalMatches:
         return f"GlobalMatches({len(self.poses)} scans, {self.failed.mean():.1%} failed)"
 
     @property
-    def failed(self) -> NDArray[np.bool_]:
+    def failed(self) -> Bools:
         """Whether the match is more than 2 m off, or there is none, (n,)."""
         return np.asarray(~(np.hypot(*(self.matched - self.poses)[:, :2].T) <= AWAY))
 

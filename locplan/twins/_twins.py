@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Ints
+from locplan._kernels.arrays import Bools, Ints
 from locplan._util.checks import instance, number, one_of, position, positive, whole
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
@@ -72,7 +71,7 @@ class Twins(Result):
     """x, y, heading and excess of the best twins, (n, h, k, 4) [m, m, rad, nat]; else NaN."""
     symmetries: tuple[Symmetry, ...]
     """Rigid moves of the map after which places look the same, the greatest share first."""
-    covered: NDArray[np.bool_]
+    covered: Bools
     """The places that each symmetry takes to a twin, (s, n)."""
 
     def __repr__(self) -> str:
@@ -200,7 +199,7 @@ class Twins(Result):
         return np.where(self._fits, density, np.inf)
 
     @property
-    def _fits(self) -> NDArray[np.bool_]:
+    def _fits(self) -> Bools:
         """Mask of the cells where the robot may stand, (H, W)."""
         return self.grid.free & ~self.grid.closer_than(self.matching.robot_radius - 1e-9)
 
