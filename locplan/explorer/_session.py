@@ -222,10 +222,7 @@ class Session(Upkeep):
             raise ConfigError("the field is still being computed; wait until it is there")
         if weight is None or weight == scene.costs.weight:
             return scene.costs
-        key = ("costs", scene.serial, float(weight))
-        return self.kept.made(
-            key, lambda: scene.costs.with_weight(weight), lambda made: made.density.nbytes
-        )
+        return scene.costs.with_weight(weight)
 
     def weight_of(self, ask: Ask) -> float:
         """The weight of a question.

@@ -164,7 +164,10 @@ def place_landmarks(
     order, shifts = search.without_rows(order)
     refused = in_world(empty, np.concatenate([tried[~allowed], every[list(search.refused)]]))
     whys = [*filter(None, reasons), *search.refused.values()]
-    rejected = tuple(Rejected(*at, why) for at, why in zip(refused.tolist(), whys, strict=True))
+    rejected = tuple(
+        Rejected(x, y, heading, why)
+        for (x, y, heading), why in zip(refused.tolist(), whys, strict=True)
+    )
     indices = np.array(order, np.int64)
     return Landmarks(
         setting, search, indices, shifts, rejected, grid, len(existing), objective.name

@@ -110,7 +110,7 @@ def find_symmetries(
         # Share of the places from which on a move is a symmetry.
         if covered.mean() >= 0.1:
             turn, moved = _fitted(middle, homes[covered], twins[covered])
-            known = [(0.0, middle), *(move for _, *move in found)]  # to stay is no symmetry
+            known = [(0.0, middle), *((a, to) for _, a, to in found)]  # to stay is no symmetry
             if not any(_alike(turn - a, moved - to, resolution) for a, to in known):
                 found.append((covered, turn, moved))
     found.sort(key=lambda each: -float(each[0].mean()))
