@@ -169,23 +169,32 @@ def twins_everywhere(session: Session, ask: Ask, work: Work) -> dict[str, object
     return {"layer": "twins", "alike": ALIKE, **about}
 
 
-def match(session: Session, ask: Ask, work: Work) -> dict[str, object]:
-    """Answer the ask for the deviations that the scans of a drive have on the present map.
-
-    They are kept, so that a drive that is shown again has them at once.
-    """
+def drive_of(session: Session, ask: Ask) -> tuple[int, Any]:
+    """Number of the recorded drive that is asked for, and the drive."""
     drives = session.opening.drives
     if not drives:
         raise ConfigError("there is no recorded drive; start the explorer with --drive FILE")
     number = ask.whole("drive", 0, len(drives) - 1, None)
     if number is None:
         raise ConfigError("drive must be the number of a recorded drive")
-    grid = session.grid
+    return number, drives[number]
+
+
+def drive(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
+    """Answer the ask for the poses of a recorded drive, before its scans are matched."""
+    return dict(drive_of(session, ask)[1].shown(session.grid))
+
+
+def match(session: Session, ask: Ask, work: Work) -> dict[str, object]:
+    """Answer the ask for the deviations that the scans of a drive have on the present map.
+
+    They are kept, so that a drive that is shown again has them at once.
+    """
+    number, asked = drive_of(session, ask)
+    grid, how = session.grid, {"threads": session.opening.threads, "progress": work.progress}
     found: dict[str, Any] = session.files.made(
         ("match", number, grid.digest),
-        lambda: drives[number].shown(
-            grid, matched=True, threads=session.opening.threads, progress=work.progress
-        ),
+        lambda: asked.shown(grid, matched=True, **how),
         lambda made: 200 * len(made["t"]),
     )
     return {"map": grid.digest, "sd": found["sd"], "unlike": found["unlike"]}

@@ -131,6 +131,7 @@ ASKS: dict[str, Entry] = {
     "twins": Entry("locplan.explorer._long:twins", "long"),
     "twins_everywhere": Entry("locplan.explorer._long:twins_everywhere", "long"),
     "export": Entry("locplan.explorer._sharing:export", "long"),
+    "drive": Entry("locplan.explorer._long:drive", "slow"),
     "match": Entry("locplan.explorer._long:match", "drive"),
     "share": Entry("locplan.explorer._sharing:share", "long"),
     "reproduce": Entry("locplan.explorer._sharing:reproduce", "look"),
