@@ -169,12 +169,7 @@ def crossed_cells(grid: OccupancyGrid, path: Path, headings: int = 1) -> list[ND
     path : Path
         The path in the world [m].
     headings : int, default 1
-        Number of headings, evenly spaced from 0 on, of which the path's is the nearest.
-
-    Raises
-    ------
-    LocplanError
-        If the path crosses over 1e7 cells.
+        Number of headings, evenly spaced from 0 on; over 1e7 cells are a LocplanError.
     """
     from locplan._kernels.rays import cells_along
 

@@ -102,11 +102,8 @@ def place_figure(twins: Twins, place: int) -> Figure:
     figure, axes = _on_map(twins.grid)
     found = twins.of(place)
     for n, twin in enumerate(found[:SHOWN], 1):
-        alike = twin.excess <= THRESHOLD
-        line = axes.plot(
-            [x, twin.x], [y, twin.y], color=style.COLOURS[0] if alike else OTHER, zorder=3
-        )
-        line[0].set_linestyle("-" if alike else ":")
+        colour, line = (style.COLOURS[0], "-") if twin.excess <= THRESHOLD else (OTHER, ":")
+        axes.plot([x, twin.x], [y, twin.y], line, color=colour, zorder=3)
         _draw_number(axes, n, (twin.x, twin.y), 6 + 1 / n)
     axes.plot(x, y, "*", color=style.VERMILION, markeredgecolor="black", markersize=15, zorder=8)
     about = "no twin"

@@ -15,6 +15,7 @@ from locplan._kernels.arrays import Bools, Ints
 from locplan._util.checks import instance, number, one_of, position, positive, whole
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
+from locplan._util.public import called
 from locplan._util.records import Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite
@@ -32,7 +33,6 @@ from locplan.twins._places import (
     Start,
     Twin,
     best_starts,
-    global_matches,
 )
 from locplan.twins._symmetries import Symmetry
 
@@ -279,7 +279,9 @@ class Twins(Result):
         whole("seed", seed, 0)
         disturbances = disturbances or Disturbances()
         instance("disturbances", disturbances, Disturbances)
-        return global_matches(self, count, disturbances, seed, threads, progress)
+        how = count, disturbances, seed, threads, progress
+        found: GlobalMatches = called("locplan.twins._find:global_matches", self, *how)
+        return found
 
     def table(self) -> Table:
         """The places, each with its layers and the best of its twins."""
