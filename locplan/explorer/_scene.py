@@ -61,16 +61,12 @@ class Parts:
         row, col = (float(v) for v in grid.world_to_grid(*xy[:2]))
         reach = MAX_MOVE / grid.resolution
         window = window_around(row, col, reach, grid.shape)
-        labels = self.labels[window]
-        rows, cols = np.nonzero(labels == label if label else labels > 0)
-        if not rows.size:
+        labels, first = self.labels[window], [each.start for each in window]
+        cells = np.argwhere(labels == label if label else labels > 0) + first
+        squared = ((cells + 0.5 - (row, col)) ** 2).sum(axis=1)
+        if squared.min(initial=np.inf) > reach**2:
             return None
-        rows, cols = rows + window[0].start, cols + window[1].start
-        squared = (rows + 0.5 - row) ** 2 + (cols + 0.5 - col) ** 2
-        at = int(np.argmin(squared))
-        if squared[at] > reach**2:
-            return None
-        return grid.cell_to_world(int(rows[at]), int(cols[at]))
+        return grid.cell_to_world(*cells[squared.argmin()].tolist())
 
 
 def snapped(parts: Parts, stops: Sequence[Position], held: int | None = None) -> list[Position]:

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from locplan._kernels.arrays import Ints, Octets
+from locplan._util.poses import window_around
 from locplan.costs import Costmap, Path
 from locplan.explorer._scene import Scene
 from locplan.maps import FREE, OccupancyGrid
@@ -121,13 +122,12 @@ class Searched:
         if grid.contains(row, col) and np.isfinite(density[row, col]):
             return xy
         # A free place has a cell at most two away that is free for its greater part.
-        rows, cols = (slice(max(0, at - 2), max(0, at + 3)) for at in (row, col))
-        near: Ints = np.argwhere(np.isfinite(density[rows, cols]))
-        if not near.size:
+        window = window_around(row, col, 2, grid.shape)
+        near = np.argwhere(np.isfinite(density[window])) + [each.start for each in window]
+        if not len(near):
             return None
-        near = near + np.array((rows.start, cols.start))
-        at = near[int(np.argmin(((near - np.array((row, col))) ** 2).sum(axis=1)))]
-        return grid.cell_to_world(int(at[0]), int(at[1]))
+        squared = ((near - (row, col)) ** 2).sum(axis=1)
+        return grid.cell_to_world(*near[squared.argmin()].tolist())
 
 
 @dataclass(frozen=True, eq=False)
