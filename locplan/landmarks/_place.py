@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from itertools import combinations, product
+from itertools import combinations, product, starmap
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -152,8 +152,8 @@ def place_landmarks(
     if not len(every):
         raise ConfigError(
             f"no {kind.title} may stand within the lidar's range of the robot:"
-            f" {counted(reasons) or 'there are no places'}; allow more places (where), a smaller"
-            " object or clearance, or keep less of the map out"
+            f" {counted(reasons)}; allow more places (where), a smaller object or clearance, or"
+            " keep less of the map out"
         )
     sight = Sight(empty, seen, kind.shape, every, threads)
     objective: Objective = AlongRoutes(sight)
@@ -164,10 +164,7 @@ def place_landmarks(
     order, shifts = search.without_rows(order)
     refused = in_world(empty, np.concatenate([tried[~allowed], every[list(search.refused)]]))
     whys = [*filter(None, reasons), *search.refused.values()]
-    rejected = tuple(
-        Rejected(x, y, heading, why)
-        for (x, y, heading), why in zip(refused.tolist(), whys, strict=True)
-    )
+    rejected = tuple(starmap(Rejected, zip(*refused.T.tolist(), whys, strict=True)))
     indices = np.array(order, np.int64)
     return Landmarks(
         setting, search, indices, shifts, rejected, grid, len(existing), objective.name

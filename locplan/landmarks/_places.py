@@ -114,7 +114,8 @@ class Rejected(NamedTuple):
 
 def counted(reasons: Iterable[str]) -> str:
     """How many places were refused for which reason."""
-    return ", ".join(f"{reason} ({count})" for reason, count in Counter(reasons).items())
+    counts = Counter(reasons).items()
+    return ", ".join(f"{why} ({count})" for why, count in counts) or "there are no places"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
