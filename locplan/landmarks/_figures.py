@@ -87,9 +87,9 @@ def panels(
         parts = figure.subfigures(1, 2, width_ratios=(width - PLOT_WIDTH, PLOT_WIDTH))
     else:
         parts = figure.subfigures(2, height_ratios=(height - PLOT_HEIGHT, PLOT_HEIGHT))
+    lower = parts[1].subplots(*((plots, 1) if tall else (1, plots)), squeeze=False)
     figure.suptitle("\n".join(lines), fontsize="medium")
     upper = parts[0].subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    lower = parts[1].subplots(*((plots, 1) if tall else (1, plots)), squeeze=False)
     return figure, parts[0], list(upper.ravel()), list(lower.ravel())
 
 
