@@ -207,12 +207,15 @@ def test_a_marker_that_is_dragged_out_of_the_window_stays_on_the_map(visit):
 
 
 def test_intervals_and_verdicts_read_as_people_speak(browser, server):
-    driven = {"xy": [[3, 1], [39, 1]], "length": 36.0, "profile": {"s": [36.0], "u": [0.5]}}
-    driven["profile"] |= {"median_cm": [9.0], "p95_cm": [12.0]}
-    first = {"name": "a", "label": "a", "error_m": [1.3, 0.0, 137.9], "lost": [0.0, 0.0, 0.168]}
-    other = {"name": "b", "label": "b", "error_m": [0.2, 0.0304, 2.1], "lost": [0.5, 0.2, 0.8]}
-    third = {"name": "c", "label": "c", "error_m": [1.5, 1.2, 2.1], "lost": None}
-    candidates = [driven | each for each in (first, other, third)]
+    path = {"path": {"xy": [[3, 1], [39, 1]]}, "metrics": {"length": 36.0}}
+    profile = {"profile": [[36.0, 0.09, 0.05, 0.12]]}
+    first = {"error": [1.3, 0.0, 137.9], "lost_rate": [0.0, 0.0, 0.168]}
+    other = {"error": [0.2, 0.0304, 2.1], "lost_rate": [0.5, 0.2, 0.8]}
+    third = {"error": [1.5, 1.2, 2.1], "lost_rate": None}
+    candidates = [
+        {"name": name, "driven": profile | each, **path}
+        for name, each in (("a", first), ("b", other), ("c", third))
+    ]
     pole = {"object": {"kind": "Pole", "diameter": 0.2}}
     pole["landmarks"] = [{"x": 20.0, "y": 8.0, "heading": 0.0}]
     context = browser.new_context(
@@ -220,8 +223,11 @@ def test_intervals_and_verdicts_read_as_people_speak(browser, server):
     )
     seen = Seen(context.new_page())
     answers = {
-        "simulate": {"verdict": "no matter", "chosen": "a", "candidates": candidates},
-        "landmarks": pole | {"verdict": "not shown to help", "verification": {"helps": False}},
+        "simulate": {
+            **{"sentence": "no matter", "advice": [], "driven": "3 drives"},
+            **{"taken": "a", "candidates": candidates},
+        },
+        "landmarks": pole,
     }
     seen.answer(answers)
     seen.open(server.address)
@@ -277,7 +283,8 @@ def test_intervals_and_verdicts_read_as_people_speak(browser, server):
     seen.unfold("landmarks-group")
     take = seen.page.locator("#landmarks-accept")
     for helps, is_main in ((False, False), (True, True), (None, True)):
-        answers["landmarks"] |= {"verification": {"helps": helps}, "verdict": f"helps: {helps}"}
+        verified = {"helps": helps, "verdict": f"helps: {helps}", "before": {"drives": 16}}
+        answers["landmarks"] |= {"verification": verified}
         seen.page.locator("#landmarks-find").click()
         seen.page.locator("#landmarks-verdict", has_text=f"elps: {helps}").wait_for()
         assert ("main" in take.get_attribute("class").split()) == is_main

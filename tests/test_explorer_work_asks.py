@@ -43,19 +43,18 @@ def session():
 
 def test_a_simulation_is_answered_with_intervals_and_profiles(session):
     told = answered(session, "simulate", **{**WAY, "via": [list(MIDDLE)], "weight": 12}, drives=3)
-    assert told["chosen"] in {each["name"] for each in told["candidates"]}
+    assert told["taken"] in {each["name"] for each in told["candidates"]}
     for each in told["candidates"]:
-        assert len(each["error_m"]) == len(each["lost"]) == 3
-        profile = each["profile"]
-        assert len(profile["s"]) == len(profile["median_cm"]) == len(profile["p90_cm"])
-        assert profile["s"][-1] == pytest.approx(each["length"], abs=0.2)
-        assert all(np.subtract(profile["p90_cm"], profile["median_cm"]) >= 0)
+        assert len(each["driven"]["error"]) == len(each["driven"]["lost_rate"]) == 3
+        distance, median, _, high = np.array(each["driven"]["profile"]).T
+        assert distance[-1] == pytest.approx(each["metrics"]["length"], abs=0.2)
+        assert (high >= median).all()
 
 
 def test_the_robot_of_the_command_line_is_simulated():
     session = session_of(robot=ROBOT.changed({"laser_model_type": "likelihood_field_prob"}))
     told = answered(session, "simulate", **{**WAY, "via": [list(MIDDLE)], "weight": 12}, drives=2)
-    assert "likelihood_field_prob" in told["verdict"]
+    assert "likelihood_field_prob" in told["driven"]
     session.close()
 
 
@@ -163,7 +162,8 @@ def test_a_recorded_drive_is_told_of_and_answered():
     session = session_of(drives=(drive,))
     (told,) = session.about()["drives"]
     assert (told["name"], told["scans"], told["duration"]) == ("tour.bag", 40, None)
-    shown = json.loads(json.dumps(shown_on(session), allow_nan=False))
+    shown = answered(session, "drive", drive=0)
+    assert shown == json.loads(json.dumps(shown_on(session), allow_nan=False))
     assert shown["timed"] is False
     assert len(shown["t"]) == len(shown["unlike"]) == 40
     session.close()
@@ -223,8 +223,9 @@ def test_matching_is_cancelled_and_keeps_nothing():
 @pytest.mark.parametrize("given", [{}, {"drive": 1}, {"drive": -1}, {"drive": "0"}, {"drive": 0.5}])
 def test_a_drive_that_is_not_there_is_refused(given):
     session = toured_session()
-    with pytest.raises(ConfigError, match="drive must be"):
-        answered(session, "match", **given)
+    for do in ("drive", "match"):
+        with pytest.raises(ConfigError, match="drive must be"):
+            answered(session, do, **given)
     session.close()
 
 

@@ -81,7 +81,7 @@ def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
     layers: list[Any] = [costs.e[None], costs.u[None], costs.density[None]]
     if path.heading is not None and costs.u_of_heading is not None:
         layers = [costs.e_of_heading, costs.u_of_heading, costs.density_of_heading]
-    *at, lengths = _crossed(costs.grid, path, len(layers[0]))
+    *at, lengths = crossed_cells(costs.grid, path, len(layers[0]))
     e, u = (_along(layer, at, np.nan) for layer in layers[:2])
     density, clearance = _along(layers[2], at, np.inf), costs.grid.clearance[None]
     integrated_e, share, longest = float(e @ lengths), np.nan, np.nan
@@ -118,7 +118,7 @@ def path_cost(costs: Costmap, path: Path) -> float:
     density: Any = costs.density[None]
     if path.heading is not None and costs.u_of_heading is not None:
         density = costs.density_of_heading
-    *at, lengths = _crossed(costs.grid, path, len(density))
+    *at, lengths = crossed_cells(costs.grid, path, len(density))
     return _integral(_along(density, at, np.inf), lengths)
 
 
@@ -155,12 +155,22 @@ def profile(
         If the path crosses over 1e7 cells.
     """
     layers = layer.reshape(-1, *layer.shape[-2:])
-    *at, lengths = _crossed(costs.grid, path, len(layers))
+    *at, lengths = crossed_cells(costs.grid, path, len(layers))
     return np.concatenate([[0.0], np.cumsum(lengths)]), _along(layers, at, np.nan)
 
 
-def _crossed(grid: OccupancyGrid, path: Path, headings: int) -> list[NDArray[Any]]:
-    """Headings, rows and columns of the cells that a path crosses, and lengths in them [m]."""
+def crossed_cells(grid: OccupancyGrid, path: Path, headings: int = 1) -> list[NDArray[Any]]:
+    """Headings, rows and columns of the cells that a path crosses, and lengths in them [m].
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map; cells may lie outside it.
+    path : Path
+        The path in the world [m].
+    headings : int, default 1
+        Number of headings, evenly spaced from 0 on; over 1e7 cells are a LocplanError.
+    """
     from locplan._kernels.rays import cells_along
 
     parts = []

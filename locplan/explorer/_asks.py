@@ -43,12 +43,8 @@ class Ask:
 
     def positions(self, name: str, most: int = 50) -> list[tuple[float, float]]:
         """Positions in the world, [[x, y], ...] [m]; none without a value."""
-
-        def is_right(values: Any) -> bool:
-            return isinstance(values, list) and len(values) <= most and all(map(_is_pair, values))
-
         what = f"up to {most} positions [x, y]"
-        values = self._kept(name, is_right, what) if self.has(name) else []
+        values = self._listed(name, most, _is_pair, what) if self.has(name) else []
         return [position(value, name=name) for value in values]
 
     def number(self, name: str, low: float, high: float, default: Default) -> float | Default:
@@ -61,21 +57,15 @@ class Ask:
 
     def one_of(self, name: str, choices: Collection[str], default: Default) -> str | Default:
         """One of some words, or the default."""
-
-        def chosen(value: Any) -> str:
-            one_of(name, value, choices)
-            return str(value)
-
-        return self._read(name, chosen, default)
+        if self.has(name):
+            one_of(name, self.values[name], choices)
+        return self._read(name, str, default)
 
     def text(self, name: str, default: Default) -> str | Default:
         """A short text in one line, or the default."""
-
-        def is_short(value: Any) -> bool:
-            return isinstance(value, str) and len(value) <= 200 and value == printable(value)
-
-        what = "a text of at most 200 characters in one line"
-        return self._read(name, lambda _: str(self._kept(name, is_short, what)), default)
+        if self.has(name):
+            self._kept(name, _is_short, "a text of at most 200 characters in one line")
+        return self._read(name, str, default)
 
     def _read(self, name: str, read: Callable[[Any], Read], default: Default) -> Read | Default:
         """The value as it is read, or the default where it is null or not there."""
@@ -95,14 +85,17 @@ class Ask:
 
     def items(self, name: str, most: int) -> list[Ask]:
         """Objects of a list, each to be read as a question is."""
-
-        def is_right(values: Any) -> bool:
-            if not isinstance(values, list) or len(values) > most:
-                return False
-            return all(isinstance(value, dict) for value in values)
-
-        values = self._kept(name, is_right, f"a list of up to {most} objects")
+        what = f"a list of up to {most} objects"
+        values = self._listed(name, most, lambda value: isinstance(value, dict), what)
         return [Ask(self.do, self.id, value) for value in values]
+
+    def _listed(
+        self, name: str, most: int, is_right: Callable[[Any], bool], what: str
+    ) -> list[Any]:
+        def are_right(values: Any) -> bool:
+            return isinstance(values, list) and len(values) <= most and all(map(is_right, values))
+
+        return list(self._kept(name, are_right, what))
 
     def _kept(self, name: str, is_right: Callable[[Any], bool], what: str) -> Any:
         """The value; a ConfigError says what it must be if it is not right."""
@@ -146,6 +139,10 @@ def read_ask(text: str, known: Collection[str]) -> Ask:
 
 def _refuse(constant: str) -> NoReturn:
     raise ValueError(constant)
+
+
+def _is_short(value: object) -> bool:
+    return isinstance(value, str) and len(value) <= 200 and value == printable(value)
 
 
 def _is_pair(value: object) -> bool:

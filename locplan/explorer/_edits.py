@@ -12,17 +12,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Octets
 from locplan._util.checks import MAX_RANGE, number
 from locplan._util.files import make_folder
-from locplan._util.poses import window_around
 from locplan.errors import ConfigError
 from locplan.explorer._asks import Ask, Cancelled
 from locplan.explorer._scene import Limits
 from locplan.explorer._session import Session
 from locplan.field import ESTIMATORS, SHORT_LIDAR, FieldConfig, estimator_class
-from locplan.landmarks import Box, Pole, cells_under
+from locplan.landmarks import Box, Pole, Shape, cells_under
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
 from locplan.robots import PRESETS, Lidar
 
@@ -38,22 +37,15 @@ class Patch:
     """Rows of the window."""
     cols: slice
     """Columns of the window."""
-    before: NDArray[np.uint8]
+    before: Octets
     """Its cells before."""
-    after: NDArray[np.uint8]
+    after: Octets
     """Its cells after."""
 
     @property
     def bytes(self) -> int:
         """Bytes of its cells."""
         return self.before.nbytes + self.after.nbytes
-
-    def limits(self, grid: OccupancyGrid) -> list[float]:
-        """Minimum and maximum x and y of the window in the world, x0, y0, x1, y1 [m]."""
-        rows = [self.rows.start, self.rows.stop, self.rows.start, self.rows.stop]
-        cols = [self.cols.start, self.cols.start, self.cols.stop, self.cols.stop]
-        x, y = grid.grid_to_world(rows, cols)
-        return [float(x.min()), float(y.min()), float(x.max()), float(y.max())]
 
 
 @dataclass(frozen=True)
@@ -88,12 +80,11 @@ def edit(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     strokes = [Stroke.read(each) for each in ask.items("strokes", 500)]
     with session.changing:
         patch = drawn(session.grid, strokes)
-        if patch is None:
-            return {"changed": []}
-        session.edits = last_ones([*session.edits, patch], session.opening.limits)
-        session.undone = []
-        _apply(session, patch, patch.after)
-    return {"changed": [patch.limits(session.grid)]}
+        if patch is not None:
+            session.edits = last_ones([*session.edits, patch], session.opening.limits)
+            session.undone = []
+            _apply(session, patch, patch.after)
+    return {"changed": patch is not None}
 
 
 def last_ones(patches: list[Patch], limits: Limits) -> list[Patch]:
@@ -113,7 +104,7 @@ def step(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
         patch = taken.pop()
         given.append(patch)
         _apply(session, patch, patch.before if back else patch.after)
-    return {"changed": [patch.limits(session.grid)]}
+    return {"changed": True}
 
 
 def save(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
@@ -159,26 +150,19 @@ def drawn(grid: OccupancyGrid, strokes: Sequence[Stroke]) -> Patch | None:
     return Patch(rows, cols, grid.cells[rows, cols].copy(), cells[rows, cols].copy())
 
 
-def _draw_line(cells: NDArray[np.uint8], grid: OccupancyGrid, stroke: Stroke) -> None:
+def _draw_line(cells: Octets, grid: OccupancyGrid, stroke: Stroke) -> None:
     """Fill the cells whose centres a line covers, or those that it crosses where it is thin."""
     level = OCCUPIED if stroke.tool == "wall" else FREE
-    rows, cols = grid.world_to_grid(*np.array(stroke.points).T)
-    half = max(stroke.size[0] / 2 / grid.resolution, math.sqrt(0.5))
-    ends = list(zip(rows.tolist(), cols.tolist(), strict=True))
-    for (row0, col0), (row1, col1) in zip(ends, ends[1:] or ends, strict=False):
-        middle = (row0 + row1) / 2, (col0 + col1) / 2
-        reach = half + math.hypot(row1 - row0, col1 - col0) / 2 + 1
-        window = window_around(*middle, reach, grid.shape)
-        y = np.arange(window[0].start, window[0].stop)[:, None] + 0.5 - row0
-        x = np.arange(window[1].start, window[1].stop) + 0.5 - col0
-        dy, dx = row1 - row0, col1 - col0
-        long = dx * dx + dy * dy
-        share = np.clip((x * dx + y * dy) / long, 0.0, 1.0) if long else 0.0
-        near = np.hypot(x - share * dx, y - share * dy) <= half + 1e-9
-        cells[window][near] = level
+    half = max(stroke.size[0] / 2, math.sqrt(0.5) * grid.resolution)
+    ends = np.column_stack(grid.world_to_grid(*np.array(stroke.points).T))
+    for one, other in itertools.pairwise(ends if len(ends) > 1 else [*ends, *ends]):
+        middle, way = (one + other) / 2, other - one
+        line = Shape(grid.resolution * float(np.hypot(*way)) / 2, 0.0, is_round=False)
+        window, apart = line.distances(grid, np.array([*middle, math.atan2(*way)]), half)
+        cells[window][apart <= half + 1e-9] = level
 
 
-def _apply(session: Session, patch: Patch, window: NDArray[np.uint8]) -> None:
+def _apply(session: Session, patch: Patch, window: Octets) -> None:
     """Put a window's cells into the session's map, and bring its field up to date."""
     cells = session.grid.cells.copy()
     cells[patch.rows, patch.cols] = window

@@ -9,11 +9,11 @@ import numpy as np
 
 from locplan._util.checks import FARTHEST, whole
 from locplan.errors import ConfigError
-from locplan.explorer._scene import MAX_DRIVES, Texture, rounded, snapped
-from locplan.landmarks import PAYING_SHARE, Landmarks, parsed_object, place_landmarks
+from locplan.explorer._scene import MAX_DRIVES, Texture, snapped
+from locplan.landmarks import parsed_object, place_landmarks
 from locplan.matching import ScanDatabase
 from locplan.robots import Robot
-from locplan.simulation import Candidate, choose
+from locplan.simulation import choose
 from locplan.twins import PLACE_HEADINGS, PLACE_SPACING, Twins, find_twins
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def simulate(session: Session, ask: Ask, work: Work) -> dict[str, object]:
-    """Answer the ask for the simulated choice of the way shown, in its own words and figures.
+    """Answer the ask for the simulated choice of the way shown by its summary.
 
     Candidates are driven just as `locplan plan` does with these settings. Of the page's field it
     takes the points that a field for this choice has. Work that is cancelled ends after the drives
@@ -46,30 +46,7 @@ def simulate(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     )
     if choice.path is None:
         raise ConfigError("no path joins start and goal; move one of them")
-    return {
-        "verdict": " ".join([f"{choice.sentence}.", *choice.advice, f"({choice.driven})"]),
-        "chosen": choice.chosen.name if choice.chosen else None,
-        "candidates": [_candidate(each) for each in choice.candidates],
-        "drives": choice.settings.drives,
-    }
-
-
-def _candidate(each: Candidate) -> dict[str, object]:
-    """A candidate with its figures and the error along it."""
-    assert each.driven is not None, "the page drives all candidates"
-    distance, median, _, high = each.driven.profile.T
-    return {
-        "name": each.name,
-        "xy": rounded(each.path.xy),
-        "length": each.path.length,
-        "error_m": list(each.driven.error),
-        "lost": list(each.driven.lost_rate),
-        "profile": {
-            "s": distance.round(2).tolist(),
-            "median_cm": (100 * median).round(2).tolist(),
-            "p90_cm": (100 * high).round(2).tolist(),
-        },
-    }
+    return {**choice.summary(), "driven": choice.driven}
 
 
 ALIKE = 3.0
@@ -77,10 +54,10 @@ ALIKE = 3.0
 
 
 def landmarks(session: Session, ask: Ask, work: Work) -> dict[str, object]:
-    """Answer the ask for landmarks along the way shown, verified by drives before and after.
+    """Answer the ask for landmarks along the way shown by their summary, verified by drives.
 
-    It is the summary of `Landmarks`, with the verdict and what is doubtful in words. What the lidar
-    sees along the way is computed before the first step, and runs out where the work is cancelled.
+    What the lidar sees along the way is computed before the first step, and runs out where the work
+    is cancelled.
     """
     view = session.view(ask)
     kind = parsed_object(ask.text("object", "pole:0.2"))
@@ -102,23 +79,7 @@ def landmarks(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     found = None
     if drives and len(made):
         found = made.verify(drives, random_sets=1, threads=threads, progress=work.progress)
-    verdict = "not verified: nothing was driven"
-    if found is not None:
-        verdict = f"{found.verdict} ({found.before.number} drives each; 100 tell more)"
-    return {**made.summary(found), "verdict": verdict, "warnings": _warnings(made)}
-
-
-def _warnings(made: Landmarks) -> list[str]:
-    """What is doubtful about a placement, a sentence each."""
-    texts = []
-    if made.paying < len(made):
-        texts.append(
-            f"From number {made.paying + 1} on, each lowers the expected deviation by less"
-            f" than {PAYING_SHARE:.0%}."
-        )
-    if made.regular:
-        texts.append(f"Careful: {made.regular}, which a filter can mistake for a shift.")
-    return texts
+    return made.summary(found)
 
 
 def twins(session: Session, ask: Ask, work: Work) -> dict[str, object]:
@@ -199,23 +160,29 @@ def twins_everywhere(session: Session, ask: Ask, work: Work) -> dict[str, object
         work.progress(done, total, "comparing places")
 
     progress(0, 1)
-    found = find_twins(
-        database.grid,
-        robot,
-        spacing=spacing_of(database),
-        database=database,
-        progress=progress,
-    )
+    spacing = spacing_of(database)
+    found = find_twins(database.grid, robot, spacing=spacing, database=database, progress=progress)
     progress(1, 1)
     session.twins = texture_of(found, field.stride, digest)
     session.tell({"event": "state"})
-    return {
-        "layer": "twins",
-        "share": found.share,
-        "alike": ALIKE,
-        "places": len(found),
-        "spacing": found.spacing,
-    }
+    about = {"share": found.share, "places": len(found), "spacing": spacing}
+    return {"layer": "twins", "alike": ALIKE, **about}
+
+
+def drive_of(session: Session, ask: Ask) -> tuple[int, Any]:
+    """Number of the recorded drive that is asked for, and the drive."""
+    drives = session.opening.drives
+    if not drives:
+        raise ConfigError("there is no recorded drive; start the explorer with --drive FILE")
+    number = ask.whole("drive", 0, len(drives) - 1, None)
+    if number is None:
+        raise ConfigError("drive must be the number of a recorded drive")
+    return number, drives[number]
+
+
+def drive(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
+    """Answer the ask for the poses of a recorded drive, before its scans are matched."""
+    return dict(drive_of(session, ask)[1].shown(session.grid))
 
 
 def match(session: Session, ask: Ask, work: Work) -> dict[str, object]:
@@ -223,18 +190,11 @@ def match(session: Session, ask: Ask, work: Work) -> dict[str, object]:
 
     They are kept, so that a drive that is shown again has them at once.
     """
-    drives = session.opening.drives
-    if not drives:
-        raise ConfigError("there is no recorded drive; start the explorer with --drive FILE")
-    number = ask.whole("drive", 0, len(drives) - 1, None)
-    if number is None:
-        raise ConfigError("drive must be the number of a recorded drive")
-    grid = session.grid
+    number, asked = drive_of(session, ask)
+    grid, how = session.grid, {"threads": session.opening.threads, "progress": work.progress}
     found: dict[str, Any] = session.files.made(
         ("match", number, grid.digest),
-        lambda: drives[number].shown(
-            grid, matched=True, threads=session.opening.threads, progress=work.progress
-        ),
+        lambda: asked.shown(grid, matched=True, **how),
         lambda made: 200 * len(made["t"]),
     )
     return {"map": grid.digest, "sd": found["sd"], "unlike": found["unlike"]}

@@ -9,18 +9,14 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan import __version__
+from locplan._kernels.arrays import Octets
 from locplan._util.checks import FARTHEST, number
+from locplan._util.poses import window_around
 from locplan.explorer._asks import MAX_WEIGHT, Ask, Work
 from locplan.explorer._scene import Scene
-from locplan.field import (
-    ESTIMATORS,
-    estimator_class,
-    position_axes,
-    scalar,
-)
+from locplan.field import ESTIMATORS, estimator_class, position_axes, scalar
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import PRESETS
 
@@ -179,22 +175,15 @@ def clearance_at(grid: OccupancyGrid, row: int, col: int) -> float:
 
     Where it is near this is `OccupancyGrid.clearance`, without the array of the whole map.
     """
-    if "clearance" in vars(grid):
-        near = float(grid.clearance[row, col])
-        return near if near <= FAR else math.nan
-    reach = math.ceil(FAR / grid.resolution) + 1
-    top, left = max(0, row - reach), max(0, col - reach)
-    window = grid.cells[top : row + reach + 1, left : col + reach + 1]
-    rows, cols = np.nonzero(window == OCCUPIED)
-    if not rows.size:
-        return math.nan
+    window = window_around(row, col, FAR / grid.resolution + 1, grid.shape)
+    occupied = np.argwhere(grid.cells[window] == OCCUPIED) + [each.start for each in window]
     # In halves of a cell, from the centre to the edges of the others.
-    down, aside = np.maximum(2 * np.abs([rows + top - row, cols + left - col]) - 1, 0)
-    near = math.sqrt(int((down * down + aside * aside).min())) * (grid.resolution / 2)
+    apart = np.maximum(2 * np.abs(occupied - (row, col)) - 1, 0)
+    near = math.sqrt((apart**2).sum(axis=1).min(initial=2**52)) * (grid.resolution / 2)
     return near if near <= FAR else math.nan
 
 
-def cells_of(cells: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def cells_of(cells: Octets) -> Octets:
     """Cells of a map as 0 for unknown, 1 for free, 2 for occupied ones, row 0 on top."""
     classes = np.zeros(256, np.uint8)
     classes[FREE], classes[OCCUPIED] = 1, 2

@@ -298,8 +298,8 @@ def covariances_along(
     ----------
     grid, config
         The map, and the field's settings.
-    poses : (n, 3) array
-        Poses x, y, heading [m, m, rad].
+    poses : (n, 3) or (n, 2) array
+        Poses x, y, heading [m, m, rad]; without headings all of a field's count together.
     threads : int, optional
         Number of threads; all cores by default.
 
@@ -310,15 +310,15 @@ def covariances_along(
     """
     known, stride = tiles.needed_points(grid, config), config.stride_cells(grid.resolution)
     lacking = np.zeros_like(known)
-    weights = [weights_at(grid, stride, known, lacking, (x, y)) for x, y, _ in poses.tolist()]
+    weights = [weights_at(grid, stride, known, lacking, (x, y)) for x, y, *_ in poses.tolist()]
     points = np.array([point for each in weights for point in each], np.int64).reshape(-1, 2)
     found = np.split(
         _computed_at(grid, config, points, threads), np.cumsum([len(each) for each in weights])[:-1]
     )
     return np.array(
         [
-            interpolated(some, each.values(), heading)
-            for some, each, heading in zip(found, weights, poses[:, 2].tolist(), strict=True)
+            interpolated(some, each.values(), *(heading or (None,)))
+            for some, each, (_, _, *heading) in zip(found, weights, poses.tolist(), strict=True)
         ]
     )
 

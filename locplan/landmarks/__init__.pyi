@@ -4,11 +4,12 @@ from ._figures import (
     landmarks_figure as landmarks_figure,
 )
 from ._key_features import key_features as key_features
-from ._landmarks import PAYING_SHARE as PAYING_SHARE, Landmarks as Landmarks, Trial as Trial
+from ._landmarks import Landmarks as Landmarks, Trial as Trial
 from ._objects import (
     Box as Box,
     LandmarkObject as LandmarkObject,
     Pole as Pole,
+    Shape as Shape,
     cells_under as cells_under,
     parsed_object as parsed_object,
     with_objects as with_objects,

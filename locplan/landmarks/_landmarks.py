@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
@@ -18,7 +19,7 @@ from locplan._util.results import Results
 from locplan._util.tables import finite, wrapped
 from locplan.landmarks._objects import outline_of, with_objects
 from locplan.landmarks._outcomes import DRIVES, Verification, compared
-from locplan.landmarks._places import Rejected
+from locplan.landmarks._places import Rejected, counted
 from locplan.landmarks._routes import Setting, fields_along
 from locplan.landmarks._search import Regularity, Search, Shift, in_world, regularity
 from locplan.maps import OccupancyGrid, save_map
@@ -140,6 +141,12 @@ class Landmarks(Result):
         return np.asarray(self.curve**self.search.objective.power)
 
     @property
+    def region_area(self) -> float | None:
+        """Area of the region in which the robot may be [m^2]; None where it drives routes."""
+        region = self.setting.region
+        return None if region is None else float(region.sum()) * self.grid.resolution**2
+
+    @property
     def kept(self) -> int:
         """Number of existing objects that stay where they are."""
         return int((self.indices < self.existing).sum())
@@ -159,6 +166,28 @@ class Landmarks(Result):
         """A row of landmarks that the filter can mistake for one a step farther, or None."""
         return regularity(self.positions)
 
+    def advice(self, *, driven: bool = False) -> list[str]:
+        """What is doubtful about the places, a sentence each.
+
+        Parameters
+        ----------
+        driven : bool, default False
+            True where `verify` says whether they help.
+        """
+        little, found = f"lowers it by less than {PAYING_SHARE:.0%}", []
+        if self.paying == 0:
+            known = "whether they help is what the drives say" if driven else "drive them to know"
+            found.append(f"each {little}: {known}")
+        elif self.paying < len(self):
+            may = f"{self.paying} may do; drive them to know"
+            found.append(f"from number {self.paying + 1} on each {little}: {may}")
+        found += map(str, self.shifts)
+        if row := self.regular:
+            found.append(
+                f"careful: {row}, which a filter can mistake for a shift; move one of them"
+            )
+        return found
+
     def first(self, count: int) -> Floats:
         """World x, y and heading of the landmarks that gain most, (count, 3) [m, m, rad].
 
@@ -171,8 +200,7 @@ class Landmarks(Result):
 
     def reasons(self) -> dict[str, int]:
         """Number of places that were refused for each reason."""
-        every = [each.reason for each in self.rejected]
-        return {reason: every.count(reason) for reason in dict.fromkeys(every)}
+        return dict(Counter(each.reason for each in self.rejected))
 
     def verify(
         self,
@@ -267,13 +295,12 @@ class Landmarks(Result):
                 self.measure.name: self.expected.tolist(),
                 "paying": self.paying,
                 "kept": self.kept,
+                "advice": self.advice(driven=verification is not None),
                 "regular": None if regular is None else regular._asdict(),
                 "shifts": [each._asdict() for each in self.shifts],
                 "rejected": self.reasons(),
                 "routes": {name: path.length for name, path in setting.routes.items()},
-                "region_area": None
-                if setting.region is None
-                else float(setting.region.sum()) * self.grid.resolution**2,
+                "region_area": self.region_area,
                 "robot": setting.robot.summary(),
             }
         )
@@ -295,10 +322,9 @@ def landmarks_report(made: Landmarks, verification: Verification | None = None) 
         f"{len(made)} x {setting.kind.title}, in order of gain; {made.measure.heading} without any:"
         f" {made.expected[0]:.3f}"
     ]
-    if setting.region is not None:
-        area = float(setting.region.sum()) * made.grid.resolution**2
+    if made.region_area is not None:
         routes = f"{len(setting.routes)} routes lead across it"
-        after.append(f"the robot can be in {area:.0f} m2 of the region, and {routes}")
+        after.append(f"the robot can be in {made.region_area:.0f} m2 of the region, and {routes}")
     driven = [
         f"{each.chosen_by} ({each.lost} of {each.drives} lost, error {each.error:.2f} m)"
         for each in made.trials
@@ -308,23 +334,10 @@ def landmarks_report(made: Landmarks, verification: Verification | None = None) 
         after += [f"beaten: {each}" for each in driven[1:]]
     else:
         after.append(f"chosen by: {made.chosen_by}")
-    if made.paying == 0:
-        known = "whether they help is what the drives say" if verification else "drive them to know"
-        after.append(f"each lowers it by less than {PAYING_SHARE:.0%}: {known}")
-    elif made.paying < len(made):
-        after.append(
-            f"from number {made.paying + 1} on each lowers it by less than {PAYING_SHARE:.0%}:"
-            f" {made.paying} may do; drive them to know"
-        )
     if made.existing:
         after.append(f"{made.kept} of {made.existing} existing objects stay where they are")
-    after += [f"{shift}" for shift in made.shifts]
-    if made.regular:
-        after.append(
-            f"careful: {made.regular}, which a filter can mistake for a shift; move one of them"
-        )
+    after += made.advice(driven=verification is not None)
     if made.rejected:
-        counts = ", ".join(f"{reason} ({count})" for reason, count in made.reasons().items())
-        after.append(f"places refused: {counts}")
+        after.append(f"places refused: {counted(each.reason for each in made.rejected)}")
     parts = [str(verification.table())] if verification else []
     return "\n".join([*parts, *wrapped(lines), str(made.table()), *wrapped(after)])

@@ -34,13 +34,42 @@ class Shape(NamedTuple):
         return self.half_length if self.is_round else math.hypot(self.half_length, self.half_width)
 
     def distance(self, x: Any, y: Any, heading: float = 0.0) -> Floats:
-        """Distance from points to a shape at the origin; 0 within it [m]."""
+        """Distance from points to a shape at the origin; 0 within it [m].
+
+        Parameters
+        ----------
+        x, y : array
+            The points, broadcast together [m].
+        heading : float, default 0.0
+            Heading of the shape, counter-clockwise from the x axis [rad].
+        """
         if self.is_round:
             return np.asarray(np.maximum(np.hypot(x, y) - self.half_length, 0.0))
         cos, sin = math.cos(heading), math.sin(heading)
         along = np.abs(cos * x + sin * y) - self.half_length
         across = np.abs(cos * y - sin * x) - self.half_width
         return np.asarray(np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0)))
+
+    def distances(
+        self, grid: OccupancyGrid, pose: Floats, around: float
+    ) -> tuple[tuple[slice, slice], Floats]:
+        """A window of a map around a shape, and the distances of its cells' centres [m].
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        pose : (3,) array
+            Row, column and heading of the shape on the map [cells, cells, rad].
+        around : float
+            Distance from the shape within which all cells lie in the window [m].
+        """
+        row, col, heading = pose.tolist()
+        reach = math.ceil((self.reach + around) / grid.resolution) + 1
+        rows, cols = window = window_around(row, col, reach, grid.shape)
+        y = (np.arange(rows.start, rows.stop)[:, None] + 0.5 - row) * grid.resolution
+        x = (np.arange(cols.start, cols.stop) + 0.5 - col) * grid.resolution
+        return window, self.distance(x, y, heading)
 
 
 class LandmarkObject(Settings):
@@ -142,10 +171,9 @@ def parsed_object(text: str) -> LandmarkObject:
     word, _, sizes = text.partition(":")
     with contextlib.suppress(ValueError):
         values = [float(size) for size in sizes.split(",")] if sizes else []
-        if word == "pole" and len(values) <= 1:
-            return Pole(*values)
-        if word == "box" and len(values) in (0, 2):
-            return Box(*values)
+        for kind, numbers in ((Pole, (0, 1)), (Box, (0, 2))):
+            if word == kind.word and len(values) in numbers:
+                return kind(*values)
     raise ConfigError(
         "the object must be pole:DIAMETER or box:LENGTH,WIDTH in metres, such as pole:0.2 or"
         f" box:0.6,0.3, not {shown(text)}"
@@ -210,8 +238,7 @@ def cells_under(grid: OccupancyGrid, kind: LandmarkObject, pose: Floats) -> tupl
     pose : (3,) array
         Its centre in the world, and its heading [m, m, rad].
     """
-    row, col, heading = on_grid(grid, pose[None])[0].tolist()
-    return filled_cells(kind.shape, row, col, heading, grid.resolution, grid.shape)
+    return filled_cells(grid, kind.shape, on_grid(grid, pose[None])[0])
 
 
 def checked_poses(poses: Iterable[Any], name: str = "a landmark") -> Floats:
@@ -234,28 +261,16 @@ def on_grid(grid: OccupancyGrid, poses: Floats) -> Floats:
     return np.column_stack([rows, cols, poses[:, 2] - grid.origin[2]])
 
 
-def filled_cells(
-    shape: Shape,
-    row: float,
-    col: float,
-    heading: float,
-    resolution: float,
-    map_shape: tuple[int, int],
-) -> tuple[Ints, Ints]:
+def filled_cells(grid: OccupancyGrid, shape: Shape, pose: Floats) -> tuple[Ints, Ints]:
     """Rows and columns of the cells of a map that a shape fills; see `with_objects`.
 
     The position is continuous [cells], the heading from the columns' axis towards that of the rows.
     """
-    rows, cols = window_around(row, col, shape.reach / resolution + 1, map_shape)
-    y, x = np.meshgrid(
-        (np.arange(rows.start, rows.stop) + 0.5 - row) * resolution,
-        (np.arange(cols.start, cols.stop) + 0.5 - col) * resolution,
-        indexing="ij",
-    )
-    filled = shape.distance(x, y, heading) <= 1e-9
+    (rows, cols), apart = shape.distances(grid, pose, 0.0)
+    filled, resolution = apart <= 1e-9, grid.resolution
     # Width of an object up to which the cells that its outline meets are filled, too [cells].
     if 2 * min(shape.half_length, shape.half_width) < 2.0 * resolution:
-        at = _outline(shape, heading, resolution / 8) / resolution + (col, row)
+        at = _outline(shape, float(pose[2]), resolution / 8) / resolution + pose[1::-1]
         at_row, at_col = np.floor(at[:, 1]).astype(int), np.floor(at[:, 0]).astype(int)
         inside = (at_row >= rows.start) & (at_row < rows.stop)
         inside &= (at_col >= cols.start) & (at_col < cols.stop)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from itertools import combinations, product
+from itertools import combinations, product, starmap
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from locplan._kernels.arrays import Bools, Floats, Ints
+from locplan._kernels.arrays import Bools, Floats, Ints, Octets
 from locplan._util.checks import check_threads, instance, whole
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Path
@@ -19,7 +19,7 @@ from locplan.field import equipped
 from locplan.landmarks._landmarks import Landmarks
 from locplan.landmarks._objectives import AlongRoutes, MeanDegeneracy, Objective
 from locplan.landmarks._objects import LandmarkObject, Shape, check_object, filled_cells, on_grid
-from locplan.landmarks._places import Passages, Rejected, Sites, places_of, refusals
+from locplan.landmarks._places import Passages, Rejected, Sites, counted, places_of, refusals
 from locplan.landmarks._routes import (
     Setting,
     cells_in,
@@ -111,6 +111,8 @@ def place_landmarks(
     >>> made.poses.shape, bool(made.curve[2] < made.curve[1] < made.curve[0])
     ((2, 3), True)
     """
+    from scipy.spatial import cKDTree
+
     check_grid(grid)
     check_object(kind)
     sites = Sites() if sites is None else sites
@@ -139,11 +141,10 @@ def place_landmarks(
     seen = surroundings(empty, lines, kind.shape, robot)
     keep, area = robot.radius + sites.clearance, cells_in(grid, sites.keep_out, "keep_out")
     beside = setting.routes.values() if region is None else ()
-    tried = _near(
-        places_of(empty, kind.shape, sites, beside, keep),
-        on_grid(empty, np.concatenate(lines)),
-        (seen.rays.most + kind.shape.reach) / empty.resolution,
-    )
+    tried = places_of(empty, kind.shape, sites, beside, keep)
+    robots = cKDTree(on_grid(empty, np.concatenate(lines))[:, :2])
+    within = (seen.rays.most + kind.shape.reach) / empty.resolution
+    tried = tried[np.isfinite(robots.query(tried[:, :2], distance_upper_bound=within)[0])]
     at = np.column_stack(empty.world_to_grid(*np.concatenate(clear_of).T))
     reasons = refusals(tried, empty, passages, at, keep, area)
     allowed = np.array([not reason for reason in reasons], bool)
@@ -151,7 +152,7 @@ def place_landmarks(
     if not len(every):
         raise ConfigError(
             f"no {kind.title} may stand within the lidar's range of the robot:"
-            f" {_counted(reasons)}; allow more places (where), a smaller object or clearance, or"
+            f" {counted(reasons)}; allow more places (where), a smaller object or clearance, or"
             " keep less of the map out"
         )
     sight = Sight(empty, seen, kind.shape, every, threads)
@@ -162,32 +163,12 @@ def place_landmarks(
     order = search.run(list(range(len(existing))), count, progress)
     order, shifts = search.without_rows(order)
     refused = in_world(empty, np.concatenate([tried[~allowed], every[list(search.refused)]]))
-    rejected = _rejected(refused, [*filter(None, reasons), *search.refused.values()])
+    whys = [*filter(None, reasons), *search.refused.values()]
+    rejected = tuple(starmap(Rejected, zip(*refused.T.tolist(), whys, strict=True)))
     indices = np.array(order, np.int64)
     return Landmarks(
         setting, search, indices, shifts, rejected, grid, len(existing), objective.name
     )
-
-
-def _near(places: Floats, poses: Floats, within: float) -> Floats:
-    """Places at most so far from the poses of the robot, all on the map [cells]."""
-    from scipy.spatial import cKDTree
-
-    apart, _ = cKDTree(poses[:, :2]).query(places[:, :2], distance_upper_bound=within)
-    return np.asarray(places[np.isfinite(apart)])
-
-
-def _rejected(poses: Floats, reasons: Sequence[str]) -> tuple[Rejected, ...]:
-    return tuple(
-        Rejected(x, y, heading, reason)
-        for (x, y, heading), reason in zip(poses.tolist(), reasons, strict=True)
-    )
-
-
-def _counted(reasons: Sequence[str]) -> str:
-    """How many places were refused for which reason."""
-    counts = {each: reasons.count(each) for each in dict.fromkeys(reasons)}
-    return ", ".join(f"{each} ({count})" for each, count in counts.items()) or "there are no places"
 
 
 def without_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Floats) -> OccupancyGrid:
@@ -204,8 +185,8 @@ def without_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Floats) ->
     """
     _check_apart(kind, poses)
     cells, occupied = grid.cells.copy(), grid.cells == OCCUPIED
-    for (x, y, _), (row, col, heading) in zip(poses.tolist(), on_grid(grid, poses), strict=True):
-        rows, cols = _drawn_cells(grid, kind.shape, row, col, heading)
+    for (x, y, _), pose in zip(poses.tolist(), on_grid(grid, poses), strict=True):
+        rows, cols = _drawn_cells(grid, kind.shape, pose)
         if not rows.size:
             raise ConfigError(
                 f"no {kind.title} is drawn in the map at {x:g},{y:g}; an existing object must be"
@@ -213,7 +194,7 @@ def without_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Floats) ->
             )
         # Distance from an object at which a wall beside it still must be one [cells].
         reach = kind.shape.reach / grid.resolution + 2.5
-        own = ~_in_walls(occupied, np.column_stack([rows, cols]), np.array([row, col]), reach)
+        own = ~_in_walls(occupied, np.column_stack([rows, cols]), pose[:2], reach)
         at = rows[own], cols[own]
         cells[at] = FREE
         cells[_rim(cells, at)] = FREE
@@ -230,15 +211,12 @@ def _check_apart(kind: LandmarkObject, poses: Floats) -> None:
             )
 
 
-def _drawn_cells(
-    grid: OccupancyGrid, shape: Shape, row: float, col: float, heading: float
-) -> tuple[Ints, Ints]:
+def _drawn_cells(grid: OccupancyGrid, shape: Shape, pose: Floats) -> tuple[Ints, Ints]:
     """The occupied cells that an object fills, shifted only to where less of it is free."""
-    size = grid.shape[0], grid.shape[1]
     best, found = (-math.inf, 0.0), (np.empty(0, np.int64), np.empty(0, np.int64))
     # Shifts of an object along rows and columns that are tried [cells].
     for d_row, d_col in product((-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75), repeat=2):
-        at = filled_cells(shape, row + d_row, col + d_col, heading, grid.resolution, size)
+        at = filled_cells(grid, shape, pose + np.array([d_row, d_col, 0.0]))
         taken = grid.cells[at] == OCCUPIED
         rank = float(taken.sum() - len(taken)), -math.hypot(d_row, d_col)
         if rank > best:
@@ -262,7 +240,7 @@ def _in_walls(occupied: Bools, cells: Ints, centre: Floats, reach: float) -> Boo
     return np.asarray((leaves[:, :8] & leaves[:, 8:]).any(axis=1))
 
 
-def _rim(cells: NDArray[np.uint8], at: tuple[Ints, Ints]) -> tuple[Ints, Ints]:
+def _rim(cells: Octets, at: tuple[Ints, Ints]) -> tuple[Ints, Ints]:
     """Occupied cells beside those of an object that lead no farther: no wall has them."""
     import cv2
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -12,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from locplan._kernels.arrays import Bools, Floats
 from locplan._util.checks import Settings, keep, positive, setting
-from locplan._util.poses import way_along, window_around
+from locplan._util.poses import way_along
 from locplan.costs import Path
 from locplan.landmarks._objects import Shape, checked_poses, filled_cells, outline_of
 from locplan.maps import UNKNOWN, OccupancyGrid
@@ -43,65 +45,50 @@ class Passages:
     def __init__(
         self, grid: OccupancyGrid, shape: Shape, robot_radius: float, clearance: float
     ) -> None:
-        self.shape, self.resolution = shape, grid.resolution
-        self.radii = sorted({robot_radius, robot_radius + clearance})
-        self.open = [grid.free & ~grid.closer_than(radius - 1e-9) for radius in self.radii]
+        self.grid, self.shape = grid, shape
+        self.open = {
+            radius: grid.free & ~grid.closer_than(radius - 1e-9)
+            for radius in sorted({robot_radius, robot_radius + clearance})
+        }
 
     def place(self, pose: Pose) -> None:
         """Close the space around an object that stands from now on."""
-        for space, radius in zip(self.open, self.radii, strict=True):
-            window, closed = self._closed(pose, radius, 0.0)
-            space[window] &= ~closed
+        for radius, space in self.open.items():
+            window, apart = self.shape.distances(self.grid, pose, radius)
+            space[window] &= apart >= radius - 1e-9
 
     def copy(self) -> Passages:
         """Copy in which other objects can be placed."""
-        other = object.__new__(Passages)
-        other.shape, other.resolution, other.radii = self.shape, self.resolution, self.radii
-        other.open = [space.copy() for space in self.open]
+        other = copy.copy(self)
+        other.open = {radius: space.copy() for radius, space in self.open.items()}
         return other
 
     def cuts(self, pose: Pose) -> bool:
         """Whether an object at a pose would cut a passage."""
         return any(
-            self._cuts(space, radius, pose, 2 * self.resolution)
-            and self._cuts(space, radius, pose, AROUND)  # the narrow look settles nearly all
-            for space, radius in zip(self.open, self.radii, strict=True)
+            self._cuts(radius, pose, 2 * self.grid.resolution)
+            and self._cuts(radius, pose, AROUND)  # the narrow look settles nearly all
+            for radius in self.open
         )
 
-    def _cuts(self, space: Bools, radius: float, pose: Pose, around: float) -> bool:
+    def _cuts(self, radius: float, pose: Pose, around: float) -> bool:
         import cv2
 
-        window, closed = self._closed(pose, radius, around)
-        before = space[window]
-        touched = closed & before
-        if not touched.any():
+        window, apart = self.shape.distances(self.grid, pose, radius + around)
+        before = self.open[radius][window]
+        after = before & (apart >= radius - 1e-9)
+        if (after == before).all():
             return False
-        after = before & ~closed
-        _, parts, about, _ = cv2.connectedComponentsWithStats(
-            after.astype(np.uint8), connectivity=4
-        )
+        _, parts, about, _ = cv2.connectedComponentsWithStats(after.astype("u1"), connectivity=4)
         # Area of free space that may be closed off, since it is no passage [m^2].
-        least = 0.25 / self.resolution**2 if around >= AROUND else 0
+        least = 0.25 / self.grid.resolution**2 if around >= AROUND else 0
         large = np.flatnonzero(about[:, cv2.CC_STAT_AREA] >= least)
         large = large[large > 0]
         if large.size < 2:
             return False
-        _, joined = cv2.connectedComponents(before.astype(np.uint8), connectivity=4)
-        within = np.unique(joined[touched])
+        _, joined = cv2.connectedComponents(before.astype("u1"), connectivity=4)
         owners = [joined[parts == part][0] for part in large.tolist()]
-        return any(owners.count(each) > 1 for each in within.tolist())
-
-    def _closed(
-        self, pose: Pose, radius: float, around: float
-    ) -> tuple[tuple[slice, slice], Bools]:
-        """A window on the map, and where in it the robot would be nearer than a radius [m]."""
-        row, col, heading = pose.tolist()
-        reach = math.ceil((self.shape.reach + radius + around) / self.resolution) + 1
-        rows, cols = window_around(row, col, reach, (self.open[0].shape[0], self.open[0].shape[1]))
-        y = (np.arange(rows.start, rows.stop) + 0.5 - row) * self.resolution
-        x = (np.arange(cols.start, cols.stop) + 0.5 - col) * self.resolution
-        near = self.shape.distance(x[None, :], y[:, None], heading) < radius - 1e-9
-        return (rows, cols), near
+        return any(owners.count(each) > 1 for each in np.unique(joined[before & ~after]).tolist())
 
 
 WALL_GAP = 0.05
@@ -123,6 +110,12 @@ class Rejected(NamedTuple):
     """Heading in the world [rad]."""
     reason: str
     """Why it was refused."""
+
+
+def counted(reasons: Iterable[str]) -> str:
+    """How many places were refused for which reason."""
+    counts = Counter(reasons).items()
+    return ", ".join(f"{why} ({count})" for why, count in counts) or "there are no places"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -288,7 +281,7 @@ def refusals(
 
     def reason(pose: Pose) -> str:
         row, col, heading = pose.tolist()
-        cells = filled_cells(shape, row, col, heading, resolution, grid.shape)
+        cells = filled_cells(grid, shape, pose)
         corners = outline_of(shape, np.array([0.0, 0.0, heading])) / resolution
         reach = np.abs(corners[:, ::-1]).max(axis=0) - 1e-6
         beyond = (pose[:2] < reach) | (pose[:2] > grid.shape - reach)

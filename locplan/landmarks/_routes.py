@@ -15,7 +15,7 @@ from locplan._util.checks import position, shown
 from locplan._util.poses import Poses
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import CovarianceField, FieldConfig, Fused, covariance_field, points_near, scalar
+from locplan.field import FieldConfig, Fused, covariances_along, scalar
 from locplan.landmarks._objects import LandmarkObject
 from locplan.landmarks._outcomes import Profile
 from locplan.maps import OccupancyGrid
@@ -248,32 +248,15 @@ def routes_across(grid: OccupancyGrid, cells: Bools, robot_radius: float) -> dic
 def fields_along(
     setting: Setting, maps: tuple[OccupancyGrid, OccupancyGrid], threads: int | None
 ) -> dict[str, tuple[Profile, Profile]]:
-    """Deviations of a match by `Fused` along each route on the maps before and after.
-
-    The field is computed near the routes only, and updated where the second map differs.
-    """
+    """Deviations of a match by `Fused` along each route on the maps before and after."""
     config = FieldConfig(Fused.of(setting.robot.known_lidar))
-    routes = [setting.on(grid) for grid in maps]
+
+    def along(grid: OccupancyGrid, path: Path) -> Profile:
+        fine = path.resampled(0.5, even=True)
+        covariances = covariances_along(grid, config, fine.xy, threads=threads)
+        return np.column_stack([fine.distance, scalar(covariances, "position_std")])
+
     before, after = (
-        _near(grid, config, paths.values()) for grid, paths in zip(maps, routes, strict=True)
+        {name: along(grid, path) for name, path in setting.on(grid).items()} for grid in maps
     )
-    field = covariance_field(maps[0], config, points=before, threads=threads)
-    found = {name: _along(field, path) for name, path in routes[0].items()}
-    field = field.update(maps[1], points=after, threads=threads)
-    return {name: (found[name], _along(field, path)) for name, path in routes[1].items()}
-
-
-def _near(grid: OccupancyGrid, config: FieldConfig, paths: Iterable[Path]) -> Bools:
-    """Lattice points that are read along some paths."""
-    stride = config.stride_cells(grid.resolution)
-    xy = np.concatenate([path.resampled(grid.resolution * stride / 2).xy for path in paths])
-    cells = np.column_stack(grid.world_to_grid(*xy.T)) - 0.5
-    return points_near(config.lattice_points(grid), stride, cells, 1.5 * stride)
-
-
-def _along(field: CovarianceField, path: Path) -> Profile:
-    """A field's largest deviation of the position along a path; NaN where it has none."""
-    # Distance between the positions along a route at which the field is read [m].
-    fine = path.resampled(0.5, even=True)
-    covariances = np.array([field.at(x, y) for x, y in fine.xy.tolist()])
-    return np.column_stack([fine.distance, scalar(covariances, "position_std")])
+    return {name: (profile, after[name]) for name, profile in before.items()}

@@ -9,15 +9,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._util.checks import check_threads
+from locplan._kernels.arrays import Bools
 from locplan._util.intervals import Interval, wilson
 from locplan._util.poses import Numbers, wrapped
-from locplan._util.progress import ProgressCallback
 from locplan._util.records import POSE, POSITION, Column
 from locplan._util.tables import finite
-from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.maps.environments import with_boundary_noise
 from locplan.matching import (
@@ -29,29 +26,11 @@ from locplan.matching import (
     Database,
     Matching,
     ScanOnMap,
-    find_all_modes,
-    make_database,
 )
 from locplan.robots import FARTHEST_OBJECT, NEAREST_OBJECT, Disturbances
 
-
-class Layer(NamedTuple):
-    """What is known of each place."""
-
-    label: str
-    """Name for people."""
-    unit: str
-    """Unit; empty for shares and numbers."""
-
-
-LAYERS = {
-    "excess": Layer("least excess of another place", "nat"),
-    "elsewhere": Layer("share of the posterior elsewhere", ""),
-    "modes": Layer("number of look-alike poses elsewhere", ""),
-    "turned": Layer("number of look-alike headings in place", ""),
-    "stretch": Layer("distance that a match may slide", "m"),
-}
-"""The layers by name."""
+LAYERS = ("excess", "elsewhere", "modes", "turned", "stretch")
+"""Names of what is known of each place, see the properties of `Twins`."""
 
 
 class Twin(NamedTuple):
@@ -74,11 +53,7 @@ STARTS = (
     Column("excess", "nat", "least excess", 1),
     Column("elsewhere", "", "elsewhere", 1, "%"),
 )
-TWIN = (
-    *POSE,
-    Column("excess", "nat", "excess"),
-    Column("here", "rad", "heading here", 0, "deg"),
-)
+TWIN = (*POSE, Column("excess", "nat", "excess"), Column("here", "rad", "heading here", 0, "deg"))
 PLACES = (
     *STARTS,
     Column("modes", "", "modes", 0),
@@ -192,8 +167,6 @@ def best_starts(
     return starts
 
 
-NAMED = 1.5
-"""Distance from a twin of the nearest place up to which a match lies on it [m]."""
 BINS = (0.0, 0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 """Edges of the bins in which shares elsewhere are compared with failures."""
 
@@ -211,7 +184,7 @@ class GlobalMatches:
     """Excess of the nearest place, (n,) [nats]."""
     elsewhere: Numbers
     """Share of the posterior elsewhere of the nearest place, (n,), 0..1."""
-    named: NDArray[np.bool_]
+    named: Bools
     """True where the match lies within 1.5 m of a twin of the nearest place, or of its stretch,
     (n,)."""
 
@@ -219,7 +192,7 @@ class GlobalMatches:
         return f"GlobalMatches({len(self.poses)} scans, {self.failed.mean():.1%} failed)"
 
     @property
-    def failed(self) -> NDArray[np.bool_]:
+    def failed(self) -> Bools:
         """Whether the match is more than 2 m off, or there is none, (n,)."""
         return np.asarray(~(np.hypot(*(self.matched - self.poses)[:, :2].T) <= AWAY))
 
@@ -266,46 +239,6 @@ class GlobalMatches:
                 "reliability": [list(row) for row in self.reliability()],
             }
         )
-
-
-def global_matches(
-    grid: OccupancyGrid,
-    matching: Matching,
-    cells: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
-    known: tuple[Numbers, Numbers, Numbers, Numbers, Numbers],
-    count: int,
-    disturbances: Disturbances,
-    seed: int,
-    threads: int | None,
-    progress: ProgressCallback | None,
-) -> GlobalMatches:
-    """Match `count` noisy scans with the map; see `Twins.verify`.
-
-    `cells` are the rows, columns and places of those that poses are drawn from; `known` of all
-    places their positions, (n, 2), excess, share elsewhere, twins, (n, k, 4), and stretch.
-    """
-    rows, cols, near = cells
-    if not rows.size:
-        raise ConfigError("no cell of the map lies near a place whose twins are known")
-    random = np.random.default_rng(seed)
-    chosen = random.integers(0, rows.size, count)
-    aside = random.random((2, count))
-    at = cols[chosen] + aside[0], rows[chosen] + aside[1]
-    poses = np.column_stack([*at, random.uniform(-math.pi, math.pi, count)])
-    looked = [grid.world_to_cell(x, y) for x, y in known[0].tolist()]
-    database = make_database(grid, matching, looked)
-    scans = noisy_scans(grid, matching, poses, disturbances, random, seed)
-    found = find_all_modes(database, scans, threads=check_threads(threads), progress=progress)
-    nowhere = np.full(3, np.nan)
-    best = np.array([each.poses[0] if len(each.poses) else nowhere for each in found])
-    matched = database.in_world(best)
-    places, excess, elsewhere, twins, stretch = (each[near[chosen]] for each in known)
-    to_twins = np.hypot(*np.moveaxis(twins[:, :, :2] - matched[:, None, :2], -1, 0))
-    on_twin = np.nan_to_num(to_twins, nan=np.inf).min(axis=1, initial=np.inf) <= NAMED
-    slid = np.hypot(*(matched[:, :2] - places).T)
-    on_stretch = (stretch > 0) & (slid <= stretch + NAMED)
-    made = database.in_world(poses), matched, excess, elsewhere
-    return GlobalMatches(*made, on_twin | on_stretch)
 
 
 def noisy_scans(

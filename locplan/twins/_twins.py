@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Ints
 from locplan._util.checks import instance, number, one_of, position, positive, whole
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
+from locplan._util.public import called
 from locplan._util.records import Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite
@@ -32,7 +33,6 @@ from locplan.twins._places import (
     Start,
     Twin,
     best_starts,
-    global_matches,
 )
 from locplan.twins._symmetries import Symmetry
 
@@ -71,7 +71,7 @@ class Twins(Result):
     """x, y, heading and excess of the best twins, (n, h, k, 4) [m, m, rad, nat]; else NaN."""
     symmetries: tuple[Symmetry, ...]
     """Rigid moves of the map after which places look the same, the greatest share first."""
-    covered: NDArray[np.bool_]
+    covered: Bools
     """The places that each symmetry takes to a twin, (s, n)."""
 
     def __repr__(self) -> str:
@@ -177,7 +177,7 @@ class Twins(Result):
         one_of("layer", name, LAYERS)
         whole("stride", stride, 1)
         values = np.full(self.grid.cells[::stride, ::stride].shape, np.nan)
-        rows, cols, place = self._nearest_places if stride == 1 else self._nearest(stride)
+        rows, cols, place = self.nearest_places if stride == 1 else self._nearest(stride)
         values[rows, cols] = getattr(self, name)[place]
         return values
 
@@ -199,18 +199,16 @@ class Twins(Result):
         return np.where(self._fits, density, np.inf)
 
     @property
-    def _fits(self) -> NDArray[np.bool_]:
+    def _fits(self) -> Bools:
         """Mask of the cells where the robot may stand, (H, W)."""
         return self.grid.free & ~self.grid.closer_than(self.matching.robot_radius - 1e-9)
 
     @cached_property
-    def _nearest_places(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Rows and columns of the cells that have a place, and its number."""
+    def nearest_places(self) -> tuple[Ints, Ints, Ints]:
+        """Rows and columns of the cells that have a place near them, and its number, (k,) each."""
         return self._nearest(1)
 
-    def _nearest(
-        self, stride: int
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    def _nearest(self, stride: int) -> tuple[Ints, Ints, Ints]:
         """The same of every so many-th cell; rows and columns count these."""
         from scipy.spatial import cKDTree
 
@@ -281,18 +279,9 @@ class Twins(Result):
         whole("seed", seed, 0)
         disturbances = disturbances or Disturbances()
         instance("disturbances", disturbances, Disturbances)
-        twins = self.twins.reshape(len(self), -1, 4)
-        return global_matches(
-            self.grid,
-            self.matching,
-            self._nearest_places,
-            (self.places, self.excess, self.elsewhere, twins, self.stretch),
-            count,
-            disturbances,
-            seed,
-            threads,
-            progress,
-        )
+        how = count, disturbances, seed, threads, progress
+        found: GlobalMatches = called("locplan.twins._find:global_matches", self, *how)
+        return found
 
     def table(self) -> Table:
         """The places, each with its layers and the best of its twins."""

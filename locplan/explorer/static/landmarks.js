@@ -52,8 +52,13 @@ function showLandmarks(answer) {
 	byId("landmarks-take").hidden = !answer.landmarks.length;
 	byId("landmarks-show").checked = true;
 	byId("landmarks-accept").classList.toggle("main", answer.verification?.helps !== false);
-	report("landmarks-verdict", [answer.verdict, ...(answer.warnings ?? [])].join(". "));
+	report("landmarks-verdict", [verdictOf(answer), ...(answer.advice ?? [])].map((text) => `${text[0].toUpperCase()}${text.slice(1)}.`).join(" "));
 	repaint("overlay");
+}
+
+function verdictOf({ verification }) {
+	if (!verification) return "not verified: nothing was driven";
+	return `${verification.verdict} (${verification.before.drives} drives each; 100 tell more)`;
 }
 
 function acceptLandmarks() {

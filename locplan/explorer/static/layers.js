@@ -124,7 +124,7 @@ async function loadTexture() {
 }
 
 function addressOf(layer) {
-	return layer && `${layer.digest ?? model.state.field?.digest}/${layer.name}`;
+	return layer && `${layer.digest || model.state.field?.digest}/${layer.name}`;
 }
 
 function paintBase() {

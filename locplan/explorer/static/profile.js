@@ -60,7 +60,7 @@ function shownPaths() {
 
 function longest() {
 	const lengths = shownPaths().map(({ path }) => path.length);
-	if (showsErrors()) lengths.push(...freshSimulation().candidates.map(({ length }) => length));
+	if (showsErrors()) lengths.push(...freshSimulation().candidates.map(({ metrics }) => metrics.length));
 	return Math.max(0.1, ...lengths);
 }
 
@@ -74,10 +74,16 @@ function showsErrors() {
 
 // The lines of the chart: {s, values, colour, dash, band?}.
 function series() {
-	if (showsErrors())
-		return freshSimulation().candidates.filter(({ profile }) => profile?.s?.length).map((candidate, index) => ({ s: candidate.profile.s, values: candidate.profile.median_cm, band: candidate.profile.p90_cm, colour: errorColour(candidate), dash: candidateDash(index), end: candidate.length }));
+	if (showsErrors()) return freshSimulation().candidates.map(errorLine);
 	const key = kindShown() === "sigma" ? "sigma_cm" : "u";
 	return shownPaths().filter(({ path }) => path.profile[key].some(Number.isFinite)).map(({ name, path, colour }) => ({ s: path.profile.s, values: path.profile[key], colour, dash: name === "shortest" ? [6, 4] : [], steps: true, soft: name === "aware" ? palette["teal-soft"] : palette["ink-soft"], end: path.length }));
+}
+
+// A candidate's profile has rows of the distance, and of the median, the 10 % and the 90 % quantile of the error [m].
+function errorLine(candidate, index) {
+	const { profile } = candidate.driven;
+	const inCm = (column) => profile.map((row) => 100 * row[column]);
+	return { s: profile.map(([distance]) => distance), values: inCm(1), band: inCm(3), colour: errorColour(candidate), dash: candidateDash(index), end: candidate.metrics.length };
 }
 
 function paintProfile() {
@@ -90,7 +96,7 @@ function paintProfile() {
 	const top = kindShown() === "u" ? 1 : Math.max(1, ...lines.flatMap(({ values, band }) => [...values, ...(band ?? [])]).filter(Number.isFinite));
 	const isFar = top > 300; // centimetres: shown as metres
 	const unit = isFar ? "[m]" : "[cm]";
-	write("profile-title", { u: "Degeneracy along the path", sigma: `Position deviation along the path ${unit}`, error: `Simulated error along the path ${unit}: median, band to 95 %` }[kindShown()]);
+	write("profile-title", { u: "Degeneracy along the path", sigma: `Position deviation along the path ${unit}`, error: `Simulated error along the path ${unit}: median, band to 90 %` }[kindShown()]);
 	const frame = { isFar, width: chart.clientWidth, height: chart.clientHeight, top, end: longest(), lines: lines.length };
 	drawAxes(pen, frame);
 	if (!lines.length && model.plan) writeAt(pen, model.state.field ? "No path" : "No field yet", frame.width / 2, frame.height / 2 - 16, palette.quiet, "center");

@@ -54,7 +54,7 @@ function sayWhich() {
 	byId("export-which").hidden = !isPath;
 	if (!isPath) return;
 	const simulated = freshSimulation();
-	const isOther = simulated && simulated.chosen !== `aware, weight ${short(model.weight)}`;
+	const isOther = simulated && simulated.taken !== `aware, weight ${short(model.weight)}`;
 	write("export-which", `Exports the aware path at weight ${short(model.weight)}, ${metres(aware.length)}.${isOther ? " The simulation recommends another: the copied command writes that one." : ""}`);
 }
 

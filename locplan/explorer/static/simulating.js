@@ -43,17 +43,18 @@ export function candidateDash(index) {
 }
 
 /** A candidate in the legend of a picture. */
-export function candidateWords({ length, name, error_m: [error] }, k) {
-	const words = `${k + 1} ${name}: ${metres(length)}${Number.isFinite(error) ? `, error ${errorMetres(error)}` : ""}`;
-	return name === model.simulated.chosen ? `${words} (recommended)` : words;
+export function candidateWords({ metrics, name, driven }, k) {
+	const [error] = driven.error;
+	const words = `${k + 1} ${name}: ${metres(metrics.length)}${Number.isFinite(error) ? `, error ${errorMetres(error)}` : ""}`;
+	return name === model.simulated.taken ? `${words} (recommended)` : words;
 }
 
 /** Draw the candidates with their numbers. */
 export function paintCandidates(pen) {
 	const candidates = freshSimulation()?.candidates ?? [];
-	candidates.forEach((candidate, k) => haloedPath(pen, candidate.xy, { colour: errorColour(candidate), dash: candidateDash(k), width: candidate.name === model.simulated.chosen ? 4.5 : 3 }));
+	candidates.forEach((candidate, k) => haloedPath(pen, candidate.path.xy, { colour: errorColour(candidate), dash: candidateDash(k), width: candidate.name === model.simulated.taken ? 4.5 : 3 }));
 	candidates.forEach((candidate, k) => {
-		const place = pointAlong(candidate.xy, candidate.length * (0.35 + 0.3 * (k / Math.max(1, candidates.length - 1))));
+		const place = pointAlong(candidate.path.xy, candidate.metrics.length * (0.35 + 0.3 * (k / Math.max(1, candidates.length - 1))));
 		if (place) numberedDot(pen, ...screenOf(...place), String(k + 1), errorColour(candidate));
 	});
 }
@@ -77,7 +78,7 @@ function showAge() {
 }
 
 function errorOf(candidate) {
-	return candidate.error_m?.[0] ?? Infinity;
+	return candidate.driven.error[0] ?? Infinity;
 }
 
 function simulateRoute() {
@@ -92,7 +93,7 @@ function showSimulated(answer) {
 	byId("simulated").hidden = false;
 	byId("profile-kind").value = "error";
 	showAge();
-	report("simulated-verdict", answer.verdict);
+	report("simulated-verdict", [`${answer.sentence}.`, ...answer.advice, `(${answer.driven})`].join(" "));
 	repaint("overlay", "profile");
 	tell("simulated");
 }
@@ -104,8 +105,8 @@ function tableHead() {
 function tableRow(candidate, k) {
 	const badge = make("span", { className: "badge", textContent: String(k + 1) });
 	badge.style.background = errorColour(candidate);
-	const row = make("tr", {}, make("td", {}, badge), make("th", { scope: "row", textContent: candidate.name }), make("td", { textContent: metres(candidate.length) }), ranged(candidate.error_m, errorMetres), ranged(candidate.lost, (v) => `${(100 * v).toFixed(0)}\u202f%`));
-	if (candidate.name === model.simulated.chosen) row.className = "chosen";
+	const row = make("tr", {}, make("td", {}, badge), make("th", { scope: "row", textContent: candidate.name }), make("td", { textContent: metres(candidate.metrics.length) }), ranged(candidate.driven.error, errorMetres), ranged(candidate.driven.lost_rate, (v) => `${(100 * v).toFixed(0)}\u202f%`));
+	if (candidate.name === model.simulated.taken) row.className = "chosen";
 	return row;
 }
 
