@@ -111,8 +111,7 @@ def _window(bag: Bag, options: Options, margin: float = 0.0) -> tuple[int | None
 def _read_scans(
     bag: Bag, topic: str, options: Options, progress: ProgressCallback | None
 ) -> _Scans:
-    expected = bag.count([topic]) // options.every + 1 if options.window is None else 0
-    rows, stamps, frame = ScanRows(options.range_limits, expected), list[float](), ""
+    rows, stamps, frame = ScanRows(options.range_limits), list[float](), ""
     latest = -np.inf
     window = _window(bag, options)
     for message in bag.messages([topic], *window, options.every, progress):

@@ -7,7 +7,6 @@ import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -206,9 +205,6 @@ class DriveEvaluation(Result):
             values[Column(f"{name}_major_axis", "rad")] = towards
         rows = np.column_stack([*values.values()]).astype(float).tolist()
         return Table(tuple(values), tuple(map(tuple, rows)))
-
-    def _write(self, folder: Path, *about: Any) -> None:
-        self.table().write_csv(folder / "scans.csv")
 
 
 def evaluate_drive(

@@ -14,19 +14,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from locplan import plotting
 from locplan._util.poses import way_along
 from locplan.costs import Path
 from locplan.field import position_axes
 from locplan.maps import OccupancyGrid
-from locplan.plotting import (
-    FIELD_COLOURS,
-    Picture,
-    draw_inset,
-    draw_map,
-    label_plainly,
-    map_around,
-    map_size,
-)
 from locplan.recordings._evaluation import PREFERRED, DriveEvaluation
 from locplan.recordings._recording import Recording
 from locplan.recordings._replay import Replay
@@ -60,7 +52,7 @@ def drive_figure(found: DriveEvaluation) -> Figure:
     _draw_line(upper, found, 100 * measured, 4.0, None)
     lines = _draw_line(upper, found, 100 * measured, 2.6, norm)
     bar = figure.colorbar(lines, ax=upper, label="std. dev. of the position [cm]", shrink=0.8)
-    label_plainly(bar.ax.yaxis)
+    plotting.label_plainly(bar.ax.yaxis)
     magnify = _draw_ellipses(upper, found, name)
     xy = found.matches.recording.poses[found.outdated, :2]
     upper.plot(*xy.T, "x", color=OUTDATED, markersize=5, mew=1.6, zorder=6)
@@ -74,20 +66,22 @@ def drive_figure(found: DriveEvaluation) -> Figure:
         count = int(found.outdated.sum())
         label = f"{count} scan{'s' * (count > 1)} unlike the map"
         handles.append(Line2D([], [], color=OUTDATED, marker="x", linestyle="", label=label))
-    figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False)
+    figure.key(handles, ncols=2, at="upper center")
     _draw_profile(lower, found, {"measured": measured, f"predicted by {name}": predicted})
     return _said(figure, *found.verdict)
 
 
-def _map_over_profile(grid: OccupancyGrid, recording: Recording) -> tuple[Figure, Axes, Axes]:
+def _map_over_profile(
+    grid: OccupancyGrid, recording: Recording
+) -> tuple[plotting.Picture, Axes, Axes]:
     """A figure with the map around a drive, and axes for what changes along it."""
     shown = [Path(recording.poses[:, :2])]
-    part = map_around(grid, shown)
-    width, height = map_size(part)
-    figure = Picture(figsize=(width, height + 3.0), layout="constrained")
+    part = plotting.map_around(grid, shown)
+    width, height = plotting.map_size(part)
+    figure = plotting.Picture(figsize=(width, height + 3.0), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
-    draw_map(upper, part)
-    draw_inset(upper, grid, part, shown)
+    plotting.draw_map(upper, part)
+    plotting.draw_inset(upper, grid, part, shown)
     file = f", {recording.source.file}" if recording.source.file else ""
     title = f"{grid.name or 'map'}{file}: {recording.lidar.title}"
     upper.set_title(title, fontsize="medium")
@@ -125,7 +119,7 @@ def _draw_line(
     colours: dict[str, Any] = {"colors": "white"}
     if norm:
         every = np.concatenate([means[shown], values[alone]])
-        colours = {"array": every, "cmap": FIELD_COLOURS, "norm": norm}
+        colours = {"array": every, "cmap": plotting.FIELD_COLOURS, "norm": norm}
     drawn = LineCollection(
         list(np.concatenate([lines[shown], dots])),
         linewidths=width,
@@ -182,7 +176,7 @@ def _draw_profile(
         low = 100 * min(float(np.nanmin(each)) for each in values.values())
         axes.plot(at, np.full(len(at), low), "x", color=OUTDATED, markersize=4)
     axes.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), ylabel="std. dev. [cm]")
-    label_plainly(axes.yaxis)
+    plotting.label_plainly(axes.yaxis)
 
 
 def replay_figure(replay: Replay) -> Figure:
@@ -225,13 +219,7 @@ def replay_figure(replay: Replay) -> Figure:
         frameon=False,
         fontsize="small",
     )
-    figure.legend(
-        handles=[
-            Line2D([], [], color=RECORDED, linestyle=(0, (4, 2)), marker="o", label="recorded"),
-            Line2D([], [], color=ESTIMATED, label=f"AMCL replayed, {len(ways)} runs"),
-        ],
-        loc="outside upper center",
-        ncols=2,
-        frameon=False,
-    )
+    recorded = Line2D([], [], color=RECORDED, linestyle=(0, (4, 2)), marker="o", label="recorded")
+    estimated = Line2D([], [], color=ESTIMATED, label=f"AMCL replayed, {len(ways)} runs")
+    figure.key([recorded, estimated], ncols=2, at="upper center")
     return _said(figure, replay.verdict, *(f"Note: {each}." for each in replay.notes))

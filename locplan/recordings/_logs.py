@@ -50,12 +50,10 @@ class Topics(Settings):
     bags."""
 
     def __post_init__(self) -> None:
-        for name in ("scan_topic", "pose_topic", "odom_topic", "base_frame"):
-            value = getattr(self, name)
-            if value is not None and not (isinstance(value, str) and value):
-                raise ConfigError(f"{name} must be a name, not {shown(value)}")
-        if not (isinstance(self.map_frame, str) and self.map_frame):
-            raise ConfigError(f"map_frame must be a name, not {shown(self.map_frame)}")
+        for each in fields(Topics):
+            value = getattr(self, each.name)
+            if value != each.default and not (isinstance(value, str) and value):
+                raise ConfigError(f"{each.name} must be a name, not {shown(value)}")
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -88,14 +86,12 @@ class Options(Topics):
 
         A log of a robot has topics of scans and a frame, only a bag has the others.
         """
-        for name in () if of_robot else ("scan_topic", "map_frame"):
-            self._refuse(name, "logs of robots", what)
-        for name in ("pose_topic", "odom_topic", "base_frame"):
-            self._refuse(name, "bags", what)
-
-    def _refuse(self, name: str, kinds: str, what: str) -> None:
-        if getattr(self, name) != getattr(type(self), name):
-            raise ConfigError(f"{name} is for {kinds}, and {what} has none; leave it out")
+        of_robots = ("scan_topic", "map_frame")
+        for each in fields(Topics):
+            kinds = "logs of robots" if each.name in of_robots else "bags"
+            allowed = of_robot and each.name in of_robots
+            if getattr(self, each.name) != each.default and not allowed:
+                raise ConfigError(f"{each.name} is for {kinds}, and {what} has none; leave it out")
 
     def lidar(self, values: Mapping[str, Any]) -> Lidar:
         """The lidar that a file describes, with the mount and the limits that were named."""
@@ -168,11 +164,10 @@ class ScanRows:
 
     Beams are kept counter-clockwise. A scan with other angles, as lidars whose motor is not
     regulated have, takes for each beam the nearest of its own, if there is one within a step.
-    `expected` is the number of scans, if that is known.
     """
 
-    def __init__(self, range_limits: tuple[float, float] | None = None, expected: int = 0) -> None:
-        self._limits, self._expected = range_limits, expected
+    def __init__(self, range_limits: tuple[float, float] | None = None) -> None:
+        self._limits = range_limits
         self._rows: NDArray[np.float32] = np.empty((0, 0), np.float32)
         self._count = 0
         self._first, self._step, self._beams = 0.0, 0.0, 0
@@ -263,9 +258,7 @@ class ScanRows:
         # Angles were stored in single precision, which has no more than four decimals.
         lidar = replace(lidar, field_of_view_deg=round(lidar.field_of_view_deg, 4))
         self._first, self._step, self._beams, self._lidar = first, step, lidar.beams, lidar
-        # Room that is not written yet takes no memory; a damaged file may promise anything.
-        room = min(max(self._expected, FIRST_ROWS), max(FIRST_ROWS, MAX_ROOM // 4 // lidar.beams))
-        self._rows = np.empty((room, lidar.beams), np.float32)
+        self._rows = np.empty((FIRST_ROWS, lidar.beams), np.float32)
 
     def _resampled(
         self, first: float, step: float, values: NDArray[np.float32]

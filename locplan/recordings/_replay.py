@@ -6,8 +6,7 @@ import math
 import textwrap
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -197,9 +196,6 @@ class Replay(Result):
         """A row per scan: the recorded pose, the errors there, and the filter's own deviation."""
         rows = np.column_stack([self.drives.profile(), self.filter_std]).tolist()
         return Table((*PROFILE, Column("filter_std", "m")), tuple(map(tuple, rows)))
-
-    def _write(self, folder: Path, *about: Any) -> None:
-        self.table().write_csv(folder / "errors.csv")
 
 
 def replay(

@@ -30,6 +30,7 @@ from locplan._util.checks import file_path, shown
 from locplan._util.files import replacing
 from locplan._util.poses import Numbers
 from locplan._util.reading import numbered_lines, opened, parsed_json
+from locplan._util.saved import made
 from locplan.errors import LocplanError, RecordingError
 from locplan.recordings._logs import Options, Source, check_room
 from locplan.recordings._recording import Recording
@@ -87,10 +88,9 @@ def read_npz(path: Path, options: Options) -> Recording:
     source = Source(file=path.name)
     if "source" in arrays:
         about = _entries("source", arrays["source"])
-        notes = tuple(map(str, about.pop("notes", ())))
         try:
-            source = Source(notes=notes, **{name: str(value) for name, value in about.items()})
-        except TypeError as error:
+            source = made(Source, about)
+        except (LookupError, TypeError, ValueError) as error:
             raise RecordingError(
                 f"its source is not as Recording.save writes it: {error}"
             ) from None
@@ -217,23 +217,24 @@ def _rows(
     places, rows = list[Numbers](), list[NDArray[np.float32]]()
     filled = ((number, line) for number, line in lines if line and not line.startswith("#"))
     for count, (number, line) in enumerate(filled):
-        if (columns := line.count(",") + 1) != before + beams:
+        cells = [cell.strip() or "inf" for cell in line.split(",")]
+        if len(cells) != before + beams:
             raise RecordingError(
-                f"line {number} has {columns} columns and must have {before + beams}, as named"
+                f"line {number} has {len(cells)} columns and must have {before + beams}, as named"
                 " above"
             )
         if count % every:
             continue
         check_room(len(rows), beams, MAX_ARRAY_BYTES)
         try:
-            row = np.array([cell.strip() or "inf" for cell in line.split(",")], np.float64)
+            row = np.array(cells, np.float64)
+            whole = np.isfinite(row[:before]).all()
         except ValueError:
-            raise RecordingError(f"line {number} has a cell that is no number; mend it") from None
-        if not np.isfinite(row[:before]).all():
-            column = int(np.argmin(np.isfinite(row[:before])))
+            whole = False
+        if not whole:
             raise RecordingError(
-                f"line {number}, column {column + 1}: time, pose and odometry must be finite, not"
-                f" {shown(line.split(',')[column])}; take the row out"
+                f"line {number} must have numbers, and those of time, pose and odometry finite;"
+                " take it out"
             )
         places.append(row[:before])
         with np.errstate(over="ignore"):

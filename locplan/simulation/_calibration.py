@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -17,6 +17,7 @@ from locplan._util.files import check_target, replacing
 from locplan._util.intervals import Interval
 from locplan._util.public import Pictured
 from locplan._util.reading import parsed_json, read_text
+from locplan._util.records import IN_FILES
 from locplan._util.results import digest_of
 from locplan._util.tables import finite, table
 from locplan.errors import LocplanError
@@ -213,22 +214,16 @@ def write_calibration(
     LocplanError
         If a file cannot be written, or is in the way.
     """
-    from locplan.plotting import save_figure
-
     target = file_path("a calibration's file", path)
     picture = check_calibration(target, force=force)
-    with ExitStack() as files:
-        drawn = picture if figure is None else files.enter_context(replacing(picture))
-        settings = files.enter_context(replacing(target))
-        try:
-            if figure is not None:
-                save_figure(figure, drawn)
-                about = {**about, "picture": digest_of(drawn)}
-            save_config(settings, config, **about)
-        except LocplanError as error:  # it names the files' last places
-            text = str(error).replace(str(drawn), str(picture))
-            raise type(error)(text.replace(str(settings), str(target))) from None
-    return [target] if figure is None else [target, picture]
+    if figure is None:
+        save_config(target, config, **about)
+        return [target]
+    # The settings name the picture's digest; where they cannot be written, neither is the picture.
+    with replacing(picture) as drawn:
+        figure.savefig(drawn, **IN_FILES)
+        save_config(target, config, **about, picture=digest_of(drawn))
+    return [target, picture]
 
 
 def check_calibration(path: Path, *, force: bool = False) -> Path:

@@ -7,8 +7,7 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -197,9 +196,6 @@ class Evaluation(Result):
             *(Column(each.column) for each in self.predictions[0]),
         )
         return Table(columns, tuple(rows))
-
-    def _write(self, folder: Path, *about: Any) -> None:
-        self.table().write_csv(folder / "places.csv")
 
 
 def evaluation_report(evaluation: Evaluation) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import FARTHEST
-from locplan._util.poses import Poses
+from locplan._util.poses import Poses, way_length
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
@@ -52,6 +52,10 @@ class DisturbanceLevel:
             changes[name] = min(share * self.clutter, max(share, 0.5))
         return robot.changed(changes)
 
+    def to_json(self) -> str:
+        """The name, which files have for it."""
+        return self.name
+
 
 LEVELS = (
     DisturbanceLevel("x1/3", 1 / 3, 0.5),
@@ -75,24 +79,26 @@ class Driven:
     """Position error [m] at every eighth pose, by level, path and drive."""
 
 
+@dataclass(eq=False, repr=False)
 class TuningBench(ABC):
-    """Drives of settings at some levels of disturbance; what was driven once is remembered.
+    """Drives of settings at some levels of disturbance; what was driven once is remembered."""
 
-    Parameters
-    ----------
-    grid, filter_map, lidar : OccupancyGrid, OccupancyGrid, Lidar
-        The map that is driven in, the filter's, and the robot's lidar.
-    levels : sequence of DisturbanceLevel
-        The levels of disturbance; most settings are worst at the last one.
-    lines : sequence of (n, 3) arrays
-        The poses along each path, in the own axes of the filter's map [m, m, rad].
-    drives : int
-        Maximum number of drives along each path, at each level.
-    seed : int
-        Seed of all random numbers; all settings have the same.
-    threads : int
-        Number of threads.
-    """
+    grid: OccupancyGrid
+    """The map that is driven in."""
+    filter_map: OccupancyGrid
+    """The filter's map."""
+    lidar: Lidar
+    """The robot's lidar."""
+    levels: Sequence[DisturbanceLevel]
+    """The levels of disturbance; most settings are worst at the last one."""
+    lines: Sequence[Poses]
+    """The poses along each path, (n, 3), in the own axes of the filter's map [m, m, rad]."""
+    drives: int
+    """Maximum number of drives along each path, at each level."""
+    seed: int
+    """Seed of all random numbers; all settings have the same."""
+    threads: int
+    """Number of threads."""
 
     longest: ClassVar[float] = 16.0
     """Length of a path beyond which settings are driven along a part of it [m]."""
@@ -101,24 +107,10 @@ class TuningBench(ABC):
     at_once: ClassVar[int] = 8
     """Number of settings that drive at once: each may hold scores as large as the map."""
 
-    def __init__(
-        self,
-        grid: OccupancyGrid,
-        filter_map: OccupancyGrid,
-        lidar: Lidar,
-        levels: Sequence[DisturbanceLevel],
-        lines: Sequence[Poses],
-        drives: int,
-        *,
-        seed: int,
-        threads: int,
-    ) -> None:
-        self.grid, self.filter_map, self.lidar = grid, filter_map, lidar
-        self.levels, self.lines = tuple(levels), lines
-        self.seed, self.threads = seed, threads
-        self.lengths = np.array([np.hypot(*np.diff(each[:, :2], axis=0).T).sum() for each in lines])
+    def __post_init__(self) -> None:
+        self.lengths = np.array([way_length(each) for each in self.lines])
         self.driven: dict[Amcl, Driven] = {}
-        self._shape = len(levels), len(lines), drives
+        self._shape = len(self.levels), len(self.lines), self.drives
         self._scores: dict[tuple[object, ...], NDArray[np.float32]] = {}
 
     @abstractmethod
@@ -286,9 +278,8 @@ class SimulatedBench(TuningBench):
         first = self.simulators[0]
         self._lines = [first.line(poses_along(path, grid)) for path in paths]
         self._stages = [[each.stage([line]) for line in self._lines] for each in self.simulators]
-        lines, own = [each.truth for each in self._lines], {"seed": seed, "threads": first.threads}
-        lidar = first.robot.known_lidar
-        super().__init__(grid, first.filter_map, lidar, LEVELS, lines, drives, **own)
+        lines, lidar = [each.truth for each in self._lines], first.robot.known_lidar
+        super().__init__(grid, first.filter_map, lidar, LEVELS, lines, drives, seed, first.threads)
         self.lengths = np.array([path.length for path in paths])
 
     @staticmethod
