@@ -107,7 +107,8 @@ class Picture(Figure):
         at : str, default "lower center"
             The side of the figure, as matplotlib names it.
         """
-        self.legend(handles=handles, loc=f"outside {at}", ncols=ncols, frameon=False)
+        place: Any = f"outside {at}"
+        self.legend(handles=handles, loc=place, ncols=ncols, frameon=False)
 
     def title(self, *lines: str) -> None:
         """Draw a title, whose lines are broken where the figure is narrower.

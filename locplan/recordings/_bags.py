@@ -13,7 +13,7 @@ from locplan._util.poses import FrameTree, Track, Transform, frame_name
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.recordings._bag_files import Bag, Kind, Message, opened
-from locplan.recordings._logs import Options, ScanRows, Source
+from locplan.recordings._logs import Options, ScanRows
 from locplan.recordings._places import Heard, PoseTopic
 from locplan.recordings._recording import Recording
 
@@ -46,20 +46,10 @@ def read_bag(path: Path, options: Options, progress: ProgressCallback | None = N
     if place.upside_down:
         ranges = ranges[:, ::-1]
     ranges.setflags(write=False)
-    source = Source(
-        file=path.name,
-        scans=topic,
-        poses=place.poses_from,
-        odometry=place.odometry_from,
-        map_frame=place.map_frame,
-        base_frame=place.base_frame,
-        lidar_frame=scans.frame,
-        notes=tuple(notes),
-    )
+    source = replace(place.source, file=path.name, scans=topic, notes=tuple(notes))
     odometry = None if place.odometry is None else place.odometry[kept]
-    return Recording(
-        ranges, lidar, place.poses[kept], np.array(scans.times)[kept], odometry, source
-    )
+    times = np.array(scans.times)[kept]
+    return Recording(ranges, lidar, place.poses[kept], times, odometry, source)
 
 
 def scan_topic(bag: Bag, named: str | None) -> str:

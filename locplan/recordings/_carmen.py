@@ -18,7 +18,7 @@ from locplan.errors import RecordingError
 from locplan.recordings._logs import Options, ScanRows, Source
 from locplan.recordings._recording import Recording
 
-SUFFIXES = (".log", ".clf", ".log.gz", ".clf.gz")
+SUFFIXES: tuple[str, ...] = (".log", ".clf", ".log.gz", ".clf.gz")
 KINDS = ("ROBOTLASER1", "FLASER")
 """Kinds of lines with scans, the more telling one first: a log may have both of each scan."""
 

@@ -11,7 +11,6 @@ from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from locplan import plotting
@@ -196,29 +195,21 @@ def replay_figure(replay: Replay) -> Figure:
     profile, deviation = replay.drives.profile(), replay.filter_std
     way, known = profile[:, 0], np.isfinite(deviation)
     low, high = profile[:, 6], profile[:, 7]
-    lower.fill_between(way, low, high, color=ESTIMATED, alpha=0.2, linewidth=0)
-    lower.plot(way, profile[:, 5], color=ESTIMATED, linewidth=1.8)
-    lower.plot(way[known], deviation[known], color=FILTER, linewidth=1.4, linestyle="--")
+    style: dict[str, Any] = {"color": ESTIMATED}
+    runs = f"error, median of {len(replay.errors)} runs"
+    lower.plot(way, profile[:, 5], linewidth=1.8, label=runs, **style)
+    lower.fill_between(way, low, high, alpha=0.2, linewidth=0, label="error, 10 to 90 %", **style)
+    style = {"color": FILTER, "linestyle": "--", "label": "rms deviation by the filter"}
+    lower.plot(way[known], deviation[known], linewidth=1.4, **style)
     top = 1.1 * max(float(high.max()), float(deviation[known].max(initial=0.0)))
     if top > LOST / 2:
         lower.axhline(LOST, color="0.5", linewidth=0.8, zorder=0)
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
-        style: dict[str, Any] = {"ha": "left", "va": "bottom", "fontsize": "small", "bbox": box}
+        style = {"ha": "left", "va": "bottom", "fontsize": "small", "bbox": box}
         lower.annotate("lost", (0, LOST), (4, 2), textcoords="offset points", **style)
     lower.set(xlim=(0, max(way[-1], 1e-3)), ylim=(0, top), ylabel="position [m]")
-    runs = f"{len(replay.errors)} runs"
-    lower.legend(
-        handles=[
-            Line2D([], [], color=ESTIMATED, linewidth=1.8, label=f"error, median of {runs}"),
-            Patch(color=ESTIMATED, alpha=0.2, label="error, 10 to 90 %"),
-            Line2D([], [], color=FILTER, linestyle="--", label="rms deviation by the filter"),
-        ],
-        loc="lower center",
-        bbox_to_anchor=(0.5, 1.0),
-        ncols=3,
-        frameon=False,
-        fontsize="small",
-    )
+    style = {"bbox_to_anchor": (0.5, 1.0), "frameon": False, "fontsize": "small"}
+    lower.legend(loc="lower center", ncols=3, **style)
     recorded = Line2D([], [], color=RECORDED, linestyle=(0, (4, 2)), marker="o", label="recorded")
     estimated = Line2D([], [], color=ESTIMATED, label=f"AMCL replayed, {len(ways)} runs")
     figure.key([recorded, estimated], ncols=2, at="upper center")

@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import FARTHEST, MAX_RANGE, Settings, keep_checked, number, shown, whole
+from locplan._util.checks import (
+    FARTHEST,
+    MAX_RANGE,
+    Settings,
+    finite_numbers,
+    keep_checked,
+    shown,
+    whole,
+)
 from locplan._util.poses import Numbers, wrapped
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.robots import MAX_BEAMS, Lidar
@@ -118,10 +126,7 @@ def _numbers(name: str, values: Any, count: int, what: str) -> tuple[float, ...]
     """A number of numbers, or None."""
     if values is None:
         return None
-    try:
-        found = tuple(number(name, each) for each in values)
-    except TypeError:
-        found = ()
+    found = finite_numbers(values)
     if len(found) != count:
         raise ConfigError(f"{name} must be {what}, not {shown(values)}")
     return found

@@ -179,18 +179,9 @@ def match_scans(
         return list(some)
 
     in_batches(match, chosen.size, workers, progress, batch=64)
-    return Matches(
-        recording,
-        grid,
-        settings,
-        mean=mean,
-        best=best,
-        covariance=covariance,
-        entropy=summary[:, 0],
-        ambiguity=summary[:, 1],
-        score=summary[:, 2],
-        returns=returns,
-    )
+    entropy, ambiguity, score = summary.T
+    found = mean, best, covariance, ambiguity, entropy, score
+    return Matches(recording, grid, settings, *found, returns)
 
 
 def scans_unlike(

@@ -26,7 +26,7 @@ from locplan._util.poses import (
 )
 from locplan.errors import RecordingError
 from locplan.recordings._bag_files import Kind
-from locplan.recordings._logs import Options
+from locplan.recordings._logs import Options, Source
 
 BASES = ("base_footprint", "base_link", "base")
 """Usual names of a robot's frame, after a prefix; that of odometry is odom."""
@@ -43,17 +43,15 @@ class PoseTopic(NamedTuple):
 
 @dataclass(frozen=True)
 class Place:
-    """Poses of the robot at the scans, the mount of its lidar, and where they come from."""
+    """Poses of the robot at the scans, and the mount of its lidar."""
 
     poses: Numbers
     """(n, 3) in the map's frame; NaN where unknown [m, m, rad]."""
     odometry: Numbers | None
     mount: tuple[float, float, float]
     upside_down: bool
-    poses_from: str
-    odometry_from: str
-    map_frame: str
-    base_frame: str
+    source: Source
+    """Where all of it comes from."""
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -125,9 +123,14 @@ class Heard:
                     f"{odometry_from} tells odometry at only {known:.0%} of the scans"
                 )
                 odometry, odometry_from = None, ""
-        return Place(
-            poses, odometry, mount, upside_down, poses_from, odometry_from, map_frame, base
+        source = Source(
+            poses=poses_from,
+            odometry=odometry_from,
+            map_frame=map_frame,
+            base_frame=base,
+            lidar_frame=self.lidar_frame,
         )
+        return Place(poses, odometry, mount, upside_down, source)
 
     def leave_out_others(self) -> None:
         """Leave out the transforms that no pose needs, once TF leads from the map to the lidar."""
@@ -177,9 +180,9 @@ class Heard:
         pose = None if pose is None else pose[np.isfinite(pose).all(1)]
         if pose is None or not len(pose):
             raise RecordingError(
-                f"TF does not connect the lidar's frame {lidar!r} with the robot's {base!r} at any"
-                f" scan; connected are: {self.tree.described()}; give mount=(x, y, yaw), or another"
-                " base_frame="
+                f"TF does not connect the lidar's frame {lidar!r} with the robot's {base!r};"
+                f" connected are: {self.tree.described()}, though not at each time; give"
+                " mount=(x, y, yaw), or another base_frame="
             )
         up, flat = upward(pose), in_plane(pose)
         tilt = math.degrees(math.acos(min(1.0, float(np.abs(up).min()))))

@@ -10,14 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import instance, keep, number, printable, shown, whole
-from locplan._util.poses import (
-    Numbers,
-    ends_in_map,
-    moved,
-    way_between,
-    way_length,
-    wrapped,
-)
+from locplan._util.poses import Numbers, ends_in_map, moved, way_between, way_length, wrapped
 from locplan._util.public import called
 from locplan._util.tables import finite, table
 from locplan.errors import RecordingError
@@ -137,12 +130,9 @@ class Recording:
             ) from None
         if not len(poses):
             raise RecordingError(f"none of {len(self)} scans is chosen; take more")
-        ranges = self.ranges[index]
-        if not np.isfinite(ranges).any():
-            raise RecordingError("none of the scans that are chosen has a return; take more")
         return replace(
             self,
-            ranges=frozen(ranges),
+            ranges=frozen(self.ranges[index]),
             poses=poses,
             times=None if self.times is None else self.times[index],
             odometry=None if self.odometry is None else self.odometry[index],

@@ -217,24 +217,23 @@ def _rows(
     places, rows = list[Numbers](), list[NDArray[np.float32]]()
     filled = ((number, line) for number, line in lines if line and not line.startswith("#"))
     for count, (number, line) in enumerate(filled):
-        cells = [cell.strip() or "inf" for cell in line.split(",")]
-        if len(cells) != before + beams:
+        if (columns := line.count(",") + 1) != before + beams:
             raise RecordingError(
-                f"line {number} has {len(cells)} columns and must have {before + beams}, as named"
+                f"line {number} has {columns} columns and must have {before + beams}, as named"
                 " above"
             )
         if count % every:
             continue
         check_room(len(rows), beams, MAX_ARRAY_BYTES)
         try:
-            row = np.array(cells, np.float64)
-            whole = np.isfinite(row[:before]).all()
+            row = np.array([cell.strip() or "inf" for cell in line.split(",")], np.float64)
         except ValueError:
-            whole = False
-        if not whole:
+            raise RecordingError(f"line {number} has a cell that is no number; mend it") from None
+        if not np.isfinite(row[:before]).all():
+            column = int(np.argmin(np.isfinite(row[:before])))
             raise RecordingError(
-                f"line {number} must have numbers, and those of time, pose and odometry finite;"
-                " take it out"
+                f"line {number}, column {column + 1}: time, pose and odometry must be finite, not"
+                f" {shown(line.split(',')[column])}; take the row out"
             )
         places.append(row[:before])
         with np.errstate(over="ignore"):

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from locplan._util.checks import file_path
 from locplan._util.files import check_target, replacing
 from locplan._util.intervals import Interval
+from locplan._util.poses import Numbers
 from locplan._util.public import Pictured
 from locplan._util.reading import parsed_json, read_text
 from locplan._util.records import IN_FILES
@@ -24,8 +22,6 @@ from locplan.errors import LocplanError
 from locplan.field import FieldConfig, Sad, save_config
 from locplan.robots import Robot
 from locplan.simulation._places import ErrorKind
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,9 +56,9 @@ class Calibration(Pictured):
     nor too large."""
     floor_share: float
     """Share of the places whose errors are below Q alone, which no k can reach, 0..1."""
-    predicted: Array
+    predicted: Numbers
     """Rms position deviation of each place by the calibrated Sigma, (n,) [m]."""
-    measured: Array
+    measured: Numbers
     """Rms position error that was measured at each place, (n,) [m]."""
     maps: Sequence[str]
     """Names of the maps of the places."""
@@ -101,8 +97,33 @@ class Calibration(Pictured):
         return "" if self.in_metres else f"NOT IN METRES: {self.verdict['why']}"
 
     def report(self) -> str:
-        """Text for people: what was fitted, and how well it fits."""
-        return calibration_report(self)
+        """Table of what was fitted, and of how well it fits."""
+        rows = [
+            ["maps", ", ".join(self.maps)],
+            ["places", str(len(self.measured))],
+            ["error", f"{self.error}, RMSE of the position"],
+            ["noise level k", "{:.3g} [{:.3g}, {:.3g}]".format(*self.noise_level)],
+        ]
+        if self.fitted_tau:
+            rows.append(["tau", f"{self.tau:.3g} m²"])
+        rows += [
+            [
+                "typically off by a factor",
+                f"{self.factor:.2f}; as it was {self.factor_before:.2f}",
+            ],
+            ["within a factor 2", f"{self.within_two:.0%} of the places"],
+            [
+                "variance of ln error explained",
+                f"{self.r_squared:.0%}" if self.in_metres else "none",
+            ],
+            ["rank correlation", f"{self.spearman:.2f}"],
+            ["consistency, 1 if Σ fits", f"{self.consistency:.2f}"],
+            ["errors below the steps' own, Q", f"{self.floor_share:.0%} of the places"],
+        ]
+        verdict = (
+            "Σ follows the errors, within the factor above" if self.in_metres else self.warning
+        )
+        return f"{table([], rows)}\n{verdict}"
 
     def save(
         self, path: str | os.PathLike[str], robot: Robot, *, force: bool = False
@@ -147,38 +168,6 @@ class Calibration(Pictured):
             **{name: getattr(self, name) for name in (*numbers, "consistency", "floor_share")},
         }
         return finite(about)
-
-
-def calibration_report(calibration: Calibration) -> str:
-    """Table of what was fitted, and of how well it fits."""
-    rows = [
-        ["maps", ", ".join(calibration.maps)],
-        ["places", str(len(calibration.measured))],
-        ["error", f"{calibration.error}, RMSE of the position"],
-        ["noise level k", "{:.3g} [{:.3g}, {:.3g}]".format(*calibration.noise_level)],
-    ]
-    if calibration.fitted_tau:
-        rows.append(["tau", f"{calibration.tau:.3g} m²"])
-    rows += [
-        [
-            "typically off by a factor",
-            f"{calibration.factor:.2f}; as it was {calibration.factor_before:.2f}",
-        ],
-        ["within a factor 2", f"{calibration.within_two:.0%} of the places"],
-        [
-            "variance of ln error explained",
-            f"{calibration.r_squared:.0%}" if calibration.in_metres else "none",
-        ],
-        ["rank correlation", f"{calibration.spearman:.2f}"],
-        ["consistency, 1 if Σ fits", f"{calibration.consistency:.2f}"],
-        ["errors below the steps' own, Q", f"{calibration.floor_share:.0%} of the places"],
-    ]
-    verdict = (
-        "Σ follows the errors, within the factor above"
-        if calibration.in_metres
-        else calibration.warning
-    )
-    return f"{table([], rows)}\n{verdict}"
 
 
 def write_calibration(

@@ -10,10 +10,10 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan._util.checks import whole
 from locplan._util.intervals import Interval, Rank, Resamples, digits_of, plain, rank, short
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import POSITION, Column, Result, Table
 from locplan._util.results import Results
@@ -38,7 +38,7 @@ class Evaluation(Result):
 
     places: Sequence[Places]
     """Places and errors of each map."""
-    predictions: Sequence[dict[Predictor, NDArray[np.float64]]]
+    predictions: Sequence[dict[Predictor, Numbers]]
     """Values of each predictor at the places of each map, (n,); a predictor names a field and its
     scalar, or a baseline, and greater values foresee greater errors."""
     robot: Robot
@@ -75,7 +75,7 @@ class Evaluation(Result):
         }
 
     @staticmethod
-    def _errors(places: Places, predictor: Predictor, kind: ErrorKind) -> NDArray[np.float64]:
+    def _errors(places: Places, predictor: Predictor, kind: ErrorKind) -> Numbers:
         if predictor.of_heading:
             return places.heading_rmse(kind)
         return places.position_rmse(kind)

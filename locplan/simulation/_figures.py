@@ -13,10 +13,10 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from locplan import plotting
 from locplan._util.intervals import Interval, in_metres, short
+from locplan._util.poses import Numbers
 from locplan.robots import Robot
 from locplan.simulation._arrivals import ARRIVED, Arrivals
 from locplan.simulation._calibration import Calibration
@@ -30,14 +30,8 @@ from locplan.simulation._simulate import Simulation
 LETTERS = 11.5
 """Number of letters of a legend or a title that fit within an inch."""
 POOLED, WITHIN = "#0072b2", "#d55e00"
-MAP_MARKS = (
-    ("#0072b2", "o"),
-    ("#d55e00", "^"),
-    ("#009e73", "s"),
-    ("#cc79a7", "D"),
-    ("#e69f00", "v"),
-    ("#56b4e9", "P"),
-)
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+MAP_MARKS = (*zip(COLOURS, "o^sDvP", strict=True),)
 """Colour and marker of each map; where there are more maps, all of them look alike."""
 
 
@@ -185,12 +179,8 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
     for axes, predictor in zip(lower.subplots(1, 2, sharey=True), examples, strict=True):
         _draw_places(axes, evaluation, predictor, MAP_MARKS if few else MAP_MARKS[:1])
     if few:
-        lower.legend(
-            *lower.axes[0].get_legend_handles_labels(),
-            loc="outside lower center",
-            ncols=3,
-            frameon=False,
-        )
+        style: dict[str, Any] = {"loc": "outside lower center", "ncols": 3, "frameon": False}
+        lower.legend(*lower.axes[0].get_legend_handles_labels(), **style)
     lower.axes[0].set_ylabel("RMSE of the filter's position [m]")
     return figure
 
@@ -267,7 +257,7 @@ def calibration_figure(calibration: Calibration) -> Figure:
     return figure
 
 
-def _equal_ends(axes: Any, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _equal_ends(axes: Any, values: Numbers) -> Numbers:
     """Make both axes logarithmic and alike, a bit wider than the values; return their ends."""
     ends = np.array([values.min() * 0.8, values.max() * 1.25])
     for axis in (axes.xaxis, axes.yaxis):
@@ -276,7 +266,7 @@ def _equal_ends(axes: Any, values: NDArray[np.float64]) -> NDArray[np.float64]:
     return ends
 
 
-def _beside(points: NDArray[np.float64]) -> list[tuple[float, float]]:
+def _beside(points: Numbers) -> list[tuple[float, float]]:
     """Where the number of each point stands from it, away from the others [points]."""
     sides = 6.0 * np.array([(1, 1), (-1, 1), (1, -1), (-1, -1)])
     extent = float(np.ptp(points, axis=0).max()) or 1.0

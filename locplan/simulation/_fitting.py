@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import one_of
 from locplan._util.intervals import Interval, intervals, of_resamples, spearman
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.errors import CalibrationError, ConfigError
 from locplan.field import Estimator, Exponential, FieldConfig, config_of, covariances_at
 from locplan.maps import OccupancyGrid
-from locplan.simulation._calibration import Array, Calibration
+from locplan.simulation._calibration import Calibration
 from locplan.simulation._places import KINDS, ErrorKind, Places
 
 LEVELS = 1e-6, 1e4
@@ -82,8 +83,8 @@ def calibrate(
         trials = [changed(config, weights=Exponential(tau)) for tau in taus]
     errors, before = _errors(places, error), _bare(places, config, threads)
     measured = rms_of(errors)
-    q = [np.tile(_q(each.grid, config), (len(each.points), 1, 1)) for each in places]
-    q = np.concatenate(q) + SMALL
+    added = [np.tile(_q(each.grid, config), (len(each.points), 1, 1)) for each in places]
+    q = np.concatenate(added) + SMALL
     fits = []
     for n, trial in enumerate(trials):
         bare = _bare(places, trial, threads) if fit_tau else before
@@ -102,10 +103,10 @@ def calibrate(
 def _judged(
     config: FieldConfig,
     level: Interval,
-    bare: Array,
-    q: Array,
-    errors: Array,
-    before: Array,
+    bare: Numbers,
+    q: Numbers,
+    errors: Numbers,
+    before: Numbers,
     maps: Sequence[str],
 ) -> Calibration:
     """How well a noise level fits second moments of errors, and how the config's own did.
@@ -141,7 +142,7 @@ def changed(config: FieldConfig, **settings: object) -> FieldConfig:
     return dataclasses.replace(config, estimator=dataclasses.replace(estimator, **settings))
 
 
-def _errors(places: Sequence[Places], error: ErrorKind) -> Array:
+def _errors(places: Sequence[Places], error: ErrorKind) -> Numbers:
     """Second moments of the position errors of all places, (n, 2, 2) [m^2]."""
     found = [each.moments(error)[:, :2, :2] for each in places]
     moments = np.concatenate([np.empty((0, 2, 2)), *found])
@@ -154,7 +155,7 @@ def _errors(places: Sequence[Places], error: ErrorKind) -> Array:
     return moments + SMALL
 
 
-def _bare(places: Sequence[Places], config: FieldConfig, threads: int | None) -> Array:
+def _bare(places: Sequence[Places], config: FieldConfig, threads: int | None) -> Numbers:
     """Positional covariances with k = 1 and without Q, (n, 2, 2) [m^2]."""
     # Places lie on the lattice of the default stride.
     plain = dataclasses.replace(changed(config, noise_level=1.0), stride=FieldConfig.stride)
@@ -166,7 +167,7 @@ def _bare(places: Sequence[Places], config: FieldConfig, threads: int | None) ->
     return np.concatenate(found)
 
 
-def _q(grid: OccupancyGrid, config: FieldConfig) -> Array:
+def _q(grid: OccupancyGrid, config: FieldConfig) -> Numbers:
     """Covariance Q that the estimator adds to the positions of a map's places, (2, 2) [m^2]."""
     estimator = config.estimator
     q = estimator.q(estimator.lattice(grid.resolution))
@@ -176,8 +177,8 @@ def _q(grid: OccupancyGrid, config: FieldConfig) -> Array:
 def calibrate_moments(
     config: FieldConfig,
     grid: OccupancyGrid,
-    covariances: Array,
-    moments: Array,
+    covariances: Numbers,
+    moments: Numbers,
     blocks: NDArray[np.int64],
 ) -> Calibration:
     """Fit the noise level to errors that were not simulated, such as those of recorded scans.
@@ -209,20 +210,20 @@ def calibrate_moments(
     bare, q = covariances - added, np.tile(added + SMALL, (len(covariances), 1, 1))
     measured = rms_of(moments)
 
-    def log_level(weights: Array) -> Array:
+    def log_level(weights: Numbers) -> Numbers:
         return np.log([fit_level(bare, q, measured, weights)[0]])
 
     level = Interval(*np.exp(intervals(log_level, blocks, 100)[0]).tolist())
     return _judged(config, level, bare, q, moments, bare, [grid.name])
 
 
-def rms_of(covariance: Array) -> Array:
+def rms_of(covariance: Numbers) -> Numbers:
     """Rms deviation of positions, (n,) [m]."""
     return np.asarray(np.sqrt(np.trace(covariance, axis1=1, axis2=2)))
 
 
 def fit_level(
-    bare: Array, q: Array, measured: Array, weights: Array | None = None
+    bare: Numbers, q: Numbers, measured: Numbers, weights: Numbers | None = None
 ) -> tuple[float, float]:
     """Noise level of least loss, and the loss: the mean squared difference of logarithms."""
     from scipy.optimize import minimize_scalar
@@ -257,6 +258,6 @@ def _check_determined(level: float) -> None:
         )
 
 
-def _factor_of(predicted: Array, measured: Array) -> float:
+def _factor_of(predicted: Numbers, measured: Numbers) -> float:
     """Factor by which predicted and measured deviations (n,) typically differ."""
     return float(np.exp(np.sqrt(np.mean(np.log(predicted / measured) ** 2))))

@@ -7,13 +7,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import FARTHEST
-from locplan._util.poses import Poses, way_length
+from locplan._util.poses import Numbers, Poses, way_length
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
@@ -69,11 +70,11 @@ LEVELS = (
 class Driven:
     """What came of the drives of one setting: (levels, paths, drives), NaN where not driven."""
 
-    squares: NDArray[np.float64]
+    squares: Numbers
     """Mean square of each drive's position error [m^2]."""
-    lost: NDArray[np.float64]
+    lost: Numbers
     """1 for each drive that was lost at any time, else 0."""
-    seconds: NDArray[np.float64]
+    seconds: Numbers
     """CPU time of each drive [s]."""
     errors: dict[tuple[int, int, int], NDArray[np.float32]]
     """Position error [m] at every eighth pose, by level, path and drive."""
@@ -111,7 +112,10 @@ class TuningBench(ABC):
         self.lengths = np.array([way_length(each) for each in self.lines])
         self.driven: dict[Amcl, Driven] = {}
         self._shape = len(self.levels), len(self.lines), self.drives
-        self._scores: dict[tuple[object, ...], NDArray[np.float32]] = {}
+        # As many as drive at once: each may be as large as the map.
+        self._scores = lru_cache(self.at_once)(
+            lambda amcl: score_values(self.filter_map, amcl, self.lidar)
+        )
 
     @abstractmethod
     def arguments(self, amcl: Amcl) -> list[Any]:
@@ -124,7 +128,7 @@ class TuningBench(ABC):
         """
 
     @abstractmethod
-    def errors(self, level: int, path: int, drive: int, arguments: Any) -> NDArray[np.float64]:
+    def errors(self, level: int, path: int, drive: int, arguments: Any) -> Numbers:
         """Errors (n, 3) of one drive along a path [m, m, rad].
 
         Parameters
@@ -143,14 +147,9 @@ class TuningBench(ABC):
         amcl : Amcl
             The setting.
         """
-        reach = amcl.reach(self.lidar)
         names = ("laser_model_type", "laser_likelihood_max_dist", "sigma_hit", "z_hit", "z_rand")
-        key = (reach, *(getattr(amcl, name) for name in names))
-        if key not in self._scores:
-            if len(self._scores) == self.at_once:
-                del self._scores[next(iter(self._scores))]
-            self._scores[key] = score_values(self.filter_map, amcl, self.lidar)
-        return self._scores[key]
+        read = {name: getattr(amcl, name) for name in (*names, "laser_max_range")}
+        return self._scores(replace(Amcl(), **read))
 
     def drive(
         self,
@@ -201,7 +200,7 @@ class TuningBench(ABC):
         finally:
             pool.shutdown(cancel_futures=True)
 
-    def means(self, amcl: Amcl, paths: int, drives: int) -> NDArray[np.float64]:
+    def means(self, amcl: Amcl, paths: int, drives: int) -> Numbers:
         """Mean over drives of the logarithm of the root mean square error, (levels,).
 
         It is NaN at levels that were not driven.
@@ -319,9 +318,7 @@ class SimulatedBench(TuningBench):
             for each in self.simulators
         ]
 
-    def errors(
-        self, level: int, path: int, drive: int, arguments: DriveArguments
-    ) -> NDArray[np.float64]:
+    def errors(self, level: int, path: int, drive: int, arguments: DriveArguments) -> Numbers:
         stage = self._stages[level][path]
         return stage.drive(self._lines[path], stage.world(path, drive), path, drive, arguments)
 

@@ -249,8 +249,8 @@ class Search:
             self.bench.drive(staying, paths, drives, self.strongest, next(progress))
             self.rungs.append((len(staying), paths, drives))
             ranked = sorted(staying, key=lambda amcl: self._known(amcl, paths, drives))
-            frugal = [amcl for amcl in ranked if amcl in set(allowed)][:2]
-            staying = [*dict.fromkeys([*ranked[:stay], *frugal])]
+            few = [amcl for amcl in ranked if amcl in set(allowed)][:2]
+            staying = [*dict.fromkeys([*ranked[:stay], *few])]
         self.bench.drive(staying, *self.last, self.strongest, next(progress))
         self.rungs.append((len(staying), *self.last))
         best = self._least(staying)
