@@ -40,9 +40,7 @@ def read_bag(path: Path, options: Options, progress: ProgressCallback | None = N
         of = f"{rows.resampled} of {len(rows)}"
         notes.append(f"scans of other angles were brought to those of the first ({of})")
     lidar = rows.lidar(place.mount, place.upside_down)
-    ranges = rows.finish([scans.order[n] for n in kept] if scans.in_order else range(len(rows)))
-    if not scans.in_order:
-        ranges = ranges[[scans.order[n] for n in kept]]
+    ranges = rows.finish([scans.order[n] for n in kept])
     if place.upside_down:
         ranges = ranges[:, ::-1]
     ranges.setflags(write=False)
@@ -84,11 +82,6 @@ class _Scans:
     """Times of the stamps, ascending [s]."""
     frame: str
 
-    @property
-    def in_order(self) -> bool:
-        """True if no scan overtook another one."""
-        return all(one < other for one, other in zip(self.order, self.order[1:], strict=False))
-
 
 def _window(bag: Bag, options: Options, margin: float = 0.0) -> tuple[int | None, int | None]:
     """Times of the log between which messages are read [ns], with a margin around them [s]."""
@@ -115,13 +108,8 @@ def _read_scans(
             )
         latest = max(latest, stamp)
         frame = frame or frame_name(scan.header.frame_id)
-        rows.add(
-            float(scan.angle_min),
-            float(scan.angle_increment),
-            scan.ranges,
-            float(scan.range_min),
-            float(scan.range_max),
-        )
+        about = scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
+        rows.add(scan.ranges, *map(float, about))
         stamps.append(stamp)
     if not stamps:
         within = "" if options.window is None else " in the window"

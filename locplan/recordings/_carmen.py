@@ -181,7 +181,7 @@ def _take(kind: str, words: list[str], scans: _Scans, before: int, every: int) -
         raise ValueError
     if len(scans.before) % every == 0:
         ranges = [float(word) for word in words[begin : begin + count]]
-        scans.rows.add(first, step, ranges, 0.0, MAX_RANGE)
+        scans.rows.add(ranges, first, step, 0.0, MAX_RANGE)
     scans.greatest = max(scans.greatest, greatest)
     scans.lines.extend(line)
     scans.before.append(before)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import (
     FARTHEST,
@@ -184,14 +184,9 @@ class ScanRows:
         return self._count
 
     def add(
-        self,
-        first: float,
-        step: float,
-        ranges: NDArray[np.float32] | Sequence[float],
-        least: float,
-        greatest: float,
+        self, ranges: ArrayLike, first: float, step: float, least: float, greatest: float
     ) -> None:
-        """Take a scan: angle of its first beam, from beam to beam [rad], ranges and limits [m].
+        """Take a scan: ranges [m], angle of its first beam, from beam to beam [rad], limits [m].
 
         Raises
         ------
@@ -218,11 +213,13 @@ class ScanRows:
         self._count += 1
 
     def finish(self, kept: Sequence[int]) -> NDArray[np.float32]:
-        """The scans that are kept, in ascending order, (n, beams); nothing can be added after."""
+        """The scans that are kept, in this order, (n, beams); nothing can be added after."""
+        rows, self._rows = self._rows, np.empty((0, 0), np.float32)
+        if (np.diff(kept) < 0).any():
+            return np.asarray(rows[np.asarray(kept)])
         for to, index in enumerate(kept):
             if to != index:  # in place: a copy would take the memory twice
-                self._rows[to] = self._rows[index]
-        rows, self._rows = self._rows, np.empty((0, 0), np.float32)
+                rows[to] = rows[index]
         rows.resize((len(kept), self._beams), refcheck=False)
         self._count = 0
         return rows

@@ -69,16 +69,15 @@ class Recording:
                 f" of the lidar, not {ranges.shape}"
             )
         # In blocks of scans, which saves memory.
-        parts = [ranges[n : n + 4096] for n in range(0, len(ranges), 4096)]
-        if not any(self.lidar.has_return(part).any() for part in parts):
+        parts = (ranges[n : n + 4096] for n in range(0, len(ranges), 4096))
+        returns = np.concatenate([self.lidar.has_return(part) for part in parts])
+        if not returns.any():
             raise RecordingError(
                 f"no beam of {len(ranges)} scans ends within {self.lidar.min_range:g} to"
                 f" {self.lidar.range:g} m; are the ranges in metres, and the lidar's right?"
             )
-        if not all((self.lidar.has_return(part) | (part == np.inf)).all() for part in parts):
-            none = np.float32(np.inf)
-            cleaned = [np.where(self.lidar.has_return(part), part, none) for part in parts]
-            ranges = frozen(np.concatenate(cleaned))
+        if not (returns | (ranges == np.inf)).all():
+            ranges = frozen(np.where(returns, ranges, np.float32(np.inf)))
         keep(self, ranges=ranges, poses=poses)
         if self.times is not None:
             times = array_of("times", self.times, np.dtype(np.float64), 1)

@@ -116,17 +116,9 @@ class Tracks:
 
         truth, odometry = self.truth[part], self.odometry[part]
         poses, covariances = np.empty_like(truth), np.empty((len(truth), 3, 3))
-        kernel(
-            random,
-            truth[0].copy(),
-            np.ascontiguousarray(odometry),
-            ends[part],
-            arguments.scores,
-            arguments.start,
-            arguments.filter,
-            poses,
-            covariances,
-        )
+        drive = truth[0].copy(), np.ascontiguousarray(odometry), ends[part]
+        settings = arguments.scores, arguments.start, arguments.filter
+        kernel(random, *drive, *settings, poses, covariances)
         errors = poses - truth
         errors[:, 2] = wrapped(errors[:, 2])
         return errors @ self._turn.T, self._turn @ covariances @ self._turn.T

@@ -282,23 +282,14 @@ class Simulator:
         size = len(cells) * scans * 3 * ARRAYS * 8
         check_memory(f"{scans} scans at each of {len(cells)} places", size, "set fewer scans")
         errors = np.empty((len(cells), scans, 3))
+        window, given = (field, lattice, angles), self.arguments
 
         def run(n: int) -> None:
-            random = random_of(self.seed, MATCH, n)
+            random, cell = random_of(self.seed, MATCH, n), cells[n].tolist()
             for scan in range(scans):
-                match(
-                    random,
-                    field,
-                    lattice,
-                    angles,
-                    self.worlds[scan % len(self.worlds)],
-                    resolution,
-                    int(cells[n, 0]),
-                    int(cells[n, 1]),
-                    self.arguments.lidar,
-                    self.arguments.disturbances,
-                    errors[n, scan : scan + 1],
-                )
+                world, into = self.worlds[scan % len(self.worlds)], errors[n, scan : scan + 1]
+                sensed = given.lidar, given.disturbances
+                match(random, *window, world, resolution, *cell, *sensed, into)
 
         _ = self.worlds  # made once, not by every thread
         self.in_threads(run, len(cells), progress)

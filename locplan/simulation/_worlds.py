@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.intervals import random_of
-from locplan._util.poses import Numbers, Poses
+from locplan._util.poses import Numbers, Poses, window_around
 from locplan.costs import Costmap, Path, divided_poses
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import OccupancyGrid, check_grid
@@ -124,10 +124,9 @@ def _cut_out(
 ) -> tuple[Costmap, tuple[int, int]]:
     """Part of a costmap within `reach` [m] of a cell, and the cell's row and column in it."""
     cells = int(np.ceil(reach / costs.grid.resolution)) + 1
-    (top, left) = (max(0, index - cells) for index in cell)
-    part = slice(top, cell[0] + cells + 1), slice(left, cell[1] + cells + 1)
-    near = costs.grid.part(*part)
-    return Costmap.from_density(near, costs.density[part]), (cell[0] - top, cell[1] - left)
+    rows, cols = part = window_around(*cell, cells, costs.grid.shape)
+    near = Costmap.from_density(costs.grid.part(*part), costs.density[part])
+    return near, (cell[0] - rows.start, cell[1] - cols.start)
 
 
 DRIVE, WORLD = 0, 2

@@ -18,6 +18,7 @@ from locplan._util.reading import scalar_text
 from locplan.errors import LocplanError
 from locplan.robots import (
     MODELS,
+    NOT_SIMULATED,
     OMNIDIRECTIONAL,
     Amcl,
     Lidar,
@@ -215,27 +216,6 @@ def filter_warnings(
     return [text for text, present in faults.items() if present]
 
 
-OTHERS: dict[str, float | str | bool] = {
-    "base_frame_id": "base_footprint",
-    "beam_skip_distance": 0.5,
-    "beam_skip_error_threshold": 0.9,
-    "beam_skip_threshold": 0.3,
-    "do_beamskip": False,
-    "global_frame_id": "map",
-    "lambda_short": 0.1,
-    "odom_frame_id": "odom",
-    "recovery_alpha_fast": 0.0,
-    "recovery_alpha_slow": 0.0,
-    "save_pose_rate": 0.5,
-    "scan_topic": "scan",
-    "tf_broadcast": True,
-    "transform_tolerance": 1.0,
-    "z_max": 0.05,
-    "z_short": 0.05,
-}
-"""Parameters that are not simulated, with the values that Nav2 has for them."""
-
-
 def check_tunable(params: Path | None) -> None:
     """Check that tuned settings can be written into a file's copy; to be called before long work.
 
@@ -307,7 +287,7 @@ def _read(file: Path) -> Amcl:
 
 
 def _new_file(winner: Amcl) -> bytes:
-    values = {name: getattr(winner, name) for name in (*NAMES, "robot_model_type")} | OTHERS
+    values = {name: getattr(winner, name) for name in (*NAMES, "robot_model_type")} | NOT_SIMULATED
     lines = ["# Parameters of Nav2's AMCL; frames and topics are Nav2's defaults."]
     lines += ["amcl:", "  ros__parameters:"]
     for name, value in sorted(values.items()):
