@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from locplan._util.checks import instance
+from locplan._util.checks import file_path, instance
 from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite, table
@@ -115,7 +115,8 @@ class DriveCalibration:
         if field:
             figure = field.figure()
             figure.axes[0].set_ylabel("rms deviation by the recorded scan's posterior [m]")
-        return write_calibration(path, self.config, figure, about, force=force)
+        target = file_path("a calibration's file", path)
+        return write_calibration(target, self.config, figure, about, force=force)
 
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON."""

@@ -11,10 +11,9 @@ from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from locplan import plotting
-from locplan._util.poses import way_along
+from locplan._util.poses import Numbers, way_along
 from locplan.costs import Path
 from locplan.field import position_axes
 from locplan.maps import OccupancyGrid
@@ -98,11 +97,7 @@ def _said(figure: Figure, *sentences: str) -> Figure:
 
 
 def _draw_line(
-    axes: Axes,
-    found: DriveEvaluation,
-    values: NDArray[np.float64],
-    width: float,
-    norm: LogNorm | None,
+    axes: Axes, found: DriveEvaluation, values: Numbers, width: float, norm: LogNorm | None
 ) -> LineCollection:
     """Draw the drive from scan to scan, coloured by the mean of both ends' values, or white.
 
@@ -161,9 +156,7 @@ def _draw_ellipses(axes: Axes, found: DriveEvaluation, name: str) -> str:
     return "" if magnify == 1 else f", {magnify:g} times as large"
 
 
-def _draw_profile(
-    axes: Axes, found: DriveEvaluation, values: dict[str, NDArray[np.float64]]
-) -> None:
+def _draw_profile(axes: Axes, found: DriveEvaluation, values: dict[str, Numbers]) -> None:
     """Draw deviations along the way, and where scans are unlike the map."""
     way = way_along(found.matches.recording.poses)
     for (label, each), colour, line in zip(

@@ -153,7 +153,8 @@ class Calibration(Pictured):
             If a file cannot be written, or is in the way.
         """
         about = {**self.verdict, "robot": robot.summary(), "calibration": self.summary()}
-        return write_calibration(path, self.config, self.figure(), about, force=force)
+        target = file_path("a calibration's file", path)
+        return write_calibration(target, self.config, self.figure(), about, force=force)
 
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON."""
@@ -171,18 +172,13 @@ class Calibration(Pictured):
 
 
 def write_calibration(
-    path: str | os.PathLike[str],
-    config: FieldConfig,
-    figure: Any,
-    about: Mapping[str, Any],
-    *,
-    force: bool,
+    target: Path, config: FieldConfig, figure: Any, about: Mapping[str, Any], *, force: bool
 ) -> list[Path]:
     """Write calibrated settings of a field, and a picture of their fit beside them.
 
     Parameters
     ----------
-    path : path
+    target : Path
         The file, which ends in .json.
     config : FieldConfig
         The settings.
@@ -203,7 +199,6 @@ def write_calibration(
     LocplanError
         If a file cannot be written, or is in the way.
     """
-    target = file_path("a calibration's file", path)
     picture = check_calibration(target, force=force)
     if figure is None:
         save_config(target, config, **about)

@@ -32,13 +32,8 @@ from locplan.simulation._simulator import BEAMS, Simulator
 
 Value = float | str
 """A value of a parameter."""
-NAMES = (
-    *("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"),
-    *("laser_likelihood_max_dist", "laser_max_range"),
-    *("laser_min_range", "laser_model_type", "max_beams", "max_particles", "min_particles"),
-    *("pf_err", "pf_z", "resample_interval", "sigma_hit", "update_min_a", "update_min_d"),
-    *("z_hit", "z_rand"),
-)
+OURS = ("half_cell", "robot_model_type")
+NAMES = tuple(each.name for each in dataclasses.fields(Amcl) if each.name not in OURS)
 """Parameters that are both Nav2's and simulated."""
 
 
