@@ -25,6 +25,7 @@ from locplan._util.progress import ProgressCallback
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import REPORT_WIDTH, finite, table
+from locplan.field import scalar
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.matching import in_batches
 from locplan.recordings._recording import Recording
@@ -132,7 +133,7 @@ class Replay(Result):
     @property
     def filter_std(self) -> Numbers:
         """Rms deviation of the position by the filter itself, the median over runs, (n,) [m]."""
-        return np.asarray(np.median(_rms(self.covariances), axis=0))
+        return np.asarray(np.median(scalar(self.covariances, "position_rms"), axis=0))
 
     @cached_property
     def consistency(self) -> Consistency:
@@ -148,7 +149,7 @@ class Replay(Result):
         return Consistency(
             mean_interval(inside, blocks_along(self.recording.poses)[at]),
             math.sqrt(float(np.median(squares)) / (2 * math.log(2))),
-            float(np.median(_rms(self.covariances[:, at]))),
+            float(np.median(scalar(self.covariances[:, at], "position_rms"))),
             float(np.median(self.drives.position_error[:, at])),
             int(at.sum()),
         )
@@ -278,11 +279,6 @@ def replay(
 
     in_batches(run, runs, workers, progress, batch=1)
     return Replay(recording, grid, robot, seed, errors, covariances, filter_map)
-
-
-def _rms(covariance: Numbers) -> Numbers:
-    """Rms deviation of the position by covariances (..., 3, 3), (...) [m]."""
-    return np.sqrt(covariance[..., 0, 0] + covariance[..., 1, 1])
 
 
 def replay_report(replay: Replay) -> str:

@@ -20,7 +20,6 @@ from locplan.simulation._figures import MAP_MARKS
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._driven import Candidate
 from locplan.simulation.tuning._results import Tuning
-from locplan.simulation.tuning._space import changed_axes
 
 WIDTH = 8.6
 """Minimum width of the figure [inch]."""
@@ -212,7 +211,7 @@ def _draw_judged(errors: Axes, lost: Axes, tuning: Tuning) -> None:
 
 def _draw_gains(axes: Any, tuning: Tuning, gains: Sequence[tuple[str, float]]) -> None:
     """Draw how much each change gains, the largest on top."""
-    kept = {axis.name for axis in changed_axes(tuning.own, tuning.candidate)}
+    kept = {axis.name for axis in tuning.changed_axes()}
     colours = ["#0072b2" if name in kept else "0.7" for name, _ in gains]
     percent = [100 * (ratio - 1) for _, ratio in gains]
     axes.barh([name for name, _ in gains], percent, color=colours)
