@@ -78,16 +78,13 @@ class Options(Topics):
         keep_checked(self, ("every",), whole)
         keep_checked(self, ("window", "range_limits"), _numbers, 2, "two numbers")
         keep_checked(self, ("mount",), _numbers, 3, "x, y [m] and yaw [rad] of the lidar")
-        if self.window and not 0 <= self.window[0] < self.window[1]:
-            raise ConfigError(
-                "window must be two times from the start on, the first one earlier [s], not"
-                f" {shown(self.window)}"
-            )
-        if self.range_limits and not 0 <= self.range_limits[0] < self.range_limits[1] <= MAX_RANGE:
-            raise ConfigError(
-                "range_limits must be a least and a greatest distance [m], not"
-                f" {shown(self.range_limits)}"
-            )
+        for name, most, what in (
+            ("window", math.inf, "two times from the start on, the first one earlier [s]"),
+            ("range_limits", MAX_RANGE, "a least and a greatest distance [m]"),
+        ):
+            ends = getattr(self, name)
+            if ends and not 0 <= ends[0] < ends[1] <= most:
+                raise ConfigError(f"{name} must be {what}, not {shown(ends)}")
 
     def refuse_others(self, what: str, *, of_robot: bool) -> None:
         """Raise a ConfigError if an option is set that this kind of file cannot follow.

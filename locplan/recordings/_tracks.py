@@ -270,18 +270,9 @@ def tune_on_drive(
         common = grid, tracks.grid, recording.lidar, [level], lines, drives, own_seed, workers
         return RecordedBench(*common, tracks, some, robot)
 
-    return search_settings(
-        bench_of,
-        robot,
-        paths,
-        drives,
-        left=left,
-        others=others,
-        seed=seed,
-        progress=progress,
-        drive=recording.source.file or "the drive",
-        notes=sparse_notes(recording, robot.amcl),
-    )
+    name, notes = recording.source.file or "the drive", sparse_notes(recording, robot.amcl)
+    own: Any = {"left": left, "others": others, "seed": seed, "progress": progress}
+    return search_settings(bench_of, robot, paths, drives, drive=name, notes=notes, **own)
 
 
 def _stretches(recording: Recording) -> list[slice]:

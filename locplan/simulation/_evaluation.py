@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -76,9 +76,7 @@ class Evaluation(Result):
 
     @staticmethod
     def _errors(places: Places, predictor: Predictor, kind: ErrorKind) -> Numbers:
-        if predictor.of_heading:
-            return places.heading_rmse(kind)
-        return places.position_rmse(kind)
+        return places.heading_rmse(kind) if predictor.of_heading else places.position_rmse(kind)
 
     def of_map(self, number: int) -> Evaluation:
         """Evaluation of one map by itself.
@@ -296,17 +294,9 @@ def evaluate(
     fields = configs(robot.known_lidar, disc)
     effort = len(grids) * places * (drives + 1)
     callbacks = parts(progress, [effort, *[max(1, effort // 50)] * len(grids)])
-    measured = measure_maps(
-        grids,
-        robot=robot,
-        places=places,
-        drives=drives,
-        scans=scans,
-        filter_map=filter_map,
-        seed=seed,
-        threads=threads,
-        progress=callbacks[0],
-    )
+    counts: Any = {"places": places, "drives": drives, "scans": scans}
+    own: Any = {"filter_map": filter_map, "seed": seed, "threads": threads}
+    measured = measure_maps(grids, robot, **counts, **own, progress=callbacks[0])
     found = []
     for each, part in zip(measured, callbacks[1:], strict=True):
         found.append(predictions(each.grid, fields, each.points, threads=threads))

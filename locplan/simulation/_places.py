@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -213,18 +213,10 @@ def measure(
         matching = simulator.match(_cells(grid, points), scans, progress=callbacks[1])
     last = driven[:, :, -max(1, round(0.1 * driven.shape[2])) :]  # the last metre of 10 m
     tracking = last.reshape(len(points), -1, 3)
-    lost, kept = _lost_and_kept(driven, last)
-    return Places(
-        grid,
-        points,
-        _moments(tracking),
-        _moments(matching),
-        np.median(_distances(tracking), axis=1),
-        np.median(_distances(matching), axis=1),
-        lost,
-        kept,
-        _halves(last),
-    )
+    moments = _moments(tracking), _moments(matching)
+    medians = (np.median(_distances(tracking), axis=1), np.median(_distances(matching), axis=1))
+    lost_and_kept = _lost_and_kept(driven, last)
+    return Places(grid, points, *moments, *medians, *lost_and_kept, _halves(last))
 
 
 def measure_maps(
@@ -280,14 +272,9 @@ def measure_maps(
     robot = robot or Robot()
     chosen = [choose_points(grid, places, robot=robot, seed=seed) for grid in grids]
     callbacks = parts(progress, [(drives + 1) * len(points) for points in chosen])
+    own: Any = {"filter_map": filter_map, "seed": seed, "threads": threads}
     return [
-        measure(
-            Simulator(grid, robot, filter_map=filter_map, seed=seed, threads=threads),
-            points,
-            drives=drives,
-            scans=scans,
-            progress=part,
-        )
+        measure(Simulator(grid, robot, **own), points, drives=drives, scans=scans, progress=part)
         for grid, points, part in zip(grids, chosen, callbacks, strict=True)
     ]
 

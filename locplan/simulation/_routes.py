@@ -296,13 +296,8 @@ def simulate_queries(
         If no query has a path, or a number is out of its range.
     """
     check_drives(drives)
-    simulator = Simulator(
-        costs.grid,
-        equipped(robot, costs.settings.config if costs.settings else None),
-        filter_map=filter_map,
-        seed=seed,
-        threads=threads,
-    )
+    robot = equipped(robot, costs.settings.config if costs.settings else None)
+    simulator = Simulator(costs.grid, robot, filter_map=filter_map, seed=seed, threads=threads)
     found = {}
     for query in queries:
         plans = plan_beside_shortest(costs, query.start, query.goal)
