@@ -259,6 +259,8 @@ class SimulatedBench(TuningBench):
         Maximum number of drives along each path, at each level.
     threads : int
         Number of threads.
+    lidar, levels, lines
+        See `TuningBench`; they follow from these.
     """
 
     def __init__(
