@@ -154,13 +154,20 @@ def draws_of(blocks: NDArray[np.int64], resamples: int = RESAMPLES) -> Numbers:
     return _draws(np.random.default_rng(0), len(known), resamples)[:, number]
 
 
-def mean_interval(values: Numbers, blocks: NDArray[np.int64]) -> Interval:
-    """Mean of values (n,), with a 95 % interval over their blocks; NaN where it has none."""
-    if not len(values):
+def mean_interval(
+    values: Numbers, blocks: NDArray[np.int64], counted: Numbers | None = None
+) -> Interval:
+    """Mean of values (n,), with a 95 % interval over their blocks; NaN where it has none.
+
+    Of the values those count that are 1 in `counted` (n,), not 0; by default all do.
+    """
+    counted = np.ones(len(values)) if counted is None else counted
+    if not counted.any():
         return _alone(np.nan)
-    drawn = draws_of(blocks)
-    means = (drawn @ values) / drawn.sum(axis=1)
-    return of_resamples(float(values.mean()), means)
+    weights = draws_of(blocks) * counted
+    with np.errstate(invalid="ignore"):  # none that counts may be drawn
+        means = (weights @ values) / weights.sum(axis=1)
+    return of_resamples(float(np.average(values, weights=counted)), means)
 
 
 def intervals(

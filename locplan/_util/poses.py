@@ -235,10 +235,6 @@ class FrameTree:
             found = composed(found, inverse(pose) if backwards else pose)
         return found
 
-    def parent(self, child: str) -> str | None:
-        """The frame in which another one is given, or None."""
-        return next((parent for parent, each in self._edges if each == child), None)
-
     def _chain(self, target: str, source: str) -> list[tuple[Edge, bool]] | None:
         """Edges from target to source, each with whether it is taken backwards."""
         if target == source:

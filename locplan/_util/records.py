@@ -25,6 +25,8 @@ SCALES = {"": 1.0, "cm": 100.0, "deg": math.degrees(1.0), "%": 100.0}
 """Factors from the units of files, metres, radians and shares, to those that people see."""
 FILE_DPI = 130
 """Pixels an inch of pictures in files."""
+IN_FILES: dict[str, Any] = {"dpi": FILE_DPI, "bbox_inches": "tight", "pad_inches": 0.1}
+"""How pictures are written into files."""
 
 
 @dataclass(frozen=True)
@@ -251,11 +253,12 @@ class Result(Pictured):
                 self.write(new / f"{kind}.json")
             else:
                 tables.write_json(new / f"{kind}.json", self.summary(*about))
-            picture = {"dpi": FILE_DPI, "bbox_inches": "tight", "pad_inches": 0.1}
             if self.drawable:
-                self.figure(*about).savefig(new / f"{kind}.png", **picture)
+                self.figure(*about).savefig(new / f"{kind}.png", **IN_FILES)
             self._write(new, *about)
 
     def _write(self, folder: Path, *about: Any) -> None:
-        """Write what there is beside the summary and the figure."""
-        raise NotImplementedError
+        """Write what there is beside the summary and the figure: the table, if files name a CSV."""
+        for name in self.files.names:
+            if name.endswith(".csv"):
+                self.table().write_csv(folder / name)

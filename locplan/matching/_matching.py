@@ -116,17 +116,8 @@ class Matching(Settings):
         forward, left : float
             Mount of the lidar ahead and to the left of the robot's centre [m].
         """
-        from locplan._kernels.lidar import Lidar as Beams
-
-        return Beams(
-            angles=self.bearings,
-            forward=forward,
-            left=left,
-            yaw=0.0,
-            sigma=self.lidar.range_sigma,
-            min_range=self.lidar.min_range,
-            max_range=self.lidar.range,
-        )
+        mounted = {"forward": forward, "left": left, "yaw": 0.0}
+        return self.lidar.for_kernels()._replace(angles=self.bearings, **mounted)
 
     @property
     def nats_a_loss(self) -> float:

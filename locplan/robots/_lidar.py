@@ -263,6 +263,13 @@ class Lidar(Settings):
         """`mount_yaw_deg` in radians."""
         return math.radians(self.mount_yaw_deg)
 
+    def for_kernels(self) -> Any:
+        """The lidar in the form that the kernels take."""
+        from locplan._kernels.lidar import Lidar as Beams
+
+        mount = self.mount_x, self.mount_y, self.mount_yaw
+        return Beams(self.angles, *mount, self.range_sigma, self.min_range, self.range)
+
     @property
     def sees_all_round(self) -> bool:
         """True if the beams cover the whole circle."""

@@ -28,16 +28,32 @@ from locplan.robots._parameters import (
 )
 from locplan.robots._parts import Footprint, Inflation, Kinematics
 
-NO_MATTER = {
-    *("allow_parameter_qos_overrides", "always_reset_initial_pose", "base_frame_id"),
-    *("beam_skip_distance", "beam_skip_error_threshold", "beam_skip_threshold"),
-    *("do_beamskip", "first_map_only", "freespace_downsampling", "global_frame_id"),
-    *("initial_pose", "initialize_at_saved_pose", "lambda_short", "map_topic"),
-    *("odom_frame_id", "random_seed", "recovery_alpha_fast", "recovery_alpha_slow"),
-    *("save_pose_rate", "saved_pose_filepath", "scan_topic", "set_initial_pose"),
-    *("tf_broadcast", "transform_tolerance", "use_sim_time", "z_max", "z_short"),
+NOT_SIMULATED: dict[str, float | str | bool] = {
+    "base_frame_id": "base_footprint",
+    "beam_skip_distance": 0.5,
+    "beam_skip_error_threshold": 0.9,
+    "beam_skip_threshold": 0.3,
+    "do_beamskip": False,
+    "global_frame_id": "map",
+    "lambda_short": 0.1,
+    "odom_frame_id": "odom",
+    "recovery_alpha_fast": 0.0,
+    "recovery_alpha_slow": 0.0,
+    "save_pose_rate": 0.5,
+    "scan_topic": "scan",
+    "tf_broadcast": True,
+    "transform_tolerance": 1.0,
+    "z_max": 0.05,
+    "z_short": 0.05,
 }
-"""Further parameters of AMCL, most of which do not matter for the simulation."""
+"""Parameters of AMCL that are not simulated, with the values that Nav2 has for them."""
+NO_MATTER = {
+    *NOT_SIMULATED,
+    *("allow_parameter_qos_overrides", "always_reset_initial_pose", "first_map_only"),
+    *("freespace_downsampling", "initial_pose", "initialize_at_saved_pose", "map_topic"),
+    *("random_seed", "saved_pose_filepath", "set_initial_pose", "use_sim_time"),
+}
+"""All parameters of AMCL beside those simulated, most of which do not matter for that."""
 
 
 class ParameterWarning(UserWarning):

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval, digits_of, of_geometric_mean, of_mean, plain, short
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.public import Pictured
 from locplan._util.records import Column, Result, Table
@@ -137,7 +137,7 @@ class Routes(Pictured):
             return "helps"
         return "harms" if ratio.low > 1 else "unclear"
 
-    def pairs(self, name: str) -> NDArray[np.float64]:
+    def pairs(self, name: str) -> Numbers:
         """Values of the shortest and of the aware path of each query, (n, 2).
 
         Parameters
@@ -162,16 +162,12 @@ class Routes(Pictured):
 
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON; pairs are of the shortest and of the aware path."""
+        over_queries = "length_ratio", "rmse_ratio", "lost", "kept_rmse", "rmse", "lost_difference"
         about: dict[str, object] = {
             **self.about,
             "verdict": self.verdict,
-            "length_ratio": list(self.length_ratio),
-            "rmse_ratio": list(self.rmse_ratio),
             "median_error": list(self.median),
-            "lost": list(self.lost),
-            "kept_rmse": list(self.kept_rmse),
-            "rmse": list(self.rmse),
-            "lost_difference": list(self.lost_difference),
+            **{name: list(getattr(self, name)) for name in over_queries},
             "queries": [
                 {
                     "name": each.query.name,
@@ -300,13 +296,8 @@ def simulate_queries(
         If no query has a path, or a number is out of its range.
     """
     check_drives(drives)
-    simulator = Simulator(
-        costs.grid,
-        equipped(robot, costs.settings.config if costs.settings else None),
-        filter_map=filter_map,
-        seed=seed,
-        threads=threads,
-    )
+    robot = equipped(robot, costs.settings.config if costs.settings else None)
+    simulator = Simulator(costs.grid, robot, filter_map=filter_map, seed=seed, threads=threads)
     found = {}
     for query in queries:
         plans = plan_beside_shortest(costs, query.start, query.goal)

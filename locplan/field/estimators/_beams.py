@@ -142,19 +142,8 @@ class LidarEstimator(Estimator):
 
     def beams(self) -> Any:
         """The simulated lidar with the beams that count, in the form that the kernels take."""
-        from locplan._kernels.lidar import Lidar as Beams
-
         # A choice of the lidar's own beams would lie aside of the middle, and not turn with a map.
-        lidar = replace(self.lidar, beams=self.beams_compared)
-        return Beams(
-            angles=lidar.angles,
-            forward=lidar.mount_x,
-            left=lidar.mount_y,
-            yaw=lidar.mount_yaw,
-            sigma=lidar.range_sigma,
-            min_range=lidar.min_range,
-            max_range=lidar.range,
-        )
+        return replace(self.lidar, beams=self.beams_compared).for_kernels()
 
 
 def reach_of_beams(lidar: Lidar, resolution: float) -> int:
