@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -38,15 +39,7 @@ from locplan.costs import Costmap, check_weight, named_maps
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, config_of, load_or_compute
 from locplan.maps import OccupancyGrid
-from locplan.planners import (
-    DEFAULT,
-    MAX_SEED,
-    AnyPlanner,
-    Planner,
-    Query,
-    check_random,
-    queries_of,
-)
+from locplan.planners import DEFAULT, MAX_SEED, AnyPlanner, Planner, Query, check_random, queries_of
 from locplan.robots import Robot
 
 PLANNERS = ("grid", DEFAULT)
@@ -168,18 +161,34 @@ def compare(
     execution = execution or Execution()
     queries = RandomQueries(queries) if is_whole(queries) else queries
     asked = [float(weights)] if isinstance(weights, (int, float)) else weights
-    if asked is not None:
-        _check_each_once("weight", asked)
     seeds = _checked_seeds(seeds)
-    _check_each_once("seed", seeds)
+    for name, values in (("weight", (0.0,) if asked is None else asked), ("seed", seeds)):
+        if not values or len(set(values)) < len(values):
+            raise ConfigError(f"a comparison needs at least one {name}, and none of them twice")
     fields = named_configs(configs, robot)
-    specs = _specs(planners, _driven(robot, fields), execution.time_limit)
+    alone = isinstance(planners, (str, Planner, PlannerSpec)) or callable(planners)
+    driven = _driven(robot, fields)
+    specs = [
+        spec.with_time_limit(execution.time_limit).with_robot(driven)
+        for spec in specs_of([planners] if alone else planners)
+    ]
     labels = [spec.label for spec in specs]
     baseline = baseline or max(labels, key=lambda label: label == DEFAULT)
     one_of("baseline", baseline, labels)
     began = datetime.now(UTC).astimezone()
     limits: Any = {name: getattr(execution, name) for name in ("memory", "patience")}
     file, again = execution.journal, {"resume": execution.resume, "anew": execution.anew}
+    kinds = [
+        partial(
+            Case,
+            config=label,
+            settings=config,
+            robot_radius=(robot or Robot()).radius,
+            criterion=criterion or config.estimator.criterion,
+            field_of=execution.field_of,
+        )
+        for label, config in fields.items()
+    ]
     with (
         nullcontext() if file is None else Journal(file, **again) as journal,
         temporary_folder() as folder,
@@ -187,8 +196,8 @@ def compare(
     ):
         cases: list[Case] = []
         orders: list[Order] = []
-        radius = (robot or Robot()).radius
-        for case, costs in _cases(maps, fields, queries, radius, criterion, specs, execution):
+        headed = any(spec.planner.space != "R2" for spec in specs)
+        for case, costs in _cases(maps, kinds, queries, headed):
             home = folder / str(len(cases))
             put_costmap(costs, home)  # they may be many: no more than one is in memory here
             orders += orders_of(case, costs, home, specs, _weights(asked, case, costs), seeds)
@@ -245,12 +254,6 @@ def _driven(robot: Robot | None, fields: Mapping[str, FieldConfig]) -> Robot | N
     return dataclasses.replace(robot, lidar=None)
 
 
-def _specs(planners: Any, robot: Robot | None, time_limit: float | None) -> list[PlannerSpec]:
-    if isinstance(planners, (str, Planner, PlannerSpec)) or callable(planners):
-        planners = [planners]
-    return [spec.with_time_limit(time_limit).with_robot(robot) for spec in specs_of(planners)]
-
-
 def _checked_seeds(seeds: Iterable[int]) -> list[int]:
     try:
         first = list(itertools.islice(seeds, 1001))
@@ -261,23 +264,10 @@ def _checked_seeds(seeds: Iterable[int]) -> list[int]:
     return [whole("each seed", seed, 1, MAX_SEED) for seed in first]
 
 
-def _check_each_once(name: str, values: Sequence[float]) -> None:
-    """Raise a ConfigError if there are no values, or one of them twice."""
-    if not values or len(set(values)) < len(values):
-        raise ConfigError(f"a comparison needs at least one {name}, and none of them twice")
-
-
 def _cases(
-    maps: Any,
-    fields: Mapping[str, FieldConfig],
-    queries: Any,
-    radius: float,
-    criterion: str | None,
-    specs: Sequence[PlannerSpec],
-    execution: Execution,
+    maps: Any, kinds: Iterable[Callable[..., Case]], queries: Any, headed: bool
 ) -> Iterator[tuple[Case, Costmap]]:
-    """A case for each map and settings, with its costmap; all cases of a map have its queries."""
-    headed = any(spec.planner.space != "R2" for spec in specs)
+    """A case of each kind for each map, with its costmap; all cases of a map have its queries."""
     for name, given in named_maps(maps, read_map).items():
         if isinstance(queries, Mapping) and name not in queries:
             raise ConfigError(f"there are no queries for map {shown(name)}")
@@ -286,14 +276,7 @@ def _cases(
         if isinstance(given, Costmap):
             cases = [Case(name, "own cost", given.grid, given.robot_radius, own=given)]
         else:
-            kinds = {
-                label: (config, criterion or config.estimator.criterion)
-                for label, config in fields.items()
-            }
-            cases = [
-                Case(name, label, given, radius, *kind, field_of=execution.field_of)
-                for label, kind in kinds.items()
-            ]
+            cases = [kind(map=name, grid=given) for kind in kinds]
         for case in cases:
             costs, _ = case.costmap()
             found = found or _queries(asked, costs, headed)

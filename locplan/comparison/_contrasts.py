@@ -16,6 +16,7 @@ from scipy.special import stdtrit
 from locplan._util.intervals import Interval
 from locplan._util.tables import finite
 from locplan.comparison._statistics import (
+    HIGH_U,
     MEASURES,
     Array,
     Quartiles,
@@ -26,7 +27,6 @@ from locplan.comparison._statistics import (
     quartiles,
     values_of,
 )
-from locplan.costs import DEGENERATE
 from locplan.errors import LocplanError
 
 RATIO, SUMS, DIFFERENCE = "ratio", "ratio of sums", "difference"
@@ -37,16 +37,8 @@ COMPARED: Mapping[str, tuple[str, str, str]] = {
     "integrated_u": (SUMS, "fewer degenerate metres", "more degenerate metres"),
     "integrated_e": (SUMS, "less ∫e ds", "more ∫e ds"),
     "max_e": (SUMS, "lower in max e", "higher in max e"),
-    "degenerate_share": (
-        DIFFERENCE,
-        f"less with u > {DEGENERATE:g}",
-        f"more with u > {DEGENERATE:g}",
-    ),
-    "longest_degenerate": (
-        SUMS,
-        f"shorter at a stretch with u > {DEGENERATE:g}",
-        f"longer at a stretch with u > {DEGENERATE:g}",
-    ),
+    "degenerate_share": (DIFFERENCE, f"less {HIGH_U}", f"more {HIGH_U}"),
+    "longest_degenerate": (SUMS, f"shorter at a stretch {HIGH_U}", f"longer at a stretch {HIGH_U}"),
     "clearance": (SUMS, "less clearance", "more clearance"),
     "turning": (SUMS, "less turning", "more turning"),
     "seconds": (RATIO, "less planning time", "more planning time"),

@@ -335,7 +335,7 @@ class Pictures:
         alt = f"Paths over the field of {caption}: {'; '.join(lengths.values()) or 'none'}."
         legend: Legend = [(self.lines[name], text) for name, text in lengths.items()]
         legend += [(None, f"{name}: no path") for name in found if name not in drawn]
-        legend += [(Mark("ink", -1, "o"), "start"), (Mark("ink", -1, "*"), "goal")]
+        legend += [(Mark("ink", -1, "o"), "start"), (Mark("ink", -1, "*", 10.0), "goal")]
         about = attributes(setting) | {"class": "map"}
         return Drawing(svg_of(draw, 5.0, alt), legend, caption, about)
 

@@ -197,17 +197,15 @@ def specs_of(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
         If there are no planners, two have one label, or one is wrong.
     """
     specs = [PlannerSpec.of(planner) for planner in planners]
-    labels = [spec.label for spec in specs]
-    for label in labels:
-        if labels.count(label) > 1:
-            raise ConfigError(
-                f"planner {shown(label)} is there twice; leave one out, or name it anew"
-            )
     if not specs:
         raise ConfigError("a comparison needs at least one planner")
+    labels = [spec.label for spec in specs]
     for spec in specs:
+        name = f"planner {shown(spec.label)}"
+        if labels.count(spec.label) > 1:
+            raise ConfigError(f"{name} is there twice; leave one out, or name it anew")
         if spec.guarded:  # it is sent to workers by value
-            needed("cloudpickle", "functions", f"planner {shown(spec.label)}, one of your own,")
+            needed("cloudpickle", "functions", f"{name}, one of your own,")
     return specs
 
 

@@ -16,14 +16,8 @@ from numpy.typing import NDArray
 from locplan._util.checks import number
 from locplan.costs import Costmap, about_costs, costs_caption
 from locplan.errors import ConfigError
-from locplan.export._charges import (
-    Conversion,
-    checked_planner,
-    values_for,
-    without_yaw,
-    write_preview,
-    write_values,
-)
+from locplan.export import _charges as charges
+from locplan.export._charges import Conversion
 from locplan.export._parameters import (
     Robot,
     Server,
@@ -200,8 +194,8 @@ def keepout_mask(
     if np.isnan(greatest):
         greatest = float(costs.density[passable].max()) - 1
     density = costs.unblocked_density
-    runs = checked_planner(planner, planner_param)
-    values, conversion = values_for(density, runs, greatest, planner_param, static=static)
+    runs = charges.checked_planner(planner, planner_param)
+    values, conversion = charges.values_for(density, runs, greatest, planner_param, static=static)
     near = costs.grid.closer_than(costs.robot_radius - 1e-9)
     values[~passable & costs.grid.free & ~near] = 100  # lethal
     return values, conversion
@@ -279,15 +273,15 @@ def _write(
         servers.append(Server("nav2_map_server", *node, topics | law))
     about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
-    grid = without_yaw(costs.grid)
+    grid = charges.without_yaw(costs.grid)
     known = {"title": title, "costs": costs, "kind": kind, "called": called}
     known |= {"file": robot.file and robot.file.name, "conversion": conversion}
     known |= {"changed": changed, "added": added}
     with export_folder(folder, "nav2-mask.md", about, **known) as temporary:
         write_yaml(temporary / "nav2.yaml", merged.content)
-        write_values(temporary / "mask", values, grid)
+        charges.write_values(temporary / "mask", values, grid)
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
         is_speed = kind == "speed"
         label = "speed limit [% of the robot's own]" if is_speed else f"{kind} mask [0-100]"
         above = f"{title}{costs_caption(costs)}"
-        write_preview(temporary, grid, values, label, above, falling=is_speed)
+        charges.write_preview(temporary, grid, values, label, above, falling=is_speed)
