@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -19,8 +20,6 @@ from locplan.comparison._statistics import Convergence, Run
 from locplan.plotting import Picture
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from locplan.comparison._result import Comparison
 
 COLOURS = ("#1b1f24", "#0072b2", "#008a64", "#b8548f", "#c05000", "#2f93d1", "#a07800", "#6a51a3")

@@ -26,12 +26,6 @@ from locplan.errors import ConfigError
 from locplan.export._registry import check_has_field, export_folder
 from locplan.maps import OccupancyGrid
 
-RETROSPECTIVE_PENALTY = 0.015
-"""SmacPlannerHybrid's default, which multiplies every step by 1 minus it."""
-_NO_LIMIT = {"max_iterations": -1}
-"""A mask can make the Smac planners expand several times as many cells, on large maps more than the
-million at which they give up by default; so they get no limit, and five times their own time."""
-
 
 @dataclass(frozen=True)
 class NavPlanner:
@@ -68,32 +62,31 @@ def _theta_star_weight(cost: float, excess: float) -> float:
     return excess / (full - free * (1 + excess))
 
 
+def _smac(
+    name: str, kind: str, parameter: str, default: float, seconds: float, **assumed: Any
+) -> NavPlanner:
+    """A Smac planner, which multiplies each step by 1 less its `retrospective_penalty`.
+
+    A mask can make it expand several times as many cells, on large maps more than the million at
+    which it gives up by default; so it gets no limit, and five times its own time.
+    """
+    step = 1 - assumed.get("retrospective_penalty", 0.0)
+    return NavPlanner(
+        *(name, f"nav2_smac_planner::SmacPlanner{kind}", parameter),
+        lambda costs, k: k * costs / 252 / step,
+        lambda cost, excess: excess * step * 252 / cost,
+        *(default, {**assumed, "max_iterations": -1}, seconds),
+    )
+
+
 PLANNERS = {
     planner.name: planner
     for planner in (
-        NavPlanner(
-            "smac2d",
-            "nav2_smac_planner::SmacPlanner2D",
-            "cost_travel_multiplier",
-            lambda costs, k: k * costs / 252,
-            lambda cost, excess: excess * 252 / cost,
-            1.0,
-            _NO_LIMIT,
-            planning_time=10.0,
-        ),
-        NavPlanner(
-            "smac-hybrid",
-            "nav2_smac_planner::SmacPlannerHybrid",
-            "cost_penalty",
-            lambda costs, k: k * costs / 252 / (1 - RETROSPECTIVE_PENALTY),
-            lambda cost, excess: excess * (1 - RETROSPECTIVE_PENALTY) * 252 / cost,
-            2.0,
-            {
-                "retrospective_penalty": RETROSPECTIVE_PENALTY,
-                "use_quadratic_cost_penalty": False,
-                **_NO_LIMIT,
-            },
-            planning_time=25.0,
+        _smac("smac2d", "2D", "cost_travel_multiplier", 1.0, 10.0),
+        _smac(
+            *("smac-hybrid", "Hybrid", "cost_penalty", 2.0, 25.0),
+            retrospective_penalty=0.015,  # its default
+            use_quadratic_cost_penalty=False,
         ),
         NavPlanner(
             "navfn",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -26,7 +25,7 @@ from locplan.costs import Costmap, costs_caption
 from locplan.export._outlines import DegenerateArea
 from locplan.export._roadmap import RouteGraph
 from locplan.field import CovarianceField
-from locplan.maps import UNKNOWN, OccupancyGrid
+from locplan.maps import OccupancyGrid
 
 EDGE_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.2, 1.0, 256)))
 """Colours of edges, the costly ones dark; all of them can be told from white."""
@@ -56,7 +55,7 @@ def values_figure(
         Whether the scale names what is left of 100, such as the speed of which the values say how
         much is given up.
     """
-    grid, shown = _shrunk(grid, values)
+    grid, shown = plotting.coarse(grid, 1000), plotting.shrunk(values, maximum=True, most=1000)
     figure, axes = plotting.map_axes(grid)
     plotting.draw_map(axes, grid)
     if (shown >= 0).any():
@@ -104,25 +103,6 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
     figure.colorbar(lines, ax=axes, label="cost per metre of an edge", shrink=0.9)
     axes.set_title(f"{title}{costs_caption(costs)}", fontsize="medium")
     return figure
-
-
-def _shrunk(grid: OccupancyGrid, values: NDArray[Any]) -> tuple[OccupancyGrid, NDArray[Any]]:
-    """A map that is no finer than a picture shows, with its values.
-
-    Of cells that are merged, walls and the greatest values stay.
-    """
-    step = -(-max(grid.shape) // 1000)
-    if step == 1:
-        return grid, values
-    down, right = (-size % step for size in grid.shape)
-    blocks, merged = (
-        np.pad(array, ((0, down), (0, right)), constant_values=outside).reshape(
-            (grid.shape[0] + down) // step, step, -1, step
-        )
-        for array, outside in ((grid.cells, UNKNOWN), (values, -1))
-    )
-    cells, resolution = blocks.min(axis=(1, 3)), grid.resolution * step
-    return dataclasses.replace(grid, cells=cells, resolution=resolution), merged.max(axis=(1, 3))
 
 
 def norm_of(field: CovarianceField, name: str, values: Floats) -> Normalize:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
@@ -16,9 +17,6 @@ from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.paper import template_matching
 from locplan.paper._claims import Slide
 from locplan.plotting import MAP_COLOURS, Picture
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 MODEL_STYLES: dict[str, dict[str, Any]] = {
     "SSD": {"color": "#d55e00", "linestyle": "-", "linewidth": 1.2},

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.image import AxesImage
 from matplotlib.transforms import Affine2D, Bbox, IdentityTransform
@@ -17,8 +19,6 @@ from locplan.maps import FREE, UNKNOWN, OccupancyGrid
 from locplan.plotting._picture import Picture
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from locplan.costs import Path
 
 DRAWN_CELLS = 2000
@@ -142,8 +142,17 @@ def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options:
 def shrunk(values: NDArray[Any], *, maximum: bool = False, most: int | None = None) -> NDArray[Any]:
     """The minimum or the maximum of each block of cells; small maps stay as they are.
 
-    There are at most so many blocks along a side. The lowest level is the darkest one, so that
-    walls stay. NaN counts only where a block has nothing else.
+    The lowest level is the darkest one, so that walls stay. NaN counts only where a block has
+    nothing else.
+
+    Parameters
+    ----------
+    values : (H, W) array
+        Levels, or other values of cells.
+    maximum : bool, default False
+        True takes the greatest value of each block.
+    most : int, optional
+        Maximum number of blocks along a side; `DRAWN_CELLS` by default.
     """
     cells = block(values.shape, most)
     if cells == 1:
@@ -177,6 +186,20 @@ def field_cells(
     )
     read = values_at(field, values, rows[:, None], cols[None, :], logarithmic=logarithmic)
     return np.where(free, read, np.nan)
+
+
+def coarse(grid: OccupancyGrid, most: int) -> OccupancyGrid:
+    """The map of the blocks of `shrunk`, at most so many along a side; walls stay.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    most : int
+        Maximum number of blocks along a side; a map with fewer cells stays as it is.
+    """
+    cells, resolution = shrunk(grid.cells, most=most), grid.resolution * block(grid.shape, most)
+    return dataclasses.replace(grid, cells=cells, resolution=resolution)
 
 
 def block(shape: tuple[int, ...], most: int | None = None) -> int:

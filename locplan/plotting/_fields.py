@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection, PatchCollection
 from matplotlib.colors import Normalize, to_rgba_array
 from matplotlib.figure import Figure
@@ -36,8 +37,6 @@ from locplan.plotting._picture import HARMLESS, Picture, weak_spots
 from locplan.plotting.style import BLUE, ERROR_COLOURS, GREEN, ORANGE, PURPLE, SKY, YELLOW
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from locplan.planners import MapInfo
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import os
 from collections.abc import Sequence
@@ -11,8 +10,11 @@ from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.ticker import FuncFormatter, NullFormatter
@@ -22,15 +24,11 @@ from locplan._util.files import PICTURES, check_target, replacing
 from locplan.field import CovarianceField
 from locplan.maps import UNKNOWN, OccupancyGrid
 from locplan.plotting import style as styles
-from locplan.plotting._cells import block, draw_cells, field_cells, is_small, limits_of, shrunk
+from locplan.plotting._cells import coarse, draw_cells, field_cells, is_small, limits_of, shrunk
 from locplan.plotting._picture import HARMLESS, label_plainly
 from locplan.plotting.style import FILE_DPI
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.colorbar import Colorbar
-    from matplotlib.image import AxesImage
-
     from locplan.costs import Path
 
 
@@ -257,9 +255,7 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
     points = [path.resampled(0.5, even=True).xy for path in paths]
     size = _size(axes, grid)
     inset = axes.inset_axes((*_free_corner(axes, np.concatenate(points), size), *size))
-    cells = shrunk(grid.cells, most=300)
-    size_of_cell = grid.resolution * block(grid.shape, 300)
-    draw_map(inset, dataclasses.replace(grid, cells=cells, resolution=size_of_cell))
+    draw_map(inset, coarse(grid, 300))
     inset.images[0].set_cmap(styles.LIGHT_MAP_COLOURS)
     inset.set(xlabel="", ylabel="", xticks=(), yticks=(), zorder=6, **limits_of(grid))
     height, width = part.shape

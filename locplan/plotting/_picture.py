@@ -9,10 +9,11 @@ import math
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -25,10 +26,6 @@ from locplan._util.public import png_of
 from locplan.costs import DEGENERATE, Costmap
 from locplan.field import CovarianceField
 from locplan.planners import Plan
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 MIN_TICKS, MAX_TICKS = 3, 8
 """Number of ticks that tell a scale, and that are read."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -28,8 +29,6 @@ from locplan.plotting._picture import HARMLESS, Picture, make_logarithmic, reque
 from locplan.plotting.style import END_STYLE, ERROR_COLOURS, FIELD_COLOURS, PATH_STYLES, outline
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from locplan.planners import ParetoFront, Plan
 
 
