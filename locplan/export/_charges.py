@@ -162,12 +162,7 @@ def checked_planner(name: str, param: float | None) -> NavPlanner:
 
 
 def values_for(
-    density: Floats,
-    planner: NavPlanner,
-    greatest: float,
-    param: float | None = None,
-    *,
-    static: bool = False,
+    density: Floats, planner: NavPlanner, greatest: float, param: float | None, static: bool
 ) -> tuple[NDArray[np.int8], Conversion]:
     """The values of a mask, or of a `static` layer, by which a planner has `density` as costs.
 
@@ -187,8 +182,7 @@ def values_for(
         needed = planner.parameter_for(float(costs[-1]), greatest) if greatest > 0 else 1.0
         param = math.ceil(needed * 1000 - 1e-9) / 1000
     charged = planner.excess(costs, param)
-    borders = (charged[1:] + charged[:-1]) / 2
-    nearest = np.searchsorted(borders, excess)
+    nearest = np.searchsorted((charged[1:] + charged[:-1]) / 2, excess)
     values = np.full(density.shape, -1, np.int8)
     values[np.isfinite(density)] = choices[nearest]
     above = excess > charged[-1] * (1 + 1e-9)
@@ -257,22 +251,6 @@ def write_values(
     stem.with_suffix(".yaml").write_text(dumped(entries, default_flow_style=None), "utf-8")
 
 
-def write_preview(
-    folder: Path,
-    grid: OccupancyGrid,
-    values: NDArray[np.int8],
-    label: str,
-    title: str,
-    *,
-    falling: bool = False,
-) -> None:
-    """Draw the values over their map; `falling` labels them by what is left of 100."""
-    from locplan.export import _figures
-
-    figure = _figures.values_figure(grid, values, label, f"{grid.name or 'map'}: {title}", falling)
-    _figures.save_preview(folder, figure, dpi=90)
-
-
 def percent(costs: Costmap) -> NDArray[np.int8]:
     """u in per cent, 0..100, and -1 where it is not known, (H, W).
 
@@ -306,14 +284,17 @@ def ros_map(folder: str | Path, costs: Costmap) -> None:
     LocplanError
         If the folder cannot be written, or there is no field.
     """
+    from locplan.export import _figures
+
     values = percent(costs)
     about = {"kind": "ros-map"} | about_costs(costs)
     grid = without_yaw(costs.grid)
     with export_folder(folder, "ros-map.md", about, map=grid.name or "a map") as temporary:
         for mode in ("raw", "scale", "scale-ros1"):
             write_values(temporary / mode.replace("-", "_"), values, grid, mode)
-        above = f"as it is published{costs_caption(costs)}"
-        write_preview(temporary, costs.grid, values, "degeneracy u [%]", above)
+        title = f"{grid.name or 'map'}: as it is published{costs_caption(costs)}"
+        figure = _figures.values_figure(costs.grid, values, "degeneracy u [%]", title)
+        _figures.save_preview(temporary, figure, dpi=90)
 
 
 def _greys(mode: str) -> tuple[Ints, tuple[float, float]]:

@@ -230,11 +230,11 @@ def _aside(ends: Positions, xy: Positions) -> Any:
 
 
 def followed_costs(
-    nodes: Positions,
+    nodes: Floats,
     edges: Pairs,
     price: Floats,
     least: Floats,
-    ways: Sequence[Sequence[int]],
+    ways: list[list[int]],
     weights: Floats,
 ) -> tuple[Floats, list[bool]]:
     """Costs of edges by which the cheapest routes are given ways, and for which of them they are.

@@ -214,7 +214,7 @@ def nav2_routes(
     with export_folder(folder, "nav2-routes.md", about, **known) as temporary:
         count = len(ways.ways)
         title = f"{name}: recommended ways of {count} quer{'y' if count == 1 else 'ies'}"
-        write_graph(temporary, unturned, ways.graph, frame, title)
+        write_graph(temporary, unturned, ways.graph, frame, title, None)
         bag(temporary / "routes.mcap", unturned.grid, paths=paths, frame=frame)
         _table(ways, topics_of(paths)).write_csv(temporary / "routes.csv")
     return ways

@@ -14,6 +14,7 @@ from matplotlib.image import AxesImage
 from matplotlib.transforms import Affine2D, Bbox, IdentityTransform
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan.field import CovarianceField, values_at
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
 from locplan.plotting._picture import Picture
@@ -163,12 +164,8 @@ def shrunk(values: NDArray[Any], *, maximum: bool = False, most: int | None = No
 
 
 def field_cells(
-    field: CovarianceField,
-    values: NDArray[np.float64],
-    *,
-    logarithmic: bool = True,
-    part: OccupancyGrid | None = None,
-) -> NDArray[np.float64]:
+    field: CovarianceField, values: Floats, *, logarithmic: bool, part: OccupancyGrid | None
+) -> Floats:
     """Values (h, w) on the field's lattice as `draw_cells` takes them, NaN but in free space.
 
     They are those of all cells of the map, or of a part of it. The values of blocks are read in
@@ -300,16 +297,13 @@ def map_around(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
     """
     at = np.concatenate([path.xy for path in paths])
     rows, cols = grid.world_to_grid(*at.T)
-    extent = max(float(np.ptp(rows)), float(np.ptp(cols)))
-    margin = max(0.15 * extent, 3.0 / grid.resolution)  # 3 m at least
-    ends = [
-        (max(0, int(values.min() - margin)), min(size, int(values.max() + margin) + 1))
+    margin = max(0.15 * np.ptp(rows), 0.15 * np.ptp(cols), 3.0 / grid.resolution)  # 3 m at least
+    down, across = (
+        slice(max(0, int(values.min() - margin)), min(size, int(values.max() + margin) + 1))
         for values, size in zip((rows, cols), grid.shape, strict=True)
-    ]
-    (top, bottom), (left, right) = ends
-    if top >= bottom or left >= right:  # the paths are beside the map
-        return grid
-    return grid.part(slice(top, bottom), slice(left, right))
+    )
+    beside = down.start >= down.stop or across.start >= across.stop
+    return grid if beside else grid.part(down, across)
 
 
 def zoomed_to(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
@@ -333,8 +327,6 @@ def zoomed_to(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
 
 def is_small(grid: OccupancyGrid, part: OccupancyGrid) -> bool:
     """Whether a part is so small that a picture of the map would hardly show what is in it."""
-    sizes = []
-    for each in (part, grid):
-        low, high, left, right = known_cells(each)
-        sizes.append(max(high - low, right - left))
-    return sizes[0] < 0.6 * sizes[1]
+    ends = map(known_cells, (part, grid))
+    own, whole = (max(high - low, right - left) for low, high, left, right in ends)
+    return own < 0.6 * whole
