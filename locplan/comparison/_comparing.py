@@ -161,34 +161,19 @@ def compare(
     execution = execution or Execution()
     queries = RandomQueries(queries) if is_whole(queries) else queries
     asked = [float(weights)] if isinstance(weights, (int, float)) else weights
+    if asked is not None:
+        _check_each_once("weight", asked)
     seeds = _checked_seeds(seeds)
-    for name, values in (("weight", (0.0,) if asked is None else asked), ("seed", seeds)):
-        if not values or len(set(values)) < len(values):
-            raise ConfigError(f"a comparison needs at least one {name}, and none of them twice")
     fields = named_configs(configs, robot)
-    alone = isinstance(planners, (str, Planner, PlannerSpec)) or callable(planners)
-    driven = _driven(robot, fields)
-    specs = [
-        spec.with_time_limit(execution.time_limit).with_robot(driven)
-        for spec in specs_of([planners] if alone else planners)
-    ]
+    specs = _specs(planners, _driven(robot, fields), execution.time_limit)
     labels = [spec.label for spec in specs]
     baseline = baseline or max(labels, key=lambda label: label == DEFAULT)
     one_of("baseline", baseline, labels)
     began = datetime.now(UTC).astimezone()
-    limits: Any = {name: getattr(execution, name) for name in ("memory", "patience")}
+    limits: Any = {"memory": execution.memory, "patience": execution.patience}
     file, again = execution.journal, {"resume": execution.resume, "anew": execution.anew}
-    kinds = [
-        partial(
-            Case,
-            config=label,
-            settings=config,
-            robot_radius=(robot or Robot()).radius,
-            criterion=criterion or config.estimator.criterion,
-            field_of=execution.field_of,
-        )
-        for label, config in fields.items()
-    ]
+    radius = (robot or Robot()).radius
+    made = partial(Case, robot_radius=radius, field_of=execution.field_of)
     with (
         nullcontext() if file is None else Journal(file, **again) as journal,
         temporary_folder() as folder,
@@ -197,7 +182,7 @@ def compare(
         cases: list[Case] = []
         orders: list[Order] = []
         headed = any(spec.planner.space != "R2" for spec in specs)
-        for case, costs in _cases(maps, kinds, queries, headed):
+        for case, costs in _cases(maps, fields, criterion, queries, headed, made):
             home = folder / str(len(cases))
             put_costmap(costs, home)  # they may be many: no more than one is in memory here
             orders += orders_of(case, costs, home, specs, _weights(asked, case, costs), seeds)
@@ -227,6 +212,12 @@ def _about(execution: Execution, specs: Sequence[PlannerSpec], began: datetime) 
         "planners": {spec.label: spec.identity() for spec in specs},
         **limits,
     }
+
+
+def _specs(planners: Any, robot: Robot | None, time_limit: float | None) -> list[PlannerSpec]:
+    alone = isinstance(planners, (str, Planner, PlannerSpec)) or callable(planners)
+    specs = specs_of([planners] if alone else planners)
+    return [spec.with_time_limit(time_limit).with_robot(robot) for spec in specs]
 
 
 def named_configs(
@@ -261,11 +252,23 @@ def _checked_seeds(seeds: Iterable[int]) -> list[int]:
         raise ConfigError(f"seeds must be several whole numbers, not {shown(seeds)}") from None
     if len(first) > 1000:
         raise ConfigError("a comparison has at most 1,000 seeds")
+    _check_each_once("seed", first)
     return [whole("each seed", seed, 1, MAX_SEED) for seed in first]
 
 
+def _check_each_once(name: str, values: Sequence[float]) -> None:
+    """Raise a ConfigError if there are no values, or one of them twice."""
+    if not values or len(set(values)) < len(values):
+        raise ConfigError(f"a comparison needs at least one {name}, and none of them twice")
+
+
 def _cases(
-    maps: Any, kinds: Iterable[Callable[..., Case]], queries: Any, headed: bool
+    maps: Any,
+    fields: Mapping[str, FieldConfig],
+    criterion: str | None,
+    queries: Any,
+    headed: bool,
+    made: partial[Case],
 ) -> Iterator[tuple[Case, Costmap]]:
     """A case of each kind for each map, with its costmap; all cases of a map have its queries."""
     for name, given in named_maps(maps, read_map).items():
@@ -276,7 +279,16 @@ def _cases(
         if isinstance(given, Costmap):
             cases = [Case(name, "own cost", given.grid, given.robot_radius, own=given)]
         else:
-            cases = [kind(map=name, grid=given) for kind in kinds]
+            cases = [
+                made(
+                    name,
+                    label,
+                    given,
+                    settings=each,
+                    criterion=criterion or each.estimator.criterion,
+                )
+                for label, each in fields.items()
+            ]
         for case in cases:
             costs, _ = case.costmap()
             found = found or _queries(asked, costs, headed)

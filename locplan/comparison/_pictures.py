@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -96,25 +95,23 @@ class Pictures:
     def scenes(self) -> dict[CaseKey, Scene]:
         """The scenes to draw; a case without one has no pictures of paths and no front."""
         scenes, limits = {}, self.limits
-        cases = itertools.islice(self.comparison.cases.items(), limits.scenes)
-        for n, (key, case) in enumerate(cases):
+        for n, case in enumerate([*self.comparison.cases.values()][: limits.scenes]):
             costs, made = case.costmap()
             if made is not None:
                 query, front = self._revealing(case), None
                 if n < limits.fronts:
                     ends = query.start[:2], query.goal[:2]
                     front = pareto_front(costs, *ends, time_limit=limits.front_time)
-                scenes[key] = Scene(made, query, front or None)
+                scenes[case.key] = Scene(made, query, front or None)
         return scenes
 
     def _revealing(self, case: Case) -> Query:
         """The query of a case in which the baseline's degenerate metres differ most."""
-        every = (run for run in self.cases[case.key] if run.task.planner == self.baseline)
-        own = (run for run in every if run.measures)
-        spans = {
-            name: np.ptp([run.measures["integrated_u"] for run in runs])
-            for name, runs in grouped(own, lambda run: run.task.query).items()
-        }
+        found: dict[str, list[float]] = {}
+        for run in self.cases[case.key]:
+            if run.task.planner == self.baseline and run.measures:
+                found.setdefault(run.task.query, []).append(run.measures["integrated_u"])
+        spans = {name: np.ptp(values) for name, values in found.items()}
         return max(case.queries, key=lambda query: spans.get(query.name, -1.0))
 
     def trade_offs(self) -> Iterator[Drawing]:
@@ -133,8 +130,7 @@ class Pictures:
         J, one for each weight.
         """
         found = [run for run in self.cases[key] if run.task.query == name and run.measures]
-        groups = grouped(found, lambda run: run.task.planner)
-        names = "length", "integrated_u"
+        groups, names = grouped(found, lambda run: run.task.planner), ("length", "integrated_u")
         points = {
             planner: np.array([[r.task.weight, *map(r.measure, names)] for r in groups[planner]])
             for planner in self.marks
@@ -158,7 +154,7 @@ class Pictures:
         if self.baseline in points:
             legend.append((Mark("muted", 2), f"J of {self.baseline}"))
         legend += [
-            (Mark("muted", -1, "o", size), f"weight {weight:g}") for weight, size in sizes.items()
+            (Mark("muted", -1, "o", size), f"weight {each:g}") for each, size in sizes.items()
         ]
         svg = svg_of(lambda axes: self._draw_front(axes, front, points, edge, sizes), 2.5, alt)
         return Drawing(svg, legend, caption, attributes(key))
@@ -282,13 +278,11 @@ class Pictures:
             label_plainly(axes.xaxis, 6)
             axes.grid()
 
-        name = title_of(setting)
-        ends = [(curve.planner, float(curve.median[-1])) for curve in curves]
-        courses = [
-            f"{each} "
-            + (f"ends at {end:.3f}" if end < math.inf else "has no path in half of the queries")
-            for each, end in ends
-        ]
+        name, courses = title_of(setting), []
+        for curve in curves:
+            end = float(curve.median[-1])
+            text = f"ends at {end:.3f}" if end < math.inf else "has no path in half of the queries"
+            courses.append(f"{curve.planner} {text}")
         alt = f"Best J over time as a multiple of that of {self.baseline}, {name}: "
         legend: Legend = [(Mark("muted"), f"{self.baseline}, the baseline")]
         legend += [(self.lines[curve.planner], curve.planner) for curve in curves]
@@ -300,13 +294,10 @@ class Pictures:
         for key, scene in self.scenes.items():
             asked = [run for run in self.cases[key] if run.task.query == scene.query.name]
             weight = max(run.task.weight for run in asked)
-            found = self._typical([run for run in asked if run.task.weight == weight])
-            yield self._paths((*key, weight), scene, found)
+            yield self._paths(scene, [run for run in asked if run.task.weight == weight])
 
-    def _paths(
-        self, setting: Sequence[Any], scene: Scene, found: Mapping[str, Run | None]
-    ) -> Drawing:
-        query = scene.query
+    def _paths(self, scene: Scene, runs: Sequence[Run]) -> Drawing:
+        query, setting, found = scene.query, setting_of(runs[0]), self._typical(runs)
         drawn = {name: run for name, run in found.items() if run is not None}
 
         def draw(axes: Any) -> None:
@@ -341,8 +332,9 @@ class Pictures:
 
     def _typical(self, runs: Sequence[Run]) -> dict[str, Run | None]:
         """The run of median J of each planner; None for one that has no path."""
-        found: dict[str, Run | None] = {}
-        for planner, own in grouped(runs, lambda run: run.task.planner).items():
-            solved = sorted((run for run in own if run.xy), key=lambda run: run.measures["cost"])
+        groups, found = grouped(runs, lambda run: run.task.planner), {}
+        for planner in filter(groups.get, self.marks):
+            own = (run for run in groups[planner] if run.xy)
+            solved = sorted(own, key=lambda run: run.measures["cost"])
             found[planner] = solved[(len(solved) - 1) // 2] if solved else None
-        return {planner: found[planner] for planner in self.marks if planner in found}
+        return found

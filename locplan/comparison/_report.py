@@ -207,11 +207,11 @@ class Report(Pictures):
 
     def failures(self) -> list[list[Run]]:
         """The runs without a path, grouped by kind of failure."""
-        failed = (run for run in self.runs if run.status != "solved")
-        kinds = grouped(
-            failed, lambda r: (r.status, r.task.planner, r.task.map, r.task.config, r.note)
-        )
-        return list(kinds.values())
+
+        def kind(run: Run) -> tuple[str, ...]:
+            return run.status, run.task.planner, run.task.map, run.task.config, run.note
+
+        return [*grouped((run for run in self.runs if run.status != "solved"), kind).values()]
 
     def statuses(self) -> str:
         """The number of runs of each status but solved, in words."""

@@ -193,7 +193,15 @@ def summaries(runs: Iterable[Run], pooled: bool = False) -> list[Summary]:
     as there are queries: the seeds of a query mostly succeed or fail together. With runs as trials
     it held the truth in 77-87 % of simulated cases, with queries in 97-99 %.
     """
-    return [_summary(*key, group) for key, group in by_planner(runs, pooled).items()]
+    found = []
+    for (setting, planner), group in by_planner(runs, pooled).items():
+        solved = [run for run in group if run.status == "solved"]
+        shares = [np.mean([run.status == "solved" for run in own]) for _, own in by_query(group)]
+        success = wilson(float(np.mean(shares)), len(shares))
+        columns = zip(MEASURES, values_of(solved).T, strict=True)
+        measures = {name: quartiles(column) for name, column in columns}
+        found.append(Summary(setting, planner, len(group), len(solved), success, measures))
+    return found
 
 
 def by_planner(runs: Iterable[Run], pooled: bool) -> dict[tuple[Setting, str], list[Run]]:
@@ -224,15 +232,6 @@ def values_of(runs: Sequence[Run]) -> Array:
 def by_query(runs: Iterable[Run]) -> Iterable[tuple[tuple[str, str], list[Run]]]:
     """The runs of each query, with its map and name."""
     return grouped(runs, lambda run: (run.task.map, run.task.query)).items()
-
-
-def _summary(setting: Setting, planner: str, runs: Sequence[Run]) -> Summary:
-    solved = [run for run in runs if run.status == "solved"]
-    shares = [np.mean([run.status == "solved" for run in own]) for _, own in by_query(runs)]
-    success = wilson(float(np.mean(shares)), len(shares))
-    columns = zip(MEASURES, values_of(solved).T, strict=True)
-    measures = {name: quartiles(column) for name, column in columns}
-    return Summary(setting, planner, len(runs), len(solved), success, measures)
 
 
 def quartiles(values: Array) -> Quartiles:

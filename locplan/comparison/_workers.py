@@ -83,11 +83,7 @@ class Workers:
         """Start the runs in this order as workers become free, and yield each when it is done."""
         left, failed = deque(orders), 0
         while left or any(worker.order for worker in self._workers):
-            for n, worker in enumerate(self._workers):
-                if left and not worker.busy and worker.alive:
-                    worker.send(left[0], self._limits[left.popleft().planner])
-                elif left and not worker.busy:
-                    self._workers[n] = self._start()
+            self._hand_out(left)
             busy = [worker for worker in self._workers if worker.busy]
             wait([worker.connection for worker in busy], min(worker.patience for worker in busy))
             for worker in busy:
@@ -102,6 +98,14 @@ class Workers:
                         "worker processes end before they are ready; the reason is on standard"
                         " error"
                     )
+
+    def _hand_out(self, left: deque[Order]) -> None:
+        """Send the next orders to workers that wait, and replace those that have ended."""
+        for n, worker in enumerate(self._workers):
+            if left and not worker.busy and worker.alive:
+                worker.send(left[0], self._limits[left.popleft().planner])
+            elif left and not worker.busy:
+                self._workers[n] = self._start()
 
 
 class _Worker:

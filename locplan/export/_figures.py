@@ -107,13 +107,10 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
 
 def norm_of(field: CovarianceField, name: str, values: Floats) -> Normalize:
     """The scale of plots, in the unit of the values (H, W)."""
-    factor = field.quantity(name).factor
-    ends = np.array(field.anchors(name))
+    factor, ends = field.quantity(name).factor, np.array(field.anchors(name))
     if np.isfinite(values).any():
         ends = np.array([np.nanmin(values), np.nanmax(values)])
-    norm = plotting.field_norm(field, name, factor * ends)
-    assert norm.vmin is not None
-    assert norm.vmax is not None
+    norm: Any = plotting.field_norm(field, name, factor * ends)
     return LogNorm(norm.vmin / factor, norm.vmax / factor)
 
 
@@ -173,7 +170,10 @@ def areas_figure(grid: OccupancyGrid, areas: Sequence[DegenerateArea], title: st
     """
     figure, axes = plotting.map_axes(grid)
     plotting.draw_map(axes, grid)
-    shapes = [_path(area) for area in areas]
+    shapes = []
+    for area in areas:
+        rings = [np.concatenate([ring, ring[:1]]) for ring in (area.outline, *area.holes)]
+        shapes.append(Path.make_compound_path(*(Path(ring, closed=True) for ring in rings)))
     sienna, looks = "#a0522d", {"alpha": 0.75, "linewidths": 1.0}
     faces = PathCollection(shapes, facecolors=plotting.style.ORANGE, edgecolors=sienna, **looks)
     axes.add_collection(faces, autolim=False)
@@ -200,11 +200,3 @@ def areas_figure(grid: OccupancyGrid, areas: Sequence[DegenerateArea], title: st
     below = "name: median position std. deviation; line: its direction"
     axes.set_title(f"{title}\n{below}" if areas else title, fontsize="medium")
     return figure
-
-
-def _path(area: DegenerateArea) -> Path:
-    """An area with its holes as a path of matplotlib."""
-    rings = [area.outline, *area.holes]
-    corners = [np.concatenate([ring, ring[:1]]) for ring in rings]
-    codes = [[Path.MOVETO, *[Path.LINETO] * (len(ring) - 1), Path.CLOSEPOLY] for ring in rings]
-    return Path(np.concatenate(corners), np.concatenate(codes))

@@ -314,21 +314,14 @@ def lif(
     """
     file = Path(path)
     check_target(file, ".json")
-    grid = costs.grid
-    if grid.origin[2]:
-        xy = where_unturned(grid, np.array([(each.x, each.y) for each in stations]).reshape(-1, 2))
-        stations = [Station(each.name, *at) for each, at in zip(stations, xy.tolist(), strict=True)]
-        costs = dataclasses.replace(costs, grid=without_yaw(grid))
+    if costs.grid.origin[2]:
+        xy = np.reshape([(each.x, each.y) for each in stations], (-1, 2))
+        ends = zip(stations, where_unturned(costs.grid, xy).tolist(), strict=True)
+        stations = [Station(each.name, *at) for each, at in ends]
+        costs = dataclasses.replace(costs, grid=without_yaw(costs.grid))
     graph, at = with_stations(costs, roadmap(costs, spacing=spacing), stations)
-    layout = to_lif(
-        graph,
-        name=costs.grid.name or "map",
-        timestamp=timestamp or datetime.now(UTC),
-        vehicle=vehicle,
-        speed=speed,
-        stations=stations,
-        at=at,
-    )
+    known: Any = {"name": costs.grid.name or "map", "timestamp": timestamp or datetime.now(UTC)}
+    layout = to_lif(graph, **known, vehicle=vehicle, speed=speed, stations=stations, at=at)
     text = json.dumps(layout, indent=1, allow_nan=False, ensure_ascii=True)
     with replacing(file) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")

@@ -230,12 +230,7 @@ def _aside(ends: Positions, xy: Positions) -> Any:
 
 
 def followed_costs(
-    nodes: Floats,
-    edges: Pairs,
-    price: Floats,
-    least: Floats,
-    ways: list[list[int]],
-    weights: Floats,
+    nodes: Floats, edges: Pairs, price: Floats, least: Floats, ways: list[list[int]], worth: Floats
 ) -> tuple[Floats, list[bool]]:
     """Costs of edges by which the cheapest routes are given ways, and for which of them they are.
 
@@ -253,14 +248,19 @@ def followed_costs(
         The costs as they should be, and their lower bounds.
     ways : sequence of sequences of int
         The nodes of each way.
-    weights : (ways,) array
+    worth : (ways,) array
         What each way is worth, in changed costs, where not all can be followed.
     """
     index = {(i, j): n for n, (i, j) in enumerate(edges.tolist())}
-    used = np.zeros((len(ways), len(edges)))
-    for n, way in enumerate(ways):
-        used[n, [index[two] for two in pairwise(way)]] = 1
-    cost = price
+
+    def over(ways: list[list[int]]) -> Floats:
+        """1 for the edges of each way, (ways, edges)."""
+        used = np.zeros((len(ways), len(edges)))
+        for row, way in zip(used, ways, strict=True):
+            row[[index[two] for two in pairwise(way)]] = 1
+        return used
+
+    cost, used = price, over(ways)
     excess, of_way = np.empty((0, len(edges))), np.empty(0, int)  # a way's edges less a route's
     for _ in range(50):
         routes = {
@@ -268,18 +268,13 @@ def followed_costs(
             for n, route in enumerate(_cheapest_routes(edges, cost, used, ways))
             if apart(nodes, ways[n], route)
         }
-        others = np.zeros((len(routes), len(edges)))
-        for row, route in zip(others, routes.values(), strict=True):
-            row[[index[two] for two in pairwise(route)]] = 1
         numbers = np.array(list(routes), int)
-        more = used[numbers] - others
-        if all(
-            ((of_way == n) & (excess == row).all(axis=1)).any()
-            for n, row in zip(numbers, more, strict=True)
-        ):
+        more = used[numbers] - over([*routes.values()])
+        new = zip(numbers, more, strict=True)
+        if all((excess[of_way == n] == row).all(axis=1).any() for n, row in new):
             break
         of_way, excess = np.concatenate([of_way, numbers]), np.vstack([excess, more])
-        cost = _min_changed(price, least, excess, of_way, weights)
+        cost = _min_changed(price, least, excess, of_way, worth)
     return cost, [n not in routes for n in range(len(ways))]
 
 
@@ -318,12 +313,9 @@ def _min_changed(
     from scipy.sparse import block_array, csr_array, eye_array
 
     edges, one = len(price), eye_array(len(price))
-    missed = csr_array(
-        (np.ones(len(of_way)), (np.arange(len(of_way)), of_way)), (len(of_way), len(weights))
-    )
-    limits = block_array(
-        [[csr_array(excess), None, -missed], [one, -one, None], [-one, -one, None]]
-    )
+    missed = csr_array((of_way[:, None] == np.arange(len(weights))).astype(float))
+    changes = [[one, -one, None], [-one, -one, None]]
+    limits = block_array([[csr_array(excess), None, -missed], *changes])
     found = linprog(
         np.concatenate([np.zeros(edges), np.ones(edges), weights]),
         limits,

@@ -165,8 +165,8 @@ def _kept(ring: Ints, tolerance: float) -> Ints:
     import cv2
 
     corners = cv2.approxPolyDP(ring.astype(np.int32)[:, None], QUARTERS * tolerance, True)[:, 0]
-    index = {(x, y): n for n, (x, y) in enumerate(ring.tolist())}
-    return np.sort([index[x, y] for x, y in corners.tolist()])
+    index = {tuple(at): n for n, at in enumerate(ring.tolist())}
+    return np.sort([index[tuple(at)] for at in corners.tolist()])
 
 
 def untangled(rings: Sequence[Ints], kept: Sequence[Ints]) -> list[Ints]:

@@ -230,11 +230,8 @@ def _table(ways: RecommendedWays, topics: Mapping[str, str]) -> Table:
     """A row for each query, with the ids of its ends in the graph's file and its topic."""
     matrix, rows = ways.graph.matrix, []
     for name, way in ways.ways.items():
-        cost = float(sum(matrix[one, other] for one, other in pairwise(way)))
+        cost = round(float(sum(matrix[two] for two in pairwise(way))), 3)
         followed = "yes" if name in ways.followed else "no"
-        rows.append((name, way[0] + 1, way[-1] + 1, round(cost, 3), followed, topics[name]))
-    columns = (
-        *(Column("query"), Column("start_id"), Column("goal_id")),
-        *(Column("cost", "m"), Column("followed"), Column("topic")),
-    )
-    return Table(columns, tuple(rows))
+        rows.append((name, way[0] + 1, way[-1] + 1, cost, followed, topics[name]))
+    names = "query", "start_id", "goal_id", "cost", "followed", "topic"
+    return Table(tuple(map(Column, names)), tuple(rows))
