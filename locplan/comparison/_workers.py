@@ -24,6 +24,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -274,22 +275,17 @@ def perform(planner: PlannerSpec, order: Order, memory: float) -> Run:
 def run_of(task: Task, result: Plan) -> Run:
     """A plan as a run; the caller measures the wall time and adds it."""
     seconds, path = float(result.solve_time), result.path
-    run = Run(
-        *(task, str(result.status), seconds, seconds),
-        note=str(result.note or ""),
-        expanded=None if result.expanded is None else int(result.expanded),
-    )
-    if path is None:
-        return run
-    names = [name for name in MEASURES if name not in ("seconds", "turning")]
-    known = {name: float(getattr(result.metrics, name, math.nan)) for name in names}
-    history = ((float(at), float(cost)) for at, cost in result.history)
-    return dataclasses.replace(
-        run,
-        measures=known | {"turning": turning(path)},
-        history=tuple(point for point in history if math.isfinite(sum(point))),
-        xy=tuple((x, y) for x, y in path.xy.tolist()),
-    )
+    found: dict[str, Any] = {}
+    if path is not None:
+        names = [name for name in MEASURES if name not in ("seconds", "turning")]
+        known = {name: float(getattr(result.metrics, name, math.nan)) for name in names}
+        history = ((float(at), float(cost)) for at, cost in result.history)
+        found["measures"] = known | {"turning": turning(path)}
+        found["history"] = tuple(point for point in history if math.isfinite(sum(point)))
+        found["xy"] = tuple(map(tuple, path.xy.tolist()))
+    expanded = None if result.expanded is None else int(result.expanded)
+    about = {"note": str(result.note or ""), "expanded": expanded, **found}
+    return Run(task, str(result.status), seconds, seconds, **about)
 
 
 def turning(path: Route) -> float:

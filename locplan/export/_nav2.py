@@ -81,7 +81,7 @@ def nav2_keepout(
         If the folder cannot be written, or a setting is out of its range.
     """
     robot = Robot.of(params, distro)
-    return _write_charged(folder, "keepout", costs, robot, planner, planner_param)
+    return _write_charged(folder, "keepout", costs, robot, planner, planner_param=planner_param)
 
 
 def nav2_static(
@@ -105,7 +105,7 @@ def nav2_static(
         See `nav2_keepout`.
     """
     robot = Robot.of(params, distro)
-    return _write_charged(folder, "static", costs, robot, planner, planner_param)
+    return _write_charged(folder, "static", costs, robot, planner, planner_param=planner_param)
 
 
 def nav2_speed(
@@ -217,16 +217,11 @@ def speed_mask(costs: Costmap, slowest: float) -> NDArray[np.int8]:
 
 
 def _write_charged(
-    folder: str | Path,
-    kind: str,
-    costs: Costmap,
-    robot: Robot,
-    planner: str | None,
-    param: float | None,
+    folder: str | Path, kind: str, costs: Costmap, robot: Robot, planner: str | None, **param: Any
 ) -> Conversion:
     """Write the mask of a filter or a layer that makes a planner's costs J."""
     planner, static = planner or robot.planner, kind == "static"
-    values, conversion = keepout_mask(costs, planner=planner, planner_param=param, static=static)
+    values, conversion = keepout_mask(costs, planner=planner, static=static, **param)
     merged, called = with_planner(robot, with_costmap(robot, kind), conversion)
     robot.warn(robot.of_planner(called))
     what = "layer" if kind == "static" else "mask"
@@ -262,10 +257,10 @@ def _write(
     # The linear map from the mask's values to costs, or to speeds in per cent.
     laws = {"keepout": (0, 0.0, 1.0), "speed": (1, 100.0, -1.0)}
     if kind in laws:
-        law = dict(zip(("type", "base", "multiplier"), laws[kind], strict=True))
         topics = {"filter_info_topic": f"/{base}_info", "mask_topic": f"/{base}_mask"}
+        law = topics | dict(zip(("type", "base", "multiplier"), laws[kind], strict=True))
         node = "costmap_filter_info_server", f"{base}_info_server"
-        servers.append(Server("nav2_map_server", *node, topics | law))
+        servers.append(Server("nav2_map_server", *node, law))
     about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
     grid = charges.without_yaw(costs.grid)

@@ -111,8 +111,8 @@ def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWa
     length = np.hypot(*(nodes[edges[:, 0]] - nodes[edges[:, 1]]).T)
     price = np.maximum(lines.costs(nodes, edges), length)
     # Ways may contradict one another: the price of one, or of the way back, that is not followed.
-    weights = np.repeat([1e3, 1e1], len(there))
-    cost, followed = followed_costs(nodes, edges, price, length, both, weights)
+    worth = np.repeat([1e3, 1e1], len(there))
+    cost, followed = followed_costs(nodes, edges, price, length, both, worth)
     e, u = (lines.integrals(layer, nodes, edges) for layer in (costs.e, costs.u))
     return RecommendedWays(
         RouteGraph(nodes, edges, length, cost, e, u, directed=True),

@@ -187,13 +187,10 @@ def round_numbers(low: float, high: float, most: int = MAX_TICKS) -> NDArray[np.
         found = every
         if len(found) >= MIN_TICKS + 1:
             return found
-    if len(found) >= MIN_TICKS:
-        return found
-    for count in range(MIN_TICKS + 1, most + 1):
+    counts = iter(range(MIN_TICKS + 1, most + 1))
+    while len(found) < MIN_TICKS and (count := next(counts, None)):
         found = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
         found = found[(within[0] <= found) & (found <= within[1])]
-        if len(found) >= MIN_TICKS:
-            break
     return found
 
 
