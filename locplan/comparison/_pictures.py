@@ -12,22 +12,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from locplan._util.checks import printable
-from locplan.comparison._figures import (
-    THEME,
-    CaseKey,
-    Drawing,
-    Legend,
-    Limits,
-    Mark,
-    attributes,
-    counted,
-    filtered,
-    marks_of,
-    medians_of,
-    shown_until,
-    svg_of,
-    title_of,
-)
+from locplan.comparison import _figures as figures
+from locplan.comparison._figures import THEME, Drawing, Legend, Mark, attributes, filtered, svg_of
 from locplan.comparison._result import Case, Comparison
 from locplan.comparison._statistics import (
     MEASURES,
@@ -61,7 +47,7 @@ class Scene(NamedTuple):
 class Pictures:
     """The pictures of a comparison."""
 
-    limits: ClassVar[Limits] = Limits()
+    limits: ClassVar[figures.Limits] = figures.Limits()
     comparison: Comparison
     left_out: Counter[str] = field(default_factory=Counter)
     """Numbers of pictures beyond the limits."""
@@ -79,7 +65,7 @@ class Pictures:
     @cached_property
     def marks(self) -> dict[str, Mark]:
         """The planners' lines with their markers."""
-        return marks_of(self.runs)
+        return figures.marks_of(self.runs)
 
     @cached_property
     def lines(self) -> dict[str, Mark]:
@@ -87,12 +73,12 @@ class Pictures:
         return {planner: mark._replace(marker="") for planner, mark in self.marks.items()}
 
     @cached_property
-    def cases(self) -> dict[CaseKey, list[Run]]:
+    def cases(self) -> dict[figures.CaseKey, list[Run]]:
         """The runs of each map and settings."""
         return grouped(self.runs, lambda run: (run.task.map, run.task.config))
 
     @cached_property
-    def scenes(self) -> dict[CaseKey, Scene]:
+    def scenes(self) -> dict[figures.CaseKey, Scene]:
         """The scenes to draw; a case without one has no pictures of paths and no front."""
         scenes, limits = {}, self.limits
         for n, case in enumerate([*self.comparison.cases.values()][: limits.scenes]):
@@ -123,7 +109,7 @@ class Pictures:
             for setting, own in sorted(grouped(runs, setting_of).items()):
                 yield from self._query_costs(own, setting)
 
-    def _front(self, key: CaseKey, name: str, front: ParetoFront) -> Drawing:
+    def _front(self, key: figures.CaseKey, name: str, front: ParetoFront) -> Drawing:
         """Length against degenerate metres of the runs of one query, and its exact front.
 
         A line joins the medians of each planner's weights. Dotted are the lines of the baseline's
@@ -144,13 +130,15 @@ class Pictures:
         sizes = dict(zip(weights, np.linspace(4, 9, len(weights)).tolist(), strict=True))
         what = MEASURES["integrated_u"].title
         ends = [f"{front.length[n]:.1f} m and {front.integral[n]:.3g} m" for n in (0, -1)]
-        caption = f"{title_of(key)}, query {name}"
+        caption = f"{figures.title_of(key)}, query {name}"
         alt = f"Length against {what} on {caption}. The front goes from {' to '.join(ends)}."
         if outside := sum(int((own[:, 1:] > edge).any(axis=1).sum()) for own in points.values()):
-            caption += f"; {counted(outside, 'run')} too far out to show"
+            caption += f"; {figures.counted(outside, 'run')} too far out to show"
         exact = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%}"
         legend: Legend = [(self.marks[planner], planner) for planner in points]
-        legend.append((Mark("muted"), f"front of the grid, {exact}, {counted(len(front), 'path')}"))
+        legend.append(
+            (Mark("muted"), f"front of the grid, {exact}, {figures.counted(len(front), 'path')}")
+        )
         if self.baseline in points:
             legend.append((Mark("muted", 2), f"J of {self.baseline}"))
         legend += [
@@ -165,7 +153,9 @@ class Pictures:
         alone, muted = "." if len(front) == 1 else "", THEME["muted"]
         axes.step(front.length, front.integral, "-", marker=alone, where="post", color=muted)
         dotted: dict[str, Any] = {"color": muted, "linewidth": 0.9, "linestyle": (0, (1, 2))}
-        for weight, middle in medians_of(points.get(self.baseline, np.empty((0, 3)))).items():
+        for weight, middle in figures.medians_of(
+            points.get(self.baseline, np.empty((0, 3)))
+        ).items():
             if weight:
                 axes.axline(tuple(middle), slope=-1 / weight, **dotted)
             else:
@@ -174,7 +164,7 @@ class Pictures:
             mark, part = self.marks[planner], filtered(planner)
             near = own[(own[:, 1:] <= edge).all(1)]
             if len(near):
-                ways = np.transpose([*medians_of(near).values()])
+                ways = np.transpose([*figures.medians_of(near).values()])
                 axes.plot(*ways, **mark.line, linewidth=1.0, gid=part)
             about: dict[str, Any] = {"color": THEME[mark.colour], "gid": part, **HOLLOW}
             for weight, size in sizes.items():
@@ -201,7 +191,7 @@ class Pictures:
         }
         ratios = {planner: each for planner, each in ratios.items() if np.isfinite(each).any()}
         words = "; ".join(f"{name} {np.nanmedian(each):.3f}" for name, each in ratios.items())
-        name = title_of(setting)
+        name = figures.title_of(setting)
         alt = (
             f"J of every query as a multiple of that of {self.baseline}, {name}. Medians: {words}."
         )
@@ -209,9 +199,11 @@ class Pictures:
         legend += [(self.marks[each], each) for each in ratios if each != self.baseline]
         caption = f"J of every query, {name}"
         if len(shown) < len(compared):
-            caption += f"; the first {len(shown)} of {counted(len(compared), 'query', 'queries')}"
+            caption += (
+                f"; the first {len(shown)} of {figures.counted(len(compared), 'query', 'queries')}"
+            )
         if len(compared) < len(every):
-            lost = counted(len(every) - len(compared), "query", "queries")
+            lost = figures.counted(len(every) - len(compared), "query", "queries")
             caption += f"; {lost} without a path of {self.baseline} left out"
         labels = [f"{query}, {cost:.1f} m" for query, cost in zip(shown, costs, strict=True)]
         draw = partial(self._draw_query_costs, ratios=ratios, labels=labels)
@@ -260,7 +252,7 @@ class Pictures:
                 yield self._progress(setting, group)
 
     def _progress(self, setting: Setting, curves: Sequence[Convergence]) -> Drawing:
-        top = max(map(shown_until, curves))
+        top = max(map(figures.shown_until, curves))
         bottom = min(1.0, *(float(curve.lower.min()) for curve in curves))
         margin = 0.06 * (top - bottom)
 
@@ -278,7 +270,7 @@ class Pictures:
             label_plainly(axes.xaxis, 6)
             axes.grid()
 
-        name, courses = title_of(setting), []
+        name, courses = figures.title_of(setting), []
         for curve in curves:
             end = float(curve.median[-1])
             text = f"ends at {end:.3f}" if end < math.inf else "has no path in half of the queries"
@@ -321,7 +313,7 @@ class Pictures:
             wide = figure.get_figwidth()
             figure.set_figheight(min((wide - 0.35) * spans + 0.85, 5.0))
 
-        caption = f"{title_of(setting[:2])}, query {query.name}, weight {setting[2]:g}"
+        caption = f"{figures.title_of(setting[:2])}, query {query.name}, weight {setting[2]:g}"
         lengths = {name: f"{name}, {run.measures['length']:.1f} m" for name, run in drawn.items()}
         alt = f"Paths over the field of {caption}: {'; '.join(lengths.values()) or 'none'}."
         legend: Legend = [(self.lines[name], text) for name, text in lengths.items()]

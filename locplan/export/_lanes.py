@@ -23,16 +23,7 @@ from scipy.spatial import cKDTree
 from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._kernels.route import line_cost, line_costs, sights, spanner, uncrossed
 from locplan._util.progress import ProgressCallback
-from locplan.export._net import (
-    MERGED,
-    Net,
-    Positions,
-    Space,
-    merged,
-    relaxed,
-    spanned,
-    symmetric,
-)
+from locplan.export._net import MERGED, Net, Positions, Space, merged, relaxed, spanned, symmetric
 
 SEEN, KEPT, NEAR, LONGEST = 2.0, 2.5, 4.0, 4.0
 """Distances in spacings: from which free space sees a node at first and in the end, of nodes that
