@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -37,7 +37,7 @@ LETTERS = {1: "M", 2: "L", 4: "C"}
 
 def shape(marker: str) -> str:
     """A marker of matplotlib, eight pixels wide, as an SVG path around 0."""
-    drawn = MarkerStyle(marker)
+    drawn: Any = MarkerStyle(marker)
     parts = drawn.get_path().transformed(drawn.get_transform().scale(8, -8)).iter_segments()
     letters = ((LETTERS.get(code), np.round(at, 2).tolist()) for at, code in parts)
     return "".join(f"{letter}{' '.join(map(str, at))}" for letter, at in letters if letter) + "Z"

@@ -293,9 +293,9 @@ def convergence(runs: Iterable[Run], baseline: str, pooled: bool = False) -> lis
             np.median(costs[n], axis=0) / references[query, baseline]
             for query, n in members.items()
         ]
-        known = ratios or np.full((1, len(times)), np.nan)
-        median = np.median(known, axis=0)
-        lower, upper = np.quantile(known, (0.25, 0.75), axis=0, method="nearest")
+        spans: Any = ratios or np.full((1, len(times)), np.nan)
+        median = np.median(spans, axis=0)
+        lower, upper = np.quantile(spans, (0.25, 0.75), axis=0, method="nearest")
         solved = np.isfinite(costs).mean(axis=0)
         bands = median, lower, upper, solved
         curves.append(Convergence(setting, planner, baseline, times, *bands, len(ratios)))

@@ -115,8 +115,8 @@ def degenerate_areas(
             for corners in polygons[label]
         )
         middle = grid.cell_to_world(row + low, col + left)
-        about = {"area": float(sizes[label]), "u_mean": float(u.mean()), "u_max": float(u.max())}
-        about |= _deviations_of(covariance)
+        about = _deviations_of(covariance) | {"area": float(sizes[label])}
+        about |= {"u_mean": float(u.mean()), "u_max": float(u.max())}
         areas.append(DegenerateArea(f"area-{n}", outline, tuple(holes), middle, **about))
     return tuple(areas)
 

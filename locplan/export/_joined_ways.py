@@ -169,7 +169,7 @@ def _with_lane(
     usable = np.isfinite(cost) & (pairs[:, 0] != pairs[:, 1])
     pairs, order = np.unique(np.sort(pairs[usable], axis=1)[::-1], axis=0, return_index=True)
     graph = coo_array((cost[usable][::-1][order], pairs.T), shape=(len(both), len(both))).tocsr()
-    way = _cheapest(graph, *of_own[[0, -1]].tolist(), directed=False)
+    way = _cheapest(graph, int(of_own[0]), int(of_own[-1]), directed=False)
     own = _without_loops(of_own.tolist())
     if lines.along(both[way]).sum() > COSTLIER * lines.along(both[own]).sum():
         way = own

@@ -225,8 +225,8 @@ def front_figure(front: ParetoFront) -> Figure:
     upper.set_title(f"{title}{costs_caption(front.costs)}", fontsize="medium")
     unit = "m" if front.objective == "u" else f"{front.costs.e_unit} m"
     lower.plot(front.length, front.integral, color="0.7", linewidth=0.8, zorder=1)
-    style: dict[str, Any] = {"s": 14, "c": front.length, "cmap": ERROR_COLOURS, "norm": norm}
-    image = lower.scatter(front.length, front.integral, **style)
+    look: dict[str, Any] = {"s": 14, "c": front.length, "cmap": ERROR_COLOURS, "norm": norm}
+    image = lower.scatter(front.length, front.integral, **look)
     length, integral = front.length[knee], front.integral[knee]
     label = f"knee, bold above: {length:.1f} m long, {integral:.3g} {unit}"
     lower.plot(length, integral, "D", markersize=9, label=label, **END_STYLE)
