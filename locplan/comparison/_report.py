@@ -11,12 +11,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from markupsafe import Markup, escape
-from matplotlib.markers import MarkerStyle
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -30,17 +29,6 @@ from locplan.comparison._statistics import MEASURES, Run, grouped, query_of, set
 from locplan.field import CovarianceField
 from locplan.planners import Query
 from locplan.plotting import Picture, draw_field
-
-LETTERS = {1: "M", 2: "L", 4: "C"}
-"""Commands of SVG paths by the codes of matplotlib's."""
-
-
-def shape(marker: str) -> str:
-    """A marker of matplotlib, eight pixels wide, as an SVG path around 0."""
-    drawn: Any = MarkerStyle(marker)
-    parts = drawn.get_path().transformed(drawn.get_transform().scale(8, -8)).iter_segments()
-    letters = ((LETTERS.get(code), np.round(at, 2).tolist()) for at, code in parts)
-    return "".join(f"{letter}{' '.join(map(str, at))}" for letter, at in letters if letter) + "Z"
 
 
 @dataclass(frozen=True)
@@ -193,7 +181,7 @@ class Report(Pictures):
                 for (planner, run), width in zip(paths.items(), widths, strict=True)
             ],
             [
-                (shape(marker), f"translate({x:.0f} {y:.0f}) scale({size})")
+                (figures.shape(marker), f"translate({x:.0f} {y:.0f}) scale({size})")
                 for marker, size, (x, y) in zip("o*", (2, 3.4), places, strict=True)
             ],
             [(self.lines[name] if found[name] else None, text) for name, text in texts.items()],
@@ -244,7 +232,7 @@ class Report(Pictures):
 def write_report(path: Path, comparison: Comparison) -> None:
     """Write the report, whole or not at all; names, labels and notes may hold any text."""
     environment = templates_of("locplan.comparison", autoescape=True, lstrip_blocks=True)
-    filters = breakable, figures.counted, dashes, key, number, shape
+    filters = breakable, figures.counted, dashes, key, number, figures.shape
     environment.filters |= {each.__name__: each for each in filters}
     script = environment.get_template("report.js").render()
     text = environment.get_template("report.html").render(

@@ -227,11 +227,10 @@ def write_values(
     """
     from PIL import Image
 
-    free, occupied = 0.0, 1.0
     if mode == "raw":
         picture = Image.fromarray(values[::-1].view(np.uint8))
         image = stem.with_suffix(".pgm")
-        occupied, free = 0.65, 0.196
+        free, occupied = 0.196, 0.65
     else:
         greys, (free, occupied) = _greys(mode)
         known = values >= 0  # ROS 1 looks at the opacity between its thresholds only

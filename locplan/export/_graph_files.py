@@ -148,14 +148,12 @@ def write_graph(
     _figures.save_preview(folder, _figures.routes_figure(costs, graph, title))
     scorers = "DistanceScorer", "PenaltyScorer", "DynamicEdgesScorer"
     loader = "GeoJsonGraphFileLoader"
-    plugins: dict[str, Any] = {
-        name: {"plugin": f"nav2_route::{name}"} for name in (loader, *scorers)
-    }
+    plugins: dict[str, Any] = {name: {"plugin": f"nav2_route::{name}"} for name in scorers}
     tag, factor = ("penalty", 1.0) if weight is None else ("integrated_u", weight)
     plugins["PenaltyScorer"] |= {"penalty_tag": tag, "weight": factor}
     parameters = {
         "graph_file_loader": loader,
-        loader: plugins.pop(loader),
+        loader: {"plugin": f"nav2_route::{loader}"},
         "edge_cost_functions": list(scorers),
         **plugins,
         "smooth_corners": False,  # arcs would leave the edges, which were checked

@@ -263,10 +263,9 @@ def _write(
         servers.append(Server("nav2_map_server", *node, law))
     about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
-    grid = charges.without_yaw(costs.grid)
-    known = {"title": title, "costs": costs, "kind": kind, "called": called}
-    known |= {"file": robot.file and robot.file.name, "conversion": conversion}
-    known |= {"changed": changed, "added": added}
+    grid, file = charges.without_yaw(costs.grid), robot.file and robot.file.name
+    known = {"title": title, "costs": costs, "kind": kind, "called": called, "file": file}
+    known |= {"changed": changed, "added": added, "conversion": conversion}
     with export_folder(folder, "nav2-mask.md", about, **known) as temporary:
         write_yaml(temporary / "nav2.yaml", merged.content)
         charges.write_values(temporary / "mask", values, grid)

@@ -187,8 +187,9 @@ def round_numbers(low: float, high: float, most: int = MAX_TICKS) -> NDArray[np.
         found = every
         if len(found) >= MIN_TICKS + 1:
             return found
-    counts = iter(range(MIN_TICKS + 1, most + 1))
-    while len(found) < MIN_TICKS and (count := next(counts, None)):
+    for count in range(MIN_TICKS + 1, most + 1):
+        if len(found) >= MIN_TICKS:
+            break
         found = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
         found = found[(within[0] <= found) & (found <= within[1])]
     return found
