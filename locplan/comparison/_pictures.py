@@ -13,7 +13,7 @@ import numpy as np
 
 from locplan._util.checks import printable
 from locplan.comparison import _figures as figures
-from locplan.comparison._figures import THEME, Drawing, Legend, Mark, attributes, filtered, svg_of
+from locplan.comparison._figures import THEME, Drawing, Legend, Limits, Mark, filtered, svg_of
 from locplan.comparison._result import Case, Comparison
 from locplan.comparison._statistics import (
     MEASURES,
@@ -47,7 +47,7 @@ class Scene(NamedTuple):
 class Pictures:
     """The pictures of a comparison."""
 
-    limits: ClassVar[figures.Limits] = figures.Limits()
+    limits: ClassVar[Limits] = Limits()
     comparison: Comparison
     left_out: Counter[str] = field(default_factory=Counter)
     """Numbers of pictures beyond the limits."""
@@ -145,7 +145,7 @@ class Pictures:
             (Mark("muted", -1, "o", size), f"weight {each:g}") for each, size in sizes.items()
         ]
         svg = svg_of(lambda axes: self._draw_front(axes, front, points, edge, sizes), 2.5, alt)
-        return Drawing(svg, legend, caption, attributes(key))
+        return Drawing(svg, legend, caption, figures.attributes(key))
 
     def _draw_front(
         self, axes: Any, front: ParetoFront, points: Points, edge: Array, sizes: dict[float, float]
@@ -208,7 +208,7 @@ class Pictures:
         labels = [f"{query}, {cost:.1f} m" for query, cost in zip(shown, costs, strict=True)]
         draw = partial(self._draw_query_costs, ratios=ratios, labels=labels)
         svg = svg_of(draw, 0.75 + 0.19 * len(shown), alt)
-        yield Drawing(svg, legend, caption, attributes(setting))
+        yield Drawing(svg, legend, caption, figures.attributes(setting))
 
     def _draw_query_costs(self, axes: Any, ratios: Points, labels: Sequence[str]) -> None:
         values, rows = np.array(list(ratios.values())), np.arange(len(labels))
@@ -279,7 +279,7 @@ class Pictures:
         legend: Legend = [(Mark("muted"), f"{self.baseline}, the baseline")]
         legend += [(self.lines[curve.planner], curve.planner) for curve in curves]
         svg = svg_of(draw, 2.3, f"{alt}{'; '.join(courses)}.")
-        return Drawing(svg, legend, name, attributes(setting))
+        return Drawing(svg, legend, name, figures.attributes(setting))
 
     def paths(self) -> Iterator[Drawing]:
         """The paths of one query of each scene over its field, at the greatest weight."""
@@ -319,7 +319,7 @@ class Pictures:
         legend: Legend = [(self.lines[name], text) for name, text in lengths.items()]
         legend += [(None, f"{name}: no path") for name in found if name not in drawn]
         legend += [(Mark("ink", -1, "o"), "start"), (Mark("ink", -1, "*", 10.0), "goal")]
-        about = attributes(setting) | {"class": "map"}
+        about = figures.attributes(setting) | {"class": "map"}
         return Drawing(svg_of(draw, 5.0, alt), legend, caption, about)
 
     def _typical(self, runs: Sequence[Run]) -> dict[str, Run | None]:

@@ -59,11 +59,7 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     # The first plan comes out on top, with its dashes visible where paths coincide.
     for _, _, path, style in reversed(found):
         draw_path(upper, path, **style)
-    for plan in plans.values():
-        draw_ends(upper, plan.start, plan.goal)
-        if plan.via:
-            stops = np.array([pose[:2] for pose in plan.via])
-            upper.plot(*stops.T, "s", markersize=6, zorder=4, **END_STYLE)
+    _draw_stops(upper, plans)
     _draw_profiles(lower, costs, found)
     handles = _handles(plans, found, field.e_unit)
     style = {"frameon": False, "fontsize": "medium", "ncols": 2}
@@ -91,6 +87,15 @@ def _map_and_plot(
     figure = Picture(figsize=(wide, high + height + 0.2), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(high, height))
     return figure, upper, lower, part
+
+
+def _draw_stops(axes: Axes, plans: Mapping[str, Plan]) -> None:
+    """Draw the ends and the waypoints of all plans."""
+    for plan in plans.values():
+        draw_ends(axes, plan.start, plan.goal)
+        if plan.via:
+            stops = np.array([pose[:2] for pose in plan.via])
+            axes.plot(*stops.T, "s", markersize=6, zorder=4, **END_STYLE)
 
 
 def _draw_profiles(axes: Axes, costs: Costmap, found: Sequence[Drawn]) -> None:
