@@ -10,11 +10,12 @@ import textwrap
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -27,10 +28,6 @@ from locplan._util.public import png_of
 from locplan.costs import DEGENERATE, Costmap
 from locplan.field import CovarianceField
 from locplan.planners import Plan
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 MIN_TICKS, MAX_TICKS = 3, 8
 """Number of ticks that tell a scale, and that are read."""
@@ -220,13 +217,11 @@ def round_numbers(low: float, high: float, most: int = MAX_TICKS) -> NDArray[np.
         found = every
         if len(found) >= MIN_TICKS + 1:
             return found
-    if len(found) >= MIN_TICKS:
-        return found
     for count in range(MIN_TICKS + 1, most + 1):
-        found = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
-        found = found[(within[0] <= found) & (found <= within[1])]
         if len(found) >= MIN_TICKS:
             break
+        found = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
+        found = found[(within[0] <= found) & (found <= within[1])]
     return found
 
 
