@@ -23,7 +23,7 @@ def mismatch_counts(layout, *, visible=False, kept=None):
     result = np.full((kept.shape[1], offsets, offsets, headings), -1)
     weights = np.ones(2 * np.count_nonzero(disc(layout.radius)) + 1)
     for group in layout.groups():
-        tile, unused = layout.tile(group), (np.zeros(1, np.int64), 0, np.empty((1, 3, 3)))
+        tile, unused = layout.tile(group), (np.zeros(2, np.int64), np.empty((1, 3, 3)))
         for n, cell in enumerate(group.cells):
             per_cell = ("corners", "rests", "places", "sum_places")
             one = tile._replace(**{name: getattr(tile, name)[n : n + 1] for name in per_cell})
@@ -31,7 +31,7 @@ def mismatch_counts(layout, *, visible=False, kept=None):
             seen = sees and sees._replace(rows=sees.rows[n : n + 1], cols=sees.cols[n : n + 1])
             scratch = kernel.empty_scratch(offsets, headings, layout.disc, masked=visible)
             marks, places = kept[:, [cell]], layout.window.places
-            kernel.tile_covariances(one, seen, marks, weights, places, *scratch, *unused)
+            kernel.tile_covariances(one, seen, marks, weights, places, scratch, *unused)
             found = scratch[0].reshape(offsets, headings, -1)[:, :, :offsets].transpose(0, 2, 1)
             result[cell] = np.where(kept[:, cell].T[:, None], found, -1)
     return result

@@ -307,31 +307,21 @@ def _in_steps(
     `negligible` are left out. Only the visible part of the disc counts where that is asked for.
     """
     from locplan._kernels import sad
-    from locplan.field.estimators._sad_tiles import Due, beside, kept_lines
+    from locplan.field.estimators._sad_tiles import beside, kept_lines
 
     part, groups = layout.part, layout.groups()
     cells, headings = len(part.rows), layout.window.angles.size
     every = np.ones((headings, 1, layout.offsets), bool)
-    kept, due = [every] * len(groups), Due(cells, cells)
-    if negligible is not None:  # half of the progress is for the bound
-        kept = kept_lines(layout, groups, negligible, Due(cells - cells // 2, cells * headings))
+    kept = [every] * len(groups)
+    if negligible is not None:
+        kept = kept_lines(layout, groups, negligible)
         if (places % 1).any():  # what lies beside a kept line is read from both
             kept = [beside(lines) for lines in kept]
-        due = Due(cells // 2, cells)
     scratch = sad.empty_scratch(layout.offsets, headings, layout.disc, masked=visible)
     result = np.full((cells, 3, 3), np.nan)
     for group, lines in zip(groups, kept, strict=True):
         found = np.full((group.cells.size, 3, 3), np.nan)
-        sad.tile_covariances(
-            layout.tile(group),
-            layout.sight(group) if visible else None,
-            lines,
-            weights,
-            places,
-            *scratch,
-            part.control,
-            due.for_steps(group.cells.size),
-            found,
-        )
+        tile, sight = layout.tile(group), layout.sight(group) if visible else None
+        sad.tile_covariances(tile, sight, lines, weights, places, scratch, part.control, found)
         result[group.cells] = found
     return result

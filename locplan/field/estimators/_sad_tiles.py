@@ -22,21 +22,6 @@ from locplan.field._search_window import OffsetLattice
 from locplan.field.templates import BEHIND, beam_count, beam_of_cell, disc, map_centre
 
 
-@dataclass
-class Due:
-    """Shares of a number of cells, in whole cells, for the parts of some work."""
-
-    cells: int  # number of cells for all of the work
-    steps: int  # number of steps of all of the work
-    done: int = 0  # number of steps done
-
-    def for_steps(self, steps: int) -> int:
-        """Number of cells for the next steps."""
-        before = self.cells * self.done // self.steps
-        self.done += steps
-        return self.cells * self.done // self.steps - before
-
-
 class Group(NamedTuple):
     """Cells whose covariances share one layout of the map."""
 
@@ -139,7 +124,7 @@ class Layout:
             spacing=math.gcd(step, int(np.gcd.reduce(rows)), int(np.gcd.reduce(cols))),
         )
 
-    def tile(self, group: Group) -> sad.Tile:
+    def tile(self, group: Group) -> templates.Tile:
         """The tile of a group of cells."""
         unit = group.unit
         step_units, square_units = self.window.step_cells // unit, SQUARE // unit
@@ -159,7 +144,7 @@ class Layout:
 
         strip_rows, strip_plane = self.turned.shape[3], self.turned[0, 0].size
         heading = PLANES * strip_plane * np.arange(self.window.angles.size)
-        return sad.Tile(
+        return templates.Tile(
             words=words.reshape(-1),
             below=below.reshape(-1),
             disc_sums=sums.reshape(-1),
@@ -262,7 +247,7 @@ def scaled(greatest: int) -> tuple[int, int]:
     return greatest >> shift, shift
 
 
-def kept_lines(layout: Layout, groups: list[Group], negligible: int, due: Due) -> list[Bools]:
+def kept_lines(layout: Layout, groups: list[Group], negligible: int) -> list[Bools]:
     """Lines of offsets that may have an S / 127 of at most `negligible`.
 
     Of each group of cells, (theta, n, dx).
@@ -288,7 +273,6 @@ def kept_lines(layout: Layout, groups: list[Group], negligible: int, due: Due) -
                 shift,
                 lines[k],
                 control,
-                due.for_steps(group.cells.size),
             )
     return kept
 
