@@ -62,28 +62,7 @@ def seeing_rays(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def count_sightings(
-    candidates: Floats,
-    begin: int,
-    end: int,
-    hits: Singles,
-    rays: Rays,
-    outline: Outline,
-    counts: Ints,
-) -> None:
-    """Fill how many poses see each candidate x, y, heading from `begin` to `end`, (m,)."""
-    for m in range(begin, end):
-        seen = 0
-        for n in range(rays.first.size):
-            _, count = seeing_rays(
-                hits, rays, n, outline, candidates[m, 0], candidates[m, 1], candidates[m, 2]
-            )
-            seen += count > 0
-        counts[m] = seen
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def fill_sightings(
+def find_sightings(
     candidates: Floats,
     begin: int,
     end: int,
@@ -91,18 +70,25 @@ def fill_sightings(
     rays: Rays,
     outline: Outline,
     sightings: Sightings,
+    counts: Ints,
 ) -> None:
-    """Fill the sightings of the candidates from `begin` to `end`; `starts` are known."""
+    """Fill how many poses see each candidate x, y, heading from `begin` to `end`, (m,).
+
+    Sightings that have room are filled, too. They are found twice, since as many as there are may
+    not fit the memory.
+    """
+    has_room = sightings.poses.size > 0
     for m in range(begin, end):
+        x, y, heading = candidates[m, 0], candidates[m, 1], candidates[m, 2]
         at = sightings.starts[m]
         for n in range(rays.first.size):
-            first, count = seeing_rays(
-                hits, rays, n, outline, candidates[m, 0], candidates[m, 1], candidates[m, 2]
-            )
+            first, count = seeing_rays(hits, rays, n, outline, x, y, heading)
             if count > 0:
-                sightings.poses[at] = n
-                sightings.rays[at, 0], sightings.rays[at, 1] = first, count
+                if has_room:
+                    sightings.poses[at] = n
+                    sightings.rays[at, 0], sightings.rays[at, 1] = first, count
                 at += 1
+        counts[m] = at - sightings.starts[m]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from locplan._kernels.arrays import Bools, Floats, Octets, Singles
+from locplan._kernels.arrays import Bools, Floats, Numbers, Octets, Singles
 from locplan._kernels.rays import cast
 
 RANGE, NORMAL_X, NORMAL_Y, TURN = 0, 1, 2, 3
@@ -225,25 +225,26 @@ def sums_of(hits: Singles, rays: Rays) -> Floats:
     return sums
 
 
+class Scene(NamedTuple):
+    """What stands already, and the outline of the objects that may come."""
+
+    hits: Singles  # (n, beams, 4) on the map and the objects
+    sums: Floats  # (n, 7), what `sums_of` makes of them
+    rays: Rays
+    outline: Outline
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def with_object(
-    sums: Floats,
-    hits: Singles,
-    rays: Rays,
-    n: int,
-    outline: Outline,
-    x: float,
-    y: float,
-    heading: float,
-    begin: int,
-    count: int,
-    changed: Floats,
+    scene: Scene, n: int, place: Numbers, begin: int, count: int, changed: Floats
 ) -> bool:
-    """Write a pose's sums with an object at (x, y) into `changed` (7,); False if they stay.
+    """Write a pose's sums with an object at a place into `changed` (7,); False if they stay.
 
-    `count` rays from `begin` on may meet it, see `meeting`. The number of hits stays in any case:
+    The place is (x, y, heading); `count` rays from `begin` on may meet it, see `meeting`. The number of hits stays in any case:
     it is that on the map without objects.
     """
+    hits, sums, rays, outline = scene
+    x, y, heading = place
     for k in range(7):
         changed[k] = sums[n, k]
     any_ray = False

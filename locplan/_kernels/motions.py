@@ -211,12 +211,8 @@ def world_cost(
     kind: int,
     radius: float,
     frame: Numbers,
-    x0: float,
-    y0: float,
-    heading0: float,
-    x1: float,
-    y1: float,
-    heading1: float,
+    start: Numbers,
+    end: Numbers,
     blocked: float,
 ) -> float:
     """Cost of a motion between poses in the world [m], at least their distance, or `blocked`.
@@ -224,12 +220,13 @@ def world_cost(
     `frame` holds the cosine and the sine of the grid's yaw, both per cell [1/m], the column and
     the row of the world's origin, and the yaw; the radius is in cells.
     """
+    (x0, y0, heading0), (x1, y1, heading1) = start, end
     if not (stands(half, columns, frame, x0, y0) and stands(half, columns, frame, x1, y1)):
         return blocked
     if not math.isfinite(heading0 + heading1):
         return blocked
-    start, end = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
-    cost = motion_cost(half, columns, kind, radius, start, end, -frame[4], False)
+    ends = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
+    cost = motion_cost(half, columns, kind, radius, *ends, -frame[4], False)
     cost /= math.hypot(frame[0], frame[1])
     # After rounding, too, no motion costs less than its length.
     return max(cost, (1 + 1e-14) * math.hypot(x1 - x0, y1 - y0)) if cost < np.inf else blocked
@@ -242,29 +239,19 @@ def world_costs(
     """Costs of motions between pairs (m, 2) of poses (n, 3) in the world [m], or infinite."""
     result = np.empty(len(pairs))
     for n, (i, j) in enumerate(pairs):
-        (x0, y0, heading0), (x1, y1, heading1) = poses[i], poses[j]
-        result[n] = world_cost(
-            half, columns, kind, radius, frame, x0, y0, heading0, x1, y1, heading1, np.inf
-        )
+        start = poses[i, 0], poses[i, 1], poses[i, 2]
+        end = poses[j, 0], poses[j, 1], poses[j, 2]
+        result[n] = world_cost(half, columns, kind, radius, frame, start, end, np.inf)
     return result
 
 
 @njit(nogil=True, cache=True)
-def world_poses(
-    kind: int,
-    radius: float,
-    frame: Numbers,
-    x0: float,
-    y0: float,
-    heading0: float,
-    x1: float,
-    y1: float,
-    heading1: float,
-) -> Array:
+def world_poses(kind: int, radius: float, frame: Numbers, start: Numbers, end: Numbers) -> Array:
     """Poses (n, 3) in the world along the motion whose cost `world_cost` returns."""
     along, across, col0, row0, yaw = frame
-    start, end = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
-    poses = motion_poses(kind, radius, start, end)
+    (x0, y0, heading0), (x1, y1, heading1) = start, end
+    ends = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
+    poses = motion_poses(kind, radius, *ends)
     per_metre = along**2 + across**2
     for pose in poses:
         col, row = pose[0] - col0, pose[1] - row0

@@ -87,11 +87,13 @@ def score(
     ends: Floats,
     costs: NDArray[np.uint32],
 ) -> None:
-    """Add the costs of a scan's endpoints at all offsets to ``costs`` (theta, dy, dx), flat.
+    """Write the costs of a scan's endpoints at all offsets into ``costs`` (theta, dy, dx), flat.
 
-    ``ends`` (beam, 2) holds x, y from the robot [cells], NaN for beams without a return. Values
-    added where `costs` holds no offset have no meaning.
+    ``ends`` (beam, 2) holds x, y from the robot [cells], NaN for beams without a return. Where
+    `costs` holds no offset, what is beyond `NOWHERE` has no meaning.
     """
+    for k in range(costs.size):
+        costs[k] = lattice.empty[k]
     together = 65535 // TOP  # beams whose summed costs fit into sixteen bits
     returned = ~np.isnan(ends[:, 0])
     xs, ys = ends[returned, 0], ends[returned, 1]
@@ -251,8 +253,6 @@ def posterior_of(
     covariance: Floats,
 ) -> tuple[float, float]:
     """`moments` of the scan whose beams end at `ends` (beam, 2); its `costs` are as of `score`."""
-    for k in range(costs.size):
-        costs[k] = lattice.empty[k]
     score(field, lattice, row, col, ends, costs)
     words = costs.size // WORD + 2 * (lattice.plane // WORD + 2)
     excess = -np.log(CONNECTED) / weights.nats
@@ -314,16 +314,9 @@ def scan_posteriors(
             row, col = rows[n] + 0.5, cols[n] + 0.5
             scan_ends(squares, resolution, row, col, headings[m], lidar, ends)
             move_ends(resolution, headings[m], lidar, noise, ends)
+            cell, moments_here = (rows[n], cols[n]), (result.mean[n, m], result.covariance[n, m])
             result.entropy[n, m], result.ambiguity[n, m] = posterior_of(
-                field,
-                lattice,
-                weights,
-                rows[n],
-                cols[n],
-                ends,
-                costs,
-                result.mean[n, m],
-                result.covariance[n, m],
+                field, lattice, weights, *cell, ends, costs, *moments_here
             )
         control[DONE] += 1
     return result

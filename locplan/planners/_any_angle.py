@@ -194,13 +194,14 @@ def _cells_of_32_moves(
 
     columns = costs.grid.shape[1] + 2 * REACH
     half, ends = bordered_half(costs.density, REACH), bordered_ends(costs, start, goal, REACH)
-    flat = cheapest_moves(half, *ends, *_moves(columns, allow_corner_cutting))
+    flat = cheapest_moves(half, *ends, _moves(columns, allow_corner_cutting))
     return cells_of(flat, columns, REACH) if flat.size else None
 
 
 @cache
-def _moves(columns: int, allow_corner_cutting: bool) -> tuple[NDArray[Any], ...]:
-    """The offsets of the 32 moves, the cells that they cross, the lengths there, the corners."""
+def _moves(columns: int, allow_corner_cutting: bool) -> Any:
+    """The 32 moves, `locplan._kernels.any_angle.Moves`."""
+    from locplan._kernels.any_angle import Moves
     from locplan._kernels.rays import cells_along
 
     whole = range(-REACH, REACH + 1)
@@ -216,7 +217,7 @@ def _moves(columns: int, allow_corner_cutting: bool) -> tuple[NDArray[Any], ...]
     if allow_corner_cutting:
         touched = [np.empty(0, np.int64) for _ in moves]
     offsets = np.array([row * columns + col for row, col in moves])
-    return offsets, _padded(crossed), _padded(lengths), _padded(touched)
+    return Moves(offsets, _padded(crossed), _padded(lengths), _padded(touched))
 
 
 def _padded(rows: list[NDArray[Any]]) -> NDArray[Any]:

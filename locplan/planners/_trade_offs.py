@@ -208,7 +208,9 @@ class Search:
 
         self.problem = problem
         self._max_labels = max(max_labels, 9)
-        self._bounds = first_to_go, second_to_go, *(joint or (first_to_go, 0.0, np.inf))
+        grid = problem.half, problem.columns, problem.target, problem.allow_corner_cutting
+        joint = joint or (first_to_go, 0.0, np.inf)
+        self._terms = pareto.Terms(*grid, first_to_go, second_to_go, *joint)
         room = min(1 << 16, self._max_labels)  # at first
         lowest = int(first_to_go[problem.source] * pareto.BUCKETS_A_CELL / pareto.SCALE)
         state = np.zeros(7, np.int64)
@@ -248,16 +250,7 @@ class Search:
 
         found = np.zeros(solutions, np.int32)
         while True:
-            bound = pareto.search(
-                self._labels,
-                self.problem.half,
-                self.problem.columns,
-                self.problem.target,
-                self._bounds,
-                self.problem.allow_corner_cutting,
-                STRETCH,
-                found,
-            )
+            bound = pareto.search(self._labels, self._terms, STRETCH, found)
             status, count = (int(self._labels.state[i]) for i in (pareto.STATUS, pareto.SOLUTIONS))
             full = status == pareto.OUT_OF_LABELS and not self._grow()
             late = time.perf_counter() > until

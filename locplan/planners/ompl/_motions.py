@@ -91,8 +91,7 @@ class Motions:
         """
         from locplan._kernels.motions import world_cost
 
-        poses = *map(float, _pose(start)), *map(float, _pose(end))
-        return float(world_cost(*self.arguments, *poses, math.inf))
+        return float(world_cost(*self.arguments, _pose(start), _pose(end), math.inf))
 
     def is_free(self, x: float, y: float) -> bool:
         """Return whether the robot can stand at a position.
@@ -142,7 +141,7 @@ class Motions:
             return Path(poses[:, :2])
         if self.space in CURVED:
             pieces = [
-                world_poses(*self.arguments[2:], *_pose(one), *_pose(other))
+                world_poses(*self.arguments[2:], _pose(one), _pose(other))
                 for one, other in itertools.pairwise(poses)
             ]
             poses = np.vstack([poses[:1], *(piece[1:] for piece in pieces)])
