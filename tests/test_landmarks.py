@@ -50,7 +50,7 @@ def hits_on(grid, rays):
     occupied = grid.cells == OCCUPIED
     hits = np.zeros((len(rays.first), rays.beams, 4), np.float32)
     scene = empty_squares(occupied), surface_normals(occupied), grid.resolution
-    kernels.hits_of_map(*scene, rays, 0, len(rays.first), hits)
+    kernels.hits_of_map(kernels.Surfaces(*scene), rays, hits)
     return hits
 
 

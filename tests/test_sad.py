@@ -201,8 +201,8 @@ def test_covariance_vanishes_where_all_weights_but_the_centre_do():
 def test_disc_sums_equal_the_plain_loops():
     plane = (random_rooms((50, 47), seed=9) == FREE).astype(np.uint8)
     octets = np.stack([plane, 1 - plane])
-    result, below = np.full((2, 8, 12), -1), np.empty((34, 41), np.int32)
-    bitplanes.disc_sums(octets, 3, 2, 6, 3, 10, below, result)
+    result = np.full((2, 8, 12), -1)
+    bitplanes.disc_sums(octets, 3, 2, 6, 3, 10, result)
     assert (result[:, :, 10:] == -1).all()
     result = result[:, :, :10]
     np.testing.assert_array_equal(result[0], naive.disc_sums(plane[2:, 3:], 6, 3, 10, 8))

@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from locplan._kernels.arrays import STOP, Bools, Floats, Ints, Octets, Shorts, Words
 from locplan._kernels.simd import (
@@ -106,15 +105,16 @@ def disc_sums(
     radius: int,
     unit: int,
     rows: int,
-    below: NDArray[np.int32],
     sums: Ints,
 ) -> None:
     """Fill in the cells set in discs, (plane, col, row), of the first rows.
 
     The discs' centres are every `unit`-th cell, and begin `radius` further on than (left, top).
-    `below` (col, row + 1) is scratch space for all columns and rows that they reach.
     """
     diameter = 2 * radius + 1
+    # Cells set before each row, (col, row + 1), in all columns and rows that the discs reach.
+    reached = diameter + (sums.shape[1] - 1) * unit, diameter + (rows - 1) * unit + 1
+    below = np.empty(reached, np.int32)
     for plane in range(PLANES):
         for i in range(below.shape[0]):
             ones = 0
@@ -145,6 +145,8 @@ class Blocks(NamedTuple):
     starts: Ints  # (edge + 1,): the first block of each edge, and their number
     corners: Ints  # (block,): place in a summed table, from the disc's first cell on
     addresses: Ints  # (row mod step, block): place in `counts` of the free cells
+    rests: Ints  # (cell,): rows mod step at which the cells' templates begin at the first offset
+    places: Ints  # (cell,): places in `counts` at which they do
     line_stride: int  # between neighbouring offsets in x
     plane_stride: int
 
@@ -205,8 +207,6 @@ def keep_lines(
     blocks: Blocks,
     table: Shorts,
     corners: Ints,
-    rests: Ints,
-    addresses: Ints,
     limit: int,
     shift: int,
     kept: Bools,
@@ -224,8 +224,6 @@ def keep_lines(
         Result of `sum_up` for the map turned by the heading.
     corners : (n,) array of int64
         Places in the table at which the cells' discs begin.
-    rests, addresses : (n,) arrays of int64
-        Rows mod step, and places in ``blocks.counts``, at which they begin at the first offset.
     limit, shift : int
         The limit is below 65,535.
     kept : (n, dx) array of bool
@@ -242,8 +240,8 @@ def keep_lines(
             kept[n, i] = True
         asked, size = True, 0
         while asked and size < blocks.edges.size:
-            read_template(blocks, size, rests[n], table, corners[n], read)
-            asked = reject_lines(blocks, size, addresses[n], limit, shift, read, kept[n])
+            read_template(blocks, size, blocks.rests[n], table, corners[n], read)
+            asked = reject_lines(blocks, size, blocks.places[n], limit, shift, read, kept[n])
             size += 1
 
 

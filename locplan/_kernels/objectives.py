@@ -210,6 +210,53 @@ def _sum_with(
     return value
 
 
+@njit(nogil=True, cache=True, error_model="numpy")
+def biases(
+    pulls: Floats, information: Floats, after: Floats, poses: Floats, routes: Ints
+) -> Floats:
+    """Errors (n, 3, 2) of the filter's pose by a feature that stands elsewhere, to first order.
+
+    The columns are those of a unit shift [m] of the feature along x and along y. On the way an
+    error e moves with the pose, and each look around makes it e + P (pull - I e).
+
+    Parameters
+    ----------
+    pulls : (n, 3, 2) array
+        Information-weighted sum of g n^T over the rays of each pose that meet the feature.
+    information : (n, 6) array
+        Information I of all rays [xx, xy, yy, xt, yt, tt].
+    after : (n, 6) array
+        Covariance P after each look around; see `covariances`.
+    poses, routes
+        See `covariances`.
+    """
+    result = np.zeros((len(poses), 3, 2))
+    e, rest = np.zeros((3, 2)), np.zeros((3, 2))
+    for r in range(routes.size - 1):
+        for i in range(3):
+            for j in range(2):
+                e[i, j] = 0.0
+        for n in range(routes[r], routes[r + 1]):
+            if n > routes[r]:
+                dx, dy = poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1]
+                for j in range(2):
+                    e[0, j] -= dy * e[2, j]
+                    e[1, j] += dx * e[2, j]
+            m, p = information[n], after[n]
+            for j in range(2):
+                x, y, t = e[0, j], e[1, j], e[2, j]
+                rest[0, j] = pulls[n, 0, j] - m[XX] * x - m[XY] * y - m[XT] * t
+                rest[1, j] = pulls[n, 1, j] - m[XY] * x - m[YY] * y - m[YT] * t
+                rest[2, j] = pulls[n, 2, j] - m[XT] * x - m[YT] * y - m[TT] * t
+                x, y, t = rest[0, j], rest[1, j], rest[2, j]
+                e[0, j] += p[XX] * x + p[XY] * y + p[XT] * t
+                e[1, j] += p[XY] * x + p[YY] * y + p[YT] * t
+                e[2, j] += p[XT] * x + p[YT] * y + p[TT] * t
+                for i in range(3):
+                    result[n, i, j] = e[i, j]
+    return result
+
+
 class Anchors(NamedTuple):
     """Prior of a pose, and the deviations at which it is no longer degenerate, or fully."""
 

@@ -143,7 +143,7 @@ def list_templates(template: Template, tile: Tile, cell: int, masks: Words, kept
     bounds, all_ones, signs, masked = template.bounds, template.ones, template.signs, len(masks) > 0
     square = run = 0
     for k in range(len(kept)):
-        if not is_any(kept[k]):
+        if not kept[k].any():
             continue
         mask = masks[k] if masked else tile.disc.words
 
@@ -171,15 +171,6 @@ def list_templates(template: Template, tile: Tile, cell: int, masks: Words, kept
 
 # These are inlined, since LLVM optimises a function anew within each one that calls it. Arrays have
 # local names in them: numba counts references to those that are passed on.
-@njit(inline="always")
-def is_any(marks: Bools) -> bool:
-    """Whether any mark is set."""
-    found = False
-    for mark in marks:
-        found |= mark
-    return found
-
-
 @njit(inline="always")
 def sort_squares(
     template: Template, tile: Tile, corner: int, mask: Words, plane: int, side: int

@@ -212,14 +212,14 @@ class Sight:
     """`sightings.Sightings` of the places."""
 
     def __post_init__(self) -> None:
-        from locplan._kernels.landmarks import Outline, Scene, hits_of_map, sums_of
+        from locplan._kernels.landmarks import Outline, Scene, Surfaces, hits_of_map, sums_of
         from locplan._kernels.rays import empty_squares
 
         rays, resolution = self.seen.rays, self.grid.resolution
         count, occupied = len(rays.first), self.grid.cells == OCCUPIED
         self._hits_of_map = np.zeros((count, rays.beams, 4), np.float32)
-        scene = empty_squares(occupied), surface_normals(occupied), resolution
-        hits_of_map(*scene, rays, 0, count, self._hits_of_map)
+        surfaces = Surfaces(empty_squares(occupied), surface_normals(occupied), resolution)
+        hits_of_map(surfaces, rays, self._hits_of_map)
         self.own = np.ascontiguousarray(
             np.column_stack([self.places[:, [1, 0]] * resolution, self.places[:, 2]])
         )

@@ -10,8 +10,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.planners._protocol import CURVED, check_pose, check_space
@@ -106,9 +106,7 @@ class Motions:
         half, columns, _, _, frame = self.arguments
         return bool(stands(half, columns, frame, float(x), float(y)))
 
-    def costs_between(
-        self, poses: NDArray[np.float64], pairs: NDArray[np.int64]
-    ) -> NDArray[np.float64]:
+    def costs_between(self, poses: Floats, pairs: Ints) -> Floats:
         """Costs J of motions between pairs of poses.
 
         Parameters
@@ -127,7 +125,7 @@ class Motions:
 
         return np.asarray(world_costs(*self.arguments, poses, pairs))
 
-    def path(self, poses: NDArray[np.float64]) -> Path:
+    def path(self, poses: Floats) -> Path:
         """The path of the motions through poses; its lines cross the cells of the curves.
 
         Parameters
