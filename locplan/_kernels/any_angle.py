@@ -149,10 +149,7 @@ def cheapest_moves(half: Floats, start: int, goal: int, moves: Moves) -> Array:
             here = cost[cell]
             for move in range(len(offsets)):
                 other = cell + offsets[move]
-                reached = here
-                for k in range(crossed.shape[1]):
-                    if lengths[move, k] > 0:
-                        reached += lengths[move, k] * half[cell + crossed[move, k]]
+                reached = _reached(half, cell, here, crossed[move], lengths[move])
                 if reached < cost[other] and not _touches(half, cell, touched[move]):
                     cost[other], done[other], move_to[other] = reached, 0, move
                     bucket = np.uint64(reached * per_cost) & mask
@@ -165,6 +162,15 @@ def cheapest_moves(half: Floats, start: int, goal: int, moves: Moves) -> Array:
     while path[-1] != start:
         path.append(path[-1] - offsets[move_to[path[-1]]])
     return np.array(path[::-1])
+
+
+@njit(inline="always")
+def _reached(half: Floats, cell: int, cost: float, crossed: Array, lengths: Array) -> float:
+    """Cost at the end of a move from a cell with this cost, over the cells that it crosses."""
+    for k in range(crossed.size):
+        if lengths[k] > 0:
+            cost += lengths[k] * half[cell + crossed[k]]
+    return cost
 
 
 @njit(inline="always")

@@ -59,10 +59,8 @@ class Roadmap:
         start, goal = self.motions.checked(start, "start"), self.motions.checked(goal, "goal")
         began = time.perf_counter()
         poses = self.poses_between(start, goal)
-        if poses is None:
-            note = "the roadmap does not join start and goal; a larger one may"
-            found = Found(note=note)
-        else:
+        found = Found(note="the roadmap does not join start and goal; a larger one may")
+        if poses is not None:
             found = Found(self.motions.path(poses))
         return finished("roadmap", costs, start, goal, found, time.perf_counter() - began)
 
