@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Array, Bools, Floats
 from locplan._util.checks import shown
 from locplan._util.progress import ProgressCallback, in_turn
 from locplan._util.records import Column, Table
@@ -122,14 +123,12 @@ def path_cost(costs: Costmap, path: Path) -> float:
     return _integral(_along(density, at, np.inf), lengths)
 
 
-def _integral(density: NDArray[np.float64], lengths: NDArray[np.float64]) -> float:
+def _integral(density: Floats, lengths: Floats) -> float:
     """J of crossed cells [m]; a blocked one costs inf, also where its length is 0."""
     return float(density @ lengths) if np.isfinite(density).all() else np.inf
 
 
-def profile(
-    costs: Costmap, path: Path, layer: NDArray[np.floating]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def profile(costs: Costmap, path: Path, layer: NDArray[np.floating]) -> tuple[Floats, Floats]:
     """Steps of a layer along a path.
 
     Parameters
@@ -159,7 +158,7 @@ def profile(
     return np.concatenate([[0.0], np.cumsum(lengths)]), _along(layers, at, np.nan)
 
 
-def crossed_cells(grid: OccupancyGrid, path: Path, headings: int = 1) -> list[NDArray[Any]]:
+def crossed_cells(grid: OccupancyGrid, path: Path, headings: int = 1) -> list[Array]:
     """Headings, rows and columns of the cells that a path crosses, and lengths in them [m].
 
     Parameters
@@ -189,7 +188,7 @@ def crossed_cells(grid: OccupancyGrid, path: Path, headings: int = 1) -> list[ND
     return [np.concatenate(part) for part in zip(*parts, strict=True)]
 
 
-def _along(layers: NDArray[Any], at: Sequence[NDArray[Any]], outside: float) -> NDArray[np.float64]:
+def _along(layers: Array, at: Sequence[Array], outside: float) -> Floats:
     """Values of layers at headings, rows and columns; `outside` outside the map."""
     heading, row, col = at
     rows, cols = layers.shape[1:]
@@ -198,7 +197,7 @@ def _along(layers: NDArray[Any], at: Sequence[NDArray[Any]], outside: float) -> 
     return np.where(inside, layers[heading, row, col], outside)
 
 
-def _stretches(where: NDArray[np.bool_], lengths: NDArray[Any]) -> tuple[float, float]:
+def _stretches(where: Bools, lengths: Array) -> tuple[float, float]:
     """The share of the length where something holds, and the longest stretch of it [m]."""
     total = lengths.sum()
     share = float(lengths[where].sum() / total) if total > 0 else 0.0

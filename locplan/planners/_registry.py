@@ -10,14 +10,12 @@ import inspect
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from locplan._util.checks import shown
 from locplan.errors import ConfigError
+from locplan.planners._protocol import Planner
 from locplan.planners.ompl._stopping import KINDS
-
-if TYPE_CHECKING:
-    from locplan.planners._protocol import Planner
 
 DEFAULT = "any-angle"
 """The planner that is taken where none is named."""

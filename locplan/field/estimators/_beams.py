@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from locplan._kernels.arrays import Bools, Floats, Ints, Octets, Singles
-from locplan._util.checks import instance, keep, positive, whole
+from locplan._util.checks import instance, keep_checked, positive, whole
 from locplan.field._estimator import Estimator
 from locplan.field._search_window import OffsetLattice, SearchWindow
 from locplan.robots import Lidar
@@ -61,12 +61,9 @@ class LidarEstimator(Estimator):
         super().__post_init__()
         instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
         instance("window", self.window, SearchWindow)
-        keep(
-            self,
-            sigma_hit=positive("sigma_hit", self.sigma_hit, "m"),
-            effective_beams=positive("effective_beams", self.effective_beams, "beams"),
-            max_beams=whole("max_beams", self.max_beams),
-        )
+        keep_checked(self, ("sigma_hit",), positive, "m")
+        keep_checked(self, ("effective_beams",), positive, "beams")
+        keep_checked(self, ("max_beams",), whole)
 
     def lattice(self, resolution: float) -> OffsetLattice:
         return self.window.on(resolution)
