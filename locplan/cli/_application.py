@@ -71,7 +71,7 @@ def application(*names: str) -> App:
         suppress_keyboard_interrupt=False,
         exit_on_error=False,
         print_error=False,
-        result_action="return_value",
+        result_action=("call_if_callable", "return_value"),
     )
     of_headings = dict.fromkeys(title for title, _ in COMMANDS.values())  # in their order
     headings = {title: Group(title, sort_key=n) for n, title in enumerate(of_headings)}

@@ -15,8 +15,9 @@ from locplan._util.files import PICTURES, check_target
 from locplan._util.progress import working
 from locplan._util.public import field_docs
 from locplan.cli import _types as typed
-from locplan.cli._options import Computing, CostOptions, Output, read_paths, say_written
-from locplan.cli._robot_options import FieldOptions, RobotOptions
+from locplan.cli._options import Computing, CostOptions, OneMap, Output, read_paths, say_written
+from locplan.cli._robot_options import FieldOptions
+from locplan.cli._types import Options, command
 from locplan.errors import ConfigError
 from locplan.export import formats
 
@@ -39,21 +40,31 @@ def _joint_options() -> type:
     fields = []
     for name, sentences in docs.items():
         help = " ".join(f"{doc} ({', '.join(having)})." for doc, having in sentences.items())
-        fields.append((name, Annotated[types[name] | None, Parameter(help=help)], None))
+        fields.append(
+            (name, Annotated[types[name] | None, typed.under("Format"), Parameter(help=help)], None)
+        )
     own = {"__module__": __name__}
-    joint = dataclasses.make_dataclass("FormatOptions", fields, frozen=True, namespace=own)
-    return Parameter(name="*", group=typed.heading("Format"))(joint)
+    bases = (Options,)
+    return dataclasses.make_dataclass(
+        "FormatOptions", fields, bases=bases, frozen=True, kw_only=True, namespace=own
+    )
 
 
 if TYPE_CHECKING:
-    FormatOptions = Any
+
+    class FormatOptions(Options):
+        pass
+
 else:
     FormatOptions = _joint_options()
 
 
-@typed.option_group("Options")
-class Exported:
-    """What is exported."""
+@command(
+    "export lab.yaml --to nav2-keepout -o mask --planner smac-hybrid",
+    "export lab.yaml --to path --start 2,3 --goal 38,3 -o path.csv --step 0.05",
+)
+class export(OneMap, FieldOptions, FormatOptions, CostOptions, Computing, Output):
+    """Write cost maps, route graphs, bags and paths for navigation stacks, or plain files."""
 
     to: Annotated[
         str, Parameter(choices=tuple(FORMATS), show_choices=False, help=f"Format: {ABOUT}.")
@@ -68,76 +79,53 @@ class Exported:
     ] = None
     goal: typed.XY = None
     """Goal of this path, x,y in metres."""
+    output: Annotated[Path | None, typed.Target, typed.under("Output")] = None
+    """File or folder; MAP-FORMAT here by default."""
 
-    def check(self) -> None:
+    def __call__(self) -> None:
+        from locplan._util.tables import table
+
+        self._check()
+        to = self.to
+        format = FORMATS[to]
+        robot, config = self.robot_and_field()
+        chosen = self._chosen()
+        self.check_costs(config)
+        grid = locplan.load_map(self.map_file)
+        target = self.output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
+        format.check_target(target, force=self.force)
+        paths = read_paths(self.path)
+        count = len(paths) + bool(self.start)
+        if format.paths == "one" and count != 1:
+            raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal")
+        format.check(chosen, count)
+        field = self.field_of(grid, config)
+        costmap = self.costmap(grid, field, robot)
+        if self.start and self.goal:
+            paths["aware"] = _planned(costmap, self.start, self.goal)
+        job = locplan.export.ExportJob(costmap, field, paths, robot=robot)
+        with nullcontext() if format.shows_progress else working(f"writing {target.name}"):
+            summary = format.write(target, job, chosen)
+        about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
+        rows = [("map", grid.name), ("format", to), ("field", config.estimator.summary)]
+        rows += summary.rows
+        dataclasses.replace(self, output=target).show(about, table([], rows), target)
+
+    def _check(self) -> None:
         """Raise a ConfigError if the format has no paths, or half a query was given."""
         names = "path", "start", "goal"
-        given = [name for name in names if getattr(self, name)]
-        typed.check_read(given, "--to", self.to, dict.fromkeys(PATHS, names))
+        typed.check_read(self.given(*names), "--to", self.to, dict.fromkeys(PATHS, names))
         if bool(self.start) != bool(self.goal):
             raise ConfigError("--start and --goal belong together")
 
-    def chosen(self, own: Any, params: Path | None) -> Any:
+    def _chosen(self) -> Any:
         """The options of the format from those given; a ConfigError if one is not for it."""
-        given = typed.given_of(own)
+        given = self.given(FormatOptions)
         known = {name: typed.field_names(each.options) for name, each in FORMATS.items()}
         typed.check_read(given, "--to", self.to, known)
         if "params" in known[self.to]:
-            given["params"] = params
+            given["params"] = self.nav2_file()
         return FORMATS[self.to].options(**given)
-
-
-@typed.option_group("Output")
-class ExportOutput(Output):
-    """Where the export goes."""
-
-    output: Annotated[Path | None, typed.Target] = None
-    """File or folder; MAP-FORMAT here by default."""
-
-
-@typed.command(
-    "export lab.yaml --to nav2-keepout -o mask --planner smac-hybrid",
-    "export lab.yaml --to path --start 2,3 --goal 38,3 -o path.csv --step 0.05",
-)
-def export(
-    map_file: typed.MapFile,
-    /,
-    *,
-    exported: Exported,
-    own: FormatOptions = FormatOptions(),
-    robot_options: RobotOptions = RobotOptions(),
-    costs: CostOptions = CostOptions(),
-    options: FieldOptions = FieldOptions(),
-    computing: Computing = Computing(),
-    out: ExportOutput = ExportOutput(),
-) -> None:
-    """Write cost maps, route graphs, bags and paths for navigation stacks, or plain files."""
-    from locplan._util.tables import table
-
-    exported.check()
-    to, start, goal = exported.to, exported.start, exported.goal
-    format = FORMATS[to]
-    robot, config = options.with_robot(robot_options)
-    chosen = exported.chosen(own, robot_options.nav2_file())
-    costs.check(config)
-    grid = locplan.load_map(map_file)
-    target = out.output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
-    format.check_target(target, force=out.force)
-    paths = read_paths(exported.path)
-    count = len(paths) + bool(start)
-    if format.paths == "one" and count != 1:
-        raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal")
-    format.check(chosen, count)
-    field = computing.field(grid, config)
-    costmap = costs.costmap(grid, field, robot)
-    if start and goal:
-        paths["aware"] = _planned(costmap, start, goal)
-    job = locplan.export.ExportJob(costmap, field, paths, robot=robot)
-    with nullcontext() if format.shows_progress else working(f"writing {target.name}"):
-        summary = format.write(target, job, chosen)
-    about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
-    rows = [("map", grid.name), ("format", to), ("field", config.estimator.summary), *summary.rows]
-    dataclasses.replace(out, output=target).show(about, table([], rows), target)
 
 
 def _planned(costs: locplan.Costmap, *ends: tuple[float, float]) -> locplan.Path:
@@ -157,11 +145,16 @@ READ = {
     "models": ("at", "axis"),
 }
 """The options that each figure reads."""
+OF_FIGURES = {name for names in READ.values() for name in names}
 
 
-@typed.option_group("Options")
-class FigureOptions:
-    """The figure and how it is drawn."""
+@command(
+    "plot lab.yaml -o heading.png --scalar heading_std",
+    "plot lab.yaml -o ellipses.png --figure ellipses --ranges 6,8",
+    "plot lab.yaml -o models.png --figure models --at 2,3 --axis theta",
+)
+class plot(OneMap, FieldOptions, Computing):
+    """Draw the map with its field, or how well a place matches its surroundings."""
 
     figure: Literal["field", "e", "ellipses", "distribution", "models"] = "field"
     """Figure of a field (default), of the paper's e or ellipses, or of a place (--at)."""
@@ -180,52 +173,28 @@ class FigureOptions:
     """Place of the figures distribution and models (all seven), x,y in metres."""
     axis: Literal["x", "y", "theta"] | None = None
     """Axis along which the models are drawn; x by default."""
+    output: Annotated[Path, typed.Target, typed.under("Output")]
+    """File for the picture (.png, .pdf, .svg)."""
 
-    def own(self) -> dict[str, Any]:
-        """Arguments of the figure's function."""
-        given = typed.given_of(self)
-        del given["figure"]
-        typed.check_read(given, "--figure", self.figure, READ)
-        if "at" in READ[self.figure] and "at" not in given:
-            raise ConfigError(f"--figure {self.figure} needs --at X,Y")
+    def __call__(self) -> None:
+        _, configs = self.robot_and_fields(self.ranges)
+        name, given = self.figure, self.given(*OF_FIGURES)
+        typed.check_read(given, "--figure", name, READ)
+        if "at" in READ[name] and "at" not in given:
+            raise ConfigError(f"--figure {name} needs --at X,Y")
         given.pop("ranges", None)
-        return {"axis": "x"} | given if self.figure == "models" else given
-
-
-@typed.command(
-    "plot lab.yaml -o heading.png --scalar heading_std",
-    "plot lab.yaml -o ellipses.png --figure ellipses --ranges 6,8",
-    "plot lab.yaml -o models.png --figure models --at 2,3 --axis theta",
-)
-def plot(
-    map_file: typed.MapFile,
-    /,
-    *,
-    output: Annotated[Path, typed.Target],
-    shown: FigureOptions = FigureOptions(),
-    robot_options: RobotOptions = RobotOptions(),
-    options: FieldOptions = FieldOptions(),
-    computing: Computing = Computing(),
-) -> None:
-    """Draw the map with its field, or how well a place matches its surroundings.
-
-    Parameters
-    ----------
-    output
-        File for the picture (.png, .pdf, .svg).
-    """
-    _, configs = options.to_configs(robot_options, shown.ranges)
-    given, name = shown.own(), shown.figure
-    check_target(output, *PICTURES)
-    grid = locplan.load_map(map_file)
-    if "at" in READ[name]:
-        estimator: Any = configs[0].estimator
-        if estimator.name != "sad":
-            raise ConfigError(f"--figure {name} is of --estimator sad")
-        drawn = locplan.paper.place_figure(grid, estimator=estimator, **given)
-    else:
-        compute = computing.field
-        drawn = locplan.plotting.figure_of(grid, name, configs, compute=compute, **given)
-    with working("drawing"):
-        locplan.plotting.save_figure(drawn, output)
-    say_written(output)
+        if name == "models":
+            given = {"axis": "x"} | given
+        check_target(self.output, *PICTURES)
+        grid = locplan.load_map(self.map_file)
+        if "at" in READ[name]:
+            estimator: Any = configs[0].estimator
+            if estimator.name != "sad":
+                raise ConfigError(f"--figure {name} is of --estimator sad")
+            drawn = locplan.paper.place_figure(grid, estimator=estimator, **given)
+        else:
+            compute = self.field_of
+            drawn = locplan.plotting.figure_of(grid, name, configs, compute=compute, **given)
+        with working("drawing"):
+            locplan.plotting.save_figure(drawn, self.output)
+        say_written(self.output)

@@ -3,7 +3,7 @@
 An option that was not given is None, and means the library's own default.
 """
 
-# Annotations are objects, not texts: the options are inherited by classes in other modules.
+from __future__ import annotations
 
 import json
 import logging
@@ -13,16 +13,18 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 from cyclopts import Parameter
 
 import locplan
-from locplan._util.checks import printable
+from locplan._util.checks import check_threads, printable
 from locplan._util.progress import progress_bar, working
 from locplan._util.runs import write_run_beside
 from locplan.cli import _types as typed
+from locplan.cli._types import Options, option_group
 from locplan.errors import ConfigError, LocplanError, one_line
 
 if TYPE_CHECKING:
@@ -37,45 +39,66 @@ if TYPE_CHECKING:
         """A function that gives the field of a map, or its values at some lattice points."""
 
         def __call__(
-            self, grid: "OccupancyGrid", points: "NDArray[np.bool_] | None" = None
-        ) -> "CovarianceField": ...
+            self, grid: OccupancyGrid, points: NDArray[np.bool_] | None = None
+        ) -> CovarianceField: ...
 
 
-Criterion = Annotated[
-    str | None,
-    Parameter(
-        group=typed.heading("Costs"),
-        help="Scalar that the degeneracy u is made of: e (default of sad), position_std (default of"
-        " the others), position_rms or heading_std; ambiguity or entropy of scan and fused.",
-    ),
-]
+@dataclass(frozen=True)
+class OneMap(Options):
+    """The map of a command."""
+
+    map_file: Annotated[
+        Path, *typed.MAPS, Parameter(help="Map: a map_server YAML file, or a folder with one.")
+    ]
+
+
+@dataclass(frozen=True)
+class ManyMaps(Options):
+    """The maps of a command."""
+
+    maps: Annotated[
+        list[Path], *typed.MAPS, Parameter(help="Maps: map_server YAML files, or folders of them.")
+    ]
+
+
+@option_group("Computing")
+class Threads(Options):
+    """The threads."""
+
+    threads: Annotated[int | None, typed.checked(check_threads)] = None
+    """Number of threads; all cores by default."""
+
+
+@option_group("Simulation")
+class Seeded(Threads):
+    """The random numbers of drives, and the threads."""
+
+    seed: typed.Seed = 1
+    """Seed of all random numbers; 1 by default."""
+
+
 CacheDir = Annotated[
     Path | None,
     Parameter(help="Folder of the computed fields; LOCPLAN_CACHE names it, too."),
 ]
 
 
-def _check_scheduler(scheduler: str) -> None:
-    locplan.field.check_scheduler(scheduler)
-
-
-@typed.option_group("Computing")
-class Computing:
+@option_group("Computing")
+class Computing(Threads):
     """The resources for fields, and their cache."""
 
-    threads: typed.Threads = None
     scheduler: Annotated[
         str | None,
         Parameter(metavar="tcp://HOST:PORT"),
-        typed.checked(_check_scheduler),
+        typed.checked(lambda scheduler: locplan.field.check_scheduler(scheduler)),
     ] = None
     """Dask cluster that computes the field."""
     cache_dir: CacheDir = None
 
     @contextmanager
-    def of(
-        self, config: "FieldConfig", *, whole: bool = False, then: Callable[[], None] = lambda: None
-    ) -> "Iterator[Compute]":
+    def fields_of(
+        self, config: FieldConfig, *, whole: bool = False, then: Callable[[], None] = lambda: None
+    ) -> Iterator[Compute]:
         """The function that gives the field of a map: read, or computed here or on a cluster.
 
         It has the whole field even where some points are asked for, if so, and calls `then` last.
@@ -84,8 +107,8 @@ class Computing:
         with locplan.field.executor_of(scheduler) if scheduler else nullcontext() as executor:
 
             def compute(
-                grid: "OccupancyGrid", points: "NDArray[np.bool_] | None" = None
-            ) -> "CovarianceField":
+                grid: OccupancyGrid, points: NDArray[np.bool_] | None = None
+            ) -> CovarianceField:
                 started = time.perf_counter()
                 with progress_bar(f"field of {grid.name}", "cells") as progress:
                     field = locplan.load_or_compute(
@@ -106,14 +129,24 @@ class Computing:
 
             yield compute
 
-    def field(self, grid: "OccupancyGrid", config: "FieldConfig") -> "CovarianceField":
+    def field_of(self, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
         """The field of one map."""
-        with self.of(config) as compute:
+        with self.fields_of(config) as compute:
             return compute(grid)
 
 
-@typed.option_group("Costs")
-class CostOptions:
+Criterion = Annotated[
+    str | None,
+    Parameter(
+        group=typed.heading("Costs"),
+        help="Scalar that the degeneracy u is made of: e (default of sad), position_std (default of"
+        " the others), position_rms or heading_std; ambiguity or entropy of scan and fused.",
+    ),
+]
+
+
+@option_group("Costs")
+class CostOptions(Options):
     """The costs of a path."""
 
     weight: float | None = None
@@ -121,16 +154,16 @@ class CostOptions:
     and 8 for the others."""
     criterion: Criterion = None
 
-    def check(self, config: "FieldConfig") -> None:
+    def check_costs(self, config: FieldConfig) -> None:
         """Raise a ConfigError if an option is out of range; to be called before long work."""
         if self.weight is not None:
             locplan.costs.check_weight(self.weight)
         if self.criterion is not None:
             locplan.costs.check_criterion(self.criterion, config)
 
-    def costmap(self, grid: "OccupancyGrid", field: "CovarianceField", robot: "Robot") -> "Costmap":
+    def costmap(self, grid: OccupancyGrid, field: CovarianceField, robot: Robot) -> Costmap:
         """The costmap of a field for a robot."""
-        return locplan.Costmap.from_field(grid, field, robot=robot, **typed.given_of(self))
+        return locplan.Costmap.from_field(grid, field, robot=robot, **self.given(CostOptions))
 
 
 def move(name: str, text: str) -> tuple[float, ...]:
@@ -144,8 +177,8 @@ Frame = Annotated[str | None, Parameter(metavar="FRAME")]
 Move = Annotated[Any, typed.parsed(move, "X,Y,DEG")]
 
 
-@typed.option_group("Recorded drive")
-class DriveOptions:
+@option_group("Recorded drive")
+class DriveOptions(Options):
     """A recorded drive, and how its file is read."""
 
     drive: Annotated[Path | None, typed.INPUT, Parameter(metavar="FILE")] = None
@@ -170,12 +203,12 @@ class DriveOptions:
     """Turn of the recorded poses about the map frame's origin, in degrees, and shift after it, in
     metres, where the map was moved."""
 
-    def check(self) -> None:
+    def check_drive(self) -> None:
         """Raise a ConfigError if an option is given without a drive; before long work."""
         if self.drive is None:
-            typed.refuse("without --drive", **typed.given_of(self))
+            self.refuse("without --drive", DriveOptions)
 
-    def read(self) -> "Recording":
+    def read(self) -> Recording:
         """The drive, with a progress bar while it is read.
 
         Raises
@@ -185,11 +218,10 @@ class DriveOptions:
         RecordingError
             If the file cannot be read, or holds no drive.
         """
-        self.check()
+        self.check_drive()
         if self.drive is None:
             raise ConfigError("name a recorded drive with --drive")
-        names = vars(locplan.recordings.Topics())
-        topics = {name: value for name, value in typed.given_of(self).items() if name in names}
+        topics = self.given(locplan.recordings.Topics)
         with progress_bar(f"reading {self.drive.name}", "messages") as progress:
             recording = locplan.recordings.read_drive(
                 self.drive,
@@ -201,7 +233,7 @@ class DriveOptions:
             )
         return recording.moved(*self.align) if self.align else recording
 
-    def on_map(self, maps: Sequence[Path]) -> "tuple[OccupancyGrid, Recording]":
+    def on_map(self, maps: Sequence[Path]) -> tuple[OccupancyGrid, Recording]:
         """The map, and the drive on it.
 
         Where the map does not fit, a warning says so if the user has aligned the drive.
@@ -227,18 +259,7 @@ class DriveOptions:
         return grid, drive
 
 
-def load_filter_map(
-    filter_map: Path | None, grids: "Sequence[OccupancyGrid]"
-) -> "OccupancyGrid | None":
-    """The map of a robot's filter, where it was named; it is of one map that is driven in."""
-    if filter_map is None:
-        return None
-    grid = locplan.load_map(filter_map)
-    locplan.simulation.check_of_one_map(grid, grids)
-    return locplan.simulation.check_filter_map(grid, grids[0])
-
-
-def read_paths(files: Sequence[Path]) -> "dict[str, locplan.Path]":
+def read_paths(files: Sequence[Path]) -> dict[str, locplan.Path]:
     """Paths by the names of their files."""
     paths = {printable(file.stem): locplan.Path.load(file) for file in files}
     if len(paths) < len(files):
@@ -246,16 +267,24 @@ def read_paths(files: Sequence[Path]) -> "dict[str, locplan.Path]":
     return paths
 
 
-@typed.option_group("Output")
-class Output:
+Json = Annotated[bool, typed.under("Output"), Parameter(help="Print the result as JSON.")]
+Force = Annotated[
+    bool,
+    typed.under("Output"),
+    Parameter(help="Replace files in the way, whoever wrote them."),
+]
+
+
+@option_group("Output")
+class Output(Options):
     """Where the result goes."""
 
     output: Annotated[Path | None, typed.Target] = None
     """Folder for pictures, JSON and tables (CSV)."""
-    force: typed.Force = False
-    json: typed.Json = False
+    force: Force = False
+    json: Json = False
 
-    def check(self, files: "Results", *more: str) -> None:
+    def check_output(self, files: Results, *more: str) -> None:
         """Raise a LocplanError if the folder cannot take files of results; before long work."""
         if self.output:
             files.into(self.output, *more, force=self.force)
