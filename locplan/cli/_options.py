@@ -97,7 +97,7 @@ class Computing(Threads):
 
     @contextmanager
     def fields_of(
-        self, config: FieldConfig, *, whole: bool = False, then: Callable[[], None] = lambda: None
+        self, config: FieldConfig, *, whole: bool = False, then: Callable[[], None] | None = None
     ) -> Iterator[Compute]:
         """The function that gives the field of a map: read, or computed here or on a cluster.
 
@@ -124,7 +124,8 @@ class Computing(Threads):
                 logging.getLogger("locplan.cli").info(
                     "field of %s: %.1f s, %s", grid.name, took, config
                 )
-                then()
+                if then:
+                    then()
                 return field
 
             yield compute

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
@@ -129,11 +130,9 @@ class plan(
         if self.no_field:
             self.refuse("with --no-field", *FIELD, CostOptions, "max_e", "budget", "front")
             basis = locplan.Costmap.blank(grid, robot=robot)
-        timed: dict[str, Any] = {}
-        if self.driving_time is not None:
-            timed["time_limit"] = self.driving_time
+        timed: Any = {} if self.driving_time is None else {"time_limit": self.driving_time}
         with (
-            locplan.simulation.drives_prepared_beside(needed=driven) as drivable,
+            locplan.simulation.drives_prepared_beside() if driven else nullcontext() as drivable,
             self.fields_of(config, whole=self.stride is not None, then=drivable) as compute,
             later_progress_bar("driving the candidates", "drives") as progress,
         ):

@@ -17,7 +17,7 @@ from locplan._util.runs import note_robot
 from locplan.cli import _types as typed
 from locplan.cli._types import Options, option_group
 from locplan.errors import ConfigError, LocplanError, one_line
-from locplan.field import ESTIMATORS
+from locplan.field import ESTIMATORS, estimator_class
 from locplan.robots import PRESETS
 
 if TYPE_CHECKING:
@@ -199,10 +199,10 @@ class FieldOptions(RobotOptions):
     def _made(self, lidar: Lidar | None) -> FieldConfig:
         """The settings that were asked for; `lidar` is the robot's, where it is known."""
         given = self.given(*FIELD)
-        kinds = {name: locplan.field.estimator_class(name) for name in ESTIMATORS}
-        kind: Any = kinds[given.pop("estimator", "fused" if lidar else "sad")]
-        options = {each.name: _options_of(each) for each in kinds.values()}
-        typed.check_read(given, "--estimator", kind.name, options)
+        kind: Any = estimator_class(given.pop("estimator", "fused" if lidar else "sad"))
+        if given:
+            options = {name: _options_of(estimator_class(name)) for name in ESTIMATORS}
+            typed.check_read(given, "--estimator", kind.name, options)
         others = {name: given.pop(name) for name in ("stride", "headings") if name in given}
         if kind.casts_rays:
             short, what = locplan.field.SHORT_LIDAR, "no lidar named, one assumed"

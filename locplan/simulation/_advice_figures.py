@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import textwrap
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -33,8 +33,9 @@ from locplan.simulation._drives import LOST
 from locplan.simulation._figures import LETTERS, MAP_MARKS
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._driven import Candidate
-from locplan.simulation.tuning._results import Tuning
-from locplan.simulation.tuning._space import changed_axes
+
+if TYPE_CHECKING:
+    from locplan.simulation.tuning._results import Tuning
 
 WIDTH = 8.6
 """Minimum width of the figure [inch]."""
@@ -234,6 +235,8 @@ def _draw_judged(errors: Axes, lost: Axes, tuning: Tuning) -> None:
 
 def _draw_gains(axes: Any, tuning: Tuning, gains: Sequence[tuple[str, float]]) -> None:
     """Draw how much each change gains, the largest on top."""
+    from locplan.simulation.tuning._space import changed_axes
+
     kept = {axis.name for axis in changed_axes(tuning.own, tuning.candidate)}
     colours = ["#0072b2" if name in kept else "0.7" for name, _ in gains]
     percent = [100 * (ratio - 1) for _, ratio in gains]
