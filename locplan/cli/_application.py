@@ -71,7 +71,7 @@ def application(*names: str) -> App:
         suppress_keyboard_interrupt=False,
         exit_on_error=False,
         print_error=False,
-        result_action=("call_if_callable", "return_value"),
+        result_action="return_value",
     )
     of_headings = dict.fromkeys(title for title, _ in COMMANDS.values())  # in their order
     headings = {title: Group(title, sort_key=n) for n, title in enumerate(of_headings)}
@@ -105,7 +105,8 @@ def launched(tokens: list[str]) -> tuple[int | None, Run]:
             Show the log on stderr.
         """
         with _log_on_stderr(verbose):
-            return cast("int | None", app(tokens))
+            command = app(tokens)  # with its options, or what a function has returned
+            return cast("int | None", command() if callable(command) else command)
 
     with running(Run("", {})) as run:
         app.config = (partial(_record, run),)

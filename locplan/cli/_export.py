@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_type_hints
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -28,26 +28,36 @@ ABOUT = ", ".join(
 PATHS = [name for name, each in FORMATS.items() if each.paths != "none"]
 
 
+class _Docs:
+    """What the formats say of their options; the source is read where a help needs it."""
+
+    def __get__(self, _: object, kind: type) -> str:
+        docs: dict[str, dict[str, list[str]]] = {}
+        for format, each in FORMATS.items():
+            for name, doc in field_docs(each.options).items():
+                docs.setdefault(name, {}).setdefault(doc.removesuffix("."), []).append(format)
+        texts = {
+            name: " ".join(f"{doc} ({', '.join(having)})." for doc, having in sentences.items())
+            for name, sentences in docs.items()
+        }
+        lines = [f"{name}\n    {text}" for name, text in texts.items() if name != "params"]
+        return "\n".join(["Options of formats.", "", "Parameters", "----------", *lines])
+
+
 def _joint_options() -> type:
     """A dataclass with the options of all formats; one that was not given is None."""
-    docs: dict[str, dict[str, list[str]]] = {}
-    types: dict[str, Any] = {}
-    for format, each in FORMATS.items():
-        types |= get_type_hints(each.options)
-        for name, doc in field_docs(each.options).items():
-            docs.setdefault(name, {}).setdefault(doc.removesuffix("."), []).append(format)
-    docs.pop("params")  # they are a file of the robot
-    fields = []
-    for name, sentences in docs.items():
-        help = " ".join(f"{doc} ({', '.join(having)})." for doc, having in sentences.items())
-        fields.append(
-            (name, Annotated[types[name] | None, typed.under("Format"), Parameter(help=help)], None)
-        )
-    own = {"__module__": __name__}
-    bases = (Options,)
-    return dataclasses.make_dataclass(
-        "FormatOptions", fields, bases=bases, frozen=True, kw_only=True, namespace=own
-    )
+    types = {
+        name: hint
+        for each in FORMATS.values()
+        for name, hint in get_type_hints(each.options).items()
+    }
+    types.pop("params", None)  # they are a file of the robot
+    under = typed.under("Format")
+    fields = [(name, Annotated[hint | None, under], None) for name, hint in types.items()]
+    settings: Any = {"bases": (Options,), "namespace": {"__module__": __name__}, "kw_only": True}
+    made = dataclasses.make_dataclass("FormatOptions", fields, frozen=True, **settings)
+    made.__doc__ = cast("str", _Docs())
+    return made
 
 
 if TYPE_CHECKING:

@@ -87,7 +87,7 @@ def option_group(title: str) -> Callable[[type[Kind]], type[Kind]]:
             more = getattr(hint, "__metadata__", ())  # which may name another heading
             bare = hint.__origin__ if more else hint
             kind.__annotations__[name] = Annotated[(bare, under(title), *more)]
-        return dataclasses.dataclass(frozen=True, kw_only=True)(kind)
+        return dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)(kind)
 
     return made
 
