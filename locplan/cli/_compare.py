@@ -56,7 +56,7 @@ class Running(Options):
 @command(
     "compare lab.yaml -o compared --planner any-angle --planner BITstar:time_limit=2 --seeds 5",
 )
-class compare(ManyMaps, FieldOptions, Compared, Computing, Running, Output):
+class compare(ManyMaps, FieldOptions, Criterion, Compared, Computing, Running, Output):
     """Run planners side by side, and report which one is best, where and by how much."""
 
     maps: Annotated[
@@ -79,7 +79,6 @@ class compare(ManyMaps, FieldOptions, Compared, Computing, Running, Output):
     weight: Annotated[tuple[float, ...], typed.under("Costs")] = ()
     """Detour accepted per degenerate metre, in metres; by default the estimator's own;
     repeatable."""
-    criterion: Criterion = None
     output: Annotated[Path, typed.Target, typed.under("Output")] = dataclasses.field()
     """Folder for the report, tables and logs."""
 

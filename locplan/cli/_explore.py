@@ -12,7 +12,7 @@ import locplan
 from locplan._util.progress import progress_bar, working
 from locplan._util.supervision import end_if_supervised
 from locplan.cli import _types as typed
-from locplan.cli._options import CacheDir, CostOptions, Force, OneMap, Threads
+from locplan.cli._options import Cached, CostOptions, Ends, Force, OneMap, Threads
 from locplan.cli._robot_options import FieldOptions
 from locplan.cli._types import command
 
@@ -21,17 +21,13 @@ from locplan.cli._types import command
     "explore lab.yaml --lidar turtlebot4",
     "explore lab.yaml --lidar turtlebot4 --start 2,3 --goal 38,3 --drive drive.mcap -o edited",
 )
-class explore(OneMap, FieldOptions, CostOptions, Threads):
+class explore(OneMap, FieldOptions, Ends, CostOptions, Cached, Threads):
     """Explore a map in the browser: drag start and goal, change the lidar, draw walls.
 
     The page is for this machine alone, at the address that is printed. Ctrl-C ends it,
     with exit code 0.
     """
 
-    start: typed.XY = None
-    """First start of the path, x,y in metres."""
-    goal: typed.XY = None
-    """First goal of the path, x,y in metres."""
     via: Annotated[tuple[Any, ...], typed.parsed(typed.two_numbers, "X,Y", many=True)] = ()
     """Place to visit on the way at first, x,y in metres; repeatable."""
     port: int = 0
@@ -44,7 +40,6 @@ class explore(OneMap, FieldOptions, CostOptions, Threads):
         Parameter(group=typed.heading("Recorded drive"), metavar="FILE"),
     ] = ()
     """Recorded drive that can be shown; repeatable."""
-    cache_dir: Annotated[CacheDir, typed.under("Computing")] = None
     folder: Annotated[Path | None, Parameter(name=("--folder", "-o")), typed.under("Output")] = None
     """Folder that the page may write maps and exports to; without it, it writes none."""
     force: Force = False
@@ -61,8 +56,8 @@ class explore(OneMap, FieldOptions, CostOptions, Threads):
         opening = locplan.explorer.Opening(
             config,
             robot,
-            **self.given(CostOptions, Threads, "cache_dir", "folder", "force"),
-            **self.given("start", "goal", "via"),
+            **self.given(CostOptions, Cached, Threads, "folder", "force"),
+            **self.given(Ends, "via"),
             drives=tuple(drives),
             map_file=str(self.map_file),
         )

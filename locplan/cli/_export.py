@@ -15,7 +15,15 @@ from locplan._util.files import PICTURES, check_target
 from locplan._util.progress import working
 from locplan._util.public import field_docs
 from locplan.cli import _types as typed
-from locplan.cli._options import Computing, CostOptions, OneMap, Output, read_paths, say_written
+from locplan.cli._options import (
+    Computing,
+    CostOptions,
+    Ends,
+    OneMap,
+    Output,
+    read_paths,
+    say_written,
+)
 from locplan.cli._robot_options import FieldOptions
 from locplan.cli._types import Options, command
 from locplan.errors import ConfigError
@@ -73,22 +81,13 @@ else:
     "export lab.yaml --to nav2-keepout -o mask --planner smac-hybrid",
     "export lab.yaml --to path --start 2,3 --goal 38,3 -o path.csv --step 0.05",
 )
-class export(OneMap, FieldOptions, FormatOptions, CostOptions, Computing, Output):
+class export(OneMap, FieldOptions, FormatOptions, Ends, CostOptions, Computing, Output):
     """Write cost maps, route graphs, bags and paths for navigation stacks, or plain files."""
 
     to: Annotated[
         str, Parameter(choices=tuple(FORMATS), show_choices=False, help=f"Format: {ABOUT}.")
     ]
     path: Annotated[typed.Csv, Parameter(help=f"Path to export (x,y) ({', '.join(PATHS)}).")] = ()
-    start: Annotated[
-        typed.XY,
-        Parameter(
-            help="Start of a path that is planned and exported, x,y in metres"
-            f" ({', '.join(PATHS)})."
-        ),
-    ] = None
-    goal: typed.XY = None
-    """Goal of this path, x,y in metres."""
     output: Annotated[Path | None, typed.Target, typed.under("Output")] = None
     """File or folder; MAP-FORMAT here by default."""
 
@@ -111,8 +110,8 @@ class export(OneMap, FieldOptions, FormatOptions, CostOptions, Computing, Output
         format.check(chosen, count)
         field = self.field_of(grid, config)
         costmap = self.costmap(grid, field, robot)
-        if self.start and self.goal:
-            paths["aware"] = _planned(costmap, self.start, self.goal)
+        if ends := self.ends():
+            paths["aware"] = _planned(costmap, *ends)
         job = locplan.export.ExportJob(costmap, field, paths, robot=robot)
         with nullcontext() if format.shows_progress else working(f"writing {target.name}"):
             summary = format.write(target, job, chosen)
@@ -125,8 +124,7 @@ class export(OneMap, FieldOptions, FormatOptions, CostOptions, Computing, Output
         """Raise a ConfigError if the format has no paths, or half a query was given."""
         names = "path", "start", "goal"
         typed.check_read(self.given(*names), "--to", self.to, dict.fromkeys(PATHS, names))
-        if bool(self.start) != bool(self.goal):
-            raise ConfigError("--start and --goal belong together")
+        self.ends()
 
     def _chosen(self) -> Any:
         """The options of the format from those given; a ConfigError if one is not for it."""

@@ -11,45 +11,33 @@ from cyclopts import Parameter
 import locplan
 from locplan._util.progress import progress_bar
 from locplan.cli import _types as typed
-from locplan.cli._options import OneMap, Output, Seeded, read_paths
+from locplan.cli._options import Ends, OneMap, Output, Seeded, read_paths
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._types import Options, command, option_group
+from locplan.cli._types import command, option_group
 from locplan.errors import ConfigError
 
 
 @option_group("Options")
-class RouteOptions(Options):
+class RouteOptions(Ends):
     """The routes of the robot."""
 
-    start: typed.XY = None
-    """Start of a shortest path, x,y in metres."""
-    goal: typed.XY = None
-    """Goal of this path, x,y in metres."""
     path: typed.Csv = ()
     """Path of the robot (x,y); repeatable."""
     places: Annotated[Path | None, typed.INPUT, Parameter(metavar="CSV")] = None
     """Places (name,x,y) between all of which the robot drives."""
 
     def ways(self, *others: str) -> dict[str, Any]:
-        """The arguments paths or places, or nothing if one of the other options was given.
-
-        Raises
-        ------
-        ConfigError
-            If not just one of them all was given.
-        """
-        ends = self.given("start", "goal")
-        if len(self.given("path", "places", *others)) + bool(ends) != 1:
+        """The paths or places, or nothing with one of the others; it must be one of them all."""
+        if len(self.given("path", "places", *others)) + bool(self.start or self.goal) != 1:
             names = ["--path", "--start with --goal", "--places", *map(typed.flag, others)]
             raise ConfigError(f"give one of {', '.join(names[:-1])}, and {names[-1]}")
-        if len(ends) == 1:
-            raise ConfigError("--start and --goal belong together")
         if self.path:
             return {"paths": read_paths(self.path)}
         if self.places:
             stations = locplan.planners.read_stations(self.places)
             return {"places": {each.name: (each.x, each.y) for each in stations}}
-        return {"places": ends} if ends else {}
+        ends = self.ends()
+        return {"places": dict(zip(("start", "goal"), ends, strict=True))} if ends else {}
 
 
 @command(

@@ -27,6 +27,7 @@ from locplan.cli import _types as typed
 from locplan.cli._types import Options, option_group
 from locplan.errors import ConfigError, LocplanError, one_line
 
+LOG = logging.getLogger("locplan.cli")
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -77,14 +78,19 @@ class Seeded(Threads):
     """Seed of all random numbers; 1 by default."""
 
 
-CacheDir = Annotated[
-    Path | None,
-    Parameter(help="Folder of the computed fields; LOCPLAN_CACHE names it, too."),
-]
+ABOUT_CACHE = Parameter(help="Folder of the computed fields; LOCPLAN_CACHE names it, too.")
+CacheDir = Annotated[Path | None, ABOUT_CACHE]
 
 
 @option_group("Computing")
-class Computing(Threads):
+class Cached(Options):
+    """The cache of fields."""
+
+    cache_dir: CacheDir = None
+
+
+@option_group("Computing")
+class Computing(Cached, Threads):
     """The resources for fields, and their cache."""
 
     scheduler: Annotated[
@@ -93,16 +99,12 @@ class Computing(Threads):
         typed.checked(lambda scheduler: locplan.field.check_scheduler(scheduler)),
     ] = None
     """Dask cluster that computes the field."""
-    cache_dir: CacheDir = None
 
     @contextmanager
     def fields_of(
         self, config: FieldConfig, *, whole: bool = False, then: Callable[[], None] | None = None
     ) -> Iterator[Compute]:
-        """The function that gives the field of a map: read, or computed here or on a cluster.
-
-        It has the whole field even where some points are asked for, if so, and calls `then` last.
-        """
+        """A function that gives the field of a map, all of it if `whole`; it calls `then` last."""
         scheduler = self.scheduler
         with locplan.field.executor_of(scheduler) if scheduler else nullcontext() as executor:
 
@@ -121,9 +123,7 @@ class Computing(Threads):
                         progress=progress,
                     )
                 took = time.perf_counter() - started
-                logging.getLogger("locplan.cli").info(
-                    "field of %s: %.1f s, %s", grid.name, took, config
-                )
+                LOG.info("field of %s: %.1f s, %s", grid.name, took, config)
                 if then:
                     then()
                 return field
@@ -136,27 +136,25 @@ class Computing(Threads):
             return compute(grid)
 
 
-Criterion = Annotated[
-    str | None,
-    Parameter(
-        group=typed.heading("Costs"),
-        help="Scalar that the degeneracy u is made of: e (default of sad), position_std (default of"
-        " the others), position_rms or heading_std; ambiguity or entropy of scan and fused.",
-    ),
-]
+@option_group("Costs")
+class Criterion(Options):
+    """What degeneracy is."""
+
+    criterion: str | None = None
+    """Scalar that the degeneracy u is made of: e (default of sad), position_std (default of the
+    others), position_rms or heading_std; ambiguity or entropy of scan and fused."""
 
 
 @option_group("Costs")
-class CostOptions(Options):
+class CostOptions(Criterion):
     """The costs of a path."""
 
     weight: float | None = None
     """Detour accepted per degenerate metre, in metres; by default the estimator's own, 4 for sad
     and 8 for the others."""
-    criterion: Criterion = None
 
     def check_costs(self, config: FieldConfig) -> None:
-        """Raise a ConfigError if an option is out of range; to be called before long work."""
+        """Raise a ConfigError if an option is out of range; before long work."""
         if self.weight is not None:
             locplan.costs.check_weight(self.weight)
         if self.criterion is not None:
@@ -165,6 +163,22 @@ class CostOptions(Options):
     def costmap(self, grid: OccupancyGrid, field: CovarianceField, robot: Robot) -> Costmap:
         """The costmap of a field for a robot."""
         return locplan.Costmap.from_field(grid, field, robot=robot, **self.given(CostOptions))
+
+
+@option_group("Options")
+class Ends(Options):
+    """The ends of a path that is planned."""
+
+    start: typed.XY = None
+    """Start of a path that is planned, x,y in metres."""
+    goal: typed.XY = None
+    """Goal of this path, x,y in metres."""
+
+    def ends(self) -> tuple[Any, ...]:
+        """Both ends, or none; a ConfigError if only one was given."""
+        if bool(self.start) != bool(self.goal):
+            raise ConfigError("--start and --goal belong together")
+        return (self.start, self.goal) if self.start and self.goal else ()
 
 
 def move(name: str, text: str) -> tuple[float, ...]:
@@ -210,39 +224,22 @@ class DriveOptions(Options):
             self.refuse("without --drive", DriveOptions)
 
     def read(self) -> Recording:
-        """The drive, with a progress bar while it is read.
-
-        Raises
-        ------
-        ConfigError
-            If no drive was named.
-        RecordingError
-            If the file cannot be read, or holds no drive.
-        """
+        """The drive; a ConfigError if none was named."""
         self.check_drive()
         if self.drive is None:
             raise ConfigError("name a recorded drive with --drive")
-        topics = self.given(locplan.recordings.Topics)
+        topics = locplan.recordings.Topics(**self.given(locplan.recordings.Topics))
+        own = self.given("every", "range_limits", "mount")
         with progress_bar(f"reading {self.drive.name}", "messages") as progress:
             recording = locplan.recordings.read_drive(
-                self.drive,
-                every=self.every or 1,
-                topics=locplan.recordings.Topics(**topics),
-                range_limits=self.range_limits,
-                mount=self.mount,
-                progress=progress,
+                self.drive, topics=topics, progress=progress, **own
             )
         return recording.moved(*self.align) if self.align else recording
 
     def on_map(self, maps: Sequence[Path]) -> tuple[OccupancyGrid, Recording]:
-        """The map, and the drive on it.
+        """The map, and the drive on it; a LocplanError unless it is one map that fits.
 
-        Where the map does not fit, a warning says so if the user has aligned the drive.
-
-        Raises
-        ------
-        LocplanError
-            If there are several maps, the map does not fit, or a file cannot be read.
+        Where the user has aligned the drive, a warning says that it does not.
         """
         files = locplan.maps.find_maps(*maps)
         if len(files) != 1:
@@ -268,12 +265,8 @@ def read_paths(files: Sequence[Path]) -> dict[str, locplan.Path]:
     return paths
 
 
-Json = Annotated[bool, typed.under("Output"), Parameter(help="Print the result as JSON.")]
-Force = Annotated[
-    bool,
-    typed.under("Output"),
-    Parameter(help="Replace files in the way, whoever wrote them."),
-]
+Json = Annotated[bool, typed.under("Output", help="Print the result as JSON.")]
+Force = Annotated[bool, typed.under("Output", help="Replace files in the way, whoever wrote them.")]
 
 
 @option_group("Output")
@@ -293,14 +286,7 @@ class Output(Options):
     def finish(self, result: Any, *about: Any, saved: tuple[Any, ...] | None = None) -> None:
         """Save a result, if a folder or a file was named, and print it.
 
-        Parameters
-        ----------
-        result : Result
-            The result.
-        *about
-            What belongs to it, such as the drives that verify it.
-        saved : tuple, optional
-            What belongs to it in its folder, by default the same.
+        What belongs to it, such as the drives that verify it, is saved with it, or else `saved`.
         """
         written = None
         if self.output:

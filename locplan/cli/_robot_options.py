@@ -70,23 +70,17 @@ class RobotOptions(Options):
     def robot_on(self, recording: Recording, *, replayed: bool = True) -> Robot:
         """The robot of a recorded drive, whose lidar and speed it has.
 
-        Raises
-        ------
-        ConfigError
-            If a setting is given that the recording has of its own: one of the lidar, and, where it
-            is replayed, one of the noise.
+        A setting that it has of its own is a ConfigError: one of the lidar, and, where the drive is
+        replayed, one of the noise.
         """
         self.refuse("with --drive, whose lidar is taken", "lidar")
         robot = recording.robot(self.load_robot(recording.lidar, recorded=True))
         kinds = locplan.robots.Odometry, locplan.robots.Disturbances
-        own = [locplan.Lidar, *(kinds if replayed else ())]
+        names = {n for kind in (locplan.Lidar, *kinds * replayed) for n in typed.field_names(kind)}
         # The filter's start is drawn where recorded drives are replayed, too.
-        names = {n for kind in own for n in typed.field_names(kind)} - {
-            "start_sigma",
-            "start_sigma_deg",
-        }
+        drawn = "start_sigma", "start_sigma_deg"
         for name in (text.partition("=")[0] for text in self.set):
-            if name in names:
+            if name in names and name not in drawn:
                 raise ConfigError(f"--set {name} is not read with --drive, which has its own")
         return robot
 
@@ -103,10 +97,7 @@ class RobotOptions(Options):
             warnings.warn(locplan.robots.ParameterWarning(fault), stacklevel=2)
 
     def nav2_file(self, node: str = "") -> Path | None:
-        """The last file that has Nav2's parameters, or those of a node; None without one.
-
-        It is for files that `load_robot` has read.
-        """
+        """The last file, of those read, that has Nav2's parameters, or a node's; None without."""
         for file in reversed(self.robot):
             with suppress(LocplanError):  # a file of another kind
                 parameters = locplan.robots.read_parameters(file)
@@ -190,10 +181,8 @@ class FieldOptions(RobotOptions):
         """The settings in the file, if one was given."""
         if self.config is None:
             return None
-        if others := [typed.flag(name) for name in self.given(*FIELD[1:])]:
-            raise ConfigError(
-                f"--config has all settings of the field; leave out {', '.join(others)}"
-            )
+        if others := ", ".join(map(typed.flag, self.given(*FIELD[1:]))):
+            raise ConfigError(f"--config has all settings of the field; leave out {others}")
         return locplan.load_config(self.config)
 
     def _made(self, lidar: Lidar | None) -> FieldConfig:

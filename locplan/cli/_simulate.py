@@ -9,17 +9,7 @@ from cyclopts.validators import Number
 
 import locplan
 from locplan._util.progress import progress_bar
-from locplan.cli import _types as typed
-from locplan.cli._options import (
-    Computing,
-    CostOptions,
-    DriveOptions,
-    ManyMaps,
-    OneMap,
-    Output,
-    Seeded,
-    read_paths,
-)
+from locplan.cli import _options as shared, _types as typed
 from locplan.cli._robot_options import FIELD, FieldOptions, FilterMap
 from locplan.cli._types import command
 from locplan.errors import ConfigError
@@ -38,7 +28,15 @@ if TYPE_CHECKING:
     "simulate lab.yaml --drive monday.mcap --robot nav2_params.yaml -o replayed",
 )
 class simulate(
-    ManyMaps, FieldOptions, FilterMap, DriveOptions, Seeded, CostOptions, Computing, Output
+    shared.ManyMaps,
+    FieldOptions,
+    FilterMap,
+    shared.Ends,
+    shared.DriveOptions,
+    shared.Seeded,
+    shared.CostOptions,
+    shared.Computing,
+    shared.Output,
 ):
     """Drive paths with AMCL in simulated worlds: its error, and how often it is lost (> 1 m).
 
@@ -48,10 +46,6 @@ class simulate(
 
     path: typed.Csv = ()
     """Path that is driven (x,y), as plan wrote it; repeatable."""
-    start: typed.XY = None
-    """Start of the shortest and the aware path, x,y in metres."""
-    goal: typed.XY = None
-    """Goal of both paths, x,y in metres."""
     random: typed.Pair | None = None
     """Number of random queries on each map, in place of a start; 5 or more give intervals."""
     min_distance: float | None = None
@@ -87,12 +81,12 @@ class simulate(
 
     def _every(self, grids: list[OccupancyGrid], **count: int) -> dict[str, Any]:
         """What is said to each recipe."""
-        return {**self.given(Seeded), **count, "filter_map": self.load_filter_map(*grids)}
+        return {**self.given(shared.Seeded), **count, "filter_map": self.load_filter_map(*grids)}
 
     def _replay(self) -> None:
         """Run the filter on a recorded drive."""
         of_paths = "path", "start", "goal", "random", "min_distance", "closed", "replan"
-        unread = *of_paths, "scheduler", "cache_dir", CostOptions, *FIELD
+        unread = *of_paths, "scheduler", "cache_dir", shared.CostOptions, *FIELD
         self.refuse("with --drive", *unread)
         self.check_output(locplan.recordings.Replay.files)
         grid, recording = self.on_map(self.maps)
@@ -122,7 +116,7 @@ class simulate(
             self.refuse("without --closed", "replan")
         if self.path:
             of_field = [name for name in FIELD if name not in ("config", "estimator")]
-            self.refuse("with --path: no path is planned", CostOptions, *of_field)
+            self.refuse("with --path: no path is planned", shared.CostOptions, *of_field)
         if self.random is None:
             self.refuse("without --random", "min_distance")
         else:
@@ -153,9 +147,8 @@ class simulate(
         every: dict[str, Any],
     ) -> Simulation | None:
         """Drive the paths that were given, or the shortest and the aware one of two places."""
-        paths, costmap = read_paths(self.path), None
-        if self.start and self.goal:
-            ends = self.start, self.goal
+        paths, costmap = shared.read_paths(self.path), None
+        if ends := self.ends():
             locplan.planners.check_ends(locplan.Costmap.blank(grid, robot=robot), *ends)
             costmap = next(costmaps)
             plans = locplan.planners.plan_beside_shortest(costmap, *ends)
@@ -185,7 +178,7 @@ class simulate(
     "tune lab.yaml --lidar rplidar-a1 --robot nav2_params.yaml -o tuned",
     "tune lab.yaml --drive monday.mcap --robot nav2_params.yaml -o tuned",
 )
-class tune(OneMap, FilterMap, DriveOptions, Seeded, Output):
+class tune(shared.OneMap, FilterMap, shared.DriveOptions, shared.Seeded, shared.Output):
     """Find settings of AMCL that localize your robot better, and write them as Nav2's parameters.
 
     Your own settings (--robot, or Nav2's defaults) and others drive along random
@@ -215,7 +208,7 @@ class tune(OneMap, FilterMap, DriveOptions, Seeded, Output):
             locplan.simulation.check_tunable(params)
         # The table says what works badly, which other commands warn of.
         others = locplan.robots.read_parameters(params).of("amcl")
-        every = self.given("paths", "drives", Seeded) | {"others": others}
+        every = self.given("paths", "drives", shared.Seeded) | {"others": others}
         if self.drive:
             self.refuse("with --drive", "paths")
             grid, recording = self.on_map([self.map_file])

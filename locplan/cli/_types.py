@@ -46,9 +46,9 @@ def heading(name: str) -> Group:
     return Group(name, sort_key=HEADINGS.index(name))
 
 
-def under(title: str) -> Parameter:
+def under(title: str, **more: Any) -> Parameter:
     """What puts one option under another heading than its group's."""
-    return Parameter(group=heading(title))
+    return Parameter(group=heading(title), **more)
 
 
 class Options:
@@ -56,17 +56,10 @@ class Options:
 
     def given(self, *groups: type | str) -> dict[str, Any]:
         """The options that were given, by name: those of groups, or with these names."""
-        names = [
-            name
-            for group in groups
-            for name in ([group] if isinstance(group, str) else field_names(group))
-        ]
-        values = {name: getattr(self, name) for name in names}
-        return {
-            name: value
-            for name, value in values.items()
-            if not (value is None or value is False or value == ())
-        }
+        named = ([group] if isinstance(group, str) else field_names(group) for group in groups)
+        values = {name: getattr(self, name) for names in named for name in names}
+        missing = (None, False, ())
+        return {n: value for n, value in values.items() if not any(value is m for m in missing)}
 
     def refuse(self, why: str, *groups: type | str) -> None:
         """Raise a ConfigError if an option was given that is not read; `why` says when."""
