@@ -14,16 +14,7 @@ import locplan
 from locplan._util.files import PICTURES, check_target
 from locplan._util.progress import working
 from locplan._util.public import field_docs
-from locplan.cli import _types as typed
-from locplan.cli._options import (
-    Computing,
-    CostOptions,
-    Ends,
-    OneMap,
-    Output,
-    read_paths,
-    say_written,
-)
+from locplan.cli import _options as shared, _types as typed
 from locplan.cli._robot_options import FieldOptions
 from locplan.cli._types import Options, command
 from locplan.errors import ConfigError
@@ -54,11 +45,9 @@ class _Docs:
 
 def _joint_options() -> type:
     """A dataclass with the options of all formats; one that was not given is None."""
-    types = {
-        name: hint
-        for each in FORMATS.values()
-        for name, hint in get_type_hints(each.options).items()
-    }
+    types: dict[str, Any] = {}
+    for each in FORMATS.values():
+        types |= get_type_hints(each.options)
     types.pop("params", None)  # they are a file of the robot
     under = typed.under("Format")
     fields = [(name, Annotated[hint | None, under], None) for name, hint in types.items()]
@@ -81,7 +70,15 @@ else:
     "export lab.yaml --to nav2-keepout -o mask --planner smac-hybrid",
     "export lab.yaml --to path --start 2,3 --goal 38,3 -o path.csv --step 0.05",
 )
-class export(OneMap, FieldOptions, FormatOptions, Ends, CostOptions, Computing, Output):
+class export(
+    shared.OneMap,
+    FieldOptions,
+    FormatOptions,
+    shared.Ends,
+    shared.CostOptions,
+    shared.Computing,
+    shared.Output,
+):
     """Write cost maps, route graphs, bags and paths for navigation stacks, or plain files."""
 
     to: Annotated[
@@ -94,23 +91,23 @@ class export(OneMap, FieldOptions, FormatOptions, Ends, CostOptions, Computing, 
     def __call__(self) -> None:
         from locplan._util.tables import table
 
-        self._check()
-        to = self.to
-        format = FORMATS[to]
+        to, format, named = self.to, FORMATS[self.to], ("path", "start", "goal")
+        typed.check_read(self.given(*named), "--to", to, dict.fromkeys(PATHS, named))
+        ends = self.ends()
         robot, config = self.robot_and_field()
         chosen = self._chosen()
         self.check_costs(config)
         grid = locplan.load_map(self.map_file)
         target = self.output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
         format.check_target(target, force=self.force)
-        paths = read_paths(self.path)
-        count = len(paths) + bool(self.start)
+        paths = shared.read_paths(self.path)
+        count = len(paths) + bool(ends)
         if format.paths == "one" and count != 1:
             raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal")
         format.check(chosen, count)
         field = self.field_of(grid, config)
         costmap = self.costmap(grid, field, robot)
-        if ends := self.ends():
+        if ends:
             paths["aware"] = _planned(costmap, *ends)
         job = locplan.export.ExportJob(costmap, field, paths, robot=robot)
         with nullcontext() if format.shows_progress else working(f"writing {target.name}"):
@@ -119,12 +116,6 @@ class export(OneMap, FieldOptions, FormatOptions, Ends, CostOptions, Computing, 
         rows = [("map", grid.name), ("format", to), ("field", config.estimator.summary)]
         rows += summary.rows
         dataclasses.replace(self, output=target).show(about, table([], rows), target)
-
-    def _check(self) -> None:
-        """Raise a ConfigError if the format has no paths, or half a query was given."""
-        names = "path", "start", "goal"
-        typed.check_read(self.given(*names), "--to", self.to, dict.fromkeys(PATHS, names))
-        self.ends()
 
     def _chosen(self) -> Any:
         """The options of the format from those given; a ConfigError if one is not for it."""
@@ -153,7 +144,7 @@ READ = {
     "models": ("at", "axis"),
 }
 """The options that each figure reads."""
-OF_FIGURES = {name for names in READ.values() for name in names}
+OF_FIGURES = [name for names in READ.values() for name in names]
 
 
 @command(
@@ -161,7 +152,7 @@ OF_FIGURES = {name for names in READ.values() for name in names}
     "plot lab.yaml -o ellipses.png --figure ellipses --ranges 6,8",
     "plot lab.yaml -o models.png --figure models --at 2,3 --axis theta",
 )
-class plot(OneMap, FieldOptions, Computing):
+class plot(shared.OneMap, FieldOptions, shared.Computing):
     """Draw the map with its field, or how well a place matches its surroundings."""
 
     figure: Literal["field", "e", "ellipses", "distribution", "models"] = "field"
@@ -188,14 +179,15 @@ class plot(OneMap, FieldOptions, Computing):
         _, configs = self.robot_and_fields(self.ranges)
         name, given = self.figure, self.given(*OF_FIGURES)
         typed.check_read(given, "--figure", name, READ)
-        if "at" in READ[name] and "at" not in given:
+        of_place = "at" in READ[name]
+        if of_place and "at" not in given:
             raise ConfigError(f"--figure {name} needs --at X,Y")
         given.pop("ranges", None)
         if name == "models":
             given = {"axis": "x"} | given
         check_target(self.output, *PICTURES)
         grid = locplan.load_map(self.map_file)
-        if "at" in READ[name]:
+        if of_place:
             estimator: Any = configs[0].estimator
             if estimator.name != "sad":
                 raise ConfigError(f"--figure {name} is of --estimator sad")
@@ -205,4 +197,4 @@ class plot(OneMap, FieldOptions, Computing):
             drawn = locplan.plotting.figure_of(grid, name, configs, compute=compute, **given)
         with working("drawing"):
             locplan.plotting.save_figure(drawn, self.output)
-        say_written(self.output)
+        shared.say_written(self.output)

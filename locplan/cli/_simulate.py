@@ -110,17 +110,16 @@ class simulate(
         asked = bool(self.path), bool(self.start or self.goal), self.random is not None
         if asked.count(True) != 1 or bool(self.start) != bool(self.goal):
             raise ConfigError("give one of --path, --start with --goal, --random, and --drive")
-        if self.random is not None:
+        if self.random is None:
+            self.refuse("without --random", "min_distance")
+        else:
             self.refuse("with --random", "closed")
+            locplan.planners.check_random(self.random, self.seed, self._distance)
         if self.closed is None:
             self.refuse("without --closed", "replan")
         if self.path:
             of_field = [name for name in FIELD if name not in ("config", "estimator")]
             self.refuse("with --path: no path is planned", shared.CostOptions, *of_field)
-        if self.random is None:
-            self.refuse("without --random", "min_distance")
-        else:
-            locplan.planners.check_random(self.random, self.seed, self._distance)
 
     def _grids(self) -> list[OccupancyGrid]:
         """The maps; a ConfigError if there are several, and one path."""

@@ -15,26 +15,15 @@ from locplan._util.files import PICTURES, check_target
 from locplan._util.progress import progress_bar, working
 from locplan._util.results import ResultFolder
 from locplan._util.runs import Run
-from locplan.cli import _types as typed
+from locplan.cli import _options as shared, _types as typed
 from locplan.cli._application import application, launched
-from locplan.cli._options import (
-    CacheDir,
-    Computing,
-    Force,
-    Json,
-    ManyMaps,
-    OneMap,
-    Output,
-    say_written,
-    show,
-)
 from locplan.cli._robot_options import FieldOptions, RobotOptions
 from locplan.cli._types import Options, command
 from locplan.errors import LocplanError
 
 
 @command("info lab.yaml -o lab_map.png", "info lab.yaml --lidars")
-class info(OneMap, RobotOptions):
+class info(shared.OneMap, RobotOptions):
     """Describe a map: size, what misleads, rooms, and places for start and goal."""
 
     lidars: Annotated[bool, typed.under("Field")] = False
@@ -42,7 +31,7 @@ class info(OneMap, RobotOptions):
     turtlebot3, turtlebot4 and tim571, of short, middle and long range."""
     output: Annotated[Path | None, typed.Target, typed.under("Output")] = None
     """File for a picture with grid lines and places (.png, .pdf, .svg)."""
-    json: Json = False
+    json: shared.Json = False
 
     def __call__(self) -> None:
         if self.output:
@@ -61,11 +50,11 @@ class info(OneMap, RobotOptions):
         if self.output:
             with working("drawing"):
                 locplan.plotting.save_figure(locplan.plotting.info_figure(about), self.output)
-        show(self.json, found, "\n".join(lines), self.output)
+        shared.show(self.json, found, "\n".join(lines), self.output)
 
 
 @command("field lab.yaml -o lab.zarr --picture lab.png")
-class field(ManyMaps, FieldOptions, Computing, Output):
+class field(shared.ManyMaps, FieldOptions, shared.Computing, shared.Output):
     """Compute how uncertain a pose match is all over a map, or over many."""
 
     output: Annotated[Path | None, typed.Target, typed.under("Output")] = None
@@ -97,14 +86,14 @@ Days = Annotated[float, Parameter(metavar="DAYS", validator=Number(gte=0))]
 
 
 @cache.command(name="list")
-def list_(*, cache_dir: CacheDir = None, json: Json = False) -> None:
+def list_(*, cache_dir: shared.CacheDir = None, json: shared.Json = False) -> None:
     """List the cached fields, the last used first."""
     found = locplan.field.FieldCache.of(cache_dir)
-    show(json, found.summary(), found.table())
+    shared.show(json, found.summary(), found.table())
 
 
 @cache.command
-def clear(*, older_than: Days = 0.0, cache_dir: CacheDir = None) -> None:
+def clear(*, older_than: Days = 0.0, cache_dir: shared.CacheDir = None) -> None:
     """Remove cached fields, but for those being computed.
 
     Parameters
@@ -120,7 +109,7 @@ def clear(*, older_than: Days = 0.0, cache_dir: CacheDir = None) -> None:
 
 
 @cache.command
-def path(*, cache_dir: CacheDir = None) -> None:
+def path(*, cache_dir: shared.CacheDir = None) -> None:
     """Print the folder of the cached fields."""
     print(locplan.field.cache_folder(cache_dir))
 
@@ -141,7 +130,7 @@ class maps(Options):
     """Share of boundary cells that flip, as in a SLAM map; 0..1."""
     seed: int = 0
     """Seed of the noise; 0 by default."""
-    force: Force = False
+    force: shared.Force = False
 
     def __call__(self) -> None:
         environments = locplan.maps.environments
@@ -152,11 +141,11 @@ class maps(Options):
         with ResultFolder(self.output, "maps", self.force).writing(others_stay=True) as new:
             for name in names:
                 locplan.save_map(environments.make(name, **drawn), new / f"{name}{ending}.yaml")
-        say_written(*(self.output / f"{name}{ending}.yaml" for name in names))
+        shared.say_written(*(self.output / f"{name}{ending}.yaml" for name in names))
 
 
 @command("run planned/run.yaml -o again", "run planned")
-class run(Output):
+class run(shared.Output):
     """Repeat the command that wrote results, to the same numbers.
 
     Results replace those of the run, unless --output names another folder or file.
