@@ -656,8 +656,8 @@ def hello(name: str) -> int:
 
 def test_a_class_is_a_command_with_the_options_of_its_bases_and_its_own(run, room, monkeypatch):
     source = """
-from locplan.cli._options import OneMap, Output, Seeded
-from locplan.cli._types import Pair, command, under
+from locplan.cli._options import Output, Seeded
+from locplan.cli._types import OneMap, Pair, command, under
 from typing import Annotated
 @command("measure lab.yaml")
 class measure(OneMap, Seeded, Output):

@@ -9,13 +9,12 @@ import locplan
 from locplan._util.progress import progress_bar
 from locplan.cli import _types as typed
 from locplan.cli._application import NOT_IN_METRES
-from locplan.cli._options import DriveOptions, ManyMaps, Output, Seeded
+from locplan.cli._options import DriveOptions, Output, Seeded
 from locplan.cli._robot_options import FieldOptions, FilterMap
-from locplan.cli._types import Options, command, option_group
 
 
-@option_group("Simulation")
-class AtPlaces(Options):
+@typed.option_group("Simulation")
+class AtPlaces(typed.Options):
     """The number of places drawn at random, and of the simulations at each."""
 
     places: typed.Pair | None = None
@@ -26,11 +25,11 @@ class AtPlaces(Options):
     """Number of single scans matched at each place; 16 by default."""
 
 
-@command(
+@typed.command(
     "evaluate lab.yaml -o evaluated",
     "evaluate lab.yaml --drive monday.mcap --every 10 -o evaluated",
 )
-class evaluate(ManyMaps, FilterMap, DriveOptions, Seeded, AtPlaces, Output):
+class evaluate(typed.ManyMaps, FilterMap, DriveOptions, Seeded, AtPlaces, Output):
     """Show how well each field predicts where a robot is badly localized on your maps.
 
     It is simulated there, or, with --drive, what its own scans say along a recorded drive.
@@ -65,13 +64,13 @@ class evaluate(ManyMaps, FilterMap, DriveOptions, Seeded, AtPlaces, Output):
             return locplan.simulation.evaluate(grids, robot, progress=progress, **every)
 
 
-@command(
+@typed.command(
     "calibrate lab.yaml -o lab.json",
     "field lab.yaml --config lab.json",
     "calibrate lab.yaml --drive monday.mcap -o robot.json",
     "simulate lab.yaml --random 20 --robot robot.json",
 )
-class calibrate(ManyMaps, FieldOptions, DriveOptions, Seeded, AtPlaces, Output):
+class calibrate(typed.ManyMaps, FieldOptions, DriveOptions, Seeded, AtPlaces, Output):
     """Fit the noise level k (and tau), so that the field's deviations are errors in metres.
 
     With --drive, k is fitted to the posteriors of recorded scans instead, and the noise of

@@ -14,17 +14,16 @@ from cyclopts import Parameter
 import locplan
 from locplan._util.progress import progress_bar
 from locplan.cli import _types as typed
-from locplan.cli._options import Computing, Criterion, ManyMaps, Output
+from locplan.cli._options import Computing, Criterion, Output
 from locplan.cli._robot_options import FieldOptions
-from locplan.cli._types import Options, command, option_group
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
     from locplan.comparison import RandomQueries
 
 
-@option_group("Planner")
-class Compared(Options):
+@typed.option_group("Planner")
+class Compared(typed.Options):
     """The planners that are compared."""
 
     planner: Annotated[tuple[str, ...], Parameter(metavar="NAME[:OPTION=VALUE,...]")] = ()
@@ -38,8 +37,8 @@ class Compared(Options):
     """Planner that the others are compared with; any-angle if it is there."""
 
 
-@option_group("Computing")
-class Running(Options):
+@typed.option_group("Computing")
+class Running(typed.Options):
     """The resources of the runs."""
 
     workers: typed.Count | None = None
@@ -53,10 +52,10 @@ class Running(Options):
     """Go on with an earlier comparison in --output where it ended."""
 
 
-@command(
+@typed.command(
     "compare lab.yaml -o compared --planner any-angle --planner BITstar:time_limit=2 --seeds 5",
 )
-class compare(ManyMaps, FieldOptions, Criterion, Compared, Computing, Running, Output):
+class compare(typed.ManyMaps, FieldOptions, Criterion, Compared, Computing, Running, Output):
     """Run planners side by side, and report which one is best, where and by how much."""
 
     maps: Annotated[

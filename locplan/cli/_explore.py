@@ -12,16 +12,15 @@ import locplan
 from locplan._util.progress import progress_bar, working
 from locplan._util.supervision import end_if_supervised
 from locplan.cli import _types as typed
-from locplan.cli._options import Cached, CostOptions, Ends, Force, OneMap, Threads
+from locplan.cli._options import Cached, CostOptions, Ends, Force, Threads
 from locplan.cli._robot_options import FieldOptions
-from locplan.cli._types import command
 
 
-@command(
+@typed.command(
     "explore lab.yaml --lidar turtlebot4",
     "explore lab.yaml --lidar turtlebot4 --start 2,3 --goal 38,3 --drive drive.mcap -o edited",
 )
-class explore(OneMap, FieldOptions, Ends, CostOptions, Cached, Threads):
+class explore(typed.OneMap, FieldOptions, Ends, CostOptions, Cached, Threads):
     """Explore a map in the browser: drag start and goal, change the lidar, draw walls.
 
     The page is for this machine alone, at the address that is printed. Ctrl-C ends it,

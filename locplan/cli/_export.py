@@ -16,7 +16,6 @@ from locplan._util.progress import working
 from locplan._util.public import field_docs
 from locplan.cli import _options as shared, _types as typed
 from locplan.cli._robot_options import FieldOptions
-from locplan.cli._types import Options, command
 from locplan.errors import ConfigError
 from locplan.export import formats
 
@@ -51,7 +50,11 @@ def _joint_options() -> type:
     types.pop("params", None)  # they are a file of the robot
     under = typed.under("Format")
     fields = [(name, Annotated[hint | None, under], None) for name, hint in types.items()]
-    settings: Any = {"bases": (Options,), "namespace": {"__module__": __name__}, "kw_only": True}
+    settings: Any = {
+        "bases": (typed.Options,),
+        "namespace": {"__module__": __name__},
+        "kw_only": True,
+    }
     made = dataclasses.make_dataclass("FormatOptions", fields, frozen=True, **settings)
     made.__doc__ = cast("str", _Docs())
     return made
@@ -59,19 +62,19 @@ def _joint_options() -> type:
 
 if TYPE_CHECKING:
 
-    class FormatOptions(Options):
+    class FormatOptions(typed.Options):
         pass
 
 else:
     FormatOptions = _joint_options()
 
 
-@command(
+@typed.command(
     "export lab.yaml --to nav2-keepout -o mask --planner smac-hybrid",
     "export lab.yaml --to path --start 2,3 --goal 38,3 -o path.csv --step 0.05",
 )
 class export(
-    shared.OneMap,
+    typed.OneMap,
     FieldOptions,
     FormatOptions,
     shared.Ends,
@@ -147,12 +150,12 @@ READ = {
 OF_FIGURES = [name for names in READ.values() for name in names]
 
 
-@command(
+@typed.command(
     "plot lab.yaml -o heading.png --scalar heading_std",
     "plot lab.yaml -o ellipses.png --figure ellipses --ranges 6,8",
     "plot lab.yaml -o models.png --figure models --at 2,3 --axis theta",
 )
-class plot(shared.OneMap, FieldOptions, shared.Computing):
+class plot(typed.OneMap, FieldOptions, shared.Computing):
     """Draw the map with its field, or how well a place matches its surroundings."""
 
     figure: Literal["field", "e", "ellipses", "distribution", "models"] = "field"

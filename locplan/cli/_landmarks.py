@@ -11,13 +11,12 @@ from cyclopts import Parameter
 import locplan
 from locplan._util.progress import progress_bar
 from locplan.cli import _types as typed
-from locplan.cli._options import Ends, OneMap, Output, Seeded, read_paths
+from locplan.cli._options import Ends, Output, Seeded, read_paths
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._types import command, option_group
 from locplan.errors import ConfigError
 
 
-@option_group("Options")
+@typed.option_group("Options")
 class RouteOptions(Ends):
     """The routes of the robot."""
 
@@ -40,11 +39,11 @@ class RouteOptions(Ends):
         return {"places": dict(zip(("start", "goal"), ends, strict=True))} if ends else {}
 
 
-@command(
+@typed.command(
     "features lab.yaml --start 2,3 --goal 38,3 -o found",
     "features lab.yaml --path mine.csv --robot nav2_params.yaml --count 2 -o found",
 )
-class features(OneMap, RobotOptions, RouteOptions, Seeded, Output):
+class features(typed.OneMap, RobotOptions, RouteOptions, Seeded, Output):
     """Find the pillars, shelves and corners that localization on your routes depends on.
 
     Drives with your own filter, in a world that lacks the worst of them, say whether it is so.
@@ -82,12 +81,12 @@ def region(name: str, text: str) -> tuple[float, ...] | str:
     return text if text == "all" else typed.numbers(name, text, 4)
 
 
-@command(
+@typed.command(
     "landmarks lab.yaml --object pole:0.2 --count 3 --start 2,3 --goal 38,3 -o marked",
     "landmarks lab.yaml --object box:0.6,0.3 --path mine.csv --robot nav2_params.yaml -o marked",
     "landmarks lab.yaml --object box:0.6,0.3 --count 8 --region all -o marked",
 )
-class landmarks(OneMap, RobotOptions, RouteOptions, Seeded, Output):
+class landmarks(typed.OneMap, RobotOptions, RouteOptions, Seeded, Output):
     """Propose places for poles or boxes that keep the robot from getting lost on its ways.
 
     Drives with your own filter, before, after and with random places, say whether they help.

@@ -13,7 +13,6 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
@@ -24,7 +23,6 @@ from locplan._util.checks import check_threads, printable
 from locplan._util.progress import progress_bar, working
 from locplan._util.runs import write_run_beside
 from locplan.cli import _types as typed
-from locplan.cli._types import Options, option_group
 from locplan.errors import ConfigError, LocplanError, one_line
 
 LOG = logging.getLogger("locplan.cli")
@@ -44,33 +42,15 @@ if TYPE_CHECKING:
         ) -> CovarianceField: ...
 
 
-@dataclass(frozen=True)
-class OneMap(Options):
-    """The map of a command."""
-
-    map_file: Annotated[
-        Path, *typed.MAPS, Parameter(help="Map: a map_server YAML file, or a folder with one.")
-    ]
-
-
-@dataclass(frozen=True)
-class ManyMaps(Options):
-    """The maps of a command."""
-
-    maps: Annotated[
-        list[Path], *typed.MAPS, Parameter(help="Maps: map_server YAML files, or folders of them.")
-    ]
-
-
-@option_group("Computing")
-class Threads(Options):
+@typed.option_group("Computing")
+class Threads(typed.Options):
     """The threads."""
 
     threads: Annotated[int | None, typed.checked(check_threads)] = None
     """Number of threads; all cores by default."""
 
 
-@option_group("Simulation")
+@typed.option_group("Simulation")
 class Seeded(Threads):
     """The random numbers of drives, and the threads."""
 
@@ -82,14 +62,14 @@ ABOUT_CACHE = Parameter(help="Folder of the computed fields; LOCPLAN_CACHE names
 CacheDir = Annotated[Path | None, ABOUT_CACHE]
 
 
-@option_group("Computing")
-class Cached(Options):
+@typed.option_group("Computing")
+class Cached(typed.Options):
     """The cache of fields."""
 
     cache_dir: CacheDir = None
 
 
-@option_group("Computing")
+@typed.option_group("Computing")
 class Computing(Cached, Threads):
     """The resources for fields, and their cache."""
 
@@ -136,8 +116,8 @@ class Computing(Cached, Threads):
             return compute(grid)
 
 
-@option_group("Costs")
-class Criterion(Options):
+@typed.option_group("Costs")
+class Criterion(typed.Options):
     """What degeneracy is."""
 
     criterion: str | None = None
@@ -145,7 +125,7 @@ class Criterion(Options):
     others), position_rms or heading_std; ambiguity or entropy of scan and fused."""
 
 
-@option_group("Costs")
+@typed.option_group("Costs")
 class CostOptions(Criterion):
     """The costs of a path."""
 
@@ -165,8 +145,8 @@ class CostOptions(Criterion):
         return locplan.Costmap.from_field(grid, field, robot=robot, **self.given(CostOptions))
 
 
-@option_group("Options")
-class Ends(Options):
+@typed.option_group("Options")
+class Ends(typed.Options):
     """The ends of a path that is planned."""
 
     start: typed.XY = None
@@ -192,8 +172,8 @@ Frame = Annotated[str | None, Parameter(metavar="FRAME")]
 Move = Annotated[Any, typed.parsed(move, "X,Y,DEG")]
 
 
-@option_group("Recorded drive")
-class DriveOptions(Options):
+@typed.option_group("Recorded drive")
+class DriveOptions(typed.Options):
     """A recorded drive, and how its file is read."""
 
     drive: Annotated[Path | None, typed.INPUT, Parameter(metavar="FILE")] = None
@@ -269,8 +249,8 @@ Json = Annotated[bool, typed.under("Output", help="Print the result as JSON.")]
 Force = Annotated[bool, typed.under("Output", help="Replace files in the way, whoever wrote them.")]
 
 
-@option_group("Output")
-class Output(Options):
+@typed.option_group("Output")
+class Output(typed.Options):
     """Where the result goes."""
 
     output: Annotated[Path | None, typed.Target] = None

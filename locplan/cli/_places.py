@@ -12,21 +12,20 @@ import locplan
 from locplan._util.checks import whole
 from locplan._util.progress import progress_bar, working
 from locplan.cli import _types as typed
-from locplan.cli._options import DriveOptions, OneMap, Output, Threads
+from locplan.cli._options import DriveOptions, Output, Threads
 from locplan.cli._robot_options import RobotOptions
-from locplan.cli._types import command
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
     from locplan.recordings import Recording
 
 
-@command(
+@typed.command(
     "locate lab.yaml --drive monday.mcap --at 12.5 -o located",
     "locate lab.yaml --drive monday.mcap --scan 40 --near-path route.csv",
     "locate lab.yaml --drive monday.mcap --every 20 -o located",
 )
-class locate(OneMap, DriveOptions, Threads, Output):
+class locate(typed.OneMap, DriveOptions, Threads, Output):
     """Find where on the map the scans of a drive were taken, without their recorded poses.
 
     Places that explain a scan have weights, so that you see which ones look alike.
@@ -87,11 +86,11 @@ class locate(OneMap, DriveOptions, Threads, Output):
         return drive[scan : scan + 1]
 
 
-@command(
+@typed.command(
     "twins lab.yaml --lidar rplidar-a1 -o alike",
     "twins lab.yaml --lidar rplidar-a1 --at 2,3",
 )
-class twins(OneMap, RobotOptions, Threads, Output):
+class twins(typed.OneMap, RobotOptions, Threads, Output):
     """Find places that look alike to the lidar, the map's symmetries, and where to start the robot.
 
     It is about matching single scans with the whole map. AMCL's own global localization, which

@@ -11,9 +11,8 @@ from cyclopts import Parameter
 import locplan
 from locplan._util.progress import later_progress_bar, working
 from locplan.cli import _types as typed
-from locplan.cli._options import Computing, CostOptions, OneMap, Output, read_paths
+from locplan.cli._options import Computing, CostOptions, Output, read_paths
 from locplan.cli._robot_options import FIELD, FieldOptions, FilterMap
-from locplan.cli._types import Options, command, option_group
 from locplan.errors import ConfigError
 from locplan.planners import names
 
@@ -21,8 +20,8 @@ if TYPE_CHECKING:
     from locplan.planners import Planner
 
 
-@option_group("Planner")
-class PlannerOptions(Options):
+@typed.option_group("Planner")
+class PlannerOptions(typed.Options):
     """The planner and its own options, which have the planner's defaults if they are not given."""
 
     planner: Annotated[tuple[str, ...], Parameter(choices=names())] = ()
@@ -64,8 +63,8 @@ class PlannerOptions(Options):
         return made
 
 
-@option_group("Simulation")
-class Driving(Options):
+@typed.option_group("Simulation")
+class Driving(typed.Options):
     """What decides among candidates, which are driven where the lidar is known."""
 
     drives: int | None = None
@@ -84,12 +83,12 @@ class Driving(Options):
     """Decide without the aware paths, which need a field of the map."""
 
 
-@command(
+@typed.command(
     "plan lab.yaml --start 2,3 --goal 38,3 --lidar turtlebot4 --robot nav2.yaml -o planned",
     "plan lab.yaml --start 2,3 --goal 38,3 --planner BITstar --time-limit 2",
 )
 class plan(
-    OneMap, FieldOptions, FilterMap, PlannerOptions, Driving, CostOptions, Computing, Output
+    typed.OneMap, FieldOptions, FilterMap, PlannerOptions, Driving, CostOptions, Computing, Output
 ):
     """Choose the path to take, along which the robot can localize.
 
@@ -164,8 +163,8 @@ CHOICE = ("via", "front", "max_e", "budget", "longest", "drives", "bold", "minim
 """The options that are settings of a choice."""
 
 
-@command("pareto lab.yaml --start 2,3 --goal 38,3 -o front")
-class pareto(OneMap, FieldOptions, Computing, Output):
+@typed.command("pareto lab.yaml --start 2,3 --goal 38,3 -o front")
+class pareto(typed.OneMap, FieldOptions, Computing, Output):
     """Find all best trade-offs between length and localizability, and where they bend.
 
     The knee is the path farthest below the chord between the front's ends, or else the shortest.

@@ -15,7 +15,6 @@ import locplan
 from locplan._util.files import keep_input
 from locplan._util.runs import note_robot
 from locplan.cli import _types as typed
-from locplan.cli._types import Options, option_group
 from locplan.errors import ConfigError, LocplanError, one_line
 from locplan.field import ESTIMATORS, estimator_class
 from locplan.robots import PRESETS
@@ -30,8 +29,8 @@ def _keep_file(file: Path) -> None:
     keep_input(locplan.robots.file_and_robot(file)[0])
 
 
-@option_group("Robot")
-class RobotOptions(Options):
+@typed.option_group("Robot")
+class RobotOptions(typed.Options):
     """The robot."""
 
     robot: Annotated[
@@ -106,7 +105,7 @@ class RobotOptions(Options):
         return None
 
 
-@option_group("Robot")
+@typed.option_group("Robot")
 class FilterMap(RobotOptions):
     """The robot, and the map of its filter."""
 
@@ -124,7 +123,7 @@ class FilterMap(RobotOptions):
         return locplan.simulation.check_filter_map(grid, grids[0])
 
 
-@option_group("Field")
+@typed.option_group("Field")
 class FieldOptions(RobotOptions):
     """The robot, and the settings of the covariance field."""
 

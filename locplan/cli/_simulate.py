@@ -11,7 +11,6 @@ import locplan
 from locplan._util.progress import progress_bar
 from locplan.cli import _options as shared, _types as typed
 from locplan.cli._robot_options import FIELD, FieldOptions, FilterMap
-from locplan.cli._types import command
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -21,14 +20,14 @@ if TYPE_CHECKING:
     from locplan.simulation import Routes, Simulation
 
 
-@command(
+@typed.command(
     "simulate lab.yaml --start 2,3 --goal 38,3 -o driven",
     "simulate lab.yaml --path planned/shortest.csv --path mine.csv -o driven",
     "simulate lab.yaml --random 20 -o queries",
     "simulate lab.yaml --drive monday.mcap --robot nav2_params.yaml -o replayed",
 )
 class simulate(
-    shared.ManyMaps,
+    typed.ManyMaps,
     FieldOptions,
     FilterMap,
     shared.Ends,
@@ -172,12 +171,12 @@ class simulate(
             )
 
 
-@command(
+@typed.command(
     "tune lab.yaml --lidar turtlebot4 -o tuned",
     "tune lab.yaml --lidar rplidar-a1 --robot nav2_params.yaml -o tuned",
     "tune lab.yaml --drive monday.mcap --robot nav2_params.yaml -o tuned",
 )
-class tune(shared.OneMap, FilterMap, shared.DriveOptions, shared.Seeded, shared.Output):
+class tune(typed.OneMap, FilterMap, shared.DriveOptions, shared.Seeded, shared.Output):
     """Find settings of AMCL that localize your robot better, and write them as Nav2's parameters.
 
     Your own settings (--robot, or Nav2's defaults) and others drive along random

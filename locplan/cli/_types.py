@@ -197,6 +197,26 @@ def keep_map(path: Path) -> None:
 INPUT = checked(keep_input)
 """Of a file that is read: no result is written over it."""
 MAPS = Parameter("MAP"), checked(keep_map)
+
+
+@dataclasses.dataclass(frozen=True)
+class OneMap(Options):
+    """The map of a command."""
+
+    map_file: Annotated[
+        Path, *MAPS, Parameter(help="Map: a map_server YAML file, or a folder with one.")
+    ]
+
+
+@dataclasses.dataclass(frozen=True)
+class ManyMaps(Options):
+    """The maps of a command."""
+
+    maps: Annotated[
+        list[Path], *MAPS, Parameter(help="Maps: map_server YAML files, or folders of them.")
+    ]
+
+
 XY = Annotated[tuple[float, float] | None, parsed(two_numbers, "X,Y")]
 """A position, if it is given [m]."""
 Pose = Annotated[Any, parsed(position, "X,Y[,DEG]")]

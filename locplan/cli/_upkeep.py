@@ -18,12 +18,11 @@ from locplan._util.runs import Run
 from locplan.cli import _options as shared, _types as typed
 from locplan.cli._application import application, launched
 from locplan.cli._robot_options import FieldOptions, RobotOptions
-from locplan.cli._types import Options, command
 from locplan.errors import LocplanError
 
 
-@command("info lab.yaml -o lab_map.png", "info lab.yaml --lidars")
-class info(shared.OneMap, RobotOptions):
+@typed.command("info lab.yaml -o lab_map.png", "info lab.yaml --lidars")
+class info(typed.OneMap, RobotOptions):
     """Describe a map: size, what misleads, rooms, and places for start and goal."""
 
     lidars: Annotated[bool, typed.under("Field")] = False
@@ -53,8 +52,8 @@ class info(shared.OneMap, RobotOptions):
         shared.show(self.json, found, "\n".join(lines), self.output)
 
 
-@command("field lab.yaml -o lab.zarr --picture lab.png")
-class field(shared.ManyMaps, FieldOptions, shared.Computing, shared.Output):
+@typed.command("field lab.yaml -o lab.zarr --picture lab.png")
+class field(typed.ManyMaps, FieldOptions, shared.Computing, shared.Output):
     """Compute how uncertain a pose match is all over a map, or over many."""
 
     output: Annotated[Path | None, typed.Target, typed.under("Output")] = None
@@ -114,8 +113,8 @@ def path(*, cache_dir: shared.CacheDir = None) -> None:
     print(locplan.field.cache_folder(cache_dir))
 
 
-@command("maps maps --name two_corridors --resolution 0.1")
-class maps(Options):
+@typed.command("maps maps --name two_corridors --resolution 0.1")
+class maps(typed.Options):
     """Write the generated maps as PGM and YAML."""
 
     output: Annotated[Path, typed.Target, typed.under("Output")] = dataclasses.field(
@@ -144,7 +143,7 @@ class maps(Options):
         shared.say_written(*(self.output / f"{name}{ending}.yaml" for name in names))
 
 
-@command("run planned/run.yaml -o again", "run planned")
+@typed.command("run planned/run.yaml -o again", "run planned")
 class run(shared.Output):
     """Repeat the command that wrote results, to the same numbers.
 
@@ -166,7 +165,7 @@ class run(shared.Output):
         return code
 
 
-@command(
+@typed.command(
     "completion bash > ~/.local/share/bash-completion/completions/locplan",
     "completion zsh > ~/.zfunc/_locplan   (a folder in $fpath)",
     "completion fish > ~/.config/fish/completions/locplan.fish",
