@@ -129,7 +129,9 @@ class plan(
         if self.no_field:
             self.refuse("with --no-field", *FIELD, CostOptions, "max_e", "budget", "front")
             basis = locplan.Costmap.blank(grid, robot=robot)
-        timed: Any = {} if self.driving_time is None else {"time_limit": self.driving_time}
+        settings = self.given("seed", "threads", locplan.simulation.ChoiceSettings)
+        settings["time_limit"] = self.driving_time  # --time-limit is that of OMPL's planners
+        settings["filter_map"] = self.load_filter_map(grid)
         with (
             locplan.simulation.drives_prepared_beside() if driven else nullcontext() as drivable,
             self.fields_of(config, whole=self.stride is not None, then=drivable) as compute,
@@ -144,9 +146,7 @@ class plan(
                 candidates=candidates,
                 compute=compute,
                 progress=progress,
-                filter_map=self.load_filter_map(grid),
-                **self.given("seed", "threads", *CHOICE, CostOptions),
-                **timed,
+                **settings,
             )
         self.finish(choice)
 
@@ -157,10 +157,6 @@ class plan(
         for name in made.keys() & paths.keys():
             raise ConfigError(f"a --path file has the name of a --planner, {name}; rename it")
         return {**paths, **made}
-
-
-CHOICE = ("via", "front", "max_e", "budget", "longest", "drives", "bold", "minimise", "price")
-"""The options that are settings of a choice."""
 
 
 @typed.command("pareto lab.yaml --start 2,3 --goal 38,3 -o front")

@@ -55,9 +55,12 @@ class Options:
     """Options of a command; those that were not given are None, False or ()."""
 
     def given(self, *groups: type | str) -> dict[str, Any]:
-        """The options that were given, by name: those of groups, or with these names."""
+        """The options that were given, by name: those of groups, or with these names.
+
+        A group may be any dataclass, such as the settings of a recipe that are options by name.
+        """
         named = ([group] if isinstance(group, str) else field_names(group) for group in groups)
-        values = {name: getattr(self, name) for names in named for name in names}
+        values = {name: getattr(self, name, None) for names in named for name in names}
         missing = (None, False, ())
         return {n: value for n, value in values.items() if not any(value is m for m in missing)}
 
