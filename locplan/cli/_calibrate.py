@@ -55,7 +55,7 @@ class evaluate(typed.ManyMaps, FilterMap, DriveOptions, Seeded, AtPlaces, Output
 
     def _simulated(self) -> Any:
         self.refuse("without --drive", "config")
-        robot = self.simulated_robot()
+        robot = self.simulated()
         self.check_output(locplan.simulation.Evaluation.files)
         grids = [locplan.load_map(file) for file in locplan.maps.find_maps(*self.maps)]
         every = self.given(AtPlaces, Seeded) | {"filter_map": self.load_filter_map(*grids)}
@@ -109,7 +109,8 @@ class calibrate(typed.ManyMaps, FieldOptions, DriveOptions, Seeded, AtPlaces, Ou
         error = self.error or "tracking"
         unread = "scans" if error == "tracking" else "drives"
         self.refuse(f"with --error {error}", unread)
-        robot, config = self.simulated()
+        robot, config = self.robot_and_field()
+        robot = self.simulated(robot, config)
         places = self.given(AtPlaces, Seeded) | {unread: 0}
         with progress_bar("driving", "drives") as progress:
             grids = [locplan.load_map(file) for file in locplan.maps.find_maps(*self.maps)]

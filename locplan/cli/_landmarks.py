@@ -63,7 +63,7 @@ class features(typed.OneMap, RobotOptions, RouteOptions, Seeded, Output):
     def __call__(self) -> None:
         ways = self.ways()
         locplan.simulation.check_drives(self.drives, or_none=True)
-        robot = self.simulated_robot()
+        robot = self.simulated()
         grid = locplan.load_map(self.map_file)
         self.check_output(locplan.KeyFeatures.files)
         taken = self.given("count", "piece", "largest", "shift")
@@ -123,7 +123,7 @@ class landmarks(typed.OneMap, RobotOptions, RouteOptions, Seeded, Output):
         ways = self.ways("region")
         kind = locplan.landmarks.parsed_object(self.object)
         locplan.simulation.check_drives(self.drives, or_none=True)
-        robot = self.simulated_robot()
+        robot = self.simulated()
         sites = locplan.landmarks.Sites(**self.given(locplan.landmarks.Sites))
         grid = locplan.load_map(self.map_file)
         if self.region:

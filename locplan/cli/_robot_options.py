@@ -83,9 +83,9 @@ class RobotOptions(typed.Options):
                 raise ConfigError(f"--set {name} is not read with --drive, which has its own")
         return robot
 
-    def simulated_robot(self) -> Robot:
-        """The robot with a lidar, the fields' own where none is named; warns as `warn` does."""
-        robot = locplan.field.equipped(self.load_robot())
+    def simulated(self, robot: Robot | None = None, config: FieldConfig | None = None) -> Robot:
+        """The robot with a lidar, that of a field if it names none; warns as `warn` does."""
+        robot = locplan.field.equipped(robot or self.load_robot(), config)
         self.warn(robot)
         return robot
 
@@ -149,16 +149,6 @@ class FieldOptions(RobotOptions):
         read = self._read()
         robot = self.load_robot(getattr(read.estimator, "lidar", None) if read else None)
         return robot, _seen_by(read, robot.lidar) if read else self._made(robot.lidar)
-
-    def simulated(self) -> tuple[Robot, FieldConfig]:
-        """The robot, which has the field's lidar if no other, and the field's settings.
-
-        Warns of settings of the robot's filter that work badly with the lidar.
-        """
-        robot, config = self.robot_and_field()
-        robot = locplan.field.equipped(robot, config)
-        self.warn(robot)
-        return robot, config
 
     def field_on(self, lidar: Lidar) -> FieldConfig:
         """The settings of a field for a recorded drive; an estimator that casts rays has its lidar.

@@ -63,7 +63,8 @@ class simulate(
         if self.drive:
             return self._replay()
         self._check()
-        robot, config = self.simulated()
+        robot, config = self.robot_and_field()
+        robot = self.simulated(robot, config)
         self.check_costs(config)
         grids = self._grids()
         every = self._every(grids, drives=self.drives or 100)
