@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import sys
 import warnings
 from contextlib import suppress
@@ -189,7 +190,7 @@ class FieldOptions(RobotOptions):
         return locplan.FieldConfig(_with_template(kind, lidar, given), **others)
 
 
-FIELD = tuple(vars(FieldOptions)["__annotations__"])
+FIELD = tuple(inspect.get_annotations(FieldOptions))
 """Names of the options of the field, the file of all settings first."""
 
 
