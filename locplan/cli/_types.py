@@ -77,7 +77,8 @@ def option_group(title: str) -> Callable[[type[Kind]], type[Kind]]:
     """The decorator that makes a class a frozen dataclass of options under a heading."""
 
     def made(kind: type[Kind]) -> type[Kind]:
-        for name, hint in inspect.get_annotations(kind, eval_str=True).items():
+        # In its module alone: an option may have the name of what parses it.
+        for name, hint in inspect.get_annotations(kind, locals={}, eval_str=True).items():
             if getattr(vars(kind).get(name), "kw_only", True) is False:
                 continue  # it has its place, such as a map, and stands among the arguments
             more = getattr(hint, "__metadata__", ())  # which may name another heading
