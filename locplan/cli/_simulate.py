@@ -86,8 +86,8 @@ class simulate(
     def _replay(self) -> None:
         """Run the filter on a recorded drive."""
         of_paths = "path", "start", "goal", "random", "min_distance", "closed", "replan"
-        unread = *of_paths, "scheduler", "cache_dir", shared.CostOptions, *FIELD
-        self.refuse("with --drive", *unread)
+        unread = *of_paths, "scheduler", "cache_dir", *FIELD
+        self.refuse("with --drive", *unread, shared.CostOptions)
         self.check_output(locplan.recordings.Replay.files)
         grid, recording = self.on_map(self.maps)
         every = self._every([grid], runs=self.drives or 20)

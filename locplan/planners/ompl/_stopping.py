@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from locplan._util.checks import positive, whole
 from locplan._util.progress import ProgressCallback
-from locplan.planners._registry import KINDS, Kind
+from locplan.planners._registry import KINDS as KINDS, Kind as Kind
 
 TELL_EVERY = 512
 """Iterations from one report of progress to the next."""
