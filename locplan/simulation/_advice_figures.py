@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import textwrap
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,7 +19,9 @@ from locplan.simulation._drives import LOST
 from locplan.simulation._figures import MAP_MARKS
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._driven import Candidate
-from locplan.simulation.tuning._results import Tuning
+
+if TYPE_CHECKING:
+    from locplan.simulation.tuning._results import Tuning
 
 WIDTH = 8.6
 """Minimum width of the figure [inch]."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,13 +19,15 @@ from locplan._util.intervals import Interval, in_metres, short
 from locplan._util.poses import Numbers
 from locplan.robots import Robot
 from locplan.simulation._arrivals import ARRIVED, Arrivals
-from locplan.simulation._calibration import Calibration
 from locplan.simulation._drives import LOST, contrasts
-from locplan.simulation._evaluation import Evaluation
 from locplan.simulation._places import KINDS, ErrorKind
 from locplan.simulation._predictors import Predictor
-from locplan.simulation._routes import Routes
-from locplan.simulation._simulate import Simulation
+
+if TYPE_CHECKING:
+    from locplan.simulation._calibration import Calibration
+    from locplan.simulation._evaluation import Evaluation
+    from locplan.simulation._routes import Routes
+    from locplan.simulation._simulate import Simulation
 
 LETTERS = 11.5
 """Number of letters of a legend or a title that fit within an inch."""
