@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from locplan._kernels.arrays import Bools, Floats, Ints, Octets, Singles
-from locplan._util.checks import instance, keep_checked, positive, whole
+from locplan._util.checks import instance, positive, setting
 from locplan.field._estimator import Estimator
 from locplan.field._search_window import OffsetLattice, SearchWindow
 from locplan.robots import Lidar
@@ -29,29 +29,27 @@ class LidarEstimator(Estimator):
 
     lidar: Lidar
     """The lidar: its range, field of view, beams and mount."""
+    _: KW_ONLY
     window: SearchWindow = field(
-        default=SearchWindow(
-            half_width=1.5, step=0.1, half_rotation_deg=4.0, rotation_step_deg=1.0
-        ),
-        kw_only=True,
+        default=SearchWindow(half_width=1.5, step=0.1, half_rotation_deg=4.0, rotation_step_deg=1.0)
     )
     """Search window of pose offsets, which bounds the covariance.
 
     By default 1.5 m in steps of 0.1 m, and 4 deg in steps of 1 deg, which ranks the uncertainty of
     real lasers best.
     """
-    sigma_hit: float = field(default=0.1, kw_only=True)
+    sigma_hit: float = setting(0.1, positive, "m")
     """Standard deviation of the distance of a beam's end from a wall [m], above 0.
 
     At least a cell counts. More suits a map that is drawn roughly, and makes covariances larger.
     """
-    effective_beams: float = field(default=12.6, kw_only=True)
+    effective_beams: float = setting(12.6, positive, "beams")
     """Number of independent beams that tell as much as all, above 0.
 
     Neighbouring beams err alike; the default is fitted to real lasers. Covariances shrink as it
     grows. Of fewer beams than these, each tells as much as an independent one.
     """
-    max_beams: int = field(default=180, kw_only=True)
+    max_beams: int = setting(180)
     """Maximum number of beams that count, >= 1; fewer are faster.
 
     Of a lidar with more, as many are simulated, evenly spaced over its field of view.
@@ -61,9 +59,6 @@ class LidarEstimator(Estimator):
         super().__post_init__()
         instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
         instance("window", self.window, SearchWindow)
-        keep_checked(self, ("sigma_hit",), positive, "m")
-        keep_checked(self, ("effective_beams",), positive, "beams")
-        keep_checked(self, ("max_beams",), whole)
 
     def lattice(self, resolution: float) -> OffsetLattice:
         return self.window.on(resolution)

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from locplan._kernels.arrays import Array, Floats
-from locplan._util.checks import Settings, instance, keep, one_of, positive, reach, shown
+from locplan._util.checks import Settings, instance, keep, positive, reach, setting, shown
 from locplan.errors import ConfigError
 from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
 from locplan.field._search_window import OffsetLattice, SearchWindow
@@ -90,9 +90,9 @@ class Sad(Estimator):
     """Search window of pose offsets, which bounds the covariance; by default the paper's."""
     quantisation: bool = True
     """True to add Q, the variance that the window's steps cannot resolve (step^2 / 12)."""
-    range: float = PAPER_RANGE
+    range: float = setting(PAPER_RANGE, reach)
     """Radius of the template disc [m], above 0 up to 10,000; take the range of your lidar."""
-    template: Literal["disc", "visible"] = "disc"
+    template: Literal["disc", "visible"] = setting("disc", *TAU)
     """Compared part of the disc: all of it, as in the paper, or what a ray from the cell sees.
 
     "visible" does not look through walls, in several times the time.
@@ -108,8 +108,6 @@ class Sad(Estimator):
         instance("window", self.window, SearchWindow)
         if not isinstance(self.quantisation, bool):
             raise ConfigError(f"quantisation must be true or false, not {shown(self.quantisation)}")
-        keep(self, range=reach("range", self.range))
-        one_of("template", self.template, tuple(TAU))
         if self.lidar is not None:
             instance("lidar", self.lidar, Lidar)
         if not isinstance(self.weights, InverseSquare):
