@@ -104,7 +104,7 @@ def test_32_moves_equal_the_plain_search(seed):
     half = bordered_half(density, 3)
     moves = any_angle._moves(columns, False)
     goal = (11 + 3) * columns + 13 + 3
-    flat = kernels.cheapest_moves(half, 3 * columns + 3, goal, *moves)
+    flat = kernels.cheapest_moves(half, 3 * columns + 3, goal, moves)
     expected = naive.cheapest_moves(density, (0, 0), (11, 13), 3)
     if np.isinf(expected):
         assert flat.size == 0

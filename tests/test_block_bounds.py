@@ -9,7 +9,7 @@ from test_sad import mismatch_counts
 
 from locplan._kernels import bitplanes, simd
 from locplan.field import Exponential, InverseSquare, MapPart, OffsetLattice, Sad, SearchWindow
-from locplan.field.estimators._sad_tiles import Due, Layout, disc_blocks, kept_lines, scaled
+from locplan.field.estimators._sad_tiles import Layout, disc_blocks, kept_lines, scaled
 from locplan.field.templates import disc
 from locplan.maps import FREE, load_map
 
@@ -19,7 +19,7 @@ def kept(layout, negligible):
     groups = layout.groups()
     cells, offsets = len(layout.part.rows), 2 * layout.window.half_steps + 1
     result = np.zeros((layout.window.angles.size, cells, offsets), bool)
-    lines = kept_lines(layout, groups, negligible, Due(cells, cells * layout.window.angles.size))
+    lines = kept_lines(layout, groups, negligible)
     for group, some in zip(groups, lines, strict=True):
         result[:, group.cells] = some
     return result

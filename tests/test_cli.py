@@ -13,6 +13,7 @@ from conftest import SHARED_DATA, drawn, refused
 
 import locplan
 from locplan import CovarianceField, FieldConfig, LocplanError, load_map, save_map
+from locplan._util.public import field_docs
 from locplan.cli import COMMANDS, _options
 from locplan.field import save_config, scalar as scalar_of
 from locplan.maps import environments
@@ -654,6 +655,36 @@ def hello(name: str) -> int:
     assert "Greet somebody." in run("--help")[1]
 
 
+def test_a_class_is_a_command_with_the_options_of_its_bases_and_its_own(run, room, monkeypatch):
+    source = """
+from locplan.cli._options import Output, Seeded
+from locplan.cli._types import OneMap, Pair, command, under
+from typing import Annotated
+@command("measure lab.yaml")
+class measure(OneMap, Seeded, Output):
+    "Measure a map."
+    depth: float | None = None
+    walls: Pair | None = None
+    deep: Annotated[bool, under("Field")] = False
+    def __call__(self):
+        self.refuse("without --deep", *[] if self.deep else ["depth"])
+        print(self.map_file.name, self.given("walls", Seeded), self.given("depth", Output))
+"""
+    module = types.ModuleType("locplan.cli._measure")
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    exec(source, module.__dict__)
+    known = COMMANDS | {"measure": ("Start", "_measure")}
+    monkeypatch.setattr("locplan.cli._application.COMMANDS", known)
+    assert run("measure", room)[:2] == (0, "room.yaml {'seed': 1} {}\n")
+    given = run("measure", room, "--walls", "2", "--seed", "0", "--deep", "--depth", "0", "--json")
+    assert given[1] == "room.yaml {'walls': 2, 'seed': 0} {'depth': 0.0, 'json': True}\n"
+    assert "--depth is not read without --deep" in refused(run("measure", room, "--depth", "1"))
+    panels = {each.split()[1]: each for each in run("measure", "--help")[1].split("╭")[1:]}
+    assert [*panels] == ["Arguments", "Options", "Simulation", "Field", "Computing", "Output"]
+    assert "--depth" in panels["Options"]
+    assert "--deep " in panels["Field"]
+
+
 def test_helps_import_no_heavy_library():
     code = (
         "import sys\n"
@@ -737,7 +768,7 @@ def test_choices_are_those_of_the_library(room):
     names, _ = get_args(options["planner"])
     with pytest.raises(LocplanError, match=f"planner must be one of {', '.join(get_args(names))},"):
         keepout_mask(locplan.Costmap.blank(load_map(room)), planner="other")
-    (help,) = (each.help for each in _options.Criterion.__metadata__)
+    help = field_docs(_options.Criterion)["criterion"]
     assert all(name in help for name in (*SCALARS, *(layer.name for layer in Scan.layers)))
 
 

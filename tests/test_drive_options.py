@@ -62,7 +62,7 @@ def test_wrong_options_are_one_clear_line(run, tmp_path, drive_file, given, said
 
 def test_options_of_a_drive_are_refused_without_one():
     with pytest.raises(ConfigError, match="--every is not read without --drive"):
-        DriveOptions(every=2).check()
-    DriveOptions().check()
+        DriveOptions(every=2).check_drive()
+    DriveOptions().check_drive()
     with pytest.raises(ConfigError, match="name a recorded drive"):
         DriveOptions().read()

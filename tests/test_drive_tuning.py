@@ -47,15 +47,15 @@ STILL = Amcl(min_particles=20, max_particles=20, alpha1=0.0, alpha2=0.0, alpha3=
 @pytest.fixture(scope="module")
 def benches(grid, drive):
     """The benches of a search and of its judgement, each with the poses of its stretches."""
-    seen, made = [], TuningBench.__init__
+    seen, made = [], TuningBench.__post_init__
 
-    def noted(self, where, of_filter, lidar, levels, lines, *others, **named):
-        seen.append((self, lines))
-        made(self, where, of_filter, lidar, levels, lines, *others, **named)
+    def noted(self):
+        seen.append((self, self.lines))
+        made(self)
 
     robot = Robot(filter=STILL, disturbances=Disturbances(start_sigma=0.0, start_sigma_deg=0.0))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(TuningBench, "__init__", noted)
+        patch.setattr(TuningBench, "__post_init__", noted)
         tune_on_drive(drive, grid, robot, drives=2)
     return seen
 

@@ -573,7 +573,7 @@ def test_cells_kept_for_undoing_are_bounded():
 def test_an_edit_outside_the_map_changes_nothing(session):
     stroke = {"tool": "pole", "points": [[500.0, 500.0]], "width": 0.3}
     before = session.grid.digest
-    assert answer(session, "edit", strokes=[stroke]) == {"changed": []}
+    assert answer(session, "edit", strokes=[stroke]) == {"changed": False}
     assert session.grid.digest == before
     assert not session.edits
 

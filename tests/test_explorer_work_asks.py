@@ -162,7 +162,8 @@ def test_a_recorded_drive_is_told_of_and_answered():
     session = session_of(drives=(drive,))
     (told,) = session.about()["drives"]
     assert (told["name"], told["scans"], told["duration"]) == ("tour.bag", 40, None)
-    shown = json.loads(json.dumps(shown_on(session), allow_nan=False))
+    shown = answered(session, "drive", drive=0)
+    assert shown == json.loads(json.dumps(shown_on(session), allow_nan=False))
     assert shown["timed"] is False
     assert len(shown["t"]) == len(shown["unlike"]) == 40
     session.close()
@@ -222,8 +223,9 @@ def test_matching_is_cancelled_and_keeps_nothing():
 @pytest.mark.parametrize("given", [{}, {"drive": 1}, {"drive": -1}, {"drive": "0"}, {"drive": 0.5}])
 def test_a_drive_that_is_not_there_is_refused(given):
     session = toured_session()
-    with pytest.raises(ConfigError, match="drive must be"):
-        answered(session, "match", **given)
+    for do in ("drive", "match"):
+        with pytest.raises(ConfigError, match="drive must be"):
+            answered(session, do, **given)
     session.close()
 
 

@@ -337,14 +337,13 @@ ROBOTS = {
 
 def of_options(words: list[str]) -> tuple[Robot, FieldConfig]:
     """The robot and the settings of a field that the commands make of options."""
-    from locplan.cli._robot_options import FieldOptions, RobotOptions
+    from locplan.cli._robot_options import FieldOptions
 
     pairs = list(zip(words[::2], words[1::2], strict=True))
     kinds = {"disc": float, "stride": float, "headings": int}
     given = {key[2:]: kinds.get(key[2:], str)(value) for key, value in pairs if key != "--set"}
-    named = given.pop("lidar", None)
-    robot = RobotOptions(lidar=named, set=tuple(value for key, value in pairs if key == "--set"))
-    return FieldOptions(**given).with_robot(robot)
+    settings = tuple(value for key, value in pairs if key == "--set")
+    return FieldOptions(set=settings, **given).robot_and_field()
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -172,7 +172,7 @@ def hits_on(grid, rays):
     occupied = grid.cells == OCCUPIED
     hits = np.zeros((len(rays.first), rays.beams, 4), np.float32)
     scene = empty_squares(occupied), surface_normals(occupied), grid.resolution
-    landmarks.hits_of_map(*scene, rays, 0, len(rays.first), hits)
+    landmarks.hits_of_map(landmarks.Surfaces(*scene), rays, hits)
     return hits
 
 
@@ -188,7 +188,8 @@ def test_rays_see_what_plain_loops_find(least):
     squares[:, 4 + 1, 4 + 1] = 1  # feature 0 is away
     wanted = np.arange(0, 4 * 41, 3)
     hits, cells = np.zeros((len(wanted), 4), np.float32), np.empty(len(wanted), np.int64)
-    kernels.look(squares, normals, labels, silent, 0.5, rays, wanted, hits, cells)
+    scene = landmarks.Surfaces(squares, normals, 0.5)
+    kernels.look(scene, labels, silent, rays, wanted, hits, cells)
     stands = occupied.copy()
     stands[4, 4] = False
     quiet = (labels > 0) & silent[labels]
@@ -208,7 +209,8 @@ def test_all_rays_see_what_landmarks_are_placed_by():
     wanted = np.arange(4 * 41)
     hits, cells = np.zeros((len(wanted), 4), np.float32), np.empty(len(wanted), np.int64)
     normals, none = surface_normals(occupied), np.zeros(1, bool)
-    kernels.look(empty_squares(occupied), normals, labels, none, 0.5, rays, wanted, hits, cells)
+    scene = landmarks.Surfaces(empty_squares(occupied), normals, 0.5)
+    kernels.look(scene, labels, none, rays, wanted, hits, cells)
     assert (hits.reshape(4, 41, 4) == hits_on(grid, rays)).all()
 
 
@@ -222,7 +224,7 @@ def test_errors_by_a_moved_feature_are_those_of_plain_matrices():
     upper = information[:, [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
     sums = np.column_stack([upper, np.zeros(9)])
     _, after = ways.covariances(sums, poses, routes, ways.Sensing(1.0, 0.0), motion)
-    got = kernels.biases(pulls, upper, after, poses, routes)
+    got = ways.biases(pulls, upper, after, poses, routes)
     wanted = naive.biases(pulls, information, poses, routes, motion)
     np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-12)
 

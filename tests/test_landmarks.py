@@ -50,7 +50,7 @@ def hits_on(grid, rays):
     occupied = grid.cells == OCCUPIED
     hits = np.zeros((len(rays.first), rays.beams, 4), np.float32)
     scene = empty_squares(occupied), surface_normals(occupied), grid.resolution
-    kernels.hits_of_map(*scene, rays, 0, len(rays.first), hits)
+    kernels.hits_of_map(kernels.Surfaces(*scene), rays, hits)
     return hits
 
 
@@ -375,8 +375,8 @@ def test_what_objects_tell_is_that_of_plain_loops(outline, least, view):
         for place in objects:
             wanted = naive.landmark_information(occupied, normals, 0.5, rays, n, outline, [place])
             begin, count = sightings.seeing_rays(hits, rays, n, outline, *place)
-            given = sums, hits, rays, n, outline, *place, begin, count, changed
-            meets = count > 0 and kernels.with_object(*given)
+            scene = kernels.Scene(hits, sums, rays, outline)
+            meets = count > 0 and kernels.with_object(scene, n, place, begin, count, changed)
             found = as_matrix(changed if meets else sums[n])
             np.testing.assert_allclose(found, wanted, atol=2e-4)
     touched = np.zeros(len(hits), bool)
@@ -389,13 +389,13 @@ def test_what_objects_tell_is_that_of_plain_loops(outline, least, view):
 
 
 def sightings_of(hits, rays, outline, places):
-    counts = np.zeros(len(places), np.int64)
-    sightings.count_sightings(places, 0, len(places), hits, rays, outline, counts)
-    starts = np.concatenate([[0], np.cumsum(counts)])
-    seen = sightings.Sightings(
-        starts, np.empty(starts[-1], np.int32), np.empty((starts[-1], 2), np.int16)
-    )
-    sightings.fill_sightings(places, 0, len(places), hits, rays, outline, seen)
+    counts, starts = np.zeros(len(places), np.int64), np.zeros(len(places) + 1, np.int64)
+    for _ in range(2):  # the first time without room
+        room = starts[-1]
+        made = np.empty(room, np.int32), np.empty((room, 2), np.int16)
+        seen = sightings.Sightings(starts, *made)
+        sightings.find_sightings(places, 0, len(places), hits, rays, outline, seen, counts)
+        starts = np.concatenate([[0], np.cumsum(counts)])
     return seen
 
 
@@ -409,8 +409,8 @@ def test_the_objective_is_that_of_plain_matrices(outline):
     sums = kernels.sums_of(hits, rays)
     places = np.array([(3.0, 2.6, 0.7), (1.9, 2.1, 2.0), (40.0, 1.0, 0.0)])
     seen, every = sightings_of(hits, rays, outline, places), np.arange(3)
-    given = places, every, seen, hits, sums, rays
-    found = ways.uncertainties(*given, routes, outline, told, motion)
+    scene = kernels.Scene(hits, sums, rays, outline)
+    found = ways.uncertainties(places, every, seen, scene, routes, told, motion)
     for place, value in zip(places, found, strict=True):
         information = [
             naive.landmark_information(
@@ -761,7 +761,8 @@ def test_degeneracies_in_a_region_are_those_of_plain_matrices(outline):
     places = np.array([(3.0, 2.6, 0.7), (1.9, 2.1, 2.0), (40.0, 1.0, 0.0)])
     now = ways.degeneracies_at(sums, told, FIGURES)
     seen, every = sightings_of(hits, rays, outline, places), np.arange(3)
-    found = ways.mean_changes(places, every, seen, hits, sums, rays, outline, told, FIGURES, now)
+    scene = kernels.Scene(hits, sums, rays, outline)
+    found = ways.mean_changes(places, every, seen, scene, told, FIGURES, now)
     for place, change in zip(places, found, strict=True):
         wanted = naive.mean_degeneracy(
             grid.cells == OCCUPIED, normals, 0.5, rays, outline, [place], told, FIGURES, sums[:, 6]

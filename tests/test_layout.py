@@ -40,14 +40,7 @@ FACELESS = {"errors", "_kernels", "_util"}
 HOMES = {
     "matplotlib": ("plotting", "_figures"),
     "ompl": ("planners.ompl._settings",),
-    "yaml": (
-        "_util.reading",
-        "maps._files",
-        "maps._source",
-        "robots._parameters",
-        "robots._nav2",
-        "export._parameters",
-    ),
+    "yaml": ("_util.reading", "export._parameters"),
     "mcap": ("export._bags",),
     "rosbags": ("recordings._bag_files",),
     "cloudpickle": ("comparison._workers",),

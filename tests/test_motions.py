@@ -103,7 +103,7 @@ def test_the_integral_along_a_curve_is_that_of_tiny_steps(kind, blocked):
         turns, lengths = motions._word(kind, radius, start, end)
         expected = naive_motion_cost(density, turns, lengths, radius, start, step=2e-3)
         shifted = [(x + 1, y + 1, heading) for x, y, heading in (start, end)]
-        cost = motions.motion_cost(half, columns, kind, radius, *shifted, 0.0, True)
+        cost = motions.motion_cost(motions.Ground(half, columns, 0.0, True), kind, radius, *shifted)
         outcomes.add(math.isinf(cost))
         assert cost == pytest.approx(expected, rel=2e-3)
     assert False in outcomes

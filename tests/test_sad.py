@@ -23,7 +23,7 @@ def mismatch_counts(layout, *, visible=False, kept=None):
     result = np.full((kept.shape[1], offsets, offsets, headings), -1)
     weights = np.ones(2 * np.count_nonzero(disc(layout.radius)) + 1)
     for group in layout.groups():
-        tile, unused = layout.tile(group), (np.zeros(1, np.int64), 0, np.empty((1, 3, 3)))
+        tile, unused = layout.tile(group), (np.zeros(2, np.int64), np.empty((1, 3, 3)))
         for n, cell in enumerate(group.cells):
             per_cell = ("corners", "rests", "places", "sum_places")
             one = tile._replace(**{name: getattr(tile, name)[n : n + 1] for name in per_cell})
@@ -31,7 +31,7 @@ def mismatch_counts(layout, *, visible=False, kept=None):
             seen = sees and sees._replace(rows=sees.rows[n : n + 1], cols=sees.cols[n : n + 1])
             scratch = kernel.empty_scratch(offsets, headings, layout.disc, masked=visible)
             marks, places = kept[:, [cell]], layout.window.places
-            kernel.tile_covariances(one, seen, marks, weights, places, *scratch, *unused)
+            kernel.tile_covariances(one, seen, marks, weights, places, scratch, *unused)
             found = scratch[0].reshape(offsets, headings, -1)[:, :, :offsets].transpose(0, 2, 1)
             result[cell] = np.where(kept[:, cell].T[:, None], found, -1)
     return result
@@ -201,8 +201,8 @@ def test_covariance_vanishes_where_all_weights_but_the_centre_do():
 def test_disc_sums_equal_the_plain_loops():
     plane = (random_rooms((50, 47), seed=9) == FREE).astype(np.uint8)
     octets = np.stack([plane, 1 - plane])
-    result, below = np.full((2, 8, 12), -1), np.empty((34, 41), np.int32)
-    bitplanes.disc_sums(octets, 3, 2, 6, 3, 10, below, result)
+    result = np.full((2, 8, 12), -1)
+    bitplanes.disc_sums(octets, 3, 2, 6, 3, 10, result)
     assert (result[:, :, 10:] == -1).all()
     result = result[:, :, :10]
     np.testing.assert_array_equal(result[0], naive.disc_sums(plane[2:, 3:], 6, 3, 10, 8))

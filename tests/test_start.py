@@ -147,8 +147,6 @@ def test_no_process_is_made_where_all_is_compiled_or_nothing_can_be_sent(tmp_pat
     monkeypatch.setattr(ahead, "_compiled", lambda: True)
     with ahead.prepared_beside(Noted(tmp_path / "pid")) as ready:
         ready()
-    with ahead.prepared_beside(Noted(tmp_path / "pid"), needed=False):
-        pass
     monkeypatch.setattr(ahead, "_compiled", lambda: False)
     with ahead.prepared_beside(lambda: None):
         pass
@@ -183,9 +181,9 @@ def test_the_kernels_of_drives_are_prepared_beside_the_field_of_a_lidar(tmp_path
     events = []
 
     @contextmanager
-    def beside(user, needed=True, compiled=None):
+    def beside(user, compiled=None):
         if isinstance(user, compiling.DriveKernels):
-            events.append(("begun", needed, compiled()))
+            events.append(("begun", compiled()))
         yield lambda: events.append(("awaited", user.name))
 
     compiling.DriveKernels().prepare()  # "compiled" holds from here on
@@ -197,9 +195,8 @@ def test_the_kernels_of_drives_are_prepared_beside_the_field_of_a_lidar(tmp_path
         assert code == 0, err
     awaited = ("awaited", "simulating")
     assert [each for each in events if each != awaited] == [
-        ("begun", True, True),
-        ("begun", False, True),
-        ("begun", True, True),
+        ("begun", True),  # and none where nothing is driven
+        ("begun", True),
     ]
     assert events[1] == events[-1] == awaited
 
@@ -219,7 +216,7 @@ def test_the_bar_says_that_it_compiles_only_while_it_does():
     from numba.core.compiler_lock import global_compiler_lock
 
     bar = progress._Bar("field", "cells", "starting")
-    assert bar._says() == "starting"
+    assert str(bar) == "starting"
     held, done = threading.Event(), threading.Event()
 
     def compile_something():
@@ -230,15 +227,15 @@ def test_the_bar_says_that_it_compiles_only_while_it_does():
     thread = threading.Thread(target=compile_something)
     thread.start()
     held.wait()
-    assert [bar._says() for _ in range(3)] == ["starting", progress.COMPILING, progress.COMPILING]
+    assert [str(bar) for _ in range(3)] == ["starting", progress.COMPILING, progress.COMPILING]
     done.set()
     thread.join()
     bar.update(10, 100)
-    assert bar._says() == ""
+    assert str(bar) == ""
 
 
 def test_a_kernel_read_from_the_cache_is_not_called_compiled(monkeypatch):
     bar = progress._Bar("field", "cells", "starting")
     looks = iter([True, False, True, False])
     monkeypatch.setattr(progress, "is_compiling", lambda: next(looks))
-    assert [bar._says() for _ in range(4)] == ["starting"] * 4
+    assert [str(bar) for _ in range(4)] == ["starting"] * 4

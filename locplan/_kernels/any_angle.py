@@ -7,6 +7,8 @@ their cells need no sorting.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -99,32 +101,22 @@ def shift(
     return shifted
 
 
+class Moves(NamedTuple):
+    """Steps of any shape from a cell, as offsets of flat indices."""
+
+    offsets: Ints  # (m,) the cell to which each move leads
+    crossed: Ints  # (m, k) the cells that it crosses
+    lengths: Floats  # (m, k) twice its length in each [cells]; 0 in unused entries
+    touched: Ints  # (m, t) further cells that must not be blocked
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
-def cheapest_moves(
-    half: Floats,
-    start: int,
-    goal: int,
-    offsets: Ints,
-    crossed: Ints,
-    lengths: Floats,
-    touched: Ints,
-) -> Array:
+def cheapest_moves(half: Floats, start: int, goal: int, moves: Moves) -> Array:
     """Cells of the cheapest path from start to goal over moves of any shape, or none.
 
-    Parameters
-    ----------
-    half : (n,) array
-        Half the density, see `locplan._kernels.search`; the border is as wide as the longest move.
-    start, goal : int
-        Flat indices of both cells.
-    offsets : (m,) array of int
-        Flat offset of the cell to which each move leads.
-    crossed, lengths : (m, k) arrays
-        Offsets of the cells that a move crosses and twice its length in each [cells]; unused
-        entries have length 0.
-    touched : (m, t) array of int
-        Offsets of further cells that must not be blocked.
+    `start` and `goal` are flat indices; the border of `half` is as wide as the longest move.
     """
+    offsets, crossed, lengths, touched = moves
     nothing = np.empty(0, np.int64)
     if half[start] == np.inf or half[goal] == np.inf:
         return nothing

@@ -18,9 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from locplan._kernels.arrays import DONE, STOP, Bools, Floats, Ints, Octets, Shorts, Words
+from locplan._kernels.arrays import STOP, Bools, Floats, Ints, Octets, Shorts, Words
 from locplan._kernels.simd import (
     SHORTS,
     add_distances,
@@ -106,15 +105,16 @@ def disc_sums(
     radius: int,
     unit: int,
     rows: int,
-    below: NDArray[np.int32],
     sums: Ints,
 ) -> None:
     """Fill in the cells set in discs, (plane, col, row), of the first rows.
 
     The discs' centres are every `unit`-th cell, and begin `radius` further on than (left, top).
-    `below` (col, row + 1) is scratch space for all columns and rows that they reach.
     """
     diameter = 2 * radius + 1
+    # Cells set before each row, (col, row + 1), in all columns and rows that the discs reach.
+    reached = diameter + (sums.shape[1] - 1) * unit, diameter + (rows - 1) * unit + 1
+    below = np.empty(reached, np.int32)
     for plane in range(PLANES):
         for i in range(below.shape[0]):
             ones = 0
@@ -145,6 +145,8 @@ class Blocks(NamedTuple):
     starts: Ints  # (edge + 1,): the first block of each edge, and their number
     corners: Ints  # (block,): place in a summed table, from the disc's first cell on
     addresses: Ints  # (row mod step, block): place in `counts` of the free cells
+    rests: Ints  # (cell,): rows mod step at which the cells' templates begin at the first offset
+    places: Ints  # (cell,): places in `counts` at which they do
     line_stride: int  # between neighbouring offsets in x
     plane_stride: int
 
@@ -192,18 +194,23 @@ def count_blocks(table: Shorts, top: int, left: int, edge: int, unit: int, count
                 counts[plane, q, p % step_units, p // step_units] = count
 
 
+class Read(NamedTuple):
+    """What a template has in each block, and where the block's counts are."""
+
+    free: Shorts  # (block,)
+    occupied: Shorts
+    places: Ints
+
+
 @njit(nogil=True, cache=True)
 def keep_lines(
     blocks: Blocks,
     table: Shorts,
     corners: Ints,
-    rests: Ints,
-    addresses: Ints,
     limit: int,
     shift: int,
     kept: Bools,
     control: Ints,
-    due: int,
 ) -> None:
     """Fill in which lines of a heading have an offset with a bound of at most ``limit << shift``.
 
@@ -217,56 +224,36 @@ def keep_lines(
         Result of `sum_up` for the map turned by the heading.
     corners : (n,) array of int64
         Places in the table at which the cells' discs begin.
-    rests, addresses : (n,) arrays of int64
-        Rows mod step, and places in ``blocks.counts``, at which they begin at the first offset.
     limit, shift : int
         The limit is below 65,535.
     kept : (n, dx) array of bool
         The result.
-    control, due
-        ``control[DONE]`` grows by `due` on the way; nothing is done once ``control[STOP]`` is set.
+    control : (2,) array of int64
+        Nothing more is done once ``control[STOP]`` is set.
     """
-    sums, table_rows = table.reshape(-1), table.shape[2]
-    offsets = kept.shape[1]
-    free = np.empty(blocks.corners.size, np.uint16)
-    occupied = np.empty(blocks.corners.size, np.uint16)
-    places = np.empty(blocks.corners.size, np.int64)
-    done = control[DONE] if control.size > DONE else 0
+    most = blocks.corners.size
+    read = Read(np.empty(most, np.uint16), np.empty(most, np.uint16), np.empty(most, np.int64))
     for n in range(len(kept)):
         if control[STOP]:
             return
-        asked = True
-        for i in range(offsets):
+        for i in range(kept.shape[1]):
             kept[n, i] = True
-        for size in range(blocks.edges.size):
-            if not asked:
-                break
-            read_template(
-                blocks, size, rests[n], sums, table_rows, corners[n], free, occupied, places
-            )
-            asked = reject_lines(
-                blocks, size, addresses[n], limit, shift, free, occupied, places, kept[n]
-            )
-        if control.size > DONE:
-            control[DONE] = done + due * (n + 1) // len(kept)
+        asked, size = True, 0
+        while asked and size < blocks.edges.size:
+            read_template(blocks, size, blocks.rests[n], table, corners[n], read)
+            asked = reject_lines(blocks, size, blocks.places[n], limit, shift, read, kept[n])
+            size += 1
 
 
 @njit(inline="always")
 def read_template(
-    blocks: Blocks,
-    size: int,
-    rest: int,
-    sums: Shorts,
-    table_rows: int,
-    corner: int,
-    free: Shorts,
-    occupied: Shorts,
-    places: Ints,
+    blocks: Blocks, size: int, rest: int, table: Shorts, corner: int, read: Read
 ) -> None:
     """Write the numbers of a template's cells in the blocks of one edge, and the blocks' places."""
-    up, plane_size = blocks.edges[size], sums.size // PLANES
+    sums, up = table.reshape(-1), blocks.edges[size]
+    across, plane_size = up * table.shape[2], sums.size // PLANES
     corners, addresses = blocks.corners, blocks.addresses
-    across = up * table_rows
+    free, occupied, places = read
     # Blocks in which the template is unknown differ least, and come last: most lines are rejected
     # before they are reached.
     front, back = blocks.starts[size], blocks.starts[size + 1]
@@ -286,17 +273,10 @@ def read_template(
 
 @njit(inline="always")
 def reject_lines(
-    blocks: Blocks,
-    size: int,
-    address: int,
-    limit: int,
-    shift: int,
-    free: Shorts,
-    occupied: Shorts,
-    places: Ints,
-    kept: Bools,
+    blocks: Blocks, size: int, address: int, limit: int, shift: int, read: Read, kept: Bools
 ) -> bool:
     """Take the marks off lines without an offset up to the limit; return whether any is left."""
+    free, occupied, places = read
     counts, line_stride, plane_stride = blocks.counts, blocks.line_stride, blocks.plane_stride
     first, last, offsets = blocks.starts[size], blocks.starts[size + 1], kept.size
     asked = False

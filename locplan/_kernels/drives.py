@@ -11,20 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from locplan._kernels import particles
 from locplan._kernels.arrays import Floats, Ints, Octets, Random
 from locplan._kernels.lidar import BeamDisturbances, Lidar, measured_ends
-from locplan._kernels.particles import (
-    BeamScores,
-    Filter,
-    Histogram,
-    heaviest_cluster_mean,
-    insert,
-    make_histogram,
-    move,
-    resample,
-    weigh,
-    wrapped,
-)
+from locplan._kernels.particles import BeamScores, Filter, wrapped
 
 NOW, COUNT, BINS, UPDATES, UPDATED, AT = range(6)
 """Places in `Tracker.state`."""
@@ -42,7 +32,7 @@ class Tracker(NamedTuple):
 
     clouds: Floats  # (2, 3, most) particles, and room for those that are drawn
     weights: Floats  # (most,)
-    histogram: Histogram
+    histogram: particles.Histogram
     pose: Floats  # (3,) mean of the heaviest cluster at the last resampling
     state: Ints
     # (6,) which cloud holds the particles, their number, that of their bins, the number of updates,
@@ -58,12 +48,15 @@ def begin(random: Random, first: Floats, start: Start, settings: Filter) -> Trac
     sigma = np.array([start.position, start.position, start.heading])
     for axis in range(3):
         poses[axis] = first[axis] + sigma[axis] * random.standard_normal()
-    histogram, bins = make_histogram(most), np.int64(0)  # the constant 0 has a type of its own
+    histogram, bins = (
+        particles.make_histogram(most),
+        np.int64(0),
+    )  # the constant 0 has a type of its own
     for n in range(most):
         for axis in range(3):
             poses[axis, n] += sigma[axis] * random.standard_normal()
-        bins = insert(histogram, bins, n, poses[0, n], poses[1, n], poses[2, n])
-    pose = np.array(heaviest_cluster_mean(histogram, bins, poses, most))
+        bins = particles.insert(histogram, bins, n, poses[0, n], poses[1, n], poses[2, n])
+    pose = np.array(particles.heaviest_cluster_mean(histogram, bins, poses, most))
     return Tracker(clouds, weights, histogram, pose, np.array([0, most, bins, 0, 0, 0]))
 
 
@@ -84,7 +77,7 @@ def advance(random: Random, tracker: Tracker, reported: Floats, n: int, settings
     dx, dy = reported[n, 0] - reported[last, 0], reported[n, 1] - reported[last, 1]
     turn = wrapped(reported[n, 2] - reported[last, 2])
     poses = tracker.clouds[state[NOW]]
-    move(random, poses, state[COUNT], dx, dy, turn, reported[last, 2], settings)
+    particles.move(random, poses, state[COUNT], dx, dy, turn, reported[last, 2], settings)
 
 
 @njit(nogil=True, cache=True)
@@ -97,17 +90,17 @@ def correct(
     """
     state, weights = tracker.state, tracker.weights
     poses, drawn = tracker.clouds[state[NOW]], tracker.clouds[1 - state[NOW]]
-    weigh(scores, ends, poses, state[COUNT], weights)
+    particles.weigh(scores, ends, poses, state[COUNT], weights)
     state[UPDATED] = n
     state[UPDATES] += 1
     if state[UPDATES] % settings.resample_interval:
         return False
-    count, bins = resample(
+    count, bins = particles.resample(
         random, poses, weights, state[COUNT], settings, tracker.histogram, state[BINS], drawn
     )
     state[NOW], state[COUNT], state[BINS], state[AT] = 1 - state[NOW], count, bins, n
     weights[:count] = 1 / count
-    x, y, heading = heaviest_cluster_mean(tracker.histogram, bins, drawn, count)
+    x, y, heading = particles.heaviest_cluster_mean(tracker.histogram, bins, drawn, count)
     tracker.pose[0], tracker.pose[1], tracker.pose[2] = x, y, heading
     return True
 

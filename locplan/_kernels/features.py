@@ -1,7 +1,7 @@
 """Which poses of a robot see which objects, and what it sees where parts of a map are away.
 
 Objects only shorten rays: what is hidden on the map stays hidden beside any others. Rays, hits,
-sums and covariances are those of `landmarks` and `objectives`.
+sums are those of `landmarks`.
 """
 
 from __future__ import annotations
@@ -12,20 +12,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Bools, Floats, Ints, Octets, Singles
+from locplan._kernels.arrays import Bools, Floats, Ints, Singles
 from locplan._kernels.landmarks import (
     NORMAL_X,
     NORMAL_Y,
     RANGE,
-    TT,
     TURN,
-    XT,
-    XX,
-    XY,
-    YT,
-    YY,
     Outline,
     Rays,
+    Surfaces,
     entry,
     meeting,
     write_hit,
@@ -62,28 +57,7 @@ def seeing_rays(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def count_sightings(
-    candidates: Floats,
-    begin: int,
-    end: int,
-    hits: Singles,
-    rays: Rays,
-    outline: Outline,
-    counts: Ints,
-) -> None:
-    """Fill how many poses see each candidate x, y, heading from `begin` to `end`, (m,)."""
-    for m in range(begin, end):
-        seen = 0
-        for n in range(rays.first.size):
-            _, count = seeing_rays(
-                hits, rays, n, outline, candidates[m, 0], candidates[m, 1], candidates[m, 2]
-            )
-            seen += count > 0
-        counts[m] = seen
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def fill_sightings(
+def find_sightings(
     candidates: Floats,
     begin: int,
     end: int,
@@ -91,27 +65,32 @@ def fill_sightings(
     rays: Rays,
     outline: Outline,
     sightings: Sightings,
+    counts: Ints,
 ) -> None:
-    """Fill the sightings of the candidates from `begin` to `end`; `starts` are known."""
+    """Fill how many poses see each candidate x, y, heading from `begin` to `end`, (m,).
+
+    Sightings that have room are filled, too. They are found twice, since as many as there are may
+    not fit the memory.
+    """
+    has_room = sightings.poses.size > 0
     for m in range(begin, end):
+        x, y, heading = candidates[m, 0], candidates[m, 1], candidates[m, 2]
         at = sightings.starts[m]
         for n in range(rays.first.size):
-            first, count = seeing_rays(
-                hits, rays, n, outline, candidates[m, 0], candidates[m, 1], candidates[m, 2]
-            )
+            first, count = seeing_rays(hits, rays, n, outline, x, y, heading)
             if count > 0:
-                sightings.poses[at] = n
-                sightings.rays[at, 0], sightings.rays[at, 1] = first, count
+                if has_room:
+                    sightings.poses[at] = n
+                    sightings.rays[at, 0], sightings.rays[at, 1] = first, count
                 at += 1
+        counts[m] = at - sightings.starts[m]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def look(
-    squares: Octets,
-    normals: Singles,
+    surfaces: Surfaces,
     labels: NDArray[np.int32],
     silent: Bools,
-    resolution: float,
     rays: Rays,
     asked: Ints,
     hits: Singles,
@@ -121,7 +100,7 @@ def look(
 
     Parameters
     ----------
-    squares, normals, resolution, rays
+    surfaces, rays
         See `landmarks.hits_of_map`.
     labels : (H, W) array
         Number of the feature that a cell belongs to, or -1.
@@ -132,55 +111,8 @@ def look(
     """
     for k in range(asked.size):
         n, b = asked[k] // rays.beams, asked[k] % rays.beams
-        row, col, counts = write_hit(squares, normals, resolution, rays, n, b, hits[k])
+        row, col, counts = write_hit(surfaces, rays, n, b, hits[k])
         cells[k] = row * labels.shape[1] + col if row >= 0 else -1
         if counts and labels[row, col] >= 0 and silent[labels[row, col]]:
             hits[k, RANGE] = np.inf
             hits[k, NORMAL_X] = hits[k, NORMAL_Y] = hits[k, TURN] = 0.0
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def biases(
-    pulls: Floats, information: Floats, after: Floats, poses: Floats, routes: Ints
-) -> Floats:
-    """Errors (n, 3, 2) of the filter's pose by a feature that stands elsewhere, to first order.
-
-    The columns are those of a unit shift [m] of the feature along x and along y. On the way an
-    error e moves with the pose, and each look around makes it e + P (pull - I e).
-
-    Parameters
-    ----------
-    pulls : (n, 3, 2) array
-        Information-weighted sum of g n^T over the rays of each pose that meet the feature.
-    information : (n, 6) array
-        Information I of all rays [xx, xy, yy, xt, yt, tt].
-    after : (n, 6) array
-        Covariance P after each look around; see `objectives.covariances`.
-    poses, routes
-        See `objectives.covariances`.
-    """
-    result = np.zeros((len(poses), 3, 2))
-    e, rest = np.zeros((3, 2)), np.zeros((3, 2))
-    for r in range(routes.size - 1):
-        for i in range(3):
-            for j in range(2):
-                e[i, j] = 0.0
-        for n in range(routes[r], routes[r + 1]):
-            if n > routes[r]:
-                dx, dy = poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1]
-                for j in range(2):
-                    e[0, j] -= dy * e[2, j]
-                    e[1, j] += dx * e[2, j]
-            m, p = information[n], after[n]
-            for j in range(2):
-                x, y, t = e[0, j], e[1, j], e[2, j]
-                rest[0, j] = pulls[n, 0, j] - m[XX] * x - m[XY] * y - m[XT] * t
-                rest[1, j] = pulls[n, 1, j] - m[XY] * x - m[YY] * y - m[YT] * t
-                rest[2, j] = pulls[n, 2, j] - m[XT] * x - m[YT] * y - m[TT] * t
-                x, y, t = rest[0, j], rest[1, j], rest[2, j]
-                e[0, j] += p[XX] * x + p[XY] * y + p[XT] * t
-                e[1, j] += p[XY] * x + p[YY] * y + p[YT] * t
-                e[2, j] += p[XT] * x + p[YT] * y + p[TT] * t
-                for i in range(3):
-                    result[n, i, j] = e[i, j]
-    return result

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from locplan._kernels.arrays import Bools, Floats, Octets, Singles
+from locplan._kernels.arrays import Bools, Floats, Numbers, Octets, Singles
 from locplan._kernels.rays import cast
 
 RANGE, NORMAL_X, NORMAL_Y, TURN = 0, 1, 2, 3
@@ -40,6 +40,14 @@ class Rays(NamedTuple):
     swing: float  # a beam of range r tells 1 / (1 + swing r^2) of what a short one does [1 / m^2]
 
 
+class Surfaces(NamedTuple):
+    """What rays meet on a map."""
+
+    squares: Octets  # (4, H + 2, W + 2) as `rays.empty_squares`
+    normals: Singles  # (H, W, 2) unit normals (row, col) of the cells that stop a ray
+    resolution: float  # edge of a cell [m]
+
+
 class Outline(NamedTuple):
     """Outline of the objects: half the extents [m], or the radius of a disc twice."""
 
@@ -49,29 +57,22 @@ class Outline(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def hits_of_map(
-    squares: Octets,
-    normals: Singles,
-    resolution: float,
-    rays: Rays,
-    begin: int,
-    end: int,
-    hits: Singles,
-) -> None:
-    """Fill the hits (n, beams, 4) of the poses from `begin` to `end` on a map."""
-    for n in range(begin, end):
+def hits_of_map(surfaces: Surfaces, rays: Rays, hits: Singles) -> None:
+    """Fill the hits (n, beams, 4) of all poses on a map."""
+    for n in range(len(hits)):
         for b in range(rays.beams):
-            write_hit(squares, normals, resolution, rays, n, b, hits[n, b])
+            write_hit(surfaces, rays, n, b, hits[n, b])
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def write_hit(
-    squares: Octets, normals: Singles, resolution: float, rays: Rays, n: int, b: int, hit: Singles
+    surfaces: Surfaces, rays: Rays, n: int, b: int, hit: Singles
 ) -> tuple[int, int, bool]:
     """Write the hit (4,) of a ray on a map; return the cell that it meets, and whether it counts.
 
     The cell is -1, -1 where the ray meets none.
     """
+    squares, normals, resolution = surfaces
     x, y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
     bearing = rays.first[n] + b * rays.step
     dx, dy = np.cos(bearing), np.sin(bearing)
@@ -225,25 +226,26 @@ def sums_of(hits: Singles, rays: Rays) -> Floats:
     return sums
 
 
+class Scene(NamedTuple):
+    """What stands already, and the outline of the objects that may come."""
+
+    hits: Singles  # (n, beams, 4) on the map and the objects
+    sums: Floats  # (n, 7), what `sums_of` makes of them
+    rays: Rays
+    outline: Outline
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def with_object(
-    sums: Floats,
-    hits: Singles,
-    rays: Rays,
-    n: int,
-    outline: Outline,
-    x: float,
-    y: float,
-    heading: float,
-    begin: int,
-    count: int,
-    changed: Floats,
+    scene: Scene, n: int, place: Numbers, begin: int, count: int, changed: Floats
 ) -> bool:
-    """Write a pose's sums with an object at (x, y) into `changed` (7,); False if they stay.
+    """Write a pose's sums with an object at a place into `changed` (7,); False if they stay.
 
-    `count` rays from `begin` on may meet it, see `meeting`. The number of hits stays in any case:
-    it is that on the map without objects.
+    The place is (x, y, heading); `count` rays from `begin` on may meet it, see `meeting`. The
+    number of hits stays in any case: it is that on the map without objects.
     """
+    hits, sums, rays, outline = scene
+    x, y, heading = place
     for k in range(7):
         changed[k] = sums[n, k]
     any_ray = False

@@ -88,23 +88,17 @@ def distances_along_columns(walls: Octets, reach: int) -> Array:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def lay_out(
-    walls: Octets,
-    costs: Shorts,
-    reach: int,
-    margin: int,
-    step: int,
-    width: int,
-    plane: int,
-    planes: Shorts,
-) -> None:
-    """Write the costs around all walls into the planes, with the map `margin` cells inside."""
+def lay_out(walls: Octets, costs: Shorts, reach: int, margin: int, planes: Shorts) -> None:
+    """Write the costs around all walls into the planes, with the map `margin` cells inside.
+
+    The planes are (row mod step, col mod step, row div step, col div step).
+    """
+    step = len(planes)
     along_columns = distances_along_columns(walls, reach)
     cols, furthest = walls.shape[1], np.int32(costs.size - 1)
     squared, nearest = np.empty(cols, np.int32), np.empty(cols + 2 * reach, np.int32)
     for i in range(len(along_columns)):
         row = margin - reach + i
-        line = row % step * step * plane + row // step * width
         for j in range(cols):
             squared[j] = np.int32(along_columns[i, j]) ** 2
         nearest[:] = furthest
@@ -115,7 +109,7 @@ def lay_out(
         for remainder in range(step):
             for j in range((remainder - margin + reach) % step, nearest.size, step):
                 col = (margin - reach + j) // step
-                planes[line + remainder * plane + col] = costs[nearest[j]]
+                planes[row % step, remainder, row // step, col] = costs[nearest[j]]
 
 
 class Lattice(NamedTuple):

@@ -93,8 +93,6 @@ def match(
         for b in range(len(ends)):
             ends[b, 0] = cos * measured[b, 0] - sin * measured[b, 1]
             ends[b, 1] = sin * measured[b, 0] + cos * measured[b, 1]
-        for k in range(costs.size):
-            costs[k] = lattice.empty[k]
         score(field, lattice, row, col, ends, costs)
         for k in range(costs.size):
             if lattice.empty[k] == NOWHERE:

@@ -8,69 +8,54 @@ heading, it has a layer for each of several headings, evenly spaced from `first`
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from locplan._kernels import curves
 from locplan._kernels.arrays import Array, Floats, Ints, Numbers
-from locplan._kernels.curves import (
-    DUBINS,
-    PIECES,
-    QUARTER,
-    STRAIGHT,
-    TURN,
-    arc,
-    arc_crossings,
-    closer,
-    dubins,
-    moved,
-    reeds_shepp,
-)
+from locplan._kernels.curves import QUARTER, STRAIGHT, TURN
 from locplan._kernels.rays import TOUCH, segment_cost
 
 
+class Ground(NamedTuple):
+    """What a motion is integrated over."""
+
+    half: Floats  # (layers, n) half the density on a flat grid with a blocked border
+    columns: int  # of the bordered grid
+    first: float  # the heading of the first layer [rad]
+    corner_cutting: bool  # whether corners of blocked cells may be touched
+
+
 @njit(nogil=True, cache=True)
-def motion_cost(
-    half: Floats,
-    columns: int,
-    kind: int,
-    radius: float,
-    start: Numbers,
-    end: Numbers,
-    first: float,
-    corner_cutting: bool,
-) -> float:
+def motion_cost(ground: Ground, kind: int, radius: float, start: Numbers, end: Numbers) -> float:
     """Integral of a density along a motion [density x cells]; infinite if it is blocked.
 
     Parameters
     ----------
-    half : (layers, n) array
-        Half the density on a flat grid with a blocked border.
-    columns : int
-        Number of columns of the bordered grid.
+    ground : Ground
+        The density.
     kind : int
         Kind of motion: STRAIGHT, DUBINS or REEDS_SHEPP.
     radius : float
         Least turning radius [cells].
     start, end : (x, y, heading)
         Poses at both ends; the start must lie on the grid.
-    first : float
-        The heading of the first layer [rad].
-    corner_cutting : bool
-        Whether corners of blocked cells may be touched.
     """
     if kind == STRAIGHT:
-        return _line_cost(half, columns, start, end, first, corner_cutting)
+        return _line_cost(ground, start, end)
+    half, columns, first, corner_cutting = ground
     turns, lengths = _word(kind, radius, start, end)
     x, y, heading = start
     total = 0.0
-    for n in range(PIECES):
+    for n in range(curves.PIECES):
         if lengths[n] == 0.0:
             continue
-        x1, y1, heading1 = moved(x, y, heading, turns[n], lengths[n], radius)
+        x1, y1, heading1 = curves.moved(x, y, heading, turns[n], lengths[n], radius)
         if turns[n]:
             piece = x, y, heading, turns[n], lengths[n]
-            total += _arc_cost(half, columns, piece, radius, first, corner_cutting)
+            total += _arc_cost(ground, piece, radius)
         else:
             layer = half[_layer(heading - first, len(half))]
             total += segment_cost(layer, columns, y, x, y1, x1, corner_cutting)
@@ -93,15 +78,15 @@ def motion_poses(kind: int, radius: float, start: Numbers, end: Numbers) -> Arra
     turns, lengths = _word(kind, radius, start, end)
     x, y, heading = start
     poses = first
-    for n in range(PIECES):
+    for n in range(curves.PIECES):
         if lengths[n] == 0.0:
             continue
-        x1, y1, heading1 = moved(x, y, heading, turns[n], lengths[n], radius)
+        x1, y1, heading1 = curves.moved(x, y, heading, turns[n], lengths[n], radius)
         inner = np.empty((1, 3))
         if turns[n]:
-            center_x, center_y, low, high = arc(x, y, heading, turns[n], lengths[n], radius)
-            angles = arc_crossings(center_x, center_y, radius, low, high)
-            angles = closer(angles, 0.02)  # the path's length is then exact to 2e-5
+            center_x, center_y, low, high = curves.arc(x, y, heading, turns[n], lengths[n], radius)
+            angles = curves.arc_crossings(center_x, center_y, radius, low, high)
+            angles = curves.closer(angles, 0.02)  # the path's length is then exact to 2e-5
             if turns[n] * lengths[n] < 0:
                 angles = angles[::-1]
             inner = np.empty((max(1, len(angles) - 1), 3))
@@ -120,18 +105,17 @@ def motion_poses(kind: int, radius: float, start: Numbers, end: Numbers) -> Arra
 def _word(kind: int, radius: float, start: Numbers, end: Numbers) -> tuple[Array, Array]:
     """The shortest curve: turns (5,) and signed lengths (5,) [cells]."""
     x, y = (end[0] - start[0]) / radius, (end[1] - start[1]) / radius
-    if kind == DUBINS:
-        turns, lengths = dubins(0.0, 0.0, start[2], x, y, end[2])
+    if kind == curves.DUBINS:
+        turns, lengths = curves.dubins(0.0, 0.0, start[2], x, y, end[2])
     else:
-        turns, lengths = reeds_shepp(0.0, 0.0, start[2], x, y, end[2])
+        turns, lengths = curves.reeds_shepp(0.0, 0.0, start[2], x, y, end[2])
     return turns, lengths * radius
 
 
 @njit(nogil=True, cache=True)
-def _line_cost(
-    half: Floats, columns: int, start: Numbers, end: Numbers, first: float, corner_cutting: bool
-) -> float:
+def _line_cost(ground: Ground, start: Numbers, end: Numbers) -> float:
     """Cost of a straight line along which the heading turns evenly, the shorter way round."""
+    half, columns, first, corner_cutting = ground
     layers = len(half)
     if layers == 1:
         return segment_cost(half[0], columns, start[1], start[0], end[1], end[0], corner_cutting)
@@ -152,16 +136,15 @@ def _line_cost(
 
 
 @njit(nogil=True, cache=True)
-def _arc_cost(
-    half: Floats, columns: int, piece: Numbers, radius: float, first: float, corner_cutting: bool
-) -> float:
+def _arc_cost(ground: Ground, piece: Numbers, radius: float) -> float:
     """Cost of one turn (x, y, heading, side, length)."""
+    half, columns, first, corner_cutting = ground
     x, y, heading, turn, length = piece
     layers, extent = len(half), half.shape[1] // columns + columns
     if 2 * radius * math.sin(min(abs(length) / radius, math.pi) / 2) > extent:
         return np.inf  # it leaves the map
-    center_x, center_y, low, high = arc(x, y, heading, turn, length, radius)
-    angles = arc_crossings(center_x, center_y, radius, low, high)
+    center_x, center_y, low, high = curves.arc(x, y, heading, turn, length, radius)
+    angles = curves.arc_crossings(center_x, center_y, radius, low, high)
     towards = turn * QUARTER - first  # added to an angle on the circle it gives the heading there
     if layers > 1:
         shares = _changes(low + towards, high - low, layers)
@@ -211,12 +194,8 @@ def world_cost(
     kind: int,
     radius: float,
     frame: Numbers,
-    x0: float,
-    y0: float,
-    heading0: float,
-    x1: float,
-    y1: float,
-    heading1: float,
+    start: Numbers,
+    end: Numbers,
     blocked: float,
 ) -> float:
     """Cost of a motion between poses in the world [m], at least their distance, or `blocked`.
@@ -224,12 +203,13 @@ def world_cost(
     `frame` holds the cosine and the sine of the grid's yaw, both per cell [1/m], the column and
     the row of the world's origin, and the yaw; the radius is in cells.
     """
+    (x0, y0, heading0), (x1, y1, heading1) = start, end
     if not (stands(half, columns, frame, x0, y0) and stands(half, columns, frame, x1, y1)):
         return blocked
     if not math.isfinite(heading0 + heading1):
         return blocked
-    start, end = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
-    cost = motion_cost(half, columns, kind, radius, start, end, -frame[4], False)
+    ends = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
+    cost = motion_cost(Ground(half, columns, -frame[4], False), kind, radius, *ends)
     cost /= math.hypot(frame[0], frame[1])
     # After rounding, too, no motion costs less than its length.
     return max(cost, (1 + 1e-14) * math.hypot(x1 - x0, y1 - y0)) if cost < np.inf else blocked
@@ -242,29 +222,19 @@ def world_costs(
     """Costs of motions between pairs (m, 2) of poses (n, 3) in the world [m], or infinite."""
     result = np.empty(len(pairs))
     for n, (i, j) in enumerate(pairs):
-        (x0, y0, heading0), (x1, y1, heading1) = poses[i], poses[j]
-        result[n] = world_cost(
-            half, columns, kind, radius, frame, x0, y0, heading0, x1, y1, heading1, np.inf
-        )
+        start = poses[i, 0], poses[i, 1], poses[i, 2]
+        end = poses[j, 0], poses[j, 1], poses[j, 2]
+        result[n] = world_cost(half, columns, kind, radius, frame, start, end, np.inf)
     return result
 
 
 @njit(nogil=True, cache=True)
-def world_poses(
-    kind: int,
-    radius: float,
-    frame: Numbers,
-    x0: float,
-    y0: float,
-    heading0: float,
-    x1: float,
-    y1: float,
-    heading1: float,
-) -> Array:
+def world_poses(kind: int, radius: float, frame: Numbers, start: Numbers, end: Numbers) -> Array:
     """Poses (n, 3) in the world along the motion whose cost `world_cost` returns."""
     along, across, col0, row0, yaw = frame
-    start, end = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
-    poses = motion_poses(kind, radius, start, end)
+    (x0, y0, heading0), (x1, y1, heading1) = start, end
+    ends = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
+    poses = motion_poses(kind, radius, *ends)
     per_metre = along**2 + across**2
     for pose in poses:
         col, row = pose[0] - col0, pose[1] - row0

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from locplan._kernels.arrays import Floats, Ints, Singles
+from locplan._kernels.arrays import Floats, Ints
 from locplan._kernels.features import Sightings
-from locplan._kernels.landmarks import HITS, TT, XT, XX, XY, YT, YY, Outline, Rays, with_object
+from locplan._kernels.landmarks import HITS, TT, XT, XX, XY, YT, YY, Scene, with_object
 
 
 class Sensing(NamedTuple):
@@ -127,11 +127,8 @@ def uncertainties(
     candidates: Floats,
     indices: Ints,
     sightings: Sightings,
-    hits: Singles,
-    sums: Floats,
-    rays: Rays,
+    scene: Scene,
     routes: Ints,
-    outline: Outline,
     sensing: Sensing,
     motion: Motion,
 ) -> Floats:
@@ -145,15 +142,13 @@ def uncertainties(
         The candidates that are asked for.
     sightings : Sightings
         The poses that see each of all candidates.
-    hits : (n, beams, 4) array
-        Hits on the map and the objects that stand already.
-    sums : (n, 7) array
-        What `sums_of` makes of them.
-    rays, routes, outline, sensing, motion
-        The poses and their rays, see `covariances`, the object, and the models.
+    scene : Scene
+        What stands already, the poses with their rays, and the object.
+    routes, sensing, motion
+        See `covariances`.
     """
-    before, after = covariances(sums, rays.poses, routes, sensing, motion)
-    count = len(sums)
+    known = covariances(scene.sums, scene.rays.poses, routes, sensing, motion)
+    after, count = known[1], len(scene.sums)
     total = 0.0
     for n in range(count):
         total += after[n, XX] + after[n, YY]
@@ -162,10 +157,8 @@ def uncertainties(
         at = indices[m]
         stretch = sightings.starts[at], sightings.starts[at + 1]
         place = candidates[at, 0], candidates[at, 1], candidates[at, 2]
-        models = outline, sensing, motion
-        value = _sum_with(
-            total, place, stretch, sightings, hits, sums, rays, routes, models, before, after
-        )
+        models = sensing, motion
+        value = _sum_with(total, place, stretch, sightings, scene, routes, models, known)
         result[m] = value / count
     return result
 
@@ -176,20 +169,19 @@ def _sum_with(
     place: tuple[float, float, float],
     stretch: tuple[int, int],
     sightings: Sightings,
-    hits: Singles,
-    sums: Floats,
-    rays: Rays,
+    scene: Scene,
     routes: Ints,
-    models: tuple[Outline, Sensing, Motion],
-    before: Floats,
-    after: Floats,
+    models: tuple[Sensing, Motion],
+    known: tuple[Floats, Floats],
 ) -> float:
     """Sum `value` of P_xx + P_yy over all poses, with an object besides that is seen in a stretch.
 
-    Covariances are followed only from a pose that sees the object to where it is forgotten.
+    Covariances are followed only from a pose that sees the object to where it is forgotten; those
+    `known`, before and after each look, are without it.
     """
-    x, y, heading = place
-    outline, sensing, motion = models
+    sensing, motion = models
+    before, after = known
+    sums, poses = scene.sums, scene.rays.poses
     changed, p = np.empty(7), np.empty(6)
     k, stop = stretch
     r = n = 0
@@ -202,7 +194,7 @@ def _sum_with(
         meets = k < stop and sightings.poses[k] == n
         if meets:
             begin, many = sightings.rays[k, 0], sightings.rays[k, 1]
-            meets = with_object(sums, hits, rays, n, outline, x, y, heading, begin, many, changed)
+            meets = with_object(scene, n, place, begin, many, changed)
             k += 1
         if not differs and not meets:
             continue
@@ -214,9 +206,55 @@ def _sum_with(
         differs = n + 1 < routes[r + 1] and (meets or not _alike(p, after[n]))
         if differs:
             n += 1
-            dx = rays.poses[n, 0] - rays.poses[n - 1, 0]
-            move(p, dx, rays.poses[n, 1] - rays.poses[n - 1, 1], motion)
+            move(p, poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1], motion)
     return value
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def biases(
+    pulls: Floats, information: Floats, after: Floats, poses: Floats, routes: Ints
+) -> Floats:
+    """Errors (n, 3, 2) of the filter's pose by a feature that stands elsewhere, to first order.
+
+    The columns are those of a unit shift [m] of the feature along x and along y. On the way an
+    error e moves with the pose, and each look around makes it e + P (pull - I e).
+
+    Parameters
+    ----------
+    pulls : (n, 3, 2) array
+        Information-weighted sum of g n^T over the rays of each pose that meet the feature.
+    information : (n, 6) array
+        Information I of all rays [xx, xy, yy, xt, yt, tt].
+    after : (n, 6) array
+        Covariance P after each look around; see `covariances`.
+    poses, routes
+        See `covariances`.
+    """
+    result = np.zeros((len(poses), 3, 2))
+    e, rest = np.zeros((3, 2)), np.zeros((3, 2))
+    for r in range(routes.size - 1):
+        for i in range(3):
+            for j in range(2):
+                e[i, j] = 0.0
+        for n in range(routes[r], routes[r + 1]):
+            if n > routes[r]:
+                dx, dy = poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1]
+                for j in range(2):
+                    e[0, j] -= dy * e[2, j]
+                    e[1, j] += dx * e[2, j]
+            m, p = information[n], after[n]
+            for j in range(2):
+                x, y, t = e[0, j], e[1, j], e[2, j]
+                rest[0, j] = pulls[n, 0, j] - m[XX] * x - m[XY] * y - m[XT] * t
+                rest[1, j] = pulls[n, 1, j] - m[XY] * x - m[YY] * y - m[YT] * t
+                rest[2, j] = pulls[n, 2, j] - m[XT] * x - m[YT] * y - m[TT] * t
+                x, y, t = rest[0, j], rest[1, j], rest[2, j]
+                e[0, j] += p[XX] * x + p[XY] * y + p[XT] * t
+                e[1, j] += p[XY] * x + p[YY] * y + p[YT] * t
+                e[2, j] += p[XT] * x + p[YT] * y + p[TT] * t
+                for i in range(3):
+                    result[n, i, j] = e[i, j]
+    return result
 
 
 class Anchors(NamedTuple):
@@ -258,10 +296,7 @@ def mean_changes(
     candidates: Floats,
     indices: Ints,
     sightings: Sightings,
-    hits: Singles,
-    sums: Floats,
-    rays: Rays,
-    outline: Outline,
+    scene: Scene,
     sensing: Sensing,
     anchors: Anchors,
     now: Floats,
@@ -274,12 +309,12 @@ def mean_changes(
     changed = np.empty(7)
     for m in range(len(indices)):
         at = indices[m]
-        x, y, heading = candidates[at, 0], candidates[at, 1], candidates[at, 2]
+        place = candidates[at, 0], candidates[at, 1], candidates[at, 2]
         change = 0.0
         for k in range(sightings.starts[at], sightings.starts[at + 1]):
             n = sightings.poses[k]
             begin, many = sightings.rays[k, 0], sightings.rays[k, 1]
-            if with_object(sums, hits, rays, n, outline, x, y, heading, begin, many, changed):
+            if with_object(scene, n, place, begin, many, changed):
                 change += degeneracy_of(changed, sensing, anchors) - now[n]
-        result[m] = change / len(sums)
+        result[m] = change / len(scene.sums)
     return result

@@ -55,31 +55,32 @@ class Labels(NamedTuple):
     """Least second cost of the paths that were expanded at each cell."""
 
 
+class Terms(NamedTuple):
+    """What stays the same during a search: the grid, the goal, and bounds on what is left to it."""
+
+    half: Floats  # (n,) half the second cost's density in whole units, infinite where blocked
+    columns: int  # of the bordered grid
+    goal: int  # flat index
+    corner_cutting: bool
+    first_to_go: Floats  # (n,) lower bound on the first cost to the goal
+    second_to_go: Floats  # (n,) lower bound on the second
+    both_to_go: Floats  # (n,) lower bound on first + multiplier * second
+    multiplier: float
+    most: float  # paths with a greater first + multiplier * second are left out
+
+
 @njit(nogil=True, cache=True)
-def search(
-    labels: Labels,
-    half: Floats,
-    columns: int,
-    goal: int,
-    bounds: Numbers,
-    corner_cutting: bool,
-    expansions: int,
-    solutions: NDArray[np.int32],
-) -> float:
+def search(labels: Labels, terms: Terms, expansions: int, solutions: NDArray[np.int32]) -> float:
     """Continue for `expansions`; return a bound on the first cost of all solutions to come.
 
     Parameters
     ----------
     labels : Labels
         At the beginning just the start's label in bucket 0; `state[STATUS]` tells how it ended.
-    half : (n,) array
-        Half the second cost's density in whole units, infinite where blocked.
-    columns, goal : int
-        Number of columns of the bordered grid; flat index of the goal.
-    bounds : (first_to_go, second_to_go, both_to_go, multiplier, most)
-        Lower bounds on either cost to the goal, (n,) each. Paths with
-        ``first + multiplier * second > most`` are left out; `both_to_go` (n,) is a lower bound on
-        that sum to the goal.
+    terms : Terms
+        What is searched.
+    expansions : int
+        Number of labels that are expanded at most.
     solutions : (m,) array of int32
         Receives the labels that reached the goal; the search pauses when it is full.
     """
@@ -89,20 +90,19 @@ def search(
         if state[IN_HEAP] == 0:
             if state[WAITING] == 0:
                 return np.inf
-            _open_bucket(labels, goal, bounds[0], bounds[1])
+            _open_bucket(labels, terms)
             continue
-        begun = _expand_heap(
-            labels, half, columns, goal, bounds, corner_cutting, begun, expansions, solutions
-        )
+        begun = _expand_heap(labels, terms, begun, expansions, solutions)
         if state[STATUS] != FINISHED:
             return labels.heap_first[0]
 
 
 @njit(nogil=True, cache=True)
-def _open_bucket(labels: Labels, goal: int, first_to_go: Array, second_to_go: Array) -> None:
+def _open_bucket(labels: Labels, terms: Terms) -> None:
     """Move the labels of the lowest bucket that has any into the heap, and free those dominated."""
     state, heads, following = labels.state, labels.heads, labels.following
-    heap, heap_first, heap_second = labels.heap, labels.heap_first, labels.heap_second
+    heap = labels.heap, labels.heap_first, labels.heap_second
+    first_to_go, second_to_go, goal = terms.first_to_go, terms.second_to_go, terms.goal
     while heads[state[LOWEST] % BUCKETS] < 0:
         state[LOWEST] += 1
     slot = state[LOWEST] % BUCKETS
@@ -116,21 +116,13 @@ def _open_bucket(labels: Labels, goal: int, first_to_go: Array, second_to_go: Ar
             following[label], state[UNUSED] = state[UNUSED], label
         else:
             bound_first = labels.first[label] + first_to_go[cell]
-            _push(state, heap, heap_first, heap_second, label, bound_first, bound)
+            _push(state, heap, label, bound_first, bound)
         label = after
 
 
 @njit(nogil=True, cache=True)
 def _expand_heap(
-    labels: Labels,
-    half: Floats,
-    columns: int,
-    goal: int,
-    bounds: Numbers,
-    corner_cutting: bool,
-    begun: int,
-    expansions: int,
-    solutions: NDArray[np.int32],
+    labels: Labels, terms: Terms, begun: int, expansions: int, solutions: NDArray[np.int32]
 ) -> int:
     """Expand the heap's labels, or so many of them that `expansions` have begun; return how many.
 
@@ -139,9 +131,9 @@ def _expand_heap(
     # All arrays have local names: numba counts references to those that are passed on.
     state, cells, first, second = labels.state, labels.cell, labels.first, labels.second
     parents, following, heads = labels.parent, labels.following, labels.heads
-    heap, heap_first, heap_second = labels.heap, labels.heap_first, labels.heap_second
-    least = labels.least
-    first_to_go, second_to_go, both_to_go, multiplier, most = bounds
+    heap, least = (labels.heap, labels.heap_first, labels.heap_second), labels.least
+    half, columns, goal, corner_cutting, first_to_go, second_to_go, both_to_go, _, _ = terms
+    multiplier, most = terms.multiplier, terms.most
     corner = np.nan if corner_cutting else np.inf  # nothing equals NaN
     while state[IN_HEAP]:
         if begun == expansions or state[SOLUTIONS] == solutions.size:
@@ -150,8 +142,8 @@ def _expand_heap(
         if state[USED] + 8 > cells.size:
             state[STATUS] = OUT_OF_LABELS
             break
-        label, bound = heap[0], heap_second[0]
-        _pop(state, heap, heap_first, heap_second)
+        label, bound = heap[0][0], heap[2][0]
+        _pop(state, heap)
         cell = cells[label]
         if not _is_open(second[label], bound, least[cell], least[goal]):
             following[label], state[UNUSED] = state[UNUSED], label
@@ -186,7 +178,7 @@ def _expand_heap(
             bound_first = new_first + first_to_go[other]
             bucket = int(bound_first * (BUCKETS_A_CELL / SCALE))
             if bucket <= state[LOWEST]:
-                _push(state, heap, heap_first, heap_second, new, bound_first, bound)
+                _push(state, heap, new, bound_first, bound)
             else:
                 slot = bucket % BUCKETS
                 following[new], heads[slot] = heads[slot], new
@@ -219,15 +211,8 @@ def _comes_before(first: float, second: float, other_first: float, other_second:
 
 
 @njit(inline="always")
-def _push(
-    state: Array,
-    heap: Array,
-    heap_first: Array,
-    heap_second: Array,
-    label: int,
-    first: float,
-    second: float,
-) -> None:
+def _push(state: Ints, of_heap: Numbers, label: int, first: float, second: float) -> None:
+    heap, heap_first, heap_second = of_heap
     at = state[IN_HEAP]
     state[IN_HEAP] += 1
     while at > 0:
@@ -241,7 +226,8 @@ def _push(
 
 
 @njit(inline="always")
-def _pop(state: Array, heap: Array, heap_first: Array, heap_second: Array) -> None:
+def _pop(state: Ints, of_heap: Numbers) -> None:
+    heap, heap_first, heap_second = of_heap
     state[IN_HEAP] -= 1
     last = state[IN_HEAP]
     label, first, second = heap[last], heap_first[last], heap_second[last]

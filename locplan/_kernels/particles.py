@@ -206,33 +206,6 @@ def wrapped(angle: float) -> float:
 
 
 @njit(nogil=True, cache=True)
-def _glide(
-    random: Random,
-    poses: Floats,
-    count: int,
-    way: float,
-    bearing: float,
-    turn: float,
-    settings: Filter,
-) -> None:
-    """Move particles as `move` does, by AMCL's omnidirectional model.
-
-    `bearing` is the direction of the movement from the robot's heading [rad].
-    """
-    way_sd = np.sqrt(settings.alpha3 * way**2 + settings.alpha4 * turn**2)
-    turn_sd = np.sqrt(settings.alpha1 * turn**2 + settings.alpha2 * way**2)
-    aside_sd = np.sqrt(settings.alpha4 * turn**2 + settings.alpha5 * way**2)
-    for n in range(count):
-        own_way = way + way_sd * random.standard_normal()
-        own_turn = turn + turn_sd * random.standard_normal()
-        aside = aside_sd * random.standard_normal()
-        cos, sin = np.cos(poses[2, n] + bearing), np.sin(poses[2, n] + bearing)
-        poses[0, n] += own_way * cos + aside * sin
-        poses[1, n] += own_way * sin - aside * cos
-        poses[2, n] += own_turn
-
-
-@njit(nogil=True, cache=True)
 def move(
     random: Random,
     poses: Floats,
@@ -250,7 +223,18 @@ def move(
     """
     way = np.hypot(dx, dy)
     if settings.omnidirectional:
-        _glide(random, poses, count, way, np.arctan2(dy, dx) - heading, turn, settings)
+        bearing = np.arctan2(dy, dx) - heading  # from the robot's heading
+        way_sd = np.sqrt(settings.alpha3 * way**2 + settings.alpha4 * turn**2)
+        turn_sd = np.sqrt(settings.alpha1 * turn**2 + settings.alpha2 * way**2)
+        aside_sd = np.sqrt(settings.alpha4 * turn**2 + settings.alpha5 * way**2)
+        for n in range(count):
+            own_way = way + way_sd * random.standard_normal()
+            own_turn = turn + turn_sd * random.standard_normal()
+            aside = aside_sd * random.standard_normal()
+            cos, sin = np.cos(poses[2, n] + bearing), np.sin(poses[2, n] + bearing)
+            poses[0, n] += own_way * cos + aside * sin
+            poses[1, n] += own_way * sin - aside * cos
+            poses[2, n] += own_turn
         return
     first = wrapped(np.arctan2(dy, dx) - heading) if way >= STILL else 0.0
     second = wrapped(turn - first)

@@ -49,35 +49,6 @@ class Posteriors(NamedTuple):
     ambiguity: Floats  # (n, m) probability outside the central mode
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def find_starts(
-    field: LikelihoodField,
-    first_row: int,
-    first_col: int,
-    cos: float,
-    sin: float,
-    xs: Floats,
-    ys: Floats,
-    starts: Ints,
-) -> None:
-    """Write the index of each turned endpoint's cost at its first offset into `starts`.
-
-    `first_row` and `first_col` are the robot's row and column of the layout at that offset.
-    """
-    step, plane, width = float(field.step), float(field.plane), float(field.width)
-    last_row, last_col = float(field.last_row), float(field.last_col)
-    # All of this is exact in floating point; vectors cannot divide integers.
-    share = 1.0 / step
-    for n in range(xs.size):
-        row = np.floor(sin * xs[n] + cos * ys[n] + 0.5) + first_row
-        col = np.floor(cos * xs[n] - sin * ys[n] + 0.5) + first_col
-        # An endpoint beyond the layout is near no wall at any offset, however far away it is.
-        row, col = min(max(row, 0.0), last_row), min(max(col, 0.0), last_col)
-        i, j = np.floor((row + 0.5) * share), np.floor((col + 0.5) * share)
-        remainders = (row - i * step) * step + (col - j * step)
-        starts[n] = np.int64(remainders * plane + i * width + j)
-
-
 @njit(nogil=True, cache=True)
 def score(
     field: LikelihoodField,
@@ -87,24 +58,38 @@ def score(
     ends: Floats,
     costs: NDArray[np.uint32],
 ) -> None:
-    """Add the costs of a scan's endpoints at all offsets to ``costs`` (theta, dy, dx), flat.
+    """Write the costs of a scan's endpoints at all offsets into ``costs`` (theta, dy, dx), flat.
 
-    ``ends`` (beam, 2) holds x, y from the robot [cells], NaN for beams without a return. Values
-    added where `costs` holds no offset have no meaning.
+    ``ends`` (beam, 2) holds x, y from the robot [cells], NaN for beams without a return. Where
+    `costs` holds no offset, what is beyond `NOWHERE` has no meaning.
     """
+    for k in range(costs.size):
+        costs[k] = lattice.empty[k]
     together = 65535 // TOP  # beams whose summed costs fit into sixteen bits
     returned = ~np.isnan(ends[:, 0])
     xs, ys = ends[returned, 0], ends[returned, 1]
     starts = np.empty(xs.size, np.int64)
-    planes, stride = field.costs, field.width
+    planes, plane, stride = field.costs, float(field.plane), field.width
+    last_row, last_col = float(field.last_row), float(field.last_col)
+    step, width = float(field.step), float(field.width)
+    share = 1.0 / step
     from_here = -lattice.half_steps * field.step - field.first
     for k in range(lattice.cos.size):
         cos, sin = lattice.cos[k], lattice.sin[k]
-        find_starts(field, row + from_here, col + from_here, cos, sin, xs, ys, starts)
-        for j in range(0, lattice.offsets, GROUP):
-            for i in range(0, lattice.width, SHORTS):
-                base = j * stride + i
-                to = k * lattice.plane + j * lattice.width + i
+        # Where each turned endpoint's cost at its first offset is. All of this is exact in floating
+        # point; vectors cannot divide integers.
+        for n in range(xs.size):
+            at_row = np.floor(sin * xs[n] + cos * ys[n] + 0.5) + (row + from_here)
+            at_col = np.floor(cos * xs[n] - sin * ys[n] + 0.5) + (col + from_here)
+            # An endpoint beyond the layout is near no wall at any offset, however far away it is.
+            at_row, at_col = min(max(at_row, 0.0), last_row), min(max(at_col, 0.0), last_col)
+            i, j = np.floor((at_row + 0.5) * share), np.floor((at_col + 0.5) * share)
+            remainders = (at_row - i * step) * step + (at_col - j * step)
+            starts[n] = np.int64(remainders * plane + i * width + j)
+        for row_at in range(0, lattice.offsets, GROUP):
+            for col_at in range(0, lattice.width, SHORTS):
+                base = row_at * stride + col_at
+                to = k * lattice.plane + row_at * lattice.width + col_at
                 for batch in range(0, starts.size, together):
                     a = b = c = zero_shorts()
                     for n in range(batch, min(batch + together, starts.size)):
@@ -162,37 +147,6 @@ def central_mode(lattice: Lattice, costs: NDArray[np.uint32], excess: float, bit
 
 
 @njit(nogil=True, cache=True)
-def sums(
-    weights: Weights,
-    costs: NDArray[np.uint32],
-    least: int,
-    others: int,
-    at: int,
-    count: int,
-    first_x: int,
-) -> tuple[float, float, float, float, float]:
-    """Sums over `count` offsets, neighbours in x from `at` on, with weights w.
-
-    The weight at the least cost is 1. The sums are of w, w x, w x^2, w times the cost above the
-    least, and w where `others` has a bit.
-    """
-    coarse, fine, limit = weights.coarse, weights.fine, np.uint64(weights.limit)
-    total = total_x = total_xx = loss = outside = 0.0
-    for i in range(np.uint64(count)):
-        cost = np.uint64(costs[np.uint64(at) + i] - least)
-        if cost <= limit:
-            w = coarse[cost // np.uint64(FINE)] * fine[cost % np.uint64(FINE)]
-            x = np.float64(np.int64(i) + first_x)
-            total += w
-            total_x += w * x
-            total_xx += w * x * x
-            loss += w * np.float64(np.int64(cost))
-            if others >> i & np.uint64(1):
-                outside += w
-    return total, total_x, total_xx, loss, outside
-
-
-@njit(nogil=True, cache=True)
 def moments(
     lattice: Lattice,
     weights: Weights,
@@ -210,13 +164,24 @@ def moments(
     least = costs.min()
     total = total_loss = total_outside = 0.0
     first, second = np.zeros(3), np.zeros((3, 3))
+    coarse, fine, limit = weights.coarse, weights.fine, np.uint64(weights.limit)
     for at in range(0, costs.size, SHORTS):
         if not lanes_at_most(costs, at, least + weights.limit):
             continue
         row, left = at // lattice.width, at % lattice.width
         others = ~mode[at // WORD] >> np.uint64(at % WORD)
-        count, x = min(SHORTS, lattice.offsets - left), left - lattice.half_steps
-        w, wx, wxx, loss, outside = sums(weights, costs, least, others, at, count, x)
+        w = wx = wxx = loss = outside = 0.0
+        for i in range(np.uint64(min(SHORTS, lattice.offsets - left))):
+            cost = np.uint64(costs[np.uint64(at) + i] - least)
+            if cost <= limit:
+                weight = coarse[cost // np.uint64(FINE)] * fine[cost % np.uint64(FINE)]
+                x = np.float64(np.int64(i) + left - lattice.half_steps)
+                w += weight
+                wx += weight * x
+                wxx += weight * x * x
+                loss += weight * np.float64(np.int64(cost))
+                if others >> i & np.uint64(1):
+                    outside += weight
         y, t = float(row % rows - lattice.half_steps), float(row // rows - half_headings)
         total += w
         total_loss += loss
@@ -251,8 +216,6 @@ def posterior_of(
     covariance: Floats,
 ) -> tuple[float, float]:
     """`moments` of the scan whose beams end at `ends` (beam, 2); its `costs` are as of `score`."""
-    for k in range(costs.size):
-        costs[k] = lattice.empty[k]
     score(field, lattice, row, col, ends, costs)
     words = costs.size // WORD + 2 * (lattice.plane // WORD + 2)
     excess = -np.log(CONNECTED) / weights.nats
@@ -314,16 +277,9 @@ def scan_posteriors(
             row, col = rows[n] + 0.5, cols[n] + 0.5
             scan_ends(squares, resolution, row, col, headings[m], lidar, ends)
             move_ends(resolution, headings[m], lidar, noise, ends)
+            cell, moments_here = (rows[n], cols[n]), (result.mean[n, m], result.covariance[n, m])
             result.entropy[n, m], result.ambiguity[n, m] = posterior_of(
-                field,
-                lattice,
-                weights,
-                rows[n],
-                cols[n],
-                ends,
-                costs,
-                result.mean[n, m],
-                result.covariance[n, m],
+                field, lattice, weights, *cell, ends, costs, *moments_here
             )
         control[DONE] += 1
     return result

@@ -19,39 +19,20 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from locplan._kernels.arrays import DONE, STOP, Bools, Floats, Ints, Octets, Words
+from locplan._kernels.arrays import DONE, STOP, Bools, Floats, Ints, Words
 from locplan._kernels.bitplanes import SQUARE
 from locplan._kernels.simd import LANES, add_difference, add_matches, add_to, store_negative, zeros
-from locplan._kernels.templates import Disc, Sight, Template, empty_template, list_templates
+from locplan._kernels.templates import (
+    Disc,
+    Sight,
+    Template,
+    Tile,
+    empty_template,
+    list_templates,
+)
 
 GROUP = 3 * LANES
 """Number of offsets in y that are counted together."""
-
-
-class Tile(NamedTuple):
-    """Cells whose covariances share one layout of the map.
-
-    A cell's *place* is that of its disc's first square, or of its disc sum, at the first offset.
-    """
-
-    words: Words  # (plane, col, row mod step, row div step), flat: the map's squares
-    below: Ints  # laid out like words: cells set in the strip's rows below
-    disc_sums: Ints  # (plane, col, row mod step, row div step), flat
-    octets: Octets  # (heading, plane, col, row), flat: strips of the turned maps
-    corners: Ints  # (n, heading) places of the cells in octets
-    rests: Ints  # (n,) rows of the cells mod step
-    places: Ints  # (n,) places of the cells in words
-    sum_places: Ints  # (n,) places of the cells in disc_sums
-    row_places: Ints  # (row mod step, row of squares): further on in words
-    strip_rows: int  # number of octets from a column to the next
-    strip_plane: int
-    square_col: int  # number of words from a square to the next in its row
-    line: int  # number of words from an offset in x to the next
-    plane: int
-    sum_line: int
-    sum_plane: int
-    offsets: int  # number of offsets in x, and also in y
-    disc: Disc
 
 
 @njit(nogil=True, cache=True)
@@ -127,6 +108,14 @@ def write_covariance(
     covariance[1, 2] = covariance[2, 1] = sum_yt / total - mean_y * mean_t
 
 
+class Scratch(NamedTuple):
+    """Room for one cell: its counts, its templates, and its masks if there are any."""
+
+    counts: Ints  # S / 127 (dx, theta, dy rounded up) of the kept lines, flat
+    template: Template
+    masks: Words  # (heading, square)
+
+
 @njit(nogil=True, cache=True)
 def tile_covariances(
     tile: Tile,
@@ -134,48 +123,30 @@ def tile_covariances(
     kept: Bools,
     weight_of_count: Floats,
     offset_places: Floats,
-    counts: Ints,
-    template: Template,
-    masks: Words,
+    scratch: Scratch,
     control: Ints,
-    due: int,
     result: Floats,
 ) -> None:
     """Fill in the weighted covariances at all cells of a tile, (n, 3, 3) [steps].
 
     `kept` (theta, n, dx) marks the lines that count; a single cell's marks are those of all.
-    `offset_places` are the places of the poses among the offsets, see `write_covariance`.
-    `counts`, `template` and `masks` are scratch space: S / 127 (dx, theta, dy rounded up) of the
-    kept lines, flat, and what is compared at the last cell. Without a `sight` there are no masks,
-    and the whole disc counts. ``control[DONE]`` grows by `due` on the way; once another thread
-    sets ``control[STOP]`` the rest is left as it is.
+    `offset_places` are the places of the poses among the offsets, see `write_covariance`. The
+    scratch holds what was compared at the last cell. Without a `sight` there are no masks, and the
+    whole disc counts. ``control[DONE]`` counts the cells; once another thread sets
+    ``control[STOP]`` the rest is left as it is.
     """
-    cells, offsets = len(tile.rests), tile.offsets
-    done = control[DONE] if control.size > DONE else 0
-    for cell in range(cells):
+    counts, template, masks = scratch
+    for cell in range(len(tile.rests)):
         if control[STOP]:
             break
         if sight is not None:
             see(sight, cell, tile.disc, masks)
         lines = kept[:, cell if kept.shape[1] > 1 else 0]
-        list_templates(
-            template,
-            tile.octets,
-            tile.corners[cell],
-            tile.strip_rows,
-            tile.strip_plane,
-            tile.disc,
-            masks,
-            lines,
-            tile.row_places[tile.rests[cell]],
-            tile.square_col,
-            tile.plane,
-        )
+        list_templates(template, tile, cell, masks, lines)
         # Where both are listed, |T xor M| is |T| - |T and M| + |N and M|, with N within the mask.
         count_lines(tile, template, cell, lines, counts, 1 if len(masks) else 2)
-        write_covariance(counts, weight_of_count, offset_places, offsets, lines, result[cell])
-        if control.size > DONE:
-            control[DONE] = done + due * (cell + 1) // cells
+        write_covariance(counts, weight_of_count, offset_places, tile.offsets, lines, result[cell])
+        control[DONE] += 1
 
 
 # Inlined, since LLVM optimises a function anew within each one that calls it.
@@ -231,13 +202,11 @@ def count_lines(
                 counts[np.uint64(line) + v] = differing + factor * counts[np.uint64(line) + v]
 
 
-def empty_scratch(
-    offsets: int, headings: int, disc: Disc, *, masked: bool
-) -> tuple[Ints, Template, Words]:
-    """Room for the counts of one cell, its templates, and its masks if there are any."""
+def empty_scratch(offsets: int, headings: int, disc: Disc, *, masked: bool) -> Scratch:
+    """Room for one cell, with masks if they are asked for."""
     counts = np.empty(offsets * headings * -(-offsets // GROUP) * GROUP, np.int64)
     masks = np.empty((headings if masked else 0, disc.words.size), np.uint64)
-    return counts, empty_template(headings, disc), masks
+    return Scratch(counts, empty_template(headings, disc), masks)
 
 
 @njit(nogil=True, cache=True)

@@ -192,13 +192,12 @@ def modes(
     for n in range(count):
         if fits(tables, poses[n, 0], poses[n, 1]):
             losses[n] = factor * loss_at(tables, 0, few, poses[n, 0], poses[n, 1], poses[n, 2])
-    place = home[0], home[1], away
-    order = _ascending(losses)
-    _refine_all(tables, 0, few, factor, lever, order, enough, slack, place, poses, losses)
+    place, found, order = (home[0], home[1], away), (poses, losses), _ascending(losses)
+    _refine_all(tables, 0, (few, factor), lever, order, enough, slack, place, found)
     for level in range(1, last + 1):
         order = unlike(poses, _ascending(losses), apart / 2, turned / 2)
-        of, scaled = (few, factor) if level < last else (ends, 1.0)
-        _refine_all(tables, level, of, scaled, lever, order, enough, 0.0, place, poses, losses)
+        scaled = (few, factor) if level < last else (ends, 1.0)
+        _refine_all(tables, level, scaled, lever, order, enough, 0.0, place, found)
     kept = unlike(poses, _ascending(losses), apart, turned)
     poses, losses = poses[kept], losses[kept]
     for n in range(len(kept)):
@@ -218,17 +217,16 @@ def _ascending(losses: Floats) -> Array:
 def _refine_all(
     tables: LossTables,
     level: int,
-    ends: Singles,
-    factor: float,
+    scaled: tuple[Singles, float],
     lever: float,
     order: Ints,
     enough: float,
     slack: float,
     home: tuple[float, float, float],
-    poses: Floats,
-    losses: Floats,
+    found: tuple[Floats, Floats],
 ) -> None:
     """Refine poses in the order of their losses; those given up get infinite ones, see `modes`."""
+    (ends, factor), (poses, losses) = scaled, found
     before = losses.copy()
     losses[:] = np.inf
     x, y, away = home

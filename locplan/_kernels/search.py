@@ -185,8 +185,9 @@ def search(
         batch=np.empty(ROOM, np.uint32),
     )
     queue.heads[lowest % buckets] = 0
+    terms = Terms(columns, goal, corner_cutting, per_cost, rate)
     while True:
-        status = expand(queue, half, cost, columns, goal, corner_cutting, per_cost, rate, STRETCH)
+        status = expand(queue, half, cost, terms, STRETCH)
         if status == _OUT_OF_ROOM:
             cells, following = (np.concatenate([a, a]) for a in (queue.cells, queue.following))
             queue = queue._replace(cells=cells, following=following)
@@ -196,33 +197,32 @@ def search(
             check()
 
 
+class Terms(NamedTuple):
+    """What stays the same during a search."""
+
+    columns: int  # of the bordered grid
+    goal: int
+    corner_cutting: bool
+    per_cost: float  # buckets per cost
+    rate: float  # the least density for A*, 0 for Dijkstra's algorithm
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
-def expand(
-    queue: Queue,
-    half: Floats,
-    cost: Floats,
-    columns: int,
-    goal: int,
-    corner_cutting: bool,
-    per_cost: float,
-    rate: float,
-    expansions: int,
-) -> int:
+def expand(queue: Queue, half: Floats, cost: Floats, terms: Terms, expansions: int) -> int:
     """Continue a search until it has ended, is out of room, or has expanded so many cells.
 
-    `cost` is that of `Searched`, `per_cost` the buckets per cost, and `rate` the least density
-    for A*, 0 for Dijkstra's algorithm.
+    `cost` is that of `Searched`.
     """
     state, heads, batch = queue.state, queue.heads, queue.batch
     cells, following = queue.cells, queue.following
     mask, enough = heads.size - 1, np.inf
     pausing = state[_EXPANDED] + expansions
-    if goal >= 0:
-        enough = abs(cost[goal]) * (1 + TIE)
+    if terms.goal >= 0:
+        enough = abs(cost[terms.goal]) * (1 + TIE)
     while True:
         if state[_LEFT] == 0:
             lowest = state[_LOWEST]
-            if state[_WAITING] == 0 or lowest > enough * per_cost:
+            if state[_WAITING] == 0 or lowest > enough * terms.per_cost:
                 return _FINISHED
             entry, left = heads[lowest & mask], 0
             if entry < 0:
@@ -240,29 +240,18 @@ def expand(
                 entry = after
             heads[lowest & mask], state[_LEFT] = entry, left
             state[_WAITING] -= left
-        enough = expand_batch(
-            queue, half, cost, columns, goal, corner_cutting, per_cost, rate, enough
-        )
+        enough = expand_batch(queue, half, cost, terms, enough)
         if state[_LEFT]:
             return _OUT_OF_ROOM
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def expand_batch(
-    queue: Queue,
-    half: Floats,
-    cost: Floats,
-    columns: int,
-    goal: int,
-    corner_cutting: bool,
-    per_cost: float,
-    rate: float,
-    enough: float,
-) -> float:
+def expand_batch(queue: Queue, half: Floats, cost: Floats, terms: Terms, enough: float) -> float:
     """Expand the cells of the batch while there is room; return the cost at which to end.
 
     That was `enough`, and falls where the goal is reached. The others are those of `expand`.
     """
+    columns, goal, corner_cutting, per_cost, rate = terms
     # All arrays have local names: numba counts references to those that are passed on.
     state, heads, batch = queue.state, queue.heads, queue.batch
     cells, following = queue.cells, queue.following

@@ -71,6 +71,32 @@ class Template(NamedTuple):
     full: Words
 
 
+class Tile(NamedTuple):
+    """Cells whose covariances share one layout of the map.
+
+    A cell's *place* is that of its disc's first square, or of its disc sum, at the first offset.
+    """
+
+    words: Words  # (plane, col, row mod step, row div step), flat: the map's squares
+    below: Ints  # laid out like words: cells set in the strip's rows below
+    disc_sums: Ints  # (plane, col, row mod step, row div step), flat
+    octets: Octets  # (heading, plane, col, row), flat: strips of the turned maps
+    corners: Ints  # (n, heading) places of the cells in octets
+    rests: Ints  # (n,) rows of the cells mod step
+    places: Ints  # (n,) places of the cells in words
+    sum_places: Ints  # (n,) places of the cells in disc_sums
+    row_places: Ints  # (row mod step, row of squares): further on in words
+    strip_rows: int  # number of octets from a column to the next
+    strip_plane: int
+    square_col: int  # number of words from a square to the next in its row
+    line: int  # number of words from an offset in x to the next
+    plane: int
+    sum_line: int
+    sum_plane: int
+    offsets: int  # number of offsets in x, and also in y
+    disc: Disc
+
+
 def disc_squares(mask: Bools) -> Disc:
     """Disc of a mask of (2r + 1, 2r + 1) cells, in squares."""
     bits = by_squares(mask.astype(np.uint8))
@@ -108,40 +134,23 @@ def empty_template(headings: int, disc: Disc) -> Template:
 
 
 @njit(nogil=True, cache=True)
-def list_templates(
-    template: Template,
-    octets: Octets,
-    corners: Ints,
-    strip_rows: int,
-    plane_octets: int,
-    disc: Disc,
-    masks: Words,
-    kept: Bools,
-    row_addresses: Ints,
-    col_stride: int,
-    plane_stride: int,
-) -> None:
-    """List the squares and runs of the headings of which a line is `kept`, (theta, dx).
+def list_templates(template: Template, tile: Tile, cell: int, masks: Words, kept: Bools) -> None:
+    """List a cell's squares and runs at the headings of which a line is `kept`, (theta, dx).
 
     `masks` (heading, square) are the cells of the disc that count at each heading. If it is
     empty, all cells count, and T or N is listed, whichever is less work; otherwise both are.
-
-    `octets` are the strips of the turned maps, flat, and `corners` (heading,) where in them the
-    disc's first square begins; the next column is `strip_rows` further on, the next plane
-    `plane_octets`. A square's address in the window is ``row_addresses[row] + col * col_stride``,
-    plus `plane_stride` for the second plane.
     """
     bounds, all_ones, signs, masked = template.bounds, template.ones, template.signs, len(masks) > 0
     square = run = 0
-    for k in range(corners.size):
-        if not is_any(kept[k]):
+    for k in range(len(kept)):
+        if not kept[k].any():
             continue
-        mask = masks[k] if masked else disc.words
+        mask = masks[k] if masked else tile.disc.words
 
         for plane in range(PLANES):
-            corner = corners[k] + plane * plane_octets
-            by_t = sort_squares(template, octets, corner, strip_rows, disc, mask, plane, 0)
-            by_n = sort_squares(template, octets, corner, strip_rows, disc, mask, plane, 1)
+            corner = tile.corners[cell, k] + plane * tile.strip_plane
+            by_t = sort_squares(template, tile, corner, mask, plane, 0)
+            by_n = sort_squares(template, tile, corner, mask, plane, 1)
             signs[k, plane] = 0 if masked else 1 if by_t <= by_n else -1
 
         all_ones[k] = 0
@@ -150,24 +159,11 @@ def list_templates(
             for plane in range(PLANES):
                 if signs[k, plane] == 2 * side - 1:
                     continue
-                corner, place = corners[k] + plane * plane_octets, plane * plane_stride
                 square, run, ones = list_squares(
-                    template,
-                    octets,
-                    corner,
-                    strip_rows,
-                    disc,
-                    mask,
-                    plane,
-                    side,
-                    row_addresses,
-                    place,
-                    col_stride,
-                    square,
-                    run,
+                    template, tile, cell, k, mask, plane, side, square, run
                 )
                 if signs[k, plane] < 0:
-                    all_ones[k] += disc.cells - ones
+                    all_ones[k] += tile.disc.cells - ones
                 elif side == 0:
                     all_ones[k] += ones
             bounds[k, side, 1], bounds[k, side, 3] = square, run
@@ -176,32 +172,19 @@ def list_templates(
 # These are inlined, since LLVM optimises a function anew within each one that calls it. Arrays have
 # local names in them: numba counts references to those that are passed on.
 @njit(inline="always")
-def is_any(marks: Bools) -> bool:
-    """Whether any mark is set."""
-    found = False
-    for mark in marks:
-        found |= mark
-    return found
-
-
-@njit(inline="always")
 def sort_squares(
-    template: Template,
-    octets: Octets,
-    corner: int,
-    strip_rows: int,
-    disc: Disc,
-    mask: Words,
-    plane: int,
-    side: int,
+    template: Template, tile: Tile, corner: int, mask: Words, plane: int, side: int
 ) -> int:
-    """Mark the squares that T, or N, has partly or in full, and return the work to compare them."""
-    rows, work, flip = disc.rows, 0, FLIPS[side]
+    """Mark the squares that T, or N, has partly or in full, and return the work to compare them.
+
+    The disc's first square begins at `corner` of the tile's octets.
+    """
+    octets, rows, work, flip = tile.octets, tile.disc.rows, 0, FLIPS[side]
     partly, full = template.partly, template.full
     chunks = -(-rows // WORD)
-    for chunk in range(disc.cols * chunks):
+    for chunk in range(tile.disc.cols * chunks):
         j, first = chunk // chunks, chunk % chunks * WORD
-        at = corner + SQUARE * (j * strip_rows + first)
+        at = corner + SQUARE * (j * tile.strip_rows + first)
         some, whole = np.uint64(0), np.uint64(0)
         for i in range(0, min(WORD, rows - first), LANES):
             here, place = at + SQUARE * i, j * rows + first + i
@@ -218,35 +201,34 @@ def sort_squares(
 @njit(inline="always")
 def list_squares(
     template: Template,
-    octets: Octets,
-    corner: int,
-    strip_rows: int,
-    disc: Disc,
+    tile: Tile,
+    cell: int,
+    k: int,
     mask: Words,
     plane: int,
     side: int,
-    row_addresses: Ints,
-    place: int,
-    col_stride: int,
     square: int,
     run: int,
 ) -> tuple[int, int, int]:
-    """List what `sort_squares` marked of a plane, from a square and a run on.
+    """List what `sort_squares` marked of a plane at heading `k`, from a square and a run on.
 
     Returns the square and the run that follow, and the number of cells set in all of them.
     """
     squares, addresses, run_starts, run_ends, _, _, _, partly, full = template
-    rows, flip, ones = disc.rows, FLIPS[side], 0
+    octets, row_places = tile.octets, tile.row_places[tile.rests[cell]]
+    rows, flip, ones = tile.disc.rows, FLIPS[side], 0
+    corner = tile.corners[cell, k] + plane * tile.strip_plane
     chunks = -(-rows // WORD)
-    for chunk in range(disc.cols * chunks):
+    for chunk in range(tile.disc.cols * chunks):
         j, first = chunk // chunks, chunk % chunks * WORD
-        at, column = corner + SQUARE * (j * strip_rows + first), place + j * col_stride
+        at = corner + SQUARE * (j * tile.strip_rows + first)
+        column = plane * tile.plane + j * tile.square_col
         some = partly[plane, side, chunk]
         while some:
             i = lowest_bit(some)
             word = (load_word(octets, at + SQUARE * i) ^ flip) & mask[j * rows + first + i]
             squares[square] = word
-            addresses[square] = column + row_addresses[first + i]
+            addresses[square] = column + row_places[first + i]
             ones += popcount(word)
             square += 1
             some &= some - np.uint64(1)
@@ -255,8 +237,8 @@ def list_squares(
             start = lowest_bit(whole)
             above = ~(whole >> np.uint64(start))
             length = lowest_bit(above) if above else WORD - start
-            run_starts[run] = column + row_addresses[first + start]
-            run_ends[run] = column + row_addresses[first + start + length]
+            run_starts[run] = column + row_places[first + start]
+            run_ends[run] = column + row_places[first + start + length]
             ones += SQUARE * SQUARE * length
             run += 1
             # The sum carries over the run into the bit above it, which was 0 before.

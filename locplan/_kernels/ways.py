@@ -120,8 +120,7 @@ def cheapest_cells(
     takes. It leads from `root` to `tip` if `from_root`, else from `tip` to `root`. `steps` are
     those of `steps_back`, and lead from `tip` to `root`.
     """
-    found, waits = _find(half.size, columns, steps, tip)
-    order = _ordered(found, waits, columns, steps)
+    found, order = _find(half.size, columns, steps, tip)
     start, goal = (root, tip) if from_root else (tip, root)
     cost = _summed(half, columns, steps, found, order, start, from_root)
     # As `trace`, but costs are known of few cells.
@@ -141,9 +140,13 @@ def cheapest_cells(
 
 
 @njit(nogil=True, cache=True)
-def _find(size: int, columns: int, steps: Octets, tip: int) -> tuple[Found, NDArray[np.int8]]:
-    """The cells that steps lead to from `tip`, and the number of steps to each."""
+def _find(size: int, columns: int, steps: Octets, tip: int) -> tuple[Found, Ints]:
+    """The cells that steps lead to from `tip`, and their places in an order.
+
+    Each comes after all those from which a step leads to it; the last is the root.
+    """
     table, pages = np.zeros((size >> PAGE) + 1, np.int32), np.zeros(ROOM << PAGE, np.int32)
+    # Number of steps to each cell that are not in the order yet.
     cells, waits = np.empty(ROOM, np.int64), np.zeros(ROOM, np.int8)
     table[tip >> PAGE], opened = 1, 2
     pages[(1 << PAGE) + (tip & IN_PAGE)] = 1
@@ -155,9 +158,8 @@ def _find(size: int, columns: int, steps: Octets, tip: int) -> tuple[Found, NDAr
         if (opened + 8) << PAGE > pages.size:
             pages = np.concatenate((pages, np.zeros_like(pages)))
         cell = cells[at]
-        bits = steps[cell]
         for n in range(8):
-            if bits >> n & 1:
+            if steps[cell] >> n & 1:
                 other = cell + ROWS[n] * columns + COLUMNS[n]
                 if table[other >> PAGE] == 0:
                     table[other >> PAGE] = opened
@@ -169,26 +171,19 @@ def _find(size: int, columns: int, steps: Octets, tip: int) -> tuple[Found, NDAr
                     pages[at_page] = used
                 waits[pages[at_page] - 1] += 1
         at += 1
-    return Found(cells[:used], table, pages), waits
-
-
-@njit(nogil=True, cache=True)
-def _ordered(found: Found, waits: NDArray[np.int8], columns: int, steps: Octets) -> Ints:
-    """Places of cells, each after all those from which a step leads to it; the last is the root."""
-    order = np.empty(found.cells.size, np.int64)
-    order[0], done, at = 0, 1, 0
+    found, order = Found(cells[:used], table, pages), np.zeros(used, np.int64)
+    done, at = 1, 0
     while at < done:
-        cell = found.cells[order[at]]
-        bits = steps[cell]
+        cell = cells[order[at]]
         for n in range(8):
-            if bits >> n & 1:
+            if steps[cell] >> n & 1:
                 place = place_of(found, cell + ROWS[n] * columns + COLUMNS[n])
                 waits[place] -= 1
                 if waits[place] == 0:
                     order[done] = place
                     done += 1
         at += 1
-    return order
+    return found, order
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -6,7 +6,7 @@ import dataclasses
 import math
 import os
 import reprlib
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -59,18 +59,20 @@ def whole(name: str, value: object, low: int = 1, high: float = math.inf) -> int
     return int(value)
 
 
-def one_of(name: str, value: object, choices: Collection[str]) -> None:
-    """Raise a ConfigError unless the value is one of some words."""
+def one_of(name: str, value: object, choices: Collection[str]) -> object:
+    """Return the value, which must be one of some words."""
     if not (isinstance(value, str) and value in choices):
         raise ConfigError(f"{name} must be one of {', '.join(choices)}, not {shown(value)}")
+    return value
 
 
-def instance(name: str, value: object, kind: type, remedy: str = "") -> None:
-    """Raise a ConfigError unless the value is of a class; `remedy` says how to get one."""
+def instance(name: str, value: object, kind: type, remedy: str = "") -> object:
+    """Return the value, which must be of a class; `remedy` says how to get one."""
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
         how = f"; {remedy}" if remedy else ""
         raise ConfigError(f"{name} must be {article} {kind.__name__}, not {shown(value)}{how}")
+    return value
 
 
 def position(x: object, y: object = None, name: str = "a position") -> tuple[float, float]:
@@ -126,9 +128,6 @@ class _Short(reprlib.Repr):
         super().__init__()
         self.maxlevel, self.maxstring, self.maxother = 3, 200, 200
 
-    def repr_str(self, x: str, level: int) -> str:
-        return repr(x[: self.maxstring])
-
     def repr_int(self, x: int, level: int) -> str:
         return f"a number of {x.bit_length()} bits" if x.bit_length() > 999 else repr(x)
 
@@ -141,8 +140,31 @@ def _most(value: object) -> str:
     return f" and at most {MAX_AMOUNT:g}" if is_number(value) and abs(value) > MAX_AMOUNT else ""
 
 
+def setting(default: object, *limits: Any) -> Any:
+    """A field of `Settings` that is checked as its default is: a number, a bool, or a word.
+
+    After the default come a number's least and greatest value, or all words; or one of the checks
+    above, with what it takes.
+    """
+    check: tuple[Any, ...] = limits
+    if not (limits and callable(limits[0])):
+        check = {
+            bool: (instance, bool, "give true or false"),
+            str: (one_of, limits),
+            int: (whole, *limits),
+            float: (number, *limits),
+        }[type(default)]
+    return dataclasses.field(default=default, metadata={"check": check})
+
+
 class Settings:
-    """Settings in a dataclass whose repr names only what is not by default."""
+    """Settings in a dataclass, which are checked; its repr names only what is not by default."""
+
+    def __post_init__(self: Any) -> None:
+        for each in dataclasses.fields(self):
+            if "check" in each.metadata:
+                check, *limits = each.metadata["check"]
+                keep(self, **{each.name: check(each.name, getattr(self, each.name), *limits)})
 
     def __repr__(self) -> str:
         changed = ", ".join(f"{name}={value!r}" for name, value in _changed(self))
@@ -197,14 +219,6 @@ def keep(owner: object, **values: object) -> None:
     """Set fields of a frozen dataclass while it is being made."""
     for name, value in values.items():
         object.__setattr__(owner, name, value)
-
-
-def keep_checked(
-    owner: object, names: Iterable[str], check: Callable[..., object], *limits: object
-) -> None:
-    """Set these fields of a frozen dataclass to what one of the checks above makes of them."""
-    for name in names:
-        keep(owner, **{name: check(name, getattr(owner, name), *limits)})
 
 
 def usable_cores() -> int:

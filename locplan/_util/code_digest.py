@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
 from pathlib import Path
 from types import CodeType, FunctionType, MappingProxyType, ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 from locplan.errors import LocplanError
 
@@ -66,6 +66,13 @@ def code_digest(value: object, computing: Iterable[object]) -> str:
         raise LocplanError(f"its code cannot be digested ({what})") from None
 
 
+class _Taken(NamedTuple):
+    """What code takes from a module: all in it that the code has a name of."""
+
+    module: ModuleType
+    names: frozenset[str]
+
+
 class _Walk:
     """A walk through objects and code, which digests each thing that it meets once."""
 
@@ -78,123 +85,103 @@ class _Walk:
 
     def digest(self, value: object) -> str:
         """Digest of a value and of all things that it leads to, in the order of their meeting."""
-        self.add(value)
+        self._add(value)
         for thing in self._things:  # which grows on the way
-            self._add_content(thing)
+            self._add_parts(thing)
         return self._content.hexdigest()
 
-    def _put(self, kind: str, content: object) -> None:
-        text = f"{kind} {content!r}".encode()
+    def _put(self, *content: object) -> None:
+        text = repr(content).encode()
         self._content.update(b"%d %b" % (len(text), text))
 
-    def add(self, value: Any) -> None:
+    def _add(self, value: Any) -> None:
         """Add a value of any kind: a constant itself, and the number of anything else."""
         kind = type(value)
         if kind in _PLAIN:
             self._put(kind.__name__, value)
         elif kind in (tuple, CodeType, frozenset):  # constants, which Python may share or not
-            self._add_content(value)
+            self._add_parts(value)
         elif home := self._library_of(value):
             self._put("named", home)
         else:
-            if id(value) not in self._numbers:
-                self._numbers[id(value)] = len(self._things)
+            key = value if kind is _Taken else id(value)
+            if key not in self._numbers:
+                self._numbers[key] = len(self._things)
                 self._things.append(value)  # and so kept, that no other gets its id
-            self._put("thing", self._numbers[id(value)])
+            self._put("thing", self._numbers[key])
 
-    def _add_content(self, value: Any) -> None:
+    def _add_parts(self, value: object) -> None:
+        parts = [*self._parts(value)]
+        self._put("kind", type(value).__name__, len(parts))
+        for part in parts:
+            self._add(part)
+
+    def _parts(self, value: Any) -> Iterable[Any]:
+        """What decides a thing."""
         kind = type(value)
-        self._put("kind", kind.__name__)
         if kind in (tuple, list):
-            self._add_all(value)
-        elif kind in (set, frozenset):
+            return list(value)
+        if kind in (set, frozenset):
             # Each by itself, whatever the order and the numbers of those met before.
-            self._add_all(sorted(_Walk(self._own).digest(each) for each in value))
-        elif kind in (dict, MappingProxyType):
-            self._add_all(list(chain.from_iterable(value.items())))
-        elif kind is CodeType:
-            self._add_all([getattr(value, name) for name in _CODE])
-        elif kind is FunctionType:
-            self._add_function(value)
-        elif isinstance(value, type):
-            self._add_class(value)
-        elif kind in (staticmethod, classmethod, functools.cached_property):
-            self.add(value.func if kind is functools.cached_property else value.__func__)
-        elif kind is property:
-            self._add_all([value.fget, value.fset, value.fdel])
-        elif _package(kind.__module__) == "numba" and (compiled := _compiled(value)):
-            self._add_all([compiled, getattr(value, "targetoptions", None)])
-        else:
-            self._add_object(value)
+            return sorted(_Walk(self._own).digest(each) for each in value)
+        if kind in (dict, MappingProxyType):
+            return chain.from_iterable(value.items())
+        if kind is CodeType:
+            return [getattr(value, name) for name in _CODE]
+        if kind is _Taken:
+            own = set() if self._is_library(value.module.__name__) else set(dir(value.module))
+            taken = {name: getattr(value.module, name) for name in sorted(value.names & own)}
+            return [value.module.__name__, _with_taken(taken, value.names)]
+        if isinstance(value, type):
+            decisive = sorted(set(value.__dict__) - _UNDECISIVE)
+            members = {name: value.__dict__[name] for name in decisive}
+            return [value.__qualname__, kind, *value.__bases__, members]
+        return self._parts_of_code(value, kind)
 
-    def _add_all(self, values: list[Any] | tuple[Any, ...]) -> None:
-        self._put("count", len(values))
-        for value in values:
-            self.add(value)
+    def _parts_of_code(self, value: Any, kind: type) -> list[Any]:
+        """What decides a function, or what wraps one; anything else is an object."""
+        if kind is FunctionType:
+            return self._parts_of_function(value)
+        if kind in (staticmethod, classmethod):
+            return [value.__func__]
+        if kind is functools.cached_property:
+            return [value.func]
+        if kind is property:
+            return [value.fget, value.fset, value.fdel]
+        if _package(kind.__module__) == "numba" and (compiled := _compiled(value)):
+            return [compiled, getattr(value, "targetoptions", None)]
+        return self._parts_of_object(value, kind)
 
-    def _add_class(self, kind: type) -> None:
-        self._put("class", kind.__qualname__)
-        members = {name: kind.__dict__[name] for name in sorted(set(kind.__dict__) - _UNDECISIVE)}
-        self._add_all([type(kind), *kind.__bases__, members])
-
-    def _add_function(self, function: FunctionType) -> None:
-        """Add a function's code, its defaults and attributes, and what it closes over and names."""
+    def _parts_of_function(self, function: FunctionType) -> list[Any]:
+        """A function's code, its defaults and attributes, and what it closes over and names."""
         code, scope = function.__code__, function.__globals__
         if self._is_library(scope.get("__name__")):  # what a decorator of a library has made
-            self._put("function", (scope["__name__"], code.co_qualname))
-            named: dict[str, Any] = {}
+            body: list[Any] = [scope["__name__"], code.co_qualname]
         else:
-            self.add(code)
-            named = _named_by(code, scope, self._is_library)
-        self._add_all([function.__defaults__, function.__kwdefaults__, function.__dict__])
-        for cell in function.__closure__ or ():
-            try:
-                self.add(cell.cell_contents)
-            except ValueError:
-                self._put("empty", "")
-        self._add_named(named, frozenset(_attributes_of(code)))
+            attributes = frozenset(name for each in _codes(code) for name in each.co_names)
+            body = [code, _with_taken(_named_by(code, scope, self._is_library), attributes)]
+        closed = [_content_of(cell) for cell in function.__closure__ or ()]
+        return [*body, function.__defaults__, function.__kwdefaults__, function.__dict__, *closed]
 
-    def _add_named(self, named: Mapping[str, Any], attributes: frozenset[str]) -> None:
-        """Add what names stand for; of a module, what code with these attributes takes from it."""
-        for name, value in named.items():
-            self._put("name", name)
-            if isinstance(value, ModuleType):
-                self._add_module(value, attributes)
-            else:
-                self.add(value)
-
-    def _add_module(self, module: ModuleType, names: frozenset[str]) -> None:
-        """Add what code takes from a module: all in it that the code has a name of."""
-        self._put("module", module.__name__)
-        met = (module.__name__, names)
-        if self._is_library(module.__name__) or met in self._numbers:
-            return
-        self._numbers[met] = len(self._numbers)
-        own = {name: getattr(module, name) for name in sorted(names & set(dir(module)))}
-        self._add_named(own, names)
-
-    def _add_object(self, value: Any) -> None:
-        """Add an object by what it would be pickled as, but for what it keeps of its own values."""
-        kind = type(value)
+    def _parts_of_object(self, value: Any, kind: type) -> list[Any]:
+        """What an object would be pickled as, but for what it keeps of its own values."""
         try:
             reduce = copyreg.dispatch_table.get(kind)
             made = reduce(value) if reduce else value.__reduce_ex__(4)
         except TypeError:
             made = ""
-        if isinstance(made, str):  # what has but a name is code of the machine
-            if made and self._is_of_library(value, made):
-                self._put("named", (kind.__qualname__, made))
-            elif hasattr(value, "__wrapped__"):
-                self.add(value.__wrapped__)
-            else:
-                what = f"{kind.__module__}.{kind.__qualname__}".removeprefix("builtins.")
-                raise LocplanError(f"what it holds of type {what} cannot be digested")
-            return
-        make, given, state, elements, items = (*made, None, None, None)[:5]
-        if isinstance(state, Mapping):
-            lazy = functools.cached_property
-            state = {k: v for k, v in state.items() if type(getattr(kind, k, None)) is not lazy}
-        self._add_all([make, given, state, list(elements or ()), list(items or ())])
+        if not isinstance(made, str):
+            make, given, state, elements, items = (*made, None, None, None)[:5]
+            if isinstance(state, Mapping):
+                lazy = functools.cached_property
+                state = {k: v for k, v in state.items() if type(getattr(kind, k, None)) is not lazy}
+            return [make, given, state, list(elements or ()), list(items or ())]
+        if made and self._is_of_library(value, made):  # what has but a name is code of the machine
+            return [kind.__qualname__, made]
+        if hasattr(value, "__wrapped__"):
+            return [value.__wrapped__]
+        what = f"{kind.__module__}.{kind.__qualname__}".removeprefix("builtins.")
+        raise LocplanError(f"what it holds of type {what} cannot be digested")
 
     def _library_of(self, value: object) -> str:
         """Name by which a library gives an object, or an empty text."""
@@ -250,9 +237,20 @@ def _codes(code: CodeType) -> list[CodeType]:
     return [code, *(one for each in inner for one in _codes(each))]
 
 
-def _attributes_of(code: CodeType) -> set[str]:
-    """All names in a function's code but those of its variables."""
-    return {name for each in _codes(code) for name in each.co_names}
+def _content_of(cell: Any) -> Any:
+    """What a function closes over; nothing is there before its definition has ended."""
+    try:
+        return cell.cell_contents
+    except ValueError:
+        return NotImplemented
+
+
+def _with_taken(named: Mapping[str, Any], names: frozenset[str]) -> dict[str, Any]:
+    """What names stand for; of a module, what code with these names takes from it."""
+    return {
+        name: _Taken(value, names) if isinstance(value, ModuleType) else value
+        for name, value in named.items()
+    }
 
 
 def _named_by(

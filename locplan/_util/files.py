@@ -77,12 +77,9 @@ def check_target(path: Path, *suffixes: str) -> None:
 
     It is called before long work, so that no work is lost.
     """
-    if path.suffix.lower() not in suffixes:
-        raise LocplanError(f"{path}: must end in {', '.join(suffixes)}")
-    if path.is_dir():
+    if path.is_dir() and path.suffix.lower() in suffixes:
         raise LocplanError(f"{path}: is a folder; name a file in it")
-    check_no_input(path)
-    _check_parent(path)
+    _check_place(path, *suffixes)
 
 
 def check_folder_target(path: Path, suffix: str | None, ours: Callable[[Path], bool]) -> None:
@@ -90,12 +87,9 @@ def check_folder_target(path: Path, suffix: str | None, ours: Callable[[Path], b
 
     An existing folder may be replaced if `ours` says that locplan has written it.
     """
-    if suffix is not None and path.suffix != suffix:
-        raise LocplanError(f"{path}: must end in {suffix}")
+    _check_place(path, *[suffix] if suffix else [])
     if path.exists() and not ours(path):
         raise LocplanError(f"{path}: is there, and not as locplan wrote it; choose another name")
-    check_no_input(path)
-    _check_parent(path)
 
 
 def check_folder(folder: Path) -> None:
@@ -114,12 +108,9 @@ def check_folder(folder: Path) -> None:
 
 def make_folder(folder: Path) -> None:
     """Make a folder and those above it, unless they exist."""
-    if folder.exists() and not folder.is_dir():
-        raise LocplanError(f"{folder}: is a file, not a folder")
-    try:
+    check_folder(folder)
+    with errors_in_one_line(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise LocplanError(f"{folder}: cannot be made ({error.strerror})") from None
 
 
 def check_no_input(path: Path) -> None:
@@ -136,7 +127,10 @@ def _real(path: Path) -> Path:
     return Path(os.path.realpath(path))
 
 
-def _check_parent(path: Path) -> None:
+def _check_place(path: Path, *suffixes: str) -> None:
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise LocplanError(f"{path}: must end in {', '.join(suffixes)}")
+    check_no_input(path)
     if not path.parent.exists():
         raise LocplanError(f"{path}: the folder {path.parent} does not exist; make it first")
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):

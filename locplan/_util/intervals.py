@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -28,6 +27,10 @@ class Interval(NamedTuple):
     """Upper end of the interval, in that unit."""
 
 
+def _alone(value: float) -> Interval:
+    return Interval(value, np.nan, np.nan)
+
+
 def wilson(share: float, trials: int) -> Interval:
     """Wilson's 95 % interval of a share."""
     z = 1.959964
@@ -43,7 +46,7 @@ def of_mean(values: NDArray[np.float64]) -> Interval:
 
     values = np.asarray(values, float)
     if values.size < MIN_SAMPLES:
-        return Interval(float(values.mean()) if values.size else np.nan, np.nan, np.nan)
+        return _alone(float(values.mean()) if values.size else np.nan)
     half = stdtrit(values.size - 1, 0.975) * values.std(ddof=1) / np.sqrt(values.size)
     middle = float(values.mean())
     return Interval(middle, middle - float(half), middle + float(half))
@@ -61,11 +64,11 @@ def of_median(values: NDArray[np.float64]) -> Interval:
     back through the quantiles of the values.
     """
     if not values.size:
-        return Interval(np.nan, np.nan, np.nan)
+        return _alone(np.nan)
     middle = float(np.median(values))
     share = of_mean((values <= middle).mean(axis=1))
     if np.isnan(share.low):
-        return Interval(middle, np.nan, np.nan)
+        return _alone(middle)
     half = (share.high - share.low) / 2
     low, high = np.quantile(values, (max(0.0, 0.5 - half), min(1.0, 0.5 + half))).tolist()
     return Interval(middle, low, high)
@@ -78,8 +81,7 @@ def of_rms(squares: NDArray[np.float64]) -> Interval:
     """
     total, count = squares.sum(), squares.size
     if count < MIN_SAMPLES or not total > 0:
-        value = np.sqrt(total / count) if count else np.nan
-        return Interval(float(value), np.nan, np.nan)
+        return _alone(float(np.sqrt(total / count)) if count else np.nan)
     whole = np.log(total / count)
     with np.errstate(divide="ignore"):
         without = np.log((total - squares) / (count - 1))
@@ -93,14 +95,14 @@ def of_resamples(value: float, samples: NDArray[np.float64]) -> Interval:
     """A value with the 2.5 and 97.5 % quantiles of its resamples; NaN where none is finite."""
     known = samples[np.isfinite(samples)]
     if not len(known):
-        return Interval(value, np.nan, np.nan)
+        return _alone(value)
     low, high = np.quantile(known, (0.025, 0.975)).tolist()
     return Interval(value, low, high)
 
 
 def in_percent(interval: Interval) -> str:
     """Text of a share, such as 25% [12%, 40%]."""
-    return f"{interval.value:.0%} [{interval.low:.0%}, {interval.high:.0%}]"
+    return _with_ends(interval, "{:.0%}".format)
 
 
 def plain(value: float, digits: int = 2) -> str:
@@ -120,14 +122,17 @@ def in_metres(length: float) -> str:
 
 def short(interval: Interval) -> str:
     """Text of a correlation or a ratio, such as .25 [.12, .40]."""
-    value, low, high = map(plain, interval)
-    return value if np.isnan(interval.low) else f"{value} [{low}, {high}]"
+    return _with_ends(interval, plain)
 
 
 def two_digits(interval: Interval) -> str:
     """Text of a ratio, such as 0.25 [0.12, 0.40]."""
-    value, low, high = interval
-    return f"{value:.2f}" + ("" if np.isnan(low) else f" [{low:.2f}, {high:.2f}]")
+    return _with_ends(interval, "{:.2f}".format)
+
+
+def _with_ends(interval: Interval, text: Callable[[float], str]) -> str:
+    value, low, high = map(text, interval)
+    return value if np.isnan(interval.low) else f"{value} [{low}, {high}]"
 
 
 RESAMPLES = 1000
@@ -149,13 +154,20 @@ def draws_of(blocks: NDArray[np.int64], resamples: int = RESAMPLES) -> Numbers:
     return _draws(np.random.default_rng(0), len(known), resamples)[:, number]
 
 
-def mean_interval(values: Numbers, blocks: NDArray[np.int64]) -> Interval:
-    """Mean of values (n,), with a 95 % interval over their blocks; NaN where it has none."""
-    if not len(values):
-        return Interval(math.nan, math.nan, math.nan)
-    drawn = draws_of(blocks)
-    means = (drawn @ values) / drawn.sum(axis=1)
-    return of_resamples(float(values.mean()), means)
+def mean_interval(
+    values: Numbers, blocks: NDArray[np.int64], counted: Numbers | None = None
+) -> Interval:
+    """Mean of values (n,), with a 95 % interval over their blocks; NaN where it has none.
+
+    Of the values those count that are 1 in `counted` (n,), not 0; by default all do.
+    """
+    counted = np.ones(len(values)) if counted is None else counted
+    if not counted.any():
+        return _alone(np.nan)
+    weights = draws_of(blocks) * counted
+    with np.errstate(invalid="ignore"):  # none that counts may be drawn
+        means = (weights @ values) / weights.sum(axis=1)
+    return of_resamples(float(np.average(values, weights=counted)), means)
 
 
 def intervals(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -235,24 +235,19 @@ class FrameTree:
             found = composed(found, inverse(pose) if backwards else pose)
         return found
 
-    def parent(self, child: str) -> str | None:
-        """The frame in which another one is given, or None."""
-        return next((parent for parent, each in self._edges if each == child), None)
-
     def _chain(self, target: str, source: str) -> list[tuple[Edge, bool]] | None:
         """Edges from target to source, each with whether it is taken backwards."""
         if target == source:
             return []
         came: dict[str, tuple[str, Edge, bool]] = {}
-        near: dict[str, list[tuple[str, Edge, bool]]] = {}
+        near: dict[str, list[tuple[str, Edge, bool]]] = defaultdict(list)
         for edge in self._edges:
-            parent, child = edge
-            near.setdefault(parent, []).append((child, edge, False))
-            near.setdefault(child, []).append((parent, edge, True))
+            near[edge[0]].append((edge[1], edge, False))
+            near[edge[1]].append((edge[0], edge, True))
         waiting = deque([target])
         while waiting and source not in came:
             here = waiting.popleft()
-            for there, edge, backwards in near.get(here, ()):
+            for there, edge, backwards in near[here]:
                 if there != target and there not in came:
                     came[there] = here, edge, backwards
                     waiting.append(there)

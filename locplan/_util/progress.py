@@ -23,17 +23,15 @@ ProgressCallback = Callable[[int, int], None]
 
 
 @contextmanager
-def progress_bar(
-    label: str, unit: str, *, patience: float = 1.0, first: str = "starting"
-) -> Iterator[ProgressCallback]:
+def progress_bar(label: str, unit: str, *, first: str = "starting") -> Iterator[ProgressCallback]:
     """Show a bar on standard error with the time left and, if it has a unit, the rate.
 
-    It appears once the work has taken `patience` seconds, also before anything is done, and
-    vanishes when the work ends. Before anything is done it says `first`, or that kernels are
+    It appears once the work has taken a second, also before anything is done, and vanishes when
+    the work ends. Before anything is done it says `first`, or that kernels are
     being compiled. There is no bar if standard error is no terminal.
     """
     bar = _Bar(label, unit, first)
-    with shown_after(patience, bar.show, bar.close):
+    with _shown_later(bar.show):
         yield bar.update
 
 
@@ -52,18 +50,32 @@ def later_progress_bar(label: str, unit: str) -> Iterator[ProgressCallback]:
 
 
 @contextmanager
-def shown_after(
-    patience: float, show: Callable[[], None], close: Callable[[], None]
-) -> Iterator[None]:
-    """Call `show` once the work has taken `patience` seconds, and `close` when it ends.
+def working(label: str) -> Iterator[None]:
+    """Show on standard error what is done, and for how long, until it is done.
 
-    Where standard error is no terminal neither is called.
+    It appears once the work has taken a second, and vanishes when the work ends. It must not be
+    shown while a `progress_bar` is. Nothing is shown if standard error is no terminal.
     """
+
+    def show() -> Progress | None:
+        from rich.progress import SpinnerColumn, TimeElapsedColumn
+
+        columns = SpinnerColumn(), "{task.description}", TimeElapsedColumn()
+        return _started(label, *columns, total=None)
+
+    with _shown_later(show):
+        yield
+
+
+@contextmanager
+def _shown_later(show: Callable[[], Progress | None]) -> Iterator[None]:
+    """Show a display once the work has taken a second, until it ends."""
     # Asked here, and as rich does: its import takes a quarter of a second.
     if not (sys.stderr.isatty() or os.environ.get("FORCE_COLOR")):
         yield
         return
-    timer = threading.Timer(patience, show)
+    shown: list[Progress | None] = []
+    timer = threading.Timer(1.0, lambda: shown.append(show()))
     timer.daemon = True
     timer.start()
     try:
@@ -71,11 +83,29 @@ def shown_after(
     finally:
         timer.cancel()
         timer.join()
-        close()
+        for each in filter(None, shown):
+            each.stop()
+
+
+def _started(label: str, *columns: ProgressColumn | str, **task: Any) -> Progress | None:
+    """A display of rich on standard error, which has begun; None where that is no terminal."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        return None
+    display = Progress(*columns, console=console, transient=True)
+    display.add_task(label, **task)
+    display.start()
+    return display
 
 
 class _Bar:
-    """A bar of rich, which is only imported once there is something to show."""
+    """A bar of rich, which is only imported once there is something to show.
+
+    As text it is what stands beside it: the rate, or what is done before there is one.
+    """
 
     def __init__(self, label: str, unit: str, first: str) -> None:
         self._label, self._unit, self._first = label, unit, first
@@ -85,28 +115,20 @@ class _Bar:
         self._seen = 0
         self._bar: Progress | None = None
 
-    def show(self) -> None:
+    def show(self) -> Progress | None:
         """Show the bar from now on."""
         from rich import progress
-        from rich.text import Text
 
-        says = self._says
-
-        class Rate(progress.ProgressColumn):
-            def render(self, task: progress.Task) -> Text:
-                return Text(says())
-
-        columns = (
-            "{task.description}",
+        bar, share, left = (
             progress.BarColumn(),
             progress.TaskProgressColumn(),
-            Rate(),
             progress.TimeRemainingColumn(),
-            "left",
         )
+        columns = "{task.description}", bar, share, "{task.fields[says]}", left, "left"
         with self._lock:
-            total = self._total or None
-            self._bar = _started(self._label, *columns, total=total, completed=self._done)
+            task = {"total": self._total or None, "completed": self._done, "says": self}
+            self._bar = _started(self._label, *columns, **task)
+        return self._bar
 
     def update(self, done: int, total: int) -> None:
         """Take note of what is done."""
@@ -123,31 +145,12 @@ class _Bar:
                 act = self._bar.reset if fresh else self._bar.update
                 act(task, total=total, completed=done)
 
-    def close(self) -> None:
-        """Let the bar vanish."""
-        if self._bar:
-            self._bar.stop()
-
-    def _says(self) -> str:
+    def __str__(self) -> str:
         if self._began:
             return self._rate
         # A kernel that is read from the cache takes less time than there is between two looks.
         self._seen = self._seen + 1 if self._seen > 1 or is_compiling() else 0
         return COMPILING if self._seen > 1 else self._first
-
-
-def _started(label: str, *columns: ProgressColumn | str, **task: Any) -> Progress | None:
-    """A display of rich on standard error, which has begun; None where that is no terminal."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        return None
-    display = Progress(*columns, console=console, transient=True)
-    display.add_task(label, **task)
-    display.start()
-    return display
 
 
 def parts(progress: ProgressCallback | None, sizes: Sequence[int]) -> list[ProgressCallback]:
@@ -184,26 +187,3 @@ def in_turn(progress: ProgressCallback, runs: int) -> ProgressCallback:
         progress(min(before + done, runs * total), runs * total)
 
     return update
-
-
-@contextmanager
-def working(label: str, *, patience: float = 1.0) -> Iterator[None]:
-    """Show on standard error what is done, and for how long, until it is done.
-
-    It appears once the work has taken `patience` seconds, and vanishes when the work ends. It must
-    not be shown while a `progress_bar` is. Nothing is shown if standard error is no terminal.
-    """
-    begun: list[Progress | None] = []
-
-    def show() -> None:
-        from rich.progress import SpinnerColumn, TimeElapsedColumn
-
-        columns = SpinnerColumn(), "{task.description}", TimeElapsedColumn()
-        begun.append(_started(label, *columns, total=None))
-
-    def close() -> None:
-        for each in filter(None, begun):
-            each.stop()
-
-    with shown_after(patience, show, close):
-        yield

@@ -11,7 +11,7 @@ import textwrap
 from collections.abc import Callable
 from importlib import import_module
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, SupportsIndex
 
 import lazy_loader
 
@@ -64,25 +64,30 @@ def field_docs(kind: type) -> dict[str, str]:
     return docs
 
 
-class WithFields:
+class WithFields(str):
     """The docstring of a class, with what stands below its fields, which Python does not show.
 
     The source is read where the docstring is looked at.
     """
 
-    def __init__(self, text: str) -> None:
-        self.text = text
+    kind: type
+    """The class."""
+
+    def expandtabs(self, tabsize: SupportsIndex = 8) -> str:
+        """All of the text: help() asks no descriptor where the class has a metaclass."""
+        return self.__get__(None, self.kind).expandtabs(tabsize)
 
     def __get__(self, _: object, kind: type) -> str:
-        if re.search(r"^Parameters\n---", self.text, re.MULTILINE):
-            return self.text
+        text = str(self)
+        if re.search(r"^Parameters\n---", text, re.MULTILINE):
+            return text
         docs, lines = field_docs(kind), []
         for name, type_ in _types_of(kind).items():
             if docs[name]:
                 lines += [f"{name} : {type_}", *textwrap.wrap(docs[name], **WRAPPED)]
         if not lines:
-            return self.text
-        about, *sections = re.split(r"\n\n(?=[A-Z][\w ]+\n---)", self.text, maxsplit=1)
+            return text
+        about, *sections = re.split(r"\n\n(?=[A-Z][\w ]+\n---)", text, maxsplit=1)
         return "\n\n".join([about, "\n".join(["Parameters", "-" * 10, *lines]), *sections])
 
 
@@ -90,10 +95,9 @@ def document_fields(thing: object) -> None:
     """Add the fields of a class to its help; nothing happens where there are none."""
     if isinstance(thing, type) and _types_of(thing):
         text = vars(thing)["__doc__"]
-        if isinstance(text, str):
-            documented: Any = WithFields(inspect.cleandoc(text))
-            # help() asks no descriptor where the class has a metaclass of its own.
-            thing.__doc__ = documented if type(thing) is type else documented.__get__(None, thing)
+        if type(text) is str:  # and has no fields yet
+            thing.__doc__ = documented = WithFields(inspect.cleandoc(text))
+            documented.kind = thing
 
 
 def _types_of(kind: type) -> dict[str, str]:

@@ -9,18 +9,15 @@ import os
 import re
 import stat
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from io import BufferedReader, TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from locplan import __version__
 from locplan._util.checks import shown
 from locplan.errors import LocplanError, MapError
-
-if TYPE_CHECKING:
-    import yaml
-
 
 MAX_BYTES = 2**24
 """Maximum size of a text that is read at once: its numbers may take fifty times as much."""
@@ -54,6 +51,20 @@ def read_bytes(file: str | os.PathLike[str], limit: int) -> bytes:
         return content.read(os.fstat(content.fileno()).st_size)  # room is made for all of it
 
 
+@contextmanager
+def _readable(where: str = "") -> Iterator[None]:
+    """Say in one line what fails while a text is read; `where` begins the line."""
+    try:
+        yield
+    except UnicodeDecodeError:
+        raise LocplanError(f"{where}is no text; save it as UTF-8") from None
+    except (EOFError, zlib.error, gzip.BadGzipFile):
+        raise LocplanError(f"{where}is cut off or damaged (gzip); copy it again") from None
+    except (OSError, ValueError) as error:  # the latter for names that no file can have
+        reason = getattr(error, "strerror", None) or error
+        raise LocplanError(f"{where}cannot be read ({reason})") from None
+
+
 def read_text(file: Path, limit: int = MAX_BYTES) -> str:
     """Read a text in UTF-8, without a byte order mark.
 
@@ -62,13 +73,8 @@ def read_text(file: Path, limit: int = MAX_BYTES) -> str:
     LocplanError
         If it cannot be read, or is no text of up to `limit` bytes.
     """
-    try:
+    with _readable(f"{file}: "):
         return read_bytes(file, limit).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise LocplanError(f"{file}: is no text; save it as UTF-8") from None
-    except (OSError, ValueError) as error:  # the latter for names that no file can have
-        reason = getattr(error, "strerror", None) or error
-        raise LocplanError(f"{file}: cannot be read ({reason})") from None
 
 
 def numbered_lines(file: Path, errors: str = "strict") -> Iterator[tuple[int, str]]:
@@ -81,33 +87,26 @@ def numbered_lines(file: Path, errors: str = "strict") -> Iterator[tuple[int, st
         too long.
     """
     number = size = 0
-    try:
-        with opened(file, MAX_LOG_BYTES) as content:
-            unpacked = gzip.GzipFile(fileobj=content) if file.suffix == ".gz" else content
-            text = TextIOWrapper(unpacked, "utf-8-sig", errors)
-            while line := text.readline(MAX_LINE):
-                number, size = number + 1, size + len(line)
-                if len(line) == MAX_LINE:
-                    raise LocplanError(f"line {number} is too long for a log of scans")
-                if number > MAX_LINES or size > MAX_LOG_BYTES:
-                    raise LocplanError(
-                        f"goes on beyond {MAX_LINES:,} lines, or {MAX_LOG_BYTES / 1e6:.0f} MB;"
-                        " split it"
-                    )
-                yield number, line
-    except UnicodeDecodeError:
-        raise LocplanError("is no text; save it as UTF-8") from None
-    except (EOFError, zlib.error, gzip.BadGzipFile):
-        raise LocplanError("is cut off or damaged (gzip); copy it again") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise LocplanError(f"cannot be read ({reason})") from None
+    with _readable(), opened(file, MAX_LOG_BYTES) as content:
+        unpacked = gzip.GzipFile(fileobj=content) if file.suffix == ".gz" else content
+        text = TextIOWrapper(unpacked, "utf-8-sig", errors)
+        while line := text.readline(MAX_LINE):
+            number, size = number + 1, size + len(line)
+            if len(line) == MAX_LINE:
+                raise LocplanError(f"line {number} is too long for a log of scans")
+            if number > MAX_LINES or size > MAX_LOG_BYTES:
+                most = f"{MAX_LINES:,} lines, or {MAX_LOG_BYTES / 1e6:.0f} MB"
+                raise LocplanError(f"goes on beyond {most}; split it")
+            yield number, line
 
 
-def parsed_json(text: str) -> Any:
-    """Value of a text in JSON; a ValueError if it is none, or too deep or long to be read."""
+def parsed_json(text: str, entries: Callable[[dict[str, Any]], Any] | None = None) -> Any:
+    """Value of a text in JSON; a ValueError if it is none, or too deep or long to be read.
+
+    What `entries` makes of each dictionary stands in its place.
+    """
     try:
-        return json.loads(text)
+        return json.loads(text, object_hook=entries)
     except RecursionError:
         raise ValueError("its brackets are too deep") from None
 
@@ -121,8 +120,8 @@ MAX_DEPTH = 100
 """Maximum depth of brackets; PyYAML's time grows with its square."""
 
 
-def compose(file: Path, content: bytes, remedy: str) -> yaml.Node | None:
-    """Nodes of a file's YAML, of which no tag is obeyed and no alias expanded."""
+def compose(file: Path, content: bytes, remedy: str) -> Any:
+    """Nodes of a file's YAML or None, of which no tag is obeyed and no alias expanded."""
     import yaml
 
     if _depth(content) > MAX_DEPTH:
@@ -151,8 +150,19 @@ def dumped(content: Mapping[str, Any], **style: Any) -> str:
     """Text of values in their order, as YAML."""
     import yaml
 
-    text: str = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=100, **style)
+    style = {"sort_keys": False, "allow_unicode": True, "width": 100, **style}
+    text: str = yaml.safe_dump(content, **style)
     return text
+
+
+def scalar(node: Any) -> Any:
+    """Value of a scalar among YAML's nodes; its text where the value is none of its tag."""
+    import yaml
+
+    try:
+        return yaml.SafeLoader("").construct_object(node) if node.tag in SCALAR_TAGS else node.value
+    except (ValueError, ArithmeticError, LookupError, AttributeError):  # such as !!int x
+        return node.value
 
 
 def _depth(content: bytes) -> int:

@@ -12,20 +12,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._util import tables
 from locplan._util.checks import file_path
 from locplan._util.public import Pictured, called, needed
 from locplan._util.results import Results
 from locplan._util.saved import Stored
-from locplan._util.tables import (
-    closed,
-    collection,
-    feature,
-    finite,
-    table,
-    write_geojson,
-    write_json,
-    write_rows,
-)
 
 if TYPE_CHECKING:
     import pandas
@@ -34,6 +25,8 @@ SCALES = {"": 1.0, "cm": 100.0, "deg": math.degrees(1.0), "%": 100.0}
 """Factors from the units of files, metres, radians and shares, to those that people see."""
 FILE_DPI = 130
 """Pixels an inch of pictures in files."""
+IN_FILES: dict[str, Any] = {"dpi": FILE_DPI, "bbox_inches": "tight", "pad_inches": 0.1}
+"""How pictures are written into files."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +147,7 @@ class Table:
         shown = [n for n, column in enumerate(self.columns) if column.title is not None]
         heads = [self.columns[n].heading for n in shown]
         rows = [[self.columns[n].text(row[n]) for n in shown] for row in self.rows[:first]]
-        return table(heads, rows, width=width)
+        return tables.table(heads, rows, width=width)
 
     def turned(self) -> list[list[str]]:
         """Heading and values of each column for people, a row each: few records side by side."""
@@ -163,11 +156,11 @@ class Table:
 
     def records(self) -> list[dict[str, Any]]:
         """The rows by the names of their columns, fit for JSON; null is what is not known."""
-        return [finite(dict(zip(self.names, row, strict=True))) for row in self._values()]
+        return [tables.finite(dict(zip(self.names, row, strict=True))) for row in self._values()]
 
     def write_csv(self, file: Path) -> None:
         """Write the rows, as a whole or not at all; what is not known is empty."""
-        write_rows(file, self.names, self._values())
+        tables.write_rows(file, self.names, self._values())
 
     def write_geojson(
         self, file: Path, outlines: Iterable[ArrayLike | Outline], *, frame: str = "map"
@@ -184,13 +177,11 @@ class Table:
         frame : str, default "map"
             The frame of the corners, which each feature names.
         """
-        features = [
-            feature("Polygon", closed(*(each if isinstance(each, tuple) else [each])), about)
-            for about, each in zip(self.records(), outlines, strict=True)
-        ]
-        for each in features:
-            each["properties"]["frame"] = frame
-        write_geojson(file, collection(file.stem, features))
+        features = []
+        for about, each in zip(self.records(), outlines, strict=True):
+            corners = tables.closed(*(each if isinstance(each, tuple) else [each]))
+            features.append(tables.feature("Polygon", corners, {**about, "frame": frame}))
+        tables.write_geojson(file, tables.collection(file.stem, features))
 
     def to_frame(self) -> pandas.DataFrame:
         """A data frame of pandas; a LocplanError if it is not installed."""
@@ -261,12 +252,13 @@ class Result(Pictured):
             if isinstance(self, Stored) and self.suffix == ".json":
                 self.write(new / f"{kind}.json")
             else:
-                write_json(new / f"{kind}.json", self.summary(*about))
-            picture = {"dpi": FILE_DPI, "bbox_inches": "tight", "pad_inches": 0.1}
+                tables.write_json(new / f"{kind}.json", self.summary(*about))
             if self.drawable:
-                self.figure(*about).savefig(new / f"{kind}.png", **picture)
+                self.figure(*about).savefig(new / f"{kind}.png", **IN_FILES)
             self._write(new, *about)
 
     def _write(self, folder: Path, *about: Any) -> None:
-        """Write what there is beside the summary and the figure."""
-        raise NotImplementedError
+        """Write what there is beside the summary and the figure: the table, if files name a CSV."""
+        for name in self.files.names:
+            if name.endswith(".csv"):
+                self.table().write_csv(folder / name)

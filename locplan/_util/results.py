@@ -8,7 +8,7 @@ import os
 import shutil
 import signal
 import threading
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePath
@@ -79,25 +79,51 @@ class ResultFolder:
             known, written = self._known(), _digests(new)
             for name, digest in written.items():
                 self._check_way(name, known, digest)
-            before = {name: {digest} for name, digest in known.pop(self.kind, {}).items()}
-            for name, digest in known.pop(self._unfinished, {}).items():
-                before.setdefault(name, set()).add(digest)
-            stale = [] if others_stay else self._untouched(before, written)
-            kept = {
-                name: digest
+            before: dict[str, set[str]] = {}
+            for kind in (self.kind, self._unfinished):
+                for name, digest in known.pop(kind, {}).items():
+                    before.setdefault(name, set()).add(digest)
+            untouched = {
+                name: found
                 for name in before.keys() - written.keys()
-                for digest in before[name] & {digest_of(self.folder / name)}
-                if others_stay
+                if (found := digest_of(self.folder / name)) in before[name]
             }
             others = {
                 kind: {name: digest for name, digest in files.items() if name not in written}
                 for kind, files in known.items()
             }
+            kept = untouched if others_stay else {}
+            stale = [name for name in untouched.keys() - kept if ".." not in PurePath(name).parts]
             listed = {**others, self.kind: {**kept, **written}}
             # Whatever kills the process while files move: the next one knows all of them as ours.
             meanwhile = {**self._known(), self._unfinished: written}
             with interrupts_put_off():
-                _move(new, self.folder, temporary / "old", [*written], stale, meanwhile, listed)
+                self._move(new, temporary / "old", [*written], stale, (meanwhile, listed))
+
+    def _move(
+        self, new: Path, old: Path, written: list[str], stale: list[str], manifests: Sequence[Any]
+    ) -> None:
+        """Move all files into the folder, and the stale ones out of it, or none.
+
+        The manifest is the first one while they move, and the last one at the end.
+        """
+        meanwhile, listed = manifests
+        manifest = new / MANIFEST
+        if not self.folder.exists():
+            _write(manifest, listed)
+            self.folder.parent.mkdir(parents=True, exist_ok=True)
+            new.rename(self.folder)
+            return
+
+        def moves() -> Iterator[tuple[Path | None, Path]]:
+            _write(manifest, meanwhile)
+            yield manifest, self.folder / MANIFEST
+            yield from ((new / name, self.folder / name) for name in written)
+            yield from ((None, self.folder / name) for name in stale)
+            _write(manifest, listed)
+            os.replace(manifest, self.folder / MANIFEST)
+
+        move_together(moves(), old)
 
     @property
     def _unfinished(self) -> str:
@@ -137,16 +163,6 @@ class ResultFolder:
                 f"{file}: is in the way, and not as locplan wrote it; move it, name another folder,"
                 " or replace it with --force (in Python force=True)"
             )
-
-    def _untouched(self, before: Mapping[str, set[str]], besides: Collection[str]) -> list[str]:
-        """The files of an earlier run that nobody changed, besides those written now."""
-        return [
-            name
-            for name, digests in before.items()
-            if name not in besides
-            and ".." not in PurePath(name).parts
-            and digest_of(self.folder / name) in digests
-        ]
 
 
 @dataclass(frozen=True)
@@ -190,33 +206,14 @@ def interrupts_put_off() -> Iterator[None]:
             signal.raise_signal(caught[0])
 
 
-def _move(
-    new: Path,
-    folder: Path,
-    old: Path,
-    written: Collection[str],
-    stale: Collection[str],
-    meanwhile: Written,
-    listed: Written,
-) -> None:
-    """Move all files into the folder, and the stale ones out of it, or none.
+def move_together(moves: Iterable[tuple[Path | None, Path]], old: Path) -> None:
+    """Move files to their places, or remove what is there, all or none.
 
-    The manifest is `meanwhile` while they move, and `listed` at the end.
+    What was there is kept in the folder `old` meanwhile, which need not exist.
     """
-    if not folder.exists():
-        _write(new / MANIFEST, listed)
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        new.rename(folder)
-        return
     with ExitStack() as undo:
-        _write(new / MANIFEST, meanwhile)
-        _replace(new / MANIFEST, folder / MANIFEST, old / MANIFEST, undo)
-        for name in written:
-            _replace(new / name, folder / name, old / name, undo)
-        for name in stale:
-            _replace(None, folder / name, old / name, undo)
-        _write(new / MANIFEST, listed)
-        os.replace(new / MANIFEST, folder / MANIFEST)
+        for number, (source, target) in enumerate(moves):
+            _replace(source, target, old / str(number), undo)
         undo.pop_all()
 
 

@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
@@ -72,21 +73,17 @@ class Run:
         check_stamp(file, content, KIND, VERSION)
         try:
             files = frozenset(map(str, content["files"]))
-            settings = {
-                str(name): _each(value, lambda text: _from(file.parent, text))
-                if name in files
-                else value
-                if value is True
-                else _each(value, str)
-                for name, value in content["settings"].items()
-            }
-            return cls(
-                str(content["command"]),
-                settings,
-                files,
-                _texts(content.get("maps", {})),
-                _texts(content.get("robot", {})),
+            settings = {str(name): value for name, value in content["settings"].items()}
+            for name, value in settings.items():
+                if name in files:
+                    settings[name] = _each(value, partial(_from, file.parent))
+                elif value is not True:
+                    settings[name] = _each(value, str)
+            maps, robot = (
+                {str(name): str(each) for name, each in content.get(about, {}).items()}
+                for about in ("maps", "robot")
             )
+            return cls(str(content["command"]), settings, files, maps, robot)
         except (KeyError, TypeError, ValueError, AttributeError):
             raise LocplanError(f"{file}: is damaged; {REMEDY}") from None
 
@@ -156,10 +153,6 @@ def _each(value: Any, change: Any) -> Setting:
     return str(change(str(value)))
 
 
-def _texts(entries: Mapping[Any, Any]) -> dict[str, str]:
-    return {str(name): str(value) for name, value in entries.items()}
-
-
 def _relative(text: str, home: Path) -> str:
     """A file as it is named from a folder; on another drive it stays as it is."""
     try:
@@ -218,24 +211,18 @@ class Recipe:
     @property
     def python(self) -> str:
         """The code; the last line gives the result its name."""
-        call, before = ["grid"], []
+        lines = [*(f"# {note}" for note in self.notes), "import locplan", ""]
+        lines.append(f"grid = locplan.load_map({self.map_file!r})")
+        call = ["grid"]
         for name, value in self.settings.items():
+            code, argument = name, name
             if isinstance(value, Spelled):
-                before += [f"{name} = {value.code}", *value.after]
-                code, argument = name, value.argument or name
+                lines += [f"{name} = {value.code}", *value.after]
+                argument = value.argument or name
             else:
-                code, argument = _code(value), name
+                code = _code(value)
             call.append(code if name in ("start", "goal", "robot") else f"{argument}={code}")
-        return "\n".join(
-            [
-                *(f"# {note}" for note in self.notes),
-                "import locplan",
-                "",
-                f"grid = locplan.load_map({self.map_file!r})",
-                *before,
-                f"result = locplan.{self.function}({', '.join(call)})",
-            ]
-        )
+        return "\n".join([*lines, f"result = locplan.{self.function}({', '.join(call)})"])
 
 
 def number_text(value: float) -> str:
@@ -265,8 +252,7 @@ def _text(value: Any) -> str:
 
 
 def _code(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(map(_code, value))}]"
-    if isinstance(value, tuple):
-        return f"({', '.join(map(_code, value))})"
+    if isinstance(value, (list, tuple)):
+        inner = ", ".join(map(_code, value))
+        return f"[{inner}]" if isinstance(value, list) else f"({inner})"
     return number_text(value) if isinstance(value, float) else repr(value)

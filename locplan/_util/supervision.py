@@ -12,11 +12,9 @@ from __future__ import annotations
 
 import os
 import re
-import select
 import shutil
 import signal
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -130,25 +128,39 @@ def supervised(work: Callable[[], None]) -> int:
         return 0
 
     passed_on = {each for each in PASSED_ON if signal.getsignal(each) != signal.SIG_IGN}
-    woken, wake = os.pipe()
     heard, said = os.pipe()
-    os.set_blocking(wake, False)
+    for end in (heard, said):  # it tells of what is left; nobody waits for that
+        os.set_blocking(end, False)
     first = os.getpid()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, passed_on)
     process = os.fork()
     if not process:
-        for descriptor in (woken, wake, heard):
-            os.close(descriptor)
+        os.close(heard)
         _work(work, said, first, signal.SIGINT in passed_on, before)
     os.close(said)
-    for each in (*passed_on, signal.SIGCHLD):
-        signal.signal(each, _ignore)  # the pipe tells of it
-    signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
+    asked: list[int] = []
+
+    def send(number: int) -> None:
+        with suppress(ProcessLookupError):  # it has just ended
+            os.kill(process, number)
+
+    def pass_on(number: int, _: object) -> None:
+        if not asked:
+            # Time that a process has to end in good order after a signal [s].
+            signal.setitimer(signal.ITIMER_REAL, 0.5)
+        asked.append(number)
+        send(number)
+
+    signal.signal(signal.SIGALRM, lambda *_: send(signal.SIGKILL))
+    for each in passed_on:
+        signal.signal(each, pass_on)
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    asked, status, named = _watch(process, woken, heard)
+    _, status = os.waitpid(process, 0)
+    signal.setitimer(signal.ITIMER_REAL, 0)
     for each in passed_on:
         signal.signal(each, signal.SIG_IGN)
-    remove_named(named)
+    with suppress(BlockingIOError):  # there is nothing to hear
+        remove_named(os.read(heard, 1 << 20))
     return _exit_code(asked, os.waitstatus_to_exitcode(status))
 
 
@@ -193,47 +205,16 @@ def _work(
             signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _watch(process: int, woken: int, heard: int) -> tuple[int | None, int, bytes]:
-    """Wait for the process; return the signal passed on, its status, and what it has said."""
-    asked: int | None = None
-    deadline: float | None = None
-    pipes, said = [woken, heard], b""
-    ended = status = 0
-    while True:
-        if not ended:  # asked before the last look at the pipes
-            ended, status = os.waitpid(process, os.WNOHANG)
-        left = None if deadline is None else max(0.0, deadline - time.monotonic())
-        ready = select.select(pipes, [], [], 0 if ended else left)[0]
-        if heard in ready:
-            news = os.read(heard, 1 << 16)
-            said += news
-            if not news:
-                pipes.remove(heard)
-        elif ended:
-            return asked, status, said
-        if ended:
-            continue
-        if woken in ready:
-            for number in set(os.read(woken, 1 << 10)) - {signal.SIGCHLD}:
-                os.kill(process, number)
-                if asked is None:
-                    # Time that a process has to end in good order after a signal [s].
-                    asked, deadline = number, time.monotonic() + 0.5
-        if deadline is not None and time.monotonic() >= deadline:
-            os.kill(process, signal.SIGKILL)
-            deadline = None
-
-
-def _exit_code(asked: int | None, code: int) -> int:
+def _exit_code(asked: list[int], code: int) -> int:
     """The exit code of the first process, after it has said in one line how the second ended."""
-    if asked is not None and os.isatty(2):
+    if asked and os.isatty(2):
         os.write(2, b"\r\x1b[2K\x1b[?25h")  # the bar goes, and the cursor that it hid comes back
-    if code == -signal.SIGINT or (asked == signal.SIGINT and code):
+    if code == -signal.SIGINT or (asked[:1] == [signal.SIGINT] and code):
         code = INTERRUPTED
     if code == INTERRUPTED:
         os.write(2, b"locplan: interrupted\n")
-    elif asked is not None and code:
-        code = 128 + asked
+    elif asked and code:
+        code = 128 + asked[0]
     elif -code in PASSED_ON:  # the terminal sent it to both, and this process had it later
         code = 128 - code
     elif code < 0:

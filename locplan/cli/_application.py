@@ -105,7 +105,8 @@ def launched(tokens: list[str]) -> tuple[int | None, Run]:
             Show the log on stderr.
         """
         with _log_on_stderr(verbose):
-            return cast("int | None", app(tokens))
+            command = app(tokens)  # with its options, or what a function has returned
+            return cast("int | None", command() if callable(command) else command)
 
     with running(Run("", {})) as run:
         app.config = (partial(_record, run),)

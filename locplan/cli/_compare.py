@@ -7,7 +7,7 @@ import shlex
 import signal
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -15,7 +15,7 @@ import locplan
 from locplan._util.progress import progress_bar
 from locplan.cli import _types as typed
 from locplan.cli._options import Computing, Criterion, Output
-from locplan.cli._robot_options import FieldOptions, RobotOptions
+from locplan.cli._robot_options import FieldOptions
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @typed.option_group("Planner")
-class Compared:
+class Compared(typed.Options):
     """The planners that are compared."""
 
     planner: Annotated[tuple[str, ...], Parameter(metavar="NAME[:OPTION=VALUE,...]")] = ()
@@ -37,37 +37,8 @@ class Compared:
     """Planner that the others are compared with; any-angle if it is there."""
 
 
-@typed.option_group("Options")
-class Queries:
-    """The queries that the planners answer."""
-
-    random: typed.Count | None = None
-    """Number of random queries on each map; 10 by default."""
-    min_distance: float | None = None
-    """Minimum distance from start to goal of random queries, in metres; 5 by default."""
-    seed: typed.Seed | None = None
-    """Seed of random queries; 1 by default."""
-    queries: Annotated[Path | None, typed.INPUT] = None
-    """File of queries: CSV of name,start_x,start_y,goal_x,goal_y in metres, or of name,x,y of
-    stations, each two of which are one, or MovingAI .scen."""
-    ranges: typed.Ranges = None
-    """Ranges of the lidar, for each of which the planners are compared, in metres."""
-
-    def kept(self) -> Path | RandomQueries:
-        """The file of queries, or how they are drawn; a ConfigError if both were given."""
-        own = {"min_distance": self.min_distance, "seed": self.seed}
-        if self.queries is None:
-            given = {"count": self.random, **own}.items()
-            drawn: Any = {name: value for name, value in given if value is not None}
-            return locplan.comparison.RandomQueries(**drawn)
-        if self.random is not None:
-            raise ConfigError("--random and --queries exclude one another")
-        typed.refuse("with --queries", **own)
-        return self.queries
-
-
 @typed.option_group("Computing")
-class Running:
+class Running(typed.Options):
     """The resources of the runs."""
 
     workers: typed.Count | None = None
@@ -81,74 +52,72 @@ class Running:
     """Go on with an earlier comparison in --output where it ended."""
 
 
-@typed.option_group("Costs")
-class Weights:
-    """The costs of a path."""
-
-    weight: tuple[float, ...] = ()
-    """Detour accepted per degenerate metre, in metres; by default the estimator's own;
-    repeatable."""
-    criterion: Criterion = None
-
-
-@typed.option_group("Output")
-class Report(Output):
-    """Where the report goes."""
-
-    output: Annotated[Path, typed.Target] = dataclasses.field()
-    """Folder for the report, tables and logs."""
-
-
 @typed.command(
     "compare lab.yaml -o compared --planner any-angle --planner BITstar:time_limit=2 --seeds 5",
 )
-def compare(
+class compare(typed.ManyMaps, FieldOptions, Criterion, Compared, Computing, Running, Output):
+    """Run planners side by side, and report which one is best, where and by how much."""
+
     maps: Annotated[
         list[Path],
         *typed.MAPS,
         Parameter(help="Maps: map_server YAML files, folders of them, or .map."),
-    ],
-    /,
-    *,
-    out: Report,
-    compared: Compared = Compared(),
-    asked: Queries = Queries(),
-    costs: Weights = Weights(),
-    robot_options: RobotOptions = RobotOptions(),
-    options: FieldOptions = FieldOptions(),
-    running: Running = Running(),
-    computing: Computing = Computing(),
-) -> None:
-    """Run planners side by side, and report which one is best, where and by how much."""
-    comparison = locplan.comparison
-    queries = asked.kept()
-    robot, made = options.to_configs(robot_options, asked.ranges)
-    planners = compared.planner or comparison.PLANNERS
-    comparison.specs_of(planners)
-    out.check(locplan.Comparison.files)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # and clean up
-    with progress_bar("runs", "runs") as progress:
-        execution = comparison.Execution(
-            workers=running.workers,
-            time_limit=compared.time_limit,
-            memory=None if running.memory is None else running.memory * 1e9,
-            patience=running.patience,
-            journal=out.output / "runs.jsonl",  # every run as it came
-            resume=running.resume,
-            anew=out.force and not running.resume,
-            field_of=computing.field,
-            progress=progress,
-        )
-        result = locplan.compare(
-            maps,
-            planners,
-            queries,
-            robot,
-            configs={f"{each.estimator.name}, {each.estimator.reach:g} m": each for each in made},
-            weights=costs.weight or None,
-            criterion=costs.criterion,
-            seeds=range(1, compared.seeds + 1),
-            baseline=compared.baseline,
-            execution=execution,
-        )
-    out.finish(dataclasses.replace(result, command=shlex.join(["locplan", *sys.argv[1:]])))
+    ] = dataclasses.field(kw_only=False)
+    random: typed.Count | None = None
+    """Number of random queries on each map; 10 by default."""
+    min_distance: float | None = None
+    """Minimum distance from start to goal of random queries, in metres; 5 by default."""
+    seed: typed.Seed | None = None
+    """Seed of random queries; 1 by default."""
+    queries: Annotated[Path | None, typed.INPUT] = None
+    """File of queries: CSV of name,start_x,start_y,goal_x,goal_y in metres, or of name,x,y of
+    stations, each two of which are one, or MovingAI .scen."""
+    ranges: typed.Ranges = None
+    """Ranges of the lidar, for each of which the planners are compared, in metres."""
+
+    weight: Annotated[tuple[float, ...], typed.under("Costs")] = ()
+    """Detour accepted per degenerate metre, in metres; by default the estimator's own;
+    repeatable."""
+    output: Annotated[Path, typed.Target, typed.under("Output")] = dataclasses.field()
+    """Folder for the report, tables and logs."""
+
+    def __call__(self) -> None:
+        comparison = locplan.comparison
+        queries = self._queries()
+        robot, made = self.robot_and_fields(self.ranges)
+        planners = self.planner or comparison.PLANNERS
+        comparison.specs_of(planners)
+        self.check_output(locplan.Comparison.files)
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # and clean up
+        with progress_bar("runs", "runs") as progress:
+            execution = comparison.Execution(
+                **self.given("workers", "time_limit", "patience", "resume"),
+                memory=None if self.memory is None else self.memory * 1e9,
+                journal=self.output / "runs.jsonl",  # every run as it came
+                anew=self.force and not self.resume,
+                field_of=self.field_of,
+                progress=progress,
+            )
+            result = locplan.compare(
+                self.maps,
+                planners,
+                queries,
+                robot,
+                configs={f"{e.estimator.name}, {e.estimator.reach:g} m": e for e in made},
+                weights=self.weight or None,
+                seeds=range(1, self.seeds + 1),
+                execution=execution,
+                **self.given("criterion", "baseline"),
+            )
+        self.finish(dataclasses.replace(result, command=shlex.join(["locplan", *sys.argv[1:]])))
+
+    def _queries(self) -> Path | RandomQueries:
+        """The file of queries, or how they are drawn; a ConfigError if both were given."""
+        if self.queries is None:
+            drawn = self.given("min_distance", "seed")
+            counted = {} if self.random is None else {"count": self.random}
+            return locplan.comparison.RandomQueries(**counted, **drawn)
+        if self.random is not None:
+            raise ConfigError("--random and --queries exclude one another")
+        self.refuse("with --queries", "min_distance", "seed")
+        return self.queries

@@ -12,18 +12,21 @@ import locplan
 from locplan._util.progress import progress_bar, working
 from locplan._util.supervision import end_if_supervised
 from locplan.cli import _types as typed
-from locplan.cli._options import CacheDir, CostOptions
-from locplan.cli._robot_options import FieldOptions, RobotOptions
+from locplan.cli._options import Cached, CostOptions, Ends, Force, Threads
+from locplan.cli._robot_options import FieldOptions
 
 
-@typed.option_group("Options")
-class Page:
-    """What the page shows at first, and where it is."""
+@typed.command(
+    "explore lab.yaml --lidar turtlebot4",
+    "explore lab.yaml --lidar turtlebot4 --start 2,3 --goal 38,3 --drive drive.mcap -o edited",
+)
+class explore(typed.OneMap, FieldOptions, Ends, CostOptions, Cached, Threads):
+    """Explore a map in the browser: drag start and goal, change the lidar, draw walls.
 
-    start: typed.XY = None
-    """First start of the path, x,y in metres."""
-    goal: typed.XY = None
-    """First goal of the path, x,y in metres."""
+    The page is for this machine alone, at the address that is printed. Ctrl-C ends it,
+    with exit code 0.
+    """
+
     via: Annotated[tuple[Any, ...], typed.parsed(typed.two_numbers, "X,Y", many=True)] = ()
     """Place to visit on the way at first, x,y in metres; repeatable."""
     port: int = 0
@@ -36,70 +39,38 @@ class Page:
         Parameter(group=typed.heading("Recorded drive"), metavar="FILE"),
     ] = ()
     """Recorded drive that can be shown; repeatable."""
-
-
-@typed.option_group("Output")
-class Written:
-    """What the page may write."""
-
-    folder: Annotated[Path | None, Parameter(name=("--folder", "-o"))] = None
+    folder: Annotated[Path | None, Parameter(name=("--folder", "-o")), typed.under("Output")] = None
     """Folder that the page may write maps and exports to; without it, it writes none."""
-    force: typed.Force = False
+    force: Force = False
 
-
-@typed.command(
-    "explore lab.yaml --lidar turtlebot4",
-    "explore lab.yaml --lidar turtlebot4 --start 2,3 --goal 38,3 --drive drive.mcap -o edited",
-)
-def explore(
-    map_file: typed.MapFile,
-    /,
-    *,
-    shown: Page = Page(),
-    robot_options: RobotOptions = RobotOptions(),
-    costs: CostOptions = CostOptions(),
-    options: FieldOptions = FieldOptions(),
-    threads: typed.Threads = None,
-    cache_dir: Annotated[CacheDir, Parameter(group=typed.heading("Computing"))] = None,
-    written: Written = Written(),
-) -> None:
-    """Explore a map in the browser: drag start and goal, change the lidar, draw walls.
-
-    The page is for this machine alone, at the address that is printed. Ctrl-C ends it,
-    with exit code 0.
-    """
-    locplan.explorer.check_installed()
-    robot, config = options.with_robot(robot_options)
-    costs.check(config)
-    grid = locplan.load_map(map_file)
-    drives = []
-    for file in shown.drive:
-        with progress_bar(f"reading {file.name}", "messages") as progress:
-            drives.append(locplan.explorer.RecordedDrive.of(file, progress))
-    opening = locplan.explorer.Opening(
-        config,
-        robot,
-        **vars(costs),
-        **vars(written),
-        start=shown.start,
-        goal=shown.goal,
-        via=shown.via,
-        drives=tuple(drives),
-        cache_dir=cache_dir,
-        threads=threads,
-        map_file=str(map_file),
-    )
-    with working("opening the page"):
-        page = locplan.explorer.opened(grid, opening, port=shown.port)
-    browse = "the page opens in your browser, or open the address above; Ctrl-C ends it"
-    if shown.no_browser:
-        browse = "open the address above in a browser on this machine; Ctrl-C ends the page"
-    with page:
-        try:
-            print(page.address, flush=True)
-            print(f"locplan: {browse}", file=sys.stderr, flush=True)
-            if not shown.no_browser:
-                page.open()
-            page.wait()
-        except KeyboardInterrupt:  # the usual end of this command
-            end_if_supervised(0)
+    def __call__(self) -> None:
+        locplan.explorer.check_installed()
+        robot, config = self.robot_and_field()
+        self.check_costs(config)
+        grid = locplan.load_map(self.map_file)
+        drives = []
+        for file in self.drive:
+            with progress_bar(f"reading {file.name}", "messages") as progress:
+                drives.append(locplan.explorer.RecordedDrive.of(file, progress))
+        opening = locplan.explorer.Opening(
+            config,
+            robot,
+            **self.given(CostOptions, Cached, Threads, "folder", "force"),
+            **self.given(Ends, "via"),
+            drives=tuple(drives),
+            map_file=str(self.map_file),
+        )
+        with working("opening the page"):
+            page = locplan.explorer.opened(grid, opening, port=self.port)
+        browse = "the page opens in your browser, or open the address above; Ctrl-C ends it"
+        if self.no_browser:
+            browse = "open the address above in a browser on this machine; Ctrl-C ends the page"
+        with page:
+            try:
+                print(page.address, flush=True)
+                print(f"locplan: {browse}", file=sys.stderr, flush=True)
+                if not self.no_browser:
+                    page.open()
+                page.wait()
+            except KeyboardInterrupt:  # the usual end of this command
+                end_if_supervised(0)

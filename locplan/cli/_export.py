@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_type_hints
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -14,9 +14,8 @@ import locplan
 from locplan._util.files import PICTURES, check_target
 from locplan._util.progress import working
 from locplan._util.public import field_docs
-from locplan.cli import _types as typed
-from locplan.cli._options import Computing, CostOptions, Output, read_paths, say_written
-from locplan.cli._robot_options import FieldOptions, RobotOptions
+from locplan.cli import _options as shared, _types as typed
+from locplan.cli._robot_options import FieldOptions
 from locplan.errors import ConfigError
 from locplan.export import formats
 
@@ -27,117 +26,108 @@ ABOUT = ", ".join(
 PATHS = [name for name, each in FORMATS.items() if each.paths != "none"]
 
 
+class _Docs:
+    """What the formats say of their options; the source is read where a help needs it."""
+
+    def __get__(self, _: object, kind: type) -> str:
+        docs: dict[str, dict[str, list[str]]] = {}
+        for format, each in FORMATS.items():
+            for name, doc in field_docs(each.options).items():
+                docs.setdefault(name, {}).setdefault(doc.removesuffix("."), []).append(format)
+        texts = {
+            name: " ".join(f"{doc} ({', '.join(having)})." for doc, having in sentences.items())
+            for name, sentences in docs.items()
+        }
+        lines = [f"{name}\n    {text}" for name, text in texts.items() if name != "params"]
+        return "\n".join(["Options of formats.", "", "Parameters", "----------", *lines])
+
+
 def _joint_options() -> type:
     """A dataclass with the options of all formats; one that was not given is None."""
-    docs: dict[str, dict[str, list[str]]] = {}
     types: dict[str, Any] = {}
-    for format, each in FORMATS.items():
+    for each in FORMATS.values():
         types |= get_type_hints(each.options)
-        for name, doc in field_docs(each.options).items():
-            docs.setdefault(name, {}).setdefault(doc.removesuffix("."), []).append(format)
-    docs.pop("params")  # they are a file of the robot
-    fields = []
-    for name, sentences in docs.items():
-        help = " ".join(f"{doc} ({', '.join(having)})." for doc, having in sentences.items())
-        fields.append((name, Annotated[types[name] | None, Parameter(help=help)], None))
-    own = {"__module__": __name__}
-    joint = dataclasses.make_dataclass("FormatOptions", fields, frozen=True, namespace=own)
-    return Parameter(name="*", group=typed.heading("Format"))(joint)
+    types.pop("params", None)  # they are a file of the robot
+    under = typed.under("Format")
+    fields = [(name, Annotated[hint | None, under], None) for name, hint in types.items()]
+    settings: Any = {
+        "bases": (typed.Options,),
+        "namespace": {"__module__": __name__},
+        "kw_only": True,
+    }
+    made = dataclasses.make_dataclass("FormatOptions", fields, frozen=True, **settings)
+    made.__doc__ = cast("str", _Docs())
+    return made
 
 
 if TYPE_CHECKING:
-    FormatOptions = Any
+
+    class FormatOptions(typed.Options):
+        pass
+
 else:
     FormatOptions = _joint_options()
-
-
-@typed.option_group("Options")
-class Exported:
-    """What is exported."""
-
-    to: Annotated[
-        str, Parameter(choices=tuple(FORMATS), show_choices=False, help=f"Format: {ABOUT}.")
-    ]
-    path: Annotated[typed.Csv, Parameter(help=f"Path to export (x,y) ({', '.join(PATHS)}).")] = ()
-    start: Annotated[
-        typed.XY,
-        Parameter(
-            help="Start of a path that is planned and exported, x,y in metres"
-            f" ({', '.join(PATHS)})."
-        ),
-    ] = None
-    goal: typed.XY = None
-    """Goal of this path, x,y in metres."""
-
-    def check(self) -> None:
-        """Raise a ConfigError if the format has no paths, or half a query was given."""
-        names = "path", "start", "goal"
-        given = [name for name in names if getattr(self, name)]
-        typed.check_read(given, "--to", self.to, dict.fromkeys(PATHS, names))
-        if bool(self.start) != bool(self.goal):
-            raise ConfigError("--start and --goal belong together")
-
-    def chosen(self, own: Any, params: Path | None) -> Any:
-        """The options of the format from those given; a ConfigError if one is not for it."""
-        given = typed.given_of(own)
-        known = {name: typed.field_names(each.options) for name, each in FORMATS.items()}
-        typed.check_read(given, "--to", self.to, known)
-        if "params" in known[self.to]:
-            given["params"] = params
-        return FORMATS[self.to].options(**given)
-
-
-@typed.option_group("Output")
-class ExportOutput(Output):
-    """Where the export goes."""
-
-    output: Annotated[Path | None, typed.Target] = None
-    """File or folder; MAP-FORMAT here by default."""
 
 
 @typed.command(
     "export lab.yaml --to nav2-keepout -o mask --planner smac-hybrid",
     "export lab.yaml --to path --start 2,3 --goal 38,3 -o path.csv --step 0.05",
 )
-def export(
-    map_file: typed.MapFile,
-    /,
-    *,
-    exported: Exported,
-    own: FormatOptions = FormatOptions(),
-    robot_options: RobotOptions = RobotOptions(),
-    costs: CostOptions = CostOptions(),
-    options: FieldOptions = FieldOptions(),
-    computing: Computing = Computing(),
-    out: ExportOutput = ExportOutput(),
-) -> None:
+class export(
+    typed.OneMap,
+    FieldOptions,
+    FormatOptions,
+    shared.Ends,
+    shared.CostOptions,
+    shared.Computing,
+    shared.Output,
+):
     """Write cost maps, route graphs, bags and paths for navigation stacks, or plain files."""
-    from locplan._util.tables import table
 
-    exported.check()
-    to, start, goal = exported.to, exported.start, exported.goal
-    format = FORMATS[to]
-    robot, config = options.with_robot(robot_options)
-    chosen = exported.chosen(own, robot_options.nav2_file())
-    costs.check(config)
-    grid = locplan.load_map(map_file)
-    target = out.output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
-    format.check_target(target, force=out.force)
-    paths = read_paths(exported.path)
-    count = len(paths) + bool(start)
-    if format.paths == "one" and count != 1:
-        raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal")
-    format.check(chosen, count)
-    field = computing.field(grid, config)
-    costmap = costs.costmap(grid, field, robot)
-    if start and goal:
-        paths["aware"] = _planned(costmap, start, goal)
-    job = locplan.export.ExportJob(costmap, field, paths, robot=robot)
-    with nullcontext() if format.shows_progress else working(f"writing {target.name}"):
-        summary = format.write(target, job, chosen)
-    about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
-    rows = [("map", grid.name), ("format", to), ("field", config.estimator.summary), *summary.rows]
-    dataclasses.replace(out, output=target).show(about, table([], rows), target)
+    to: Annotated[
+        str, Parameter(choices=tuple(FORMATS), show_choices=False, help=f"Format: {ABOUT}.")
+    ]
+    path: Annotated[typed.Csv, Parameter(help=f"Path to export (x,y) ({', '.join(PATHS)}).")] = ()
+    output: Annotated[Path | None, typed.Target, typed.under("Output")] = None
+    """File or folder; MAP-FORMAT here by default."""
+
+    def __call__(self) -> None:
+        from locplan._util.tables import table
+
+        to, format, named = self.to, FORMATS[self.to], ("path", "start", "goal")
+        typed.check_read(self.given(*named), "--to", to, dict.fromkeys(PATHS, named))
+        ends = self.ends()
+        robot, config = self.robot_and_field()
+        chosen = self._chosen()
+        self.check_costs(config)
+        grid = locplan.load_map(self.map_file)
+        target = self.output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
+        format.check_target(target, force=self.force)
+        paths = shared.read_paths(self.path)
+        count = len(paths) + bool(ends)
+        if format.paths == "one" and count != 1:
+            raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal")
+        format.check(chosen, count)
+        field = self.field_of(grid, config)
+        costmap = self.costmap(grid, field, robot)
+        if ends:
+            paths["aware"] = _planned(costmap, *ends)
+        job = locplan.export.ExportJob(costmap, field, paths, robot=robot)
+        with nullcontext() if format.shows_progress else working(f"writing {target.name}"):
+            summary = format.write(target, job, chosen)
+        about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
+        rows = [("map", grid.name), ("format", to), ("field", config.estimator.summary)]
+        rows += summary.rows
+        dataclasses.replace(self, output=target).show(about, table([], rows), target)
+
+    def _chosen(self) -> Any:
+        """The options of the format from those given; a ConfigError if one is not for it."""
+        given = self.given(FormatOptions)
+        known = {name: typed.field_names(each.options) for name, each in FORMATS.items()}
+        typed.check_read(given, "--to", self.to, known)
+        if "params" in known[self.to]:
+            given["params"] = self.nav2_file()
+        return FORMATS[self.to].options(**given)
 
 
 def _planned(costs: locplan.Costmap, *ends: tuple[float, float]) -> locplan.Path:
@@ -157,11 +147,16 @@ READ = {
     "models": ("at", "axis"),
 }
 """The options that each figure reads."""
+OF_FIGURES = [name for names in READ.values() for name in names]
 
 
-@typed.option_group("Options")
-class FigureOptions:
-    """The figure and how it is drawn."""
+@typed.command(
+    "plot lab.yaml -o heading.png --scalar heading_std",
+    "plot lab.yaml -o ellipses.png --figure ellipses --ranges 6,8",
+    "plot lab.yaml -o models.png --figure models --at 2,3 --axis theta",
+)
+class plot(typed.OneMap, FieldOptions, shared.Computing):
+    """Draw the map with its field, or how well a place matches its surroundings."""
 
     figure: Literal["field", "e", "ellipses", "distribution", "models"] = "field"
     """Figure of a field (default), of the paper's e or ellipses, or of a place (--at)."""
@@ -180,52 +175,29 @@ class FigureOptions:
     """Place of the figures distribution and models (all seven), x,y in metres."""
     axis: Literal["x", "y", "theta"] | None = None
     """Axis along which the models are drawn; x by default."""
+    output: Annotated[Path, typed.Target, typed.under("Output")]
+    """File for the picture (.png, .pdf, .svg)."""
 
-    def own(self) -> dict[str, Any]:
-        """Arguments of the figure's function."""
-        given = typed.given_of(self)
-        del given["figure"]
-        typed.check_read(given, "--figure", self.figure, READ)
-        if "at" in READ[self.figure] and "at" not in given:
-            raise ConfigError(f"--figure {self.figure} needs --at X,Y")
+    def __call__(self) -> None:
+        _, configs = self.robot_and_fields(self.ranges)
+        name, given = self.figure, self.given(*OF_FIGURES)
+        typed.check_read(given, "--figure", name, READ)
+        of_place = "at" in READ[name]
+        if of_place and "at" not in given:
+            raise ConfigError(f"--figure {name} needs --at X,Y")
         given.pop("ranges", None)
-        return {"axis": "x"} | given if self.figure == "models" else given
-
-
-@typed.command(
-    "plot lab.yaml -o heading.png --scalar heading_std",
-    "plot lab.yaml -o ellipses.png --figure ellipses --ranges 6,8",
-    "plot lab.yaml -o models.png --figure models --at 2,3 --axis theta",
-)
-def plot(
-    map_file: typed.MapFile,
-    /,
-    *,
-    output: Annotated[Path, typed.Target],
-    shown: FigureOptions = FigureOptions(),
-    robot_options: RobotOptions = RobotOptions(),
-    options: FieldOptions = FieldOptions(),
-    computing: Computing = Computing(),
-) -> None:
-    """Draw the map with its field, or how well a place matches its surroundings.
-
-    Parameters
-    ----------
-    output
-        File for the picture (.png, .pdf, .svg).
-    """
-    _, configs = options.to_configs(robot_options, shown.ranges)
-    given, name = shown.own(), shown.figure
-    check_target(output, *PICTURES)
-    grid = locplan.load_map(map_file)
-    if "at" in READ[name]:
-        estimator: Any = configs[0].estimator
-        if estimator.name != "sad":
-            raise ConfigError(f"--figure {name} is of --estimator sad")
-        drawn = locplan.paper.place_figure(grid, estimator=estimator, **given)
-    else:
-        compute = computing.field
-        drawn = locplan.plotting.figure_of(grid, name, configs, compute=compute, **given)
-    with working("drawing"):
-        locplan.plotting.save_figure(drawn, output)
-    say_written(output)
+        if name == "models":
+            given = {"axis": "x"} | given
+        check_target(self.output, *PICTURES)
+        grid = locplan.load_map(self.map_file)
+        if of_place:
+            estimator: Any = configs[0].estimator
+            if estimator.name != "sad":
+                raise ConfigError(f"--figure {name} is of --estimator sad")
+            drawn = locplan.paper.place_figure(grid, estimator=estimator, **given)
+        else:
+            compute = self.field_of
+            drawn = locplan.plotting.figure_of(grid, name, configs, compute=compute, **given)
+        with working("drawing"):
+            locplan.plotting.save_figure(drawn, self.output)
+        shared.say_written(self.output)

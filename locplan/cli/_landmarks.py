@@ -11,56 +11,43 @@ from cyclopts import Parameter
 import locplan
 from locplan._util.progress import progress_bar
 from locplan.cli import _types as typed
-from locplan.cli._options import Output, read_paths
+from locplan.cli._options import Ends, Output, Seeded, read_paths
 from locplan.cli._robot_options import RobotOptions
 from locplan.errors import ConfigError
 
 
 @typed.option_group("Options")
-class RouteOptions:
+class RouteOptions(Ends):
     """The routes of the robot."""
 
-    start: typed.XY = None
-    """Start of a shortest path, x,y in metres."""
-    goal: typed.XY = None
-    """Goal of this path, x,y in metres."""
     path: typed.Csv = ()
     """Path of the robot (x,y); repeatable."""
     places: Annotated[Path | None, typed.INPUT, Parameter(metavar="CSV")] = None
     """Places (name,x,y) between all of which the robot drives."""
 
-    def given(self, **others: object) -> dict[str, Any]:
-        """The arguments paths or places, or nothing if one of the other options was given.
-
-        Raises
-        ------
-        ConfigError
-            If not just one of them all was given.
-        """
-        ends: dict[str, Any] = {"start": self.start, "goal": self.goal}
-        given = [*filter(None, ends.values())]
-        own: dict[str, object] = {
-            "--path": self.path,
-            "--start with --goal": given,
-            "--places": self.places,
-        }
-        own |= {typed.flag(name): each for name, each in others.items()}
-        if sum(map(bool, own.values())) != 1:
-            *names, last = own
-            raise ConfigError(f"give one of {', '.join(names)}, and {last}")
-        if len(given) == 1:
-            raise ConfigError("--start and --goal belong together")
+    def ways(self, *others: str) -> dict[str, Any]:
+        """The paths or places, or nothing with one of the others; it must be one of them all."""
+        if len(self.given("path", "places", *others)) + bool(self.start or self.goal) != 1:
+            names = ["--path", "--start with --goal", "--places", *map(typed.flag, others)]
+            raise ConfigError(f"give one of {', '.join(names[:-1])}, and {names[-1]}")
         if self.path:
             return {"paths": read_paths(self.path)}
         if self.places:
             stations = locplan.planners.read_stations(self.places)
             return {"places": {each.name: (each.x, each.y) for each in stations}}
-        return {"places": ends} if given else {}
+        ends = self.ends()
+        return {"places": dict(zip(("start", "goal"), ends, strict=True))} if ends else {}
 
 
-@typed.option_group("Options")
-class Taking:
-    """What counts as a feature, and how many are taken away."""
+@typed.command(
+    "features lab.yaml --start 2,3 --goal 38,3 -o found",
+    "features lab.yaml --path mine.csv --robot nav2_params.yaml --count 2 -o found",
+)
+class features(typed.OneMap, RobotOptions, RouteOptions, Seeded, Output):
+    """Find the pillars, shelves and corners that localization on your routes depends on.
+
+    Drives with your own filter, in a world that lacks the worst of them, say whether it is so.
+    """
 
     count: typed.Count = 3
     """Number of features that are taken away together; 3 by default."""
@@ -73,38 +60,20 @@ class Taking:
     drives: int = 100
     """Number of drives of the verification; 100 by default, 0 leaves it out."""
 
-
-@typed.command(
-    "features lab.yaml --start 2,3 --goal 38,3 -o found",
-    "features lab.yaml --path mine.csv --robot nav2_params.yaml --count 2 -o found",
-)
-def features(
-    map_file: typed.MapFile,
-    /,
-    *,
-    routes: RouteOptions = RouteOptions(),
-    taking: Taking = Taking(),
-    robot_options: RobotOptions = RobotOptions(),
-    seeded: typed.Seeded = typed.Seeded(),
-    out: Output = Output(),
-) -> None:
-    """Find the pillars, shelves and corners that localization on your routes depends on.
-
-    Drives with your own filter, in a world that lacks the worst of them, say whether it is so.
-    """
-    taken, ways = typed.given_of(taking), routes.given()
-    drives = taken.pop("drives")
-    locplan.simulation.check_drives(drives, or_none=True)
-    robot = robot_options.simulated()
-    grid = locplan.load_map(map_file)
-    out.check(locplan.KeyFeatures.files)
-    with progress_bar("taking features away", "features") as progress:
-        found = locplan.key_features(grid, **ways, robot=robot, **taken, progress=progress)
-    driven = None
-    if drives and found.together:
-        with progress_bar("verifying by drives", "drives") as progress:
-            driven = found.verify(drives, **vars(seeded), progress=progress)
-    out.finish(found, driven)
+    def __call__(self) -> None:
+        ways = self.ways()
+        locplan.simulation.check_drives(self.drives, or_none=True)
+        robot = self.simulated()
+        grid = locplan.load_map(self.map_file)
+        self.check_output(locplan.KeyFeatures.files)
+        taken = self.given("count", "piece", "largest", "shift")
+        with progress_bar("taking features away", "features") as progress:
+            found = locplan.key_features(grid, **ways, robot=robot, **taken, progress=progress)
+        driven = None
+        if self.drives and found.together:
+            with progress_bar("verifying by drives", "drives") as progress:
+                driven = found.verify(self.drives, **self.given(Seeded), progress=progress)
+        self.finish(found, driven)
 
 
 def region(name: str, text: str) -> tuple[float, ...] | str:
@@ -112,9 +81,16 @@ def region(name: str, text: str) -> tuple[float, ...] | str:
     return text if text == "all" else typed.numbers(name, text, 4)
 
 
-@typed.option_group("Options")
-class Placing:
-    """The objects, and the region that they serve if it is no route."""
+@typed.command(
+    "landmarks lab.yaml --object pole:0.2 --count 3 --start 2,3 --goal 38,3 -o marked",
+    "landmarks lab.yaml --object box:0.6,0.3 --path mine.csv --robot nav2_params.yaml -o marked",
+    "landmarks lab.yaml --object box:0.6,0.3 --count 8 --region all -o marked",
+)
+class landmarks(typed.OneMap, RobotOptions, RouteOptions, Seeded, Output):
+    """Propose places for poles or boxes that keep the robot from getting lost on its ways.
+
+    Drives with your own filter, before, after and with random places, say whether they help.
+    """
 
     object: Annotated[str, Parameter(metavar="KIND:SIZE")] = "pole:0.2"
     """Poles (pole:DIAMETER) or boxes (box:LENGTH,WIDTH), in metres; pole:0.2 by default."""
@@ -122,12 +98,6 @@ class Placing:
     """Maximum number of objects; 6 by default."""
     region: Annotated[tuple[Any, ...], typed.parsed(region, "X0,Y0,X1,Y1", many=True)] = ()
     """Rectangle in which the robot may go anywhere, in metres, repeatable; "all" is the map."""
-
-
-@typed.option_group("Options")
-class Standing:
-    """Where the objects may stand."""
-
     where: Literal["walls", "free", "both"] = "both"
     """Places that are tried: along walls, in the open, or both, by default both."""
     spacing: float = 0.5
@@ -141,70 +111,35 @@ class Standing:
     """Rectangle in which no object may stand, in metres; repeatable."""
     existing: typed.Poses = ()
     """Object of this kind in the map, which may be moved, x,y in metres; repeatable."""
-
-
-@typed.option_group("Options")
-class Driving:
-    """The drives that choose and verify."""
-
     drives: int = 100
     """Number of drives of the verification; 100 by default, 0 leaves it out."""
     trials: typed.Count | None = None
     """Number of placements that are driven first, of which the best is taken; 4 by default, and 1
     without drives. Along routes the first two are by the two objectives."""
 
+    def __call__(self) -> None:
+        import numpy as np
 
-@typed.command(
-    "landmarks lab.yaml --object pole:0.2 --count 3 --start 2,3 --goal 38,3 -o marked",
-    "landmarks lab.yaml --object box:0.6,0.3 --path mine.csv --robot nav2_params.yaml -o marked",
-    "landmarks lab.yaml --object box:0.6,0.3 --count 8 --region all -o marked",
-)
-def landmarks(
-    map_file: typed.MapFile,
-    /,
-    *,
-    routes: RouteOptions = RouteOptions(),
-    placing: Placing = Placing(),
-    standing: Standing = Standing(),
-    driving: Driving = Driving(),
-    robot_options: RobotOptions = RobotOptions(),
-    seeded: typed.Seeded = typed.Seeded(),
-    out: Output = Output(),
-) -> None:
-    """Propose places for poles or boxes that keep the robot from getting lost on its ways.
-
-    Drives with your own filter, before, after and with random places, say whether they help.
-    """
-    import numpy as np
-
-    ways = routes.given(region=placing.region)
-    kind = locplan.landmarks.parsed_object(placing.object)
-    locplan.simulation.check_drives(driving.drives, or_none=True)
-    robot = robot_options.simulated()
-    sites = locplan.landmarks.Sites(**vars(standing))
-    grid = locplan.load_map(map_file)
-    if placing.region:
-        whole = "all" in placing.region
-        ways["region"] = np.ones(grid.shape, bool) if whole else placing.region
-    out.check(locplan.Landmarks.files)
-    with progress_bar("placing landmarks", "steps") as progress:
-        made = locplan.place_landmarks(
-            grid,
-            kind,
-            placing.count,
-            **ways,
-            robot=robot,
-            sites=sites,
-            threads=seeded.threads,
-            progress=progress,
-        )
-    tried = {} if driving.drives else {"trials": 1}
-    if driving.trials is not None:
-        tried["trials"] = driving.trials
-    with progress_bar("driving placements", "drives") as progress:
-        made = locplan.landmarks.best_of_trials(made, **tried, **vars(seeded), progress=progress)
-    verification = None
-    if driving.drives:
-        with progress_bar("verifying by drives", "drives") as progress:
-            verification = made.verify(driving.drives, **vars(seeded), progress=progress)
-    out.finish(made, verification)
+        ways = self.ways("region")
+        kind = locplan.landmarks.parsed_object(self.object)
+        locplan.simulation.check_drives(self.drives, or_none=True)
+        robot = self.simulated()
+        sites = locplan.landmarks.Sites(**self.given(locplan.landmarks.Sites))
+        grid = locplan.load_map(self.map_file)
+        if self.region:
+            ways["region"] = np.ones(grid.shape, bool) if "all" in self.region else self.region
+        self.check_output(locplan.Landmarks.files)
+        every = self.given("threads")
+        with progress_bar("placing landmarks", "steps") as progress:
+            made = locplan.place_landmarks(
+                grid, kind, self.count, **ways, robot=robot, sites=sites, **every, progress=progress
+            )
+        tried = ({} if self.drives else {"trials": 1}) | self.given("trials")
+        every = self.given(Seeded)
+        with progress_bar("driving placements", "drives") as progress:
+            made = locplan.landmarks.best_of_trials(made, **tried, **every, progress=progress)
+        verification = None
+        if self.drives:
+            with progress_bar("verifying by drives", "drives") as progress:
+                verification = made.verify(self.drives, **every, progress=progress)
+        self.finish(made, verification)

@@ -3,7 +3,7 @@
 An option that was not given is None, and means the library's own default.
 """
 
-# Annotations are objects, not texts: the options are inherited by classes in other modules.
+from __future__ import annotations
 
 import json
 import logging
@@ -19,12 +19,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol
 from cyclopts import Parameter
 
 import locplan
-from locplan._util.checks import printable
+from locplan._util.checks import check_threads, printable
 from locplan._util.progress import progress_bar, working
 from locplan._util.runs import write_run_beside
 from locplan.cli import _types as typed
 from locplan.errors import ConfigError, LocplanError, one_line
 
+LOG = logging.getLogger("locplan.cli")
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -37,55 +38,59 @@ if TYPE_CHECKING:
         """A function that gives the field of a map, or its values at some lattice points."""
 
         def __call__(
-            self, grid: "OccupancyGrid", points: "NDArray[np.bool_] | None" = None
-        ) -> "CovarianceField": ...
-
-
-Criterion = Annotated[
-    str | None,
-    Parameter(
-        group=typed.heading("Costs"),
-        help="Scalar that the degeneracy u is made of: e (default of sad), position_std (default of"
-        " the others), position_rms or heading_std; ambiguity or entropy of scan and fused.",
-    ),
-]
-CacheDir = Annotated[
-    Path | None,
-    Parameter(help="Folder of the computed fields; LOCPLAN_CACHE names it, too."),
-]
-
-
-def _check_scheduler(scheduler: str) -> None:
-    locplan.field.check_scheduler(scheduler)
+            self, grid: OccupancyGrid, points: NDArray[np.bool_] | None = None
+        ) -> CovarianceField: ...
 
 
 @typed.option_group("Computing")
-class Computing:
+class Threads(typed.Options):
+    """The threads."""
+
+    threads: Annotated[int | None, typed.checked(check_threads)] = None
+    """Number of threads; all cores by default."""
+
+
+@typed.option_group("Simulation")
+class Seeded(Threads):
+    """The random numbers of drives, and the threads."""
+
+    seed: typed.Seed = 1
+    """Seed of all random numbers; 1 by default."""
+
+
+ABOUT_CACHE = Parameter(help="Folder of the computed fields; LOCPLAN_CACHE names it, too.")
+CacheDir = Annotated[Path | None, ABOUT_CACHE]
+
+
+@typed.option_group("Computing")
+class Cached(typed.Options):
+    """The cache of fields."""
+
+    cache_dir: CacheDir = None
+
+
+@typed.option_group("Computing")
+class Computing(Cached, Threads):
     """The resources for fields, and their cache."""
 
-    threads: typed.Threads = None
     scheduler: Annotated[
         str | None,
         Parameter(metavar="tcp://HOST:PORT"),
-        typed.checked(_check_scheduler),
+        typed.checked(lambda scheduler: locplan.field.check_scheduler(scheduler)),
     ] = None
     """Dask cluster that computes the field."""
-    cache_dir: CacheDir = None
 
     @contextmanager
-    def of(
-        self, config: "FieldConfig", *, whole: bool = False, then: Callable[[], None] = lambda: None
-    ) -> "Iterator[Compute]":
-        """The function that gives the field of a map: read, or computed here or on a cluster.
-
-        It has the whole field even where some points are asked for, if so, and calls `then` last.
-        """
+    def fields_of(
+        self, config: FieldConfig, *, whole: bool = False, then: Callable[[], None] | None = None
+    ) -> Iterator[Compute]:
+        """A function that gives the field of a map, all of it if `whole`; it calls `then` last."""
         scheduler = self.scheduler
         with locplan.field.executor_of(scheduler) if scheduler else nullcontext() as executor:
 
             def compute(
-                grid: "OccupancyGrid", points: "NDArray[np.bool_] | None" = None
-            ) -> "CovarianceField":
+                grid: OccupancyGrid, points: NDArray[np.bool_] | None = None
+            ) -> CovarianceField:
                 started = time.perf_counter()
                 with progress_bar(f"field of {grid.name}", "cells") as progress:
                     field = locplan.load_or_compute(
@@ -98,39 +103,62 @@ class Computing:
                         progress=progress,
                     )
                 took = time.perf_counter() - started
-                logging.getLogger("locplan.cli").info(
-                    "field of %s: %.1f s, %s", grid.name, took, config
-                )
-                then()
+                LOG.info("field of %s: %.1f s, %s", grid.name, took, config)
+                if then:
+                    then()
                 return field
 
             yield compute
 
-    def field(self, grid: "OccupancyGrid", config: "FieldConfig") -> "CovarianceField":
+    def field_of(self, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
         """The field of one map."""
-        with self.of(config) as compute:
+        with self.fields_of(config) as compute:
             return compute(grid)
 
 
 @typed.option_group("Costs")
-class CostOptions:
+class Criterion(typed.Options):
+    """What degeneracy is."""
+
+    criterion: str | None = None
+    """Scalar that the degeneracy u is made of: e (default of sad), position_std (default of the
+    others), position_rms or heading_std; ambiguity or entropy of scan and fused."""
+
+
+@typed.option_group("Costs")
+class CostOptions(Criterion):
     """The costs of a path."""
 
     weight: float | None = None
     """Detour accepted per degenerate metre, in metres; by default the estimator's own, 4 for sad
     and 8 for the others."""
-    criterion: Criterion = None
 
-    def check(self, config: "FieldConfig") -> None:
-        """Raise a ConfigError if an option is out of range; to be called before long work."""
+    def check_costs(self, config: FieldConfig) -> None:
+        """Raise a ConfigError if an option is out of range; before long work."""
         if self.weight is not None:
             locplan.costs.check_weight(self.weight)
         if self.criterion is not None:
             locplan.costs.check_criterion(self.criterion, config)
 
-    def costmap(self, grid: "OccupancyGrid", field: "CovarianceField", robot: "Robot") -> "Costmap":
+    def costmap(self, grid: OccupancyGrid, field: CovarianceField, robot: Robot) -> Costmap:
         """The costmap of a field for a robot."""
-        return locplan.Costmap.from_field(grid, field, robot=robot, **typed.given_of(self))
+        return locplan.Costmap.from_field(grid, field, robot=robot, **self.given(CostOptions))
+
+
+@typed.option_group("Options")
+class Ends(typed.Options):
+    """The ends of a path that is planned."""
+
+    start: typed.XY = None
+    """Start of a path that is planned, x,y in metres."""
+    goal: typed.XY = None
+    """Goal of this path, x,y in metres."""
+
+    def ends(self) -> tuple[Any, ...]:
+        """Both ends, or none; a ConfigError if only one was given."""
+        if bool(self.start) != bool(self.goal):
+            raise ConfigError("--start and --goal belong together")
+        return (self.start, self.goal) if self.start and self.goal else ()
 
 
 def move(name: str, text: str) -> tuple[float, ...]:
@@ -145,7 +173,7 @@ Move = Annotated[Any, typed.parsed(move, "X,Y,DEG")]
 
 
 @typed.option_group("Recorded drive")
-class DriveOptions:
+class DriveOptions(typed.Options):
     """A recorded drive, and how its file is read."""
 
     drive: Annotated[Path | None, typed.INPUT, Parameter(metavar="FILE")] = None
@@ -170,46 +198,28 @@ class DriveOptions:
     """Turn of the recorded poses about the map frame's origin, in degrees, and shift after it, in
     metres, where the map was moved."""
 
-    def check(self) -> None:
+    def check_drive(self) -> None:
         """Raise a ConfigError if an option is given without a drive; before long work."""
         if self.drive is None:
-            typed.refuse("without --drive", **typed.given_of(self))
+            self.refuse("without --drive", DriveOptions)
 
-    def read(self) -> "Recording":
-        """The drive, with a progress bar while it is read.
-
-        Raises
-        ------
-        ConfigError
-            If no drive was named.
-        RecordingError
-            If the file cannot be read, or holds no drive.
-        """
-        self.check()
+    def read(self) -> Recording:
+        """The drive; a ConfigError if none was named."""
+        self.check_drive()
         if self.drive is None:
             raise ConfigError("name a recorded drive with --drive")
-        names = vars(locplan.recordings.Topics())
-        topics = {name: value for name, value in typed.given_of(self).items() if name in names}
+        topics = locplan.recordings.Topics(**self.given(locplan.recordings.Topics))
+        own = self.given("every", "range_limits", "mount")
         with progress_bar(f"reading {self.drive.name}", "messages") as progress:
             recording = locplan.recordings.read_drive(
-                self.drive,
-                every=self.every or 1,
-                topics=locplan.recordings.Topics(**topics),
-                range_limits=self.range_limits,
-                mount=self.mount,
-                progress=progress,
+                self.drive, topics=topics, progress=progress, **own
             )
         return recording.moved(*self.align) if self.align else recording
 
-    def on_map(self, maps: Sequence[Path]) -> "tuple[OccupancyGrid, Recording]":
-        """The map, and the drive on it.
+    def on_map(self, maps: Sequence[Path]) -> tuple[OccupancyGrid, Recording]:
+        """The map, and the drive on it; a LocplanError unless it is one map that fits.
 
-        Where the map does not fit, a warning says so if the user has aligned the drive.
-
-        Raises
-        ------
-        LocplanError
-            If there are several maps, the map does not fit, or a file cannot be read.
+        Where the user has aligned the drive, a warning says that it does not.
         """
         files = locplan.maps.find_maps(*maps)
         if len(files) != 1:
@@ -227,18 +237,7 @@ class DriveOptions:
         return grid, drive
 
 
-def load_filter_map(
-    filter_map: Path | None, grids: "Sequence[OccupancyGrid]"
-) -> "OccupancyGrid | None":
-    """The map of a robot's filter, where it was named; it is of one map that is driven in."""
-    if filter_map is None:
-        return None
-    grid = locplan.load_map(filter_map)
-    locplan.simulation.check_of_one_map(grid, grids)
-    return locplan.simulation.check_filter_map(grid, grids[0])
-
-
-def read_paths(files: Sequence[Path]) -> "dict[str, locplan.Path]":
+def read_paths(files: Sequence[Path]) -> dict[str, locplan.Path]:
     """Paths by the names of their files."""
     paths = {printable(file.stem): locplan.Path.load(file) for file in files}
     if len(paths) < len(files):
@@ -246,16 +245,20 @@ def read_paths(files: Sequence[Path]) -> "dict[str, locplan.Path]":
     return paths
 
 
+Json = Annotated[bool, typed.under("Output", help="Print the result as JSON.")]
+Force = Annotated[bool, typed.under("Output", help="Replace files in the way, whoever wrote them.")]
+
+
 @typed.option_group("Output")
-class Output:
+class Output(typed.Options):
     """Where the result goes."""
 
     output: Annotated[Path | None, typed.Target] = None
     """Folder for pictures, JSON and tables (CSV)."""
-    force: typed.Force = False
-    json: typed.Json = False
+    force: Force = False
+    json: Json = False
 
-    def check(self, files: "Results", *more: str) -> None:
+    def check_output(self, files: Results, *more: str) -> None:
         """Raise a LocplanError if the folder cannot take files of results; before long work."""
         if self.output:
             files.into(self.output, *more, force=self.force)
@@ -263,14 +266,7 @@ class Output:
     def finish(self, result: Any, *about: Any, saved: tuple[Any, ...] | None = None) -> None:
         """Save a result, if a folder or a file was named, and print it.
 
-        Parameters
-        ----------
-        result : Result
-            The result.
-        *about
-            What belongs to it, such as the drives that verify it.
-        saved : tuple, optional
-            What belongs to it in its folder, by default the same.
+        What belongs to it, such as the drives that verify it, is saved with it, or else `saved`.
         """
         written = None
         if self.output:

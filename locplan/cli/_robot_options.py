@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import sys
 import warnings
 from contextlib import suppress
@@ -16,11 +17,11 @@ from locplan._util.files import keep_input
 from locplan._util.runs import note_robot
 from locplan.cli import _types as typed
 from locplan.errors import ConfigError, LocplanError, one_line
-from locplan.field import ESTIMATORS
+from locplan.field import ESTIMATORS, estimator_class
 from locplan.robots import PRESETS
 
 if TYPE_CHECKING:
-    from locplan import FieldConfig, Lidar, Robot
+    from locplan import FieldConfig, Lidar, OccupancyGrid, Robot
     from locplan.field import Estimator
     from locplan.recordings import Recording
 
@@ -30,7 +31,7 @@ def _keep_file(file: Path) -> None:
 
 
 @typed.option_group("Robot")
-class RobotOptions:
+class RobotOptions(typed.Options):
     """The robot."""
 
     robot: Annotated[
@@ -45,7 +46,7 @@ class RobotOptions:
     """Any setting of the robot, such as range=8, footprint=0.3, margin=0, alpha1=0.05 or
     boundary_noise=0.1; repeatable; examples/guides/evidence.md lists all."""
 
-    def load(self, lidar: Lidar | None = None, *, recorded: bool = False) -> Robot:
+    def load_robot(self, lidar: Lidar | None = None, *, recorded: bool = False) -> Robot:
         """The robot; the title of one from files goes to stderr.
 
         It has this lidar where the options name none, or, where it was recorded, in any case.
@@ -66,32 +67,26 @@ class RobotOptions:
             print(one_line(f"robot: {robot.title}"), file=sys.stderr)
         return robot
 
-    def on_drive(self, recording: Recording, *, replayed: bool = True) -> Robot:
+    def robot_on(self, recording: Recording, *, replayed: bool = True) -> Robot:
         """The robot of a recorded drive, whose lidar and speed it has.
 
-        Raises
-        ------
-        ConfigError
-            If a setting is given that the recording has of its own: one of the lidar, and, where it
-            is replayed, one of the noise.
+        A setting that it has of its own is a ConfigError: one of the lidar, and, where the drive is
+        replayed, one of the noise.
         """
-        typed.refuse("with --drive, whose lidar is taken", lidar=self.lidar)
-        robot = recording.robot(self.load(recording.lidar, recorded=True))
+        self.refuse("with --drive, whose lidar is taken", "lidar")
+        robot = recording.robot(self.load_robot(recording.lidar, recorded=True))
         kinds = locplan.robots.Odometry, locplan.robots.Disturbances
-        own = [locplan.Lidar, *(kinds if replayed else ())]
+        names = {n for kind in (locplan.Lidar, *kinds * replayed) for n in typed.field_names(kind)}
         # The filter's start is drawn where recorded drives are replayed, too.
-        names = {n for kind in own for n in typed.field_names(kind)} - {
-            "start_sigma",
-            "start_sigma_deg",
-        }
+        drawn = "start_sigma", "start_sigma_deg"
         for name in (text.partition("=")[0] for text in self.set):
-            if name in names:
+            if name in names and name not in drawn:
                 raise ConfigError(f"--set {name} is not read with --drive, which has its own")
         return robot
 
-    def simulated(self) -> Robot:
-        """The robot with a lidar, the fields' own where none is named; warns as `warn` does."""
-        robot = locplan.field.equipped(self.load())
+    def simulated(self, robot: Robot | None = None, config: FieldConfig | None = None) -> Robot:
+        """The robot with a lidar, that of a field if it names none; warns as `warn` does."""
+        robot = locplan.field.equipped(robot or self.load_robot(), config)
         self.warn(robot)
         return robot
 
@@ -102,10 +97,7 @@ class RobotOptions:
             warnings.warn(locplan.robots.ParameterWarning(fault), stacklevel=2)
 
     def nav2_file(self, node: str = "") -> Path | None:
-        """The last file that has Nav2's parameters, or those of a node; None without one.
-
-        It is for files that `load` has read.
-        """
+        """The last file, of those read, that has Nav2's parameters, or a node's; None without."""
         for file in reversed(self.robot):
             with suppress(LocplanError):  # a file of another kind
                 parameters = locplan.robots.read_parameters(file)
@@ -114,9 +106,27 @@ class RobotOptions:
         return None
 
 
+@typed.option_group("Robot")
+class FilterMap(RobotOptions):
+    """The robot, and the map of its filter."""
+
+    filter_map: Annotated[Path | None, typed.checked(typed.keep_map), Parameter(metavar="MAP")] = (
+        None
+    )
+    """Map of the robot's filter, in the same frame, where it is not the one driven in."""
+
+    def load_filter_map(self, *grids: OccupancyGrid) -> OccupancyGrid | None:
+        """The map of the filter, where it was named; it is of one map that is driven in."""
+        if self.filter_map is None:
+            return None
+        grid = locplan.load_map(self.filter_map)
+        locplan.simulation.check_of_one_map(grid, grids)
+        return locplan.simulation.check_filter_map(grid, grids[0])
+
+
 @typed.option_group("Field")
-class FieldOptions:
-    """The settings of the covariance field."""
+class FieldOptions(RobotOptions):
+    """The robot, and the settings of the covariance field."""
 
     config: typed.ConfigFile = None
     """All settings of the field, as calibrate wrote them, in place of the options below."""
@@ -135,23 +145,13 @@ class FieldOptions:
     """Spacing of the evaluated cells, in metres; 0.2 by default. Where it is not given and a
     lidar is simulated, plan takes twice as much away from its paths."""
 
-    def with_robot(self, given: RobotOptions) -> tuple[Robot, FieldConfig]:
+    def robot_and_field(self) -> tuple[Robot, FieldConfig]:
         """The robot, which has the lidar of the file of settings if no other, and the settings."""
         read = self._read()
-        robot = given.load(getattr(read.estimator, "lidar", None) if read else None)
+        robot = self.load_robot(getattr(read.estimator, "lidar", None) if read else None)
         return robot, _seen_by(read, robot.lidar) if read else self._made(robot.lidar)
 
-    def simulated(self, given: RobotOptions) -> tuple[Robot, FieldConfig]:
-        """The robot, which has the field's lidar if no other, and the field's settings.
-
-        Warns of settings of the robot's filter that work badly with the lidar.
-        """
-        robot, config = self.with_robot(given)
-        robot = locplan.field.equipped(robot, config)
-        given.warn(robot)
-        return robot, config
-
-    def of_drive(self, lidar: Lidar) -> FieldConfig:
+    def field_on(self, lidar: Lidar) -> FieldConfig:
         """The settings of a field for a recorded drive; an estimator that casts rays has its lidar.
 
         Without an estimator it is fused.
@@ -160,11 +160,9 @@ class FieldOptions:
         config = _seen_by(read, lidar) if read else self._made(lidar)
         return config if config.estimator.casts_rays else read or self._made(None)
 
-    def to_configs(
-        self, given: RobotOptions, ranges: tuple[float, ...] | None
-    ) -> tuple[Robot, list[FieldConfig]]:
+    def robot_and_fields(self, ranges: tuple[float, ...] | None) -> tuple[Robot, list[FieldConfig]]:
         """The robot, and the settings with each of the ranges [m], if there are any."""
-        robot, config = self.with_robot(given)
+        robot, config = self.robot_and_field()
         if ranges is None:
             return robot, [config]
         return robot, [_reaching(config, reach) for reach in ranges]
@@ -173,26 +171,27 @@ class FieldOptions:
         """The settings in the file, if one was given."""
         if self.config is None:
             return None
-        others = [typed.flag(name) for name in typed.given_of(self) if name != "config"]
-        if others:
-            raise ConfigError(
-                f"--config has all settings of the field; leave out {', '.join(others)}"
-            )
+        if others := ", ".join(map(typed.flag, self.given(*FIELD[1:]))):
+            raise ConfigError(f"--config has all settings of the field; leave out {others}")
         return locplan.load_config(self.config)
 
     def _made(self, lidar: Lidar | None) -> FieldConfig:
         """The settings that were asked for; `lidar` is the robot's, where it is known."""
-        given = typed.given_of(self)
-        kinds = {name: locplan.field.estimator_class(name) for name in ESTIMATORS}
-        kind: Any = kinds[given.pop("estimator", "fused" if lidar else "sad")]
-        options = {each.name: _options_of(each) for each in kinds.values()}
-        typed.check_read(given, "--estimator", kind.name, options)
+        given = self.given(*FIELD)
+        kind: Any = estimator_class(given.pop("estimator", "fused" if lidar else "sad"))
+        if given:
+            options = {name: _options_of(estimator_class(name)) for name in ESTIMATORS}
+            typed.check_read(given, "--estimator", kind.name, options)
         others = {name: given.pop(name) for name in ("stride", "headings") if name in given}
         if kind.casts_rays:
             short, what = locplan.field.SHORT_LIDAR, "no lidar named, one assumed"
             assumed = dataclasses.replace(short, model=what)
             return locplan.FieldConfig(kind.of(lidar or assumed), **others)
         return locplan.FieldConfig(_with_template(kind, lidar, given), **others)
+
+
+FIELD = tuple(inspect.get_annotations(FieldOptions))
+"""Names of the options of the field, the file of all settings first."""
 
 
 def _with_template(kind: Any, lidar: Lidar | None, given: dict[str, Any]) -> Estimator:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
@@ -10,16 +9,8 @@ from cyclopts.validators import Number
 
 import locplan
 from locplan._util.progress import progress_bar
-from locplan.cli import _types as typed
-from locplan.cli._options import (
-    Computing,
-    CostOptions,
-    DriveOptions,
-    Output,
-    load_filter_map,
-    read_paths,
-)
-from locplan.cli._robot_options import FieldOptions, RobotOptions
+from locplan.cli import _options as shared, _types as typed
+from locplan.cli._robot_options import FIELD, FieldOptions, FilterMap
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -29,16 +20,31 @@ if TYPE_CHECKING:
     from locplan.simulation import Routes, Simulation
 
 
-@typed.option_group("Options")
-class Driven:
-    """The paths that are driven, and how often."""
+@typed.command(
+    "simulate lab.yaml --start 2,3 --goal 38,3 -o driven",
+    "simulate lab.yaml --path planned/shortest.csv --path mine.csv -o driven",
+    "simulate lab.yaml --random 20 -o queries",
+    "simulate lab.yaml --drive monday.mcap --robot nav2_params.yaml -o replayed",
+)
+class simulate(
+    typed.ManyMaps,
+    FieldOptions,
+    FilterMap,
+    shared.Ends,
+    shared.DriveOptions,
+    shared.Seeded,
+    shared.CostOptions,
+    shared.Computing,
+    shared.Output,
+):
+    """Drive paths with AMCL in simulated worlds: its error, and how often it is off by over 1 m.
+
+    With --drive, AMCL runs on the odometry and the scans of a recorded drive instead, and its
+    errors are those against the recorded poses.
+    """
 
     path: typed.Csv = ()
     """Path that is driven (x,y), as plan wrote it; repeatable."""
-    start: typed.XY = None
-    """Start of the shortest and the aware path, x,y in metres."""
-    goal: typed.XY = None
-    """Goal of both paths, x,y in metres."""
     random: typed.Pair | None = None
     """Number of random queries on each map, in place of a start; 5 or more give intervals."""
     min_distance: float | None = None
@@ -52,12 +58,51 @@ class Driven:
     """Time after which these plan anew in any case, in seconds; by default where something is in
     the way."""
 
+    def __call__(self) -> None:
+        self.check_drive()
+        if self.drive:
+            return self._replay()
+        self._check()
+        robot, config = self.robot_and_field()
+        robot = self.simulated(robot, config)
+        self.check_costs(config)
+        grids = self._grids()
+        every = self._every(grids, drives=self.drives or 100)
+        self._check_folder(grids)
+        with self.fields_of(config) as compute:
+            costmaps = (self.costmap(grid, compute(grid), robot) for grid in grids)
+            if self.random is not None:
+                routes = [self._at_random(each, robot, every) for each in costmaps]
+                self.finish(locplan.simulation.RoutesOnMaps(tuple(routes)))
+            elif simulated := self._along_paths(grids[0], costmaps, robot, every):
+                self.finish(simulated)
+            else:
+                self.show({"status": "unreachable"}, "unreachable: no path leads to the goal")
+
+    def _every(self, grids: list[OccupancyGrid], **count: int) -> dict[str, Any]:
+        """What is said to each recipe."""
+        return {**self.given(shared.Seeded), **count, "filter_map": self.load_filter_map(*grids)}
+
+    def _replay(self) -> None:
+        """Run the filter on a recorded drive."""
+        of_paths = "path", "start", "goal", "random", "min_distance", "closed", "replan"
+        unread = *of_paths, "scheduler", "cache_dir", *FIELD
+        self.refuse("with --drive", *unread, shared.CostOptions)
+        self.check_output(locplan.recordings.Replay.files)
+        grid, recording = self.on_map(self.maps)
+        every = self._every([grid], runs=self.drives or 20)
+        robot = self.robot_on(recording)
+        self.warn(robot)
+        with progress_bar("replaying", "runs") as progress:
+            found = locplan.recordings.replay(recording, grid, robot, progress=progress, **every)
+        self.finish(found)
+
     @property
-    def distance(self) -> float:
+    def _distance(self) -> float:
         """Minimum distance from start to goal of random queries [m]."""
         return 10.0 if self.min_distance is None else self.min_distance
 
-    def check(self, seed: int, **of_plans: object) -> None:
+    def _check(self) -> None:
         """Raise a ConfigError unless one kind of paths was asked for; to be called early.
 
         With paths of one's own the options of planned ones are refused.
@@ -65,135 +110,66 @@ class Driven:
         asked = bool(self.path), bool(self.start or self.goal), self.random is not None
         if asked.count(True) != 1 or bool(self.start) != bool(self.goal):
             raise ConfigError("give one of --path, --start with --goal, --random, and --drive")
-        if self.random is not None:
-            typed.refuse("with --random", closed=self.closed)
-        if self.closed is None:
-            typed.refuse("without --closed", replan=self.replan)
-        if self.path:
-            of_lidar = {"config": None, "estimator": None}  # they name the lidar, too
-            typed.refuse("with --path: no path is planned", **of_plans | of_lidar)
         if self.random is None:
-            typed.refuse("without --random", min_distance=self.min_distance)
+            self.refuse("without --random", "min_distance")
         else:
-            locplan.planners.check_random(self.random, seed, self.distance)
+            self.refuse("with --random", "closed")
+            locplan.planners.check_random(self.random, self.seed, self._distance)
+        if self.closed is None:
+            self.refuse("without --closed", "replan")
+        if self.path:
+            of_field = [name for name in FIELD if name not in ("config", "estimator")]
+            self.refuse("with --path: no path is planned", shared.CostOptions, *of_field)
 
-    def grids(self, maps: list[Path]) -> list[OccupancyGrid]:
+    def _grids(self) -> list[OccupancyGrid]:
         """The maps; a ConfigError if there are several, and one path."""
-        files = locplan.maps.find_maps(*maps)
+        files = locplan.maps.find_maps(*self.maps)
         if self.random is None and len(files) > 1:
             raise ConfigError(
                 f"one path is of one map: name one of these {len(files)}, or give --random"
             )
         return [locplan.load_map(file) for file in files]
 
-    def check_folder(self, out: Output, grids: list[OccupancyGrid]) -> None:
+    def _check_folder(self, grids: list[OccupancyGrid]) -> None:
         """Raise a LocplanError if the folder cannot take the results; before long work."""
         if self.random is None:
             more = ("arrivals.csv",) if self.closed else ()
-            return out.check(locplan.simulation.Simulation.files, *more)
+            return self.check_output(locplan.simulation.Simulation.files, *more)
         results = locplan.simulation.RoutesOnMaps
-        return out.check(results.files, *results.pictures([grid.name for grid in grids]))
+        return self.check_output(results.files, *results.pictures([grid.name for grid in grids]))
 
+    def _along_paths(
+        self,
+        grid: OccupancyGrid,
+        costmaps: Iterator[Costmap],
+        robot: Robot,
+        every: dict[str, Any],
+    ) -> Simulation | None:
+        """Drive the paths that were given, or the shortest and the aware one of two places."""
+        paths, costmap = shared.read_paths(self.path), None
+        if ends := self.ends():
+            locplan.planners.check_ends(locplan.Costmap.blank(grid, robot=robot), *ends)
+            costmap = next(costmaps)
+            plans = locplan.planners.plan_beside_shortest(costmap, *ends)
+            paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
+        if not paths:
+            return None
+        if self.closed:
+            every["closed"] = locplan.simulation.Closed(drives=self.closed, replan=self.replan)
+        with progress_bar("simulating", "drives") as progress:
+            return locplan.simulation.simulate(
+                grid, paths, robot, costs=costmap, progress=progress, **every
+            )
 
-@typed.command(
-    "simulate lab.yaml --start 2,3 --goal 38,3 -o driven",
-    "simulate lab.yaml --path planned/shortest.csv --path mine.csv -o driven",
-    "simulate lab.yaml --random 20 -o queries",
-    "simulate lab.yaml --drive monday.mcap --robot nav2_params.yaml -o replayed",
-)
-def simulate(
-    maps: typed.MapFiles,
-    /,
-    *,
-    driven: Driven = Driven(),
-    recorded: DriveOptions = DriveOptions(),
-    robot_options: RobotOptions = RobotOptions(),
-    filter_map: typed.FilterMap = None,
-    seed: typed.DriveSeed = 1,
-    costs: CostOptions = CostOptions(),
-    options: FieldOptions = FieldOptions(),
-    computing: Computing = Computing(),
-    out: Output = Output(),
-) -> None:
-    """Drive paths with AMCL in simulated worlds: its error, and how often it is off by over 1 m.
-
-    With --drive, AMCL runs on the odometry and the scans of a recorded drive instead, and its
-    errors are those against the recorded poses.
-    """
-    recorded.check()
-    every: dict[str, Any] = {"seed": seed, "threads": computing.threads}
-    if recorded.drive:
-        of_fields = {"scheduler": computing.scheduler, "cache_dir": computing.cache_dir}
-        unread = vars(driven) | of_fields | {"drives": None}
-        typed.refuse("with --drive", **unread, **vars(costs), **vars(options))
-        out.check(locplan.recordings.Replay.files)
-        grid, recording = recorded.on_map(maps)
-        every |= {"runs": driven.drives or 20, "filter_map": load_filter_map(filter_map, [grid])}
-        robot = robot_options.on_drive(recording)
-        robot_options.warn(robot)
-        with progress_bar("replaying", "runs") as progress:
-            found = locplan.recordings.replay(recording, grid, robot, progress=progress, **every)
-        return out.finish(found)
-    driven.check(seed, **vars(costs), **vars(options))
-    robot, config = options.simulated(robot_options)
-    costs.check(config)
-    grids = driven.grids(maps)
-    every |= {"drives": driven.drives or 100, "filter_map": load_filter_map(filter_map, grids)}
-    driven.check_folder(out, grids)
-    with computing.of(config) as compute:
-        costmaps = (costs.costmap(grid, compute(grid), robot) for grid in grids)
-        if driven.random is not None:
-            routes = [_at_random(each, driven, robot, every) for each in costmaps]
-            out.finish(locplan.simulation.RoutesOnMaps(tuple(routes)))
-        elif simulated := _along_paths(grids[0], costmaps, driven, robot, every):
-            out.finish(simulated)
-        else:
-            out.show({"status": "unreachable"}, "unreachable: no path leads to the goal")
-
-
-def _along_paths(
-    grid: OccupancyGrid,
-    costmaps: Iterator[Costmap],
-    driven: Driven,
-    robot: Robot,
-    every: dict[str, Any],
-) -> Simulation | None:
-    """Drive the paths that were given, or the shortest and the aware one between two places."""
-    paths, costmap = read_paths(driven.path), None
-    if driven.start and driven.goal:
-        ends = driven.start, driven.goal
-        locplan.planners.check_ends(locplan.Costmap.blank(grid, robot=robot), *ends)
-        costmap = next(costmaps)
-        plans = locplan.planners.plan_beside_shortest(costmap, *ends)
-        paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
-    if not paths:
-        return None
-    if driven.closed:
-        every["closed"] = locplan.simulation.Closed(drives=driven.closed, replan=driven.replan)
-    with progress_bar("simulating", "drives") as progress:
-        simulate = locplan.simulation.simulate
-        return simulate(grid, paths, robot, costs=costmap, progress=progress, **every)
-
-
-def _at_random(costmap: Costmap, driven: Driven, robot: Robot, every: dict[str, Any]) -> Routes:
-    """Drive both paths of random queries on a map."""
-    queries = locplan.planners.random_queries(
-        costmap, driven.random or 0, every["seed"], min_distance=driven.distance
-    )
-    with progress_bar(f"simulating in {costmap.grid.name}", "drives") as progress:
-        simulate = locplan.simulation.simulate_queries
-        return simulate(costmap, queries, robot, progress=progress, **every)
-
-
-@typed.option_group("Options")
-class Amount:
-    """The number of drives."""
-
-    paths: Annotated[int | None, Parameter(validator=Number(gte=5, lte=1000))] = None
-    """Number of random paths of the search, and of the others on which its result is judged; 20 by
-    default. The time grows with it."""
-    drives: typed.Pair = 8
-    """Number of drives along each path, at each level of disturbance; 8 by default."""
+    def _at_random(self, costmap: Costmap, robot: Robot, every: dict[str, Any]) -> Routes:
+        """Drive both paths of random queries on a map."""
+        queries = locplan.planners.random_queries(
+            costmap, self.random or 0, self.seed, min_distance=self._distance
+        )
+        with progress_bar(f"simulating in {costmap.grid.name}", "drives") as progress:
+            return locplan.simulation.simulate_queries(
+                costmap, queries, robot, progress=progress, **every
+            )
 
 
 @typed.command(
@@ -201,17 +177,7 @@ class Amount:
     "tune lab.yaml --lidar rplidar-a1 --robot nav2_params.yaml -o tuned",
     "tune lab.yaml --drive monday.mcap --robot nav2_params.yaml -o tuned",
 )
-def tune(
-    map_file: typed.MapFile,
-    /,
-    *,
-    amount: Amount = Amount(),
-    recorded: DriveOptions = DriveOptions(),
-    robot_options: RobotOptions = RobotOptions(),
-    filter_map: typed.FilterMap = None,
-    seeded: typed.Seeded = typed.Seeded(),
-    out: Output = Output(),
-) -> None:
+class tune(typed.OneMap, FilterMap, shared.DriveOptions, shared.Seeded, shared.Output):
     """Find settings of AMCL that localize your robot better, and write them as Nav2's parameters.
 
     Your own settings (--robot, or Nav2's defaults) and others drive along random
@@ -226,26 +192,34 @@ def tune(
 
     This takes some three minutes on two cores, and more with more particles.
     """
-    recorded.check()
-    out.check(locplan.simulation.Tuning.files)
-    params = robot_options.nav2_file("amcl")
-    if out.output:
-        locplan.simulation.check_tunable(params)
-    # The table says what works badly, which other commands warn of.
-    others = locplan.robots.read_parameters(params).of("amcl")
-    every = typed.given_of(amount) | vars(seeded) | {"others": others}
-    if recorded.drive:
-        typed.refuse("with --drive", paths=amount.paths)
-        grid, recording = recorded.on_map([map_file])
-        robot = robot_options.on_drive(recording)
-    else:
-        robot, grid = robot_options.load(), locplan.load_map(map_file)
-    every["filter_map"] = load_filter_map(filter_map, [grid])
-    where = f"on {recorded.drive.name}" if recorded.drive else f"in {grid.name}"
-    with progress_bar(f"tuning {where}", "") as progress:
-        if recorded.drive:
-            tune_on_drive = locplan.recordings.tune_on_drive
-            result = tune_on_drive(recording, grid, robot, progress=progress, **every)
+
+    paths: Annotated[int | None, Parameter(validator=Number(gte=5, lte=1000))] = None
+    """Number of random paths of the search, and of the others on which its result is judged; 20 by
+    default. The time grows with it."""
+    drives: typed.Pair = 8
+    """Number of drives along each path, at each level of disturbance; 8 by default."""
+
+    def __call__(self) -> None:
+        self.check_drive()
+        self.check_output(locplan.simulation.Tuning.files)
+        params = self.nav2_file("amcl")
+        if self.output:
+            locplan.simulation.check_tunable(params)
+        # The table says what works badly, which other commands warn of.
+        others = locplan.robots.read_parameters(params).of("amcl")
+        every = self.given("paths", "drives", shared.Seeded) | {"others": others}
+        if self.drive:
+            self.refuse("with --drive", "paths")
+            grid, recording = self.on_map([self.map_file])
+            robot = self.robot_on(recording)
         else:
-            result = locplan.simulation.tune(grid, robot, progress=progress, **every)
-    out.finish(result, saved=(params,))
+            robot, grid = self.load_robot(), locplan.load_map(self.map_file)
+        every["filter_map"] = self.load_filter_map(grid)
+        where = f"on {self.drive.name}" if self.drive else f"in {grid.name}"
+        with progress_bar(f"tuning {where}", "") as progress:
+            if self.drive:
+                tune_on_drive = locplan.recordings.tune_on_drive
+                result = tune_on_drive(recording, grid, robot, progress=progress, **every)
+            else:
+                result = locplan.simulation.tune(grid, robot, progress=progress, **every)
+        self.finish(result, saved=(params,))

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import math
 import textwrap
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, dataclass_transform
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast, dataclass_transform
 
 from cyclopts import App, Group, Parameter
 from cyclopts.validators import Number
 
 import locplan
-from locplan._util.checks import MAX_AMOUNT, check_threads, shown
+from locplan._util.checks import MAX_AMOUNT, shown
 from locplan._util.files import keep_input
 from locplan._util.reading import parsed_json
 from locplan.errors import ConfigError, LocplanError
@@ -23,7 +24,7 @@ from locplan.errors import ConfigError, LocplanError
 if TYPE_CHECKING:
     from cyclopts import Token
 
-Options = TypeVar("Options")
+Kind = TypeVar("Kind")
 HEADINGS = (
     "Robot",
     "Options",
@@ -45,12 +46,45 @@ def heading(name: str) -> Group:
     return Group(name, sort_key=HEADINGS.index(name))
 
 
-@dataclass_transform(frozen_default=True)
-def option_group(name: str) -> Callable[[type[Options]], type[Options]]:
+def under(title: str, **more: Any) -> Parameter:
+    """What puts one option under another heading than its group's."""
+    return Parameter(group=heading(title), **more)
+
+
+class Options:
+    """Options of a command; those that were not given are None, False or ()."""
+
+    def given(self, *groups: type | str) -> dict[str, Any]:
+        """The options that were given, by name: those of groups, or with these names.
+
+        A group may be any dataclass, such as the settings of a recipe that are options by name.
+        """
+        named = ([group] if isinstance(group, str) else field_names(group) for group in groups)
+        values = {name: getattr(self, name, None) for names in named for name in names}
+        missing = (None, False, ())
+        return {n: value for n, value in values.items() if not any(value is m for m in missing)}
+
+    def refuse(self, why: str, *groups: type | str) -> None:
+        """Raise a ConfigError if an option was given that is not read; `why` says when."""
+        for name in self.given(*groups):
+            raise ConfigError(f"{flag(name)} is not read {why}; leave it out")
+
+
+@dataclass_transform(
+    frozen_default=True, kw_only_default=True, field_specifiers=(dataclasses.field,)
+)
+def option_group(title: str) -> Callable[[type[Kind]], type[Kind]]:
     """The decorator that makes a class a frozen dataclass of options under a heading."""
 
-    def made(kind: type[Options]) -> type[Options]:
-        return Parameter(name="*", group=heading(name))(dataclasses.dataclass(frozen=True)(kind))
+    def made(kind: type[Kind]) -> type[Kind]:
+        # In its module alone: an option may have the name of what parses it.
+        for name, hint in inspect.get_annotations(kind, locals={}, eval_str=True).items():
+            if getattr(vars(kind).get(name), "kw_only", True) is False:
+                continue  # it has its place, such as a map, and stands among the arguments
+            more = getattr(hint, "__metadata__", ())  # which may name another heading
+            bare = hint.__origin__ if more else hint
+            kind.__annotations__[name] = Annotated[(bare, under(title), *more)]
+        return dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)(kind)
 
     return made
 
@@ -60,15 +94,35 @@ def named(name: str, *examples: str) -> App:
     return App(name=name, help_epilogue="\n".join(["Example", *map(example, examples)]))
 
 
-def command(*examples: str) -> Callable[[Callable[..., int | None]], App]:
-    """The decorator that makes a function the command of its name, with these examples."""
+@dataclass_transform(
+    frozen_default=True, kw_only_default=True, field_specifiers=(dataclasses.field,)
+)
+def command(*examples: str) -> Callable[[type | Callable[..., int | None]], App]:
+    """The decorator of a command, whose help ends in these examples.
 
-    def made(function: Callable[..., int | None]) -> App:
-        app = named(function.__name__, *examples)
-        app.default(function)
+    A command is a function, or a class whose bases are groups of options, whose fields are options
+    of its own, and which is called.
+    """
+
+    def made(does: type | Callable[..., int | None]) -> App:
+        app = named(does.__name__, *examples)
+        app.default(_with_options(does) if isinstance(does, type) else does)
         return app
 
     return made
+
+
+def _with_options(kind: type) -> type:
+    """The class of a command as a dataclass, of which a map has its place and no name."""
+    made: Any = option_group("Options")(kind)
+    signature = inspect.signature(made)
+    made.__signature__ = signature.replace(
+        parameters=[
+            each if each.kind is each.KEYWORD_ONLY else each.replace(kind=each.POSITIONAL_ONLY)
+            for each in signature.parameters.values()
+        ]
+    )
+    return cast("type", made)
 
 
 def example(words: str) -> str:
@@ -147,21 +201,26 @@ def keep_map(path: Path) -> None:
 INPUT = checked(keep_input)
 """Of a file that is read: no result is written over it."""
 MAPS = Parameter("MAP"), checked(keep_map)
-MapFile = Annotated[
-    Path, *MAPS, Parameter(help="Map: a map_server YAML file, or a folder with one.")
-]
-MapFiles = Annotated[
-    list[Path], *MAPS, Parameter(help="Maps: map_server YAML files, or folders of them.")
-]
-FilterMap = Annotated[
-    Path | None,
-    checked(keep_map),
-    Parameter(
-        group=heading("Robot"),
-        metavar="MAP",
-        help="Map of the robot's filter, in the same frame, where it is not the one driven in.",
-    ),
-]
+
+
+@dataclasses.dataclass(frozen=True)
+class OneMap(Options):
+    """The map of a command."""
+
+    map_file: Annotated[
+        Path, *MAPS, Parameter(help="Map: a map_server YAML file, or a folder with one.")
+    ]
+
+
+@dataclasses.dataclass(frozen=True)
+class ManyMaps(Options):
+    """The maps of a command."""
+
+    maps: Annotated[
+        list[Path], *MAPS, Parameter(help="Maps: map_server YAML files, or folders of them.")
+    ]
+
+
 XY = Annotated[tuple[float, float] | None, parsed(two_numbers, "X,Y")]
 """A position, if it is given [m]."""
 Pose = Annotated[Any, parsed(position, "X,Y[,DEG]")]
@@ -174,33 +233,8 @@ Count = Annotated[int, Parameter(validator=Number(gte=1, lte=100_000))]
 Pair = Annotated[int, Parameter(validator=Number(gte=2, lte=100_000))]
 """A number of things of which there must be two at least."""
 Seed = Annotated[int, Parameter(validator=Number(gte=0, lte=2**63 - 1))]
-DriveSeed = Annotated[
-    Seed, Parameter(group=heading("Simulation"), help="Seed of all random numbers; 1 by default.")
-]
-Threads = Annotated[
-    int | None,
-    checked(check_threads),
-    Parameter(group=heading("Computing"), help="Number of threads; all cores by default."),
-]
-
-
-@option_group("Simulation")
-class Seeded:
-    """The random numbers of drives, and the threads."""
-
-    seed: DriveSeed = 1
-    threads: Threads = None
-
-
-Target = Parameter(name=("--output", "-o"), group=heading("Output"))
+Target = Parameter(name=("--output", "-o"))
 """The option that says where results go."""
-Json = Annotated[
-    bool, Parameter(name="--json", group=heading("Output"), help="Print the result as JSON.")
-]
-Force = Annotated[
-    bool,
-    Parameter(group=heading("Output"), help="Replace files in the way, whoever wrote them."),
-]
 
 
 def settings_of(
@@ -224,18 +258,6 @@ def settings_of(
 def flag(name: str) -> str:
     """An option as it is typed."""
     return f"--{name.replace('_', '-')}"
-
-
-def given_of(options: Any) -> dict[str, Any]:
-    """The options that were given, by name."""
-    return {name: value for name, value in vars(options).items() if value is not None}
-
-
-def refuse(why: str, **options: object) -> None:
-    """Raise a ConfigError if an option was given that is not read; `why` says when that is so."""
-    for name, value in options.items():
-        if not (value is None or value is False or value == ()):
-            raise ConfigError(f"{flag(name)} is not read {why}; leave it out")
 
 
 def check_read(

@@ -18,14 +18,7 @@ from locplan import __version__
 from locplan._util.checks import file_path, shown
 from locplan._util.public import templates_of
 from locplan._util.reading import read_text
-from locplan.comparison._statistics import (
-    MEASURES,
-    Array,
-    Run,
-    best_so_far,
-    median_costs,
-    query_of,
-)
+from locplan.comparison._statistics import MEASURES, Array, Run, best_so_far, median_costs, query_of
 from locplan.errors import LocplanError, MapError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map
 from locplan.planners import Query

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -38,15 +39,7 @@ from locplan.costs import Costmap, check_weight, named_maps
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, config_of, load_or_compute
 from locplan.maps import OccupancyGrid
-from locplan.planners import (
-    DEFAULT,
-    MAX_SEED,
-    AnyPlanner,
-    Planner,
-    Query,
-    check_random,
-    queries_of,
-)
+from locplan.planners import DEFAULT, MAX_SEED, AnyPlanner, Planner, Query, check_random, queries_of
 from locplan.robots import Robot
 
 PLANNERS = ("grid", DEFAULT)
@@ -171,15 +164,16 @@ def compare(
     if asked is not None:
         _check_each_once("weight", asked)
     seeds = _checked_seeds(seeds)
-    _check_each_once("seed", seeds)
     fields = named_configs(configs, robot)
     specs = _specs(planners, _driven(robot, fields), execution.time_limit)
     labels = [spec.label for spec in specs]
     baseline = baseline or max(labels, key=lambda label: label == DEFAULT)
     one_of("baseline", baseline, labels)
     began = datetime.now(UTC).astimezone()
-    limits: Any = {name: getattr(execution, name) for name in ("memory", "patience")}
+    limits: Any = {"memory": execution.memory, "patience": execution.patience}
     file, again = execution.journal, {"resume": execution.resume, "anew": execution.anew}
+    radius = (robot or Robot()).radius
+    made = partial(Case, robot_radius=radius, field_of=execution.field_of)
     with (
         nullcontext() if file is None else Journal(file, **again) as journal,
         temporary_folder() as folder,
@@ -187,8 +181,8 @@ def compare(
     ):
         cases: list[Case] = []
         orders: list[Order] = []
-        radius = (robot or Robot()).radius
-        for case, costs in _cases(maps, fields, queries, radius, criterion, specs, execution):
+        headed = any(spec.planner.space != "R2" for spec in specs)
+        for case, costs in _cases(maps, fields, criterion, queries, headed, made):
             home = folder / str(len(cases))
             put_costmap(costs, home)  # they may be many: no more than one is in memory here
             orders += orders_of(case, costs, home, specs, _weights(asked, case, costs), seeds)
@@ -220,6 +214,12 @@ def _about(execution: Execution, specs: Sequence[PlannerSpec], began: datetime) 
     }
 
 
+def _specs(planners: Any, robot: Robot | None, time_limit: float | None) -> list[PlannerSpec]:
+    alone = isinstance(planners, (str, Planner, PlannerSpec)) or callable(planners)
+    specs = specs_of([planners] if alone else planners)
+    return [spec.with_time_limit(time_limit).with_robot(robot) for spec in specs]
+
+
 def named_configs(
     configs: FieldConfig | Estimator | Mapping[str, FieldConfig | Estimator] | None,
     robot: Robot | None = None,
@@ -245,12 +245,6 @@ def _driven(robot: Robot | None, fields: Mapping[str, FieldConfig]) -> Robot | N
     return dataclasses.replace(robot, lidar=None)
 
 
-def _specs(planners: Any, robot: Robot | None, time_limit: float | None) -> list[PlannerSpec]:
-    if isinstance(planners, (str, Planner, PlannerSpec)) or callable(planners):
-        planners = [planners]
-    return [spec.with_time_limit(time_limit).with_robot(robot) for spec in specs_of(planners)]
-
-
 def _checked_seeds(seeds: Iterable[int]) -> list[int]:
     try:
         first = list(itertools.islice(seeds, 1001))
@@ -258,6 +252,7 @@ def _checked_seeds(seeds: Iterable[int]) -> list[int]:
         raise ConfigError(f"seeds must be several whole numbers, not {shown(seeds)}") from None
     if len(first) > 1000:
         raise ConfigError("a comparison has at most 1,000 seeds")
+    _check_each_once("seed", first)
     return [whole("each seed", seed, 1, MAX_SEED) for seed in first]
 
 
@@ -270,14 +265,12 @@ def _check_each_once(name: str, values: Sequence[float]) -> None:
 def _cases(
     maps: Any,
     fields: Mapping[str, FieldConfig],
-    queries: Any,
-    radius: float,
     criterion: str | None,
-    specs: Sequence[PlannerSpec],
-    execution: Execution,
+    queries: Any,
+    headed: bool,
+    made: partial[Case],
 ) -> Iterator[tuple[Case, Costmap]]:
-    """A case for each map and settings, with its costmap; all cases of a map have its queries."""
-    headed = any(spec.planner.space != "R2" for spec in specs)
+    """A case of each kind for each map, with its costmap; all cases of a map have its queries."""
     for name, given in named_maps(maps, read_map).items():
         if isinstance(queries, Mapping) and name not in queries:
             raise ConfigError(f"there are no queries for map {shown(name)}")
@@ -286,13 +279,15 @@ def _cases(
         if isinstance(given, Costmap):
             cases = [Case(name, "own cost", given.grid, given.robot_radius, own=given)]
         else:
-            kinds = {
-                label: (config, criterion or config.estimator.criterion)
-                for label, config in fields.items()
-            }
             cases = [
-                Case(name, label, given, radius, *kind, field_of=execution.field_of)
-                for label, kind in kinds.items()
+                made(
+                    name,
+                    label,
+                    given,
+                    settings=each,
+                    criterion=criterion or each.estimator.criterion,
+                )
+                for label, each in fields.items()
             ]
         for case in cases:
             costs, _ = case.costmap()

@@ -15,18 +15,8 @@ from scipy.special import stdtrit
 
 from locplan._util.intervals import Interval
 from locplan._util.tables import finite
-from locplan.comparison._statistics import (
-    MEASURES,
-    Array,
-    Quartiles,
-    Run,
-    Setting,
-    by_planner,
-    by_query,
-    quartiles,
-    values_of,
-)
-from locplan.costs import DEGENERATE
+from locplan.comparison import _statistics as statistics
+from locplan.comparison._statistics import HIGH_U, MEASURES, Array, Quartiles, Run, Setting
 from locplan.errors import LocplanError
 
 RATIO, SUMS, DIFFERENCE = "ratio", "ratio of sums", "difference"
@@ -37,16 +27,8 @@ COMPARED: Mapping[str, tuple[str, str, str]] = {
     "integrated_u": (SUMS, "fewer degenerate metres", "more degenerate metres"),
     "integrated_e": (SUMS, "less ∫e ds", "more ∫e ds"),
     "max_e": (SUMS, "lower in max e", "higher in max e"),
-    "degenerate_share": (
-        DIFFERENCE,
-        f"less with u > {DEGENERATE:g}",
-        f"more with u > {DEGENERATE:g}",
-    ),
-    "longest_degenerate": (
-        SUMS,
-        f"shorter at a stretch with u > {DEGENERATE:g}",
-        f"longer at a stretch with u > {DEGENERATE:g}",
-    ),
+    "degenerate_share": (DIFFERENCE, f"less {HIGH_U}", f"more {HIGH_U}"),
+    "longest_degenerate": (SUMS, f"shorter at a stretch {HIGH_U}", f"longer at a stretch {HIGH_U}"),
     "clearance": (SUMS, "less clearance", "more clearance"),
     "turning": (SUMS, "less turning", "more turning"),
     "seconds": (RATIO, "less planning time", "more planning time"),
@@ -154,7 +136,7 @@ def contrasts(runs: Iterable[Run], baseline: str, pooled: bool = False) -> list[
             if kind == RATIO:
                 known &= (own > 0) & (other > 0)
             both = own[known], other[known]
-            estimate, middles = _estimate(kind, *both, maps[known]), map(quartiles, both)
+            estimate, middles = _estimate(kind, *both, maps[known]), map(statistics.quartiles, both)
             found.append(Contrast(setting, planner, baseline, measure, kind, estimate, *middles))
     return found
 
@@ -167,10 +149,10 @@ def query_medians(runs: Iterable[Run], pooled: bool = False) -> dict[tuple[Setti
     """The medians over seeds of the solved runs of each query, by setting and planner."""
     return {
         key: {
-            query: _columnwise_median(values_of(own))
-            for query, own in by_query(run for run in group if run.status == "solved")
+            query: _columnwise_median(statistics.values_of(own))
+            for query, own in statistics.by_query(run for run in group if run.status == "solved")
         }
-        for key, group in by_planner(runs, pooled).items()
+        for key, group in statistics.by_planner(runs, pooled).items()
     }
 
 

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.markers import MarkerStyle
 from numpy.typing import NDArray
 
 from locplan._util.checks import printable
@@ -19,8 +21,6 @@ from locplan.comparison._statistics import Convergence, Run
 from locplan.plotting import Picture
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from locplan.comparison._result import Comparison
 
 COLOURS = ("#1b1f24", "#0072b2", "#008a64", "#b8548f", "#c05000", "#2f93d1", "#a07800", "#6a51a3")
@@ -68,6 +68,18 @@ def marks_of(runs: Iterable[Run]) -> dict[str, Mark]:
         planner: Mark(f"p{n % len(COLOURS)}", n % len(DASHES), MARKERS[n % len(MARKERS)])
         for n, planner in enumerate(planners)
     }
+
+
+LETTERS = {1: "M", 2: "L", 4: "C"}
+"""Commands of SVG paths by the codes of matplotlib's."""
+
+
+def shape(marker: str) -> str:
+    """A marker of matplotlib, eight pixels wide, as an SVG path around 0."""
+    drawn: Any = MarkerStyle(marker)
+    parts = drawn.get_path().transformed(drawn.get_transform().scale(8, -8)).iter_segments()
+    letters = ((LETTERS.get(code), np.round(at, 2).tolist()) for at, code in parts)
+    return "".join(f"{letter}{' '.join(map(str, at))}" for letter, at in letters if letter) + "Z"
 
 
 class Limits(NamedTuple):

@@ -9,7 +9,6 @@ import hashlib
 import itertools
 import json
 import math
-import mmap
 import os
 import pickle
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -29,7 +28,7 @@ from locplan._util.reading import opened, parsed_json
 from locplan._util.saved import made
 from locplan._util.tables import finite
 from locplan.comparison._specs import PlannerSpec
-from locplan.comparison._statistics import STATUSES, Run, Task
+from locplan.comparison._statistics import STATUSES, Run, Task, grouped
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners import Position, check_ends
@@ -264,16 +263,14 @@ def runs_of(
 
 def _longest_first(orders: Sequence[Order], specs: Sequence[PlannerSpec]) -> list[Order]:
     """Sort by costmap, and within each put long runs first, so that none is left at the end."""
-    groups = dict.fromkeys((order.costs, order.task.weight) for order in orders)
-    place = {group: n for n, group in enumerate(groups)}
 
-    def key(order: Order) -> tuple[int, float]:
+    def limit(order: Order) -> float:
         spec = specs[order.planner]
         unknown = math.inf if spec.guarded else 0.0
-        limit = unknown if spec.time_limit is None else spec.time_limit
-        return place[order.costs, order.task.weight], -limit
+        return unknown if spec.time_limit is None else spec.time_limit
 
-    return sorted(orders, key=key)
+    groups = grouped(orders, lambda order: (order.costs, order.task.weight))
+    return [each for own in groups.values() for each in sorted(own, key=limit, reverse=True)]
 
 
 def put_costmap(costs: Costmap, folder: Path) -> None:
@@ -295,10 +292,9 @@ def put_costmap(costs: Costmap, folder: Path) -> None:
 @lru_cache(maxsize=1)
 def read_costmap(folder: Path) -> Costmap:
     """Read a costmap, whose read-only arrays all processes share in memory; the last is kept."""
-    buffers = []
-    for n in range(len(list(folder.glob("*.raw")))):
-        with (folder / f"{n}.raw").open("rb") as file:
-            buffers.append(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+    names = (folder / f"{n}.raw" for n in itertools.count())
+    files = itertools.takewhile(Path.exists, names)
+    buffers = [np.memmap(file, mode="r") for file in files]
     costs: Costmap = pickle.loads((folder / "about.pickle").read_bytes(), buffers=buffers)
     return costs
 

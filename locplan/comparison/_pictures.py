@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,22 +12,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from locplan._util.checks import printable
-from locplan.comparison._figures import (
-    THEME,
-    CaseKey,
-    Drawing,
-    Legend,
-    Limits,
-    Mark,
-    attributes,
-    counted,
-    filtered,
-    marks_of,
-    medians_of,
-    shown_until,
-    svg_of,
-    title_of,
-)
+from locplan.comparison import _figures as figures
+from locplan.comparison._figures import THEME, Drawing, Legend, Limits, Mark, filtered, svg_of
 from locplan.comparison._result import Case, Comparison
 from locplan.comparison._statistics import (
     MEASURES,
@@ -80,7 +65,7 @@ class Pictures:
     @cached_property
     def marks(self) -> dict[str, Mark]:
         """The planners' lines with their markers."""
-        return marks_of(self.runs)
+        return figures.marks_of(self.runs)
 
     @cached_property
     def lines(self) -> dict[str, Mark]:
@@ -88,33 +73,31 @@ class Pictures:
         return {planner: mark._replace(marker="") for planner, mark in self.marks.items()}
 
     @cached_property
-    def cases(self) -> dict[CaseKey, list[Run]]:
+    def cases(self) -> dict[figures.CaseKey, list[Run]]:
         """The runs of each map and settings."""
         return grouped(self.runs, lambda run: (run.task.map, run.task.config))
 
     @cached_property
-    def scenes(self) -> dict[CaseKey, Scene]:
+    def scenes(self) -> dict[figures.CaseKey, Scene]:
         """The scenes to draw; a case without one has no pictures of paths and no front."""
         scenes, limits = {}, self.limits
-        cases = itertools.islice(self.comparison.cases.items(), limits.scenes)
-        for n, (key, case) in enumerate(cases):
+        for n, case in enumerate([*self.comparison.cases.values()][: limits.scenes]):
             costs, made = case.costmap()
             if made is not None:
                 query, front = self._revealing(case), None
                 if n < limits.fronts:
                     ends = query.start[:2], query.goal[:2]
                     front = pareto_front(costs, *ends, time_limit=limits.front_time)
-                scenes[key] = Scene(made, query, front or None)
+                scenes[case.key] = Scene(made, query, front or None)
         return scenes
 
     def _revealing(self, case: Case) -> Query:
         """The query of a case in which the baseline's degenerate metres differ most."""
-        every = (run for run in self.cases[case.key] if run.task.planner == self.baseline)
-        own = (run for run in every if run.measures)
-        spans = {
-            name: np.ptp([run.measures["integrated_u"] for run in runs])
-            for name, runs in grouped(own, lambda run: run.task.query).items()
-        }
+        found: dict[str, list[float]] = {}
+        for run in self.cases[case.key]:
+            if run.task.planner == self.baseline and run.measures:
+                found.setdefault(run.task.query, []).append(run.measures["integrated_u"])
+        spans = {name: np.ptp(values) for name, values in found.items()}
         return max(case.queries, key=lambda query: spans.get(query.name, -1.0))
 
     def trade_offs(self) -> Iterator[Drawing]:
@@ -126,15 +109,14 @@ class Pictures:
             for setting, own in sorted(grouped(runs, setting_of).items()):
                 yield from self._query_costs(own, setting)
 
-    def _front(self, key: CaseKey, name: str, front: ParetoFront) -> Drawing:
+    def _front(self, key: figures.CaseKey, name: str, front: ParetoFront) -> Drawing:
         """Length against degenerate metres of the runs of one query, and its exact front.
 
         A line joins the medians of each planner's weights. Dotted are the lines of the baseline's
         J, one for each weight.
         """
         found = [run for run in self.cases[key] if run.task.query == name and run.measures]
-        groups = grouped(found, lambda run: run.task.planner)
-        names = "length", "integrated_u"
+        groups, names = grouped(found, lambda run: run.task.planner), ("length", "integrated_u")
         points = {
             planner: np.array([[r.task.weight, *map(r.measure, names)] for r in groups[planner]])
             for planner in self.marks
@@ -148,20 +130,22 @@ class Pictures:
         sizes = dict(zip(weights, np.linspace(4, 9, len(weights)).tolist(), strict=True))
         what = MEASURES["integrated_u"].title
         ends = [f"{front.length[n]:.1f} m and {front.integral[n]:.3g} m" for n in (0, -1)]
-        caption = f"{title_of(key)}, query {name}"
+        caption = f"{figures.title_of(key)}, query {name}"
         alt = f"Length against {what} on {caption}. The front goes from {' to '.join(ends)}."
         if outside := sum(int((own[:, 1:] > edge).any(axis=1).sum()) for own in points.values()):
-            caption += f"; {counted(outside, 'run')} too far out to show"
+            caption += f"; {figures.counted(outside, 'run')} too far out to show"
         exact = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%}"
         legend: Legend = [(self.marks[planner], planner) for planner in points]
-        legend.append((Mark("muted"), f"front of the grid, {exact}, {counted(len(front), 'path')}"))
+        legend.append(
+            (Mark("muted"), f"front of the grid, {exact}, {figures.counted(len(front), 'path')}")
+        )
         if self.baseline in points:
             legend.append((Mark("muted", 2), f"J of {self.baseline}"))
         legend += [
-            (Mark("muted", -1, "o", size), f"weight {weight:g}") for weight, size in sizes.items()
+            (Mark("muted", -1, "o", size), f"weight {each:g}") for each, size in sizes.items()
         ]
         svg = svg_of(lambda axes: self._draw_front(axes, front, points, edge, sizes), 2.5, alt)
-        return Drawing(svg, legend, caption, attributes(key))
+        return Drawing(svg, legend, caption, figures.attributes(key))
 
     def _draw_front(
         self, axes: Any, front: ParetoFront, points: Points, edge: Array, sizes: dict[float, float]
@@ -169,7 +153,9 @@ class Pictures:
         alone, muted = "." if len(front) == 1 else "", THEME["muted"]
         axes.step(front.length, front.integral, "-", marker=alone, where="post", color=muted)
         dotted: dict[str, Any] = {"color": muted, "linewidth": 0.9, "linestyle": (0, (1, 2))}
-        for weight, middle in medians_of(points.get(self.baseline, np.empty((0, 3)))).items():
+        for weight, middle in figures.medians_of(
+            points.get(self.baseline, np.empty((0, 3)))
+        ).items():
             if weight:
                 axes.axline(tuple(middle), slope=-1 / weight, **dotted)
             else:
@@ -178,7 +164,7 @@ class Pictures:
             mark, part = self.marks[planner], filtered(planner)
             near = own[(own[:, 1:] <= edge).all(1)]
             if len(near):
-                ways = np.transpose([*medians_of(near).values()])
+                ways = np.transpose([*figures.medians_of(near).values()])
                 axes.plot(*ways, **mark.line, linewidth=1.0, gid=part)
             about: dict[str, Any] = {"color": THEME[mark.colour], "gid": part, **HOLLOW}
             for weight, size in sizes.items():
@@ -205,7 +191,7 @@ class Pictures:
         }
         ratios = {planner: each for planner, each in ratios.items() if np.isfinite(each).any()}
         words = "; ".join(f"{name} {np.nanmedian(each):.3f}" for name, each in ratios.items())
-        name = title_of(setting)
+        name = figures.title_of(setting)
         alt = (
             f"J of every query as a multiple of that of {self.baseline}, {name}. Medians: {words}."
         )
@@ -213,14 +199,16 @@ class Pictures:
         legend += [(self.marks[each], each) for each in ratios if each != self.baseline]
         caption = f"J of every query, {name}"
         if len(shown) < len(compared):
-            caption += f"; the first {len(shown)} of {counted(len(compared), 'query', 'queries')}"
+            caption += (
+                f"; the first {len(shown)} of {figures.counted(len(compared), 'query', 'queries')}"
+            )
         if len(compared) < len(every):
-            lost = counted(len(every) - len(compared), "query", "queries")
+            lost = figures.counted(len(every) - len(compared), "query", "queries")
             caption += f"; {lost} without a path of {self.baseline} left out"
         labels = [f"{query}, {cost:.1f} m" for query, cost in zip(shown, costs, strict=True)]
         draw = partial(self._draw_query_costs, ratios=ratios, labels=labels)
         svg = svg_of(draw, 0.75 + 0.19 * len(shown), alt)
-        yield Drawing(svg, legend, caption, attributes(setting))
+        yield Drawing(svg, legend, caption, figures.attributes(setting))
 
     def _draw_query_costs(self, axes: Any, ratios: Points, labels: Sequence[str]) -> None:
         values, rows = np.array(list(ratios.values())), np.arange(len(labels))
@@ -264,7 +252,7 @@ class Pictures:
                 yield self._progress(setting, group)
 
     def _progress(self, setting: Setting, curves: Sequence[Convergence]) -> Drawing:
-        top = max(map(shown_until, curves))
+        top = max(map(figures.shown_until, curves))
         bottom = min(1.0, *(float(curve.lower.min()) for curve in curves))
         margin = 0.06 * (top - bottom)
 
@@ -282,31 +270,26 @@ class Pictures:
             label_plainly(axes.xaxis, 6)
             axes.grid()
 
-        name = title_of(setting)
-        ends = [(curve.planner, float(curve.median[-1])) for curve in curves]
-        courses = [
-            f"{each} "
-            + (f"ends at {end:.3f}" if end < math.inf else "has no path in half of the queries")
-            for each, end in ends
-        ]
+        name, courses = figures.title_of(setting), []
+        for curve in curves:
+            end = float(curve.median[-1])
+            text = f"ends at {end:.3f}" if end < math.inf else "has no path in half of the queries"
+            courses.append(f"{curve.planner} {text}")
         alt = f"Best J over time as a multiple of that of {self.baseline}, {name}: "
         legend: Legend = [(Mark("muted"), f"{self.baseline}, the baseline")]
         legend += [(self.lines[curve.planner], curve.planner) for curve in curves]
         svg = svg_of(draw, 2.3, f"{alt}{'; '.join(courses)}.")
-        return Drawing(svg, legend, name, attributes(setting))
+        return Drawing(svg, legend, name, figures.attributes(setting))
 
     def paths(self) -> Iterator[Drawing]:
         """The paths of one query of each scene over its field, at the greatest weight."""
         for key, scene in self.scenes.items():
             asked = [run for run in self.cases[key] if run.task.query == scene.query.name]
             weight = max(run.task.weight for run in asked)
-            found = self._typical([run for run in asked if run.task.weight == weight])
-            yield self._paths((*key, weight), scene, found)
+            yield self._paths(scene, [run for run in asked if run.task.weight == weight])
 
-    def _paths(
-        self, setting: Sequence[Any], scene: Scene, found: Mapping[str, Run | None]
-    ) -> Drawing:
-        query = scene.query
+    def _paths(self, scene: Scene, runs: Sequence[Run]) -> Drawing:
+        query, setting, found = scene.query, setting_of(runs[0]), self._typical(runs)
         drawn = {name: run for name, run in found.items() if run is not None}
 
         def draw(axes: Any) -> None:
@@ -330,19 +313,20 @@ class Pictures:
             wide = figure.get_figwidth()
             figure.set_figheight(min((wide - 0.35) * spans + 0.85, 5.0))
 
-        caption = f"{title_of(setting[:2])}, query {query.name}, weight {setting[2]:g}"
+        caption = f"{figures.title_of(setting[:2])}, query {query.name}, weight {setting[2]:g}"
         lengths = {name: f"{name}, {run.measures['length']:.1f} m" for name, run in drawn.items()}
         alt = f"Paths over the field of {caption}: {'; '.join(lengths.values()) or 'none'}."
         legend: Legend = [(self.lines[name], text) for name, text in lengths.items()]
         legend += [(None, f"{name}: no path") for name in found if name not in drawn]
-        legend += [(Mark("ink", -1, "o"), "start"), (Mark("ink", -1, "*"), "goal")]
-        about = attributes(setting) | {"class": "map"}
+        legend += [(Mark("ink", -1, "o"), "start"), (Mark("ink", -1, "*", 10.0), "goal")]
+        about = figures.attributes(setting) | {"class": "map"}
         return Drawing(svg_of(draw, 5.0, alt), legend, caption, about)
 
     def _typical(self, runs: Sequence[Run]) -> dict[str, Run | None]:
         """The run of median J of each planner; None for one that has no path."""
-        found: dict[str, Run | None] = {}
-        for planner, own in grouped(runs, lambda run: run.task.planner).items():
-            solved = sorted((run for run in own if run.xy), key=lambda run: run.measures["cost"])
+        groups, found = grouped(runs, lambda run: run.task.planner), {}
+        for planner in filter(groups.get, self.marks):
+            own = (run for run in groups[planner] if run.xy)
+            solved = sorted(own, key=lambda run: run.measures["cost"])
             found[planner] = solved[(len(solved) - 1) // 2] if solved else None
-        return {planner: found[planner] for planner in self.marks if planner in found}
+        return found

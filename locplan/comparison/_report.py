@@ -8,7 +8,7 @@ import io
 import json
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -21,37 +21,14 @@ from PIL import Image
 
 from locplan._util.files import replacing
 from locplan._util.public import templates_of
-from locplan.comparison._figures import (
-    COLOURS,
-    DASHES,
-    Attributes,
-    CaseKey,
-    Legend,
-    Mark,
-    attributes,
-    counted,
-    title_of,
-)
+from locplan.comparison import _figures as figures
+from locplan.comparison._figures import attributes
 from locplan.comparison._pictures import Pictures
 from locplan.comparison._result import Comparison, Standing
 from locplan.comparison._statistics import MEASURES, Run, grouped, query_of, setting_of
 from locplan.field import CovarianceField
 from locplan.planners import Query
 from locplan.plotting import Picture, draw_field
-
-SHAPES: Mapping[str, str] = {
-    "o": "M4 0 A4 4 0 1 1 -4 0 A4 4 0 1 1 4 0 Z",
-    "s": "M-4 -4 H4 V4 H-4 Z",
-    "D": "M0 -5 L5 0 L0 5 L-5 0 Z",
-    "^": "M0 -4.5 L4.5 4 H-4.5 Z",
-    "v": "M0 4.5 L4.5 -4 H-4.5 Z",
-    "P": "M-1.6 -5 H1.6 V-1.6 H5 V1.6 H1.6 V5 H-1.6 V1.6 H-5 V-1.6 H-1.6 Z",
-    "X": "M-5 -2.5 L-2.5 -5 L0 -2.5 L2.5 -5 L5 -2.5 L2.5 0 L5 2.5 L2.5 5 L0 2.5 L-2.5 5 L-5 2.5"
-    " L-2.5 0 Z",
-    "*": "M0 -7 L1.7 -2.3 L6.6 -2.2 L2.7 0.9 L4.1 5.7 L0 2.9 L-4.1 5.7 L-2.7 0.9 L-6.6 -2.2"
-    " L-1.7 -2.3 Z",
-}
-"""Paths around 0 for the markers of matplotlib."""
 
 
 @dataclass(frozen=True)
@@ -122,12 +99,12 @@ class Thumbnail(NamedTuple):
 
     caption: str
     alt: str
-    lines: list[tuple[str, Mark, float, str]]
+    lines: list[tuple[str, figures.Mark, float, str]]
     """Planner, line, width [pixels of the screen] and SVG path of each line."""
     ends: list[tuple[str, str]]
     """SVG path and place of the marks of start and goal."""
-    legend: Legend
-    attributes: Attributes
+    legend: figures.Legend
+    attributes: figures.Attributes
 
 
 class Report(Pictures):
@@ -169,7 +146,7 @@ class Report(Pictures):
             tables = grouped(group, lambda row: row.setting.weight)
             yield case, [(weight, rows, Scale.of(rows)) for weight, rows in tables.items()]
 
-    def galleries(self) -> Iterator[tuple[CaseKey, Backdrop, list[Thumbnail]]]:
+    def galleries(self) -> Iterator[tuple[figures.CaseKey, Backdrop, list[Thumbnail]]]:
         """Every query of every scene at every weight, as far as the limit goes."""
         room = self.limits.thumbnails
         for key, scene in self.scenes.items():
@@ -203,7 +180,10 @@ class Report(Pictures):
                 (planner, self.lines[planner], float(width), backdrop.line(run.xy))
                 for (planner, run), width in zip(paths.items(), widths, strict=True)
             ],
-            [(SHAPES[m], f"{x:.0f} {y:.0f}") for m, (x, y) in zip("o*", places, strict=True)],
+            [
+                (figures.shape(marker), f"translate({x:.0f} {y:.0f}) scale({size})")
+                for marker, size, (x, y) in zip("o*", (2, 3.4), places, strict=True)
+            ],
             [(self.lines[name] if found[name] else None, text) for name, text in texts.items()],
             attributes(setting) | {"class": "map"},
         )
@@ -215,11 +195,11 @@ class Report(Pictures):
 
     def failures(self) -> list[list[Run]]:
         """The runs without a path, grouped by kind of failure."""
-        failed = (run for run in self.runs if run.status != "solved")
-        kinds = grouped(
-            failed, lambda r: (r.status, r.task.planner, r.task.map, r.task.config, r.note)
-        )
-        return list(kinds.values())
+
+        def kind(run: Run) -> tuple[str, ...]:
+            return run.status, run.task.planner, run.task.map, run.task.config, run.note
+
+        return [*grouped((run for run in self.runs if run.status != "solved"), kind).values()]
 
     def statuses(self) -> str:
         """The number of runs of each status but solved, in words."""
@@ -237,7 +217,7 @@ class Report(Pictures):
         for case in self.comparison.cases.values():
             config = json.dumps(case.summary()["config"])
             made = f"{config}, u of {case.criterion}" if case.criterion else config
-            settings[f"field of {title_of(case.key)}"] = made
+            settings[f"field of {figures.title_of(case.key)}"] = made
             settings["robot radius"] = f"{case.robot_radius:g} m"
         tasks = [run.task for run in self.runs]
         seeds = sorted({task.seed for task in tasks if task.seed})
@@ -252,7 +232,7 @@ class Report(Pictures):
 def write_report(path: Path, comparison: Comparison) -> None:
     """Write the report, whole or not at all; names, labels and notes may hold any text."""
     environment = templates_of("locplan.comparison", autoescape=True, lstrip_blocks=True)
-    filters = breakable, counted, dashes, key, number
+    filters = breakable, figures.counted, dashes, key, number, figures.shape
     environment.filters |= {each.__name__: each for each in filters}
     script = environment.get_template("report.js").render()
     text = environment.get_template("report.html").render(
@@ -260,8 +240,7 @@ def write_report(path: Path, comparison: Comparison) -> None:
         comparison=comparison,
         script=Markup(script),
         digest=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
-        colours=" ".join(f"--p{n}: {colour};" for n, colour in enumerate(COLOURS)),
-        shapes=SHAPES,
+        colours=" ".join(f"--p{n}: {colour};" for n, colour in enumerate(figures.COLOURS)),
         attributes=attributes,
         task_attributes=_task_attributes,
         limits=Report.limits,
@@ -270,7 +249,7 @@ def write_report(path: Path, comparison: Comparison) -> None:
         temporary.write_text(text, encoding="utf-8", errors="replace")
 
 
-def _task_attributes(run: Run) -> Attributes:
+def _task_attributes(run: Run) -> figures.Attributes:
     """The attributes by which a run is filtered."""
     about = attributes((run.task.map, run.task.config, run.task.weight))
     return about | {"data-planner": run.task.planner, "data-status": run.status}
@@ -281,9 +260,9 @@ def breakable(label: str) -> Markup:
     return Markup(str(escape(label)).replace(":", ":<wbr>").replace(",", ",<wbr>"))
 
 
-def dashes(mark: Mark, width: float) -> str:
+def dashes(mark: figures.Mark, width: float) -> str:
     """The dashes of a line of some width, for SVG; empty for a whole line."""
-    pattern = () if DASHES[mark.dash] == "-" else DASHES[mark.dash][1]
+    pattern = () if figures.DASHES[mark.dash] == "-" else figures.DASHES[mark.dash][1]
     return " ".join(f"{width * part:.3g}" for part in pattern)
 
 

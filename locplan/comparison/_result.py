@@ -17,17 +17,10 @@ from locplan._util.public import called
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import wrapped
+from locplan.comparison import _statistics as statistics
 from locplan.comparison._benchmarks import write_ompl_logs
 from locplan.comparison._contrasts import Contrast, contrasts
-from locplan.comparison._statistics import (
-    RUN_COLUMNS,
-    Convergence,
-    Run,
-    Setting,
-    Summary,
-    convergence,
-    summaries,
-)
+from locplan.comparison._statistics import Convergence, Run, Setting, Summary
 from locplan.costs import Costmap
 from locplan.field import CovarianceField, FieldConfig, load_or_compute
 from locplan.maps import OccupancyGrid
@@ -172,7 +165,7 @@ class Comparison(Result):
         pooled : bool, default False
             True takes all maps together; by default each map has its own.
         """
-        return summaries(self.runs, pooled)
+        return statistics.summaries(self.runs, pooled)
 
     def contrasts(self, *, pooled: bool = False) -> list[Contrast]:
         """Each planner and measure compared with the baseline's, with interval and sentence.
@@ -192,7 +185,7 @@ class Comparison(Result):
         pooled : bool, default False
             True takes all maps together; by default each map has its own.
         """
-        return convergence(self.runs, self.baseline, pooled)
+        return statistics.convergence(self.runs, self.baseline, pooled)
 
     def standings(self) -> list[Standing]:
         """Each planner's statistics, by map, settings and weight."""
@@ -239,7 +232,7 @@ class Comparison(Result):
 
     def to_frame(self) -> Any:
         """A pandas data frame with one row for every run; a LocplanError without pandas."""
-        return Table.of(RUN_COLUMNS, self.runs).to_frame()
+        return Table.of(statistics.RUN_COLUMNS, self.runs).to_frame()
 
     def summary(self) -> dict[str, Any]:
         """The settings and all statistics, fit for JSON."""
@@ -254,7 +247,7 @@ class Comparison(Result):
 
     def _write(self, folder: Path) -> None:
         called(self._page_by, folder / "report.html", self)
-        Table.of(RUN_COLUMNS, self.runs).write_csv(folder / "runs.csv")
+        Table.of(statistics.RUN_COLUMNS, self.runs).write_csv(folder / "runs.csv")
         if find_spec("pandas") and find_spec("pyarrow"):
             with replacing(folder / "runs.parquet") as temporary, temporary.open("wb") as file:
                 self.to_frame().to_parquet(file, index=False)  # a file of any name, not only UTF-8

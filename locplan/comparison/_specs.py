@@ -9,31 +9,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from locplan import planners as library
 from locplan._util.checks import shown
 from locplan._util.code_digest import code_digest
 from locplan._util.public import needed
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
-from locplan.planners import (
-    PLANNERS,
-    AnyPlanner,
-    Entry,
-    FunctionPlanner,
-    Ompl,
-    Plan,
-    Planner,
-    Position,
-    check_ends,
-    innermost,
-    named_planner,
-    names,
-    options_of,
-    own_planner,
-    planner_for,
-    run_planner,
-    takes,
-    with_options,
-)
+from locplan.planners import AnyPlanner, Entry, FunctionPlanner, Plan, Planner, Position, options_of
 from locplan.robots import Robot
 
 
@@ -72,8 +54,8 @@ class PlannerSpec:
         if isinstance(planner, str):
             return _parsed(planner)
         if isinstance(planner, PlannerSpec):
-            return cls(planner.label, planner_for(planner.planner))
-        made = planner_for(planner)
+            return cls(planner.label, library.planner_for(planner.planner))
+        made = library.planner_for(planner)
         if made.name == "<lambda>":
             raise ConfigError(
                 "a planner must be a name or a function with a name, such as"
@@ -104,22 +86,23 @@ class PlannerSpec:
         return self._with("robot", robot)
 
     def _with(self, option: str, value: Any) -> PlannerSpec:
-        if value is None or option in options_of(self.planner) or not takes(self.planner, option):
+        given = value is None or option in options_of(self.planner)
+        if given or not library.takes(self.planner, option):
             return self
-        changed = with_options(self.planner, **{option: value})
+        changed = library.with_options(self.planner, **{option: value})
         changed.check()
         return dataclasses.replace(self, planner=changed)
 
     @property
     def guarded(self) -> bool:
         """Whether the planner is a user's own."""
-        return own_planner(self.planner) is not None
+        return library.own_planner(self.planner) is not None
 
     @property
     def time_limit(self) -> float | None:
         """The time after which the planner ends by itself [s], if that is known."""
-        planner = innermost(self.planner)
-        if isinstance(planner, Ompl):
+        planner = library.innermost(self.planner)
+        if isinstance(planner, library.Ompl):
             return planner.seconds
         limit = options_of(self.planner).get("time_limit")
         return None if limit is None else float(limit)
@@ -135,7 +118,7 @@ class PlannerSpec:
         own = options_of(self.planner).get("seed")
         if own is not None:
             return (int(own),)
-        return tuple(seeds) if takes(self.planner, "seed") else (0,)
+        return tuple(seeds) if library.takes(self.planner, "seed") else (0,)
 
     def identity(self) -> list[Any]:
         """Everything that decides the planner's paths, fit for JSON.
@@ -143,7 +126,7 @@ class PlannerSpec:
         For a user's planner that is a digest of its code and options. One whose code cannot be
         digested is never the same again.
         """
-        options, own = options_of(self.planner), own_planner(self.planner)
+        options, own = options_of(self.planner), library.own_planner(self.planner)
         if own is None:
             return [self.planner.name, {name: _plain(value) for name, value in options.items()}]
         code: Any = own.function if isinstance(own, FunctionPlanner) else own
@@ -175,12 +158,12 @@ class PlannerSpec:
             If a user's planner returns something else than a path that can be driven.
         """
         planner = self.planner
-        if takes(planner, "seed"):
-            planner = with_options(planner, seed=seed)
+        if library.takes(planner, "seed"):
+            planner = library.with_options(planner, seed=seed)
         if planner.space == "R2":
             start, goal = start[:2], goal[:2]
-        stops = check_ends(costs, start, goal, space=planner.space)
-        return run_planner(planner, costs, *stops)
+        stops = library.check_ends(costs, start, goal, space=planner.space)
+        return library.run_planner(planner, costs, *stops)
 
 
 def specs_of(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
@@ -197,17 +180,15 @@ def specs_of(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
         If there are no planners, two have one label, or one is wrong.
     """
     specs = [PlannerSpec.of(planner) for planner in planners]
-    labels = [spec.label for spec in specs]
-    for label in labels:
-        if labels.count(label) > 1:
-            raise ConfigError(
-                f"planner {shown(label)} is there twice; leave one out, or name it anew"
-            )
     if not specs:
         raise ConfigError("a comparison needs at least one planner")
+    labels = [spec.label for spec in specs]
     for spec in specs:
+        name = f"planner {shown(spec.label)}"
+        if labels.count(spec.label) > 1:
+            raise ConfigError(f"{name} is there twice; leave one out, or name it anew")
         if spec.guarded:  # it is sent to workers by value
-            needed("cloudpickle", "functions", f"planner {shown(spec.label)}, one of your own,")
+            needed("cloudpickle", "functions", f"{name}, one of your own,")
     return specs
 
 
@@ -220,12 +201,13 @@ def _parsed(text: str) -> PlannerSpec:
     limits = {limit: options.pop(limit, None) for limit in ("max_e", "budget")}
     home = "locplan.simulation.choice._choose:SimulatedChoice"
     # Only comparisons know it by name, since it needs more than a costmap.
-    known = PLANNERS | {"simulated choice": Entry(home, "simulated error")}
+    known = library.PLANNERS | {"simulated choice": Entry(home, "simulated error")}
     try:
-        if name.strip() in (*names(), "") or limits["budget"] is not None:
-            planner = planner_for(name.strip(), options, **limits)
+        if name.strip() in (*library.names(), "") or limits["budget"] is not None:
+            planner = library.planner_for(name.strip(), options, **limits)
         else:
-            planner = planner_for(named_planner(name.strip(), options, known), **limits)
+            found = library.named_planner(name.strip(), options, known)
+            planner = library.planner_for(found, **limits)
     except LocplanError as error:
         raise ConfigError(f"planner {shown(label)}: {error}") from None
     return PlannerSpec(label, planner)

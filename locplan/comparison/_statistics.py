@@ -25,6 +25,7 @@ STATUSES = (
 )
 """Outcomes of a run: the first five are the planner's own, the others are failures."""
 
+HIGH_U = f"with u > {DEGENERATE:g}"
 MEASURES: Mapping[str, Column] = {
     column.name: column
     for column in (
@@ -33,8 +34,8 @@ MEASURES: Mapping[str, Column] = {
         Column("integrated_u", "m", "degenerate, ∫u ds"),
         Column("integrated_e", "m² rad m", "∫e ds"),
         Column("max_e", "m² rad", "max e"),
-        Column("degenerate_share", "", f"share with u > {DEGENERATE:g}"),
-        Column("longest_degenerate", "m", f"longest with u > {DEGENERATE:g}"),
+        Column("degenerate_share", "", f"share {HIGH_U}"),
+        Column("longest_degenerate", "m", f"longest {HIGH_U}"),
         Column("clearance", "m", "least clearance"),
         Column("turning", "rad", "turning"),
         Column("seconds", "s", "planning time"),
@@ -148,13 +149,13 @@ class Setting(NamedTuple):
 class Quartiles(NamedTuple):
     """Median and quartiles of some values, in the measure's unit; NaN if there are none."""
 
-    median: float
+    median: float = math.nan
     """The median."""
-    lower: float
+    lower: float = math.nan
     """The lower quartile."""
-    upper: float
+    upper: float = math.nan
     """The upper quartile."""
-    known: int
+    known: int = 0
     """Number of finite values."""
 
 
@@ -192,7 +193,15 @@ def summaries(runs: Iterable[Run], pooled: bool = False) -> list[Summary]:
     as there are queries: the seeds of a query mostly succeed or fail together. With runs as trials
     it held the truth in 77-87 % of simulated cases, with queries in 97-99 %.
     """
-    return [_summary(*key, group) for key, group in by_planner(runs, pooled).items()]
+    found = []
+    for (setting, planner), group in by_planner(runs, pooled).items():
+        solved = [run for run in group if run.status == "solved"]
+        shares = [np.mean([run.status == "solved" for run in own]) for _, own in by_query(group)]
+        success = wilson(float(np.mean(shares)), len(shares))
+        columns = zip(MEASURES, values_of(solved).T, strict=True)
+        measures = {name: quartiles(column) for name, column in columns}
+        found.append(Summary(setting, planner, len(group), len(solved), success, measures))
+    return found
 
 
 def by_planner(runs: Iterable[Run], pooled: bool) -> dict[tuple[Setting, str], list[Run]]:
@@ -225,20 +234,11 @@ def by_query(runs: Iterable[Run]) -> Iterable[tuple[tuple[str, str], list[Run]]]
     return grouped(runs, lambda run: (run.task.map, run.task.query)).items()
 
 
-def _summary(setting: Setting, planner: str, runs: Sequence[Run]) -> Summary:
-    solved = [run for run in runs if run.status == "solved"]
-    shares = [np.mean([run.status == "solved" for run in own]) for _, own in by_query(runs)]
-    success = wilson(float(np.mean(shares)), len(shares))
-    columns = zip(MEASURES, values_of(solved).T, strict=True)
-    measures = {name: quartiles(column) for name, column in columns}
-    return Summary(setting, planner, len(runs), len(solved), success, measures)
-
-
 def quartiles(values: Array) -> Quartiles:
     """Median and quartiles of the known values."""
     known = values[~np.isnan(values)]
     if not known.size:
-        return Quartiles(np.nan, np.nan, np.nan, 0)
+        return Quartiles()
     lower, median, upper = np.quantile(known, (0.25, 0.5, 0.75)).tolist()
     return Quartiles(median, lower, upper, known.size)
 
@@ -293,10 +293,9 @@ def convergence(runs: Iterable[Run], baseline: str, pooled: bool = False) -> lis
             np.median(costs[n], axis=0) / references[query, baseline]
             for query, n in members.items()
         ]
-        median = lower = upper = np.full(len(times), np.nan)
-        if ratios:
-            median = np.median(ratios, axis=0)
-            lower, upper = np.quantile(ratios, (0.25, 0.75), axis=0, method="nearest")
+        spans: Any = ratios or np.full((1, len(times)), np.nan)
+        median = np.median(spans, axis=0)
+        lower, upper = np.quantile(spans, (0.25, 0.75), axis=0, method="nearest")
         solved = np.isfinite(costs).mean(axis=0)
         bands = median, lower, upper, solved
         curves.append(Convergence(setting, planner, baseline, times, *bands, len(ratios)))
@@ -324,9 +323,6 @@ def best_so_far(run: Run) -> list[tuple[float, float]]:
 
 def _costs_at(run: Run, times: Array) -> Array:
     """The best J at these moments, infinite before the first path."""
-    points = best_so_far(run)
-    if not points:
-        return np.full(len(times), np.inf)
-    moments, costs = np.array(points).T
+    moments, costs = np.reshape(best_so_far(run), (-1, 2)).T
     found = np.searchsorted(np.maximum(moments, 1e-4), times * (1 + 1e-12), side="right")
     return np.append(np.inf, costs)[found]

@@ -1,7 +1,7 @@
 """Worker processes: a planner that crashes, hangs or takes all memory costs one run.
 
 The pools of concurrent.futures, joblib and loky break as a whole when a process dies, and end no
-single task that hangs. So each thread of a ThreadPoolExecutor waits here for a process of its own.
+single task that hangs. So one loop waits here for the answers of all processes.
 Workers are new interpreters, not forks: they have none of the locks and threads of the caller's
 process (OpenCV's, a progress bar's, a notebook's), and a script needs no guard against being
 imported again. Functions are sent by value where they cannot be imported. Their program is `main`.
@@ -17,12 +17,12 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
+from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager, suppress
-from multiprocessing.connection import Connection
+from functools import partial
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
@@ -64,63 +64,53 @@ class Workers:
         patience: float,
         scratch: Path,
     ) -> None:
-        self._planners, self._patience = planners, patience
+        limits = (spec.time_limit for spec in planners)
+        self._limits = [patience if own is None else 2 * own + 10.0 for own in limits]
         # A fair share by default, so that the machine has some left.
-        self._memory = usable_memory() / count if memory is None else memory
-        self._handed, self._scratch = _pickled(planners), scratch
-        self._count, self._threads = count, ThreadPoolExecutor(count)
-        self._lock, self._closed = threading.Lock(), False
-        self._started: list[_Worker] = []
-        self._idle: list[_Worker] = []
+        memory = usable_memory() / count if memory is None else memory
+        self._start = partial(_Worker, _pickled(planners), memory, scratch)
+        self._count, self._workers = count, list[_Worker]()
 
     def __enter__(self) -> Workers:
-        self._idle = [self._start() for _ in range(self._count)]  # they load meanwhile
+        for _ in range(self._count):
+            self._workers.append(self._start())  # they load meanwhile
         return self
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
-        with self._lock:  # from now on no thread starts another one
-            self._closed = True
-        for worker in self._started:
+        for worker in self._workers:
             worker.end()
-        self._threads.shutdown(cancel_futures=True)
 
     def run(self, orders: Sequence[Order]) -> Iterator[Run]:
         """Start the runs in this order as workers become free, and yield each when it is done."""
-        for made in as_completed([self._threads.submit(self._made, order) for order in orders]):
-            yield made.result()
+        left, failed = deque(orders), 0
+        while left or any(worker.order for worker in self._workers):
+            self._hand_out(left)
+            busy = [worker for worker in self._workers if worker.busy]
+            wait([worker.connection for worker in busy], min(worker.patience for worker in busy))
+            for worker in busy:
+                if worker.works():
+                    continue
+                run = worker.result()
+                failed = 0 if run or worker.alive else failed + 1
+                if run:
+                    yield run
+                elif failed == 3:
+                    raise LocplanError(
+                        "worker processes end before they are ready; the reason is on standard"
+                        " error"
+                    )
 
-    def _made(self, order: Order) -> Run:
-        worker = self._ready()
-        own = self._planners[order.planner].time_limit
-        run = worker.run(order, self._patience if own is None else 2 * own + 10.0)
-        if worker.alive:
-            self._idle.append(worker)
-        return run
-
-    def _ready(self) -> _Worker:
-        """A worker that waits for an order."""
-        for _ in range(3):  # failed starts in a row
-            try:
-                worker = self._idle.pop()
-            except IndexError:
-                worker = self._start()
-            if worker.is_ready():
-                return worker
-        raise LocplanError(
-            "worker processes end before they are ready; the reason is on standard error"
-        )
-
-    def _start(self) -> _Worker:
-        with self._lock:
-            if self._closed:
-                raise LocplanError("the comparison has ended")
-            worker = _Worker(self._handed, self._memory, self._scratch)
-            self._started.append(worker)
-        return worker
+    def _hand_out(self, left: deque[Order]) -> None:
+        """Send the next orders to workers that wait, and replace those that have ended."""
+        for n, worker in enumerate(self._workers):
+            if left and not worker.busy and worker.alive:
+                worker.send(left[0], self._limits[left.popleft().planner])
+            elif left and not worker.busy:
+                self._workers[n] = self._start()
 
 
 class _Worker:
-    """A process that runs one planner at a time."""
+    """A process that loads the planners, and then runs one at a time."""
 
     def __init__(self, handed: bytes, memory: float, scratch: Path) -> None:
         ours, theirs = socket.socketpair()
@@ -139,40 +129,58 @@ class _Worker:
                 env={**os.environ, **dict.fromkeys(threads, "1"), "TMPDIR": str(scratch)},
                 start_new_session=True,
             )
-        self._connection, self._greeted = Connection(ours.detach()), False
+        self.connection = Connection(ours.detach())
+        self._begin(None, 600.0)  # the very first start compiles
         with suppress(OSError):  # a process that has ended already is noticed later
-            self._connection.send(memory)
-            self._connection.send_bytes(handed)
+            self.connection.send(memory)
+            self.connection.send_bytes(handed)
+
+    def _begin(self, order: Order | None, limit: float) -> None:
+        """Note what it works at from now on, an order or none to load, and its limit [s]."""
+        self.order, self.busy = order, True
+        self._began, self._limit = time.perf_counter(), limit
+
+    def send(self, order: Order, limit: float) -> None:
+        """Send an order, whose run may take up to the limit [s]."""
+        self._begin(order, limit)
+        with suppress(OSError):  # it ends, as its result will show
+            self.connection.send(order)
 
     @property
     def alive(self) -> bool:
         """Whether the process has not ended."""
         return self._process.poll() is None
 
-    def is_ready(self) -> bool:
-        """Wait until the process takes orders; False if it ends instead.
+    @property
+    def patience(self) -> float:
+        """Time after which to look again whether it still works [s]."""
+        return min(max(self._began + self._limit - time.perf_counter(), 0.0), 0.5)
+
+    def works(self) -> bool:
+        """Whether it has neither answered nor ended, and has some time left."""
+        # Whether it is alive is asked first: it may send and end meanwhile.
+        return self.alive and self.patience > 0 and not self.connection.poll()
+
+    def result(self) -> Run | None:
+        """The run of its order; None where it was loading, after which it may have ended.
 
         A LocplanError says which planner it cannot use.
         """
-        if not self._greeted:
-            said = self._answer(600.0)  # the very first start compiles
-            if said is None:
+        wall, answer = time.perf_counter() - self._began, None
+        with suppress(EOFError, OSError):
+            if self.connection.poll():
+                answer = self.connection.recv()
+        order, self.order, self.busy = self.order, None, False
+        if order is None:
+            if answer:
+                raise LocplanError(f"a planner cannot be used in a worker process: {answer}")
+            if answer is None:
                 self.end()
-            elif said:
-                raise LocplanError(f"a planner cannot be used in a worker process: {said}")
-            self._greeted = True
-        return self.alive
-
-    def run(self, order: Order, limit: float) -> Run:
-        """Send an order, and wait for its run, up to the limit [s]."""
-        began = time.perf_counter()
-        with suppress(OSError):  # it ends, as its answer will show
-            self._connection.send(order)
-        run: Run | None = self._answer(limit)
-        wall = time.perf_counter() - began
-        if run is None:
-            status, note = self._failure(wall, limit)
-            run = Run(order.task, status, wall, wall, note=note)
+            return None
+        if answer is None:
+            status, note = self._failure(wall)
+            answer = Run(order.task, status, wall, wall, note=note)
+        run: Run = answer
         if run.ended:
             self.end()  # nobody knows how much memory one has left that ran out of it
         return dataclasses.replace(run, wall_seconds=wall)
@@ -183,22 +191,10 @@ class _Worker:
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
 
-    def _answer(self, limit: float) -> Any:
-        """The next message; None if the process ends, or sends none within the limit [s]."""
-        deadline = time.perf_counter() + limit
-        with suppress(EOFError, OSError):
-            while (left := deadline - time.perf_counter()) > 0:
-                alive = self.alive  # asked first: it may send and end meanwhile
-                if self._connection.poll(min(left, 0.5) if alive else 0):
-                    return self._connection.recv()
-                if not alive:
-                    break
-        return None
-
-    def _failure(self, wall: float, limit: float) -> tuple[str, str]:
+    def _failure(self, wall: float) -> tuple[str, str]:
         """Status and note of a run that has no answer after some time [s]."""
-        if wall >= limit and self.alive:
-            return "hung", f"gave no answer within {limit:g} s and was ended"
+        if wall >= self._limit and self.alive:
+            return "hung", f"gave no answer within {self._limit:g} s and was ended"
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(1.0)
         code = self._process.returncode
@@ -279,22 +275,17 @@ def perform(planner: PlannerSpec, order: Order, memory: float) -> Run:
 def run_of(task: Task, result: Plan) -> Run:
     """A plan as a run; the caller measures the wall time and adds it."""
     seconds, path = float(result.solve_time), result.path
-    run = Run(
-        *(task, str(result.status), seconds, seconds),
-        note=str(result.note or ""),
-        expanded=None if result.expanded is None else int(result.expanded),
-    )
-    if path is None:
-        return run
-    names = [name for name in MEASURES if name not in ("seconds", "turning")]
-    known = {name: float(getattr(result.metrics, name, math.nan)) for name in names}
-    history = ((float(at), float(cost)) for at, cost in result.history)
-    return dataclasses.replace(
-        run,
-        measures=known | {"turning": turning(path)},
-        history=tuple(point for point in history if math.isfinite(sum(point))),
-        xy=tuple((x, y) for x, y in path.xy.tolist()),
-    )
+    found: dict[str, Any] = {}
+    if path is not None:
+        names = [name for name in MEASURES if name not in ("seconds", "turning")]
+        known = {name: float(getattr(result.metrics, name, math.nan)) for name in names}
+        history = ((float(at), float(cost)) for at, cost in result.history)
+        found["measures"] = known | {"turning": turning(path)}
+        found["history"] = tuple(point for point in history if math.isfinite(sum(point)))
+        found["xy"] = tuple(map(tuple, path.xy.tolist()))
+    expanded = None if result.expanded is None else int(result.expanded)
+    about = {"note": str(result.note or ""), "expanded": expanded, **found}
+    return Run(task, str(result.status), seconds, seconds, **about)
 
 
 def turning(path: Route) -> float:

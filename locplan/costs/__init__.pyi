@@ -20,6 +20,7 @@ from ._metrics import (
     PathMetrics as PathMetrics,
     compare_lidars as compare_lidars,
     costs_caption as costs_caption,
+    crossed_cells as crossed_cells,
     lidars_table as lidars_table,
     named_maps as named_maps,
     path_cost as path_cost,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools
 from locplan.errors import FieldError
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
@@ -84,7 +84,7 @@ def part_around(
     return CovarianceField.of(values, crop, field.config), (inside[0], inside[1])
 
 
-def _around(marked: NDArray[np.bool_], reach: int) -> slice:
+def _around(marked: Bools, reach: int) -> slice:
     """All marked places and those up to `reach` from the first and the last one."""
     places = np.flatnonzero(marked)
     return slice(max(0, int(places[0]) - reach), min(marked.size, int(places[-1]) + reach + 1))

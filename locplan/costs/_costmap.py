@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from locplan import __version__
+from locplan._kernels.arrays import Bools
 from locplan._util.checks import instance, one_of
 from locplan._util.saved import Saved
 from locplan._util.tables import finite
@@ -284,7 +285,7 @@ class Costmap(CostLayers, Saved):
         arrays |= {"grid": grid, "of_heading": HeadingLayers.of(field, settings)}
         return dataclasses.replace(self, **arrays)
 
-    def blocked_where(self, blocked: NDArray[np.bool_]) -> Costmap:
+    def blocked_where(self, blocked: Bools) -> Costmap:
         """Copy of the costmap with more cells blocked, such as a zone that is closed.
 
         Parameters

@@ -12,6 +12,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._kernels.arrays import Array, Floats, Singles
 from locplan._util.checks import number, one_of, position, shown
 from locplan._util.public import Pictured
 from locplan.errors import ConfigError, PoseError
@@ -28,15 +29,15 @@ class CostLayers(Pictured):
 
     grid: OccupancyGrid
     """The map."""
-    density: NDArray[np.float64]
+    density: Floats
     """Cost per metre, at least 1; infinite where the robot cannot be, (H, W)."""
     weight: float
     """Metres of detour accepted per degenerate metre (lambda), >= 0; NaN without a field."""
     robot_radius: float
     """Minimum distance from the robot's centre to an occupied cell [m], >= 0."""
-    u: NDArray[np.float64]
+    u: Floats
     """Degeneracy of a cell, 0..1, (H, W); NaN where there is no field."""
-    e: NDArray[np.float64]
+    e: Floats
     """The field's e [m^2 rad], (H, W); NaN where there is no field."""
     of_heading: HeadingLayers | None = None
     """u and e for n headings of the robot, evenly spaced from 0 on; None if they are alike."""
@@ -65,17 +66,17 @@ class CostLayers(Pictured):
         return f"{type(self).__name__}({grid}, robot radius {self.robot_radius:g} m, {made})"
 
     @property
-    def u_of_heading(self) -> NDArray[np.float32] | None:
+    def u_of_heading(self) -> Singles | None:
         """u for n headings of the robot, evenly spaced from 0 on, (n, H, W); None if alike."""
         return None if self.of_heading is None else self.of_heading.both[0]
 
     @property
-    def e_of_heading(self) -> NDArray[np.float32] | None:
+    def e_of_heading(self) -> Singles | None:
         """e for the headings of `u_of_heading` [m^2 rad], (n, H, W); None if alike."""
         return None if self.of_heading is None else self.of_heading.both[1]
 
     @property
-    def density_of_heading(self) -> NDArray[np.float64]:
+    def density_of_heading(self) -> Floats:
         """`density` for each heading, (n, H, W), or once where headings are alike, (1, H, W)."""
         if self.u_of_heading is None:
             return self.density[None]
@@ -83,7 +84,7 @@ class CostLayers(Pictured):
         return np.where(np.isfinite(self.density), density, np.inf)
 
     @property
-    def unblocked_density(self) -> NDArray[np.float64]:
+    def unblocked_density(self) -> Floats:
         """`density` also where only the robot's radius blocks a cell, if there is a field."""
         return self.density if math.isnan(self.weight) else density_of(self.u, self.weight)
 
@@ -194,7 +195,7 @@ def check_criterion(criterion: str, config: FieldConfig) -> None:
 
 def degeneracy(
     field: CovarianceField, criterion: str, law: str, headings: Literal["mean", "worst"] | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Floats, Floats]:
     """u and e of a field, (H, W), or without `headings` of each one, (n, H, W)."""
     check_criterion(criterion, field.config)
     least, greatest = field.anchors(criterion)
@@ -234,7 +235,7 @@ class HeadingLayers:
         return cls(partial(degeneracy, field, settings.criterion, settings.law, None))
 
     @cached_property
-    def both(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def both(self) -> tuple[Singles, Singles]:
         """u and e, (n, H, W) each, read-only."""
         u, e = (np.array(layer, np.float32) for layer in self.read())
         return sealed(u), sealed(e)
@@ -248,12 +249,12 @@ class HeadingLayers:
     def __hash__(self) -> int:
         return 0  # the costmaps that have them differ in more
 
-    def to_json(self) -> dict[str, NDArray[np.float32]]:
+    def to_json(self) -> dict[str, Singles]:
         """Both layers by name."""
         return dict(zip(("u", "e"), self.both, strict=True))
 
     @classmethod
-    def from_json(cls, layers: Mapping[str, NDArray[np.float32]]) -> HeadingLayers:
+    def from_json(cls, layers: Mapping[str, Singles]) -> HeadingLayers:
         """Layers of what `to_json` gave."""
         return cls(lambda: (layers["u"], layers["e"]))
 
@@ -268,7 +269,7 @@ class HeadingLayers:
             sealed(layer)
 
 
-def density_of(u: NDArray[np.float64], weight: float) -> NDArray[np.float64]:
+def density_of(u: Floats, weight: float) -> Floats:
     """1 + weight u; infinite where u is NaN."""
     density = u * weight
     density += 1
@@ -276,7 +277,7 @@ def density_of(u: NDArray[np.float64], weight: float) -> NDArray[np.float64]:
     return density
 
 
-def shaped(name: str, layer: ArrayLike, grid: OccupancyGrid) -> NDArray[np.float64]:
+def shaped(name: str, layer: ArrayLike, grid: OccupancyGrid) -> Floats:
     """A copy of a layer of one's own; a ConfigError if it has another shape than the map."""
     values = np.array(layer, dtype=np.float64)
     if values.shape != grid.shape:
@@ -284,9 +285,7 @@ def shaped(name: str, layer: ArrayLike, grid: OccupancyGrid) -> NDArray[np.float
     return values
 
 
-def checked_layer(
-    name: str, layer: ArrayLike, grid: OccupancyGrid, highest: float
-) -> NDArray[np.float64]:
+def checked_layer(name: str, layer: ArrayLike, grid: OccupancyGrid, highest: float) -> Floats:
     """A read-only copy of a layer of one's own, (H, W), NaN where the map is not free.
 
     Raises
@@ -304,7 +303,7 @@ def checked_layer(
     return sealed(values)
 
 
-def blocked_near(density: NDArray[Any], grid: OccupancyGrid, robot_radius: float) -> NDArray[Any]:
+def blocked_near(density: Array, grid: OccupancyGrid, robot_radius: float) -> Array:
     """The density, infinite closer to occupied cells than a radius [m] as well, read-only."""
     density = density if density.flags.writeable else density.copy()
     np.copyto(density, np.inf, where=grid.closer_than(robot_radius - 1e-9))
@@ -327,7 +326,7 @@ def check_weight(weight: float) -> None:
     number("weight", weight, 0, MAX_DENSITY)
 
 
-def sealed(layer: NDArray[Any]) -> NDArray[Any]:
+def sealed(layer: Array) -> Array:
     """Make an array read-only, and return it."""
     layer.setflags(write=False)
     return layer

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Array, Bools, Floats
 from locplan._util.checks import shown
 from locplan._util.progress import ProgressCallback, in_turn
 from locplan._util.records import Column, Table
@@ -81,7 +82,7 @@ def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
     layers: list[Any] = [costs.e[None], costs.u[None], costs.density[None]]
     if path.heading is not None and costs.u_of_heading is not None:
         layers = [costs.e_of_heading, costs.u_of_heading, costs.density_of_heading]
-    *at, lengths = _crossed(costs.grid, path, len(layers[0]))
+    *at, lengths = crossed_cells(costs.grid, path, len(layers[0]))
     e, u = (_along(layer, at, np.nan) for layer in layers[:2])
     density, clearance = _along(layers[2], at, np.inf), costs.grid.clearance[None]
     integrated_e, share, longest = float(e @ lengths), np.nan, np.nan
@@ -118,18 +119,16 @@ def path_cost(costs: Costmap, path: Path) -> float:
     density: Any = costs.density[None]
     if path.heading is not None and costs.u_of_heading is not None:
         density = costs.density_of_heading
-    *at, lengths = _crossed(costs.grid, path, len(density))
+    *at, lengths = crossed_cells(costs.grid, path, len(density))
     return _integral(_along(density, at, np.inf), lengths)
 
 
-def _integral(density: NDArray[np.float64], lengths: NDArray[np.float64]) -> float:
+def _integral(density: Floats, lengths: Floats) -> float:
     """J of crossed cells [m]; a blocked one costs inf, also where its length is 0."""
     return float(density @ lengths) if np.isfinite(density).all() else np.inf
 
 
-def profile(
-    costs: Costmap, path: Path, layer: NDArray[np.floating]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def profile(costs: Costmap, path: Path, layer: NDArray[np.floating]) -> tuple[Floats, Floats]:
     """Steps of a layer along a path.
 
     Parameters
@@ -155,12 +154,22 @@ def profile(
         If the path crosses over 1e7 cells.
     """
     layers = layer.reshape(-1, *layer.shape[-2:])
-    *at, lengths = _crossed(costs.grid, path, len(layers))
+    *at, lengths = crossed_cells(costs.grid, path, len(layers))
     return np.concatenate([[0.0], np.cumsum(lengths)]), _along(layers, at, np.nan)
 
 
-def _crossed(grid: OccupancyGrid, path: Path, headings: int) -> list[NDArray[Any]]:
-    """Headings, rows and columns of the cells that a path crosses, and lengths in them [m]."""
+def crossed_cells(grid: OccupancyGrid, path: Path, headings: int = 1) -> list[Array]:
+    """Headings, rows and columns of the cells that a path crosses, and lengths in them [m].
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map; cells may lie outside it.
+    path : Path
+        The path in the world [m].
+    headings : int, default 1
+        Number of headings, evenly spaced from 0 on; over 1e7 cells are a LocplanError.
+    """
     from locplan._kernels.rays import cells_along
 
     parts = []
@@ -179,7 +188,7 @@ def _crossed(grid: OccupancyGrid, path: Path, headings: int) -> list[NDArray[Any
     return [np.concatenate(part) for part in zip(*parts, strict=True)]
 
 
-def _along(layers: NDArray[Any], at: Sequence[NDArray[Any]], outside: float) -> NDArray[np.float64]:
+def _along(layers: Array, at: Sequence[Array], outside: float) -> Floats:
     """Values of layers at headings, rows and columns; `outside` outside the map."""
     heading, row, col = at
     rows, cols = layers.shape[1:]
@@ -188,7 +197,7 @@ def _along(layers: NDArray[Any], at: Sequence[NDArray[Any]], outside: float) -> 
     return np.where(inside, layers[heading, row, col], outside)
 
 
-def _stretches(where: NDArray[np.bool_], lengths: NDArray[Any]) -> tuple[float, float]:
+def _stretches(where: Bools, lengths: Array) -> tuple[float, float]:
     """The share of the length where something holds, and the longest stretch of it [m]."""
     total = lengths.sum()
     share = float(lengths[where].sum() / total) if total > 0 else 0.0

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import DTypeLike
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import FARTHEST, file_path, positive
 from locplan._util.files import check_target
 from locplan._util.reading import read_text
@@ -49,8 +50,8 @@ class Path(Valued):
     [[0.0, 0.0], [1.5, 2.0], [3.0, 4.0]]
     """
 
-    xy: NDArray[np.float64]
-    heading: NDArray[np.float64] | None = None
+    xy: Floats
+    heading: Floats | None = None
 
     def __post_init__(self) -> None:
         xy = _numbers(self.xy, "a path needs an (n, 2) array of metres")
@@ -79,14 +80,12 @@ class Path(Valued):
         """Iterate over the positions as (x, y) [m]."""
         return map(tuple, self.xy.tolist())
 
-    def __array__(
-        self, dtype: DTypeLike | None = None, copy: bool | None = None
-    ) -> NDArray[np.float64]:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Floats:
         """Positions, (n, 2) [m]."""
         return np.array(self.xy, dtype=dtype, copy=copy)
 
     @property
-    def poses(self) -> NDArray[np.float64]:
+    def poses(self) -> Floats:
         """Positions, with headings where the path has them, (n, 2) or (n, 3) [m, m, rad]."""
         return self.xy if self.heading is None else np.column_stack([self.xy, self.heading])
 
@@ -159,7 +158,7 @@ class Path(Valued):
             raise LocplanError(f"{file}: {error}") from None
 
     @cached_property
-    def distance(self) -> NDArray[np.float64]:
+    def distance(self) -> Floats:
         """Distance travelled at each position, (n,) [m]."""
         steps = np.hypot(*np.diff(self.xy, axis=0).T)
         return np.concatenate([[0.0], np.cumsum(steps)])
@@ -170,7 +169,7 @@ class Path(Valued):
         return float(self.distance[-1])
 
     @property
-    def facing(self) -> NDArray[np.float64]:
+    def facing(self) -> Floats:
         """`heading`, or without it the direction of the line after each position, (n,) [rad]."""
         if self.heading is not None:
             return self.heading
@@ -214,7 +213,7 @@ class Path(Valued):
             poses = divided_poses(poses, np.diff(self.distance) / spacing - 1e-9)
         return Path(poses[:, :2], None if self.heading is None else poses[:, 2])
 
-    def by_heading(self, count: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
+    def by_heading(self, count: int) -> Iterator[tuple[int, Floats]]:
         """Split a path with headings into stretches by the nearest of several even headings.
 
         Along each line of the path the heading turns evenly, the shorter way.
@@ -249,7 +248,7 @@ class Path(Valued):
         yield current % count, np.array(stretch)
 
 
-def _numbers(values: object, fault: str) -> NDArray[np.float64]:
+def _numbers(values: object, fault: str) -> Floats:
     """Array of numbers, copied; a LocplanError of this fault if they are none."""
     try:
         return np.array(values, dtype=np.float64)
@@ -257,7 +256,7 @@ def _numbers(values: object, fault: str) -> NDArray[np.float64]:
         raise LocplanError(fault) from None
 
 
-def divided_poses(poses: NDArray[np.float64], parts: NDArray[np.float64]) -> NDArray[np.float64]:
+def divided_poses(poses: Floats, parts: Floats) -> Floats:
     """Put further poses between poses, evenly on each step.
 
     Parameters

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Octets
 from locplan._util.checks import MAX_RANGE, number
 from locplan._util.files import make_folder
 from locplan.errors import ConfigError
@@ -37,22 +37,15 @@ class Patch:
     """Rows of the window."""
     cols: slice
     """Columns of the window."""
-    before: NDArray[np.uint8]
+    before: Octets
     """Its cells before."""
-    after: NDArray[np.uint8]
+    after: Octets
     """Its cells after."""
 
     @property
     def bytes(self) -> int:
         """Bytes of its cells."""
         return self.before.nbytes + self.after.nbytes
-
-    def limits(self, grid: OccupancyGrid) -> list[float]:
-        """Minimum and maximum x and y of the window in the world, x0, y0, x1, y1 [m]."""
-        rows = [self.rows.start, self.rows.stop, self.rows.start, self.rows.stop]
-        cols = [self.cols.start, self.cols.start, self.cols.stop, self.cols.stop]
-        x, y = grid.grid_to_world(rows, cols)
-        return [float(x.min()), float(y.min()), float(x.max()), float(y.max())]
 
 
 @dataclass(frozen=True)
@@ -87,12 +80,11 @@ def edit(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     strokes = [Stroke.read(each) for each in ask.items("strokes", 500)]
     with session.changing:
         patch = drawn(session.grid, strokes)
-        if patch is None:
-            return {"changed": []}
-        session.edits = last_ones([*session.edits, patch], session.opening.limits)
-        session.undone = []
-        _apply(session, patch, patch.after)
-    return {"changed": [patch.limits(session.grid)]}
+        if patch is not None:
+            session.edits = last_ones([*session.edits, patch], session.opening.limits)
+            session.undone = []
+            _apply(session, patch, patch.after)
+    return {"changed": patch is not None}
 
 
 def last_ones(patches: list[Patch], limits: Limits) -> list[Patch]:
@@ -112,7 +104,7 @@ def step(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
         patch = taken.pop()
         given.append(patch)
         _apply(session, patch, patch.before if back else patch.after)
-    return {"changed": [patch.limits(session.grid)]}
+    return {"changed": True}
 
 
 def save(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
@@ -158,7 +150,7 @@ def drawn(grid: OccupancyGrid, strokes: Sequence[Stroke]) -> Patch | None:
     return Patch(rows, cols, grid.cells[rows, cols].copy(), cells[rows, cols].copy())
 
 
-def _draw_line(cells: NDArray[np.uint8], grid: OccupancyGrid, stroke: Stroke) -> None:
+def _draw_line(cells: Octets, grid: OccupancyGrid, stroke: Stroke) -> None:
     """Fill the cells whose centres a line covers, or those that it crosses where it is thin."""
     level = OCCUPIED if stroke.tool == "wall" else FREE
     half = max(stroke.size[0] / 2, math.sqrt(0.5) * grid.resolution)
@@ -170,7 +162,7 @@ def _draw_line(cells: NDArray[np.uint8], grid: OccupancyGrid, stroke: Stroke) ->
         cells[window][apart <= half + 1e-9] = level
 
 
-def _apply(session: Session, patch: Patch, window: NDArray[np.uint8]) -> None:
+def _apply(session: Session, patch: Patch, window: Octets) -> None:
     """Put a window's cells into the session's map, and bring its field up to date."""
     cells = session.grid.cells.copy()
     cells[patch.rows, patch.cols] = window

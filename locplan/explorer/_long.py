@@ -65,7 +65,7 @@ def steer(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     truth = drive.truth[::5]
     x, y, heading = map(list, zip(*rounded(truth), strict=True))
     return {
-        "what": f"Drive {number + 1}: {drive.outcome}. Of 16, {found.words} arrive",
+        "what": f"Drive {number + 1}: {drive.outcome}; {found.words} arrive",
         "t": (0.5 * np.arange(len(truth))).tolist(),
         **{"x": x, "y": y, "heading": heading},
         "believed": rounded(drive.believed[::5]),
@@ -184,23 +184,29 @@ def twins_everywhere(session: Session, ask: Ask, work: Work) -> dict[str, object
         work.progress(done, total, "comparing places")
 
     progress(0, 1)
-    found = find_twins(
-        database.grid,
-        robot,
-        spacing=spacing_of(database),
-        database=database,
-        progress=progress,
-    )
+    spacing = spacing_of(database)
+    found = find_twins(database.grid, robot, spacing=spacing, database=database, progress=progress)
     progress(1, 1)
     session.twins = texture_of(found, field.stride, digest)
     session.tell({"event": "state"})
-    return {
-        "layer": "twins",
-        "share": found.share,
-        "alike": ALIKE,
-        "places": len(found),
-        "spacing": found.spacing,
-    }
+    about = {"share": found.share, "places": len(found), "spacing": spacing}
+    return {"layer": "twins", "alike": ALIKE, **about}
+
+
+def drive_of(session: Session, ask: Ask) -> tuple[int, Any]:
+    """Number of the recorded drive that is asked for, and the drive."""
+    drives = session.opening.drives
+    if not drives:
+        raise ConfigError("there is no recorded drive; start the explorer with --drive FILE")
+    number = ask.whole("drive", 0, len(drives) - 1, None)
+    if number is None:
+        raise ConfigError("drive must be the number of a recorded drive")
+    return number, drives[number]
+
+
+def drive(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
+    """Answer the ask for the poses of a recorded drive, before its scans are matched."""
+    return dict(drive_of(session, ask)[1].shown(session.grid))
 
 
 def match(session: Session, ask: Ask, work: Work) -> dict[str, object]:
@@ -208,18 +214,11 @@ def match(session: Session, ask: Ask, work: Work) -> dict[str, object]:
 
     They are kept, so that a drive that is shown again has them at once.
     """
-    drives = session.opening.drives
-    if not drives:
-        raise ConfigError("there is no recorded drive; start the explorer with --drive FILE")
-    number = ask.whole("drive", 0, len(drives) - 1, None)
-    if number is None:
-        raise ConfigError("drive must be the number of a recorded drive")
-    grid = session.grid
+    number, asked = drive_of(session, ask)
+    grid, how = session.grid, {"threads": session.opening.threads, "progress": work.progress}
     found: dict[str, Any] = session.files.made(
         ("match", number, grid.digest),
-        lambda: drives[number].shown(
-            grid, matched=True, threads=session.opening.threads, progress=work.progress
-        ),
+        lambda: asked.shown(grid, matched=True, **how),
         lambda made: 200 * len(made["t"]),
     )
     return {"map": grid.digest, "sd": found["sd"], "unlike": found["unlike"]}

@@ -10,11 +10,11 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Ints
 from locplan._util.checks import RESOLUTIONS
 from locplan._util.poses import Numbers, way_along
-from locplan.costs import Costmap, Path
+from locplan.costs import Costmap, Path, crossed_cells
 from locplan.errors import ConfigError
 from locplan.explorer._scene import FACTOR, Scene, rounded, stops_of
 from locplan.explorer._searches import Flood, Searches
@@ -126,14 +126,8 @@ def path_answer(
     The numbers are those of `locplan.costs.path_metrics`, which takes the clearance of the whole
     map besides. The cost is that at a weight where one is given, such as for a draft.
     """
-    from locplan._kernels.rays import cells_along
-
-    rows, cols, lengths = cells_along(np.column_stack(costs.grid.world_to_grid(*path.xy.T)))
-    if not lengths.size:  # a path within one position
-        rows, cols = (np.array([v]) for v in costs.grid.world_to_cell(*path.xy[0]))
-        lengths = np.zeros(1)
-    rows, cols = (np.clip(i, 0, n - 1) for i, n in zip((rows, cols), costs.grid.shape, strict=True))
-    lengths = lengths * costs.grid.resolution
+    _, *at, lengths = crossed_cells(costs.grid, path)
+    rows, cols = (np.clip(i, 0, n - 1) for i, n in zip(at, costs.grid.shape, strict=True))
     ends, u = np.cumsum(lengths), costs.u[rows, cols]
     density, degenerate = costs.density[rows, cols], float(u @ lengths)
     cost = 2 * float(density @ lengths) if np.isfinite(density).all() else float("inf")
@@ -224,7 +218,7 @@ def _fronts_of(view: View, seconds: float, work: Work) -> list[ParetoFront]:
     return legs
 
 
-def _summed(legs: Sequence[ParetoFront]) -> tuple[Numbers, Numbers, NDArray[np.int64], bool]:
+def _summed(legs: Sequence[ParetoFront]) -> tuple[Numbers, Numbers, Ints, bool]:
     """Lengths and integrals (n,) of the best sums of legs, the path of each leg, (n, legs).
 
     The last value says whether points were left out, since there were too many pairs.
@@ -247,12 +241,12 @@ def _summed(legs: Sequence[ParetoFront]) -> tuple[Numbers, Numbers, NDArray[np.i
     return length, integral, chosen, thinned
 
 
-def _undominated(length: Numbers, integral: Numbers) -> NDArray[np.int64]:
+def _undominated(length: Numbers, integral: Numbers) -> Ints:
     """Indices of the pairs that no other one is at most as long and degenerate as, by length."""
     order = np.lexsort((integral, length))
     least = np.minimum.accumulate(integral[order])
     first = np.concatenate([[True], integral[order][1:] < least[:-1]])
-    kept: NDArray[np.int64] = order[first]
+    kept: Ints = order[first]
     return kept
 
 
@@ -284,9 +278,7 @@ def _slope(length: Numbers, integral: Numbers, one: int, other: int) -> float:
     return float((length[other] - length[one]) / (integral[one] - integral[other]))
 
 
-def _thinned(
-    length: Numbers, integral: Numbers, preferred: NDArray[np.bool_], knee: int
-) -> NDArray[np.int64]:
+def _thinned(length: Numbers, integral: Numbers, preferred: Bools, knee: int) -> Ints:
     """Indices of at most `SHOWN` points, evenly along the front: both ends and the knee always.
 
     One that is preferred is taken where it is not much farther from its place than others.
@@ -303,12 +295,12 @@ def _thinned(
     return np.unique([0, count - 1, knee, *apart.argmin(axis=0)])
 
 
-def _evenly(count: int, most: int) -> NDArray[np.int64]:
+def _evenly(count: int, most: int) -> Ints:
     """Indices of at most `most` of `count` things, evenly, with both ends."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))
 
 
-def _joined(legs: Sequence[ParetoFront], chosen: NDArray[np.int64]) -> Path:
+def _joined(legs: Sequence[ParetoFront], chosen: Ints) -> Path:
     """One path of each leg, one after the other."""
     plans = [leg.plan(index) for leg, index in zip(legs, chosen.tolist(), strict=True)]
     return Path.joined([plan.path for plan in plans if plan.path is not None])

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Octets
 from locplan._util.poses import window_around
 from locplan._util.tables import finite
 from locplan.costs import Costmap
@@ -60,16 +61,12 @@ class Parts:
         row, col = (float(v) for v in grid.world_to_grid(*xy[:2]))
         reach = MAX_MOVE / grid.resolution
         window = window_around(row, col, reach, grid.shape)
-        labels = self.labels[window]
-        rows, cols = np.nonzero(labels == label if label else labels > 0)
-        if not rows.size:
+        labels, first = self.labels[window], [each.start for each in window]
+        cells = np.argwhere(labels == label if label else labels > 0) + first
+        squared = ((cells + 0.5 - (row, col)) ** 2).sum(axis=1)
+        if squared.min(initial=np.inf) > reach**2:
             return None
-        rows, cols = rows + window[0].start, cols + window[1].start
-        squared = (rows + 0.5 - row) ** 2 + (cols + 0.5 - col) ** 2
-        at = int(np.argmin(squared))
-        if squared[at] > reach**2:
-            return None
-        return grid.cell_to_world(int(rows[at]), int(cols[at]))
+        return grid.cell_to_world(*cells[squared.argmin()].tolist())
 
 
 def snapped(parts: Parts, stops: Sequence[Position], held: int | None = None) -> list[Position]:
@@ -111,30 +108,22 @@ def stops_of(ask: Ask, parts: Parts) -> tuple[list[Position], int | None]:
     return snapped(parts, stops, held), held
 
 
-@dataclass(frozen=True, eq=False)
-class Floor:
-    """The floor that a robot can stand on, in larger cells."""
+def coarse_costs(fine: Costmap, factor: int = FACTOR) -> Costmap:
+    """The costmap of larger cells: free where at least half is floor, whose mean degeneracy counts.
 
-    grid: OccupancyGrid
-    """The map: free where at least half of a cell's floor is."""
-    u: NDArray[np.float64]
-    """Mean degeneracy of the floor in each cell, (h, w); 0 without a field."""
-
-    @classmethod
-    def of(cls, fine: Costmap, factor: int = FACTOR) -> Floor:
-        """The floor of a costmap, in blocks of its cells."""
-        shape = -(-fine.grid.shape[0] // factor), -(-fine.grid.shape[1] // factor)
-        total, count = np.zeros(shape), np.zeros(shape, np.uint8)
-        for row, col in itertools.product(range(factor), repeat=2):  # no copy of the whole map
-            some = slice(row, None, factor), slice(col, None, factor)
-            free, u = np.isfinite(fine.density[some]), fine.u[some]
-            at = slice(0, free.shape[0]), slice(0, free.shape[1])
-            total[at] += np.where(free & ~np.isnan(u), u, 0.0)
-            count[at] += free
-        free = count >= factor * factor / 2
-        cells = np.where(free, FREE, UNKNOWN).astype(np.uint8)
-        grid = OccupancyGrid(cells, fine.grid.resolution * factor, fine.grid.origin)
-        return cls(grid, total / np.maximum(count, 1))
+    Without a field it has a degeneracy of 0.
+    """
+    shape = -(-fine.grid.shape[0] // factor), -(-fine.grid.shape[1] // factor)
+    total, count = np.zeros(shape), np.zeros(shape, np.uint8)
+    for row, col in itertools.product(range(factor), repeat=2):  # no copy of the whole map
+        some = slice(row, None, factor), slice(col, None, factor)
+        free, u = np.isfinite(fine.density[some]), fine.u[some]
+        at = slice(0, free.shape[0]), slice(0, free.shape[1])
+        total[at] += np.where(free & ~np.isnan(u), u, 0.0)
+        count[at] += free
+    cells = np.where(count >= factor * factor / 2, FREE, UNKNOWN).astype(np.uint8)
+    grid = OccupancyGrid(cells, fine.grid.resolution * factor, fine.grid.origin)
+    return Costmap.from_layers(grid, u=total / np.maximum(count, 1), robot=0.0)
 
 
 @dataclass(frozen=True)
@@ -223,12 +212,12 @@ class Scene:
         return Parts.of(self.costs)
 
     @cached_property
-    def floor(self) -> Floor:
-        """The floor in larger cells, for drafts."""
-        return Floor.of(self.costs)
+    def coarse(self) -> Costmap:
+        """The costmap in larger cells, for drafts."""
+        return coarse_costs(self.costs)
 
     @cached_property
-    def log_deviation(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    def log_deviation(self) -> tuple[Floats, Floats] | None:
         """Logarithm of the largest position deviation [m] on the lattice, and 1 where it is known.
 
         Both are 0 elsewhere, and there are none without a field.
@@ -270,7 +259,7 @@ class Texture:
     """Whether the steps are even in the logarithm."""
     anchors: tuple[float, float]
     """Values of the first and the last step; the last one is the worst."""
-    values: NDArray[np.float64]
+    values: Floats
     """Values on the lattice in SI units, row 0 at the lowest y; NaN where there are none."""
     note: str = ""
     """What the values say, for people; empty where the title suffices."""
@@ -278,7 +267,7 @@ class Texture:
     """Digest of what it is made of; empty for a layer of the field, which has one."""
 
     @property
-    def texels(self) -> NDArray[np.uint8]:
+    def texels(self) -> Octets:
         """Steps from 1 to 255 between the anchors, 0 where there is no value, row 0 on top."""
         steps = 1 + np.rint(254 * share_between(self.values, self.anchors, self.logarithmic))
         return np.asarray(np.nan_to_num(steps, nan=0.0)[::-1], np.uint8)
@@ -310,16 +299,14 @@ def textures_of(field: CovarianceField) -> dict[str, Texture]:
     return {each.name: each for each in made if each.anchors[1] > each.anchors[0]}
 
 
-def degeneracy_of(field: CovarianceField) -> NDArray[np.float64]:
+def degeneracy_of(field: CovarianceField) -> Floats:
     """u of the estimator's own criterion on the lattice, (h, w), as costmaps have it."""
     criterion = field.config.estimator.criterion
     values = field.scalar(criterion, headings="mean", with_q=True)
     return share_between(values, field.anchors(criterion), criterion not in field.layers)
 
 
-def share_between(
-    values: NDArray[np.float64], anchors: tuple[float, float], logarithmic: bool
-) -> NDArray[np.float64]:
+def share_between(values: Floats, anchors: tuple[float, float], logarithmic: bool) -> Floats:
     """Where values lie between two anchors, 0..1; NaN where they are NaN."""
     low, high = anchors
     with np.errstate(invalid="ignore", divide="ignore"):

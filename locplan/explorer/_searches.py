@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Ints, Octets
+from locplan._util.poses import window_around
 from locplan.costs import Costmap, Path
-from locplan.explorer._scene import Floor, Scene
+from locplan.explorer._scene import Scene
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import AnyAngle, Bordered, Position, any_angle_path, bordered_index
 
@@ -110,13 +111,6 @@ class Searched:
         inner.setflags(write=False)
         return cls(dataclasses.replace(costs, density=inner), bordered)
 
-    @classmethod
-    def coarse(cls, floor: Floor, weight: float) -> Searched:
-        """The costmap of a floor in larger cells, for drafts."""
-        density = np.where(floor.grid.free, 1 + weight * floor.u, np.inf)
-        costs = Costmap.from_density(floor.grid, density)
-        return cls(costs, Bordered.of(costs))
-
     def index_of(self, xy: Position) -> int:
         """Index in the bordered grid of the cell at a world position [m]."""
         return bordered_index(self.costs, xy, "position")
@@ -128,13 +122,12 @@ class Searched:
         if grid.contains(row, col) and np.isfinite(density[row, col]):
             return xy
         # A free place has a cell at most two away that is free for its greater part.
-        rows, cols = (slice(max(0, at - 2), max(0, at + 3)) for at in (row, col))
-        near: NDArray[np.int64] = np.argwhere(np.isfinite(density[rows, cols]))
-        if not near.size:
+        window = window_around(row, col, 2, grid.shape)
+        near = np.argwhere(np.isfinite(density[window])) + [each.start for each in window]
+        if not len(near):
             return None
-        near = near + np.array((rows.start, cols.start))
-        at = near[int(np.argmin(((near - np.array((row, col))) ** 2).sum(axis=1)))]
-        return grid.cell_to_world(int(at[0]), int(at[1]))
+        squared = ((near - (row, col)) ** 2).sum(axis=1)
+        return grid.cell_to_world(*near[squared.argmin()].tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +140,7 @@ class Flood:
 
     source: int
     """Index of the end's cell in the bordered grid."""
-    steps: NDArray[np.uint8]
+    steps: Octets
     """Steps back to the end on cheapest ways, flat with the border: a bit for each neighbour."""
 
     @classmethod
@@ -174,7 +167,7 @@ class Flood:
         """Bytes that a search takes while it is made, with its costs."""
         return bordered.half.nbytes + bordered.half.size
 
-    def cells(self, bordered: Bordered, first: int, last: int) -> NDArray[np.int64] | None:
+    def cells(self, bordered: Bordered, first: int, last: int) -> Ints | None:
         """Cells (n, 2) of (row, col) of the cheapest path between two cells; None without one.
 
         One of them is the flood's end. It is the path that a planner finds from the first to the
@@ -213,11 +206,13 @@ class Searches:
 
     def coarse(self, weight: float) -> Searched:
         """The costmap of drafts at a weight."""
+
+        def make() -> Searched:
+            costs = self.scene.coarse.with_weight(weight)
+            return Searched(costs, Bordered.of(costs))
+
         key = ("coarse", self.scene.serial, weight)
-        make = Searched.coarse
-        return self.kept.made(
-            key, lambda: make(self.scene.floor, weight), lambda m: 3 * m.bordered.half.nbytes
-        )
+        return self.kept.made(key, make, lambda made: 3 * made.bordered.half.nbytes)
 
     def flood(
         self, weight: float, end: Position, check: Check | None = None, *, draft: bool = False

@@ -6,11 +6,11 @@ import gzip
 import hashlib
 import hmac
 import logging
+import os
 import re
 import secrets
 import socket
 import threading
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
@@ -26,7 +25,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from locplan.errors import ConfigError, LocplanError
+from locplan.errors import ConfigError
 from locplan.explorer._asks import MAX_MESSAGE
 from locplan.explorer._session import Lane, Session
 from locplan.explorer._socket import Link
@@ -200,9 +199,8 @@ class Server:
                 Route("/", self._file),
                 Route("/static/{name}", self._file),
                 Route("/about", self._about),
-                Route("/data/cells/{digest}", self._cells),
-                Route("/data/layer/{digest}/{name}", self._layer),
-                Route("/data/drive/{number}", self._drive),
+                Route("/data/cells/{digest}", self._data),
+                Route("/data/layer/{digest}/{name}", self._data),
                 Route("/download/{key}", self._download),
                 WebSocketRoute("/socket", self._socket),
             ]
@@ -229,45 +227,23 @@ class Server:
     def _about(self, request: Request) -> Response:
         return JSONResponse(self.session.about())
 
-    def _cells(self, request: Request) -> Response:
-        grid, digest = self.session.grid, request.path_params["digest"]
-        return self._data(
-            ("cells", digest), lambda: cells_of(grid.cells) if digest == grid.digest else None
-        )
-
-    def _layer(self, request: Request) -> Response:
-        digest, name = request.path_params["digest"], request.path_params["name"]
-
-        def texels() -> NDArray[np.uint8] | None:
-            found = (self.session.textures(digest) or {}).get(name)
-            return None if found is None else found.texels
-
-        return self._data(("layer", digest, name), texels)
-
-    def _data(
-        self, key: tuple[str, ...], array: Callable[[], NDArray[np.uint8] | None]
-    ) -> Response:
-        """Bytes of an array that never changes, packed once."""
-        found: bytes | None = self.session.files.get(key)
+    def _data(self, request: Request) -> Response:
+        """Bytes of an array that never changes, packed once: a map's cells, or a layer's steps."""
+        digest, name = request.path_params["digest"], request.path_params.get("name", "")
+        session, key = self.session, ("packed", digest, name)
+        found: bytes | None = session.files.get(key)
         if found is None:
-            made = array()
+            grid, layer = session.grid, (session.textures(digest) or {}).get(name)
+            made = layer and layer.texels
+            if not name and digest == grid.digest:
+                made = cells_of(grid.cells)
             if made is None:
                 return _missing()
             found = gzip.compress(np.ascontiguousarray(made).tobytes(), 3, mtime=0)
-            self.session.files.put(key, found, len(found))
+            session.files.put(key, found, len(found))
         headers = {"cache-control": "private, max-age=31536000, immutable"}
         headers["content-encoding"] = "gzip"
         return Response(found, headers=headers, media_type="application/octet-stream")
-
-    def _drive(self, request: Request) -> Response:
-        drives = {str(n): each for n, each in enumerate(self.session.opening.drives)}
-        drive = drives.get(request.path_params["number"])
-        if drive is None:
-            return _missing()
-        try:
-            return JSONResponse(drive.shown(self.session.grid))
-        except LocplanError as error:
-            return JSONResponse({"error": str(error)}, status_code=409)
 
     async def _download(self, request: Request) -> Response:
         found = self.session.download(request.path_params["key"])
@@ -310,16 +286,11 @@ def _packed_file(content: bytes) -> bytes:
 
 def _listening(port: int) -> socket.socket:
     """A socket of this machine alone that listens on a port, or on any free one for 0."""
-    made = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        made.bind(("127.0.0.1", port))
-        made.listen(64)
-    except (OSError, OverflowError) as error:
-        made.close()
-        reason = getattr(error, "strerror", None) or error
+        return socket.create_server(("127.0.0.1", port), backlog=64)
+    except OSError as error:
+        reason = os.strerror(error.errno) if error.errno else error
         raise ConfigError(f"port {port} cannot be used ({reason}); choose another one") from None
-    return made
 
 
 def _missing() -> Response:

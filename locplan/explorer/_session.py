@@ -14,8 +14,8 @@ from pathlib import Path as FilePath
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools
 from locplan._util.public import called
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
@@ -59,9 +59,7 @@ class View:
             {"criterion": criterion} if criterion != own else {}
         )
 
-    def field_at(
-        self, grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
-    ) -> CovarianceField:
+    def field_at(self, grid: OccupancyGrid, points: Bools | None = None, /) -> CovarianceField:
         """The field with values at some lattice points (h, w) alone, as if computed for these."""
         if points is None:
             return self.field
@@ -134,6 +132,7 @@ ASKS: dict[str, Entry] = {
     "twins": Entry("locplan.explorer._long:twins", "long"),
     "twins_everywhere": Entry("locplan.explorer._long:twins_everywhere", "long"),
     "export": Entry("locplan.explorer._sharing:export", "long"),
+    "drive": Entry("locplan.explorer._long:drive", "slow"),
     "match": Entry("locplan.explorer._long:match", "drive"),
     "share": Entry("locplan.explorer._sharing:share", "long"),
     "reproduce": Entry("locplan.explorer._sharing:reproduce", "look"),
@@ -225,10 +224,7 @@ class Session(Upkeep):
             raise ConfigError("the field is still being computed; wait until it is there")
         if weight is None or weight == scene.costs.weight:
             return scene.costs
-        key = ("costs", scene.serial, float(weight))
-        return self.kept.made(
-            key, lambda: scene.costs.with_weight(weight), lambda made: made.density.nbytes
-        )
+        return scene.costs.with_weight(weight)
 
     def weight_of(self, ask: Ask) -> float:
         """The weight of a question.

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Octets
 from locplan._util.checks import printable
 from locplan._util.files import make_folder
 from locplan._util.runs import Recipe, Spelled
@@ -175,7 +175,7 @@ def share(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     return {"download": key, "name": file, "bytes": len(page)}
 
 
-def _packed(values: NDArray[np.uint8]) -> str:
+def _packed(values: Octets) -> str:
     """Bytes of an array, deflated, as text."""
     return base64.b64encode(zlib.compress(np.ascontiguousarray(values).tobytes(), 9)).decode()
 

@@ -15,15 +15,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from locplan._util.checks import whole
 from locplan._util.tables import finite
 from locplan.errors import LocplanError, one_line
-from locplan.explorer._asks import (
-    MAX_ID,
-    Ask,
-    Cancel,
-    Cancelled,
-    Unanswerable,
-    Work,
-    read_ask,
-)
+from locplan.explorer._asks import MAX_ID, Ask, Cancel, Cancelled, Unanswerable, Work, read_ask
 from locplan.explorer._session import ASKS, Session
 
 

@@ -9,19 +9,14 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan import __version__
+from locplan._kernels.arrays import Octets
 from locplan._util.checks import FARTHEST, number
 from locplan._util.poses import window_around
 from locplan.explorer._asks import MAX_WEIGHT, Ask, Work
 from locplan.explorer._scene import Scene
-from locplan.field import (
-    ESTIMATORS,
-    estimator_class,
-    position_axes,
-    scalar,
-)
+from locplan.field import ESTIMATORS, estimator_class, position_axes, scalar
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import PRESETS
 
@@ -188,7 +183,7 @@ def clearance_at(grid: OccupancyGrid, row: int, col: int) -> float:
     return near if near <= FAR else math.nan
 
 
-def cells_of(cells: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def cells_of(cells: Octets) -> Octets:
     """Cells of a map as 0 for unknown, 1 for free, 2 for occupied ones, row 0 on top."""
     classes = np.zeros(256, np.uint8)
     classes[FREE], classes[OCCUPIED] = 1, 2

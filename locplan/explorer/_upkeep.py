@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Ints
 from locplan._util.checks import check_threads
 from locplan._util.progress import ProgressCallback
 from locplan.costs import CellWindow, Costmap, changed_window, joined_windows
@@ -28,29 +27,6 @@ from locplan.field import (
 from locplan.maps import OccupancyGrid
 
 
-@dataclass(frozen=True, eq=False)
-class Patchwork:
-    """A field of which some values may be those from before an edit."""
-
-    field: CovarianceField
-    """The field on the map of the last repainting."""
-    fresh: NDArray[np.bool_]
-    """Mask of the lattice points whose values are those of this map, (h, w)."""
-    costs: Costmap
-    """The costmap that was shown last."""
-    stale: CellWindow | None = None
-    """Window of it that was read from a field with values from before an edit; None without one."""
-
-    def updated(
-        self, field: CovarianceField, fresh: NDArray[np.bool_], *, whole: bool
-    ) -> Patchwork:
-        """The same with a field whose values are newer, and all up to date if it is whole."""
-        edited = changed_window(self.costs.grid, field, self.costs.robot_radius)
-        stale = joined_windows(self.stale, edited)
-        costs = self.costs.updated(field, window=stale)
-        return Patchwork(field, fresh, costs, None if whole else stale)
-
-
 class Upkeep:
     """A map with its field and costs, and a thread that brings them up to date, the newest only.
 
@@ -66,12 +42,16 @@ class Upkeep:
         """Steps done and all steps of the field that is computed; 0 of 0 before they are known."""
         self.changing = threading.RLock()
         self.listeners: list[Callable[[dict[str, Any]], None]] = []
-        self.scene = Scene(self._floor(grid), None, True, 0)
+        self.scene = Scene(Costmap.blank(grid, robot=opening.robot), None, True, 0)
         self._lane = ThreadPoolExecutor(1, "field")
         self._tiles = ThreadPoolExecutor(check_threads(opening.threads), "tiles")
         self._beginning = threading.Lock()
         self._cancel = Cancel()
-        self._known: Patchwork | None = None
+        self._known: CovarianceField | None = None
+        self._fresh = np.zeros((0, 0), bool)
+        """Mask of the known field's points whose values are those of its map, (h, w)."""
+        self._stale: CellWindow | None = None
+        """Window of the costmap that was read from values of before an edit; None without one."""
         self._latest: Future[None] | None = None
         self._closed = False
         self.listener: ProgressCallback | None = None
@@ -135,28 +115,17 @@ class Upkeep:
         for listener in list(self.listeners):
             listener(event)
 
-    def _floor(self, grid: OccupancyGrid) -> Costmap:
-        """The blank costmap of a map, before there is a field."""
-        return Costmap.blank(grid, robot=self.opening.robot)
-
-    def _costmap_of(self, field: CovarianceField) -> Costmap:
-        """The costmap of a field with the session's settings."""
-        given = {"criterion": self.opening.criterion, "weight": self.opening.weight}
-        radius = self.opening.robot.radius
-        options: dict[str, Any] = {name: v for name, v in given.items() if v is not None}
-        return Costmap.from_field(field.grid, field, robot=radius, **options)
-
     def _work(self, cancel: Cancel, given: CovarianceField | None) -> None:
         cancel.check()
         grid, config = self.grid, self.config
-        known = None if self._known is None else self._known.field
+        known = self._known
         self.busy = 0, 0
         try:
             if known is None:
                 if self.scene.costs.grid.digest != grid.digest:
-                    self.show(self._floor(grid), None, whole=True)
+                    self.show(Costmap.blank(grid, robot=self.opening.robot), None, whole=True)
             elif known.config == config or known.grid.digest != grid.digest:
-                self._repaint(grid, cancel)  # an old field follows the map, too
+                self._repaint(known, grid, cancel)  # an old field follows the map, too
             if known is None or known.config != config:
                 self._whole(grid, config, cancel, given)
         except Cancelled:
@@ -172,20 +141,6 @@ class Upkeep:
                 self.busy = None
                 self.tell({"event": "state"})
 
-    def _repaint(self, grid: OccupancyGrid, cancel: Cancel) -> None:
-        """Bring the known field up to date with an edited map, and show it again and again.
-
-        Of large maps no more costmaps than the one that is shown and the next one have room.
-        """
-        assert self._known is not None
-        repainted = self._repainted(self._known.field, self._known.fresh, grid, cancel)
-        for field, fresh, done in repainted:
-            self.kept.forget()  # the new costmap needs the room
-            self._known = self._known.updated(field, fresh, whole=done)
-            if done and field.config == self.config:
-                self.busy = None
-            self.show(self._known.costs, field, whole=done)
-
     def _whole(
         self,
         grid: OccupancyGrid,
@@ -193,56 +148,38 @@ class Upkeep:
         cancel: Cancel,
         given: CovarianceField | None,
     ) -> None:
-        opening = self.opening
-        field = given
+        """Compute the field with other settings, unless it is given, and show it."""
+        opening, field = self.opening, given
         if field is None:
-            progress = cancel.watching(self._tell)
-            field = load_or_compute(
-                grid,
-                config,
-                cache_dir=opening.cache_dir,
-                threads=opening.threads,
-                progress=progress,
-            )
-        costs = self._costmap_of(field)
+            how: Any = {"cache_dir": opening.cache_dir, "threads": opening.threads}
+            field = load_or_compute(grid, config, progress=cancel.watching(self._tell), **how)
+        settings: Any = {"criterion": opening.criterion, "weight": opening.weight}
+        costs = Costmap.from_field(field.grid, field, robot=opening.robot, **settings)
         cancel.check()
-        self._known = Patchwork(field, field.evaluated | field.lacking, costs)
+        self._known, self._fresh, self._stale = field, field.evaluated | field.lacking, None
         self.busy = None
         self.show(costs, field, whole=True)
 
-    def _repainted(
-        self,
-        known: CovarianceField,
-        fresh: NDArray[np.bool_],
-        grid: OccupancyGrid,
-        cancel: Cancel,
-    ) -> Iterator[tuple[CovarianceField, NDArray[np.bool_], bool]]:
-        """The field on a new map, again and again while its values are computed.
+    def _repaint(self, known: CovarianceField, grid: OccupancyGrid, cancel: Cancel) -> None:
+        """Bring the known field up to date with an edited map, and show it again and again.
 
-        With each comes the mask of its points that are up to date, and whether all of them are.
+        Of large maps no more costmaps than the one that is shown and the next one have room.
         """
         opening, config, before = self.opening, known.config, known.grid
         threads = check_threads(opening.threads)
-        fresh = fresh & untouched_points(before, grid, config)
-        evaluated = config.lattice_points(grid)
-        values = {name: array.copy() for name, array in known.values.items()}
-        for array in values.values():
-            array[~evaluated] = np.nan
-        unknown = evaluated & ~known.evaluated
-        due = evaluated & ~fresh
-        if not due.any():
-            yield CovarianceField.of(values, grid, config), fresh, True
-            return
+        fresh = self._fresh & untouched_points(before, grid, config)
+        evaluated, values = config.lattice_points(grid), known.values
+        due, unknown = evaluated & ~fresh, evaluated & ~known.evaluated
         order = nearest_first(due, unknown, before.cells != grid.cells, known.stride)
         seconds = config.headings * config.estimator.seconds(grid.resolution)
         first = int(opening.limits.first_seconds * threads / seconds)
         size, at = max(opening.limits.min_points, first, int(unknown.sum())), 0
-        while at < len(order):
-            batch = np.zeros_like(due)
+        while True:
+            batch = np.zeros_like(evaluated)
             batch.flat[order[at : at + size]] = True
             values = {name: array.copy() for name, array in values.items()}
             for array in values.values():
-                array[batch] = np.nan
+                array[batch | ~evaluated] = np.nan
 
             def shifted(done: int, _: int, at: int = at) -> None:
                 self._tell(min(at + done, len(order)), len(order))
@@ -253,8 +190,19 @@ class Upkeep:
             for _ in finished_chunks(values, *made, batch):
                 cancel.check()
             fresh, at, size = fresh | batch, at + size, 4 * size
+            whole = at >= len(order)
             field = CovarianceField.of(values, grid, config)
-            yield field, fresh, at >= len(order)
+            self.kept.forget()  # the new costmap needs the room
+            costs = self.scene.costs
+            edited = changed_window(costs.grid, field, costs.robot_radius)
+            stale = joined_windows(self._stale, edited)
+            costs = costs.updated(field, window=stale)
+            self._known, self._fresh, self._stale = field, fresh, None if whole else stale
+            if whole and config == self.config:
+                self.busy = None
+            self.show(costs, field, whole=whole)
+            if whole:
+                return
 
     def _tell(self, done: int, total: int) -> None:
         if self.busy is not None:
@@ -264,9 +212,7 @@ class Upkeep:
             listener(done, total)
 
 
-def nearest_first(
-    due: NDArray[np.bool_], first: NDArray[np.bool_], changed: NDArray[np.bool_], stride: int
-) -> NDArray[np.int64]:
+def nearest_first(due: Bools, first: Bools, changed: Bools, stride: int) -> Ints:
     """Flat indices of the due lattice points (h, w): some first, then by distance to an edit.
 
     The edit is a mask of the map's cells (H, W).

@@ -114,18 +114,10 @@ def degenerate_areas(
             np.stack(grid.grid_to_world(*corners.T[::-1] / QUARTERS), axis=1)
             for corners in polygons[label]
         )
-        areas.append(
-            DegenerateArea(
-                f"area-{n}",
-                outline,
-                tuple(holes),
-                grid.cell_to_world(row + low, col + left),
-                float(sizes[label]),
-                float(u.mean()),
-                float(u.max()),
-                **_deviations_of(covariance),
-            )
-        )
+        middle = grid.cell_to_world(row + low, col + left)
+        about = _deviations_of(covariance) | {"area": float(sizes[label])}
+        about |= {"u_mean": float(u.mean()), "u_max": float(u.max())}
+        areas.append(DegenerateArea(f"area-{n}", outline, tuple(holes), middle, **about))
     return tuple(areas)
 
 
@@ -275,10 +267,11 @@ def summary_of(
 def _write_for_autoware(folder: Path, areas: Sequence[DegenerateArea]) -> None:
     """Write a Lanelet2 map (OSM) of the areas, and parameters that give poses a covariance."""
     ids = count(-1, -1)  # negative ones are those of new objects
-    polygons = []
-    for area in areas:
-        corners = without_holes(area.outline, area.holes).tolist()
-        polygons.append((area, [(next(ids), x, y) for x, y in corners], next(ids)))
+    rings = (without_holes(area.outline, area.holes).tolist() for area in areas)
+    polygons = [
+        (area, [(next(ids), x, y) for x, y in ring], next(ids))
+        for area, ring in zip(areas, rings, strict=True)
+    ]
     # Ids of environments up to 100 are left to those who tune them by hand.
     environments = [(n, area, _body_covariance(area)) for n, area in enumerate(areas, start=101)]
     osm = rendered("lanelet2.osm", polygons=polygons)

@@ -177,16 +177,15 @@ def field_runs_table(runs: Sequence[FieldRun]) -> str:
     runs : sequence of FieldRun
         The results.
     """
-    rows = []
+    rows, std = [], SCALARS["position_std"]
     for run in runs:
-        if run.summary is None:
+        if (found := run.summary) is None:
             rows.append([name_of(run.file), "–", "–", "–", "–", "failed"])
         else:
-            cells, share = f"{run.summary.cells_evaluated:,}", f"{run.summary.saturated_share:.0%}"
-            std = SCALARS["position_std"]
-            position = f"{run.summary.position_std.median_text(std.factor)} {std.unit}"
-            e, took = run.summary.e.median_text(), f"{run.seconds:.1f} s"
-            rows.append([run.summary.map, cells, position, e, share, took])
+            position = f"{found.position_std.median_text(std.factor)} {std.unit}"
+            cells, share = f"{found.cells_evaluated:,}", f"{found.saturated_share:.0%}"
+            texts = [position, found.e.median_text(), share, f"{run.seconds:.1f} s"]
+            rows.append([found.map, cells, *texts])
     errors = [f"failed: {run.error}" for run in runs if run.error]
     columns = ["map", "cells", "median position std", "median e", "saturated", "took"]
     return "\n".join([table(columns, rows), *errors])

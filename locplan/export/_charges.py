@@ -26,12 +26,6 @@ from locplan.errors import ConfigError
 from locplan.export._registry import check_has_field, export_folder
 from locplan.maps import OccupancyGrid
 
-RETROSPECTIVE_PENALTY = 0.015
-"""SmacPlannerHybrid's default, which multiplies every step by 1 minus it."""
-_NO_LIMIT = {"max_iterations": -1}
-"""A mask can make the Smac planners expand several times as many cells, on large maps more than the
-million at which they give up by default; so they get no limit, and five times their own time."""
-
 
 @dataclass(frozen=True)
 class NavPlanner:
@@ -68,32 +62,31 @@ def _theta_star_weight(cost: float, excess: float) -> float:
     return excess / (full - free * (1 + excess))
 
 
+def _smac(
+    name: str, kind: str, parameter: str, default: float, seconds: float, **assumed: Any
+) -> NavPlanner:
+    """A Smac planner, which multiplies each step by 1 less its `retrospective_penalty`.
+
+    A mask can make it expand several times as many cells, on large maps more than the million at
+    which it gives up by default; so it gets no limit, and five times its own time.
+    """
+    step = 1 - assumed.get("retrospective_penalty", 0.0)
+    return NavPlanner(
+        *(name, f"nav2_smac_planner::SmacPlanner{kind}", parameter),
+        lambda costs, k: k * costs / 252 / step,
+        lambda cost, excess: excess * step * 252 / cost,
+        *(default, {**assumed, "max_iterations": -1}, seconds),
+    )
+
+
 PLANNERS = {
     planner.name: planner
     for planner in (
-        NavPlanner(
-            "smac2d",
-            "nav2_smac_planner::SmacPlanner2D",
-            "cost_travel_multiplier",
-            lambda costs, k: k * costs / 252,
-            lambda cost, excess: excess * 252 / cost,
-            1.0,
-            _NO_LIMIT,
-            planning_time=10.0,
-        ),
-        NavPlanner(
-            "smac-hybrid",
-            "nav2_smac_planner::SmacPlannerHybrid",
-            "cost_penalty",
-            lambda costs, k: k * costs / 252 / (1 - RETROSPECTIVE_PENALTY),
-            lambda cost, excess: excess * (1 - RETROSPECTIVE_PENALTY) * 252 / cost,
-            2.0,
-            {
-                "retrospective_penalty": RETROSPECTIVE_PENALTY,
-                "use_quadratic_cost_penalty": False,
-                **_NO_LIMIT,
-            },
-            planning_time=25.0,
+        _smac("smac2d", "2D", "cost_travel_multiplier", 1.0, 10.0),
+        _smac(
+            *("smac-hybrid", "Hybrid", "cost_penalty", 2.0, 25.0),
+            retrospective_penalty=0.015,  # its default
+            use_quadratic_cost_penalty=False,
         ),
         NavPlanner(
             "navfn",
@@ -169,12 +162,7 @@ def checked_planner(name: str, param: float | None) -> NavPlanner:
 
 
 def values_for(
-    density: Floats,
-    planner: NavPlanner,
-    greatest: float,
-    param: float | None = None,
-    *,
-    static: bool = False,
+    density: Floats, planner: NavPlanner, greatest: float, param: float | None, static: bool
 ) -> tuple[NDArray[np.int8], Conversion]:
     """The values of a mask, or of a `static` layer, by which a planner has `density` as costs.
 
@@ -194,8 +182,7 @@ def values_for(
         needed = planner.parameter_for(float(costs[-1]), greatest) if greatest > 0 else 1.0
         param = math.ceil(needed * 1000 - 1e-9) / 1000
     charged = planner.excess(costs, param)
-    borders = (charged[1:] + charged[:-1]) / 2
-    nearest = np.searchsorted(borders, excess)
+    nearest = np.searchsorted((charged[1:] + charged[:-1]) / 2, excess)
     values = np.full(density.shape, -1, np.int8)
     values[np.isfinite(density)] = choices[nearest]
     above = excess > charged[-1] * (1 + 1e-9)
@@ -240,11 +227,10 @@ def write_values(
     """
     from PIL import Image
 
-    free, occupied = 0.0, 1.0
     if mode == "raw":
         picture = Image.fromarray(values[::-1].view(np.uint8))
         image = stem.with_suffix(".pgm")
-        occupied, free = 0.65, 0.196
+        free, occupied = 0.196, 0.65
     else:
         greys, (free, occupied) = _greys(mode)
         known = values >= 0  # ROS 1 looks at the opacity between its thresholds only
@@ -262,22 +248,6 @@ def write_values(
         "free_thresh": free,
     }
     stem.with_suffix(".yaml").write_text(dumped(entries, default_flow_style=None), "utf-8")
-
-
-def write_preview(
-    folder: Path,
-    grid: OccupancyGrid,
-    values: NDArray[np.int8],
-    label: str,
-    title: str,
-    *,
-    falling: bool = False,
-) -> None:
-    """Draw the values over their map; `falling` labels them by what is left of 100."""
-    from locplan.export import _figures
-
-    figure = _figures.values_figure(grid, values, label, f"{grid.name or 'map'}: {title}", falling)
-    _figures.save_preview(folder, figure, dpi=90)
 
 
 def percent(costs: Costmap) -> NDArray[np.int8]:
@@ -313,14 +283,17 @@ def ros_map(folder: str | Path, costs: Costmap) -> None:
     LocplanError
         If the folder cannot be written, or there is no field.
     """
+    from locplan.export import _figures
+
     values = percent(costs)
     about = {"kind": "ros-map"} | about_costs(costs)
     grid = without_yaw(costs.grid)
     with export_folder(folder, "ros-map.md", about, map=grid.name or "a map") as temporary:
         for mode in ("raw", "scale", "scale-ros1"):
             write_values(temporary / mode.replace("-", "_"), values, grid, mode)
-        above = f"as it is published{costs_caption(costs)}"
-        write_preview(temporary, costs.grid, values, "degeneracy u [%]", above)
+        title = f"{grid.name or 'map'}: as it is published{costs_caption(costs)}"
+        figure = _figures.values_figure(costs.grid, values, "degeneracy u [%]", title)
+        _figures.save_preview(temporary, figure, dpi=90)
 
 
 def _greys(mode: str) -> tuple[Ints, tuple[float, float]]:

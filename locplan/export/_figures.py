@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -20,31 +19,21 @@ from matplotlib.ticker import FuncFormatter
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
+from locplan import plotting
 from locplan._kernels.arrays import Floats
 from locplan.costs import Costmap, costs_caption
 from locplan.export._outlines import DegenerateArea
 from locplan.export._roadmap import RouteGraph
 from locplan.field import CovarianceField
-from locplan.maps import UNKNOWN, OccupancyGrid
-from locplan.plotting import (
-    Picture,
-    draw_cells,
-    draw_map,
-    field_norm,
-    label_plainly,
-    map_axes,
-    map_size,
-    save_figure,
-    style,
-)
+from locplan.maps import OccupancyGrid
 
 EDGE_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.2, 1.0, 256)))
 """Colours of edges, the costly ones dark; all of them can be told from white."""
 
 
-def save_preview(folder: FilePath, figure: Figure, dpi: int = style.PREVIEW_DPI) -> None:
+def save_preview(folder: FilePath, figure: Figure, dpi: int = plotting.style.PREVIEW_DPI) -> None:
     """Write the picture of an export into its folder."""
-    save_figure(figure, folder / "preview.png", dpi=dpi)
+    plotting.save_figure(figure, folder / "preview.png", dpi=dpi)
 
 
 def values_figure(
@@ -66,12 +55,12 @@ def values_figure(
         Whether the scale names what is left of 100, such as the speed of which the values say how
         much is given up.
     """
-    grid, shown = _shrunk(grid, values)
-    figure, axes = map_axes(grid)
-    draw_map(axes, grid)
+    grid, shown = plotting.coarse(grid, 1000), plotting.shrunk(values, maximum=True, most=1000)
+    figure, axes = plotting.map_axes(grid)
+    plotting.draw_map(axes, grid)
     if (shown >= 0).any():
         known, norm = np.ma.masked_less(shown, 0), Normalize(0.0, max(25.0, shown.max()))
-        image = draw_cells(axes, grid, known, cmap=style.FIELD_COLOURS, norm=norm)
+        image = plotting.draw_cells(axes, grid, known, cmap=plotting.style.FIELD_COLOURS, norm=norm)
         bar = figure.colorbar(image, ax=axes, label=label, shrink=0.9)
         if falling:
             bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 - value:.0f}"))
@@ -91,12 +80,12 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
     title : str
         Title of the figure.
     """
-    figure, axes = map_axes(costs.grid)
-    draw_map(axes, costs.grid)
-    axes.images[0].set_cmap(style.LIGHT_MAP_COLOURS)
+    figure, axes = plotting.map_axes(costs.grid)
+    plotting.draw_map(axes, costs.grid)
+    axes.images[0].set_cmap(plotting.style.LIGHT_MAP_COLOURS)
     per_metre = graph.cost / graph.length
     order = np.argsort(per_metre, kind="stable")  # the costliest on top
-    width, _ = map_size(costs.grid)
+    width, _ = plotting.map_size(costs.grid)
     # An edge is as wide as a share of the median length, both as drawn; nodes are twice as wide.
     scale = 72 * width / np.ptp(axes.get_xlim())
     drawn = 0.07 * scale * np.median(graph.length) if len(order) else 0.0
@@ -116,34 +105,12 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
     return figure
 
 
-def _shrunk(grid: OccupancyGrid, values: NDArray[Any]) -> tuple[OccupancyGrid, NDArray[Any]]:
-    """A map that is no finer than a picture shows, with its values.
-
-    Of cells that are merged, walls and the greatest values stay.
-    """
-    step = -(-max(grid.shape) // 1000)
-    if step == 1:
-        return grid, values
-    down, right = (-size % step for size in grid.shape)
-    blocks, merged = (
-        np.pad(array, ((0, down), (0, right)), constant_values=outside).reshape(
-            (grid.shape[0] + down) // step, step, -1, step
-        )
-        for array, outside in ((grid.cells, UNKNOWN), (values, -1))
-    )
-    cells, resolution = blocks.min(axis=(1, 3)), grid.resolution * step
-    return dataclasses.replace(grid, cells=cells, resolution=resolution), merged.max(axis=(1, 3))
-
-
 def norm_of(field: CovarianceField, name: str, values: Floats) -> Normalize:
     """The scale of plots, in the unit of the values (H, W)."""
-    factor = field.quantity(name).factor
-    ends = np.array(field.anchors(name))
+    factor, ends = field.quantity(name).factor, np.array(field.anchors(name))
     if np.isfinite(values).any():
         ends = np.array([np.nanmin(values), np.nanmax(values)])
-    norm = field_norm(field, name, factor * ends)
-    assert norm.vmin is not None
-    assert norm.vmax is not None
+    norm: Any = plotting.field_norm(field, name, factor * ends)
     return LogNorm(norm.vmin / factor, norm.vmax / factor)
 
 
@@ -155,7 +122,7 @@ def write_coloured(file: FilePath, values: Floats, norm: Normalize) -> None:
     for first in range(0, len(values), 256):  # some rows at a time, which saves memory
         some = values[::-1][first : first + 256]
         known = np.isfinite(some)
-        shades = style.FIELD_COLOURS(np.asarray(norm(some[known])), bytes=True)
+        shades = plotting.style.FIELD_COLOURS(np.asarray(norm(some[known])), bytes=True)
         colours[first : first + 256][known] = shades
     Image.fromarray(colours, "RGBA").save(file, "png", compress_level=3)
 
@@ -173,19 +140,19 @@ def legend_figure(
     units : mapping of str to str
         The files' units.
     """
-    figure = Picture(figsize=(6.4, 0.7 + 1.5 * len(norms)), layout="constrained")
+    figure = plotting.Picture(figsize=(6.4, 0.7 + 1.5 * len(norms)), layout="constrained")
     rows = figure.subplots(len(norms), 1, squeeze=False)[:, 0]
     for axes, (name, norm) in zip(rows, norms.items(), strict=True):
         shown = field.quantity(name)
-        colours = ScalarMappable(norm, style.FIELD_COLOURS)
+        colours = ScalarMappable(norm, plotting.style.FIELD_COLOURS)
         bar = figure.colorbar(colours, cax=axes, orientation="horizontal").ax
         bar.set_box_aspect(0.06)
         bar.set_xlabel(f"{name} [{units[name]}] in files")
         both = partial(np.multiply, shown.factor), partial(np.multiply, 1 / shown.factor)
         above = bar.secondary_xaxis("top", functions=both)
         above.set_xlabel(shown.axis)
-        label_plainly(bar.xaxis)
-        label_plainly(above.xaxis)
+        plotting.label_plainly(bar.xaxis)
+        plotting.label_plainly(above.xaxis)
     title = f"{field.grid.name or 'map'}; transparent: nothing is known\n{field.config.summary}"
     figure.suptitle(title, fontsize="medium")
     return figure
@@ -201,11 +168,14 @@ def areas_figure(grid: OccupancyGrid, areas: Sequence[DegenerateArea], title: st
         They are named where no name of a larger one stands.
     title : str
     """
-    figure, axes = map_axes(grid)
-    draw_map(axes, grid)
-    shapes = [_path(area) for area in areas]
+    figure, axes = plotting.map_axes(grid)
+    plotting.draw_map(axes, grid)
+    shapes = []
+    for area in areas:
+        rings = [np.concatenate([ring, ring[:1]]) for ring in (area.outline, *area.holes)]
+        shapes.append(Path.make_compound_path(*(Path(ring, closed=True) for ring in rings)))
     sienna, looks = "#a0522d", {"alpha": 0.75, "linewidths": 1.0}
-    faces = PathCollection(shapes, facecolors=style.ORANGE, edgecolors=sienna, **looks)
+    faces = PathCollection(shapes, facecolors=plotting.style.ORANGE, edgecolors=sienna, **looks)
     axes.add_collection(faces, autolim=False)
     longest = 0.02 * max(*np.ptp([axes.get_xlim(), axes.get_ylim()], axis=1))
     lines = []
@@ -216,7 +186,7 @@ def areas_figure(grid: OccupancyGrid, areas: Sequence[DegenerateArea], title: st
             lines.append([area.middle - arm, area.middle + arm])
     axes.add_collection(LineCollection(lines, colors="black", linewidths=2.0), autolim=False)
     taken: list[Bbox] = []
-    metre = 72 * (map_size(grid)[0] - 2.0) / np.ptp(axes.get_xlim())  # in points, nearly
+    metre = 72 * (plotting.map_size(grid)[0] - 2.0) / np.ptp(axes.get_xlim())  # in points, nearly
     for area in areas:
         label = f"{area.name}: {100 * area.position_std:.0f} cm"
         x, y = metre * np.array(area.middle)
@@ -226,15 +196,7 @@ def areas_figure(grid: OccupancyGrid, areas: Sequence[DegenerateArea], title: st
             text = axes.annotate(
                 label, area.middle, (0, 4), textcoords="offset points", ha="center", fontsize=8
             )
-            text.set_path_effects(style.outline(2.5))
+            text.set_path_effects(plotting.style.outline(2.5))
     below = "name: median position std. deviation; line: its direction"
     axes.set_title(f"{title}\n{below}" if areas else title, fontsize="medium")
     return figure
-
-
-def _path(area: DegenerateArea) -> Path:
-    """An area with its holes as a path of matplotlib."""
-    rings = [area.outline, *area.holes]
-    corners = [np.concatenate([ring, ring[:1]]) for ring in rings]
-    codes = [[Path.MOVETO, *[Path.LINETO] * (len(ring) - 1), Path.CLOSEPOLY] for ring in rings]
-    return Path(np.concatenate(corners), np.concatenate(codes))

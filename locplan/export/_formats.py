@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Literal
 
 from locplan._util.checks import number, positive, whole
+from locplan._util.public import called
 from locplan.errors import ConfigError
 from locplan.export._registry import ExportJob, ExportSummary, Format, NoOptions
 from locplan.robots import read_parameters
@@ -82,16 +83,17 @@ class SpeedOptions(Nav2Options):
         number("slowest", self.slowest, 0.01, 1)
 
 
-def write_mask(kind: str, target: Path, job: ExportJob, options: ChargedOptions) -> ExportSummary:
-    """Write a mask for the keepout filter, or a map for a second static layer."""
-    from locplan.export._nav2 import nav2_keepout, nav2_static
+def by(
+    function: str, given: str = "costs"
+) -> Callable[[Path, ExportJob, NoOptions], ExportSummary]:
+    """The writer of a format by a public function of a target, a part of the job, and options."""
 
-    write = nav2_static if kind == "static" else nav2_keepout
-    conversion = write(target, job.costs, **vars(options))
-    return ExportSummary(conversion.summary(), conversion.rows())
+    def write(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary:
+        home = f"locplan.export.{function}"
+        found = called(home, target, getattr(job, given), **vars(options))
+        return ExportSummary() if found is None else ExportSummary(found.summary(), found.rows())
 
-
-write_keepout, write_static = partial(write_mask, "keepout"), partial(write_mask, "static")
+    return write
 
 
 def write_speed(target: Path, job: ExportJob, options: SpeedOptions) -> ExportSummary:
@@ -241,14 +243,6 @@ def write_bag(target: Path, job: ExportJob, options: BagOptions) -> ExportSummar
     return ExportSummary({"paths": list(job.paths)} | conversion.summary(), conversion.rows())
 
 
-def write_map(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary:
-    """Write u in per cent as maps in the modes raw and scale."""
-    from locplan.export._charges import ros_map
-
-    ros_map(target, job.costs)
-    return ExportSummary()
-
-
 @dataclass(frozen=True, kw_only=True)
 class PathOptions(InFrame):
     """The options of a path."""
@@ -268,14 +262,6 @@ def write_path(target: Path, job: ExportJob, options: PathOptions) -> ExportSumm
     (route,) = job.paths.values()
     path(target, route, **vars(options))
     return ExportSummary({"length": route.length}, (("length", f"{route.length:.2f} m"),))
-
-
-def write_field(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary:
-    """Write the field; the suffix chooses the format."""
-    from locplan.export._plain_files import field
-
-    field(target, job.field)
-    return ExportSummary()
 
 
 def write_layer(target: Path, job: ExportJob, options: InFrame) -> ExportSummary:
@@ -310,6 +296,8 @@ def write_areas(target: Path, job: ExportJob, options: AreaOptions) -> ExportSum
     return summary_of(areas, job.costs, job.field, options.threshold)
 
 
+write_keepout, write_static = by("_nav2:nav2_keepout"), by("_nav2:nav2_static")
+write_map, write_field = by("_charges:ros_map"), by("_plain_files:field", "field")
 FORMATS = (
     Format("nav2-keepout", "a mask for Nav2's KeepoutFilter", write_keepout, ChargedOptions),
     Format("nav2-static", "a map for a StaticLayer of Nav2", write_static, ChargedOptions),

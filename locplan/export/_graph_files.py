@@ -136,12 +136,7 @@ def route_graph(
 
 
 def write_graph(
-    folder: Path,
-    costs: Costmap,
-    graph: RouteGraph,
-    frame: str,
-    title: str,
-    weight: float | None = None,
+    folder: Path, costs: Costmap, graph: RouteGraph, frame: str, title: str, weight: float | None
 ) -> None:
     """Write a graph with its picture and its server, whose costs are those of the edges.
 
@@ -151,23 +146,21 @@ def write_graph(
 
     write_geojson(folder / "graph.geojson", to_geojson(graph, frame))
     _figures.save_preview(folder, _figures.routes_figure(costs, graph, title))
-    files = {"graph_filepath": "graph.geojson"}
-    server = Server("nav2_route", "route_server", "route_server", _route_server(weight), files)
-    write_servers(folder, [server], "lifecycle_manager_localizability_routes")
-
-
-def _route_server(weight: float | None) -> dict[str, Any]:
+    scorers = "DistanceScorer", "PenaltyScorer", "DynamicEdgesScorer"
+    loader = "GeoJsonGraphFileLoader"
+    plugins: dict[str, Any] = {name: {"plugin": f"nav2_route::{name}"} for name in scorers}
     tag, factor = ("penalty", 1.0) if weight is None else ("integrated_u", weight)
-    scorer = {"plugin": "nav2_route::PenaltyScorer", "penalty_tag": tag, "weight": factor}
-    return {
-        "graph_file_loader": "GeoJsonGraphFileLoader",
-        "GeoJsonGraphFileLoader": {"plugin": "nav2_route::GeoJsonGraphFileLoader"},
-        "edge_cost_functions": ["DistanceScorer", "PenaltyScorer", "DynamicEdgesScorer"],
-        "DistanceScorer": {"plugin": "nav2_route::DistanceScorer"},
-        "PenaltyScorer": scorer,
-        "DynamicEdgesScorer": {"plugin": "nav2_route::DynamicEdgesScorer"},
+    plugins["PenaltyScorer"] |= {"penalty_tag": tag, "weight": factor}
+    parameters = {
+        "graph_file_loader": loader,
+        loader: {"plugin": f"nav2_route::{loader}"},
+        "edge_cost_functions": list(scorers),
+        **plugins,
         "smooth_corners": False,  # arcs would leave the edges, which were checked
     }
+    files = {"graph_filepath": "graph.geojson"}
+    server = Server("nav2_route", "route_server", "route_server", parameters, files)
+    write_servers(folder, [server], "lifecycle_manager_localizability_routes")
 
 
 def to_lif(
@@ -233,10 +226,9 @@ def to_lif(
         for n, (x, y) in enumerate(graph.nodes.tolist(), start=1)
     ]
     edges = []
+    values = np.column_stack([graph.length, graph.cost, graph.integrated_u]).tolist()
     for edge, start, end in graph.directions:
-        length, cost, u = (
-            float(each[edge]) for each in (graph.length, graph.cost, graph.integrated_u)
-        )
+        length, cost, u = values[edge]
         rules: dict[str, Any] = {"vehicleTypeId": vehicle, "rotationAllowed": True}
         if speed is not None:
             rules["maxSpeed"] = speed * length / cost
@@ -320,21 +312,14 @@ def lif(
     """
     file = Path(path)
     check_target(file, ".json")
-    grid = costs.grid
-    if grid.origin[2]:
-        xy = where_unturned(grid, np.array([(each.x, each.y) for each in stations]).reshape(-1, 2))
-        stations = [Station(each.name, *at) for each, at in zip(stations, xy.tolist(), strict=True)]
-        costs = dataclasses.replace(costs, grid=without_yaw(grid))
+    if costs.grid.origin[2]:
+        xy = np.reshape([(each.x, each.y) for each in stations], (-1, 2))
+        ends = zip(stations, where_unturned(costs.grid, xy).tolist(), strict=True)
+        stations = [Station(each.name, *at) for each, at in ends]
+        costs = dataclasses.replace(costs, grid=without_yaw(costs.grid))
     graph, at = with_stations(costs, roadmap(costs, spacing=spacing), stations)
-    layout = to_lif(
-        graph,
-        name=costs.grid.name or "map",
-        timestamp=timestamp or datetime.now(UTC),
-        vehicle=vehicle,
-        speed=speed,
-        stations=stations,
-        at=at,
-    )
+    known: Any = {"name": costs.grid.name or "map", "timestamp": timestamp or datetime.now(UTC)}
+    layout = to_lif(graph, **known, vehicle=vehicle, speed=speed, stations=stations, at=at)
     text = json.dumps(layout, indent=1, allow_nan=False, ensure_ascii=True)
     with replacing(file) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")

@@ -17,6 +17,7 @@ from locplan._kernels.route import line_costs
 from locplan._kernels.search import bordered_half
 from locplan.costs import Costmap, Path
 from locplan.export._net import Pairs, Positions
+from locplan.export._roadmap import space_of
 
 MERGED = 2.0
 """Maximum distance of a lane that a way can join [m]."""
@@ -40,17 +41,14 @@ class Lines:
     """
 
     def __init__(self, costs: Costmap, aside: float = 0.0) -> None:
-        self.aside = aside * costs.grid.resolution
-        grid, passable = costs.grid, np.isfinite(costs.density)
-        x, y, yaw = grid.origin
-        self.resolution = grid.resolution
-        turn = np.cos(yaw) / grid.resolution, np.sin(yaw) / grid.resolution
-        self.frame = grid.shape[1] + 2, (*turn, x, y)
+        self.resolution = costs.grid.resolution
+        self.aside = aside * self.resolution
+        _, *self.frame = space_of(costs)
         price = costs.unblocked_density
         priced = np.isfinite(price)
         price = np.where(priced, price, price[priced].max(initial=1.0))
         self.price = bordered_half(price, 1)
-        self.blocked = bordered_half(np.where(passable, 0.0, 1.0), 1)
+        self.blocked = bordered_half(np.where(np.isfinite(costs.density), 0.0, 1.0), 1)
 
     def costs(self, xy: Positions, pairs: Pairs) -> Floats:
         """J of the lines between pairs of positions [m]; infinite through what is blocked."""
@@ -151,7 +149,6 @@ def _with_lane(
 ) -> tuple[Positions, list[int]]:
     """The nodes with those that a path adds to them, and its way."""
     from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import dijkstra
 
     old = len(nodes)
     both = np.concatenate([nodes, xy])
@@ -172,12 +169,7 @@ def _with_lane(
     usable = np.isfinite(cost) & (pairs[:, 0] != pairs[:, 1])
     pairs, order = np.unique(np.sort(pairs[usable], axis=1)[::-1], axis=0, return_index=True)
     graph = coo_array((cost[usable][::-1][order], pairs.T), shape=(len(both), len(both))).tocsr()
-    start, goal = of_own[[0, -1]]
-    before = dijkstra(graph, directed=False, indices=start, return_predecessors=True)[1]
-    way = [int(goal)]
-    while way[-1] != start:
-        way.append(int(before[way[-1]]))
-    way.reverse()
+    way = _cheapest(graph, int(of_own[0]), int(of_own[-1]), directed=False)
     own = _without_loops(of_own.tolist())
     if lines.along(both[way]).sum() > COSTLIER * lines.along(both[own]).sum():
         way = own
@@ -238,12 +230,7 @@ def _aside(ends: Positions, xy: Positions) -> Any:
 
 
 def followed_costs(
-    nodes: Positions,
-    edges: Pairs,
-    price: Floats,
-    least: Floats,
-    ways: Sequence[Sequence[int]],
-    weights: Floats,
+    nodes: Floats, edges: Pairs, price: Floats, least: Floats, ways: list[list[int]], worth: Floats
 ) -> tuple[Floats, list[bool]]:
     """Costs of edges by which the cheapest routes are given ways, and for which of them they are.
 
@@ -261,14 +248,19 @@ def followed_costs(
         The costs as they should be, and their lower bounds.
     ways : sequence of sequences of int
         The nodes of each way.
-    weights : (ways,) array
+    worth : (ways,) array
         What each way is worth, in changed costs, where not all can be followed.
     """
     index = {(i, j): n for n, (i, j) in enumerate(edges.tolist())}
-    used = np.zeros((len(ways), len(edges)))
-    for n, way in enumerate(ways):
-        used[n, [index[two] for two in pairwise(way)]] = 1
-    cost = price
+
+    def over(ways: list[list[int]]) -> Floats:
+        """1 for the edges of each way, (ways, edges)."""
+        used = np.zeros((len(ways), len(edges)))
+        for row, way in zip(used, ways, strict=True):
+            row[[index[two] for two in pairwise(way)]] = 1
+        return used
+
+    cost, used = price, over(ways)
     excess, of_way = np.empty((0, len(edges))), np.empty(0, int)  # a way's edges less a route's
     for _ in range(50):
         routes = {
@@ -276,18 +268,13 @@ def followed_costs(
             for n, route in enumerate(_cheapest_routes(edges, cost, used, ways))
             if apart(nodes, ways[n], route)
         }
-        others = np.zeros((len(routes), len(edges)))
-        for row, route in zip(others, routes.values(), strict=True):
-            row[[index[two] for two in pairwise(route)]] = 1
         numbers = np.array(list(routes), int)
-        more = used[numbers] - others
-        if all(
-            ((of_way == n) & (excess == row).all(axis=1)).any()
-            for n, row in zip(numbers, more, strict=True)
-        ):
+        more = used[numbers] - over([*routes.values()])
+        new = zip(numbers, more, strict=True)
+        if all((excess[of_way == n] == row).all(axis=1).any() for n, row in new):
             break
         of_way, excess = np.concatenate([of_way, numbers]), np.vstack([excess, more])
-        cost = _min_changed(price, least, excess, of_way, weights)
+        cost = _min_changed(price, least, excess, of_way, worth)
     return cost, [n not in routes for n in range(len(ways))]
 
 
@@ -296,17 +283,23 @@ def _cheapest_routes(
 ) -> Iterator[list[int]]:
     """The nodes of the cheapest route between the ends of each way."""
     from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import dijkstra
 
     count = int(edges.max()) + 1
     for way, own in zip(ways, used, strict=True):
         costlier = cost + own * MARGIN / 2 / own.sum()  # a tie would be followed by chance only
         graph = csr_array((costlier, edges.T), shape=(count, count))
-        before = dijkstra(graph, indices=way[0], return_predecessors=True)[1]
-        route = [way[-1]]
-        while route[-1] != way[0]:
-            route.append(int(before[route[-1]]))
-        yield route[::-1]
+        yield _cheapest(graph, way[0], way[-1])
+
+
+def _cheapest(graph: Any, start: int, goal: int, directed: bool = True) -> list[int]:
+    """The nodes of the cheapest route in a sparse matrix of costs."""
+    from scipy.sparse.csgraph import dijkstra
+
+    before = dijkstra(graph, directed, start, return_predecessors=True)[1]
+    route = [goal]
+    while route[-1] != start:
+        route.append(int(before[route[-1]]))
+    return route[::-1]
 
 
 def _min_changed(
@@ -320,12 +313,9 @@ def _min_changed(
     from scipy.sparse import block_array, csr_array, eye_array
 
     edges, one = len(price), eye_array(len(price))
-    missed = csr_array(
-        (np.ones(len(of_way)), (np.arange(len(of_way)), of_way)), (len(of_way), len(weights))
-    )
-    limits = block_array(
-        [[csr_array(excess), None, -missed], [one, -one, None], [-one, -one, None]]
-    )
+    missed = csr_array((of_way[:, None] == np.arange(len(weights))).astype(float))
+    changes = [[one, -one, None], [-one, -one, None]]
+    limits = block_array([[csr_array(excess), None, -missed], *changes])
     found = linprog(
         np.concatenate([np.zeros(edges), np.ones(edges), weights]),
         limits,

@@ -23,16 +23,7 @@ from scipy.spatial import cKDTree
 from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._kernels.route import line_cost, line_costs, sights, spanner, uncrossed
 from locplan._util.progress import ProgressCallback
-from locplan.export._net import (
-    MERGED,
-    Net,
-    Positions,
-    Space,
-    merged,
-    relaxed,
-    spanned,
-    symmetric,
-)
+from locplan.export._net import MERGED, Net, Positions, Space, merged, relaxed, spanned, symmetric
 
 SEEN, KEPT, NEAR, LONGEST = 2.0, 2.5, 4.0, 4.0
 """Distances in spacings: from which free space sees a node at first and in the end, of nodes that
@@ -190,9 +181,8 @@ def _routes(net: Net, places: Ints, detour: float, progress: ProgressCallback) -
         place = int(np.argmax(nearest))
         start, limit = places[place], 4 * nearest[place]  # it is joined to those within that
         away = dijkstra(graph, indices=start, limit=limit)
-        over = dijkstra(
-            weighted.matrix(np.where(chosen, net.cost, np.inf)), indices=start, limit=2 * limit
-        )
+        lanes_alone = weighted.matrix(np.where(chosen, net.cost, np.inf))
+        over = dijkstra(lanes_alone, indices=start, limit=2 * limit)
         nearest = np.minimum(nearest, away[places])
         nearest[place] = -1
         long = over[places] > detour * away[places] * (1 + 1e-9)
@@ -212,21 +202,17 @@ def _look_everywhere(
     """Add lanes to nodes that are seen by points which see no node of a lane, by most first."""
     weighted = _Weighted(net)
     on = np.unique(net.edges[chosen])
-    _, before, _ = dijkstra(
-        weighted.matrix(net.cost), indices=on, min_only=True, return_predecessors=True
-    )
+    graph = weighted.matrix(net.cost)
+    _, before, _ = dijkstra(graph, indices=on, min_only=True, return_predecessors=True)
     added = _most_seen(space, points, net.xy[on], net.xy, within)
     chosen[weighted.back(before, added)] = True
 
 
 def _close_gaps(net: Net, chosen: Bools) -> None:
     """Add edges between lanes, and the ways to them, that spare a long detour."""
-    weighted = _Weighted(net)
+    weighted, on = _Weighted(net), np.unique(net.edges[chosen])
     away, before, lane = dijkstra(
-        weighted.matrix(net.cost),
-        indices=np.unique(net.edges[chosen]),
-        min_only=True,
-        return_predecessors=True,
+        weighted.matrix(net.cost), indices=on, min_only=True, return_predecessors=True
     )
     rest = np.flatnonzero(~chosen & (lane[net.edges] >= 0).all(axis=1))
     cost = net.cost[rest] + away[net.edges[rest]].sum(axis=1)

@@ -16,14 +16,8 @@ from numpy.typing import NDArray
 from locplan._util.checks import number
 from locplan.costs import Costmap, about_costs, costs_caption
 from locplan.errors import ConfigError
-from locplan.export._charges import (
-    Conversion,
-    checked_planner,
-    values_for,
-    without_yaw,
-    write_preview,
-    write_values,
-)
+from locplan.export import _charges as charges
+from locplan.export._charges import Conversion
 from locplan.export._parameters import (
     Robot,
     Server,
@@ -86,7 +80,8 @@ def nav2_keepout(
     LocplanError
         If the folder cannot be written, or a setting is out of its range.
     """
-    return _write_charged(folder, "keepout", costs, planner, planner_param, distro, params)
+    robot = Robot.of(params, distro)
+    return _write_charged(folder, "keepout", costs, robot, planner, planner_param=planner_param)
 
 
 def nav2_static(
@@ -109,7 +104,8 @@ def nav2_static(
     folder, costs, planner, planner_param, distro, params
         See `nav2_keepout`.
     """
-    return _write_charged(folder, "static", costs, planner, planner_param, distro, params)
+    robot = Robot.of(params, distro)
+    return _write_charged(folder, "static", costs, robot, planner, planner_param=planner_param)
 
 
 def nav2_speed(
@@ -196,12 +192,11 @@ def keepout_mask(
             "no cell of the costmap is passable, so a mask would be empty; check the"
             " robot's radius [m]"
         )
-    greatest = costs.weight
+    greatest, density = costs.weight, costs.unblocked_density
     if np.isnan(greatest):
         greatest = float(costs.density[passable].max()) - 1
-    density = costs.unblocked_density
-    runs = checked_planner(planner, planner_param)
-    values, conversion = values_for(density, runs, greatest, planner_param, static=static)
+    runs = charges.checked_planner(planner, planner_param)
+    values, conversion = charges.values_for(density, runs, greatest, planner_param, static)
     near = costs.grid.closer_than(costs.robot_radius - 1e-9)
     values[~passable & costs.grid.free & ~near] = 100  # lethal
     return values, conversion
@@ -217,29 +212,16 @@ def speed_mask(costs: Costmap, slowest: float) -> NDArray[np.int8]:
     known = ~np.isnan(costs.u)
     if not known.any():
         raise ConfigError("u is not known in any cell of the map, so a mask would be empty")
-    values = np.full(costs.grid.shape, -1, np.int8)
-    given_up = np.floor(100 * (1 - slowest) * costs.u[known] + 0.5)
-    values[known] = np.minimum(given_up, 99)  # 100 would mean full speed
-    return values
+    given_up = np.floor(100 * (1 - slowest) * np.nan_to_num(costs.u) + 0.5)
+    return np.where(known, np.minimum(given_up, 99), -1).astype(np.int8)  # 100 means full speed
 
 
 def _write_charged(
-    folder: str | Path,
-    kind: str,
-    costs: Costmap,
-    planner: str | None,
-    planner_param: float | None,
-    distro: str,
-    params: str | Path | None,
+    folder: str | Path, kind: str, costs: Costmap, robot: Robot, planner: str | None, **param: Any
 ) -> Conversion:
     """Write the mask of a filter or a layer that makes a planner's costs J."""
-    robot = Robot.of(params, distro)
-    values, conversion = keepout_mask(
-        costs,
-        planner=planner or robot.planner,
-        planner_param=planner_param,
-        static=kind == "static",
-    )
+    planner, static = planner or robot.planner, kind == "static"
+    values, conversion = keepout_mask(costs, planner=planner, static=static, **param)
     merged, called = with_planner(robot, with_costmap(robot, kind), conversion)
     robot.warn(robot.of_planner(called))
     what = "layer" if kind == "static" else "mask"
@@ -262,6 +244,8 @@ def _write(
     called: str = "",
 ) -> None:
     """Write the folder of a mask, for a planner that is called so, or for the speed filter."""
+    from locplan.export import _figures
+
     changed, added = differences(robot.parameters.content, merged.content)
     if robot.file and changed:
         text = f"nav2.yaml has other values than {robot.file.name}: {'; '.join(changed)}"
@@ -273,21 +257,21 @@ def _write(
     # The linear map from the mask's values to costs, or to speeds in per cent.
     laws = {"keepout": (0, 0.0, 1.0), "speed": (1, 100.0, -1.0)}
     if kind in laws:
-        law = dict(zip(("type", "base", "multiplier"), laws[kind], strict=True))
         topics = {"filter_info_topic": f"/{base}_info", "mask_topic": f"/{base}_mask"}
+        law = topics | dict(zip(("type", "base", "multiplier"), laws[kind], strict=True))
         node = "costmap_filter_info_server", f"{base}_info_server"
-        servers.append(Server("nav2_map_server", *node, topics | law))
+        servers.append(Server("nav2_map_server", *node, law))
     about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
-    grid = without_yaw(costs.grid)
-    known = {"title": title, "costs": costs, "kind": kind, "called": called}
-    known |= {"file": robot.file and robot.file.name, "conversion": conversion}
-    known |= {"changed": changed, "added": added}
+    grid, file = charges.without_yaw(costs.grid), robot.file and robot.file.name
+    known = {"title": title, "costs": costs, "kind": kind, "called": called, "file": file}
+    known |= {"changed": changed, "added": added, "conversion": conversion}
     with export_folder(folder, "nav2-mask.md", about, **known) as temporary:
         write_yaml(temporary / "nav2.yaml", merged.content)
-        write_values(temporary / "mask", values, grid)
+        charges.write_values(temporary / "mask", values, grid)
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
         is_speed = kind == "speed"
         label = "speed limit [% of the robot's own]" if is_speed else f"{kind} mask [0-100]"
-        above = f"{title}{costs_caption(costs)}"
-        write_preview(temporary, grid, values, label, above, falling=is_speed)
+        above = f"{grid.name or 'map'}: {title}{costs_caption(costs)}"
+        figure = _figures.values_figure(grid, values, label, above, is_speed)
+        _figures.save_preview(temporary, figure, dpi=90)

@@ -37,6 +37,8 @@ Positions = Floats
 """World positions (n, 2) [m]."""
 Pairs = Ints
 """Pairs of nodes (m, 2)."""
+Leave = Callable[[int], bool]
+"""Whether a node may be taken away."""
 Space = tuple[NDArray[Any], int, tuple[Any, ...]]
 """Half the density with its border, its columns, and the frame; see `locplan._kernels.route`."""
 
@@ -103,15 +105,11 @@ def relaxed(space: Space, net: Net, reach: float) -> Floats:
 
 
 def merged(
-    space: Space,
-    xy: Positions,
-    pairs: Pairs,
-    within: float | Floats,
-    leave: Callable[[int], bool] = lambda node: True,
+    space: Space, xy: Positions, pairs: Pairs, within: float | Floats, leave: Leave | None = None
 ) -> tuple[Positions, Pairs]:
     """The nodes and lines without nodes that a near one replaces, as it sees their neighbours.
 
-    A node goes only if `leave`, which may take note of it, says so.
+    A node goes only if `leave`, which may take note of it, says so, or where there is none.
     """
     joined: list[set[int]] = [set() for _ in xy]
     for i, j in pairs.tolist():
@@ -128,7 +126,7 @@ def merged(
             others = joined[goes] - {stays}
             lines = [(stays, other) for other in sorted(others - joined[stays])]
             seen = np.isfinite(line_costs(*space, xy, np.array(lines, int).reshape(-1, 2))).all()
-            if seen and leave(goes):
+            if seen and (leave is None or leave(goes)):
                 left[goes], joined[goes] = False, set()
                 joined[stays] = (joined[stays] | others) - {goes}
                 for other in others:

@@ -150,9 +150,8 @@ def thinned(rings: Sequence[Ints], tolerance: float) -> list[Ints]:
     exact = sum(map(signed_area, rings))
     while tolerance >= 1 / 8:
         kept = [_kept(ring, tolerance) for ring in rings]
-        areas = [
-            signed_area(ring[k]) if len(k) > 2 else 0.0 for ring, k in zip(rings, kept, strict=True)
-        ]
+        left = (ring[k] for ring, k in zip(rings, kept, strict=True))
+        areas = [signed_area(ring) if len(ring) > 2 else 0.0 for ring in left]
         alike = all(a * signed_area(ring) > 0 for a, ring in zip(areas, rings, strict=True))
         if alike and abs(sum(areas) - exact) <= MAX_AREA_ERROR * exact:
             return kept
@@ -165,8 +164,8 @@ def _kept(ring: Ints, tolerance: float) -> Ints:
     import cv2
 
     corners = cv2.approxPolyDP(ring.astype(np.int32)[:, None], QUARTERS * tolerance, True)[:, 0]
-    index = {(x, y): n for n, (x, y) in enumerate(ring.tolist())}
-    return np.sort([index[x, y] for x, y in corners.tolist()])
+    index = {tuple(at): n for n, at in enumerate(ring.tolist())}
+    return np.sort([index[tuple(at)] for at in corners.tolist()])
 
 
 def untangled(rings: Sequence[Ints], kept: Sequence[Ints]) -> list[Ints]:

@@ -190,15 +190,13 @@ class Robot:
 
     def of_speed(self, own: str) -> Iterator[str]:
         """That another speed filter limits the same robot."""
+        advice = "both publish limits, and the one that came last counts: merge the masks, or leave"
         for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
             for name, value in self.parameters.of(costmap).items():
                 layer, _, last = name.rpartition(".")
                 if last == "plugin" and layer != own and str(value).endswith("SpeedFilter"):
-                    yield (
-                        f"{costmap.partition('/')[0]} has a speed filter, {layer}; both publish"
-                        " limits, and the one that came last counts: merge the masks, or leave one"
-                        " out"
-                    )
+                    where = costmap.partition("/")[0]
+                    yield f"{where} has a speed filter, {layer}; {advice} one out"
 
     def of_radius(self, radius: float) -> Iterator[str]:
         """That it is larger than the robot that lanes were made for."""
@@ -237,12 +235,11 @@ def with_costmap(robot: Robot, kind: str) -> Nav2Parameters:
         if plugin not in names:  # before the inflation, and behind what knows the walls
             at = names.index("static_layer") + 1 if "static_layer" in names else len(names)
             names.insert(at, plugin)
-        own: dict[str, Any] = {"plugin": "nav2_costmap_2d::StaticLayer", "enabled": True}
-        own |= {"map_topic": f"/{base}_mask", "map_subscribe_transient_local": True}
-        layers = {plugin: own}
+        first = {"plugin": "nav2_costmap_2d::StaticLayer"}
+        late = {"map_subscribe_transient_local": True}
+        layers = {plugin: {**first, "enabled": True, "map_topic": f"/{base}_mask", **late}}
         if not costmap.get("plugins"):  # obstacles are left to the robot's own layers
-            first = {"plugin": "nav2_costmap_2d::StaticLayer"}
-            layers["static_layer"] = {**first, "map_subscribe_transient_local": True}
+            layers["static_layer"] = {**first, **late}
             layers["inflation_layer"] = {"plugin": "nav2_costmap_2d::InflationLayer"}
         # Nav2 applies these to all static layers of a costmap; layers hold less than 99.
         changes = {"trinary_costmap": False, "use_maximum": True, "lethal_cost_threshold": 100}
@@ -282,11 +279,10 @@ def with_planner(
     if planner.parameter is not None:
         own[planner.parameter] = float(conversion.param)
     if planner.planning_time is not None:
-        own["max_planning_time"] = planner.planning_time
+        theirs = server.get(f"{name}.max_planning_time") if alike else None
+        longer = float(theirs) if isinstance(theirs, (int, float)) else 0.0
+        own["max_planning_time"] = max(longer, planner.planning_time)
     if alike:
-        theirs_time = server.get(f"{name}.max_planning_time")
-        if isinstance(theirs_time, (int, float)) and planner.planning_time is not None:
-            own["max_planning_time"] = max(float(theirs_time), planner.planning_time)
         del own["plugin"]
     listed = names if name in names else [*names, name]
     changes = {"planner_plugins": listed, **_settings(name, own)}

@@ -100,6 +100,8 @@ def field(path: str | os.PathLike[str], computed: CovarianceField) -> None:
     LocplanError
         If the suffix is another, or the file cannot be written.
     """
+    from locplan import plotting
+
     file = FilePath(path)
     check_target(file, ".csv", ".npz", ".png")
     if file.suffix.lower() == ".csv":
@@ -107,8 +109,6 @@ def field(path: str | os.PathLike[str], computed: CovarianceField) -> None:
     elif file.suffix.lower() == ".npz":
         _field_npz(file, computed)
     else:
-        from locplan import plotting
-
         plotting.save_figure(plotting.field_figure(computed), file)
 
 
@@ -245,13 +245,12 @@ def quantiles(field: CovarianceField) -> ExportSummary:
     values: dict[str, float] = {}
     rows = []
     for name in _units_of(field):
-        known = field.scalar(name, headings="mean")[field.evaluated]
-        shown = field.quantity(name)
+        known, shown = field.scalar(name, headings="mean")[field.evaluated], field.quantity(name)
+        text = "not known anywhere"
         if known.size:
-            median, most = float(np.median(known)), float(known.max())
-            values |= {f"{name}_median": median, f"{name}_max": most}
-            texts = [f"{shown.factor * value:.3g} {shown.unit}" for value in (median, most)]
-            rows.append((shown.label, f"median {texts[0]}, at most {texts[1]}"))
-        else:
-            rows.append((shown.label, "not known anywhere"))
+            ends = {f"{name}_median": float(np.median(known)), f"{name}_max": float(known.max())}
+            values |= ends
+            texts = (f"{shown.factor * value:.3g} {shown.unit}" for value in ends.values())
+            text = "median {}, at most {}".format(*texts)
+        rows.append((shown.label, text))
     return ExportSummary(values, tuple(rows))

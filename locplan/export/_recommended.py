@@ -111,8 +111,8 @@ def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWa
     length = np.hypot(*(nodes[edges[:, 0]] - nodes[edges[:, 1]]).T)
     price = np.maximum(lines.costs(nodes, edges), length)
     # Ways may contradict one another: the price of one, or of the way back, that is not followed.
-    weights = np.repeat([1e3, 1e1], len(there))
-    cost, followed = followed_costs(nodes, edges, price, length, both, weights)
+    worth = np.repeat([1e3, 1e1], len(there))
+    cost, followed = followed_costs(nodes, edges, price, length, both, worth)
     e, u = (lines.integrals(layer, nodes, edges) for layer in (costs.e, costs.u))
     return RecommendedWays(
         RouteGraph(nodes, edges, length, cost, e, u, directed=True),
@@ -216,7 +216,7 @@ def nav2_routes(
     with export_folder(folder, "nav2-routes.md", about, **known) as temporary:
         count = len(ways.ways)
         title = f"{name}: recommended ways of {count} quer{'y' if count == 1 else 'ies'}"
-        write_graph(temporary, unturned, ways.graph, frame, title)
+        write_graph(temporary, unturned, ways.graph, frame, title, None)
         bag(temporary / "routes.mcap", unturned.grid, paths=paths, frame=frame)
         _table(ways, topics_of(paths)).write_csv(temporary / "routes.csv")
     return ways
@@ -232,11 +232,8 @@ def _table(ways: RecommendedWays, topics: Mapping[str, str]) -> Table:
     """A row for each query, with the ids of its ends in the graph's file and its topic."""
     matrix, rows = ways.graph.matrix, []
     for name, way in ways.ways.items():
-        cost = float(sum(matrix[one, other] for one, other in pairwise(way)))
+        cost = round(float(sum(matrix[two] for two in pairwise(way))), 3)
         followed = "yes" if name in ways.followed else "no"
-        rows.append((name, way[0] + 1, way[-1] + 1, round(cost, 3), followed, topics[name]))
-    columns = (
-        *(Column("query"), Column("start_id"), Column("goal_id")),
-        *(Column("cost", "m"), Column("followed"), Column("topic")),
-    )
-    return Table(columns, tuple(rows))
+        rows.append((name, way[0] + 1, way[-1] + 1, cost, followed, topics[name]))
+    names = "query", "start_id", "goal_id", "cost", "followed", "topic"
+    return Table(tuple(map(Column, names)), tuple(rows))

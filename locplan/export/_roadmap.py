@@ -134,13 +134,12 @@ def graph_over(
     xy = np.asarray(nodes, np.float32).astype(np.float64).reshape(-1, 2)
     pairs = np.asarray(edges, np.int64).reshape(-1, 2)
     length = np.hypot(*(xy[pairs[:, 0]] - xy[pairs[:, 1]]).T)
-    cost = line_costs(*space, xy, pairs) * costs.grid.resolution
     half = space[0].reshape(-1, space[1])[1:-1, 1:-1]
-    passable = np.isfinite(half)
-    e, u = np.empty(len(pairs)), np.empty(len(pairs))
-    for layer, found in ((costs.e, e), (costs.u, u)):
+    passable, integrals = np.isfinite(half), [line_costs(*space, xy, pairs)]
+    for layer in (costs.e, costs.u):
         np.multiply(layer, 0.5, out=half, where=passable)
-        found[:] = line_costs(*space, xy, pairs) * costs.grid.resolution
+        integrals.append(line_costs(*space, xy, pairs))
+    cost, e, u = np.array(integrals) * costs.grid.resolution
     wrong = np.flatnonzero(~np.isfinite(cost) | (length == 0))
     if len(wrong):
         ends = " to ".join("({:.2f}, {:.2f})".format(*xy[end]) for end in pairs[wrong[0]])
@@ -310,15 +309,13 @@ def with_stations(
         seen = np.argsort(cost, kind="stable")[:2]
         seen = seen[np.isfinite(cost[seen])]
         if len(seen) == 0:
-            remedy = "take a smaller spacing"
-            raise ConfigError(f"no node is seen from station {station.name}; {remedy}")
+            text = f"no node is seen from station {station.name}"
+            raise ConfigError(f"{text}; take a smaller spacing")
         if away[seen[0]] < resolution:
             at.append(int(seen[0]))
             continue
-        for node in seen.tolist():
-            edges.append((node, len(nodes)))
-            if graph.directed:
-                edges.append((len(nodes), node))
+        own = [(node, len(nodes)) for node in seen.tolist()]
+        edges += own + [way[::-1] for way in own if graph.directed]
         at.append(len(nodes))
         nodes.append(xy)
     return RouteGraph.over(costs, nodes, edges, directed=graph.directed), at

@@ -11,7 +11,7 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -28,11 +28,6 @@ from locplan.field.estimators import estimator_class
 from locplan.field.estimators._sad import PAPER_RANGE, Sad
 from locplan.maps import OccupancyGrid
 from locplan.robots import Lidar, Robot
-
-if TYPE_CHECKING:
-    from locplan.field._estimator import Estimator
-    from locplan.robots import Lidar
-
 
 SHORT_LIDAR = Lidar(range=PAPER_RANGE, range_sigma=0.025)
 """Lidar that is simulated where none is named; its range is that of the paper's disc."""

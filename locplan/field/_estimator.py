@@ -11,7 +11,7 @@ from typing import Any, ClassVar, TypeVar, get_args, get_type_hints
 import numpy as np
 
 from locplan._kernels.arrays import Floats, Ints, Octets
-from locplan._util.checks import Settings, keep, positive, shown
+from locplan._util.checks import Settings, positive, setting, shown
 from locplan.errors import ConfigError
 from locplan.field._search_window import OffsetLattice
 from locplan.robots import Lidar
@@ -113,7 +113,7 @@ class Estimator(Settings, ABC):
     casts_rays: ClassVar[bool] = False
     """True if the estimator simulates a lidar, which must not stand in a wall."""
 
-    noise_level: float = 1.0
+    noise_level: float = setting(1.0, positive, "times Sigma")
     """Factor k on the covariance (Eq. 8), above 0; a calibration finds the one of your filter."""
 
     @abstractmethod
@@ -288,9 +288,6 @@ class Estimator(Settings, ABC):
     def adds_q(self) -> bool:
         """Whether the covariances hold Q; u is made of Sigma + Q in any case."""
         return True
-
-    def __post_init__(self) -> None:
-        keep(self, noise_level=positive("noise_level", self.noise_level, "times Sigma"))
 
 
 def settings_of(owner: Any) -> dict[str, object]:

@@ -9,12 +9,11 @@ import math
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Bools, Floats
+from locplan._kernels.arrays import Array, Bools, Floats
 from locplan._util.checks import usable_cores
 from locplan.field._covariance import log_euclidean_mean, mean_information
 from locplan.maps import OccupancyGrid
@@ -166,9 +165,7 @@ def _between_rows(values: Floats, first: int, count: int, stride: int) -> Floats
     return np.asarray(read.reshape(-1, values.shape[1]))
 
 
-def read_known_at(
-    values: Floats, known: Floats, rows: NDArray[Any], cols: NDArray[Any], stride: int
-) -> Floats:
+def read_known_at(values: Floats, known: Floats, rows: Array, cols: Array, stride: int) -> Floats:
     """Interpolate values of a lattice bilinearly at some cells of the map, free or not.
 
     Corners that are not known leave their weight to the others.
@@ -202,7 +199,7 @@ def read_known_at(
 
 
 def _sides(
-    cells: NDArray[Any], stride: int, size: int
+    cells: Array, stride: int, size: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
     """Lattice indices before and after each cell along one axis, and the share of the latter."""
     whole = np.floor(np.asarray(cells) / stride)
@@ -274,7 +271,7 @@ def interpolated(covariances: Floats, weights: Iterable[float], heading: float |
     return log_euclidean_mean(np.array(own), np.array([*weights]))
 
 
-def _towards(covariance: NDArray[Any], heading: float | None) -> Floats:
+def _towards(covariance: Array, heading: float | None) -> Floats:
     """Covariance of a lattice point for one heading [rad], or for all headings together."""
     if covariance.ndim == 2:
         return covariance

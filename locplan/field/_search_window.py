@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from locplan._kernels.arrays import Floats, Ints
-from locplan._util.checks import Settings, keep_checked, number, positive
+from locplan._util.checks import Settings, positive, setting
 from locplan.errors import ConfigError
 
 MAX_STEPS = 1000
@@ -30,25 +30,23 @@ class SearchWindow(Settings):
     21
     """
 
-    half_width: float = 2.0
+    half_width: float = setting(2.0, positive, "m")
     """Maximum offset in x and in y [m], from `step` to 1000 times it.
 
     A larger one finds look-alike places farther away, in a time that grows with its square.
     """
-    step: float = 0.2
+    step: float = setting(0.2, positive, "m")
     """Spacing of the offsets [m], above 0; the lidar's estimators round it to whole cells.
 
     Half of it resolves smaller deviations, in four times the time.
     """
-    half_rotation_deg: float = 60.0
+    half_rotation_deg: float = setting(60.0, 0.0, 180.0)
     """Maximum turn [deg], 0 to 180; 0 compares positions only, and then e has the unit m^2."""
-    rotation_step_deg: float = 10.0
+    rotation_step_deg: float = setting(10.0, positive, "deg")
     """Spacing of the turns [deg], above 0 up to `half_rotation_deg`."""
 
     def __post_init__(self) -> None:
-        keep_checked(self, ("half_width", "step"), positive, "m")
-        keep_checked(self, ("rotation_step_deg",), positive, "deg")
-        keep_checked(self, ("half_rotation_deg",), number, 0.0, 180.0)
+        super().__post_init__()
         if self.step > self.half_width:
             raise ConfigError(
                 f"step ({self.step} m) must not exceed half_width ({self.half_width} m)"

@@ -284,11 +284,8 @@ class _Found:
         if self.sound:
             for partial in self.path.rglob("*.partial"):  # of a process killed while it wrote
                 partial.unlink()
-            known = tiles.known_points(self.values)
-            lacking, edge = (
-                self.lacking & ~known,
-                tiles.chunk_edge(self.config, self.grid.resolution),
-            )
+            known, cell = tiles.known_points(self.values), self.grid.resolution
+            lacking, edge = self.lacking & ~known, tiles.chunk_edge(self.config, cell)
             carried = tiles.chunks_of(self.lacking & known, edge)
             whole = [chunk for chunk in carried if not lacking[chunk].any()]
             try:

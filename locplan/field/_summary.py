@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats, Ints
+from locplan._kernels.arrays import Array, Floats, Ints
 from locplan._util.tables import finite, table
 from locplan.field import _tiles as tiles
 from locplan.field._compute import computed_chunks
@@ -197,12 +196,7 @@ def sampled_covariances(field: CovarianceField, spacing: float) -> tuple[Floats,
 
 
 def values_at(
-    field: CovarianceField,
-    values: Floats,
-    rows: NDArray[Any],
-    cols: NDArray[Any],
-    *,
-    logarithmic: bool = True,
+    field: CovarianceField, values: Floats, rows: Array, cols: Array, *, logarithmic: bool = True
 ) -> Floats:
     """Interpolate lattice values as `CovarianceField.on_map` does, at some cells alone.
 

@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Bools, Floats
+from locplan._kernels.arrays import Array, Bools, Floats
 from locplan._util.checks import check_memory
 from locplan._util.public import needed
 from locplan._util.reading import MAX_JSON_BYTES, read_bytes
@@ -174,7 +173,7 @@ def dataset_of(
 
 def coordinates(
     grid: OccupancyGrid, config: FieldConfig
-) -> dict[str, tuple[NDArray[Any], dict[str, Any]]]:
+) -> dict[str, tuple[Array, dict[str, Any]]]:
     """Values and attributes of the coordinates y, x and, if there are several, heading."""
     stride, (x0, y0, _) = config.stride_cells(grid.resolution), grid.origin
     meaning = "of the map's own axes, which the origin's yaw turns about the origin"
@@ -223,9 +222,7 @@ def _as_written(about: Any, shape: tuple[int, ...], kind: str) -> bool:
     )
 
 
-def read_array(
-    folder: Path, shape: tuple[int, ...], kind: str = "float64"
-) -> tuple[NDArray[Any], int]:
+def read_array(folder: Path, shape: tuple[int, ...], kind: str = "float64") -> tuple[Array, int]:
     """Read a whole array, and count its damaged chunks, which are as the absent ones: NaN or 0.
 
     One of several errors is raised if it is not as written.
@@ -249,7 +246,7 @@ def read_array(
     return values, damaged
 
 
-def _decoded(file: Path, chunk: tuple[int, ...], kind: str) -> NDArray[Any]:
+def _decoded(file: Path, chunk: tuple[int, ...], kind: str) -> Array:
     """The values of a chunk; one of several errors if it is damaged."""
     from google_crc32c import value as crc32c
     from numcodecs.zstd import Zstd  # type: ignore[import-untyped]

@@ -245,8 +245,8 @@ class Sights:
         return np.sort(self._by_label[low:high])
 
     def biases(self, feature: int) -> Floats:
-        """Errors of the pose by a shift of the feature; see `features.biases`, (n, 3, 2)."""
-        from locplan._kernels import features
+        """Errors of the pose by a shift of the feature; see `objectives.biases`, (n, 3, 2)."""
+        from locplan._kernels import objectives
         from locplan._kernels.landmarks import HITS, NORMAL_X, NORMAL_Y, RANGE, TURN
 
         seen, rays = self.seen, self.rays_of(feature)
@@ -260,7 +260,7 @@ class Sights:
         pulls = np.zeros((len(self.sums), 3, 2))
         np.add.at(pulls, rays // seen.rays.beams, gradients[:, :, None] * normals[:, None, :])
         return np.asarray(
-            features.biases(
+            objectives.biases(
                 pulls * share[:, None, None],
                 self.sums[:, :HITS] * share[:, None],
                 seen.covariances(self.sums),
@@ -271,10 +271,11 @@ class Sights:
 
     def _look(self, rays: Ints) -> tuple[Singles, Ints]:
         from locplan._kernels.features import look
+        from locplan._kernels.landmarks import Surfaces
 
         hits, cells = np.zeros((len(rays), 4), np.float32), np.empty(len(rays), np.int64)
-        scene = self._squares, self._normals, self._labels, self._silent, self.grid.resolution
-        look(*scene, self.seen.rays, rays, hits, cells)
+        surfaces = Surfaces(self._squares, self._normals, self.grid.resolution)
+        look(surfaces, self._labels, self._silent, self.seen.rays, rays, hits, cells)
         return hits, cells
 
     def _changes(self, feature: int) -> tuple[Ints, Singles, Ints]:

@@ -81,19 +81,16 @@ def panels(
     lines = [part for line in said for part in textwrap.wrap(line, int(LETTERS * width))]
     # Height of a line of the title [inch].
     top = 0.24 * (len(lines) + 1)
-    figure: Any
+    height = max(height, plots * PLOT_HEIGHT) if tall else height + PLOT_HEIGHT
+    figure: Any = Picture(figsize=(width, height + top), layout="constrained")
     if tall:
-        height = max(height, plots * PLOT_HEIGHT)
-        figure = Picture(figsize=(width, height + top), layout="constrained")
         parts = figure.subfigures(1, 2, width_ratios=(width - PLOT_WIDTH, PLOT_WIDTH))
-        lower = parts[1].subplots(plots, 1, squeeze=False)[:, 0]
     else:
-        figure = Picture(figsize=(width, height + PLOT_HEIGHT + top), layout="constrained")
-        parts = figure.subfigures(2, height_ratios=(height, PLOT_HEIGHT))
-        lower = parts[1].subplots(1, plots, squeeze=False)[0]
+        parts = figure.subfigures(2, height_ratios=(height - PLOT_HEIGHT, PLOT_HEIGHT))
+    lower = parts[1].subplots(*((plots, 1) if tall else (1, plots)), squeeze=False)
     figure.suptitle("\n".join(lines), fontsize="medium")
     upper = parts[0].subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    return figure, parts[0], list(upper.ravel()), list(lower)
+    return figure, parts[0], list(upper.ravel()), list(lower.ravel())
 
 
 def landmarks_figure(made: Landmarks, verification: Verification | None = None) -> Figure:

@@ -141,6 +141,12 @@ class Landmarks(Result):
         return np.asarray(self.curve**self.search.objective.power)
 
     @property
+    def region_area(self) -> float | None:
+        """Area of the region in which the robot may be [m^2]; None where it drives routes."""
+        region = self.setting.region
+        return None if region is None else float(region.sum()) * self.grid.resolution**2
+
+    @property
     def kept(self) -> int:
         """Number of existing objects that stay where they are."""
         return int((self.indices < self.existing).sum())
@@ -294,9 +300,7 @@ class Landmarks(Result):
                 "shifts": [each._asdict() for each in self.shifts],
                 "rejected": self.reasons(),
                 "routes": {name: path.length for name, path in setting.routes.items()},
-                "region_area": None
-                if setting.region is None
-                else float(setting.region.sum()) * self.grid.resolution**2,
+                "region_area": self.region_area,
                 "robot": setting.robot.summary(),
             }
         )
@@ -318,10 +322,9 @@ def landmarks_report(made: Landmarks, verification: Verification | None = None) 
         f"{len(made)} x {setting.kind.title}, in order of gain; {made.measure.heading} without any:"
         f" {made.expected[0]:.3f}"
     ]
-    if setting.region is not None:
-        area = float(setting.region.sum()) * made.grid.resolution**2
+    if made.region_area is not None:
         routes = f"{len(setting.routes)} routes lead across it"
-        after.append(f"the robot can be in {area:.0f} m2 of the region, and {routes}")
+        after.append(f"the robot can be in {made.region_area:.0f} m2 of the region, and {routes}")
     driven = [
         f"{each.chosen_by} ({each.lost} of {each.drives} off by more than 1 m,"
         f" error {each.error:.2f} m)"

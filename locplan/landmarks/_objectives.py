@@ -64,11 +64,8 @@ class AlongRoutes(Objective):
         from locplan._kernels.objectives import uncertainties
 
         sight, seen = self.sight, self.sight.seen
-        given = sight.sightings, sight.hits, sight.sums, seen.rays, seen.routes, sight.outline
-        models = seen.a_step, seen.motion
-        return sight.in_threads(
-            lambda part: uncertainties(sight.own, part, *given, *models), indices
-        )
+        given = sight.sightings, sight.scene, seen.routes, seen.a_step, seen.motion
+        return sight.in_threads(lambda part: uncertainties(sight.own, part, *given), indices)
 
 
 @dataclass
@@ -137,12 +134,11 @@ class MeanDegeneracy(Objective):
 
         sight, seen = self.sight, self.sight.seen
         profile = self.profile()
-        given = sight.sightings, sight.hits, sight.sums, seen.rays, sight.outline, seen.a_metre
-
+        given = sight.sightings, sight.scene, seen.a_metre, self.anchors, profile
         indices = np.asarray(indices, np.int64)
         anew = indices[self._known[indices] != self._beside[indices]]
         self._changes[anew] = sight.in_threads(
-            lambda part: mean_changes(sight.own, part, *given, self.anchors, profile), anew
+            lambda part: mean_changes(sight.own, part, *given), anew
         )
         self._known[anew] = self._beside[anew]
         return np.asarray(float(profile.mean()) + self._changes[indices])

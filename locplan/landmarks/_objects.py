@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from locplan._kernels.arrays import Floats, Ints
-from locplan._util.checks import Settings, keep_checked, number, positive, shown
+from locplan._util.checks import Settings, keep, number, positive, shown
 from locplan._util.poses import window_around
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
@@ -79,7 +79,7 @@ class LandmarkObject(Settings):
     """Its kind in files and on the command line."""
 
     def __post_init__(self) -> None:
-        keep_checked(self, vars(self), _size)
+        keep(self, **{name: _size(name, size) for name, size in vars(self).items()})
 
     @property
     def _sizes(self) -> tuple[float, ...]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from itertools import combinations, product
+from itertools import combinations, product, starmap
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from locplan._kernels.arrays import Bools, Floats, Ints
+from locplan._kernels.arrays import Bools, Floats, Ints, Octets
 from locplan._util.checks import check_threads, instance, whole
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Path
@@ -152,8 +152,8 @@ def place_landmarks(
     if not len(every):
         raise ConfigError(
             f"no {kind.title} may stand within the lidar's range of the robot:"
-            f" {counted(reasons) or 'there are no places'}; allow more places (where), a smaller"
-            " object or clearance, or keep less of the map out"
+            f" {counted(reasons)}; allow more places (where), a smaller object or clearance, or"
+            " keep less of the map out"
         )
     sight = Sight(empty, seen, kind.shape, every, threads)
     objective: Objective = AlongRoutes(sight)
@@ -164,7 +164,7 @@ def place_landmarks(
     order, shifts = search.without_rows(order)
     refused = in_world(empty, np.concatenate([tried[~allowed], every[list(search.refused)]]))
     whys = [*filter(None, reasons), *search.refused.values()]
-    rejected = tuple(Rejected(*at, why) for at, why in zip(refused.tolist(), whys, strict=True))
+    rejected = tuple(starmap(Rejected, zip(*refused.T.tolist(), whys, strict=True)))
     indices = np.array(order, np.int64)
     return Landmarks(
         setting, search, indices, shifts, rejected, grid, len(existing), objective.name
@@ -240,7 +240,7 @@ def _in_walls(occupied: Bools, cells: Ints, centre: Floats, reach: float) -> Boo
     return np.asarray((leaves[:, :8] & leaves[:, 8:]).any(axis=1))
 
 
-def _rim(cells: NDArray[np.uint8], at: tuple[Ints, Ints]) -> tuple[Ints, Ints]:
+def _rim(cells: Octets, at: tuple[Ints, Ints]) -> tuple[Ints, Ints]:
     """Occupied cells beside those of an object that lead no farther: no wall has them."""
     import cv2
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from locplan._kernels.arrays import Bools, Floats
-from locplan._util.checks import Settings, keep, keep_checked, number, one_of, positive
+from locplan._util.checks import Settings, keep, positive, setting
 from locplan._util.poses import way_along
 from locplan.costs import Path
 from locplan.landmarks._objects import Shape, checked_poses, filled_cells, outline_of
@@ -114,7 +114,8 @@ class Rejected(NamedTuple):
 
 def counted(reasons: Iterable[str]) -> str:
     """How many places were refused for which reason."""
-    return ", ".join(f"{reason} ({count})" for reason, count in Counter(reasons).items())
+    counts = Counter(reasons).items()
+    return ", ".join(f"{why} ({count})" for why, count in counts) or "there are no places"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -132,14 +133,14 @@ class Sites(Settings):
     Sites(where='walls', clearance=0.5)
     """
 
-    where: Literal["walls", "free", "both"] = "both"
+    where: Literal["walls", "free", "both"] = setting("both", "walls", "free", "both")
     """Places that are tried: along "walls", "free" with a clearance above 1.2 m, on a lattice of
     1 m and beside the routes, or "both". Those beyond the lidar's range of the robot are left
     out."""
-    spacing: float = 0.5
+    spacing: float = setting(0.5, positive, "m")
     """Distance between the places along walls and beside routes [m], above 0. A smaller one tries
     more places, and takes longer."""
-    clearance: float = 0.2
+    clearance: float = setting(0.2, 0.0)
     """Distance that routes, and ends of those in a region, and passages keep from the objects
     besides the robot's radius [m], >= 0. Lower it where no place is left."""
     keep_out: ArrayLike | None = None
@@ -150,9 +151,7 @@ class Sites(Settings):
     [m, m, rad]. There must be occupied cells within a cell of where each would be."""
 
     def __post_init__(self) -> None:
-        one_of("where", self.where, ("walls", "free", "both"))
-        keep(self, spacing=positive("spacing", self.spacing, "m"))
-        keep_checked(self, ("clearance",), number, 0.0)
+        super().__post_init__()
         poses = checked_poses(self.existing, "an existing object")
         keep(self, existing=tuple(map(tuple, poses.tolist())))
 

@@ -212,20 +212,21 @@ class Sight:
     """`sightings.Sightings` of the places."""
 
     def __post_init__(self) -> None:
-        from locplan._kernels.landmarks import Outline, hits_of_map, sums_of
+        from locplan._kernels.landmarks import Outline, Scene, Surfaces, hits_of_map, sums_of
         from locplan._kernels.rays import empty_squares
 
         rays, resolution = self.seen.rays, self.grid.resolution
         count, occupied = len(rays.first), self.grid.cells == OCCUPIED
         self._hits_of_map = np.zeros((count, rays.beams, 4), np.float32)
-        scene = empty_squares(occupied), surface_normals(occupied), resolution
-        hits_of_map(*scene, rays, 0, count, self._hits_of_map)
+        surfaces = Surfaces(empty_squares(occupied), surface_normals(occupied), resolution)
+        hits_of_map(surfaces, rays, self._hits_of_map)
         self.own = np.ascontiguousarray(
             np.column_stack([self.places[:, [1, 0]] * resolution, self.places[:, 2]])
         )
         self.outline = Outline(*self.shape)
         self.hits = self._hits_of_map.copy()
         self.sums = sums_of(self.hits, rays)
+        self.scene = Scene(self.hits, self.sums, rays, self.outline)
         self._sums_of_map = self.sums.copy()
         self._touched = np.zeros(count, bool)
         self.sightings = self._found()
@@ -257,22 +258,27 @@ class Sight:
 
     def _found(self) -> Any:
         """Which poses see which place, and by which rays."""
-        from locplan._kernels.features import Sightings, count_sightings, fill_sightings
+        from locplan._kernels.features import Sightings, find_sightings
 
         own, given = self.own, (self._hits_of_map, self.seen.rays, self.outline)
         counts, every = np.zeros(len(own), np.int64), np.arange(len(own))
-        self._lots(lambda lot: count_sightings(own, lot[0], lot[-1] + 1, *given, counts), every)
+
+        def sightings(starts: Ints) -> Sightings:
+            room = starts[-1]
+            found = Sightings(starts, np.empty(room, np.int32), np.empty((room, 2), np.int16))
+            self._lots(
+                lambda lot: find_sightings(own, lot[0], lot[-1] + 1, *given, found, counts), every
+            )
+            return found
+
+        sightings(np.zeros(len(own) + 1, np.int64))
         starts = np.concatenate([[0], np.cumsum(counts)])
         check_memory(
             f"{starts[-1]:,} sightings of {len(counts):,} places",
             8.0 * starts[-1],
             "try fewer places (spacing), shorter routes or a smaller region",
         )
-        found = Sightings(
-            starts, np.empty(starts[-1], np.int32), np.empty((starts[-1], 2), np.int16)
-        )
-        self._lots(lambda lot: fill_sightings(own, lot[0], lot[-1] + 1, *given, found), every)
-        return found
+        return sightings(starts)
 
     def _lots(self, run: Callable[[Ints], Any], indices: Ints) -> list[Any]:
         """What a function gives for the indices of each lot of places."""

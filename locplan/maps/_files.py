@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 import os
 import re
-import shutil
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Octets, Singles
 from locplan._util.checks import file_path, printable
-from locplan._util.reading import fault_of, opened, reason_of
+from locplan._util.reading import dumped, fault_of, opened, reason_of
+from locplan._util.results import move_together
 from locplan._util.runs import note_map
 from locplan._util.supervision import temporary_folder
 from locplan.errors import MapError
@@ -209,8 +209,6 @@ def save_map(
     MapError
         If an option does not fit, or the files cannot be written.
     """
-    import yaml
-
     check_grid(grid)
     file = file_path("a map file", path)
     if file.suffix not in (".yaml", ".yml"):
@@ -226,7 +224,7 @@ def save_map(
     negate = bool(negate) and mode != "raw"
     header = Header(image.name, grid.resolution, grid.origin, negate, 0.65, 0.196, mode)
     entries = header._asdict() | {"negate": int(negate)}  # ROS 1 does not read true and false
-    text = yaml.safe_dump(entries, default_flow_style=None, allow_unicode=True, width=math.inf)
+    text = dumped(entries, default_flow_style=None, sort_keys=True, width=math.inf)
     try:
         _replace_both(file, text, image, _draw(grid, header))
     except (OSError, ValueError) as error:
@@ -234,7 +232,7 @@ def save_map(
         raise fault_of(file, f"cannot be written ({reason_of(error)})", remedy) from error
 
 
-def _meaning_of_values(header: Header, top: int) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+def _meaning_of_values(header: Header, top: int) -> tuple[Singles, Octets]:
     """Occupancy and level of each pixel value 0..top; above 1 there is none, in mode raw."""
     raw = header.mode == "raw"
     occupancy = np.arange(top + 1, dtype=np.float32) / np.float32(100 if raw else top)
@@ -263,20 +261,10 @@ def _draw(grid: OccupancyGrid, header: Header) -> Image.Image:
 def _replace_both(file: Path, text: str, image: Path, picture: Image.Image) -> None:
     """Replace both files or neither, and leave no other file behind."""
     with temporary_folder(file.parent) as folder:
-        new_image, new_file, backup = (Path(folder, part) for part in ("image", "yaml", "old"))
+        new_image, new_file = folder / "image", folder / "yaml"
         picture.save(new_image, "PNG" if image.suffix == ".png" else "PPM")
         new_file.write_text(text, encoding="utf-8")
-        if image.exists():
-            shutil.copy2(image, backup)
-        os.replace(new_image, image)
-        try:
-            os.replace(new_file, file)
-        except BaseException:
-            if backup.exists():
-                os.replace(backup, image)
-            else:
-                image.unlink()
-            raise
+        move_together([(new_image, image), (new_file, file)], folder / "old")
 
 
 def _image_of(file: Path) -> Path | None:

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._kernels.arrays import Bools, Floats
 from locplan._util import checks
 from locplan._util.public import Pictured
 from locplan.errors import MapError
@@ -172,12 +173,12 @@ class OccupancyGrid(Pictured):
         return rows, cols
 
     @cached_property
-    def free(self) -> NDArray[np.bool_]:
+    def free(self) -> Bools:
         """Mask of the free cells, (H, W)."""
         return np.asarray(self.cells == FREE)
 
     @cached_property
-    def clearance(self) -> NDArray[np.float64]:
+    def clearance(self) -> Floats:
         """Distance from each cell's centre to the nearest occupied cell's edge, (H, W) [m].
 
         Zero in occupied cells, infinite where the map has none. Unknown space is no wall.
@@ -200,7 +201,7 @@ class OccupancyGrid(Pictured):
         np.rint(np.square(clearance, out=clearance), out=clearance)
         return np.multiply(np.sqrt(clearance, out=clearance), self.resolution / 2, out=clearance)
 
-    def closer_than(self, distance: float) -> NDArray[np.bool_]:
+    def closer_than(self, distance: float) -> Bools:
         """Mask of the cells whose `clearance` is below a distance, (H, W).
 
         Short distances take a fraction of the clearance's time.
@@ -230,9 +231,7 @@ class OccupancyGrid(Pictured):
         content.update(self.cells.tobytes())
         return content.hexdigest()
 
-    def world_to_grid(
-        self, x: ArrayLike, y: ArrayLike
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def world_to_grid(self, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
         """Convert world coordinates to continuous (row, col); a cell's centre ends in .5.
 
         Parameters
@@ -250,9 +249,7 @@ class OccupancyGrid(Pictured):
         cos, sin = math.cos(yaw), math.sin(yaw)
         return (cos * dy - sin * dx) / self.resolution, (cos * dx + sin * dy) / self.resolution
 
-    def grid_to_world(
-        self, row: ArrayLike, col: ArrayLike
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def grid_to_world(self, row: ArrayLike, col: ArrayLike) -> tuple[Floats, Floats]:
         """Convert continuous (row, col) to world coordinates, as `world_to_grid` backwards.
 
         Parameters
@@ -334,7 +331,7 @@ def check_grid(grid: object) -> None:
     checks.instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
 
 
-def own_axes(grid: OccupancyGrid, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+def own_axes(grid: OccupancyGrid, poses: Floats) -> Floats:
     """Poses along a map's columns and rows from its origin on, (n, 3) [m, m, rad].
 
     Parameters

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -36,43 +37,42 @@ def misleading(grid: OccupancyGrid, source: MapSource | None = None) -> tuple[st
     >>> misleading(OccupancyGrid([[127, 0, 0, 0], [127, 0, 254, 0], [127, 0, 0, 0]], 0.05))
     ()
     """
-    of_source = [] if source is None else _of_source(grid, source)
+    of_source = _of_source(grid, source) if source else ()
     return (*of_source, *_of_cells(grid), *_of_origin(grid))
 
 
-def _of_source(grid: OccupancyGrid, source: MapSource) -> list[str]:
+def _of_source(grid: OccupancyGrid, source: MapSource) -> Iterator[str]:
     """What the file's entries and pixels make of the map."""
-    doubts = [*_of_mask(grid, source)]
+    yield from _of_mask(grid, source)
     free, occupied = source.free_thresh, source.occupied_thresh
     if source.light_free > MIN_SHARE * source.pixels:
         lower = 0.196 if free > 0.196 else 0.15
-        doubts.append(
+        yield (
             f"{source.light_free:,} pixels ({source.light_free / source.pixels:.0%}) of a light"
             f" grey, mostly {source.light_value}, are read as free, while map_saver's 205 means"
             f" unknown; if they are unknown, lower free_thresh to {lower:g} (it is {free:g})"
         )
     walls = np.count_nonzero(grid.cells == OCCUPIED)
     if source.dark_unknown > walls / 2 and source.mode == "trinary":
-        doubts.append(
+        yield (
             f"{source.dark_unknown:,} dark grey pixels are read as unknown, beside {walls:,}"
             f" occupied ones; if they are walls, lower occupied_thresh to {DARK:g} (it is"
             f" {occupied:g})"
         )
     if free == occupied:
-        doubts.append(
+        yield (
             f"free_thresh and occupied_thresh are both {free:g}, so that no grey is unknown;"
             " map_saver writes 0.25 or 0.196, and 0.65"
         )
     if source.over_100 > MIN_SHARE * source.pixels:
-        doubts.append(
+        yield (
             f"{source.over_100:,} pixels ({source.over_100 / source.pixels:.0%}) are above 100 and"
             " read as unknown, since pixels are per cent in mode raw; for an ordinary image set"
             " mode: trinary"
         )
-    return doubts
 
 
-def _of_mask(grid: OccupancyGrid, source: MapSource) -> list[str]:
+def _of_mask(grid: OccupancyGrid, source: MapSource) -> Iterator[str]:
     """What tells of a mask for a costmap filter."""
     signs = []
     words = re.split(r"[^a-z]+", f"{grid.name} {Path(source.image).name}".lower())
@@ -87,30 +87,30 @@ def _of_mask(grid: OccupancyGrid, source: MapSource) -> list[str]:
             f"only the ends of its scale are free or occupied (thresholds {source.free_thresh:g}"
             f" and {source.occupied_thresh:g})"
         )
-    if not found and len(signs) < 2:
-        return []
-    return [
-        f"this seems to be a mask for a costmap filter, not a map: {', '.join(signs)};"
-        " plan on the map that it belongs to"
-    ]
+    if found or len(signs) >= 2:
+        yield (
+            f"this seems to be a mask for a costmap filter, not a map: {', '.join(signs)};"
+            " plan on the map that it belongs to"
+        )
 
 
-def _of_cells(grid: OccupancyGrid) -> list[str]:
+def _of_cells(grid: OccupancyGrid) -> Iterator[str]:
     """What the cells themselves tell."""
     import cv2
 
     cells = grid.cells
     if not (cells == FREE).any():
-        return ["no cell is free, so that the robot can stand nowhere; check the thresholds"]
-    doubts = []
+        yield "no cell is free, so that the robot can stand nowhere; check the thresholds"
+        return
     rim = np.concatenate([cells[0], cells[-1], cells[1:-1, 0], cells[1:-1, -1]]) == FREE
     if rim.mean() > MIN_SHARE:
-        doubts.append(
+        yield (
             f"free space runs out of the image along {rim.sum() * grid.resolution:.3g} m"
             f" ({rim.mean():.0%} of its edge); what lies outside counts as unknown"
         )
     if not (cells == OCCUPIED).any():
-        return [*doubts, "no cell is occupied, so that a lidar sees nothing; check the thresholds"]
+        yield "no cell is occupied, so that a lidar sees nothing; check the thresholds"
+        return
     kernel = np.ones((7, 7), np.uint8)  # SLAM maps have a fringe of three unknown cells at walls
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
     count = np.zeros(2, np.int64)  # of the boundary's cells, and of the open ones
@@ -124,21 +124,19 @@ def _of_cells(grid: OccupancyGrid) -> list[str]:
         count += np.count_nonzero(edge), np.count_nonzero(open_)
     share = count[1] / count[0]
     if share > 0.5:
-        doubts.append(
+        yield (
             f"{share:.0%} of the free space's boundary is open to the unknown instead of walled;"
             " no lidar sees that boundary"
         )
-    return doubts
 
 
-def _of_origin(grid: OccupancyGrid) -> list[str]:
+def _of_origin(grid: OccupancyGrid) -> Iterator[str]:
     """What is unusual about the origin's yaw."""
     yaw = grid.origin[2]
     if abs(yaw) > 2 * math.pi:
-        return [f"the origin's yaw of {yaw:g} is in radians, and looks like degrees"]
-    if yaw:
-        return [
+        yield f"the origin's yaw of {yaw:g} is in radians, and looks like degrees"
+    elif yaw:
+        yield (
             f"the origin's yaw of {math.degrees(yaw):.4g} deg counts in all coordinates here; Nav2"
             " and ROS 1 ignore it"
-        ]
-    return []
+        )

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._kernels.arrays import Floats, Octets
 from locplan.errors import MapError
 
 OCCUPIED, UNKNOWN, FREE = 0, 127, 254
@@ -16,7 +17,7 @@ FREE_BELOW, OCCUPIED_FROM = 19.6, 65.0
 """Default thresholds of ROS's map_server [per cent]."""
 
 
-def levels_of(occupancy: ArrayLike, *, probabilities: bool) -> NDArray[np.uint8]:
+def levels_of(occupancy: ArrayLike, *, probabilities: bool) -> Octets:
     """Return the levels of occupancy values, as `OccupancyGrid.from_occupancy` describes them."""
     try:
         values = np.asarray(occupancy)
@@ -31,7 +32,7 @@ def levels_of(occupancy: ArrayLike, *, probabilities: bool) -> NDArray[np.uint8]
     return levels
 
 
-def _from_probabilities(values: NDArray[Any]) -> NDArray[np.float64]:
+def _from_probabilities(values: NDArray[Any]) -> Floats:
     """Per cent of probabilities, NaN where they are NaN."""
     if not np.issubdtype(values.dtype, np.number) or np.iscomplexobj(values):
         raise MapError(f"probabilities must be numbers, not of type {values.dtype}")

@@ -12,14 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Array, Bools, Ints, Octets, Singles
 from locplan._util.checks import FARTHEST, RESOLUTIONS, is_file_name, shown
 from locplan._util.reading import SCALAR_TAGS, compose, fault_of, read_content, reason_of
 from locplan.maps._occupancy import FREE, UNKNOWN
 
 if TYPE_CHECKING:
-    import yaml
     from PIL import Image, ImageFile
 
 
@@ -74,14 +73,12 @@ def read_header(file: Path) -> Header:
 
 def _read_entries(file: Path) -> dict[str, Entry]:
     """Read the top level of a map YAML, as nodes only: no tag is obeyed, no alias expanded."""
-    import yaml
-
     content = read_content(
         file, MAX_YAML_BYTES, "give a map YAML, which is a few lines, not its image"
     )
     remedy = "write lines such as image: map.pgm"
     root = compose(file, content, remedy)
-    if not isinstance(root, yaml.MappingNode):
+    if root is None or root.id != "mapping":
         raise fault_of(file, "holds no keys", remedy)
     entries: dict[str, Entry] = {}
     for key, value in root.value:
@@ -92,16 +89,15 @@ def _read_entries(file: Path) -> dict[str, Entry]:
     return entries
 
 
-def _plain(node: yaml.Node) -> Entry:
+def _plain(node: Any) -> Entry:
     """Text of a scalar, or the texts of a sequence; ... stands for anything else."""
-    import yaml
-
     if node.tag == "tag:yaml.org,2002:null":
         return None
-    if isinstance(node, yaml.ScalarNode) and node.tag in SCALAR_TAGS:
+    if node.id == "scalar" and node.tag in SCALAR_TAGS:
         return str(node.value)
-    items = node.value if isinstance(node, yaml.SequenceNode) else [None]
-    return [str(item.value) if isinstance(item, yaml.ScalarNode) else "..." for item in items]
+    if node.id != "sequence":
+        return ["..."]
+    return [str(item.value) if item.id == "scalar" else "..." for item in node.value]
 
 
 def _number(entry: Entry) -> float:
@@ -158,10 +154,10 @@ class MapSource:
         cls,
         file: str,
         header: Header,
-        pixels: NDArray[np.integer[Any]],
-        seen: NDArray[np.bool_] | None,
-        occupancy: NDArray[np.float32],
-        levels: NDArray[np.uint8],
+        pixels: Array,
+        seen: Bools | None,
+        occupancy: Singles,
+        levels: Octets,
     ) -> MapSource:
         """The source of a map, from its pixels, and the occupancy and level of each value.
 
@@ -200,9 +196,7 @@ class MapSource:
         )
 
 
-def _counts(
-    pixels: NDArray[np.integer[Any]], seen: NDArray[np.bool_] | None, values: int
-) -> NDArray[np.int64]:
+def _counts(pixels: Array, seen: Bools | None, values: int) -> Ints:
     """Number of the pixels that are seen of each value, (values,)."""
     counts = np.zeros(values, np.int64)
     for rows in range(0, len(pixels), ROWS):  # bincount takes 8 bytes for each pixel
@@ -214,11 +208,7 @@ def _counts(
 
 
 def _as_of_walls(
-    dark: NDArray[np.bool_],
-    counts: NDArray[np.int64],
-    pixels: NDArray[np.integer[Any]],
-    seen: NDArray[np.bool_] | None,
-    resolution: float,
+    dark: Bools, counts: Ints, pixels: Array, seen: Bools | None, resolution: float
 ) -> int:
     """Number of pixels of dark values, or 0 if most lie in areas too wide for walls."""
     import cv2
@@ -236,7 +226,7 @@ def _as_of_walls(
     return 0 if np.count_nonzero(wide) > count / 2 else count
 
 
-def _within(values: NDArray[Any], low: float, high: float) -> NDArray[np.bool_]:
+def _within(values: Array, low: float, high: float) -> Bools:
     return np.asarray((values >= low) & (values <= high))
 
 
@@ -246,7 +236,7 @@ MAX_IMAGE_BYTES, MAX_PIXELS = 2**30, 2**28
 PIXELS_PER_BYTE = 8300  # deflate's best is 1032 to 1, with eight 1-bit pixels in a byte
 
 
-def read_pixels(file: Path) -> tuple[NDArray[Any], NDArray[np.bool_] | None, bool]:
+def read_pixels(file: Path) -> tuple[Array, Bools | None, bool]:
     """Read the grey values, the mask of opaque ones if others are transparent, and whether values
     were rescaled to span all of uint8 or uint16; the top row comes first."""
     content = read_content(file, MAX_IMAGE_BYTES, "correct image: in the YAML")
@@ -281,7 +271,7 @@ def _opened(content: bytes) -> ImageFile.ImageFile:
     raise ValueError("its first bytes are those of none of them")
 
 
-def _decode(image: Image.Image) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+def _decode(image: Image.Image) -> tuple[Array, Bools | None]:
     """Decode some rows at a time: Pillow's conversions and copies take ten bytes a pixel."""
     tops = range(0, image.height, ROWS)
     boxes = [(0, top, image.width, min(top + ROWS, image.height)) for top in tops]
@@ -289,7 +279,7 @@ def _decode(image: Image.Image) -> tuple[NDArray[Any], NDArray[np.bool_] | None]
     return np.concatenate(pixels), None if opaque[0] is None else np.concatenate(opaque)
 
 
-def _decode_rows(image: Image.Image) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+def _decode_rows(image: Image.Image) -> tuple[Array, Bools | None]:
     if image.mode in ("I", "I;16"):
         pixels = np.asarray(image).astype(np.uint16)
         return pixels, pixels != image.info.get("transparency", -1)

@@ -10,9 +10,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._util.poses import Numbers, wrapped
+from locplan._kernels.arrays import Bools, Floats, Octets
+from locplan._util.poses import wrapped
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
@@ -33,15 +33,15 @@ class Database:
     """The map."""
     matching: Matching
     """The lidar, and how scans are matched."""
-    fits: NDArray[np.bool_]
+    fits: Bools
     """Mask of the cells where the robot may stand, (H, W)."""
-    positions: Numbers
+    positions: Floats
     """Positions of the lidar that scans are compared with, x and y (n, 2) [cells]."""
-    codes: NDArray[np.uint8]
+    codes: Octets
     """Codes of the ranges, in blocks of 64 places."""
     tables: Any
     """The losses of beams' ends around the map, as the kernels take them."""
-    squares: NDArray[np.uint8]
+    squares: Octets
     """The map, with the empty squares about its cells, as the kernels take it."""
 
     @property
@@ -56,7 +56,7 @@ class Database:
         lidar, resolution = self.matching.lidar, self.grid.resolution
         return lidar.mount_x / resolution, lidar.mount_y / resolution
 
-    def scans_at(self, poses: Numbers) -> Numbers:
+    def scans_at(self, poses: Floats) -> Floats:
         """Ranges at the robot's poses, x, y [cells] and heading [rad], (n, 96) [m].
 
         They belong to `Matching.bearings`: infinite without a return, NaN out of the view.
@@ -71,7 +71,7 @@ class Database:
         ranges[:, ~self.matching.seen] = np.nan
         return ranges
 
-    def codes_of(self, ranges: Numbers) -> NDArray[np.uint8]:
+    def codes_of(self, ranges: Floats) -> Octets:
         """Codes of ranges, of which 16 are a metre; they begin anew after 16 m.
 
         Parameters
@@ -84,7 +84,7 @@ class Database:
         counts = np.where(np.isfinite(ranges), 16 * ranges, none)
         return np.asarray(np.floor(counts).astype(np.int64) % 256, np.uint8)
 
-    def in_world(self, poses: Numbers) -> Numbers:
+    def in_world(self, poses: Floats) -> Floats:
         """Poses in the world, (n, 3) [m, m, rad].
 
         Parameters
@@ -96,7 +96,7 @@ class Database:
         heading = wrapped(poses[:, 2] + self.grid.origin[2])
         return np.column_stack([x, y, heading])
 
-    def on_map(self, poses: Numbers) -> Numbers:
+    def on_map(self, poses: Floats) -> Floats:
         """Poses x, y and heading on the map, (n, 3) [cells, cells, rad].
 
         Parameters
@@ -152,26 +152,32 @@ def make_database(
     return dataclasses.replace(made, codes=_all_codes(made, casting))
 
 
-def _all_codes(database: Database, progress: ProgressCallback) -> NDArray[np.uint8]:
+def _all_codes(database: Database, progress: ProgressCallback) -> Octets:
     """Codes of the ranges at all places, as `Database.codes` has them."""
-    from locplan._kernels.simd import OCTETS
-
     count = len(database.positions)
-    blocks = -(-count // OCTETS)
-    padded = np.zeros((blocks * OCTETS, TURNS), np.uint8)
+    codes = np.empty((count, TURNS), np.uint8)
     for first in range(0, count, 1 << 14):  # in blocks, which bounds the memory
         some = database.positions[first : first + (1 << 14)]
         poses = np.column_stack([some, np.zeros(len(some))])
         ranges = _ranges(database, poses, 0.0, 0.0)
-        padded[first : first + len(some)] = database.codes_of(ranges)
+        codes[first : first + len(some)] = database.codes_of(ranges)
         progress(first + len(some), count)
-    laid_out = padded.reshape(blocks, OCTETS, TURNS).transpose(0, 2, 1)
-    return np.concatenate([laid_out, laid_out], axis=1).reshape(-1)
+    return in_blocks(np.hstack([codes, codes]))
+
+
+def in_blocks(codes: Octets) -> Octets:
+    """Codes of n places, (n, turns), as `Database.codes` has them."""
+    from locplan._kernels.simd import OCTETS
+
+    blocks = -(-len(codes) // OCTETS)
+    padded = np.zeros((blocks * OCTETS, codes.shape[1]), np.uint8)
+    padded[: len(codes)] = codes
+    return padded.reshape(blocks, OCTETS, -1).transpose(0, 2, 1).reshape(-1)
 
 
 def reachable(
     grid: OccupancyGrid, robot_radius: float, places: Sequence[tuple[int, int]] = ()
-) -> NDArray[np.bool_]:
+) -> Bools:
     """Mask of the free cells where the robot fits, (H, W), without small regions of them.
 
     Those with one of the places, cells (row, col), stay.
@@ -190,11 +196,8 @@ def reachable(
 
 
 def places_every(
-    spacing: float,
-    fits: NDArray[np.bool_],
-    resolution: float,
-    progress: ProgressCallback | None = None,
-) -> Numbers:
+    spacing: float, fits: Bools, resolution: float, progress: ProgressCallback | None = None
+) -> Floats:
     """Centres of cells, the one next to the middle of each square that has any, x and y (n, 2).
 
     Parameters
@@ -220,7 +223,7 @@ def places_every(
     return np.concatenate(found) + 0.5
 
 
-def _middles(fits: NDArray[np.bool_], edge: int) -> Numbers:
+def _middles(fits: Bools, edge: int) -> Floats:
     """Columns and rows (n, 2) of the cells next to the middles of squares."""
     rows, cols = np.nonzero(fits)
     block = (rows // edge) * (fits.shape[1] // edge + 1) + cols // edge
@@ -231,9 +234,7 @@ def _middles(fits: NDArray[np.bool_], edge: int) -> Numbers:
     return np.column_stack([cols[chosen], rows[chosen]]).astype(np.float64)
 
 
-def _of_lidar(
-    grid: OccupancyGrid, matching: Matching, fits: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def _of_lidar(grid: OccupancyGrid, matching: Matching, fits: Bools) -> Bools:
     """Mask of the cells where the lidar may be."""
     import cv2
 
@@ -246,7 +247,7 @@ def _of_lidar(
     return np.asarray((near > 0) & (grid.cells != OCCUPIED))
 
 
-def _ranges(database: Database, poses: Numbers, forward: float, left: float) -> Numbers:
+def _ranges(database: Database, poses: Floats, forward: float, left: float) -> Floats:
     """Ranges all round of a lidar so mounted at poses x, y, heading, (n, 96) [m]."""
     from locplan._kernels.matches import ranges_from
 

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import Settings, instance, keep_checked, number, positive, whole
-from locplan._util.poses import Numbers, ends_in_map, turning
+from locplan._kernels.arrays import Bools, Floats
+from locplan._util.checks import Settings, instance, positive, setting
+from locplan._util.poses import ends_in_map, turning
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError
 from locplan.field import Scan, wall_cells
@@ -42,33 +43,28 @@ class Matching(Settings):
 
     lidar: Lidar
     """The lidar: its range, field of view and mount; its number of beams does not matter."""
-    global_effective_beams: float = GLOBAL_EFFECTIVE_BEAMS
+    global_effective_beams: float = setting(GLOBAL_EFFECTIVE_BEAMS, positive, "beams")
     """Number of independent beams that count as much as 96 all round, above 0."""
-    sigma_hit: float = 0.1
+    sigma_hit: float = setting(0.1, positive, "m")
     """Standard deviation of the distance of a beam's end from a wall [m], above 0; it counts as at
     least a cell."""
-    z_rand: float = 0.05
+    z_rand: float = setting(0.05, positive)
     """Share of the beams that end anywhere, above 0 and below 1."""
-    robot_radius: float = 0.25
+    robot_radius: float = setting(0.25, 0.0)
     """Distance from walls at which a pose is possible [m], >= 0."""
-    count_missing: bool = False
+    count_missing: bool = setting(False)
     """True lets a beam without a return count against poses at which it meets a wall in range."""
-    shortlisted: int = 600
+    shortlisted: int = setting(600, 1, 100_000)
     """Number of pairs of a place and a turn that are refined, before alike ones are dropped, 1 to
     100,000."""
 
     def __post_init__(self) -> None:
         instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
-        keep_checked(self, ("global_effective_beams",), positive, "beams")
-        keep_checked(self, ("sigma_hit",), positive, "m")
-        keep_checked(self, ("z_rand",), positive)
+        super().__post_init__()
         if self.z_rand >= 1:
             raise ConfigError(f"z_rand must be below 1, not {self.z_rand:g}")
-        keep_checked(self, ("robot_radius",), number, 0.0)
-        keep_checked(self, ("shortlisted",), whole, 1, 100_000)
-        instance("count_missing", self.count_missing, bool)
 
-    def sigmas(self, resolution: float) -> NDArray[np.float64]:
+    def sigmas(self, resolution: float) -> Floats:
         """Deviations at which a pose is refined, one after the other, at least a cell [m].
 
         Parameters
@@ -80,18 +76,18 @@ class Matching(Settings):
         return np.array(sorted(set(levels), reverse=True))
 
     @property
-    def bearings(self) -> NDArray[np.float64]:
+    def bearings(self) -> Floats:
         """Directions of the beams that are compared, from the robot's front, (96,) [rad]."""
         return np.arange(TURNS, dtype=np.float64) * STEP
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
+    def seen(self) -> Bools:
         """Mask of these beams that lie in the lidar's field of view, (96,)."""
         aside = (self.bearings - self.lidar.mount_yaw + math.pi) % (2 * math.pi) - math.pi
         half = math.radians(self.lidar.field_of_view_deg) / 2
         return np.asarray(np.abs(aside) <= half + 1e-9)
 
-    def compared(self, ranges: NDArray[np.float64]) -> NDArray[np.float64]:
+    def compared(self, ranges: Floats) -> Floats:
         """Ranges of scans at `bearings`.
 
         Parameters
@@ -120,17 +116,8 @@ class Matching(Settings):
         forward, left : float
             Mount of the lidar ahead and to the left of the robot's centre [m].
         """
-        from locplan._kernels.lidar import Lidar as Beams
-
-        return Beams(
-            angles=self.bearings,
-            forward=forward,
-            left=left,
-            yaw=0.0,
-            sigma=self.lidar.range_sigma,
-            min_range=self.lidar.min_range,
-            max_range=self.lidar.range,
-        )
+        mounted = {"forward": forward, "left": left, "yaw": 0.0}
+        return self.lidar.for_kernels()._replace(angles=self.bearings, **mounted)
 
     @property
     def nats_a_loss(self) -> float:
@@ -143,10 +130,7 @@ BAND = 1 << 20
 
 
 def loss_tables(
-    grid: OccupancyGrid,
-    matching: Matching,
-    fits: NDArray[np.bool_],
-    progress: ProgressCallback | None = None,
+    grid: OccupancyGrid, matching: Matching, fits: Bools, progress: ProgressCallback | None = None
 ) -> Any:
     """The losses around the map at each deviation, in the form that the kernels take.
 
@@ -194,7 +178,7 @@ def loss_tables(
 
 
 def _losses_of_squares(
-    sigmas: NDArray[np.float64], z_rand: float, resolution: float, farthest: float
+    sigmas: Floats, z_rand: float, resolution: float, farthest: float
 ) -> NDArray[np.uint32]:
     """Losses at a squared distance of 0, 1, ... cells^2 for each deviation; the last one is `TOP`.
 
@@ -216,13 +200,13 @@ def _losses_of_squares(
 class Posteriors(NamedTuple):
     """The posteriors of n scans about n poses, in the world's frame."""
 
-    mean: Numbers
+    mean: Floats
     """Mean offset from the pose, (n, 3) [m, m, rad]."""
-    covariance: Numbers
+    covariance: Floats
     """Covariance about the mean, (n, 3, 3) [m, m, rad]."""
-    best: Numbers
+    best: Floats
     """Most probable offset, (n, 3) [m, m, rad]."""
-    summary: Numbers
+    summary: Floats
     """Entropy [nat], ambiguity, and log-likelihood a return at the most probable offset, (n, 3)."""
 
 
@@ -263,7 +247,7 @@ class Matcher:
         field = self.settings.prepare(self.grid.cells, self.grid.resolution).likelihood
         return field, make_lattice(self.window.half_steps, self.window.angles)
 
-    def posteriors(self, on_robot: Numbers, poses: Numbers) -> Posteriors:
+    def posteriors(self, on_robot: Floats, poses: Floats) -> Posteriors:
         """Match scans about poses, each from the centre of its cell.
 
         Parameters

@@ -10,9 +10,8 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._util.poses import Numbers
+from locplan._kernels.arrays import Bools, Floats, Ints, Singles
 from locplan._util.progress import ProgressCallback
 from locplan.matching._database import Database
 from locplan.matching._matching import STEP, TURNS
@@ -32,9 +31,9 @@ AWAY = 2.0
 class Modes:
     """The poses that explain a scan best, the best first."""
 
-    poses: Numbers
+    poses: Floats
     """x, y [cells] and heading [rad] of each on the map, (n, 3)."""
-    losses: Numbers
+    losses: Floats
     """Loss of each, (n,) [nats]."""
     returns: int
     """Number of the scan's beams that return; below `MIN_RETURNS` there are no modes."""
@@ -49,17 +48,17 @@ class ScanOnMap:
 
     database: Database
     """What the lidar sees on the map, from `make_database`."""
-    ranges: Numbers
+    ranges: Floats
     """Ranges of the beams in `Matching.bearings`, (96,) [m]: infinite without a return, NaN where
     nothing is known. A beam that is neither is compared."""
 
     @cached_property
-    def returns(self) -> NDArray[np.bool_]:
+    def returns(self) -> Bools:
         """Mask of the beams that return, (96,)."""
         return np.isfinite(self.ranges)
 
     @cached_property
-    def ends(self) -> NDArray[np.float32]:
+    def ends(self) -> Singles:
         """Ends of the beams that return, ahead and to the left of the robot, (2, k) [cells]."""
         database = self.database
         bearing = database.matching.bearings[self.returns]
@@ -81,7 +80,7 @@ class ScanOnMap:
 
         return self.database.matching.nats_a_loss / TOP
 
-    def modes(self, home: Numbers | None = None) -> Modes:
+    def modes(self, home: Floats | None = None) -> Modes:
         """Match the scan with the whole map.
 
         Parameters
@@ -92,7 +91,7 @@ class ScanOnMap:
         """
         return self.refined(self.shortlisted(), home)
 
-    def shortlisted(self) -> Numbers:
+    def shortlisted(self) -> Floats:
         """Poses of the robot whose ranges are nearest to the scan's, (n, 3)."""
         from locplan._kernels.matches import shortlist
         from locplan._kernels.scan_losses import unlike
@@ -118,7 +117,7 @@ class ScanOnMap:
         # A pair within 0.6 m and 0.25 rad of a better one is not refined.
         return np.asarray(starts[unlike(starts, np.arange(len(starts)), 0.6 / resolution, 0.25)])
 
-    def refined(self, starts: Numbers, home: Numbers | None = None) -> Modes:
+    def refined(self, starts: Floats, home: Floats | None = None) -> Modes:
         """Modes to which some poses lead.
 
         Parameters
@@ -153,7 +152,7 @@ class ScanOnMap:
             poses, losses = poses[order], losses[order]
         return Modes(poses, losses, count)
 
-    def joined_to(self, found: Modes, first: int) -> NDArray[np.bool_]:
+    def joined_to(self, found: Modes, first: int) -> Bools:
         """Mask of the modes that a pose can slide to from the first one without a rise of the loss.
 
         Only those whose excess over the first is up to 8 nats count.
@@ -183,7 +182,7 @@ class ScanOnMap:
         )
         return joined
 
-    def losses_at(self, poses: Numbers) -> Numbers:
+    def losses_at(self, poses: Floats) -> Floats:
         """Losses at some poses, (n,) [nats].
 
         Parameters
@@ -198,7 +197,7 @@ class ScanOnMap:
         losses = [loss_at(tables, last, self.ends, *pose) for pose in poses.tolist()]
         return np.array(losses) * self._nats + self._missing(poses)
 
-    def moved_to_min(self, start: Numbers) -> tuple[Numbers, float]:
+    def moved_to_min(self, start: Floats) -> tuple[Floats, float]:
         """The pose of least loss next to a start, and its loss [nats].
 
         Parameters
@@ -216,19 +215,19 @@ class ScanOnMap:
             return pose, math.inf
         return pose, loss * self._nats + float(self._missing(pose[None])[0])
 
-    def _missing(self, poses: Numbers) -> Numbers:
+    def _missing(self, poses: Floats) -> Floats:
         """What beams without a return cost where they would meet a wall, if they count, (n,)."""
         matching = self.database.matching
         if not matching.count_missing:
             return np.zeros(len(poses))
         there = np.isfinite(self.database.scans_at(poses))
-        count: Numbers = (there & np.isposinf(self.ranges)).sum(axis=1).astype(np.float64)
+        count: Floats = (there & np.isposinf(self.ranges)).sum(axis=1).astype(np.float64)
         return count * matching.nats_a_loss
 
 
 def find_all_modes(
     database: Database,
-    ranges: Numbers,
+    ranges: Floats,
     *,
     threads: int = 1,
     progress: ProgressCallback | None = None,
@@ -247,14 +246,14 @@ def find_all_modes(
         Called with (done, total) scans.
     """
 
-    def match(some: NDArray[np.int64]) -> list[Modes]:
+    def match(some: Ints) -> list[Modes]:
         return [ScanOnMap(database, ranges[n]).modes() for n in some]
 
     return in_batches(match, len(ranges), threads, progress)
 
 
 def in_batches(
-    work: Callable[[NDArray[np.int64]], Sequence[Result]],
+    work: Callable[[Ints], Sequence[Result]],
     count: int,
     threads: int,
     progress: ProgressCallback | None = None,

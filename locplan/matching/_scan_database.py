@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._util.checks import instance, keep_checked, number
-from locplan._util.poses import Numbers
+from locplan._kernels.arrays import Bools, Floats, Singles
+from locplan._util.checks import instance, keep, number
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.matching._database import Database, _of_lidar, make_database
+from locplan.matching._database import Database, _of_lidar, in_blocks, make_database
 from locplan.matching._matching import TURNS, Matcher, Matching
 from locplan.robots import Lidar
 
@@ -52,12 +52,12 @@ class ScanDatabase:
     def __post_init__(self) -> None:
         check_grid(self.grid)
         instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
-        keep_checked(self, ("clearance",), number, 0.0)
+        keep(self, clearance=number("clearance", self.clearance, 0.0))
 
     def __repr__(self) -> str:
         return f"ScanDatabase({self.grid.name or 'map'}, {self.lidar.title})"
 
-    @cached_property
+    @property
     def everywhere(self) -> Database:
         """Ranges at all places.
 
@@ -66,7 +66,9 @@ class ScanDatabase:
         ConfigError
             If the map has no wall, or no place with this clearance.
         """
-        return self._made(None)
+        self.prepare()
+        database: Database = vars(self)["_database"]
+        return database
 
     def prepare(self, progress: ProgressCallback | None = None) -> None:
         """Look from all places now, so that the first search need not.
@@ -81,12 +83,9 @@ class ScanDatabase:
         ConfigError
             If the map has no wall, or no place with this clearance.
         """
-        if "everywhere" not in vars(self):
-            vars(self)["everywhere"] = self._made(progress)
-
-    def _made(self, progress: ProgressCallback | None) -> Database:
-        matching = Matching(lidar=self.lidar, robot_radius=self.clearance)
-        return make_database(self.grid, matching, (), progress)
+        if "_database" not in vars(self):
+            matching = Matching(lidar=self.lidar, robot_radius=self.clearance)
+            vars(self)["_database"] = make_database(self.grid, matching, (), progress)
 
     @cached_property
     def matcher(self) -> Matcher:
@@ -100,7 +99,7 @@ class ScanDatabase:
         beams = len(self.matcher.settings.beam_numbers)
         return matching.nats_a_loss * float(matching.seen.sum()) / beams
 
-    def compared_ends(self, on_robot: Numbers) -> NDArray[np.float32]:
+    def compared_ends(self, on_robot: Floats) -> Singles:
         """Ends of up to 180 beams that return, (2, k) [cells], those that `locplan.Scan` compares.
 
         Parameters
@@ -111,7 +110,7 @@ class ScanDatabase:
         ends = on_robot[self.matcher.settings.beam_numbers] / self.grid.resolution
         return np.ascontiguousarray(ends[np.isfinite(ends[:, 0])].T, np.float32)
 
-    def near(self, xy: Numbers, within: float) -> Database:
+    def near(self, xy: Floats, within: float) -> Database:
         """Ranges at the places near some positions.
 
         Parameters
@@ -173,7 +172,7 @@ def checked_database(
     return database
 
 
-def _distances(grid: OccupancyGrid, xy: Numbers) -> NDArray[np.float32]:
+def _distances(grid: OccupancyGrid, xy: Floats) -> Singles:
     """Distance of each cell from the nearest cell with a position, (H, W) [m]."""
     import cv2
 
@@ -187,24 +186,18 @@ def _distances(grid: OccupancyGrid, xy: Numbers) -> NDArray[np.float32]:
     return np.asarray(cells * np.float32(grid.resolution))
 
 
-def _restricted(database: Database, fits: NDArray[np.bool_]) -> Database:
+def _restricted(database: Database, fits: Bools) -> Database:
     """The part of a database of the places from which the robot can get to cells (H, W)."""
     from locplan._kernels.simd import OCTETS
 
-    grid, matching = database.grid, database.matching
-    near = _of_lidar(grid, matching, fits)
+    near = _of_lidar(database.grid, database.matching, fits)
     col, row = np.floor(database.positions.T).astype(np.int64)
     chosen = np.flatnonzero(near[row, col])
     places = database.codes.reshape(-1, 2 * TURNS, OCTETS).transpose(0, 2, 1)
-    codes = np.zeros((-(-len(chosen) // OCTETS) * OCTETS, 2 * TURNS), np.uint8)
-    codes[: len(chosen)] = places.reshape(-1, 2 * TURNS)[chosen]
-    laid_out = codes.reshape(-1, OCTETS, 2 * TURNS).transpose(0, 2, 1).reshape(-1)
-    return Database(
-        grid,
-        matching,
-        fits,
-        database.positions[chosen],
-        np.ascontiguousarray(laid_out),
-        database.tables._replace(fits=fits.astype(np.uint8)),
-        database.squares,
+    return dataclasses.replace(
+        database,
+        fits=fits,
+        positions=database.positions[chosen],
+        codes=in_blocks(places.reshape(-1, 2 * TURNS)[chosen]),
+        tables=database.tables._replace(fits=fits.astype(np.uint8)),
     )

@@ -245,10 +245,8 @@ def share_smaller_with_range(
     chosen = np.zeros(grid.shape, bool)
     chosen[step // 2 :: step, step // 2 :: step] = True
     rows, cols = np.nonzero(chosen & grid.free)
-    shorter, further = (
-        scalar(_covariances(grid, rows, cols, each), "e")
-        for each in (estimator, replace(estimator, range=longer))
-    )
+    both = estimator, replace(estimator, range=longer)
+    shorter, further = (scalar(_covariances(grid, rows, cols, each), "e") for each in both)
     return float(np.mean(further <= shorter * (1 + 1e-9)))
 
 

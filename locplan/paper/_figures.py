@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
@@ -16,9 +17,6 @@ from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.paper import template_matching
 from locplan.paper._claims import Slide
 from locplan.plotting import MAP_COLOURS, Picture
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 MODEL_STYLES: dict[str, dict[str, Any]] = {
     "SSD": {"color": "#d55e00", "linestyle": "-", "linewidth": 1.2},
@@ -147,8 +145,9 @@ def distribution_figure(
     window : OffsetLattice
         The offsets.
     """
-    turning = window.dimension == 3
-    planes = [("x", "y"), ("x", "θ"), ("y", "θ")][: 3 if turning else 1]
+    planes = [("x", "y"), ("x", "θ"), ("y", "θ")][: 3 if window.dimension == 3 else 1]
+    axes = dict.fromkeys("xy", (window.offsets, window.half_steps))
+    axes["θ"] = np.degrees(window.angles), window.half_rotations
     figure = Picture(figsize=(4.2 * len(planes) + 0.8, 6.4 * len(distributions)))
     parts = figure.subfigures(len(distributions), 1, squeeze=False)[:, 0]
     for part, (label, mismatch) in zip(parts, distributions.items(), strict=True):
@@ -156,46 +155,28 @@ def distribution_figure(
         part.suptitle(label + nothing, fontsize="large")
         # Up to 1 m^2 at least, so that a featureless place looks like one.
         norm = Normalize(0, max(mismatch.max(), 1.0))
+        look: dict[str, Any] = {"cmap": MISMATCH_COLOURS, "norm": norm}
         for column, plane in enumerate(planes):
-            offsets, values = _plane(mismatch, window, plane)
-            above = part.add_subplot(2, len(planes), column + 1, projection="3d")
-            below = part.add_subplot(2, len(planes), len(planes) + column + 1)
-            _draw_surface(above, plane, offsets, values, norm)
-            image = _draw_plane(below, plane, offsets, values, norm)
+            offsets = [axes[name][0] for name in plane]
+            # The plane goes through the middle of the axis that it leaves out.
+            cut = tuple(
+                slice(None) if name in plane else middle for name, (_, middle) in axes.items()
+            )
+            values, names = (
+                mismatch[cut],
+                dict(zip(("xlabel", "ylabel"), map(_label, plane), strict=True)),
+            )
+            above: Any = part.add_subplot(2, len(planes), column + 1, projection="3d")
+            across, along = np.meshgrid(*offsets, indexing="ij")
+            above.plot_surface(across, along, values, rstride=1, cstride=1, linewidth=0.2, **look)
+            above.set(zlim=(norm.vmin, norm.vmax), zlabel="S [m²]", **names)
+            above.view_init(elev=32, azim=-55)
+            below = part.add_subplot(2, len(planes), len(planes) + column + 1, **names)
+            image = below.pcolormesh(*offsets, values.T, shading="nearest", **look)
+            below.plot(0, 0, "+", color="white", markersize=9, markeredgewidth=2)
             part.colorbar(image, ax=below, label="mismatch S [m²]", shrink=0.9)
         part.subplots_adjust(0.07, 0.09, 0.94, 0.92, wspace=0.35, hspace=0.22)
     return figure
-
-
-def _plane(
-    mismatch: NDArray[np.float64], window: OffsetLattice, plane: tuple[str, str]
-) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]:
-    """Offsets along both axes of a plane [m, or deg], and the mismatch in the plane, (n, m)."""
-    axes = {"x": window.offsets, "y": window.offsets, "θ": np.degrees(window.angles)}
-    middle = window.half_steps, window.half_steps, window.half_rotations
-    cut = tuple(slice(None) if name in plane else middle[k] for k, name in enumerate(axes))
-    return (axes[plane[0]], axes[plane[1]]), mismatch[cut]
-
-
-def _draw_surface(
-    axes: Any, plane: tuple[str, str], offsets: Any, values: NDArray[Any], norm: Normalize
-) -> None:
-    across, along = np.meshgrid(*offsets, indexing="ij")
-    style = {"cmap": MISMATCH_COLOURS, "norm": norm, "rstride": 1, "cstride": 1, "linewidth": 0.2}
-    axes.plot_surface(across, along, values, **style)
-    axes.set(xlabel=_label(plane[0]), ylabel=_label(plane[1]), zlim=(norm.vmin, norm.vmax))
-    axes.set_zlabel("S [m²]")
-    axes.view_init(elev=32, azim=-55)
-
-
-def _draw_plane(
-    axes: Axes, plane: tuple[str, str], offsets: Any, values: NDArray[Any], norm: Normalize
-) -> Any:
-    style: dict[str, Any] = {"cmap": MISMATCH_COLOURS, "norm": norm, "shading": "nearest"}
-    image = axes.pcolormesh(*offsets, values.T, **style)
-    axes.plot(0, 0, "+", color="white", markersize=9, markeredgewidth=2)
-    axes.set(xlabel=_label(plane[0]), ylabel=_label(plane[1]))
-    return image
 
 
 def _label(axis: str) -> str:

@@ -54,7 +54,7 @@ def nssd(template: NDArray[Any], levels: NDArray[Any]) -> float:
     template, levels : arrays of float
         See `similarities`; of uint8, differences would wrap around.
     """
-    return _ratio(ssd(template, levels), _norms(template, levels))
+    return _normalised(ssd(template, levels), template, levels)
 
 
 def ncc(template: NDArray[Any], levels: NDArray[Any]) -> float:
@@ -65,7 +65,7 @@ def ncc(template: NDArray[Any], levels: NDArray[Any]) -> float:
     template, levels : arrays of float
         See `similarities`; of uint8, differences would wrap around.
     """
-    return _ratio(cc(template, levels), _norms(template, levels))
+    return _normalised(cc(template, levels), template, levels)
 
 
 def zncc(template: NDArray[Any], levels: NDArray[Any]) -> float:
@@ -232,12 +232,9 @@ def _curves(pairs: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> dict[str, NDA
     return {name: np.array([row[name] for row in rows]) for name in MODELS}
 
 
-def _norms(template: NDArray[Any], levels: NDArray[Any]) -> float:
-    return math.sqrt((template**2).sum() * (levels**2).sum())
-
-
-def _ratio(numerator: float, denominator: float) -> float:
-    return numerator / denominator if denominator > 0 else math.nan
+def _normalised(value: float, template: NDArray[Any], levels: NDArray[Any]) -> float:
+    norms = math.sqrt((template**2).sum() * (levels**2).sum())
+    return value / norms if norms > 0 else math.nan
 
 
 def sad_distribution(

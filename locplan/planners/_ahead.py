@@ -27,7 +27,7 @@ class Prepared(Protocol):
 
 @contextmanager
 def prepared_beside(
-    user: Prepared, *, needed: bool = True, compiled: Callable[[], bool] | None = None
+    user: Prepared, *, compiled: Callable[[], bool] | None = None
 ) -> Iterator[Callable[[], None]]:
     """Let another process compile what a planner needs while this one does something long.
 
@@ -39,8 +39,6 @@ def prepared_beside(
     ----------
     user : Prepared
         The planner.
-    needed : bool, default True
-        False compiles nothing, such as where what comes first is short.
     compiled : callable, optional
         Function that returns whether the kernels are in numba's cache; by default it looks for
         those of the grid's planners.
@@ -50,7 +48,7 @@ def prepared_beside(
     callable
         Function that waits for the other process, to be called before one plans.
     """
-    process = _process(user) if needed and not (compiled or _compiled)() else None
+    process = _process(user) if not (compiled or _compiled)() else None
 
     def wait() -> None:
         if process and process.poll() is None:

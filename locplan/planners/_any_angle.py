@@ -10,8 +10,8 @@ from functools import cache
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Array, Floats, Ints
 from locplan._util.checks import one_of
 from locplan.costs import Costmap, Path, path_cost
 from locplan.planners._grid import (
@@ -105,11 +105,11 @@ class AnyAngle:
 def any_angle_path(
     costs: Costmap,
     bordered: Bordered,
-    cells: NDArray[np.int64],
+    cells: Ints,
     start: Position,
     goal: Position,
     allow_corner_cutting: bool = False,
-    wider: NDArray[np.int64] | None = None,
+    wider: Ints | None = None,
 ) -> Path:
     """Straighten a path over cells; it never costs more than that.
 
@@ -149,7 +149,7 @@ def straightened(costs: Costmap, path: Path, *, allow_corner_cutting: bool = Fal
 def _improved(
     costs: Costmap,
     bordered: Bordered,
-    positions: NDArray[np.float64],
+    positions: Floats,
     start: Position,
     goal: Position,
     cutting: bool,
@@ -175,7 +175,7 @@ def _improved(
     return distinct(costs, np.vstack([start, xy[1:-1], goal]))
 
 
-def subdivided(positions: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
+def subdivided(positions: Floats, spacing: float) -> Floats:
     """Add positions to a line so that they lie at most `spacing` apart."""
     steps = np.diff(positions, axis=0)
     counts = np.maximum(1, np.ceil(np.hypot(*steps.T) / spacing)).astype(int)
@@ -187,20 +187,21 @@ def subdivided(positions: NDArray[np.float64], spacing: float) -> NDArray[np.flo
 
 def _cells_of_32_moves(
     costs: Costmap, start: Position, goal: Position, allow_corner_cutting: bool
-) -> NDArray[np.int64] | None:
+) -> Ints | None:
     """The cheapest cells over 32 moves, or None if none join or costs differ too much to sort."""
     from locplan._kernels.any_angle import cheapest_moves
     from locplan._kernels.search import bordered_half
 
     columns = costs.grid.shape[1] + 2 * REACH
     half, ends = bordered_half(costs.density, REACH), bordered_ends(costs, start, goal, REACH)
-    flat = cheapest_moves(half, *ends, *_moves(columns, allow_corner_cutting))
+    flat = cheapest_moves(half, *ends, _moves(columns, allow_corner_cutting))
     return cells_of(flat, columns, REACH) if flat.size else None
 
 
 @cache
-def _moves(columns: int, allow_corner_cutting: bool) -> tuple[NDArray[Any], ...]:
-    """The offsets of the 32 moves, the cells that they cross, the lengths there, the corners."""
+def _moves(columns: int, allow_corner_cutting: bool) -> Any:
+    """The 32 moves, `locplan._kernels.any_angle.Moves`."""
+    from locplan._kernels.any_angle import Moves
     from locplan._kernels.rays import cells_along
 
     whole = range(-REACH, REACH + 1)
@@ -216,10 +217,10 @@ def _moves(columns: int, allow_corner_cutting: bool) -> tuple[NDArray[Any], ...]
     if allow_corner_cutting:
         touched = [np.empty(0, np.int64) for _ in moves]
     offsets = np.array([row * columns + col for row, col in moves])
-    return offsets, _padded(crossed), _padded(lengths), _padded(touched)
+    return Moves(offsets, _padded(crossed), _padded(lengths), _padded(touched))
 
 
-def _padded(rows: list[NDArray[Any]]) -> NDArray[Any]:
+def _padded(rows: list[Array]) -> Array:
     """An array of rows of unequal length, filled up with zeros."""
     result = np.zeros((len(rows), max(1, *map(len, rows))), rows[0].dtype)
     for row, values in zip(result, rows, strict=True):

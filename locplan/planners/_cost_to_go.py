@@ -6,20 +6,13 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Array, Floats, Ints
 from locplan.costs import Costmap, Path, check_costs
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
-from locplan.planners._grid import (
-    GridPlanner,
-    bands,
-    bordered_index,
-    cells_of,
-    through_centres,
-)
+from locplan.planners._grid import GridPlanner, bands, bordered_index, cells_of, through_centres
 from locplan.planners._protocol import Found, Position
 from locplan.planners._result import Plan, finished
 
@@ -32,19 +25,19 @@ class CostToGo:
     """The costmap that was searched."""
     goal: Position
     """Position of the goal in the world [m]."""
-    cost: NDArray[np.float64]
+    cost: Floats
     """Cost from each cell's centre to the goal's cell, (H, W) [m]; infinite without a path."""
     allow_corner_cutting: bool
     """True if a diagonal step may pass the corner of a blocked cell."""
-    _bordered: NDArray[np.float64]
-    _half: NDArray[np.float64]
+    _bordered: Floats
+    _half: Floats
 
     def __repr__(self) -> str:
         reached = np.isfinite(self.cost).sum()
         x, y = self.goal[:2]
         return f"CostToGo({self.costs.grid.name or 'map'}, to {x:g},{y:g} m from {reached} cells)"
 
-    def cells(self, start: Position) -> NDArray[np.int64] | None:
+    def cells(self, start: Position) -> Ints | None:
         """The cells of the cheapest path.
 
         Parameters
@@ -195,11 +188,7 @@ class PlacePair:
 
 
 def farthest_pairs(
-    grid: OccupancyGrid,
-    room_of_cell: NDArray[Any],
-    room: int,
-    names: Sequence[str],
-    min_distance: float,
+    grid: OccupancyGrid, room_of_cell: Array, room: int, names: Sequence[str], min_distance: float
 ) -> list[PlacePair]:
     """Pairs of the places in a room that are farthest apart by path length, the farthest first.
 
@@ -251,7 +240,7 @@ class _Room:
     Its cells are counted row by row; a coarse cell is free if any of its cells is in the room.
     """
 
-    def __init__(self, grid: OccupancyGrid, room_of_cell: NDArray[Any], room: int) -> None:
+    def __init__(self, grid: OccupancyGrid, room_of_cell: Array, room: int) -> None:
         import cv2
 
         self._grid, self._room_of_cell, self._room = grid, room_of_cell, room
@@ -284,13 +273,13 @@ class _Room:
         self._clear = self._depth >= min(float(np.median(self._depth[free])), 0.5)
         self.deepest = int(self._depth.argmax())
 
-    def distance(self, place: int) -> NDArray[np.float64]:
+    def distance(self, place: int) -> Floats:
         """Length of the shortest path from a cell to each other, flat [m]."""
         row, col = divmod(place, self._costs.grid.shape[1])
         xy = self._costs.grid.cell_to_world(row, col)
         return plan_field(self._costs, xy).cost.ravel()
 
-    def farthest(self, distance: NDArray[np.float64]) -> int:
+    def farthest(self, distance: Floats) -> int:
         """The clearest of the cells that are almost as far as the farthest clear one."""
         reached = np.where(self._clear, distance, -1.0)
         far = np.flatnonzero(reached >= 0.95 * reached.max())

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Array, Floats, Ints
 from locplan._util.checks import number
 from locplan.costs import Costmap, Path, path_cost
 from locplan.maps import OccupancyGrid
@@ -35,7 +36,7 @@ BAND_CELLS = 2**23
 class Bordered:
     """A costmap as the kernels of searches take it; it can serve for several of them."""
 
-    half: NDArray[np.float64]
+    half: Floats
     """Half of each cell's density, flat, with a blocked border of one cell."""
     columns: int
     """Number of columns with the border."""
@@ -56,7 +57,7 @@ class Bordered:
         half = bordered_half(costs.density, 1)
         return cls(half, costs.grid.shape[1] + 2, scale_of(half))
 
-    def cells_of(self, flat: NDArray[np.int64]) -> NDArray[np.int64]:
+    def cells_of(self, flat: Ints) -> Ints:
         """Rows and columns of cells, (n, 2).
 
         Parameters
@@ -149,7 +150,7 @@ def cheapest_cells(
     guided: bool | None = None,
     bordered: Bordered | None = None,
     check: Callable[[], None] | None = None,
-) -> tuple[NDArray[np.int64] | None, int]:
+) -> tuple[Ints | None, int]:
     """The cells (n, 2) of (row, col) of the cheapest path, None if there is none.
 
     With them comes the number of expansions. `guided` is that of `GridPlanner`; `bordered` is the
@@ -214,9 +215,7 @@ def bands(rows: int, cols: int, beyond: int) -> Iterator[tuple[slice, slice, sli
         yield slice(top, bottom), around, slice(top - first, bottom - first)
 
 
-def parts_of_map(
-    grid: OccupancyGrid, robot_radius: float
-) -> tuple[NDArray[np.float64], NDArray[Any]]:
+def parts_of_map(grid: OccupancyGrid, robot_radius: float) -> tuple[Floats, Array]:
     """Find the parts of a map that a robot can reach, as `connected_parts` does, in little memory.
 
     Parameters
@@ -297,13 +296,13 @@ def bordered_index(costs: Costmap, xy: Position, role: str, border: int = 1) -> 
     return (row + border) * (costs.grid.shape[1] + 2 * border) + col + border
 
 
-def cells_of(flat: NDArray[np.int64], columns: int, border: int = 1) -> NDArray[np.int64]:
+def cells_of(flat: Ints, columns: int, border: int = 1) -> Ints:
     """The cells (n, 2) of (row, col) at flat indices in a grid with a border."""
     return np.column_stack([flat // columns - border, flat % columns - border])
 
 
 def through_centres(
-    costs: Costmap, cells: NDArray[np.int64], start: Position, goal: Position, *, trim: bool = False
+    costs: Costmap, cells: Ints, start: Position, goal: Position, *, trim: bool = False
 ) -> Path:
     """A path from start over the centres of cells (n, 2) to goal, where it turns.
 
@@ -323,7 +322,7 @@ def through_centres(
     return distinct(costs, xy)
 
 
-def distinct(costs: Costmap, xy: NDArray[np.float64]) -> Path:
+def distinct(costs: Costmap, xy: Floats) -> Path:
     """The path over positions (n, 2) [m] without those that repeat the one before."""
     moved = np.hypot(*np.diff(xy, axis=0).T) > 1e-9 * costs.grid.resolution
     moved[-1] |= not moved.any()  # a path has two ends, even in one place

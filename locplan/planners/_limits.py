@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from locplan._util.checks import positive
+from locplan._util.tables import rounded_up
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
-from locplan.planners._grid import bordered_index
-from locplan.planners._pareto import rounded_up
+from locplan.planners._cost_to_go import plan_field
 from locplan.planners._protocol import CURVED, Found, Position, Wrapper
 from locplan.robots import Footprint
 
@@ -127,15 +127,11 @@ class Limited(Wrapper):
 
     def _joins(self, costs: Costmap, stops: Sequence[Position]) -> bool:
         """Whether a path over the grid joins the stops: where none does, no other one does."""
-        from locplan._kernels.search import bordered_half, shortest_costs
-
         if not _free(costs, stops):
             return False
-        cells = [bordered_index(costs, stop[:2], "position") for stop in stops]
         cutting = getattr(self.planner, "allow_corner_cutting", False)
-        half, columns = bordered_half(costs.density, 1), costs.grid.shape[1] + 2
-        cost = shortest_costs(half, columns, cells[0], -1, cutting)
-        return bool(np.isfinite(cost[cells]).all())
+        cost = plan_field(costs, stops[0][:2], allow_corner_cutting=cutting).cost
+        return all(np.isfinite(cost[costs.grid.world_to_cell(*stop[:2])]) for stop in stops)
 
     def _min_max_e(self, costs: Costmap, stops: Sequence[Position]) -> float | None:
         """The least `max_e` [m^2 rad] with which a grid path joins the stops, None if none does."""

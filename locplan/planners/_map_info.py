@@ -6,11 +6,11 @@ import math
 import os
 import shlex
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Array
 from locplan._util.public import Pictured
 from locplan._util.records import POSITION, Column, Table
 from locplan._util.tables import in_square_metres, table
@@ -79,7 +79,7 @@ class MapInfo(Pictured):
     """Number of specks: rooms too small to count."""
     specks_area: float
     """Area of all specks [m^2]."""
-    room_of_cell: NDArray[Any]
+    room_of_cell: Array
     """Number of the room of each cell, (H, W), of an unsigned type; 0 where there is none."""
     pairs: tuple[PlacePair, ...]
     """Pairs of places far apart in one room, the farthest of each room first."""
@@ -278,7 +278,7 @@ def describe_map(
 
 
 def _pairs(
-    grid: OccupancyGrid, room_of_cell: NDArray[Any], rooms: tuple[Room, ...], radius: float
+    grid: OccupancyGrid, room_of_cell: Array, rooms: tuple[Room, ...], radius: float
 ) -> tuple[PlacePair, ...]:
     """Pairs of places in the largest rooms, first in those inside."""
     rim = [room_of_cell[0], room_of_cell[-1], room_of_cell[1:-1, 0], room_of_cell[1:-1, -1]]

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import number
+from locplan._util.tables import rounded_up
 from locplan.costs import Costmap, check_costs
 from locplan.planners._grid import cells_of, through_centres
 from locplan.planners._protocol import Found, Position
@@ -110,31 +111,22 @@ class BudgetPlanner:
         return Found(best, bound=min(problem.length(lower), best.length))
 
 
-def rounded_up(value: float) -> str:
-    """A limit as text of six digits that is not below the value, so that it can be typed in."""
-    return f"{value * (1 + 1e-5):.6g}"
-
-
 @dataclass(frozen=True)
 class _Bounds:
     """The bounds that Lagrangian relaxation gives, in whole units."""
 
-    best: NDArray[np.int64]
+    best: Ints
     """The shortest path found so far that is within the budget, as flat indices of cells."""
     upper: float
     """The first cost of `best`."""
     lower: float
     """Minimum first cost that a path within the budget can have."""
-    joint: tuple[NDArray[np.float64], float, float]
+    joint: tuple[Floats, float, float]
     """Both costs to go, their multiplier, and the greatest sum of a better path, for `Search`."""
 
 
 def _lagrangian(
-    problem: Problem,
-    first_to_go: NDArray[np.float64],
-    short: NDArray[np.int64],
-    frugal: NDArray[np.int64],
-    within: float,
+    problem: Problem, first_to_go: Floats, short: Ints, frugal: Ints, within: float
 ) -> _Bounds:
     """Raise the multiplier to where the bound is greatest (Handler and Zang, 1980)."""
     beyond_first, beyond_second = problem.measured(short)
@@ -166,7 +158,7 @@ def _lagrangian(
 
 SUPPORTED = 24
 """Number of paths of least weighted sums that complete a front whose search was cut short."""
-Point: TypeAlias = tuple[float, float, NDArray[np.int64]]
+Point: TypeAlias = tuple[float, float, Ints]
 """Both costs of a path in whole units, and its cells (n, 2)."""
 
 
@@ -301,7 +293,7 @@ def _epsilon(
 
 
 def _weighted_sums(
-    problem: Problem, points: list[Point], short: NDArray[np.int64], frugal: NDArray[np.int64]
+    problem: Problem, points: list[Point], short: Ints, frugal: Ints
 ) -> list[tuple[float, float]]:
     """Add paths of least weighted sums to the points, the widest gaps first.
 

@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from locplan._kernels.arrays import Bools
 from locplan.costs import Costmap, Path, check_costs
 from locplan.field import CovarianceField, FieldConfig, every_second_point, points_near
 from locplan.maps import OccupancyGrid
@@ -232,7 +233,7 @@ T = TypeVar("T")
 def planned_near_paths(
     grid: OccupancyGrid,
     config: FieldConfig,
-    field_of: Callable[[NDArray[np.bool_]], CovarianceField],
+    field_of: Callable[[Bools], CovarianceField],
     planned: Callable[[CovarianceField], T],
     paths_of: Callable[[T], Iterable[Path]],
 ) -> tuple[CovarianceField, T]:

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Array, Floats, Ints
 from locplan._util.checks import file_path, is_whole, number, position, shown, whole
 from locplan._util.reading import read_text
 from locplan._util.tables import from_csv_cell
@@ -310,7 +310,7 @@ class _Parts:
         wide = [n for n, width in enumerate(widths) if width >= self._min]
         self._cells, self._ends = [every[n] for n in wide], [ends[n] for n in wide]
 
-    def draw(self, random: np.random.Generator) -> NDArray[np.float64]:
+    def draw(self, random: np.random.Generator) -> Floats:
         """Start and goal in one part, far enough apart: (row, col, row, col)."""
         pairs = np.array([len(part) ** 2 for part in self._cells], float)
         which = random.choice(len(self._cells), p=pairs / pairs.sum())
@@ -325,12 +325,12 @@ class _Parts:
         return np.concatenate(ends[:0:-1])
 
 
-def _apart(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.float64]:
+def _apart(one: Array, other: Array) -> Floats:
     """The distances between cells (..., 2)."""
     return np.asarray(np.hypot(*np.moveaxis(one - other, -1, 0)))
 
 
-def _farthest_apart(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+def _farthest_apart(cells: Ints) -> Ints:
     """The two of the cells (n, 2) that are farthest apart, (2, 2)."""
     import cv2
 
@@ -339,7 +339,7 @@ def _farthest_apart(cells: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(hull[list(np.unravel_index(int(np.argmax(distance)), distance.shape))])
 
 
-def _farthest(pairs: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
+def _farthest(pairs: Floats, before: Floats) -> Floats:
     """The pair that is farthest from those before, in whichever direction these lead."""
     if not len(before):
         return np.asarray(pairs[0])

@@ -195,10 +195,9 @@ def takes(planner: Planner, option: str) -> bool:
     option : str
         Name of an option, such as "seed".
     """
-    planner = innermost(planner)
-    if isinstance(planner, FunctionPlanner):
-        return option in planner.parameters
-    return option in defaults_of(type(planner))
+    inner = innermost(planner)
+    own = inner.parameters if isinstance(inner, FunctionPlanner) else defaults_of(type(inner))
+    return option in own
 
 
 def innermost(planner: Planner) -> Planner:

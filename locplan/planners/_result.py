@@ -9,8 +9,8 @@ from pathlib import Path as PathOf
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.saved import Stored, listed, tree_of
@@ -170,9 +170,9 @@ class ParetoFront(Result, Stored):
     """Position of the goal in the world [m]."""
     objective: str
     """The layer that is integrated, "u" or "e"."""
-    length: NDArray[np.float64]
+    length: Floats
     """Length of each path, (n,) [m]."""
-    integral: NDArray[np.float64]
+    integral: Floats
     """Integral of u [m] or e [m^2 rad m] along each path, (n,)."""
     epsilon: float
     """A path of the front is at most 1 + epsilon times as long and uncertain as any grid path.
@@ -182,7 +182,7 @@ class ParetoFront(Result, Stored):
     """Number of partial paths that were kept."""
     solve_time: float
     """Time spent on the search, without compilation [s]."""
-    cells: tuple[NDArray[np.int64], ...]
+    cells: tuple[Ints, ...]
     """The cells of each path as (row, col), (n, 2)."""
     _drawn_by: ClassVar[str] = "locplan.plotting:front_figure"
 

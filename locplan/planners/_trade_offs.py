@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 import time
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Array, Floats, Ints
 from locplan._util.checks import one_of, positive
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
@@ -40,7 +40,7 @@ class Problem:
 
     costs: Costmap
     """The costmap that is searched."""
-    half: NDArray[np.float64]
+    half: Floats
     """Half the density of the second cost, u or e; that of the first, the length, is constant."""
     layer: NDArray[np.floating]
     """The second cost's density as the costmap has it, (H, W)."""
@@ -107,7 +107,7 @@ class Problem:
         """Number of columns of the bordered grid."""
         return self.costs.grid.shape[1] + 2
 
-    def to_go(self, length: float, integral: float) -> tuple[NDArray[Any], NDArray[Any] | None]:
+    def to_go(self, length: float, integral: float) -> tuple[Array, Array | None]:
         """Minimum weighted sums of both costs to the goal, and the start's path over flat indices.
 
         No sum is overstated, but that of the integral alone, by the ties. Once `until` is over, it
@@ -134,7 +134,7 @@ class Problem:
         cost *= 1 - 1e-12  # by which sums of floats over a path may overstate its cost
         return cost, flat[::-1]
 
-    def measured(self, flat: NDArray[np.int64]) -> tuple[float, float]:
+    def measured(self, flat: Ints) -> tuple[float, float]:
         """Both costs of a path over cells, given by flat indices, in whole units."""
         from locplan._kernels.pareto import SCALE
 
@@ -145,7 +145,7 @@ class Problem:
         first = np.where(diagonal, np.ceil(np.sqrt(2.0) * SCALE), SCALE).sum()
         return float(first), float(second)
 
-    def unrounded(self, cells: NDArray[np.int64]) -> tuple[float, float]:
+    def unrounded(self, cells: Ints) -> tuple[float, float]:
         """The length [m] of a path over cells (n, 2) with its ends, and the integral along it."""
         apart = self.costs.grid.resolution * np.hypot(*np.diff(cells, axis=0).T)
         rates = np.asarray(self.layer[cells[:, 0], cells[:, 1]], np.float64)
@@ -156,7 +156,7 @@ class Problem:
         """The length of a path with its ends, from whole units [m]."""
         return first / self.per_metre + self.ends[0]
 
-    def tolerance(self, frugal: NDArray[np.int64]) -> float:
+    def tolerance(self, frugal: Ints) -> float:
         """Units by which integrals may differ, from the path of least integral (`TOLERANCE`)."""
         return TOLERANCE * (self.measured(frugal)[0] + self.ends[0] * self.per_metre)
 
@@ -198,17 +198,19 @@ class Search:
     def __init__(
         self,
         problem: Problem,
-        first_to_go: NDArray[np.float64],
-        second_to_go: NDArray[np.float64],
+        first_to_go: Floats,
+        second_to_go: Floats,
         max_labels: int,
         within: float = np.inf,
-        joint: tuple[NDArray[np.float64], float, float] | None = None,
+        joint: tuple[Floats, float, float] | None = None,
     ) -> None:
         from locplan._kernels import pareto
 
         self.problem = problem
         self._max_labels = max(max_labels, 9)
-        self._bounds = first_to_go, second_to_go, *(joint or (first_to_go, 0.0, np.inf))
+        grid = problem.half, problem.columns, problem.target, problem.allow_corner_cutting
+        joint = joint or (first_to_go, 0.0, np.inf)
+        self._terms = pareto.Terms(*grid, first_to_go, second_to_go, *joint)
         room = min(1 << 16, self._max_labels)  # at first
         lowest = int(first_to_go[problem.source] * pareto.BUCKETS_A_CELL / pareto.SCALE)
         state = np.zeros(7, np.int64)
@@ -248,27 +250,18 @@ class Search:
 
         found = np.zeros(solutions, np.int32)
         while True:
-            bound = pareto.search(
-                self._labels,
-                self.problem.half,
-                self.problem.columns,
-                self.problem.target,
-                self._bounds,
-                self.problem.allow_corner_cutting,
-                STRETCH,
-                found,
-            )
+            bound = pareto.search(self._labels, self._terms, STRETCH, found)
             status, count = (int(self._labels.state[i]) for i in (pareto.STATUS, pareto.SOLUTIONS))
             full = status == pareto.OUT_OF_LABELS and not self._grow()
             late = time.perf_counter() > until
             if status == pareto.FINISHED or count == solutions or full or late:
                 return found[:count], bound
 
-    def costs_of(self, labels: NDArray[np.int32]) -> tuple[NDArray[Any], NDArray[Any]]:
+    def costs_of(self, labels: NDArray[np.int32]) -> tuple[Array, Array]:
         """Both costs of labels in whole units."""
         return self._labels.first[labels], self._labels.second[labels]
 
-    def cells_of(self, label: int) -> NDArray[np.int64]:
+    def cells_of(self, label: int) -> Ints:
         """The cells (n, 2) of the path to a label, as (row, col)."""
         from locplan._kernels.pareto import path_of
 

@@ -1,11 +1,13 @@
 from . import style as style
 from ._cells import (
     DRAWN_CELLS as DRAWN_CELLS,
+    coarse as coarse,
     draw_cells as draw_cells,
     drawn_size as drawn_size,
     map_around as map_around,
     map_axes as map_axes,
     map_size as map_size,
+    shrunk as shrunk,
     zoomed_to as zoomed_to,
 )
 from ._fields import (

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.image import AxesImage
 from matplotlib.transforms import Affine2D, Bbox, IdentityTransform
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan.field import CovarianceField, values_at
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
 from locplan.plotting._picture import Picture
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from locplan.costs import Path
 
 DRAWN_CELLS = 2000
@@ -142,8 +143,17 @@ def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options:
 def shrunk(values: NDArray[Any], *, maximum: bool = False, most: int | None = None) -> NDArray[Any]:
     """The minimum or the maximum of each block of cells; small maps stay as they are.
 
-    There are at most so many blocks along a side. The lowest level is the darkest one, so that
-    walls stay. NaN counts only where a block has nothing else.
+    The lowest level is the darkest one, so that walls stay. NaN counts only where a block has
+    nothing else.
+
+    Parameters
+    ----------
+    values : (H, W) array
+        Levels, or other values of cells.
+    maximum : bool, default False
+        True takes the greatest value of each block.
+    most : int, optional
+        Maximum number of blocks along a side; `DRAWN_CELLS` by default.
     """
     cells = block(values.shape, most)
     if cells == 1:
@@ -154,12 +164,8 @@ def shrunk(values: NDArray[Any], *, maximum: bool = False, most: int | None = No
 
 
 def field_cells(
-    field: CovarianceField,
-    values: NDArray[np.float64],
-    *,
-    logarithmic: bool = True,
-    part: OccupancyGrid | None = None,
-) -> NDArray[np.float64]:
+    field: CovarianceField, values: Floats, *, logarithmic: bool, part: OccupancyGrid | None
+) -> Floats:
     """Values (h, w) on the field's lattice as `draw_cells` takes them, NaN but in free space.
 
     They are those of all cells of the map, or of a part of it. The values of blocks are read in
@@ -177,6 +183,20 @@ def field_cells(
     )
     read = values_at(field, values, rows[:, None], cols[None, :], logarithmic=logarithmic)
     return np.where(free, read, np.nan)
+
+
+def coarse(grid: OccupancyGrid, most: int) -> OccupancyGrid:
+    """The map of the blocks of `shrunk`, at most so many along a side; walls stay.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    most : int
+        Maximum number of blocks along a side; a map with fewer cells stays as it is.
+    """
+    cells, resolution = shrunk(grid.cells, most=most), grid.resolution * block(grid.shape, most)
+    return dataclasses.replace(grid, cells=cells, resolution=resolution)
 
 
 def block(shape: tuple[int, ...], most: int | None = None) -> int:
@@ -277,16 +297,13 @@ def map_around(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
     """
     at = np.concatenate([path.xy for path in paths])
     rows, cols = grid.world_to_grid(*at.T)
-    extent = max(float(np.ptp(rows)), float(np.ptp(cols)))
-    margin = max(0.15 * extent, 3.0 / grid.resolution)  # 3 m at least
-    ends = [
-        (max(0, int(values.min() - margin)), min(size, int(values.max() + margin) + 1))
+    margin = max(0.15 * np.ptp(rows), 0.15 * np.ptp(cols), 3.0 / grid.resolution)  # 3 m at least
+    down, across = (
+        slice(max(0, int(values.min() - margin)), min(size, int(values.max() + margin) + 1))
         for values, size in zip((rows, cols), grid.shape, strict=True)
-    ]
-    (top, bottom), (left, right) = ends
-    if top >= bottom or left >= right:  # the paths are beside the map
-        return grid
-    return grid.part(slice(top, bottom), slice(left, right))
+    )
+    beside = down.start >= down.stop or across.start >= across.stop
+    return grid if beside else grid.part(down, across)
 
 
 def zoomed_to(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
@@ -310,8 +327,6 @@ def zoomed_to(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
 
 def is_small(grid: OccupancyGrid, part: OccupancyGrid) -> bool:
     """Whether a part is so small that a picture of the map would hardly show what is in it."""
-    sizes = []
-    for each in (part, grid):
-        low, high, left, right = known_cells(each)
-        sizes.append(max(high - low, right - left))
-    return sizes[0] < 0.6 * sizes[1]
+    ends = map(known_cells, (part, grid))
+    own, whole = (max(high - low, right - left) for low, high, left, right in ends)
+    return own < 0.6 * whole

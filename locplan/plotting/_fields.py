@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection, PatchCollection
 from matplotlib.colors import Normalize, to_rgba_array
 from matplotlib.figure import Figure
@@ -33,11 +34,18 @@ from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.plotting._cells import draw_cells, field_cells, limits_of, map_axes, map_size, shrunk
 from locplan.plotting._maps import draw_field, draw_map, field_bar
 from locplan.plotting._picture import HARMLESS, Picture, weak_spots
-from locplan.plotting.style import BLUE, ERROR_COLOURS, GREEN, ORANGE, PURPLE, SKY, YELLOW
+from locplan.plotting.style import (
+    BLUE,
+    END_STYLE,
+    ERROR_COLOURS,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY,
+    YELLOW,
+)
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from locplan.planners import MapInfo
 
 
@@ -217,12 +225,9 @@ def draw_ellipses(
     major, minor, direction = position_axes(covariance)
     wedge = 0.4 * spacing
     reach = np.maximum(magnify * major, wedge)[:, None]
-    low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
-    low, high = (
-        np.minimum(low, (xy - reach).min(axis=0)),
-        np.maximum(high, (xy + reach).max(axis=0)),
-    )
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    corners = np.transpose([axes.get_xlim(), axes.get_ylim()])
+    every = np.concatenate([corners, xy - reach, xy + reach])
+    axes.set(**dict(zip(("xlim", "ylim"), np.transpose([every.min(0), every.max(0)]), strict=True)))
     along = (magnify * major)[:, None] * np.stack([np.cos(direction), np.sin(direction)], axis=1)
     where: dict[str, Any] = {"units": "xy", "offsets": xy, "offset_transform": axes.transData}
     style: dict[str, Any] = {"facecolors": "none", "edgecolors": BLUE, "linewidths": 1.4}
@@ -230,10 +235,7 @@ def draw_ellipses(
     ellipses = EllipseCollection(width, height, angle, zorder=4, **where, **style)
     if covariance.shape[-1] == 3:
         half = np.degrees(scalar(covariance, "heading_std"))
-        wedges = [
-            Wedge(centre, wedge, -turn, turn)
-            for centre, turn in zip(xy, half.tolist(), strict=True)
-        ]
+        wedges = [Wedge(at, wedge, -turn, turn) for at, turn in zip(xy, half, strict=True)]
         axes.add_collection(PatchCollection(wedges, color=TURN, alpha=0.6, linewidth=0.8))
     axes.add_collection(ellipses)
     lines = np.stack([xy - along, xy + along], axis=1)
@@ -253,7 +255,10 @@ def e_figure(
         Ends of the colour scale [m^2 rad]; by default 0 and the 98 % quantile of the free cells' e,
         or the e of u = 1/3 where that is more. Give them to compare figures.
     """
-    maps = [field_cells(field, field.scalar("e", headings="mean")) for field in fields.values()]
+    maps = [
+        field_cells(field, field.scalar("e", headings="mean"), logarithmic=True, part=None)
+        for field in fields.values()
+    ]
     if limits is None:
         known = np.concatenate([values[np.isfinite(values)] for values in maps])
         low, high = next(iter(fields.values())).anchors("e")
@@ -306,9 +311,9 @@ def info_figure(info: MapInfo) -> Figure:
         axis.set_major_locator(MultipleLocator(ticks[1] - ticks[0]))
     axes.grid(color="0.25", linewidth=0.5, alpha=0.5)
     axes.tick_params(labeltop=True, labelright=True, top=True, right=True, labelsize="small")
+    centred: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontsize": 9}
     for place in info.places:
-        axes.plot(place.x, place.y, "o", markersize=13, color="white", markeredgecolor="black")
-        centred: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontsize": 9}
+        axes.plot(place.x, place.y, "o", markersize=13, **END_STYLE)
         axes.text(place.x, place.y, place.name, fontweight="bold", zorder=5, **centred)
     (width, height), turned = info.size, math.degrees(info.grid.origin[2])
     yaw = f", yaw {turned:.4g} deg" if turned else ""
@@ -330,17 +335,11 @@ def _add_legend(figure: Figure, info: MapInfo, colours: Sequence[str]) -> None:
         Patch(facecolor=colour, alpha=0.45, label=label)
         for label, colour in zip(labels, colours, strict=False)
     ]
-    plain: dict[str, Any] = {"linestyle": "", "markeredgewidth": 0}
+    plain: dict[str, Any] = {"linestyle": "", "markeredgewidth": 0, "color": "black"}
     for place in info.places:
-        label = f"{place.xy} m"
         marker = f"$\\mathbf{{{place.name}}}$"
-        handles.append(Line2D([], [], color="black", marker=marker, **plain, label=label))
+        handles.append(Line2D([], [], marker=marker, **plain, label=f"{place.xy} m"))
     if handles:
-        width = figure.get_figwidth()
-        figure.legend(
-            handles=handles,
-            loc="outside lower center",
-            ncols=max(1, min(len(handles), int(width / 1.6))),
-            frameon=False,
-            fontsize="small",
-        )
+        columns = max(1, min(len(handles), int(figure.get_figwidth() / 1.6)))
+        style: dict[str, Any] = {"ncols": columns, "frameon": False, "fontsize": "small"}
+        figure.legend(handles=handles, loc="outside lower center", **style)

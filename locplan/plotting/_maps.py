@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import os
 from collections.abc import Sequence
@@ -11,8 +10,11 @@ from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.ticker import FuncFormatter, NullFormatter
@@ -22,15 +24,11 @@ from locplan._util.files import PICTURES, check_target, replacing
 from locplan.field import CovarianceField
 from locplan.maps import UNKNOWN, OccupancyGrid
 from locplan.plotting import style as styles
-from locplan.plotting._cells import block, draw_cells, field_cells, is_small, limits_of, shrunk
+from locplan.plotting._cells import coarse, draw_cells, field_cells, is_small, limits_of, shrunk
 from locplan.plotting._picture import HARMLESS, label_plainly
 from locplan.plotting.style import FILE_DPI
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.colorbar import Colorbar
-    from matplotlib.image import AxesImage
-
     from locplan.costs import Path
 
 
@@ -200,12 +198,9 @@ def end_handles() -> list[Line2D]:
     list of matplotlib.lines.Line2D
         The two handles, labelled "start" and "goal".
     """
-    return [
-        Line2D([], [], linestyle="none", marker="o", label="start", **styles.END_STYLE),
-        Line2D(
-            [], [], linestyle="none", marker="*", markersize=10, label="goal", **styles.END_STYLE
-        ),
-    ]
+    style = {"linestyle": "none", **styles.END_STYLE}
+    start = Line2D([], [], marker="o", label="start", **style)
+    return [start, Line2D([], [], marker="*", markersize=10, label="goal", **style)]
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = FILE_DPI) -> None:
@@ -257,31 +252,24 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
     points = [path.resampled(0.5, even=True).xy for path in paths]
     size = _size(axes, grid)
     inset = axes.inset_axes((*_free_corner(axes, np.concatenate(points), size), *size))
-    cells = shrunk(grid.cells, most=300)
-    size_of_cell = grid.resolution * block(grid.shape, 300)
-    draw_map(inset, dataclasses.replace(grid, cells=cells, resolution=size_of_cell))
+    draw_map(inset, coarse(grid, 300))
     inset.images[0].set_cmap(styles.LIGHT_MAP_COLOURS)
     inset.set(xlabel="", ylabel="", xticks=(), yticks=(), zorder=6, **limits_of(grid))
     height, width = part.shape
     x, y = part.grid_to_world(np.array([0, 0, height, height]), np.array([0, width, width, 0]))
     corners = np.stack([x, y], axis=1)
-    inset.add_patch(
-        Polygon(corners, fill=False, edgecolor=styles.VERMILION, linewidth=2.2, zorder=5)
-    )
+    look: dict[str, Any] = {"color": styles.VERMILION, "zorder": 5}
+    inset.add_patch(Polygon(corners, fill=False, linewidth=2.2, **look))
     if max(part.shape) < 0.06 * max(grid.shape):  # its outline is hard to see
-        inset.plot(*corners.mean(axis=0), "o", color=styles.VERMILION, markersize=5, zorder=5)
+        inset.plot(*corners.mean(axis=0), "o", markersize=5, **look)
 
 
 def _size(axes: Axes, grid: OccupancyGrid) -> tuple[float, float]:
     """Width and height of an inset that shows a map, as shares of those of the Axes."""
-    across, along = (
-        float(np.ptp(own) / np.ptp(all_of_it))
-        for own, all_of_it in zip(
-            limits_of(grid).values(), (axes.get_xlim(), axes.get_ylim()), strict=True
-        )
-    )
-    scale = 0.3 / max(across, along)
-    return across * scale, along * scale
+    shares = np.ptp([*limits_of(grid).values()], axis=1)
+    shares /= np.ptp([axes.get_xlim(), axes.get_ylim()], axis=1)
+    across, along = (shares * (0.3 / shares.max())).tolist()
+    return across, along
 
 
 def _free_corner(
@@ -292,12 +280,9 @@ def _free_corner(
     at = (xy - low) / (high - low)
     gap = 0.015
     far = 1 - np.array(size) - gap
-    corners = [(gap, far[1]), (far[0], far[1]), (far[0], gap), (gap, gap)]
+    corners = np.array([(gap, far[1]), (far[0], far[1]), (far[0], gap), (gap, gap)])
     near = gap + 0.03
 
-    def count(corner: tuple[float, float]) -> int:
-        inside = (at > np.array(corner) - near) & (at < np.array(corner) + size + near)
-        return int(inside.all(axis=1).sum())
-
-    x, y = min(corners, key=count)
-    return float(x), float(y)
+    inside = [((at > corner - near) & (at < corner + size + near)).all(1) for corner in corners]
+    x, y = corners[np.argmin(np.sum(inside, axis=1))].tolist()
+    return x, y

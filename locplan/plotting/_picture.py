@@ -6,13 +6,16 @@ A notebook shows them by itself. Ticks are plain numbers, as many as tell a scal
 from __future__ import annotations
 
 import math
+import textwrap
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -25,10 +28,6 @@ from locplan._util.public import png_of
 from locplan.costs import DEGENERATE, Costmap
 from locplan.field import CovarianceField
 from locplan.planners import Plan
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 MIN_TICKS, MAX_TICKS = 3, 8
 """Number of ticks that tell a scale, and that are read."""
@@ -92,6 +91,34 @@ class Picture(Figure):
             self._laid_out = False
             self.dpi = before
             self.set_layout_engine(engine)
+
+    def key(self, handles: Sequence[Artist], ncols: int = 1, at: str = "lower center") -> None:
+        """Draw a legend beside all Axes.
+
+        Parameters
+        ----------
+        handles : sequence of matplotlib.artist.Artist
+            What it explains, with labels.
+        ncols : int, default 1
+            Number of its columns.
+        at : str, default "lower center"
+            The side of the figure, as matplotlib names it.
+        """
+        place: Any = f"outside {at}"
+        self.legend(handles=handles, loc=place, ncols=ncols, frameon=False)
+
+    def title(self, *lines: str) -> None:
+        """Draw a title, whose lines are broken where the figure is narrower.
+
+        Parameters
+        ----------
+        *lines : str
+            Its lines.
+        """
+        # Number of letters that fit within an inch.
+        width = int(11.5 * self.get_figwidth())
+        filled = (textwrap.fill(each, width, break_on_hyphens=False) for each in lines)
+        self.suptitle("\n".join(filled), fontsize="medium")
 
     def _show_texts_as_they_are(self) -> None:
         numbers = {id(text) for axis in self.findobj(Axis) for text in _numbers_of(axis)}
@@ -190,13 +217,11 @@ def round_numbers(low: float, high: float, most: int = MAX_TICKS) -> NDArray[np.
         found = every
         if len(found) >= MIN_TICKS + 1:
             return found
-    if len(found) >= MIN_TICKS:
-        return found
     for count in range(MIN_TICKS + 1, most + 1):
-        found = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
-        found = found[(within[0] <= found) & (found <= within[1])]
         if len(found) >= MIN_TICKS:
             break
+        found = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
+        found = found[(within[0] <= found) & (found <= within[1])]
     return found
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -28,8 +29,6 @@ from locplan.plotting._picture import HARMLESS, Picture, make_logarithmic, reque
 from locplan.plotting.style import END_STYLE, ERROR_COLOURS, FIELD_COLOURS, PATH_STYLES, outline
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from locplan.planners import ParetoFront, Plan
 
 
@@ -95,8 +94,8 @@ def _draw_stops(axes: Axes, plans: Mapping[str, Plan]) -> None:
     for plan in plans.values():
         draw_ends(axes, plan.start, plan.goal)
         if plan.via:
-            x, y = np.transpose([pose[:2] for pose in plan.via])
-            axes.plot(x, y, "s", markersize=6, zorder=4, **END_STYLE)
+            stops = np.array([pose[:2] for pose in plan.via])
+            axes.plot(*stops.T, "s", markersize=6, zorder=4, **END_STYLE)
 
 
 def _draw_profiles(axes: Axes, costs: Costmap, found: Sequence[Drawn]) -> None:
@@ -226,9 +225,8 @@ def front_figure(front: ParetoFront) -> Figure:
     upper.set_title(f"{title}{costs_caption(front.costs)}", fontsize="medium")
     unit = "m" if front.objective == "u" else f"{front.costs.e_unit} m"
     lower.plot(front.length, front.integral, color="0.7", linewidth=0.8, zorder=1)
-    image = lower.scatter(
-        front.length, front.integral, s=14, c=front.length, cmap=ERROR_COLOURS, norm=norm
-    )
+    look: dict[str, Any] = {"s": 14, "c": front.length, "cmap": ERROR_COLOURS, "norm": norm}
+    image = lower.scatter(front.length, front.integral, **look)
     length, integral = front.length[knee], front.integral[knee]
     label = f"knee, bold above: {length:.1f} m long, {integral:.3g} {unit}"
     lower.plot(length, integral, "D", markersize=9, label=label, **END_STYLE)
@@ -255,8 +253,7 @@ def history_figure(plans: Mapping[str, Plan]) -> Figure:
         seconds, cost = np.transpose(plan.history)
         name = f"{label}: {plan.planner}, {cost[-1]:.2f} m after {seconds[-1]:.1f} s"
         axes.step(seconds, cost, where="post", linewidth=1.8, label=name, **style)
-    labels = {"xlabel": "time since the search began [s]", "ylabel": "best cost J so far [m]"}
-    axes.set(**labels)
+    axes.set(xlabel="time since the search began [s]", ylabel="best cost J so far [m]")
     make_logarithmic(axes.xaxis)
     maps = {plan.costs.grid.name or "map": None for plan in plans.values() if plan.costs}
     axes.set_title(f"{', '.join([*maps])}: best cost of each search over time", fontsize="medium")

@@ -26,7 +26,9 @@ MAX_CHUNK_BYTES = 2**26
 """Maximum size of a chunk, or of a message that is packed by itself, once it is unpacked."""
 MAX_RATIO = 100
 """Maximum size of a file that is packed as a whole, once it is unpacked, to its own."""
-SUFFIXES = (".mcap", ".db3", ".bag")
+MENDERS = {".mcap": "mcap recover", ".db3": "sqlite3 FILE .recover", ".bag": "rosbag reindex"}
+"""The program that mends a damaged bag, by the suffix of the file."""
+SUFFIXES: tuple[str, ...] = (*MENDERS,)
 
 
 class Kind(StrEnum):
@@ -147,19 +149,9 @@ def opened(path: Path) -> Iterator[Bag]:
     except Exception as error:  # rosbags lets errors of many kinds out where a bag is damaged
         lines = str(error).strip().splitlines() or [type(error).__name__]
         reason = lines[0].replace(f"{str(file)!r} ", "").replace(str(file), "it").rstrip(".")[:200]
-        menders = {
-            ".mcap": "mcap recover",
-            ".bag": "rosbag reindex",
-            ".db3": "sqlite3 FILE .recover",
-        }
-        mender = menders.get(file.suffix)
+        mender = MENDERS.get(file.suffix)
         remedy = f"mend it with `{mender}`" if mender else "record it again"
         raise RecordingError(f"cannot be read as a bag ({reason}); {remedy}") from None
-
-
-def is_bag(path: Path) -> bool:
-    """Return whether a path names a bag, by its suffix or as a folder of rosbag2."""
-    return path.suffix in SUFFIXES or path.is_dir()
 
 
 def _storage(path: Path) -> Path:

@@ -13,7 +13,7 @@ from locplan._util.poses import FrameTree, Track, Transform, frame_name
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.recordings._bag_files import Bag, Kind, Message, opened
-from locplan.recordings._logs import Options, ScanRows, Source
+from locplan.recordings._logs import Options, ScanRows
 from locplan.recordings._places import Heard, PoseTopic
 from locplan.recordings._recording import Recording
 
@@ -40,26 +40,14 @@ def read_bag(path: Path, options: Options, progress: ProgressCallback | None = N
         of = f"{rows.resampled} of {len(rows)}"
         notes.append(f"scans of other angles were brought to those of the first ({of})")
     lidar = rows.lidar(place.mount, place.upside_down)
-    ranges = rows.finish([scans.order[n] for n in kept] if scans.in_order else range(len(rows)))
-    if not scans.in_order:
-        ranges = ranges[[scans.order[n] for n in kept]]
+    ranges = rows.finish([scans.order[n] for n in kept])
     if place.upside_down:
         ranges = ranges[:, ::-1]
     ranges.setflags(write=False)
-    source = Source(
-        file=path.name,
-        scans=topic,
-        poses=place.poses_from,
-        odometry=place.odometry_from,
-        map_frame=place.map_frame,
-        base_frame=place.base_frame,
-        lidar_frame=scans.frame,
-        notes=tuple(notes),
-    )
+    source = replace(place.source, file=path.name, scans=topic, notes=tuple(notes))
     odometry = None if place.odometry is None else place.odometry[kept]
-    return Recording(
-        ranges, lidar, place.poses[kept], np.array(scans.times)[kept], odometry, source
-    )
+    times = np.array(scans.times)[kept]
+    return Recording(ranges, lidar, place.poses[kept], times, odometry, source)
 
 
 def scan_topic(bag: Bag, named: str | None) -> str:
@@ -94,11 +82,6 @@ class _Scans:
     """Times of the stamps, ascending [s]."""
     frame: str
 
-    @property
-    def in_order(self) -> bool:
-        """True if no scan overtook another one."""
-        return all(one < other for one, other in zip(self.order, self.order[1:], strict=False))
-
 
 def _window(bag: Bag, options: Options, margin: float = 0.0) -> tuple[int | None, int | None]:
     """Times of the log between which messages are read [ns], with a margin around them [s]."""
@@ -111,8 +94,7 @@ def _window(bag: Bag, options: Options, margin: float = 0.0) -> tuple[int | None
 def _read_scans(
     bag: Bag, topic: str, options: Options, progress: ProgressCallback | None
 ) -> _Scans:
-    expected = bag.count([topic]) // options.every + 1 if options.window is None else 0
-    rows, stamps, frame = ScanRows(options.range_limits, expected), list[float](), ""
+    rows, stamps, frame = ScanRows(options.range_limits), list[float](), ""
     latest = -np.inf
     window = _window(bag, options)
     for message in bag.messages([topic], *window, options.every, progress):
@@ -126,13 +108,8 @@ def _read_scans(
             )
         latest = max(latest, stamp)
         frame = frame or frame_name(scan.header.frame_id)
-        rows.add(
-            float(scan.angle_min),
-            float(scan.angle_increment),
-            scan.ranges,
-            float(scan.range_min),
-            float(scan.range_max),
-        )
+        about = scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
+        rows.add(scan.ranges, *map(float, about))
         stamps.append(stamp)
     if not stamps:
         within = "" if options.window is None else " in the window"

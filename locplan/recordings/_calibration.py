@@ -7,27 +7,21 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from locplan._util.checks import instance
-from locplan._util.intervals import Interval, blocks_along, intervals
-from locplan._util.poses import Numbers
+from locplan._util.checks import file_path, instance
+from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite, table
 from locplan.errors import CalibrationError
 from locplan.field import Estimator, FieldConfig, Fused, config_of
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._evaluation import evaluate_drive
-from locplan.recordings._odometry_noise import (
-    MIN_UPDATES,
-    OdometryNoise,
-    odometry_noise,
-)
+from locplan.recordings._odometry_noise import MIN_UPDATES, OdometryNoise, odometry_noise
 from locplan.recordings._recording import Recording
 from locplan.recordings._scan_noise import ScanNoise, scan_noise
 from locplan.robots import Lidar, Robot
@@ -121,7 +115,8 @@ class DriveCalibration:
         if field:
             figure = field.figure()
             figure.axes[0].set_ylabel("rms deviation by the recorded scan's posterior [m]")
-        return write_calibration(path, self.config, figure, about, force=force)
+        target = file_path("a calibration's file", path)
+        return write_calibration(target, self.config, figure, about, force=force)
 
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON."""
@@ -238,7 +233,7 @@ def calibrate_drive(
     config = _with_noise(config, scans.range_sigma.value)
     field = None
     try:
-        field = calibrated_field(recording, grid, config, threads=threads, progress=second)
+        field = _fitted_field(recording, grid, config, threads, second)
     except CalibrationError as error:
         notes.append(str(error))
     else:
@@ -257,13 +252,12 @@ def _with_noise(config: FieldConfig, sigma: float) -> FieldConfig:
     return dataclasses.replace(config, estimator=estimator.with_lidar(noisy))
 
 
-def calibrated_field(
+def _fitted_field(
     recording: Recording,
     grid: OccupancyGrid,
     config: FieldConfig,
-    *,
     threads: int | None,
-    progress: ProgressCallback | None,
+    progress: ProgressCallback,
 ) -> Calibration:
     """Fit the noise level of a field to the covariances of the posteriors of a drive's scans.
 
@@ -278,24 +272,8 @@ def calibrated_field(
         If the covariances do not determine k.
     """
     estimator: Any = config.estimator
-    plain: Any = dataclasses.replace(estimator, noise_level=1.0)
-    name = estimator.name
-    found = evaluate_drive(
-        recording, grid, estimators={name: plain}, threads=threads, progress=progress
-    )
-    some = found.compared
-    added = estimator.q(estimator.lattice(grid.resolution))[:2, :2] * estimator.adds_q
-    blocks = blocks_along(recording.poses)[some]
-
-    def interval_of(level_of: Callable[[Numbers], float]) -> Interval:
-        (log_level,) = intervals(lambda weights: np.log([level_of(weights)]), blocks, 100)
-        return Interval(*np.exp(log_level).tolist())
-
-    return calibrate_moments(
-        config,
-        found.predicted[name][some][:, :2, :2] - added,
-        added,
-        found.matches.covariance[some][:, :2, :2],
-        interval_of,
-        maps=[grid.name],
-    )
+    plain = {estimator.name: dataclasses.replace(estimator, noise_level=1.0)}
+    found = evaluate_drive(recording, grid, estimators=plain, threads=threads, progress=progress)
+    some, (predicted,) = found.compared, found.predicted.values()
+    both = predicted[some][:, :2, :2], found.matches.covariance[some][:, :2, :2]
+    return calibrate_moments(config, grid, *both, found.blocks[some])

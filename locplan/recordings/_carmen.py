@@ -6,7 +6,6 @@ import math
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,26 +18,20 @@ from locplan.errors import RecordingError
 from locplan.recordings._logs import Options, ScanRows, Source
 from locplan.recordings._recording import Recording
 
-SUFFIXES = (".log", ".clf", ".log.gz", ".clf.gz")
+SUFFIXES: tuple[str, ...] = (".log", ".clf", ".log.gz", ".clf.gz")
 KINDS = ("ROBOTLASER1", "FLASER")
 """Kinds of lines with scans, the more telling one first: a log may have both of each scan."""
-
-
-def _numbers() -> array[float]:
-    return array("d")  # a list of tuples takes eight times as much
 
 
 @dataclass
 class _Scans:
     """What the lines of one kind of scan say."""
 
-    rows: ScanRows = field(default_factory=partial(ScanRows, (0.0, MAX_RANGE)))
+    rows: ScanRows = field(default_factory=lambda: ScanRows((0.0, MAX_RANGE)))
     """Every n-th scan."""
-    lidars: array[float] = field(default_factory=_numbers)
-    """First pose of all lines, which is the lidar's: x, y, heading, x, ..."""
-    robots: array[float] = field(default_factory=_numbers)
-    """Second pose of all lines, which is the robot's."""
-    stamps: array[float] = field(default_factory=_numbers)
+    lines: array[float] = field(default_factory=lambda: array("d"))
+    """Of each line the first pose, which is the lidar's, the second one, which is the robot's, and
+    the time; a list of tuples would take eight times as much."""
     before: list[int] = field(default_factory=list)
     """Index of the last line of odometry before each line."""
     greatest: float = 0.0
@@ -50,7 +43,7 @@ class _Log:
     """What a log says."""
 
     scans: dict[str, _Scans] = field(default_factory=dict)
-    odometry: array[float] = field(default_factory=_numbers)
+    odometry: array[float] = field(default_factory=lambda: array("d"))
     """x, y [m], heading [rad] and time [s] of the lines of odometry."""
     others: set[str] = field(default_factory=set)
     """Names of lines of other kinds."""
@@ -69,13 +62,14 @@ def read_carmen(path: Path, options: Options) -> Recording:
     log = _parsed(path, options)
     kind = _kind(log, options.scan_topic)
     found, kept = log.scans[kind], slice(None, None, options.every)
-    poses, reported, mount = _poses(found, np.array(log.odometry).reshape(-1, 4), log)
+    lines = np.array(found.lines).reshape(-1, 7)
+    poses, reported, mount = _poses(lines, found.before, log)
     lidar = found.rows.lidar(options.mount or mount, upside_down=False)
     ranges = found.rows.finish(range(len(found.rows)))
     least, most = options.range_limits or (0.0, found.greatest)
     if not 0 < most <= MAX_RANGE:
         most = _limit(ranges)
-    times = np.array(found.stamps)
+    times = lines[:, 6]
     ordered = bool((np.diff(times) > 0).all())
     if not ordered:
         log.notes.append("its stamps are coarse or out of order: there are no times")
@@ -120,14 +114,14 @@ def _limit(ranges: NDArray[np.float32]) -> float:
 
 
 def _poses(
-    scans: _Scans, odometry: Numbers, log: _Log
+    scans: Numbers, before: Sequence[int], log: _Log
 ) -> tuple[Numbers, Numbers | None, tuple[float, float, float]]:
     """Poses of the robot, its odometry, and the lidar's mount on it [m, m, rad].
 
     A line has two poses: the lidar's and the robot's. Where they are not a rigid body, the first
     one was corrected, and the second is odometry.
     """
-    first, second = (np.array(each).reshape(-1, 3) for each in (scans.lidars, scans.robots))
+    first, second = scans[:, :3], scans[:, 3:6]
     mounts = way_between(second, first)
     mounts[:, 2] = wrapped(mounts[:, 2])
     mount = np.median(mounts, axis=0)
@@ -136,7 +130,7 @@ def _poses(
         x, y, yaw = (float(value) for value in np.round(mount, 4))
     else:
         poses, reported, x, y, yaw = first, second, 0.0, 0.0, 0.0
-    lines = odometry_at(poses, np.array(scans.stamps), scans.before, odometry)
+    lines = odometry_at(poses, scans[:, 6], before, np.array(log.odometry).reshape(-1, 4))
     reported = reported if lines is None else lines
     if reported is not None and np.hypot(*(reported - poses)[:, :2].T).max() < 0.02:
         log.notes.append("its odometry is the poses, which may be odometry alone")
@@ -182,16 +176,14 @@ def _take(kind: str, words: list[str], scans: _Scans, before: int, every: int) -
         rest = words[9 + count :]
         rest = rest[1 + int(rest[0]) :]
         stamp = rest[11]
-    lidar, robot, (time,) = _finite(rest[:3]), _finite(rest[3:6]), _finite([stamp])
-    if not 0 < count <= len(words) or len(robot) != 3:
+    line = _finite([*rest[:6], stamp])
+    if not 0 < count <= len(words):
         raise ValueError
-    if len(scans.stamps) % every == 0:
+    if len(scans.before) % every == 0:
         ranges = [float(word) for word in words[begin : begin + count]]
-        scans.rows.add(first, step, ranges, 0.0, MAX_RANGE)
+        scans.rows.add(ranges, first, step, 0.0, MAX_RANGE)
     scans.greatest = max(scans.greatest, greatest)
-    scans.lidars.extend(lidar)
-    scans.robots.extend(robot)
-    scans.stamps.append(time)
+    scans.lines.extend(line)
     scans.before.append(before)
 
 

@@ -7,7 +7,6 @@ import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -207,9 +206,6 @@ class DriveEvaluation(Result):
         rows = np.column_stack([*values.values()]).astype(float).tolist()
         return Table(tuple(values), tuple(map(tuple, rows)))
 
-    def _write(self, folder: Path, *about: Any) -> None:
-        self.table().write_csv(folder / "scans.csv")
-
 
 def evaluate_drive(
     recording: Recording,
@@ -276,12 +272,7 @@ def estimators_for(lidar: Lidar) -> dict[str, Estimator]:
     lidar : Lidar
         The lidar.
     """
-    return {
-        "sad": Sad(),
-        "fisher": Fisher(lidar),
-        "scan": Scan(lidar),
-        "fused": Fused.of(lidar),
-    }
+    return {"sad": Sad(), "fisher": Fisher(lidar), "scan": Scan(lidar), "fused": Fused.of(lidar)}
 
 
 def drive_report(found: DriveEvaluation) -> str:

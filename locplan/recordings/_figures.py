@@ -11,22 +11,12 @@ from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
-from locplan._util.poses import way_along
+from locplan import plotting
+from locplan._util.poses import Numbers, way_along
 from locplan.costs import Path
 from locplan.field import position_axes
 from locplan.maps import OccupancyGrid
-from locplan.plotting import (
-    FIELD_COLOURS,
-    Picture,
-    draw_inset,
-    draw_map,
-    label_plainly,
-    map_around,
-    map_size,
-)
 from locplan.recordings._evaluation import PREFERRED, DriveEvaluation
 from locplan.recordings._recording import Recording
 from locplan.recordings._replay import Replay
@@ -60,7 +50,7 @@ def drive_figure(found: DriveEvaluation) -> Figure:
     _draw_line(upper, found, 100 * measured, 4.0, None)
     lines = _draw_line(upper, found, 100 * measured, 2.6, norm)
     bar = figure.colorbar(lines, ax=upper, label="std. dev. of the position [cm]", shrink=0.8)
-    label_plainly(bar.ax.yaxis)
+    plotting.label_plainly(bar.ax.yaxis)
     magnify = _draw_ellipses(upper, found, name)
     xy = found.matches.recording.poses[found.outdated, :2]
     upper.plot(*xy.T, "x", color=OUTDATED, markersize=5, mew=1.6, zorder=6)
@@ -74,20 +64,22 @@ def drive_figure(found: DriveEvaluation) -> Figure:
         count = int(found.outdated.sum())
         label = f"{count} scan{'s' * (count > 1)} unlike the map"
         handles.append(Line2D([], [], color=OUTDATED, marker="x", linestyle="", label=label))
-    figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False)
+    figure.key(handles, ncols=2, at="upper center")
     _draw_profile(lower, found, {"measured": measured, f"predicted by {name}": predicted})
     return _said(figure, *found.verdict)
 
 
-def _map_over_profile(grid: OccupancyGrid, recording: Recording) -> tuple[Figure, Axes, Axes]:
+def _map_over_profile(
+    grid: OccupancyGrid, recording: Recording
+) -> tuple[plotting.Picture, Axes, Axes]:
     """A figure with the map around a drive, and axes for what changes along it."""
     shown = [Path(recording.poses[:, :2])]
-    part = map_around(grid, shown)
-    width, height = map_size(part)
-    figure = Picture(figsize=(width, height + 3.0), layout="constrained")
+    part = plotting.map_around(grid, shown)
+    width, height = plotting.map_size(part)
+    figure = plotting.Picture(figsize=(width, height + 3.0), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
-    draw_map(upper, part)
-    draw_inset(upper, grid, part, shown)
+    plotting.draw_map(upper, part)
+    plotting.draw_inset(upper, grid, part, shown)
     file = f", {recording.source.file}" if recording.source.file else ""
     title = f"{grid.name or 'map'}{file}: {recording.lidar.title}"
     upper.set_title(title, fontsize="medium")
@@ -105,11 +97,7 @@ def _said(figure: Figure, *sentences: str) -> Figure:
 
 
 def _draw_line(
-    axes: Axes,
-    found: DriveEvaluation,
-    values: NDArray[np.float64],
-    width: float,
-    norm: LogNorm | None,
+    axes: Axes, found: DriveEvaluation, values: Numbers, width: float, norm: LogNorm | None
 ) -> LineCollection:
     """Draw the drive from scan to scan, coloured by the mean of both ends' values, or white.
 
@@ -125,7 +113,7 @@ def _draw_line(
     colours: dict[str, Any] = {"colors": "white"}
     if norm:
         every = np.concatenate([means[shown], values[alone]])
-        colours = {"array": every, "cmap": FIELD_COLOURS, "norm": norm}
+        colours = {"array": every, "cmap": plotting.FIELD_COLOURS, "norm": norm}
     drawn = LineCollection(
         list(np.concatenate([lines[shown], dots])),
         linewidths=width,
@@ -168,9 +156,7 @@ def _draw_ellipses(axes: Axes, found: DriveEvaluation, name: str) -> str:
     return "" if magnify == 1 else f", {magnify:g} times as large"
 
 
-def _draw_profile(
-    axes: Axes, found: DriveEvaluation, values: dict[str, NDArray[np.float64]]
-) -> None:
+def _draw_profile(axes: Axes, found: DriveEvaluation, values: dict[str, Numbers]) -> None:
     """Draw deviations along the way, and where scans are unlike the map."""
     way = way_along(found.matches.recording.poses)
     for (label, each), colour, line in zip(
@@ -182,7 +168,7 @@ def _draw_profile(
         low = 100 * min(float(np.nanmin(each)) for each in values.values())
         axes.plot(at, np.full(len(at), low), "x", color=OUTDATED, markersize=4)
     axes.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), ylabel="std. dev. [cm]")
-    label_plainly(axes.yaxis)
+    plotting.label_plainly(axes.yaxis)
 
 
 def replay_figure(replay: Replay) -> Figure:
@@ -202,36 +188,22 @@ def replay_figure(replay: Replay) -> Figure:
     profile, deviation = replay.drives.profile(), replay.filter_std
     way, known = profile[:, 0], np.isfinite(deviation)
     low, high = profile[:, 6], profile[:, 7]
-    lower.fill_between(way, low, high, color=ESTIMATED, alpha=0.2, linewidth=0)
-    lower.plot(way, profile[:, 5], color=ESTIMATED, linewidth=1.8)
-    lower.plot(way[known], deviation[known], color=FILTER, linewidth=1.4, linestyle="--")
+    style: dict[str, Any] = {"color": ESTIMATED}
+    runs = f"error, median of {len(replay.errors)} runs"
+    lower.plot(way, profile[:, 5], linewidth=1.8, label=runs, **style)
+    lower.fill_between(way, low, high, alpha=0.2, linewidth=0, label="error, 10 to 90 %", **style)
+    style = {"color": FILTER, "linestyle": "--", "label": "rms deviation by the filter"}
+    lower.plot(way[known], deviation[known], linewidth=1.4, **style)
     top = 1.1 * max(float(high.max()), float(deviation[known].max(initial=0.0)))
     if top > LOST / 2:
         lower.axhline(LOST, color="0.5", linewidth=0.8, zorder=0)
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
-        style: dict[str, Any] = {"ha": "left", "va": "bottom", "fontsize": "small", "bbox": box}
+        style = {"ha": "left", "va": "bottom", "fontsize": "small", "bbox": box}
         lower.annotate("off by > 1 m", (0, LOST), (4, 2), textcoords="offset points", **style)
     lower.set(xlim=(0, max(way[-1], 1e-3)), ylim=(0, top), ylabel="position [m]")
-    runs = f"{len(replay.errors)} runs"
-    lower.legend(
-        handles=[
-            Line2D([], [], color=ESTIMATED, linewidth=1.8, label=f"error, median of {runs}"),
-            Patch(color=ESTIMATED, alpha=0.2, label="error, 10 to 90 %"),
-            Line2D([], [], color=FILTER, linestyle="--", label="rms deviation by the filter"),
-        ],
-        loc="lower center",
-        bbox_to_anchor=(0.5, 1.0),
-        ncols=3,
-        frameon=False,
-        fontsize="small",
-    )
-    figure.legend(
-        handles=[
-            Line2D([], [], color=RECORDED, linestyle=(0, (4, 2)), marker="o", label="recorded"),
-            Line2D([], [], color=ESTIMATED, label=f"AMCL replayed, {len(ways)} runs"),
-        ],
-        loc="outside upper center",
-        ncols=2,
-        frameon=False,
-    )
+    style = {"bbox_to_anchor": (0.5, 1.0), "frameon": False, "fontsize": "small"}
+    lower.legend(loc="lower center", ncols=3, **style)
+    recorded = Line2D([], [], color=RECORDED, linestyle=(0, (4, 2)), marker="o", label="recorded")
+    estimated = Line2D([], [], color=ESTIMATED, label=f"AMCL replayed, {len(ways)} runs")
+    figure.key([recorded, estimated], ncols=2, at="upper center")
     return _said(figure, replay.verdict, *(f"Note: {each}." for each in replay.notes))

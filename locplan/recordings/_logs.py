@@ -8,9 +8,17 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import FARTHEST, MAX_RANGE, Settings, keep_checked, number, shown, whole
+from locplan._util.checks import (
+    FARTHEST,
+    MAX_RANGE,
+    Settings,
+    finite_numbers,
+    keep,
+    shown,
+    whole,
+)
 from locplan._util.poses import Numbers, wrapped
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.robots import MAX_BEAMS, Lidar
@@ -50,12 +58,10 @@ class Topics(Settings):
     bags."""
 
     def __post_init__(self) -> None:
-        for name in ("scan_topic", "pose_topic", "odom_topic", "base_frame"):
-            value = getattr(self, name)
-            if value is not None and not (isinstance(value, str) and value):
-                raise ConfigError(f"{name} must be a name, not {shown(value)}")
-        if not (isinstance(self.map_frame, str) and self.map_frame):
-            raise ConfigError(f"map_frame must be a name, not {shown(self.map_frame)}")
+        for each in fields(Topics):
+            value = getattr(self, each.name)
+            if value != each.default and not (isinstance(value, str) and value):
+                raise ConfigError(f"{each.name} must be a name, not {shown(value)}")
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -69,33 +75,29 @@ class Options(Topics):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        keep_checked(self, ("every",), whole)
-        keep_checked(self, ("window", "range_limits"), _numbers, 2, "two numbers")
-        keep_checked(self, ("mount",), _numbers, 3, "x, y [m] and yaw [rad] of the lidar")
-        if self.window and not 0 <= self.window[0] < self.window[1]:
-            raise ConfigError(
-                "window must be two times from the start on, the first one earlier [s], not"
-                f" {shown(self.window)}"
-            )
-        if self.range_limits and not 0 <= self.range_limits[0] < self.range_limits[1] <= MAX_RANGE:
-            raise ConfigError(
-                "range_limits must be a least and a greatest distance [m], not"
-                f" {shown(self.range_limits)}"
-            )
+        keep(self, every=whole("every", self.every))
+        for name in ("window", "range_limits"):
+            keep(self, **{name: _numbers(name, getattr(self, name), 2, "two numbers")})
+        keep(self, mount=_numbers("mount", self.mount, 3, "x, y [m] and yaw [rad] of the lidar"))
+        for name, most, what in (
+            ("window", math.inf, "two times from the start on, the first one earlier [s]"),
+            ("range_limits", MAX_RANGE, "a least and a greatest distance [m]"),
+        ):
+            ends = getattr(self, name)
+            if ends and not 0 <= ends[0] < ends[1] <= most:
+                raise ConfigError(f"{name} must be {what}, not {shown(ends)}")
 
     def refuse_others(self, what: str, *, of_robot: bool) -> None:
         """Raise a ConfigError if an option is set that this kind of file cannot follow.
 
         A log of a robot has topics of scans and a frame, only a bag has the others.
         """
-        for name in () if of_robot else ("scan_topic", "map_frame"):
-            self._refuse(name, "logs of robots", what)
-        for name in ("pose_topic", "odom_topic", "base_frame"):
-            self._refuse(name, "bags", what)
-
-    def _refuse(self, name: str, kinds: str, what: str) -> None:
-        if getattr(self, name) != getattr(type(self), name):
-            raise ConfigError(f"{name} is for {kinds}, and {what} has none; leave it out")
+        of_robots = ("scan_topic", "map_frame")
+        for each in fields(Topics):
+            kinds = "logs of robots" if each.name in of_robots else "bags"
+            allowed = of_robot and each.name in of_robots
+            if getattr(self, each.name) != each.default and not allowed:
+                raise ConfigError(f"{each.name} is for {kinds}, and {what} has none; leave it out")
 
     def lidar(self, values: Mapping[str, Any]) -> Lidar:
         """The lidar that a file describes, with the mount and the limits that were named."""
@@ -122,10 +124,7 @@ def _numbers(name: str, values: Any, count: int, what: str) -> tuple[float, ...]
     """A number of numbers, or None."""
     if values is None:
         return None
-    try:
-        found = tuple(number(name, each) for each in values)
-    except TypeError:
-        found = ()
+    found = finite_numbers(values)
     if len(found) != count:
         raise ConfigError(f"{name} must be {what}, not {shown(values)}")
     return found
@@ -168,11 +167,10 @@ class ScanRows:
 
     Beams are kept counter-clockwise. A scan with other angles, as lidars whose motor is not
     regulated have, takes for each beam the nearest of its own, if there is one within a step.
-    `expected` is the number of scans, if that is known.
     """
 
-    def __init__(self, range_limits: tuple[float, float] | None = None, expected: int = 0) -> None:
-        self._limits, self._expected = range_limits, expected
+    def __init__(self, range_limits: tuple[float, float] | None = None) -> None:
+        self._limits = range_limits
         self._rows: NDArray[np.float32] = np.empty((0, 0), np.float32)
         self._count = 0
         self._first, self._step, self._beams = 0.0, 0.0, 0
@@ -184,14 +182,9 @@ class ScanRows:
         return self._count
 
     def add(
-        self,
-        first: float,
-        step: float,
-        ranges: NDArray[np.float32] | Sequence[float],
-        least: float,
-        greatest: float,
+        self, ranges: ArrayLike, first: float, step: float, least: float, greatest: float
     ) -> None:
-        """Take a scan: angle of its first beam, from beam to beam [rad], ranges and limits [m].
+        """Take a scan: ranges [m], angle of its first beam, from beam to beam [rad], limits [m].
 
         Raises
         ------
@@ -218,11 +211,13 @@ class ScanRows:
         self._count += 1
 
     def finish(self, kept: Sequence[int]) -> NDArray[np.float32]:
-        """The scans that are kept, in ascending order, (n, beams); nothing can be added after."""
+        """The scans that are kept, in this order, (n, beams); nothing can be added after."""
+        rows, self._rows = self._rows, np.empty((0, 0), np.float32)
+        if (np.diff(kept) < 0).any():
+            return np.asarray(rows[np.asarray(kept)])
         for to, index in enumerate(kept):
             if to != index:  # in place: a copy would take the memory twice
-                self._rows[to] = self._rows[index]
-        rows, self._rows = self._rows, np.empty((0, 0), np.float32)
+                rows[to] = rows[index]
         rows.resize((len(kept), self._beams), refcheck=False)
         self._count = 0
         return rows
@@ -263,9 +258,7 @@ class ScanRows:
         # Angles were stored in single precision, which has no more than four decimals.
         lidar = replace(lidar, field_of_view_deg=round(lidar.field_of_view_deg, 4))
         self._first, self._step, self._beams, self._lidar = first, step, lidar.beams, lidar
-        # Room that is not written yet takes no memory; a damaged file may promise anything.
-        room = min(max(self._expected, FIRST_ROWS), max(FIRST_ROWS, MAX_ROOM // 4 // lidar.beams))
-        self._rows = np.empty((room, lidar.beams), np.float32)
+        self._rows = np.empty((FIRST_ROWS, lidar.beams), np.float32)
 
     def _resampled(
         self, first: float, step: float, values: NDArray[np.float32]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import check_threads, instance
-from locplan._util.intervals import Interval, Rank, Resamples, draws_of, of_resamples, rank, short
+from locplan._util.intervals import Interval, Rank, Resamples, draws_of, mean_interval, rank, short
 from locplan._util.poses import Numbers, ends_in_map
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
@@ -179,18 +179,9 @@ def match_scans(
         return list(some)
 
     in_batches(match, chosen.size, workers, progress, batch=64)
-    return Matches(
-        recording,
-        grid,
-        settings,
-        mean=mean,
-        best=best,
-        covariance=covariance,
-        entropy=summary[:, 0],
-        ambiguity=summary[:, 1],
-        score=summary[:, 2],
-        returns=returns,
-    )
+    entropy, ambiguity, score = summary.T
+    found = mean, best, covariance, ambiguity, entropy, score
+    return Matches(recording, grid, settings, *found, returns)
 
 
 def scans_unlike(
@@ -285,26 +276,7 @@ def agreement(
     turned = np.abs((towards - direction + np.pi / 2) % np.pi - np.pi / 2)
     elongated = (major > 3 * minor).astype(float)  # a rounder ellipse has no direction
     return Agreement(
-        _ranked(values, major, drawn),
-        _mean((turned < math.radians(15)).astype(float), elongated, drawn),
-        Interval(*np.exp(_mean(np.log(own / major), np.ones(len(own)), drawn)).tolist()),
+        rank([values], [major], Resamples([drawn], np.ones((len(drawn), 1)))),
+        mean_interval((turned < math.radians(15)).astype(float), blocks, elongated),
+        Interval(*np.exp(mean_interval(np.log(own / major), blocks)).tolist()),
     )
-
-
-def _ranked(values: Numbers, measured: Numbers, drawn: Numbers) -> Rank:
-    """Rank statistics with intervals over blocks."""
-    some = drawn if len(drawn) else np.ones((1, len(values)))
-    found = rank([values], [measured], Resamples([some], np.ones((len(some), 1))))
-    if len(drawn):
-        return found
-    return Rank(*(Interval(each.value, math.nan, math.nan) for each in vars(found).values()))
-
-
-def _mean(values: Numbers, counted: Numbers, drawn: Numbers) -> Interval:
-    """Mean of the values that count, 1 or 0 each; NaN where none does."""
-    if not counted.any():
-        return Interval(math.nan, math.nan, math.nan)
-    weights = drawn * counted
-    with np.errstate(invalid="ignore"):
-        means = (weights @ values) / weights.sum(axis=1)
-    return of_resamples(float(np.average(values, weights=counted)), means)

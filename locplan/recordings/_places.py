@@ -26,7 +26,7 @@ from locplan._util.poses import (
 )
 from locplan.errors import RecordingError
 from locplan.recordings._bag_files import Kind
-from locplan.recordings._logs import Options
+from locplan.recordings._logs import Options, Source
 
 BASES = ("base_footprint", "base_link", "base")
 """Usual names of a robot's frame, after a prefix; that of odometry is odom."""
@@ -43,17 +43,15 @@ class PoseTopic(NamedTuple):
 
 @dataclass(frozen=True)
 class Place:
-    """Poses of the robot at the scans, the mount of its lidar, and where they come from."""
+    """Poses of the robot at the scans, and the mount of its lidar."""
 
     poses: Numbers
     """(n, 3) in the map's frame; NaN where unknown [m, m, rad]."""
     odometry: Numbers | None
     mount: tuple[float, float, float]
     upside_down: bool
-    poses_from: str
-    odometry_from: str
-    map_frame: str
-    base_frame: str
+    source: Source
+    """Where all of it comes from."""
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -101,14 +99,17 @@ class Heard:
         RecordingError
             If there are no poses, frames are not connected, or the lidar is tilted or moves.
         """
+        for topic in (self.options.pose_topic, self.options.odom_topic):
+            if topic is not None and topic not in self.topics:
+                raise RecordingError(f"has no message on {topic} near the scans; name another one")
         base = self._base_frame()
         mount, upside_down = self._mount(base)
         reported, odometry_from = self._odometry(base)
         poses, poses_from, map_frame = self._poses(base, reported)
         located = np.isfinite(poses).all(axis=1)
         if not located.any():
-            topic = self.topics.get(poses_from)
-            begin, end = (topic.track.begin, topic.track.end) if topic else self.tree.clock
+            own = self.topics.get(poses_from)
+            begin, end = (own.track.begin, own.track.end) if own else self.tree.clock
             raise RecordingError(
                 f"no scan has a pose: {poses_from} is known from {begin:.3f} to {end:.3f} s, and"
                 f" the scans are from {self.times[0]:.3f} to {self.times[-1]:.3f} s; do both have"
@@ -122,9 +123,14 @@ class Heard:
                     f"{odometry_from} tells odometry at only {known:.0%} of the scans"
                 )
                 odometry, odometry_from = None, ""
-        return Place(
-            poses, odometry, mount, upside_down, poses_from, odometry_from, map_frame, base
+        source = Source(
+            poses=poses_from,
+            odometry=odometry_from,
+            map_frame=map_frame,
+            base_frame=base,
+            lidar_frame=self.lidar_frame,
         )
+        return Place(poses, odometry, mount, upside_down, source)
 
     def leave_out_others(self) -> None:
         """Leave out the transforms that no pose needs, once TF leads from the map to the lidar."""
@@ -171,17 +177,12 @@ class Heard:
             )
             return (0.0, 0.0, 0.0), False
         pose = self.tree.pose(base, lidar)
-        if pose is None:
+        pose = None if pose is None else pose[np.isfinite(pose).all(1)]
+        if pose is None or not len(pose):
             raise RecordingError(
                 f"TF does not connect the lidar's frame {lidar!r} with the robot's {base!r};"
-                f" connected are: {self.tree.described()}; give mount=(x, y, yaw), or another"
-                " base_frame="
-            )
-        pose = pose[np.isfinite(pose).all(1)]
-        if not len(pose):
-            raise RecordingError(
-                f"TF from {base!r} to {lidar!r} is not known at the time of any scan; give"
-                " mount=(x, y, yaw)"
+                f" connected are: {self.tree.described()}, though not at each time; give"
+                " mount=(x, y, yaw), or another base_frame="
             )
         up, flat = upward(pose), in_plane(pose)
         tilt = math.degrees(math.acos(min(1.0, float(np.abs(up).min()))))
@@ -202,8 +203,6 @@ class Heard:
     def _poses(self, base: str, reported: Numbers | None) -> tuple[Numbers, str, str]:
         """Poses of the robot at the scans, where they come from, and the frame they are in."""
         tree, frame, topic = self.tree, self.map_frame, self.options.pose_topic
-        if topic is not None and topic not in self.topics:
-            raise RecordingError(f"has no message on {topic} near the scans; leave out pose_topic=")
         if topic is None:
             pose = tree.pose(frame, base) if {frame, base} <= set(tree.frames) else None
             if pose is not None:
@@ -256,8 +255,6 @@ class Heard:
     def _odometry(self, base: str) -> tuple[Numbers | None, str]:
         """Odometry at all times of the tree, if there is some that is not the poses themselves."""
         named, of_poses = self.options.odom_topic, self.options.pose_topic
-        if named is not None and named not in self.topics:
-            raise RecordingError(f"has no message on {named} near the scans")
         topics = [
             name
             for name, each in self.of_odometry().items()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +15,7 @@ from locplan._util.poses import way_along
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.maps import OccupancyGrid, own_axes
-from locplan.recordings._bag_files import SUFFIXES as BAGS, is_bag
+from locplan.recordings._bag_files import SUFFIXES as BAGS
 from locplan.recordings._bags import read_bag
 from locplan.recordings._carmen import SUFFIXES as CARMEN, read_carmen
 from locplan.recordings._logs import Options, Source, Topics
@@ -23,6 +25,14 @@ from locplan.robots import Robot
 
 if TYPE_CHECKING:
     from locplan.costs import Path
+
+READERS: dict[str, Callable[[FilePath, Options], Recording]] = {
+    **dict.fromkeys(BAGS, read_bag),
+    **dict.fromkeys(CARMEN, read_carmen),
+    ".csv": read_csv,
+    ".npz": read_npz,
+}
+"""What reads a file, by the end of its name."""
 
 
 def read_drive(
@@ -112,19 +122,17 @@ def read_drive(
     if not path.exists():
         raise RecordingError(f"{path}: is not there; name a recorded drive")
     keep_input(path)
-    readers = {".csv": read_csv, ".npz": read_npz}
+    name = path.name.lower()
+    read = next((own for suffix, own in READERS.items() if name.endswith(suffix)), None)
     try:
-        if is_bag(path):
+        if path.is_dir() or read is read_bag:
             return read_bag(path, options, progress)
-        if path.name.lower().endswith(CARMEN):
-            drive = read_carmen(path, options)
-        elif path.suffix in readers:
-            drive = readers[path.suffix](path, options)
-        else:
-            known = ", ".join((*BAGS, *CARMEN, *readers))
+        if read is None:
+            known = ", ".join(READERS)
             raise RecordingError(f"is of no kind that is known ({known}, or a folder of rosbag2)")
+        drive = read(path, options)
         drive = drive if window is None else drive.window(*window)
-        return drive.every(every) if path.suffix == ".npz" and every > 1 else drive
+        return drive.every(every) if read is read_npz and every > 1 else drive
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
     except LocplanError as error:

@@ -10,14 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import instance, keep, number, printable, shown, whole
-from locplan._util.poses import (
-    Numbers,
-    ends_in_map,
-    moved,
-    way_between,
-    way_length,
-    wrapped,
-)
+from locplan._util.poses import Numbers, ends_in_map, moved, way_between, way_length, wrapped
 from locplan._util.public import called
 from locplan._util.tables import finite, table
 from locplan.errors import RecordingError
@@ -76,16 +69,15 @@ class Recording:
                 f" of the lidar, not {ranges.shape}"
             )
         # In blocks of scans, which saves memory.
-        parts = [ranges[n : n + 4096] for n in range(0, len(ranges), 4096)]
-        if not any(self.lidar.has_return(part).any() for part in parts):
+        parts = (ranges[n : n + 4096] for n in range(0, len(ranges), 4096))
+        returns = np.concatenate([self.lidar.has_return(part) for part in parts])
+        if not returns.any():
             raise RecordingError(
                 f"no beam of {len(ranges)} scans ends within {self.lidar.min_range:g} to"
                 f" {self.lidar.range:g} m; are the ranges in metres, and the lidar's right?"
             )
-        if not all((self.lidar.has_return(part) | (part == np.inf)).all() for part in parts):
-            none = np.float32(np.inf)
-            cleaned = [np.where(self.lidar.has_return(part), part, none) for part in parts]
-            ranges = frozen(np.concatenate(cleaned))
+        if not (returns | (ranges == np.inf)).all():
+            ranges = frozen(np.where(returns, ranges, np.float32(np.inf)))
         keep(self, ranges=ranges, poses=poses)
         if self.times is not None:
             times = array_of("times", self.times, np.dtype(np.float64), 1)
@@ -137,12 +129,9 @@ class Recording:
             ) from None
         if not len(poses):
             raise RecordingError(f"none of {len(self)} scans is chosen; take more")
-        ranges = self.ranges[index]
-        if not np.isfinite(ranges).any():
-            raise RecordingError("none of the scans that are chosen has a return; take more")
         return replace(
             self,
-            ranges=frozen(ranges),
+            ranges=frozen(self.ranges[index]),
             poses=poses,
             times=None if self.times is None else self.times[index],
             odometry=None if self.odometry is None else self.odometry[index],

@@ -6,8 +6,7 @@ import math
 import textwrap
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +25,7 @@ from locplan._util.progress import ProgressCallback
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import REPORT_WIDTH, finite, table
+from locplan.field import scalar
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.matching import in_batches
 from locplan.recordings._recording import Recording
@@ -133,7 +133,7 @@ class Replay(Result):
     @property
     def filter_std(self) -> Numbers:
         """Rms deviation of the position by the filter itself, the median over runs, (n,) [m]."""
-        return np.asarray(np.median(_rms(self.covariances), axis=0))
+        return np.asarray(np.median(scalar(self.covariances, "position_rms"), axis=0))
 
     @cached_property
     def consistency(self) -> Consistency:
@@ -149,7 +149,7 @@ class Replay(Result):
         return Consistency(
             mean_interval(inside, blocks_along(self.recording.poses)[at]),
             math.sqrt(float(np.median(squares)) / (2 * math.log(2))),
-            float(np.median(_rms(self.covariances[:, at]))),
+            float(np.median(scalar(self.covariances[:, at], "position_rms"))),
             float(np.median(self.drives.position_error[:, at])),
             int(at.sum()),
         )
@@ -197,9 +197,6 @@ class Replay(Result):
         """A row per scan: the recorded pose, the errors there, and the filter's own deviation."""
         rows = np.column_stack([self.drives.profile(), self.filter_std]).tolist()
         return Table((*PROFILE, Column("filter_std", "m")), tuple(map(tuple, rows)))
-
-    def _write(self, folder: Path, *about: Any) -> None:
-        self.table().write_csv(folder / "errors.csv")
 
 
 def replay(
@@ -282,11 +279,6 @@ def replay(
 
     in_batches(run, runs, workers, progress, batch=1)
     return Replay(recording, grid, robot, seed, errors, covariances, filter_map)
-
-
-def _rms(covariance: Numbers) -> Numbers:
-    """Rms deviation of the position by covariances (..., 3, 3), (...) [m]."""
-    return np.sqrt(covariance[..., 0, 0] + covariance[..., 1, 1])
 
 
 def replay_report(replay: Replay) -> str:

@@ -90,19 +90,15 @@ def scan_noise(
     measured = recording.ranges[chosen].astype(np.float64)
     reach = recording.lidar.range
     met = np.isfinite(expected)
+    walls_at = np.where(met, expected, reach)
     with np.errstate(invalid="ignore"):
-        residual = measured - np.where(met, expected, reach)
+        residual = measured - walls_at
         near = met & (np.abs(residual) < FAR)
         fits = near.sum(axis=1) > 0.5 * np.maximum(met.sum(axis=1), 1)
     check_enough(int(fits.sum()), len(chosen))
-    scans = _Scans.of(
-        residual[fits],
-        np.where(met, expected, reach)[fits],
-        near[fits],
-        np.isfinite(measured[fits]),
-        recording.lidar,
-        grid.resolution,
-    )
+    of_scans = residual, walls_at, near, np.isfinite(measured)
+    residual, walls_at, near, returned = (each[fits] for each in of_scans)
+    scans = _Scans.of(residual, walls_at, near, returned, recording.lidar, grid.resolution)
     blocks = blocks_along(recording.poses)[chosen][fits]
     found = intervals(scans.statistics, blocks, 200)
     apart = len(chosen) - int(fits.sum())
@@ -187,25 +183,15 @@ class _Walls:
     """The map's walls, as a recording's lidar would see them."""
 
     def __init__(self, grid: OccupancyGrid, recording: Recording) -> None:
-        from locplan._kernels.lidar import Lidar as Beams
         from locplan._kernels.rays import empty_squares
 
         lidar = recording.lidar
         self.grid, self.recording = grid, recording
         self.squares = empty_squares(grid.cells == OCCUPIED)
         self.every = max(1, lidar.beams // 61)  # some sixty beams settle a scan
-        self.beams, self.some = (
-            Beams(
-                np.ascontiguousarray(lidar.angles[::step]),
-                lidar.mount_x,
-                lidar.mount_y,
-                lidar.mount_yaw,
-                lidar.range_sigma,
-                0.0,
-                lidar.range,
-            )
-            for step in (1, self.every)
-        )
+        self.beams = lidar.for_kernels()._replace(min_range=0.0)
+        some = np.ascontiguousarray(lidar.angles[:: self.every])
+        self.some = self.beams._replace(angles=some)
 
     def compared(self, scan: int) -> tuple[float, Numbers]:
         """How far a scan was moved to fit best [m], and the map's ranges from there (beams,)."""

@@ -30,6 +30,7 @@ from locplan._util.checks import file_path, shown
 from locplan._util.files import replacing
 from locplan._util.poses import Numbers
 from locplan._util.reading import numbered_lines, opened, parsed_json
+from locplan._util.saved import made
 from locplan.errors import LocplanError, RecordingError
 from locplan.recordings._logs import Options, Source, check_room
 from locplan.recordings._recording import Recording
@@ -87,10 +88,9 @@ def read_npz(path: Path, options: Options) -> Recording:
     source = Source(file=path.name)
     if "source" in arrays:
         about = _entries("source", arrays["source"])
-        notes = tuple(map(str, about.pop("notes", ())))
         try:
-            source = Source(notes=notes, **{name: str(value) for name, value in about.items()})
-        except TypeError as error:
+            source = made(Source, about)
+        except (LookupError, TypeError, ValueError) as error:
             raise RecordingError(
                 f"its source is not as Recording.save writes it: {error}"
             ) from None

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -117,17 +116,9 @@ class Tracks:
 
         truth, odometry = self.truth[part], self.odometry[part]
         poses, covariances = np.empty_like(truth), np.empty((len(truth), 3, 3))
-        kernel(
-            random,
-            truth[0].copy(),
-            np.ascontiguousarray(odometry),
-            ends[part],
-            arguments.scores,
-            arguments.start,
-            arguments.filter,
-            poses,
-            covariances,
-        )
+        drive = truth[0].copy(), np.ascontiguousarray(odometry), ends[part]
+        settings = arguments.scores, arguments.start, arguments.filter
+        kernel(random, *drive, *settings, poses, covariances)
         errors = poses - truth
         errors[:, 2] = wrapped(errors[:, 2])
         return errors @ self._turn.T, self._turn @ covariances @ self._turn.T
@@ -172,52 +163,27 @@ def _joined(first: Numbers, ways: Numbers, left_out: NDArray[np.bool_]) -> Numbe
     return np.column_stack([x, y, wrapped(heading)])
 
 
+@dataclass(eq=False, repr=False)
 class RecordedBench(TuningBench):
-    """Replays of settings on some stretches of a recorded drive.
+    """Replays of settings on some stretches of a recorded drive."""
 
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map that was driven in.
-    tracks : Tracks
-        What the filter gets of the drive.
-    stretches : sequence of slice
-        The scans of each stretch.
-    robot : Robot
-        Its disturbances are read for the deviation of the filter's first poses.
-    drives : int
-        Maximum number of replays of each stretch.
-    seed, threads : int
-        Seed of all random numbers, and number of threads.
-    """
-
-    def __init__(
-        self,
-        grid: OccupancyGrid,
-        tracks: Tracks,
-        stretches: Sequence[slice],
-        robot: Robot,
-        drives: int,
-        *,
-        seed: int,
-        threads: int,
-    ) -> None:
-        lines = [tracks.truth[each] for each in stretches]
-        levels, lidar = [DisturbanceLevel("recorded", 1.0, 1.0)], tracks.recording.lidar
-        own: Any = {"seed": seed, "threads": threads}
-        super().__init__(grid, tracks.grid, lidar, levels, lines, drives, **own)
-        self._tracks, self._stretches, self._robot = tracks, stretches, robot
+    tracks: Tracks
+    """What the filter gets of the drive."""
+    stretches: Sequence[slice]
+    """The scans of each stretch."""
+    robot: Robot
+    """Its disturbances are read for the deviation of the filter's first poses."""
 
     def arguments(self, amcl: Amcl) -> list[Any]:
         """The ends of beams that the filter compares, and the kernel's arguments."""
-        ends, robot = self._tracks.ends(amcl), dataclasses.replace(self._robot, filter=amcl)
-        return [(ends, self._tracks.arguments(robot, self.scores(amcl)))]
+        ends, robot = self.tracks.ends(amcl), replace(self.robot, filter=amcl)
+        return [(ends, self.tracks.arguments(robot, self.scores(amcl)))]
 
     def errors(self, level: int, path: int, drive: int, arguments: Any) -> NDArray[np.float64]:
         """Errors of one replay, in the world."""
         random = random_of(self.seed, REPLAY, path, drive)
         ends, own = arguments
-        return self._tracks.track(random, ends, own, self._stretches[path])[0]
+        return self.tracks.track(random, ends, own, self.stretches[path])[0]
 
 
 def tune_on_drive(
@@ -300,20 +266,13 @@ def tune_on_drive(
 
     def bench_of(own_seed: int, judging: bool) -> RecordedBench:
         some = halves[judging][:paths]
-        return RecordedBench(grid, tracks, some, robot, drives, seed=own_seed, threads=workers)
+        lines, level = [tracks.truth[each] for each in some], DisturbanceLevel("recorded", 1.0, 1.0)
+        common = grid, tracks.grid, recording.lidar, [level], lines, drives, own_seed, workers
+        return RecordedBench(*common, tracks, some, robot)
 
-    return search_settings(
-        bench_of,
-        robot,
-        paths,
-        drives,
-        left=left,
-        others=others,
-        seed=seed,
-        progress=progress,
-        drive=recording.source.file or "the drive",
-        notes=sparse_notes(recording, robot.amcl),
-    )
+    name, notes = recording.source.file or "the drive", sparse_notes(recording, robot.amcl)
+    own: Any = {"left": left, "others": others, "seed": seed, "progress": progress}
+    return search_settings(bench_of, robot, paths, drives, drive=name, notes=notes, **own)
 
 
 def _stretches(recording: Recording) -> list[slice]:

@@ -13,6 +13,7 @@ from ._lidar import (
     Preset as Preset,
 )
 from ._nav2 import (
+    NOT_SIMULATED as NOT_SIMULATED,
     ParameterWarning as ParameterWarning,
     edited_parameters as edited_parameters,
     read_amcl as read_amcl,

@@ -6,25 +6,21 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal, Protocol
 
-from locplan._util.checks import (
-    Settings,
-    differing,
-    instance,
-    keep_checked,
-    number,
-    one_of,
-    positive,
-    whole,
-)
+from locplan._util.checks import Settings, differing, positive, setting
 from locplan._util.public import called
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
     import numpy as np
+    from numpy.random import Generator as Random
     from numpy.typing import NDArray
 
+    from locplan._util.poses import Numbers
     from locplan.maps import OccupancyGrid
     from locplan.robots._lidar import Lidar
+
+Deviation = tuple[float, float]
+"""Standard deviations of a position along x and y each [m], and of a heading [rad]."""
 
 
 class Filter(Protocol):
@@ -40,12 +36,7 @@ class Filter(Protocol):
         """The filter in one short line for people."""
 
     def start(
-        self,
-        grid: OccupancyGrid,
-        lidar: Lidar,
-        pose: NDArray[np.float64],
-        deviation: tuple[float, float],
-        random: np.random.Generator,
+        self, grid: OccupancyGrid, lidar: Lidar, pose: Numbers, deviation: Deviation, random: Random
     ) -> Tracker:
         """Begin to track a robot.
 
@@ -67,7 +58,7 @@ class Filter(Protocol):
 class Tracker(Protocol):
     """A filter that runs: at every pose `motion`, `scan` and `estimate` are called in turn."""
 
-    def motion(self, odometry: NDArray[np.float64]) -> None:
+    def motion(self, odometry: Numbers) -> None:
         """Take what odometry reports.
 
         Parameters
@@ -87,10 +78,10 @@ class Tracker(Protocol):
             return.
         """
 
-    def estimate(self) -> NDArray[np.float64]:
+    def estimate(self) -> Numbers:
         """The robot's pose x, y, heading in the world, (3,) [m, m, rad]."""
 
-    def covariance(self) -> NDArray[np.float64]:
+    def covariance(self) -> Numbers:
         """Covariance of the estimate in the world, (3, 3) [m, m, rad]; NaN while not known."""
 
 
@@ -134,70 +125,61 @@ class Amcl(Settings):
     60
     """
 
-    alpha1: float = 0.2
+    alpha1: float = setting(0.2, 0.0)
     """Variance of a turn per square of the turn, >= 0 [1]."""
-    alpha2: float = 0.2
+    alpha2: float = setting(0.2, 0.0)
     """Variance of a turn per square of the distance driven in an update, >= 0 [rad^2 / m^2]."""
-    alpha3: float = 0.2
+    alpha3: float = setting(0.2, 0.0)
     """Variance of the distance per square of the distance, >= 0 [1]."""
-    alpha4: float = 0.2
+    alpha4: float = setting(0.2, 0.0)
     """Variance of the distance per square of the turn, >= 0 [m^2 / rad^2]."""
-    alpha5: float = 0.2
+    alpha5: float = setting(0.2, 0.0)
     """Variance of a shift to the side per square of the distance, >= 0 [1]; only an omnidirectional
     robot has it."""
     robot_model_type: Literal[
         "nav2_amcl::DifferentialMotionModel", "nav2_amcl::OmniMotionModel"
-    ] = DIFFERENTIAL
+    ] = setting(DIFFERENTIAL, DIFFERENTIAL, OMNIDIRECTIONAL)
     """Motion model: of a robot that drives where it heads, or of one that can drive sideways."""
-    laser_model_type: Literal["likelihood_field", "likelihood_field_prob"] = "likelihood_field"
+    laser_model_type: Literal["likelihood_field", "likelihood_field_prob"] = setting(
+        "likelihood_field", *MODELS
+    )
     """Sensor model: a weight is 1 plus the sum of cubed likelihoods, or (`_prob`) their product."""
-    laser_likelihood_max_dist: float = 2.0
+    laser_likelihood_max_dist: float = setting(2.0, positive)
     """Maximum distance of a beam's end from a wall, above 0; larger ones count as this [m]."""
-    laser_min_range: float = -1.0
+    laser_min_range: float = setting(-1.0)
     """Range below which a beam counts as without a return [m]; 0 or less takes the lidar's own."""
-    laser_max_range: float = 100.0
+    laser_max_range: float = setting(100.0)
     """Range above which a beam counts as without a return [m]; 0 or less takes the lidar's own."""
-    max_beams: int = 60
+    max_beams: int = setting(60, 2)
     """Approximate number of a scan's beams, evenly spaced, that are compared; at least 2."""
-    max_particles: int = 2000
+    max_particles: int = setting(2000, 1, 1_000_000)
     """Maximum number of particles, up to a million; if equal to `min_particles`, the number is
     constant."""
-    min_particles: int = 500
+    min_particles: int = setting(500, 1, 1_000_000)
     """Minimum number of particles, at least 1."""
-    pf_err: float = 0.05
+    pf_err: float = setting(0.05, positive)
     """Maximum error that KLD sampling allows, above 0; a smaller one takes more particles."""
-    pf_z: float = 0.99
+    pf_z: float = setting(0.99, positive)
     """Quantile of the normal distribution for KLD sampling, above 0, as in AMCL: not the
     probability."""
-    resample_interval: int = 1
+    resample_interval: int = setting(1)
     """Number of updates per resampling, at least 1."""
-    sigma_hit: float = 0.2
+    sigma_hit: float = setting(0.2, positive)
     """Standard deviation of the distance of a beam's end from a wall, above 0 [m]."""
-    update_min_a: float = 0.2
+    update_min_a: float = setting(0.2, 0.0)
     """Turn after which the filter updates, >= 0 [rad]."""
-    update_min_d: float = 0.25
+    update_min_d: float = setting(0.25, 0.0)
     """Distance along x or y after which the filter updates, >= 0 [m]."""
-    z_hit: float = 0.5
+    z_hit: float = setting(0.5, 0.0, 1.0)
     """Weight of beams that end at a wall, 0..1."""
-    z_rand: float = 0.5
+    z_rand: float = setting(0.5, 0.0, 1.0)
     """Weight of beams that end anywhere, 0..1; this and `z_hit` are not both 0."""
-    half_cell: bool = True
+    half_cell: bool = setting(True)
     """True reads the likelihood field half a cell aside along x and y, as Nav2's AMCL does; False
     simulates a filter that reads it where the beams end."""
 
     def __post_init__(self) -> None:
-        one_of("laser_model_type", self.laser_model_type, MODELS)
-        one_of("robot_model_type", self.robot_model_type, (DIFFERENTIAL, OMNIDIRECTIONAL))
-        instance("half_cell", self.half_cell, bool, "give true or false")
-        above_0 = ("laser_likelihood_max_dist", "sigma_hit", "pf_err", "pf_z")
-        from_0 = (*(f"alpha{n}" for n in range(1, 6)), "update_min_a", "update_min_d")
-        keep_checked(self, above_0, positive)
-        keep_checked(self, from_0, number, 0.0)
-        keep_checked(self, ("laser_min_range", "laser_max_range"), number)
-        keep_checked(self, ("z_hit", "z_rand"), number, 0.0, 1.0)
-        keep_checked(self, ("resample_interval",), whole)
-        keep_checked(self, ("min_particles", "max_particles"), whole, 1, 1_000_000)
-        keep_checked(self, ("max_beams",), whole, 2)
+        super().__post_init__()
         if self.min_particles > self.max_particles:
             raise ConfigError(
                 f"min_particles ({self.min_particles}) must not exceed max_particles"
@@ -234,12 +216,7 @@ class Amcl(Settings):
         return self.robot_model_type == OMNIDIRECTIONAL
 
     def start(
-        self,
-        grid: OccupancyGrid,
-        lidar: Lidar,
-        pose: NDArray[np.float64],
-        deviation: tuple[float, float],
-        random: np.random.Generator,
+        self, grid: OccupancyGrid, lidar: Lidar, pose: Numbers, deviation: Deviation, random: Random
     ) -> Tracker:
         """Begin to track a robot with particles about a pose; see `Filter.start`.
 

@@ -6,12 +6,13 @@ import dataclasses
 import math
 import os
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from locplan._util.checks import file_path, shown
+from locplan._util.checks import file_path, finite_numbers, shown
 from locplan._util.reading import MAX_BYTES as MAX_XML_BYTES, check_stamp, read_bytes, read_content
 from locplan.errors import ConfigError
 from locplan.robots._amcl import Amcl, NamedFilter
@@ -97,67 +98,54 @@ def _check_known(what: str, given: Mapping[str, Any], known: list[str]) -> None:
             raise ConfigError(f"{what} has no {shown(each)}; it has {', '.join(known)}")
 
 
-class Sensor(NamedTuple):
-    """What a file says of a planar lidar, in the words of `Lidar.from_scan`."""
-
-    angle_min: float
-    angle_max: float
-    angle_increment: float
-    range_min: float
-    range_max: float
-    mount: tuple[float, float, float]
-    range_sigma: float | None
-    model: str
-
-    @property
-    def beams(self) -> int:
-        """The number of beams, those at both ends included."""
-        return round((self.angle_max - self.angle_min) / self.angle_increment) + 1
-
-
-def read_sensor(file: Path) -> Sensor:
+def lidar_in(file: Path) -> Lidar:
     """The only planar lidar that a file describes; see `Lidar.from_file`."""
+    with errors_at(file):
+        return _described(_sensor(file))
+
+
+def _sensor(file: Path) -> Element:
     if file.suffix.lower() in (".yaml", ".yml"):
         raise ConfigError(
-            f"{file}: parameters name no lidar, their ranges only limit one; name a lidar of"
+            "parameters name no lidar, their ranges only limit one; name a lidar of"
             " locplan.robots.PRESETS, or give the robot's URDF or SDF"
         )
     kinds = ("ray", "gpu_ray", "lidar", "gpu_lidar")  # in the words of all versions of Gazebo
     sensors = [each for each in _root(file).iter("sensor") if each.get("type") in kinds]
-    planar = [each for each in sensors if _number(each, ".//vertical/samples", 1.0, file) <= 1]
+    planar = [each for each in sensors if _number(each, ".//vertical/samples", 1.0) <= 1]
     if len(planar) != 1:
         names = ", ".join(shown(each.get("name")) for each in planar[:5])
         what = f"has {len(planar)} planar lidars ({names})" if planar else "has no planar lidar"
-        raise ConfigError(f"{file}: {what}; leave one sensor of type ray or lidar in the file")
-    return _described(planar[0], file)
+        raise ConfigError(f"{what}; leave one sensor of type ray or lidar in the file")
+    return planar[0]
 
 
-def _described(sensor: Element, file: Path) -> Sensor:
-    first = _number(sensor, ".//horizontal/min_angle", None, file)
-    last = _number(sensor, ".//horizontal/max_angle", None, file)
-    samples = _number(sensor, ".//horizontal/samples", None, file)
-    beams = int(samples * _number(sensor, ".//horizontal/resolution", 1.0, file))
+def _described(sensor: Element) -> Lidar:
+    value = partial(_number, sensor)
+    first, last = value(".//horizontal/min_angle"), value(".//horizontal/max_angle")
+    beams = int(value(".//horizontal/samples") * value(".//horizontal/resolution", 1.0))
     if beams < 2:
-        raise ConfigError(f"{file}: its lidar has {beams} beams; there must be 2 at least")
-    x, y, _, roll, pitch, yaw = _pose(sensor, file)
+        raise ConfigError(f"its lidar has {beams} beams; there must be 2 at least")
+    x, y, _, roll, pitch, yaw = _pose(sensor)
     if max(abs(math.sin(roll)), abs(math.sin(pitch))) > 0.1 or math.cos(pitch) < 0:
-        raise ConfigError(f"{file}: its lidar is tilted; locplan knows horizontal ones only")
+        raise ConfigError("its lidar is tilted; locplan knows horizontal ones only")
     if math.cos(roll) < 0:  # it is mounted upside down
         first, last = -last, -first
     noise = sensor.find(".//noise")
     kind = "" if noise is None else noise.get("type") or noise.findtext("type") or ""
     gaussian = kind.strip().startswith("gaussian")
-    sigma = _number(sensor, ".//noise/stddev", 0.0, file) if gaussian else 0.0
-    return Sensor(
+    lidar = Lidar.from_scan(
         angle_min=first,
         angle_max=last,
         angle_increment=(last - first) / (beams - 1),
-        range_min=_number(sensor, ".//range/min", 0.0, file),
-        range_max=_number(sensor, ".//range/max", None, file),
+        range_min=value(".//range/min", 0.0),
+        range_max=value(".//range/max"),
         mount=(x, y, yaw),
-        range_sigma=sigma or None,
+        range_sigma=(value(".//noise/stddev", 0.0) if gaussian else 0.0) or None,
         model=sensor.get("name") or "",
     )
+    # Gazebo casts all samples, also where the last one of a full circle meets the first.
+    return dataclasses.replace(lidar, beams=beams)
 
 
 def _root(file: Path) -> Element:
@@ -166,40 +154,32 @@ def _root(file: Path) -> Element:
     try:
         content = read_bytes(file, MAX_XML_BYTES)
     except OSError as error:
-        raise ConfigError(f"{file}: cannot be read ({error.strerror or error})") from None
+        raise ConfigError(f"cannot be read ({error.strerror or error})") from None
     if b"<!ENTITY" in content:
-        raise ConfigError(f"{file}: is no robot's description; name a URDF or SDF file")
+        raise ConfigError("is no robot's description; name a URDF or SDF file")
     try:
         return ElementTree.fromstring(content)
     except (ElementTree.ParseError, ValueError, LookupError):
-        raise ConfigError(f"{file}: is no XML; name a URDF or SDF file, not a .xacro") from None
+        raise ConfigError("is no XML; name a URDF or SDF file, not a .xacro") from None
 
 
-def _pose(sensor: Element, file: Path) -> tuple[float, ...]:
-    text = sensor.findtext("pose") or "0 0 0 0 0 0"
-    try:
-        values = tuple(map(float, text.split()))
-    except ValueError:
-        values = ()
-    if len(values) != 6 or not all(map(math.isfinite, values)):
-        raise ConfigError(f"{file}: the lidar's pose must be six numbers, not {shown(text)}")
+def _pose(sensor: Element) -> tuple[float, ...]:
     pose = sensor.find("pose")
+    text = sensor.findtext("pose") or "0 0 0 0 0 0"
+    values = finite_numbers(text.split())
+    if len(values) != 6:
+        raise ConfigError(f"the lidar's pose must be six numbers, not {shown(text)}")
     if pose is not None and pose.get("degrees") in ("true", "1"):
         return (*values[:3], *map(math.radians, values[3:]))
     return values
 
 
-def _number(sensor: Element, where: str, default: float | None, file: Path) -> float:
-    text = sensor.findtext(where)
-    name = where.removeprefix(".//")
+def _number(sensor: Element, where: str, default: float | None = None) -> float:
+    text, name = sensor.findtext(where), where.removeprefix(".//")
     if text is None and default is None:
-        raise ConfigError(f"{file}: its lidar has no {name}")
-    try:
-        value = float(text) if text is not None else float(default or 0.0)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise ConfigError(
-            f"{file}: {name} must be a number, not {shown(text)}; run xacro on a .xacro file first"
-        )
-    return value
+        raise ConfigError(f"its lidar has no {name}")
+    values = finite_numbers(default if text is None else text)
+    if not values:
+        what = f"{name} must be a number, not {shown(text)}"
+        raise ConfigError(f"{what}; run xacro on a .xacro file first")
+    return values[0]

@@ -7,19 +7,18 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from locplan._util.checks import (
     Settings,
     file_path,
-    keep_checked,
     number,
     one_of,
     positive,
     reach,
+    setting,
     shown,
-    whole,
 )
 from locplan._util.public import called
 from locplan.errors import ConfigError
@@ -48,30 +47,18 @@ class Preset(NamedTuple):
     """Document that has these values."""
 
 
-_A1 = Preset(12.0, 0.15, 360.0, 360, 0.03, "Slamtec, RPLIDAR A1M8 data sheet, 2016; no error given")
+_A1 = Preset(12.0, 0.15, 360.0, 360, 0.03, "Slamtec, RPLIDAR A1M8 data sheet, 2016")
 _LDS_02 = Preset(8.0, 0.16, 360.0, 360, 0.03, "ROBOTIS e-Manual, LDS-02; 3 % of the range at 1 m")
 
 PRESETS: dict[str, Preset] = {
     "rplidar-a1": _A1,
-    "rplidar-a2": Preset(
-        12.0, 0.2, 360.0, 1600, 0.03, "Slamtec, RPLIDAR A2M12 data sheet LD310, 2022; no error"
-    ),
-    "rplidar-a3": Preset(
-        25.0, 0.2, 360.0, 1600, 0.03, "Slamtec, RPLIDAR A3M1 data sheet v1.3, 2019; no error given"
-    ),
-    "rplidar-s2": Preset(
-        30.0, 0.05, 360.0, 3200, 0.03, "Slamtec, RPLIDAR S2M1-R2 data sheet rev. 2.3, 2024"
-    ),
-    "rplidar-c1": Preset(
-        12.0, 0.05, 360.0, 500, 0.03, "Slamtec, RPLIDAR C1M1 data sheet rev. 1.1, 2024"
-    ),
+    "rplidar-a2": Preset(12.0, 0.2, 360.0, 1600, 0.03, "Slamtec, A2M12 data sheet LD310, 2022"),
+    "rplidar-a3": Preset(25.0, 0.2, 360.0, 1600, 0.03, "Slamtec, A3M1 data sheet v1.3, 2019"),
+    "rplidar-s2": Preset(30.0, 0.05, 360.0, 3200, 0.03, "Slamtec, S2M1-R2 sheet rev. 2.3, 2024"),
+    "rplidar-c1": Preset(12.0, 0.05, 360.0, 500, 0.03, "Slamtec, C1M1 sheet rev. 1.1, 2024"),
     "ld19": Preset(12.0, 0.02, 360.0, 450, 0.01, "LDROBOT, LD19 data sheet v2.5, 2022"),
-    "ydlidar-x4": Preset(
-        10.0, 0.12, 360.0, 720, 0.035, "YDLIDAR, X4 data sheet v1.2, 2024; 3.5 % at 1 m"
-    ),
-    "lds-01": Preset(
-        3.5, 0.12, 360.0, 360, 0.035, "ROBOTIS e-Manual, LDS-01; 3.5 % of the range at 1 m"
-    ),
+    "ydlidar-x4": Preset(10.0, 0.12, 360.0, 720, 0.035, "YDLIDAR, X4 sheet v1.2; 3.5 % at 1 m"),
+    "lds-01": Preset(3.5, 0.12, 360.0, 360, 0.035, "ROBOTIS e-Manual, LDS-01; 3.5 % at 1 m"),
     "lds-02": _LDS_02,
     "turtlebot3": _LDS_02,
     "turtlebot4": _A1,
@@ -79,12 +66,8 @@ PRESETS: dict[str, Preset] = {
     "lms111": Preset(20.0, 0.5, 270.0, 541, 0.012, "SICK, LMS111 product data, at 50 Hz"),
     "lms291": Preset(80.0, 0.0, 180.0, 361, 0.01, "SICK, LMS291 technical description"),
     "ust-10lx": Preset(10.0, 0.06, 270.0, 1081, 0.03, "Hokuyo, UST-10LX manual MRS-0020D, 2015"),
-    "utm-30lx": Preset(
-        30.0, 0.1, 270.0, 1081, 0.03, "Hokuyo, UTM-30LX data sheet; 10 mm below 10 m, 30 mm beyond"
-    ),
-    "urg-04lx": Preset(
-        5.6, 0.02, 240.0, 682, 0.03, "Hokuyo, URG-04LX-UG01 data sheet; 30 mm to 1 m, 3 % beyond"
-    ),
+    "utm-30lx": Preset(30.0, 0.1, 270.0, 1081, 0.03, "Hokuyo, UTM-30LX sheet; 10 mm below 10 m"),
+    "urg-04lx": Preset(5.6, 0.02, 240.0, 682, 0.03, "Hokuyo, URG-04LX-UG01 sheet; 3 % from 1 m"),
 }
 """The presets by name, with ranges for bright targets, as walls are.
 
@@ -114,47 +97,42 @@ class Lidar(Settings):
     30.0
     """
 
-    range: float = 12.0
+    range: float = setting(12.0, reach)
     """Maximum distance that is measured [m], above 0 up to 10,000: that of bright walls."""
-    min_range: float = 0.0
+    min_range: float = setting(0.0, 0.0)
     """Distance below which a return counts as none [m], from 0 to below `range`."""
-    field_of_view_deg: float = 360.0
+    field_of_view_deg: float = setting(360.0, positive, "deg")
     """Angle that the beams cover, centred on `mount_yaw_deg` [deg], above 0 up to 360.
 
     Less than 360 makes what the lidar sees depend on the robot's heading.
     """
-    beams: int = 360
+    beams: int = setting(360, 1, MAX_BEAMS)
     """Number of beams in the field of view, 1 to 100,000."""
-    range_sigma: float = 0.03
+    # With less noise, rounding errors would dominate a covariance.
+    range_sigma: float = setting(0.03, 1e-6)
     """Standard deviation of a measured distance [m], at least 1e-6.
 
     Simulated scans and `Fisher` of ranges read it; the other estimators do not.
     """
     model: str = field(default="", compare=False)
     """Name of the lidar, for titles; it decides nothing."""
-    mount_x: float = 0.0
+    mount_x: float = setting(0.0)
     """Position of the lidar on the robot, ahead of its centre [m]; negative is behind it."""
-    mount_y: float = 0.0
+    mount_y: float = setting(0.0)
     """Position of the lidar on the robot, to the left of its centre [m]; negative is right."""
-    mount_yaw_deg: float = 0.0
+    mount_yaw_deg: float = setting(0.0)
     """Direction of the middle beam on the robot, counter-clockwise from ahead [deg]."""
 
     def __post_init__(self) -> None:
-        # With less noise, rounding errors would dominate a covariance.
-        keep_checked(self, ("range_sigma",), number, 1e-6)
-        keep_checked(self, ("range",), reach)
-        keep_checked(self, ("field_of_view_deg",), positive, "deg")
-        keep_checked(self, ("min_range",), number, 0.0)
+        super().__post_init__()
         if self.min_range >= self.range:
             raise ConfigError(
                 f"min_range ({self.min_range} m) must be below range ({self.range} m)"
             )
-        keep_checked(self, ("mount_x", "mount_y", "mount_yaw_deg"), number)
         if self.field_of_view_deg > 360:
             raise ConfigError(
                 f"field_of_view_deg must be at most 360 deg, not {shown(self.field_of_view_deg)}"
             )
-        keep_checked(self, ("beams",), whole, 1, MAX_BEAMS)
 
     @classmethod
     def preset(cls, name: str) -> Lidar:
@@ -259,10 +237,9 @@ class Lidar(Settings):
         ConfigError
             If the file cannot be read, or has no ray sensor, or several.
         """
-        reads = "locplan.robots._files:read_sensor"
-        sensor = called(reads, file_path("a robot's description", path))
-        # Gazebo casts all samples, also where the last one of a full circle meets the first.
-        return replace(cls.from_scan(**sensor._asdict()), beams=sensor.beams)
+        reads = "locplan.robots._files:lidar_in"
+        lidar: Lidar = called(reads, file_path("a robot's description", path))
+        return lidar
 
     @property
     def title(self) -> str:
@@ -285,6 +262,13 @@ class Lidar(Settings):
     def mount_yaw(self) -> float:
         """`mount_yaw_deg` in radians."""
         return math.radians(self.mount_yaw_deg)
+
+    def for_kernels(self) -> Any:
+        """The lidar in the form that the kernels take."""
+        from locplan._kernels.lidar import Lidar as Beams
+
+        mount = self.mount_x, self.mount_y, self.mount_yaw
+        return Beams(self.angles, *mount, self.range_sigma, self.min_range, self.range)
 
     @property
     def sees_all_round(self) -> bool:

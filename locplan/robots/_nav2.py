@@ -8,7 +8,7 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from locplan._util.checks import number, positive
 from locplan._util.reading import compose, read_content, scalar_text
@@ -28,39 +28,32 @@ from locplan.robots._parameters import (
 )
 from locplan.robots._parts import Footprint, Inflation, Kinematics
 
-if TYPE_CHECKING:
-    import yaml
-
-NO_MATTER = {
-    "allow_parameter_qos_overrides",
-    "always_reset_initial_pose",
-    "base_frame_id",
-    "beam_skip_distance",
-    "beam_skip_error_threshold",
-    "beam_skip_threshold",
-    "do_beamskip",
-    "first_map_only",
-    "freespace_downsampling",
-    "global_frame_id",
-    "initial_pose",
-    "initialize_at_saved_pose",
-    "lambda_short",
-    "map_topic",
-    "odom_frame_id",
-    "random_seed",
-    "recovery_alpha_fast",
-    "recovery_alpha_slow",
-    "save_pose_rate",
-    "saved_pose_filepath",
-    "scan_topic",
-    "set_initial_pose",
-    "tf_broadcast",
-    "transform_tolerance",
-    "use_sim_time",
-    "z_max",
-    "z_short",
+NOT_SIMULATED: dict[str, float | str | bool] = {
+    "base_frame_id": "base_footprint",
+    "beam_skip_distance": 0.5,
+    "beam_skip_error_threshold": 0.9,
+    "beam_skip_threshold": 0.3,
+    "do_beamskip": False,
+    "global_frame_id": "map",
+    "lambda_short": 0.1,
+    "odom_frame_id": "odom",
+    "recovery_alpha_fast": 0.0,
+    "recovery_alpha_slow": 0.0,
+    "save_pose_rate": 0.5,
+    "scan_topic": "scan",
+    "tf_broadcast": True,
+    "transform_tolerance": 1.0,
+    "z_max": 0.05,
+    "z_short": 0.05,
 }
-"""Further parameters of AMCL, most of which do not matter for the simulation."""
+"""Parameters of AMCL that are not simulated, with the values that Nav2 has for them."""
+NO_MATTER = {
+    *NOT_SIMULATED,
+    *("allow_parameter_qos_overrides", "always_reset_initial_pose", "first_map_only"),
+    *("freespace_downsampling", "initial_pose", "initialize_at_saved_pose", "map_topic"),
+    *("random_seed", "saved_pose_filepath", "set_initial_pose", "use_sim_time"),
+}
+"""All parameters of AMCL beside those simulated, most of which do not matter for that."""
 
 
 class ParameterWarning(UserWarning):
@@ -251,11 +244,9 @@ def edited_parameters(
     return made
 
 
-def _found(mapping: Any, keys: Sequence[str]) -> tuple[yaml.Node, yaml.Node] | None:
+def _found(mapping: Any, keys: Sequence[str]) -> tuple[Any, Any] | None:
     """Key and value at the end of keys, the last ones where a key stands several times."""
-    import yaml
-
-    if not (keys and isinstance(mapping, yaml.MappingNode)):
+    if not (keys and mapping is not None and mapping.id == "mapping"):
         return None
     first, *inner = keys
     for key, value in reversed(mapping.value):
@@ -266,9 +257,7 @@ def _found(mapping: Any, keys: Sequence[str]) -> tuple[yaml.Node, yaml.Node] | N
     return None
 
 
-def _replacement(
-    text: str, key: yaml.Node, value: yaml.Node, new: float | str | bool
-) -> tuple[int, int, str]:
+def _replacement(text: str, key: Any, value: Any, new: float | str | bool) -> tuple[int, int, str]:
     """Beginning, end and new text of a value."""
     start, end = value.start_mark.index, value.end_mark.index
     if start < key.end_mark.index:  # an alias, whose node stands where its anchor is

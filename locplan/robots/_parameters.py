@@ -7,21 +7,11 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from locplan._util.checks import file_path, shown
-from locplan._util.reading import (
-    ROS_BOOLEANS,
-    ROS_NUMBER,
-    SCALAR_TAGS,
-    compose,
-    fault_of,
-    read_content,
-)
+from locplan._util.reading import ROS_BOOLEANS, ROS_NUMBER, compose, fault_of, read_content, scalar
 from locplan.errors import LocplanError
-
-if TYPE_CHECKING:
-    import yaml
 
 PARAMETERS = "ros__parameters"
 AMCL, PLANNER_SERVER = "amcl", "planner_server"
@@ -300,45 +290,35 @@ class _PlainValues:
     def __init__(self) -> None:
         self.count = 0
 
-    def of(self, node: yaml.Node) -> Any:
+    def of(self, node: Any) -> Any:
         """Value of a node, and of all in it."""
-        import yaml
-
         self.count += 1
         if self.count > MAX_VALUES:
             raise OverflowError
-        if isinstance(node, yaml.SequenceNode):
+        if node.id == "sequence":
             return [self.of(item) for item in node.value]
-        if isinstance(node, yaml.MappingNode):
+        if node.id == "mapping":
             return self._mapping(node)
         if node.tag == "tag:yaml.org,2002:null":
             return None
-        is_plain = isinstance(node, yaml.ScalarNode) and node.style is None
-        if is_plain and node.value in ROS_BOOLEANS:
+        if node.style is None and node.value in ROS_BOOLEANS:
             return ROS_BOOLEANS[node.value]
-        if is_plain and ROS_NUMBER.fullmatch(node.value):
+        if node.style is None and ROS_NUMBER.fullmatch(node.value):
             return float(node.value)
-        try:
-            known = node.tag in SCALAR_TAGS
-            value = yaml.SafeLoader("").construct_object(node) if known else node.value
-        except (ValueError, ArithmeticError, LookupError, AttributeError):  # such as !!int x
-            value = node.value
+        value = scalar(node)
         too_long = isinstance(value, int) and not -(2**63) <= value < 2**63
         return str(node.value) if too_long else value
 
-    def _mapping(self, node: yaml.MappingNode) -> Parameters:
-        import yaml
-
+    def _mapping(self, node: Any) -> Parameters:
         own: Parameters = {}
         merged: Parameters = {}
         for key, value in node.value:
             if key.tag == "tag:yaml.org,2002:merge":
-                sources = value.value if isinstance(value, yaml.SequenceNode) else [value]
-                for source in reversed(sources):  # of several the first one counts
-                    content = self.of(source)
+                for source in reversed(value.value if value.id == "sequence" else [value]):
+                    content = self.of(source)  # of several the first one counts
                     merged |= content if isinstance(content, dict) else {}
             else:
-                name = str(key.value) if isinstance(key, yaml.ScalarNode) else "?"
+                name = str(key.value) if key.id == "scalar" else "?"
                 own[name] = _joined(own.get(name), self.of(value))
         return merged | own
 

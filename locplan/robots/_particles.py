@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.poses import turning
+from locplan._util.poses import Numbers, turning
 from locplan.maps import OCCUPIED, OccupancyGrid, own_axes
 
 if TYPE_CHECKING:
     from locplan._kernels.particles import BeamScores, Filter
-    from locplan.robots._amcl import Amcl
+    from locplan.robots._amcl import Amcl, Deviation
     from locplan.robots._lidar import Lidar
 
 UPDATED, RESAMPLED, NOW = range(3)
@@ -36,8 +36,8 @@ class Particles:
         amcl: Amcl,
         grid: OccupancyGrid,
         lidar: Lidar,
-        pose: NDArray[np.float64],
-        deviation: tuple[float, float],
+        pose: Numbers,
+        deviation: Deviation,
         random: np.random.Generator,
     ) -> None:
         from locplan._kernels.drives import AT, Start, begin
@@ -51,7 +51,7 @@ class Particles:
         self._begun = False
         self._covariance = np.full((3, 3), np.nan)
 
-    def motion(self, odometry: NDArray[np.float64]) -> None:
+    def motion(self, odometry: Numbers) -> None:
         """Take the pose that odometry has added up; see `Tracker.motion`."""
         self._odometry[NOW] = odometry
         if not self._begun:
@@ -76,7 +76,7 @@ class Particles:
             self._odometry[RESAMPLED], state[drives.AT] = self._odometry[NOW], RESAMPLED
         self._odometry[UPDATED], state[drives.UPDATED] = self._odometry[NOW], UPDATED
 
-    def estimate(self) -> NDArray[np.float64]:
+    def estimate(self) -> Numbers:
         """Mean of the heaviest cluster, moved on with odometry; see `Tracker.estimate`."""
         from locplan._kernels.drives import estimate
 
@@ -85,7 +85,7 @@ class Particles:
         at = self._grid.grid_to_world(np.float64(y / resolution), np.float64(x / resolution))
         return np.array([*map(float, at), heading + self._grid.origin[2]])
 
-    def covariance(self) -> NDArray[np.float64]:
+    def covariance(self) -> Numbers:
         """Covariance of all particles, as AMCL publishes it where it has just resampled them."""
         turn = turning(self._grid.origin[2])
         return np.asarray(turn @ self._covariance @ turn.T)
@@ -106,7 +106,7 @@ def filter_settings(amcl: Amcl) -> Filter:
     return Filter(**own, omnidirectional=amcl.is_omnidirectional)
 
 
-def compared_ends(amcl: Amcl, lidar: Lidar, ranges: NDArray[Any]) -> NDArray[np.float64]:
+def compared_ends(amcl: Amcl, lidar: Lidar, ranges: NDArray[Any]) -> Numbers:
     """Ends of the beams of scans that AMCL compares, (n, some beams, 2) on the robot [m].
 
     Parameters

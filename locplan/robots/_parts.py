@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 import re
@@ -13,16 +12,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import (
-    Settings,
-    instance,
-    keep_checked,
-    number,
-    one_of,
-    positive,
-    shown,
-    whole,
-)
+from locplan._kernels.arrays import Bools, Floats
+from locplan._util.checks import Settings, positive, setting, shown
 from locplan._util.poses import turning
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
@@ -43,21 +34,20 @@ class Kinematics(Settings):
     Kinematics(drive='car-like', turning_radius=1.2)
     """
 
-    drive: Literal["differential", "omnidirectional", "car-like"] = "differential"
+    drive: Literal["differential", "omnidirectional", "car-like"] = setting(
+        "differential", "differential", "omnidirectional", "car-like"
+    )
     """A differential drive turns on the spot, an omnidirectional one moves sideways, too, and a
     car-like one needs a turning radius."""
-    turning_radius: float = 0.0
+    turning_radius: float = setting(0.0, 0.0)
     """Minimum turning radius, above 0 for a car-like robot and else 0 [m]."""
-    reverse: bool = True
+    reverse: bool = setting(True)
     """Whether the robot drives in reverse, too."""
-    speed: float = 0.5
+    speed: float = setting(0.5, positive)
     """Usual speed, above 0 [m/s]."""
 
     def __post_init__(self) -> None:
-        one_of("drive", self.drive, ("differential", "omnidirectional", "car-like"))
-        instance("reverse", self.reverse, bool, "give true or false")
-        keep_checked(self, ("turning_radius",), number, 0.0)
-        keep_checked(self, ("speed",), positive)
+        super().__post_init__()
         if (self.drive == "car-like") != (self.turning_radius > 0):
             raise ConfigError(
                 "a car-like robot, and no other, has a turning_radius above 0; this one is"
@@ -80,14 +70,10 @@ class Inflation(Settings):
     10.0
     """
 
-    inflation_radius: float = 0.55
+    inflation_radius: float = setting(0.55, 0.0)
     """Distance from walls up to which cells cost more, >= 0 [m]."""
-    cost_scaling_factor: float = 10.0
+    cost_scaling_factor: float = setting(10.0, positive)
     """Decay of the cost with the distance, above 0 [1/m]."""
-
-    def __post_init__(self) -> None:
-        keep_checked(self, ("inflation_radius",), number, 0.0)
-        keep_checked(self, ("cost_scaling_factor",), positive)
 
 
 NEAREST_OBJECT, FARTHEST_OBJECT = 0.5, 2.0
@@ -112,24 +98,21 @@ class Odometry(Settings):
     Odometry(distance_drift=0.05)
     """
 
-    distance_drift: float = 0.02
+    distance_drift: float = setting(0.02, 0.0)
     """Standard deviation of the reported distance after 1 m, >= 0 [m]; it grows with the root of
     the distance."""
-    heading_drift_deg: float = 1.0
+    heading_drift_deg: float = setting(1.0, 0.0)
     """Standard deviation of the reported heading after 1 m, >= 0 [deg]; it grows with the root of
     the distance."""
-    turn_drift_deg: float = 1.0
+    turn_drift_deg: float = setting(1.0, 0.0)
     """Standard deviation of the reported heading after a turn of 1 rad, >= 0 [deg]; it grows with
     the root of the turn."""
-    distance_bias: float = 0.02
+    distance_bias: float = setting(0.02, 0.0)
     """Standard deviation, from drive to drive, of the factor on reported distances, >= 0 [1]."""
-    heading_bias_deg: float = 1.0
+    heading_bias_deg: float = setting(1.0, 0.0)
     """Standard deviation, from drive to drive, of a reported bend to one side, >= 0 [deg/m]."""
-    turn_bias: float = 0.02
+    turn_bias: float = setting(0.02, 0.0)
     """Standard deviation, from drive to drive, of the factor on reported turns, >= 0 [1]."""
-
-    def __post_init__(self) -> None:
-        keep_checked(self, [each.name for each in dataclasses.fields(self)], number, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -150,28 +133,22 @@ class Disturbances(Settings):
     8
     """
 
-    boundary_noise: float = 0.1
+    boundary_noise: float = setting(0.1, 0.0, 1.0)
     """Share of the cells between free space and walls in which the world differs from the map,
     0..1; raise it where furniture is moved or the map is old."""
-    worlds: int = 8
+    worlds: int = setting(8, 1, 1000)
     """Number of such worlds, which single scans take in turn, 1 to 1000; a drive has its own."""
-    outliers: float = 0.04
+    outliers: float = setting(0.04, 0.0, 1.0)
     """Share of the beams that end at a random distance within the range, 0..1."""
-    occlusion: float = 0.2
+    occlusion: float = setting(0.2, 0.0, 1.0)
     """Share of the scans in which an object stands in view of the lidar, 0.5 to 2 m away, 0..1;
     raise it where people walk about."""
-    occlusion_deg: float = 20.0
+    occlusion_deg: float = setting(20.0, 0.0, 360.0)
     """Width of this object in the lidar's view, 0 to 360 [deg]."""
-    start_sigma: float = 0.1
+    start_sigma: float = setting(0.1, 0.0)
     """Standard deviation of the filter's first position in x and y, >= 0 [m]."""
-    start_sigma_deg: float = 3.0
+    start_sigma_deg: float = setting(3.0, 0.0)
     """Standard deviation of the filter's first heading, >= 0 [deg]."""
-
-    def __post_init__(self) -> None:
-        keep_checked(self, ("boundary_noise", "outliers", "occlusion"), number, 0.0, 1.0)
-        keep_checked(self, ("worlds",), whole, 1, 1000)
-        keep_checked(self, ("occlusion_deg",), number, 0.0, 360.0)
-        keep_checked(self, ("start_sigma", "start_sigma_deg"), number, 0.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -191,7 +168,7 @@ class Footprint:
     (0.539, 0.2)
     """
 
-    vertices: NDArray[np.float64]
+    vertices: Floats
 
     def __post_init__(self) -> None:
         hull = _hull(_corners(self.vertices))
@@ -287,7 +264,7 @@ class Footprint:
 
 
 def _moves(
-    grid: OccupancyGrid, poses: NDArray[np.float64]
+    grid: OccupancyGrid, poses: Floats
 ) -> Iterator[tuple[NDArray[Any], NDArray[Any], float, float]]:
     """Start and end (col, row), first heading and turn [rad] of each move along a path."""
     lines = itertools.pairwise(np.column_stack(grid.world_to_grid(*poses[:, :2].T))[:, ::-1])
@@ -307,7 +284,7 @@ def _moves(
         previous = heading
 
 
-def _corners(vertices: ArrayLike) -> NDArray[np.float64]:
+def _corners(vertices: ArrayLike) -> Floats:
     try:
         corners = np.array(vertices, dtype=np.float64)
     except (TypeError, ValueError):
@@ -318,20 +295,20 @@ def _corners(vertices: ArrayLike) -> NDArray[np.float64]:
     return corners
 
 
-def _hull(corners: NDArray[Any]) -> NDArray[np.float64]:
+def _hull(corners: NDArray[Any]) -> Floats:
     import cv2
 
     order = cv2.convexHull(corners.astype(np.float32), returnPoints=False)
     return np.asarray(corners[np.asarray(order).ravel()])
 
 
-def _normals(polygon: NDArray[Any]) -> NDArray[np.float64]:
+def _normals(polygon: NDArray[Any]) -> Floats:
     """Outward normals of a polygon's edges, as long as the edges; counter-clockwise corners."""
     x, y = (np.roll(polygon, -1, axis=0) - polygon).T
     return np.column_stack([y, -x])
 
 
-def _meets(occupied: NDArray[np.bool_], polygon: NDArray[Any]) -> bool:
+def _meets(occupied: Bools, polygon: NDArray[Any]) -> bool:
     """True if a convex polygon (n, 2) of (col, row) meets an occupied cell, by separating axes."""
     low, high = np.floor(polygon.min(axis=0)).astype(int), np.floor(polygon.max(axis=0)).astype(int)
     top, left = max(0, low[1]), max(0, low[0])

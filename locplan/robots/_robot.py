@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from locplan._util.checks import Settings, differing, file_path, instance, keep, number, shown
+from locplan._util.checks import (
+    Settings,
+    differing,
+    file_path,
+    instance,
+    keep,
+    number,
+    setting,
+    shown,
+)
 from locplan._util.files import check_target, replacing
 from locplan._util.reading import dumped, stamp
 from locplan._util.runs import Spelled
 from locplan.errors import ConfigError
 from locplan.robots._amcl import Amcl, Filter
-from locplan.robots._files import (
-    OWN,
-    PARTS,
-    VERSION,
-    made,
-    names_of,
-    outline_of,
-    parts_in,
-)
+from locplan.robots._files import OWN, PARTS, VERSION, made, names_of, outline_of, parts_in
 from locplan.robots._lidar import PRESETS, Lidar
 from locplan.robots._nav2 import errors_at, parts_of
 from locplan.robots._parts import Disturbances, Footprint, Inflation, Kinematics, Odometry
@@ -52,21 +52,22 @@ class Robot(Settings):
 
     lidar: Lidar | None = None
     """The lidar, or its name, one of `PRESETS`; None where it is not known."""
-    footprint: Footprint | float = dataclasses.field(default=0.2, kw_only=True)
+    _: KW_ONLY
+    footprint: Footprint | float = 0.2
     """The true outline, or its radius, >= 0 [m]."""
-    margin: float = dataclasses.field(default=0.05, kw_only=True)
+    margin: float = setting(0.05, 0.0)
     """What planning adds to the outline, >= 0 [m]; Nav2's footprint_padding."""
-    kinematics: Kinematics = dataclasses.field(default=Kinematics(), kw_only=True)
+    kinematics: Kinematics = field(default=Kinematics())
     """How the robot moves."""
-    goal_tolerance: float = dataclasses.field(default=0.25, kw_only=True)
+    goal_tolerance: float = setting(0.25, 0.0)
     """Distance from the goal at which the robot stops, >= 0 [m]."""
-    inflation: Inflation | None = dataclasses.field(default=None, kw_only=True)
+    inflation: Inflation | None = None
     """Inflation of the costmap that the robot's navigation plans on; None without one."""
-    filter: Amcl | Filter = dataclasses.field(default=Amcl(), kw_only=True)
+    filter: Amcl | Filter = field(default=Amcl())
     """The filter that localizes the robot, with its parameters: Nav2's, or one of your own."""
-    odometry: Odometry = dataclasses.field(default=Odometry(), kw_only=True)
+    odometry: Odometry = field(default=Odometry())
     """Errors of the odometry."""
-    disturbances: Disturbances = dataclasses.field(default=Disturbances(), kw_only=True)
+    disturbances: Disturbances = field(default=Disturbances())
     """Noise, and how the worlds differ from the map."""
 
     if TYPE_CHECKING:  # a lidar may be given by its name, but is kept as one
@@ -95,8 +96,7 @@ class Robot(Settings):
                 instance(name, part, kind)
         if not isinstance(self.footprint, Footprint):
             keep(self, footprint=number("footprint", self.footprint, 0.0))
-        keep(self, margin=number("margin", self.margin, 0.0))
-        keep(self, goal_tolerance=number("goal_tolerance", self.goal_tolerance, 0.0))
+        super().__post_init__()
 
     @classmethod
     def from_nav2(cls, path: str | os.PathLike[str], lidar: Lidar | str | None = None) -> Robot:
@@ -172,14 +172,12 @@ class Robot(Settings):
 
     def summary(self) -> dict[str, Any]:
         """All settings by the names of the fields, fit for JSON and YAML."""
-        about = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
-        for name in PARTS.keys() - {"filter"}:
-            about[name] = about[name] and dataclasses.asdict(about[name])
-        code = {"title": self.filter.title, "settings": repr(self.filter)}  # of one's own
-        amcl = self.filter if isinstance(self.filter, Amcl) else None
-        about["filter"] = dataclasses.asdict(amcl) if amcl else code
-        if isinstance(self.footprint, Footprint):
-            about["footprint"] = self.footprint.vertices.tolist()
+        own = not isinstance(self.filter, Amcl)  # a filter of one's own, which may hold anything
+        about = asdict(replace(self, filter=Amcl()) if own else self)
+        if own:
+            about["filter"] = {"title": self.filter.title, "settings": repr(self.filter)}
+        if self.outline:
+            about["footprint"] = self.outline.vertices.tolist()
         return about
 
     @classmethod
@@ -201,15 +199,15 @@ class Robot(Settings):
     @property
     def digest(self) -> str:
         """Digest of all settings, 16 hexadecimal digits; equal robots have the same."""
-        lidar = self.lidar and dataclasses.replace(self.lidar, model="")  # a name, and no setting
-        text = json.dumps(dataclasses.replace(self, lidar=lidar).summary(), sort_keys=True)
+        lidar = self.lidar and replace(self.lidar, model="")  # a name, and no setting
+        text = json.dumps(replace(self, lidar=lidar).summary(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @property
     def title(self) -> str:
         """The lidar, the size, and what differs from the defaults, in one line for people."""
         lidar = self.lidar.title if self.lidar else "no lidar named"
-        outline = self.footprint if isinstance(self.footprint, Footprint) else None
+        outline = self.outline
         size = f"{len(outline.vertices)} corners" if outline else f"radius {self.footprint:g} m"
         others = [*differing(self.odometry), *differing(self.disturbances)]
         changed = f", {', '.join(others)}" if others else ""
@@ -269,8 +267,8 @@ class Robot(Settings):
                 raise ConfigError(f"a robot has no setting {shown(name)}; it has {known}")
         for part, given in parts.items():
             before = self.amcl if part == "filter" else getattr(self, part) or PARTS[part]()
-            own[part] = dataclasses.replace(before, **given)
-        return dataclasses.replace(self, **own)
+            own[part] = replace(before, **given)
+        return replace(self, **own)
 
 
 def robot_spelled(robot: Robot) -> Spelled:

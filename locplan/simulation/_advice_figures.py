@@ -5,36 +5,23 @@ from __future__ import annotations
 import itertools
 import textwrap
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from locplan import plotting
 from locplan.costs import Costmap, Path, profile
 from locplan.maps import OccupancyGrid
-from locplan.plotting import (
-    FIELD_COLOURS,
-    Picture,
-    draw_cells,
-    draw_ends,
-    draw_inset,
-    draw_map,
-    draw_path,
-    end_handles,
-    label_plainly,
-    make_logarithmic,
-    map_around,
-    map_size,
-    style,
-)
 from locplan.simulation._drives import LOST, rates_of
-from locplan.simulation._figures import LETTERS, MAP_MARKS, draw_places, place_handles
+from locplan.simulation._figures import MAP_MARKS, draw_places, place_handles
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._driven import Candidate
-from locplan.simulation.tuning._results import Tuning
-from locplan.simulation.tuning._space import changed_axes
+
+if TYPE_CHECKING:
+    from locplan.simulation.tuning._results import Tuning
 
 WIDTH = 8.6
 """Minimum width of the figure [inch]."""
@@ -59,18 +46,18 @@ def choice_figure(choice: Choice) -> Figure:
     paths = [*(each.path for each in choice.candidates), ends]
     width, height, part = WIDTH, 4.0, None
     if choice.costs is not None:
-        part = map_around(choice.costs.grid, paths)
-        width, height = map_size(part)
+        part = plotting.map_around(choice.costs.grid, paths)
+        width, height = plotting.map_size(part)
         width = max(width, WIDTH)
     below = BELOW if choice.candidates else 0.0
-    figure = Picture(figsize=(width, height + below + 0.8), layout="constrained")
+    figure = plotting.Picture(figsize=(width, height + below + 0.8), layout="constrained")
     axes = figure.subplots(
         2 if below else 1, squeeze=False, height_ratios=[height, below][: 1 + bool(below)]
     )
     upper = axes[0, 0]
     if choice.costs is not None and part is not None:
-        draw_map(upper, part)
-        draw_inset(upper, choice.costs.grid, part, paths)
+        plotting.draw_map(upper, part)
+        plotting.draw_inset(upper, choice.costs.grid, part, paths)
         if choice.judgement is None:
             _draw_field(figure, upper, choice.costs, part)
     else:
@@ -79,20 +66,12 @@ def choice_figure(choice: Choice) -> Figure:
     for each in sorted(choice.candidates, key=lambda each: _rank(choice, each)):
         rank = _rank(choice, each)
         draw_places(upper, each.arrivals, COLOURS[rank])
-        draw_path(upper, each.path, color=COLOURS[rank], linewidth=WIDTHS[rank])
-    draw_ends(upper, choice.start, choice.goal)
+        plotting.draw_path(upper, each.path, color=COLOURS[rank], linewidth=WIDTHS[rank])
+    plotting.draw_ends(upper, choice.start, choice.goal)
     if choice.candidates:
         (_draw_errors if choice.judgement else _draw_degeneracy)(axes[1, 0], choice)
-    figure.legend(
-        handles=[
-            *_handles(choice),
-            *place_handles(each.arrivals for each in choice.candidates),
-            *end_handles(),
-        ],
-        loc="outside lower center",
-        frameon=False,
-        ncols=3,
-    )
+    marks = place_handles(each.arrivals for each in choice.candidates)
+    figure.key([*_handles(choice), *marks, *plotting.end_handles()], ncols=3)
     name = choice.map["name"] or "map"
     texts = [f"{name}: {choice.said[0]}", *choice.said[1:], choice.driven]
     lines = [line for text in texts for line in textwrap.wrap(text, int(12.5 * width))]
@@ -106,7 +85,7 @@ def _draw_field(figure: Figure, axes: Axes, costs: Costmap, part: OccupancyGrid)
     window = slice(top, top + part.shape[0]), slice(left, left + part.shape[1])
     u = np.where(np.isfinite(costs.density[window]), costs.u[window], np.nan)
     if np.isfinite(u).any():
-        image = draw_cells(axes, part, u, cmap=FIELD_COLOURS, vmin=0, vmax=1)
+        image = plotting.draw_cells(axes, part, u, cmap=plotting.FIELD_COLOURS, vmin=0, vmax=1)
         figure.colorbar(image, ax=axes, label="degeneracy u", shrink=0.9)
 
 
@@ -150,8 +129,8 @@ def _draw_errors(axes: Axes, choice: Choice) -> None:
         axes.plot(distance, median, color=colour, linewidth=0.8 * WIDTHS[rank])
     axes.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
     axes.set_yscale("log")
-    axes.set_ylim(bottom=max(style.MIN_ERROR / 2, axes.get_ylim()[0]))
-    label_plainly(axes.yaxis, 4)
+    axes.set_ylim(bottom=max(plotting.style.MIN_ERROR / 2, axes.get_ylim()[0]))
+    plotting.label_plainly(axes.yaxis, 4)
     axes.set(xlabel="distance along the path [m]", ylabel="position error [m]")
     axes.margins(x=0.01)
     axes.set_title("median over the drives, and where 80 % of them are", fontsize="small")
@@ -181,7 +160,7 @@ def tuning_figure(tuning: Tuning) -> Figure:
     """
     gains = sorted(tuning.contributions.items(), key=lambda each: each[1])
     below = 1.1 + 0.28 * len(gains) if gains else 0.0
-    figure = Picture(figsize=(8.6, 4.6 + below), layout="constrained")
+    figure = plotting.Picture(figsize=(8.6, 4.6 + below), layout="constrained")
     rows: Any = [["errors", "lost"], *([["changes"] * 2] if gains else [])]
     heights = [3.4, below][: len(rows)]
     panels: Any = figure.subplot_mosaic(rows, height_ratios=heights)
@@ -189,17 +168,14 @@ def tuning_figure(tuning: Tuning) -> Figure:
     _draw_judged(errors, lost, tuning)
     if gains:
         _draw_gains(panels["changes"], tuning, gains)
-    handles, labels = errors.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
+    figure.key(errors.get_legend_handles_labels()[0], ncols=2)
     what = f"stretches of {tuning.drive}" if tuning.drive else "random paths"
     runs = "replays" if tuning.drive else "drives"
     verdict = "" if tuning.changes else f"; nothing is clearly better than {tuning.judged[0].name}"
-    title = (
+    figure.title(
         f"{tuning.grid.name or 'map'}, {tuning.robot.known_lidar.title}: {tuning.paths} {what},"
         f" {tuning.drives} {runs} each, that nothing was chosen on{verdict}"
     )
-    title = textwrap.fill(title, int(LETTERS * figure.get_figwidth()), break_on_hyphens=False)
-    figure.suptitle(title, fontsize="medium")
     return figure
 
 
@@ -209,7 +185,7 @@ def _draw_judged(errors: Axes, lost: Axes, tuning: Tuning) -> None:
     count = len(tuning.judged)
     for n, (each, (colour, marker)) in enumerate(zip(tuning.judged, itertools.cycle(MAP_MARKS))):
         aside = at + 0.14 * (n - (count - 1) / 2)
-        cpu = each.cpu_per_metre / tuning.judged[0].cpu_per_metre
+        cpu = each.cpu_ms_per_metre / tuning.judged[0].cpu_ms_per_metre
         label = f"{each.name}, CPU x{cpu:.2g}" if n else each.name
         label = textwrap.fill(label, 46, break_on_hyphens=False)
         for axes, intervals, factor in (
@@ -231,7 +207,7 @@ def _draw_judged(errors: Axes, lost: Axes, tuning: Tuning) -> None:
     parts, runs = ("stretches", "replays") if tuning.drive else ("paths", "drives")
     errors.set_title(f"geometric mean over the {parts}, 95 %", fontsize="medium")
     lost.set_title(f"share of all {runs}, 95 %", fontsize="medium")
-    make_logarithmic(errors.yaxis)
+    plotting.make_logarithmic(errors.yaxis)
     errors.set_ylabel("RMSE of the position [m]")
     lost.set_ylabel(f"{runs} off by > 1 m at some time [%]")
     lost.set_ylim(bottom=-0.04 * lost.get_ylim()[1])
@@ -239,7 +215,7 @@ def _draw_judged(errors: Axes, lost: Axes, tuning: Tuning) -> None:
 
 def _draw_gains(axes: Any, tuning: Tuning, gains: Sequence[tuple[str, float]]) -> None:
     """Draw how much each change gains, the largest on top."""
-    kept = {axis.name for axis in changed_axes(tuning.own, tuning.candidate)}
+    kept = {axis.name for axis in tuning.changed_axes()}
     colours = ["#0072b2" if name in kept else "0.7" for name, _ in gains]
     percent = [100 * (ratio - 1) for _, ratio in gains]
     axes.barh([name for name, _ in gains], percent, color=colours)

@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from locplan._util.checks import file_path
 from locplan._util.files import check_target, replacing
 from locplan._util.intervals import Interval
+from locplan._util.poses import Numbers
 from locplan._util.public import Pictured
 from locplan._util.reading import parsed_json, read_text
+from locplan._util.records import IN_FILES
 from locplan._util.results import digest_of
 from locplan._util.tables import finite, table
 from locplan.errors import LocplanError
 from locplan.field import FieldConfig, Sad, save_config
 from locplan.robots import Robot
 from locplan.simulation._places import ErrorKind
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -59,9 +56,9 @@ class Calibration(Pictured):
     nor too large."""
     floor_share: float
     """Share of the places whose errors are below Q alone, which no k can reach, 0..1."""
-    predicted: Array
+    predicted: Numbers
     """Rms position deviation of each place by the calibrated Sigma, (n,) [m]."""
-    measured: Array
+    measured: Numbers
     """Rms position error that was measured at each place, (n,) [m]."""
     maps: Sequence[str]
     """Names of the maps of the places."""
@@ -100,8 +97,33 @@ class Calibration(Pictured):
         return "" if self.in_metres else f"NOT IN METRES: {self.verdict['why']}"
 
     def report(self) -> str:
-        """Text for people: what was fitted, and how well it fits."""
-        return calibration_report(self)
+        """Table of what was fitted, and of how well it fits."""
+        rows = [
+            ["maps", ", ".join(self.maps)],
+            ["places", str(len(self.measured))],
+            ["error", f"{self.error}, RMSE of the position"],
+            ["noise level k", "{:.3g} [{:.3g}, {:.3g}]".format(*self.noise_level)],
+        ]
+        if self.fitted_tau:
+            rows.append(["tau", f"{self.tau:.3g} m²"])
+        rows += [
+            [
+                "typically off by a factor",
+                f"{self.factor:.2f}; as it was {self.factor_before:.2f}",
+            ],
+            ["within a factor 2", f"{self.within_two:.0%} of the places"],
+            [
+                "variance of ln error explained",
+                f"{self.r_squared:.0%}" if self.in_metres else "none",
+            ],
+            ["rank correlation", f"{self.spearman:.2f}"],
+            ["consistency, 1 if Σ fits", f"{self.consistency:.2f}"],
+            ["errors below the steps' own, Q", f"{self.floor_share:.0%} of the places"],
+        ]
+        verdict = (
+            "Σ follows the errors, within the factor above" if self.in_metres else self.warning
+        )
+        return f"{table([], rows)}\n{verdict}"
 
     def save(
         self, path: str | os.PathLike[str], robot: Robot, *, force: bool = False
@@ -131,7 +153,8 @@ class Calibration(Pictured):
             If a file cannot be written, or is in the way.
         """
         about = {**self.verdict, "robot": robot.summary(), "calibration": self.summary()}
-        return write_calibration(path, self.config, self.figure(), about, force=force)
+        target = file_path("a calibration's file", path)
+        return write_calibration(target, self.config, self.figure(), about, force=force)
 
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON."""
@@ -148,51 +171,14 @@ class Calibration(Pictured):
         return finite(about)
 
 
-def calibration_report(calibration: Calibration) -> str:
-    """Table of what was fitted, and of how well it fits."""
-    rows = [
-        ["maps", ", ".join(calibration.maps)],
-        ["places", str(len(calibration.measured))],
-        ["error", f"{calibration.error}, RMSE of the position"],
-        ["noise level k", "{:.3g} [{:.3g}, {:.3g}]".format(*calibration.noise_level)],
-    ]
-    if calibration.fitted_tau:
-        rows.append(["tau", f"{calibration.tau:.3g} m²"])
-    rows += [
-        [
-            "typically off by a factor",
-            f"{calibration.factor:.2f}; as it was {calibration.factor_before:.2f}",
-        ],
-        ["within a factor 2", f"{calibration.within_two:.0%} of the places"],
-        [
-            "variance of ln error explained",
-            f"{calibration.r_squared:.0%}" if calibration.in_metres else "none",
-        ],
-        ["rank correlation", f"{calibration.spearman:.2f}"],
-        ["consistency, 1 if Σ fits", f"{calibration.consistency:.2f}"],
-        ["errors below the steps' own, Q", f"{calibration.floor_share:.0%} of the places"],
-    ]
-    verdict = (
-        "Σ follows the errors, within the factor above"
-        if calibration.in_metres
-        else calibration.warning
-    )
-    return f"{table([], rows)}\n{verdict}"
-
-
 def write_calibration(
-    path: str | os.PathLike[str],
-    config: FieldConfig,
-    figure: Any,
-    about: Mapping[str, Any],
-    *,
-    force: bool,
+    target: Path, config: FieldConfig, figure: Any, about: Mapping[str, Any], *, force: bool
 ) -> list[Path]:
     """Write calibrated settings of a field, and a picture of their fit beside them.
 
     Parameters
     ----------
-    path : path
+    target : Path
         The file, which ends in .json.
     config : FieldConfig
         The settings.
@@ -213,22 +199,15 @@ def write_calibration(
     LocplanError
         If a file cannot be written, or is in the way.
     """
-    from locplan.plotting import save_figure
-
-    target = file_path("a calibration's file", path)
     picture = check_calibration(target, force=force)
-    with ExitStack() as files:
-        drawn = picture if figure is None else files.enter_context(replacing(picture))
-        settings = files.enter_context(replacing(target))
-        try:
-            if figure is not None:
-                save_figure(figure, drawn)
-                about = {**about, "picture": digest_of(drawn)}
-            save_config(settings, config, **about)
-        except LocplanError as error:  # it names the files' last places
-            text = str(error).replace(str(drawn), str(picture))
-            raise type(error)(text.replace(str(settings), str(target))) from None
-    return [target] if figure is None else [target, picture]
+    if figure is None:
+        save_config(target, config, **about)
+        return [target]
+    # The settings name the picture's digest; where they cannot be written, neither is the picture.
+    with replacing(picture) as drawn:
+        figure.savefig(drawn, **IN_FILES)
+        save_config(target, config, **about, picture=digest_of(drawn))
+    return [target, picture]
 
 
 def check_calibration(path: Path, *, force: bool = False) -> Path:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import whole
 from locplan._util.intervals import Interval, of_geometric_mean, of_median, of_rms, wilson
-from locplan._util.poses import Poses
+from locplan._util.poses import Numbers, Poses, way_along
 from locplan._util.records import POSE, Column, Table
 from locplan._util.tables import finite
 from locplan.maps import OccupancyGrid
@@ -94,9 +94,9 @@ class Drives:
     pairs. Intervals are over the drives.
     """
 
-    poses: NDArray[np.float64]
+    poses: Numbers
     """The true poses x, y, heading, (n, 3), in the world [m, m, rad]."""
-    errors: NDArray[np.float64]
+    errors: Numbers
     """The filter's pose minus the true one, (drives, n, 3), in the world [m, m, rad]."""
 
     def __repr__(self) -> str:
@@ -106,10 +106,9 @@ class Drives:
         )
 
     @property
-    def distance(self) -> NDArray[np.float64]:
+    def distance(self) -> Numbers:
         """Distance driven up to each pose, (n,) [m]."""
-        steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
-        return np.concatenate([[0.0], np.cumsum(steps)])
+        return way_along(self.poses)
 
     @property
     def length(self) -> float:
@@ -117,7 +116,7 @@ class Drives:
         return float(self.distance[-1])
 
     @property
-    def position_error(self) -> NDArray[np.float64]:
+    def position_error(self) -> Numbers:
         """Distance of the filter's position from the true one, (drives, n) [m]."""
         return np.hypot(self.errors[..., 0], self.errors[..., 1])
 
@@ -150,7 +149,7 @@ class Drives:
         return of_rms((self.errors[..., 2] ** 2).mean(axis=1))
 
     @property
-    def mean_squares(self) -> NDArray[np.float64]:
+    def mean_squares(self) -> Numbers:
         """Mean square of each drive's position error, (drives,) [m^2]."""
         return np.asarray((self.position_error**2).mean(axis=1))
 
@@ -185,7 +184,7 @@ class Drives:
         listed = {name: list(v) if isinstance(v, tuple) else v for name, v in about.items()}
         return finite({"drives": len(self.errors), **listed})
 
-    def profile(self) -> NDArray[np.float64]:
+    def profile(self) -> Numbers:
         """Poses and errors along the way, (n, 9), in the columns of `PROFILE`."""
         error = self.position_error
         low, median, high = np.quantile(error, (0.1, 0.5, 0.9), axis=0)
@@ -263,8 +262,7 @@ class OwnFilter(NamedTuple):
     lidar: Lidar
 
 
-@dataclass(frozen=True)
-class DriveArguments:
+class DriveArguments(NamedTuple):
     """Arguments of the kernels of drives, in the order in which they take them."""
 
     scores: Any
@@ -279,10 +277,6 @@ class DriveArguments:
     """`tracking.Start`: standard deviations of the filter's first pose."""
     filter: Any
     """`particles.Filter`: AMCL's parameters; or an `OwnFilter`."""
-
-    def __iter__(self) -> Iterator[Any]:
-        """The arguments one by one, as the kernels take them."""
-        return (getattr(self, each.name) for each in fields(self))
 
 
 def drive_arguments(
@@ -306,7 +300,7 @@ def drive_arguments(
         The arguments in the kernels' order.
     """
     from locplan._kernels.drives import Odometry, Start
-    from locplan._kernels.lidar import BeamDisturbances, Lidar as Beams
+    from locplan._kernels.lidar import BeamDisturbances
 
     lidar, odometry, disturbances = robot.known_lidar, robot.odometry, robot.disturbances
     start = Start(disturbances.start_sigma, math.radians(disturbances.start_sigma_deg))
@@ -321,14 +315,8 @@ def drive_arguments(
         settings = OwnFilter(robot.filter, grid, lidar)
     return DriveArguments(
         known,
-        Beams(
-            angles=np.ascontiguousarray(angles),
-            forward=lidar.mount_x,
-            left=lidar.mount_y,
-            yaw=lidar.mount_yaw,
-            sigma=lidar.range_sigma,
-            min_range=nearest,
-            max_range=farthest,
+        lidar.for_kernels()._replace(
+            angles=np.ascontiguousarray(angles), min_range=nearest, max_range=farthest
         ),
         BeamDisturbances(
             outliers=disturbances.outliers,

@@ -7,14 +7,13 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan._util.checks import whole
 from locplan._util.intervals import Interval, Rank, Resamples, digits_of, plain, rank, short
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import POSITION, Column, Result, Table
 from locplan._util.results import Results
@@ -40,7 +39,7 @@ class Evaluation(Result):
 
     places: Sequence[Places]
     """Places and errors of each map."""
-    predictions: Sequence[dict[Predictor, NDArray[np.float64]]]
+    predictions: Sequence[dict[Predictor, Numbers]]
     """Values of each predictor at the places of each map, (n,); a predictor names a field and its
     scalar, or a baseline, and greater values foresee greater errors."""
     robot: Robot
@@ -77,10 +76,8 @@ class Evaluation(Result):
         }
 
     @staticmethod
-    def _errors(places: Places, predictor: Predictor, kind: ErrorKind) -> NDArray[np.float64]:
-        if predictor.of_heading:
-            return places.heading_rmse(kind)
-        return places.position_rmse(kind)
+    def _errors(places: Places, predictor: Predictor, kind: ErrorKind) -> Numbers:
+        return places.heading_rmse(kind) if predictor.of_heading else places.position_rmse(kind)
 
     def of_map(self, number: int) -> Evaluation:
         """Evaluation of one map by itself.
@@ -209,9 +206,6 @@ class Evaluation(Result):
         )
         return Table(columns, tuple(rows))
 
-    def _write(self, folder: Path, *about: Any) -> None:
-        self.table().write_csv(folder / "places.csv")
-
 
 def evaluation_report(evaluation: Evaluation) -> str:
     """Tables of how well each predictor ranks places, and of how large the errors were."""
@@ -312,17 +306,9 @@ def evaluate(
     fields = configs(robot.known_lidar, disc)
     effort = len(grids) * places * (drives + 1)
     callbacks = parts(progress, [effort, *[max(1, effort // 50)] * len(grids)])
-    measured = measure_maps(
-        grids,
-        robot=robot,
-        places=places,
-        drives=drives,
-        scans=scans,
-        filter_map=filter_map,
-        seed=seed,
-        threads=threads,
-        progress=callbacks[0],
-    )
+    counts: Any = {"places": places, "drives": drives, "scans": scans}
+    own: Any = {"filter_map": filter_map, "seed": seed, "threads": threads}
+    measured = measure_maps(grids, robot, **counts, **own, progress=callbacks[0])
     found = []
     for each, part in zip(measured, callbacks[1:], strict=True):
         found.append(predictions(each.grid, fields, each.points, threads=threads))

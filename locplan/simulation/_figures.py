@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import textwrap
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,44 +13,27 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from locplan import plotting
 from locplan._util.intervals import Interval, in_metres, short
-from locplan.plotting import (
-    PATH_STYLES,
-    Picture,
-    draw_ends,
-    draw_inset,
-    draw_map,
-    draw_path,
-    end_handles,
-    label_plainly,
-    make_logarithmic,
-    map_size,
-    style as styles,
-    zoomed_to,
-)
+from locplan._util.poses import Numbers
 from locplan.robots import Robot
 from locplan.simulation._arrivals import ENDS, LEAVES, STOPS, Arrivals, faults_of
-from locplan.simulation._calibration import Calibration
 from locplan.simulation._drives import LOST, contrasts, rates_of
-from locplan.simulation._evaluation import Evaluation
 from locplan.simulation._places import KINDS, ErrorKind
 from locplan.simulation._predictors import Predictor
-from locplan.simulation._routes import Routes
-from locplan.simulation._simulate import Simulation
+
+if TYPE_CHECKING:
+    from locplan.simulation._calibration import Calibration
+    from locplan.simulation._evaluation import Evaluation
+    from locplan.simulation._routes import Routes
+    from locplan.simulation._simulate import Simulation
 
 LETTERS = 11.5
 """Number of letters of a legend or a title that fit within an inch."""
 POOLED, WITHIN = "#0072b2", "#d55e00"
-MAP_MARKS = (
-    ("#0072b2", "o"),
-    ("#d55e00", "^"),
-    ("#009e73", "s"),
-    ("#cc79a7", "D"),
-    ("#e69f00", "v"),
-    ("#56b4e9", "P"),
-)
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+MAP_MARKS = (*zip(COLOURS, "o^sDvP", strict=True),)
 """Colour and marker of each map; where there are more maps, all of them look alike."""
 
 
@@ -64,22 +47,24 @@ def simulation_figure(simulation: Simulation) -> Figure:
     """
     grid = simulation.grid
     shown = list(simulation.paths.values())
-    part = zoomed_to(grid, shown)
-    width, height = map_size(part)
-    figure = Picture(figsize=(width, height + 2.8), layout="constrained")
+    part = plotting.zoomed_to(grid, shown)
+    width, height = plotting.map_size(part)
+    figure = plotting.Picture(figsize=(width, height + 2.8), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
-    draw_map(upper, part)
-    draw_inset(upper, grid, part, shown)
+    plotting.draw_map(upper, part)
+    plotting.draw_inset(upper, grid, part, shown)
     profiles = {name: each.profile() for name, each in simulation.drives.items()}
     every = np.concatenate([profile[:, 4] for profile in profiles.values()])
-    low = max(styles.MIN_ERROR, float(every.min()))
+    low = max(plotting.style.MIN_ERROR, float(every.min()))
     norm = LogNorm(low, max(float(every.max()), 2 * low), clip=True)
-    colours: dict[str, Any] = {"cmap": styles.ERROR_COLOURS, "norm": norm}
+    colours: dict[str, Any] = {"cmap": plotting.style.ERROR_COLOURS, "norm": norm}
     ratios, handles = contrasts(simulation.drives), []
-    for (name, profile), style in zip(profiles.items(), itertools.cycle(PATH_STYLES)):
+    for (name, profile), style in zip(profiles.items(), itertools.cycle(plotting.PATH_STYLES)):
         distance, xy, mean = profile[:, 0], profile[:, 1:3], profile[:, 4]
         colour, drives = style["color"], simulation.drives[name]
-        draw_path(upper, simulation.paths[name], color=colour, linewidth=7, path_effects=[])
+        plotting.draw_path(
+            upper, simulation.paths[name], color=colour, linewidth=7, path_effects=[]
+        )
         lines = [*np.stack([xy[:-1], xy[1:]], axis=1)]
         coloured = LineCollection(lines, array=mean[:-1], linewidths=4, zorder=3, **colours)
         upper.add_collection(coloured)
@@ -99,15 +84,15 @@ def simulation_figure(simulation: Simulation) -> Figure:
             text += f"; steered by the filter, {found.words} arrive{faults_of(found)}"
         text = textwrap.fill(text, int(LETTERS * (width - 1)), break_on_hyphens=False)
         handles.append(Line2D([], [], linewidth=2, label=text, **style))
-        draw_ends(upper, xy[0], xy[-1])
+        plotting.draw_ends(upper, xy[0], xy[-1])
     bar = figure.colorbar(coloured, ax=upper, label="mean position error [m]", shrink=0.9)
-    label_plainly(bar.ax.yaxis)
+    plotting.label_plainly(bar.ax.yaxis)
     lower.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
     lower.set(xlabel="distance along the path [m]", ylabel="position error [m]")
-    make_logarithmic(lower.yaxis)
+    plotting.make_logarithmic(lower.yaxis)
     lower.margins(x=0.01)
-    handles += [*place_handles((simulation.arrivals or {}).values()), *end_handles()]
-    figure.legend(handles=handles, loc="outside lower center", frameon=False, ncols=1)
+    marks = place_handles((simulation.arrivals or {}).values())
+    figure.key([*handles, *marks, *plotting.end_handles()])
     count = len(next(iter(simulation.drives.values())).errors)
     upper.set_title(
         f"{grid.name or 'map'}: {count} simulated drives of each path,"
@@ -164,7 +149,7 @@ def queries_figure(routes: Routes) -> Figure:
         Drives along both paths of some queries, as `simulate_queries` returns them.
     """
     rmse, lost = routes.pairs("rmse"), routes.pairs("lost")
-    figure = Picture(figsize=(8.5 if lost.any() else 6.6, 4.9), layout="constrained")
+    figure = plotting.Picture(figsize=(8.5 if lost.any() else 6.6, 4.9), layout="constrained")
     left, *others = figure.subplots(1, 2 if lost.any() else 1, squeeze=False)[0]
     ends = _equal_ends(left, rmse)
     left.plot(ends, ends, color="0.6", linewidth=0.8, zorder=0)
@@ -185,16 +170,12 @@ def queries_figure(routes: Routes) -> Figure:
         left.annotate(str(number), rmse[number - 1], at, textcoords="offset points", **style)
     robot: Any = routes.about.get("robot")
     lidar = f", {Robot.from_summary(robot).known_lidar.title}" if robot else ""
-    lines = [
+    figure.title(
         f"{routes.grid.name or 'map'}{lidar}, {len(routes.routes)} queries: {routes.verdict}",
         f"aware over shortest: RMSE {_formatted(routes.rmse_ratio)},"
         f" length {_formatted(routes.length_ratio)}",
-        "" if lost.any() else "no drive was off by more than 1 m on either path",
-    ]
-    most = int(LETTERS * figure.get_figwidth())
-    filled = (textwrap.fill(line, most, break_on_hyphens=False) for line in lines if line)
-    title = "\n".join(filled)
-    figure.suptitle(title, fontsize="medium")
+        *([] if lost.any() else ["no drive was off by more than 1 m on either path"]),
+    )
     return figure
 
 
@@ -207,7 +188,7 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
         Errors and predictions at places, as `evaluate` returns them.
     """
     predictors, several = list(evaluation.predictions[0]), len(evaluation.places) > 1
-    figure = Picture(figsize=(9, 5.2 + 0.24 * len(predictors)), layout="constrained")
+    figure = plotting.Picture(figsize=(9, 5.2 + 0.24 * len(predictors)), layout="constrained")
     parts: Any = figure.subfigures(2, height_ratios=(1.2 + 0.26 * len(predictors), 4.2))
     upper, lower = parts
     for axes, kind in zip(upper.subplots(1, 2, sharey=True), KINDS, strict=True):
@@ -227,12 +208,8 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
     for axes, predictor in zip(lower.subplots(1, 2, sharey=True), examples, strict=True):
         _draw_places(axes, evaluation, predictor, MAP_MARKS if few else MAP_MARKS[:1])
     if few:
-        lower.legend(
-            *lower.axes[0].get_legend_handles_labels(),
-            loc="outside lower center",
-            ncols=3,
-            frameon=False,
-        )
+        style: dict[str, Any] = {"loc": "outside lower center", "ncols": 3, "frameon": False}
+        lower.legend(*lower.axes[0].get_legend_handles_labels(), **style)
     lower.axes[0].set_ylabel("RMSE of the filter's position [m]")
     return figure
 
@@ -268,13 +245,13 @@ def _draw_places(
     unit = {"e": "m² rad", "position_std": "m"}.get(predictor.scalar, "")
     axes.set_xlabel(f"{predictor} [{unit}]" if unit else str(predictor))
     foreseen = np.concatenate(every)
-    make_logarithmic(axes.xaxis, 6)
+    plotting.make_logarithmic(axes.xaxis, 6)
     if foreseen.max() < 1.05 * foreseen.min():
         axes.set_xlabel(f"{axes.get_xlabel()}: all alike within 5 %")
         axes.set_xticks([np.median(foreseen)], [f"{np.median(foreseen):.3g}"])
     correlation = evaluation.ranks[predictor, "tracking"].spearman
     axes.set_title(f"{predictor}: correlation {short(correlation)}", fontsize="medium")
-    make_logarithmic(axes.yaxis)
+    plotting.make_logarithmic(axes.yaxis)
 
 
 def calibration_figure(calibration: Calibration) -> Figure:
@@ -285,7 +262,7 @@ def calibration_figure(calibration: Calibration) -> Figure:
     calibration : Calibration
         The fit, as `calibrate` returns it.
     """
-    figure = Picture(figsize=(6.2, 5.6), layout="constrained")
+    figure = plotting.Picture(figsize=(6.2, 5.6), layout="constrained")
     axes = figure.subplots()
     ends = _equal_ends(axes, np.concatenate([calibration.predicted, calibration.measured]))
     axes.fill_between(ends, ends / 2, ends * 2, color="0.92", label="within a factor 2")
@@ -309,16 +286,16 @@ def calibration_figure(calibration: Calibration) -> Figure:
     return figure
 
 
-def _equal_ends(axes: Any, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _equal_ends(axes: Any, values: Numbers) -> Numbers:
     """Make both axes logarithmic and alike, a bit wider than the values; return their ends."""
     ends = np.array([values.min() * 0.8, values.max() * 1.25])
     for axis in (axes.xaxis, axes.yaxis):
-        make_logarithmic(axis)
+        plotting.make_logarithmic(axis)
     axes.set(xlim=tuple(ends), ylim=tuple(ends), aspect="equal")
     return ends
 
 
-def _beside(points: NDArray[np.float64]) -> list[tuple[float, float]]:
+def _beside(points: Numbers) -> list[tuple[float, float]]:
     """Where the number of each point stands from it, away from the others [points]."""
     sides = 6.0 * np.array([(1, 1), (-1, 1), (1, -1), (-1, -1)])
     extent = float(np.ptp(points, axis=0).max()) or 1.0

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from locplan._util.checks import one_of
-from locplan._util.intervals import Interval, of_resamples, spearman
+from locplan._util.intervals import Interval, intervals, of_resamples, spearman
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.errors import CalibrationError, ConfigError
-from locplan.field import Estimator, Exponential, FieldConfig, Sad, config_of, covariances_at
-from locplan.simulation._calibration import Array, Calibration
+from locplan.field import Estimator, Exponential, FieldConfig, config_of, covariances_at
+from locplan.maps import OccupancyGrid
+from locplan.simulation._calibration import Calibration
 from locplan.simulation._places import KINDS, ErrorKind, Places
 
 LEVELS = 1e-6, 1e4
 """Minimum and maximum noise level that are tried."""
-MIN_VARIANCE = 1e-12
-"""Variance that is added so that no covariance is singular [m^2]."""
+SMALL = 1e-12 * np.eye(2)
+"""Covariance that is added so that none is singular [m^2]."""
 
 
 def calibrate(
@@ -72,16 +75,16 @@ def calibrate(
     """
     config = config_of(config)
     one_of("error", error, KINDS)
-    estimator, trials = config.estimator, [config]
+    trials = [config]
     if fit_tau:
-        if not (isinstance(estimator, Sad) and isinstance(estimator.weights, Exponential)):
+        if not isinstance(getattr(config.estimator, "weights", None), Exponential):
             raise ConfigError("tau is of the exponential weights of estimator sad; fit k alone")
         taus = np.geomspace(0.03, 3.0, 13).tolist()
         trials = [changed(config, weights=Exponential(tau)) for tau in taus]
     errors, before = _errors(places, error), _bare(places, config, threads)
     measured = rms_of(errors)
-    q = np.concatenate([np.tile(_q(each, config), (len(each.points), 1, 1)) for each in places])
-    q += MIN_VARIANCE * np.eye(2)
+    added = [np.tile(_q(each.grid, config), (len(each.points), 1, 1)) for each in places]
+    q = np.concatenate(added) + SMALL
     fits = []
     for n, trial in enumerate(trials):
         bare = _bare(places, trial, threads) if fit_tau else before
@@ -93,21 +96,18 @@ def calibrate(
     draws = np.random.default_rng(0).integers(0, len(bare), (200, len(bare)))
     samples = [fit_level(bare[some], q[some], measured[some])[0] for some in draws]
     interval, maps = of_resamples(level, np.array(samples)), [each.grid.name for each in places]
-    fitted: Any = {"fitted_tau": fit_tau, "maps": maps, "error": error}
-    return _judged(trials[n], interval, bare, q, errors, before, **fitted)
+    found = _judged(trials[n], interval, bare, q, errors, before, maps)
+    return dataclasses.replace(found, fitted_tau=fit_tau, error=error)
 
 
 def _judged(
     config: FieldConfig,
     level: Interval,
-    bare: Array,
-    q: Array,
-    errors: Array,
-    before: Array,
-    *,
-    fitted_tau: bool,
+    bare: Numbers,
+    q: Numbers,
+    errors: Numbers,
+    before: Numbers,
     maps: Sequence[str],
-    error: ErrorKind,
 ) -> Calibration:
     """How well a noise level fits second moments of errors, and how the config's own did.
 
@@ -121,7 +121,7 @@ def _judged(
     return Calibration(
         config=changed(config, noise_level=level.value),
         noise_level=level,
-        fitted_tau=fitted_tau,
+        fitted_tau=False,
         factor=_factor_of(predicted, measured),
         factor_before=_factor_of(rms_of(config.estimator.noise_level * before + q), measured),
         within_two=float(np.mean(np.abs(difference) <= math.log(2))),
@@ -132,7 +132,7 @@ def _judged(
         predicted=predicted,
         measured=measured,
         maps=maps,
-        error=error,
+        error="match",
     )
 
 
@@ -142,7 +142,7 @@ def changed(config: FieldConfig, **settings: object) -> FieldConfig:
     return dataclasses.replace(config, estimator=dataclasses.replace(estimator, **settings))
 
 
-def _errors(places: Sequence[Places], error: ErrorKind) -> Array:
+def _errors(places: Sequence[Places], error: ErrorKind) -> Numbers:
     """Second moments of the position errors of all places, (n, 2, 2) [m^2]."""
     found = [each.moments(error)[:, :2, :2] for each in places]
     moments = np.concatenate([np.empty((0, 2, 2)), *found])
@@ -152,35 +152,34 @@ def _errors(places: Sequence[Places], error: ErrorKind) -> Array:
             f"a calibration needs at least {needed} places, all with {error} errors;"
             f" there are {known} of {len(moments)}"
         )
-    return moments + MIN_VARIANCE * np.eye(2)
+    return moments + SMALL
 
 
-def _bare(places: Sequence[Places], config: FieldConfig, threads: int | None) -> Array:
+def _bare(places: Sequence[Places], config: FieldConfig, threads: int | None) -> Numbers:
     """Positional covariances with k = 1 and without Q, (n, 2, 2) [m^2]."""
     # Places lie on the lattice of the default stride.
     plain = dataclasses.replace(changed(config, noise_level=1.0), stride=FieldConfig.stride)
     found = [
-        covariances_at(each.grid, plain, each.points, threads=threads)[:, :2, :2] - _q(each, config)
+        covariances_at(each.grid, plain, each.points, threads=threads)[:, :2, :2]
+        - _q(each.grid, config)
         for each in places
     ]
     return np.concatenate(found)
 
 
-def _q(places: Places, config: FieldConfig) -> Array:
+def _q(grid: OccupancyGrid, config: FieldConfig) -> Numbers:
     """Covariance Q that the estimator adds to the positions of a map's places, (2, 2) [m^2]."""
     estimator = config.estimator
-    q = estimator.q(estimator.lattice(places.grid.resolution))
+    q = estimator.q(estimator.lattice(grid.resolution))
     return q[:2, :2] * estimator.adds_q
 
 
 def calibrate_moments(
     config: FieldConfig,
-    covariances: Array,
-    added: Array,
-    moments: Array,
-    interval_of: Callable[[Callable[[Array], float]], Interval],
-    *,
-    maps: Sequence[str],
+    grid: OccupancyGrid,
+    covariances: Numbers,
+    moments: Numbers,
+    blocks: NDArray[np.int64],
 ) -> Calibration:
     """Fit the noise level to errors that were not simulated, such as those of recorded scans.
 
@@ -188,17 +187,14 @@ def calibrate_moments(
     ----------
     config : FieldConfig
         Settings of the field, whose noise level is fitted.
+    grid : OccupancyGrid
+        The map.
     covariances : (n, 2, 2) array
-        The field's positional covariances with k = 1, without Q [m^2].
-    added : (2, 2) array
-        Covariance Q that the estimator adds [m^2].
+        The field's positional covariances with k = 1 [m^2].
     moments : (n, 2, 2) array
         Second moments of the position errors, or measured covariances [m^2].
-    interval_of : callable
-        Called with a function of weights (n,) that gives the noise level k; it returns k with its
-        95 % interval.
-    maps : sequence of str
-        Names of the maps.
+    blocks : (n,) array of int
+        The block of the drive that each belongs to; the interval of k is over these.
 
     Returns
     -------
@@ -210,21 +206,24 @@ def calibrate_moments(
     CalibrationError
         If the errors do not determine k.
     """
-    small = MIN_VARIANCE * np.eye(2)
-    moments, q = moments + small, np.tile(added + small, (len(covariances), 1, 1))
+    added, moments = _q(grid, config), moments + SMALL
+    bare, q = covariances - added, np.tile(added + SMALL, (len(covariances), 1, 1))
     measured = rms_of(moments)
-    level = interval_of(lambda weights: fit_level(covariances, q, measured, weights)[0])
-    fitted: Any = {"fitted_tau": False, "maps": maps, "error": "match"}
-    return _judged(config, level, covariances, q, moments, covariances, **fitted)
+
+    def log_level(weights: Numbers) -> Numbers:
+        return np.log([fit_level(bare, q, measured, weights)[0]])
+
+    level = Interval(*np.exp(intervals(log_level, blocks, 100)[0]).tolist())
+    return _judged(config, level, bare, q, moments, bare, [grid.name])
 
 
-def rms_of(covariance: Array) -> Array:
+def rms_of(covariance: Numbers) -> Numbers:
     """Rms deviation of positions, (n,) [m]."""
     return np.asarray(np.sqrt(np.trace(covariance, axis1=1, axis2=2)))
 
 
 def fit_level(
-    bare: Array, q: Array, measured: Array, weights: Array | None = None
+    bare: Numbers, q: Numbers, measured: Numbers, weights: Numbers | None = None
 ) -> tuple[float, float]:
     """Noise level of least loss, and the loss: the mean squared difference of logarithms."""
     from scipy.optimize import minimize_scalar
@@ -259,6 +258,6 @@ def _check_determined(level: float) -> None:
         )
 
 
-def _factor_of(predicted: Array, measured: Array) -> float:
+def _factor_of(predicted: Numbers, measured: Numbers) -> float:
     """Factor by which predicted and measured deviations (n,) typically differ."""
     return float(np.exp(np.sqrt(np.mean(np.log(predicted / measured) ** 2))))

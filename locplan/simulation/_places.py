@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import whole
 from locplan._util.intervals import random_of
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
@@ -43,33 +44,33 @@ class Places:
     """The map."""
     points: NDArray[np.int64]
     """Rows and columns of the places on the lattice of a field's default stride, (n, 2)."""
-    tracking: NDArray[np.float64]
+    tracking: Numbers
     """Second moments of the particle filter's errors, (n, 3, 3), in the world [m, m, rad]."""
-    match: NDArray[np.float64]
+    match: Numbers
     """Second moments of the matches' errors, (n, 3, 3), in the world [m, m, rad]."""
-    tracking_median: NDArray[np.float64]
+    tracking_median: Numbers
     """Median of the particle filter's position error, (n,) [m]."""
-    match_median: NDArray[np.float64]
+    match_median: Numbers
     """Median of the matches' position error, (n,) [m]."""
-    lost: NDArray[np.float64]
+    lost: Numbers
     """Share of the drives to each place that were off by more than 1 m at some time, (n,), 0..1."""
-    off_at_goal: NDArray[np.float64]
+    off_at_goal: Numbers
     """Share of those that were off by more than 0.5 m at the place, (n,), 0..1."""
-    kept_rmse: NDArray[np.float64]
+    kept_rmse: Numbers
     """RMSE of the position of those never off by more than 1 m, (n,) [m]; NaN where all were."""
-    halves: NDArray[np.float64]
+    halves: Numbers
     """RMSE of the position of every second drive and of the others, (n, 2) [m]."""
 
     def __repr__(self) -> str:
         return f"Places({len(self.points)} of {self.grid.name or 'map'})"
 
     @property
-    def xy(self) -> NDArray[np.float64]:
+    def xy(self) -> Numbers:
         """Positions of the places in the world, (n, 2) [m]."""
         rows, cols = (_cells(self.grid, self.points) + 0.5).T
         return np.column_stack(self.grid.grid_to_world(rows, cols))
 
-    def moments(self, kind: ErrorKind) -> NDArray[np.float64]:
+    def moments(self, kind: ErrorKind) -> Numbers:
         """Second moments of one kind of error, (n, 3, 3), in the world [m, m, rad].
 
         Parameters
@@ -79,7 +80,7 @@ class Places:
         """
         return self.tracking if kind == "tracking" else self.match
 
-    def position_rmse(self, kind: ErrorKind) -> NDArray[np.float64]:
+    def position_rmse(self, kind: ErrorKind) -> Numbers:
         """RMSE of the position at each place, (n,) [m].
 
         Parameters
@@ -89,7 +90,7 @@ class Places:
         """
         return np.sqrt(self.moments(kind)[:, 0, 0] + self.moments(kind)[:, 1, 1])
 
-    def position_median(self, kind: ErrorKind) -> NDArray[np.float64]:
+    def position_median(self, kind: ErrorKind) -> Numbers:
         """Median error of the position at each place, (n,) [m].
 
         Parameters
@@ -99,7 +100,7 @@ class Places:
         """
         return self.tracking_median if kind == "tracking" else self.match_median
 
-    def heading_rmse(self, kind: ErrorKind) -> NDArray[np.float64]:
+    def heading_rmse(self, kind: ErrorKind) -> Numbers:
         """RMSE of the heading at each place, (n,) [rad].
 
         Parameters
@@ -110,7 +111,7 @@ class Places:
         return np.sqrt(self.moments(kind)[:, 2, 2])
 
     @property
-    def sizes(self) -> dict[str, NDArray[np.float64]]:
+    def sizes(self) -> dict[str, Numbers]:
         """Sizes of the errors at each place by name, (n,) [m]; those of `RATES` are shares."""
         return {
             "tracking_median": self.tracking_median,
@@ -214,21 +215,12 @@ def measure(
         matching = simulator.match(_cells(grid, points), scans, progress=callbacks[1])
     last = driven[:, :, -max(1, round(0.1 * driven.shape[2])) :]  # the last metre of 10 m
     tracking = last.reshape(len(points), -1, 3)
+    moments = _moments(tracking), _moments(matching)
+    medians = (np.median(_distances(tracking), axis=1), np.median(_distances(matching), axis=1))
     lost, kept = _lost_and_kept(driven, last)
-    return Places(
-        grid,
-        points,
-        _moments(tracking),
-        _moments(matching),
-        np.median(_distances(tracking), axis=1),
-        np.median(_distances(matching), axis=1),
-        lost,
-        np.where(np.isnan(last[:, :, -1, 0]), np.nan, _distances(last[:, :, -1]) > OFF).mean(
-            axis=1
-        ),
-        kept,
-        _halves(last),
-    )
+    ends = last[:, :, -1]
+    off = np.where(np.isnan(ends[..., 0]), np.nan, _distances(ends) > OFF).mean(axis=1)
+    return Places(grid, points, *moments, *medians, lost, off, kept, _halves(last))
 
 
 def measure_maps(
@@ -284,14 +276,9 @@ def measure_maps(
     robot = robot or Robot()
     chosen = [choose_points(grid, places, robot=robot, seed=seed) for grid in grids]
     callbacks = parts(progress, [(drives + 1) * len(points) for points in chosen])
+    own: Any = {"filter_map": filter_map, "seed": seed, "threads": threads}
     return [
-        measure(
-            Simulator(grid, robot, filter_map=filter_map, seed=seed, threads=threads),
-            points,
-            drives=drives,
-            scans=scans,
-            progress=part,
-        )
+        measure(Simulator(grid, robot, **own), points, drives=drives, scans=scans, progress=part)
         for grid, points, part in zip(grids, chosen, callbacks, strict=True)
     ]
 
@@ -305,14 +292,12 @@ def _cells(grid: OccupancyGrid, points: NDArray[np.int64]) -> NDArray[np.int64]:
     return points * _stride(grid)
 
 
-def _distances(errors: NDArray[np.float64]) -> NDArray[np.float64]:
+def _distances(errors: Numbers) -> Numbers:
     """Position errors, (...), of errors (..., 3) [m]."""
     return np.asarray(np.hypot(errors[..., 0], errors[..., 1]))
 
 
-def _lost_and_kept(
-    driven: NDArray[np.float64], last: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _lost_and_kept(driven: Numbers, last: Numbers) -> tuple[Numbers, Numbers]:
     """Share of lost drives, and RMSE [m] of the others, (n,), of errors (n, drives, k, 3).
 
     A drive may be lost at any time of `driven`; the RMSE is over `last`, its end.
@@ -326,7 +311,7 @@ def _lost_and_kept(
     return np.where(np.isnan(farthest), np.nan, lost).mean(axis=1), kept
 
 
-def _halves(last: NDArray[np.float64]) -> NDArray[np.float64]:
+def _halves(last: Numbers) -> Numbers:
     """RMSE of the position of every second drive and of the others, (n, 2) [m].
 
     They are NaN unless there are two drives (n, drives, k, 3) or more.
@@ -337,6 +322,6 @@ def _halves(last: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.sqrt([squares[:, n::2].mean(axis=1) for n in (0, 1)]).T
 
 
-def _moments(errors: NDArray[np.float64]) -> NDArray[np.float64]:
+def _moments(errors: Numbers) -> Numbers:
     """Second moments, (n, 3, 3), of errors (n, k, 3)."""
     return np.asarray(np.einsum("nki,nkj->nij", errors, errors) / errors.shape[1])

@@ -250,13 +250,8 @@ class DriveKernels:
         Simulator(grid, Robot(Lidar(range=2.0, beams=8)), threads=1).drive([line])
 
 
-def drives_prepared_beside(*, needed: bool = True) -> AbstractContextManager[Callable[[], None]]:
+def drives_prepared_beside() -> AbstractContextManager[Callable[[], None]]:
     """Let another process compile the kernels of drives meanwhile.
-
-    Parameters
-    ----------
-    needed : bool, default True
-        False compiles nothing, where there is nothing else to do meanwhile.
 
     Returns
     -------
@@ -264,7 +259,7 @@ def drives_prepared_beside(*, needed: bool = True) -> AbstractContextManager[Cal
         It gives a function that waits until the kernels are compiled; see
         `locplan.planners.prepared_beside`.
     """
-    return prepared_beside(DriveKernels(), needed=needed, compiled=_compiled)
+    return prepared_beside(DriveKernels(), compiled=_compiled)
 
 
 def _compiled() -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import check_memory, check_threads, whole
 from locplan._util.intervals import random_of
-from locplan._util.poses import Poses
+from locplan._util.poses import Numbers, Poses
 from locplan._util.progress import ProgressCallback
 from locplan.field import equipped
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid, own_axes
@@ -120,7 +120,7 @@ class Simulator:
 
     def drive(
         self, lines: Sequence[Poses], *, stream: int = 0, progress: ProgressCallback | None = None
-    ) -> NDArray[np.float64]:
+    ) -> Numbers:
         """Drive each line once, in a world of its own; all have the same number of poses.
 
         Parameters
@@ -156,7 +156,7 @@ class Simulator:
         *,
         stream: int = 0,
         progress: ProgressCallback | None = None,
-    ) -> list[NDArray[np.float64]]:
+    ) -> list[Numbers]:
         """Drive each line several times; the n-th drives of all have one world and one seed.
 
         Parameters
@@ -247,7 +247,7 @@ class Simulator:
 
     def match(
         self, cells: NDArray[np.int64], scans: int, *, progress: ProgressCallback | None = None
-    ) -> NDArray[np.float64]:
+    ) -> Numbers:
         """Match single scans on the map, by correlation over a window of +-2 m and +-60 deg.
 
         AMCL's number of beams of each scan is compared, on a likelihood field for matching alone.
@@ -282,23 +282,14 @@ class Simulator:
         size = len(cells) * scans * 3 * ARRAYS * 8
         check_memory(f"{scans} scans at each of {len(cells)} places", size, "set fewer scans")
         errors = np.empty((len(cells), scans, 3))
+        window, given = (field, lattice, angles), self.arguments
 
         def run(n: int) -> None:
-            random = random_of(self.seed, MATCH, n)
+            random, cell = random_of(self.seed, MATCH, n), cells[n].tolist()
             for scan in range(scans):
-                match(
-                    random,
-                    field,
-                    lattice,
-                    angles,
-                    self.worlds[scan % len(self.worlds)],
-                    resolution,
-                    int(cells[n, 0]),
-                    int(cells[n, 1]),
-                    self.arguments.lidar,
-                    self.arguments.disturbances,
-                    errors[n, scan : scan + 1],
-                )
+                world, into = self.worlds[scan % len(self.worlds)], errors[n, scan : scan + 1]
+                sensed = given.lidar, given.disturbances
+                match(random, *window, world, resolution, *cell, *sensed, into)
 
         _ = self.worlds  # made once, not by every thread
         self.in_threads(run, len(cells), progress)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.intervals import random_of
-from locplan._util.poses import Poses
+from locplan._util.poses import Numbers, Poses, window_around
 from locplan.costs import Costmap, Path, divided_poses
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import OccupancyGrid, check_grid
@@ -100,7 +100,7 @@ def approaches(
     return drives
 
 
-def _facing_ahead(path: Path, at: NDArray[np.float64]) -> Poses:
+def _facing_ahead(path: Path, at: Numbers) -> Poses:
     """Poses at distances along a path, each facing the point `AHEAD` of it."""
     here, ahead = (
         np.column_stack([np.interp(where, path.distance, v) for v in path.xy.T])
@@ -125,10 +125,9 @@ def _cut_out(
 ) -> tuple[Costmap, tuple[int, int]]:
     """Part of a costmap within `reach` [m] of a cell, and the cell's row and column in it."""
     cells = int(np.ceil(reach / costs.grid.resolution)) + 1
-    (top, left) = (max(0, index - cells) for index in cell)
-    part = slice(top, cell[0] + cells + 1), slice(left, cell[1] + cells + 1)
-    near = costs.grid.part(*part)
-    return Costmap.from_density(near, costs.density[part]), (cell[0] - top, cell[1] - left)
+    rows, cols = part = window_around(*cell, cells, costs.grid.shape)
+    near = Costmap.from_density(costs.grid.part(*part), costs.density[part])
+    return near, (cell[0] - rows.start, cell[1] - cols.start)
 
 
 DRIVE, WORLD = 0, 2
@@ -139,7 +138,7 @@ MARGIN = 2.0
 Window = tuple[slice, slice]
 
 
-def window_about(grid: OccupancyGrid, cells: NDArray[np.float64], margin: float) -> Window:
+def window_about(grid: OccupancyGrid, cells: Numbers, margin: float) -> Window:
     """Rows and columns of a map around positions.
 
     Parameters
@@ -197,7 +196,7 @@ class Stage:
         stream: int,
         number: int,
         arguments: DriveArguments,
-    ) -> NDArray[np.float64]:
+    ) -> Numbers:
         """The filter's errors on a drive, (n, 3) in the own axes of its map [m, m, rad].
 
         Parameters
@@ -232,7 +231,7 @@ def inflation_of(robot: Robot) -> Inflation:
     return robot.inflation or Inflation(inflation_radius=0.7, cost_scaling_factor=3.0)
 
 
-def inflated(clearance: NDArray[np.float64], robot: Robot) -> NDArray[np.float64]:
+def inflated(clearance: Numbers, robot: Robot) -> Numbers:
     """Density that Nav2's planners see in an inflated costmap: 50 to 252, over 50.
 
     Parameters
@@ -247,7 +246,7 @@ def inflated(clearance: NDArray[np.float64], robot: Robot) -> NDArray[np.float64
     return 1 + np.where(clearance <= inflation.inflation_radius, np.minimum(cost, 4), 0)
 
 
-def turned(errors: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
+def turned(errors: Numbers, yaw: float) -> Numbers:
     """Errors turned from the map's own axes into the world's, (..., 3)."""
     if not yaw:
         return errors

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Singles
 from locplan.errors import LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import Filter, Lidar
@@ -52,7 +52,7 @@ def check_filter(filter: Filter) -> None:
         )
 
 
-def _truth() -> NDArray[np.float64]:
+def _truth() -> Floats:
     """Poses (n, 3) of a straight drive."""
     poses = np.zeros((STEPS, 3))
     poses[:, :2] = (1.5, 1.8)
@@ -60,7 +60,7 @@ def _truth() -> NDArray[np.float64]:
     return poses
 
 
-def _driven(filter: Filter) -> NDArray[np.float64]:
+def _driven(filter: Filter) -> Floats:
     """The filter's poses (n, 3) along the drive, each checked."""
     cells = np.full((40, 60), FREE)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
@@ -85,7 +85,7 @@ def _driven(filter: Filter) -> NDArray[np.float64]:
     return np.array(found)
 
 
-def _scan(pose: NDArray[np.float64], lidar: Lidar) -> NDArray[np.float32]:
+def _scan(pose: Floats, lidar: Lidar) -> Singles:
     """Distances to the walls of the room, (beams,) [m]."""
     cos, sin = np.cos(lidar.angles + pose[2]), np.sin(lidar.angles + pose[2])
     with np.errstate(divide="ignore"):

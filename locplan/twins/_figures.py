@@ -15,8 +15,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 from matplotlib.ticker import PercentFormatter
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from locplan._kernels.arrays import Bools, Floats
 from locplan._util.poses import ends_in_map
 from locplan.costs import Path
 from locplan.field import position_axes
@@ -101,11 +102,8 @@ def place_figure(twins: Twins, place: int) -> Figure:
     figure, axes = _on_map(twins.grid)
     found = twins.of(place)
     for n, twin in enumerate(found[:SHOWN], 1):
-        alike = twin.excess <= THRESHOLD
-        line = axes.plot(
-            [x, twin.x], [y, twin.y], color=style.COLOURS[0] if alike else OTHER, zorder=3
-        )
-        line[0].set_linestyle("-" if alike else ":")
+        colour, line = (style.COLOURS[0], "-") if twin.excess <= THRESHOLD else (OTHER, ":")
+        axes.plot([x, twin.x], [y, twin.y], line, color=colour, zorder=3)
         _draw_number(axes, n, (twin.x, twin.y), 6 + 1 / n)
     axes.plot(x, y, "*", color=style.VERMILION, markeredgecolor="black", markersize=15, zorder=8)
     about = "no twin"
@@ -156,12 +154,12 @@ def _joined(twins: Twins) -> dict[int, list[tuple[int, list[float]]]]:
     """Pairs of a place and its best twin, thinned out, by the symmetry that joins them or -1."""
     every = twins.twins[:, :, 0]
     heading = np.nan_to_num(every[:, :, 3], nan=np.inf).argmin(axis=1)
-    twin: NDArray[np.float64] = every[np.arange(len(every)), heading]
+    twin: Floats = every[np.arange(len(every)), heading]
     # Share of the posterior elsewhere from which on a place is joined to its twin.
     having = np.flatnonzero((twin[:, 3] <= THRESHOLD) & (twins.elsewhere >= 0.2))
     # The fewer lines there may be, the farther apart their ends are.
     apart = math.sqrt(having.size * twins.spacing**2 / (MAX_LINES / 2)) if having.size else 0.0
-    taken: list[NDArray[np.float64]] = []
+    taken: list[Floats] = []
     pairs: dict[int, list[tuple[int, list[float]]]] = {}
     for place in having[np.argsort(twin[having, 3], kind="stable")]:
         ends = twins.places[place], twin[place, :2]
@@ -175,7 +173,7 @@ def _joined(twins: Twins) -> dict[int, list[tuple[int, list[float]]]]:
     return pairs
 
 
-def _symmetry_of(twins: Twins, place: int, twin: NDArray[np.float64]) -> int:
+def _symmetry_of(twins: Twins, place: int, twin: Floats) -> int:
     """Number of the first symmetry with a colour that takes a place to a twin, or -1."""
     for n, each in enumerate(twins.symmetries[: len(style.COLOURS)]):
         from_middle = twins.places[place] - np.array(each.middle)
@@ -328,7 +326,7 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
     figure, axes = _on_map(part, 1.4)
     draw_inset(axes, grid, part, shown)
     wrong = known & ~right
-    kinds: list[tuple[str, NDArray[np.bool_], str, str]] = [
+    kinds: list[tuple[str, Bools, str, str]] = [
         ("right, certain", right & certain, "o", style.BLUE),
         ("right, other places alike", right & ~certain, "o", style.BLUE),
         ("elsewhere, other places alike", wrong & ~certain, "s", style.VERMILION),

@@ -7,8 +7,8 @@ import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Ints
 from locplan._util.checks import check_threads, position, positive, shown
 from locplan._util.poses import Numbers, wrapped
 from locplan._util.progress import ProgressCallback, parts
@@ -23,11 +23,12 @@ from locplan.matching import (
     Matching,
     ScanDatabase,
     checked_database,
+    find_all_modes,
     in_batches,
     make_database,
     places_every,
 )
-from locplan.robots import Robot
+from locplan.robots import Disturbances, Robot
 from locplan.twins._places import (
     LAYERS,
     LISTED,
@@ -39,6 +40,7 @@ from locplan.twins._places import (
     Looks,
     Start,
     look_around,
+    noisy_scans,
 )
 from locplan.twins._symmetries import find_symmetries
 from locplan.twins._twins import SHOWN, Twins
@@ -146,7 +148,7 @@ def find_twins(
     )
     ranges = seen.scans_at(homes)
 
-    def look(some: NDArray[np.int64]) -> list[Looks]:
+    def look(some: Ints) -> list[Looks]:
         return [look_around(seen, ranges[n], homes[n]) for n in some]
 
     looking, moving = parts(progress, [len(homes), len(homes)])
@@ -218,6 +220,44 @@ def _listed(database: Database, looks: Sequence[Looks]) -> Numbers:
             twins[n, : len(look.twins), :3] = database.in_world(look.twins[:, :3])
             twins[n, : len(look.twins), 3] = look.twins[:, 3]
     return twins
+
+
+NAMED = 1.5
+"""Distance from a twin of the nearest place up to which a match lies on it [m]."""
+
+
+def global_matches(
+    twins: Twins,
+    count: int,
+    disturbances: Disturbances,
+    seed: int,
+    threads: int | None,
+    progress: ProgressCallback | None,
+) -> GlobalMatches:
+    """Match `count` noisy scans with the map; see `Twins.verify`."""
+    grid, matching, (rows, cols, near) = twins.grid, twins.matching, twins.nearest_places
+    if not rows.size:
+        raise ConfigError("no cell of the map lies near a place whose twins are known")
+    random = np.random.default_rng(seed)
+    chosen = random.integers(0, rows.size, count)
+    aside = random.random((2, count))
+    at = cols[chosen] + aside[0], rows[chosen] + aside[1]
+    poses = np.column_stack([*at, random.uniform(-math.pi, math.pi, count)])
+    looked = [grid.world_to_cell(x, y) for x, y in twins.places.tolist()]
+    database = make_database(grid, matching, looked)
+    scans = noisy_scans(grid, matching, poses, disturbances, random, seed)
+    found = find_all_modes(database, scans, threads=check_threads(threads), progress=progress)
+    nowhere = np.full(3, np.nan)
+    best = np.array([each.poses[0] if len(each.poses) else nowhere for each in found])
+    matched = database.in_world(best)
+    near = near[chosen]
+    apart = twins.twins[near, ..., :2].reshape(count, -1, 2) - matched[:, None, :2]
+    to_twins = np.nan_to_num(np.hypot(*np.moveaxis(apart, -1, 0)), nan=np.inf)
+    on_twin = to_twins.min(axis=1, initial=np.inf) <= NAMED
+    slid, stretch = np.hypot(*(matched[:, :2] - twins.places[near]).T), twins.stretch[near]
+    named = on_twin | ((stretch > 0) & (slid <= stretch + NAMED))
+    world = database.in_world(poses)
+    return GlobalMatches(world, matched, twins.excess[near], twins.elsewhere[near], named)
 
 
 CLAIM = (

@@ -6,18 +6,15 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._util.checks import check_threads
+from locplan._kernels.arrays import Bools
 from locplan._util.intervals import Interval, wilson
 from locplan._util.poses import Numbers, wrapped
-from locplan._util.progress import ProgressCallback
 from locplan._util.records import POSE, POSITION, Column
 from locplan._util.tables import finite
-from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.maps.environments import with_boundary_noise
 from locplan.matching import (
@@ -29,13 +26,8 @@ from locplan.matching import (
     Database,
     Matching,
     ScanOnMap,
-    find_all_modes,
-    make_database,
 )
 from locplan.robots import FARTHEST_OBJECT, NEAREST_OBJECT, Disturbances
-
-if TYPE_CHECKING:
-    from locplan.twins._twins import Twins
 
 LAYERS = ("excess", "elsewhere", "modes", "turned", "stretch")
 """Names of what is known of each place, see the properties of `Twins`."""
@@ -61,11 +53,7 @@ STARTS = (
     Column("excess", "nat", "least excess", 1),
     Column("elsewhere", "", "elsewhere", 1, "%"),
 )
-TWIN = (
-    *POSE,
-    Column("excess", "nat", "excess"),
-    Column("here", "rad", "heading here", 0, "deg"),
-)
+TWIN = (*POSE, Column("excess", "nat", "excess"), Column("here", "rad", "heading here", 0, "deg"))
 PLACES = (
     *STARTS,
     Column("modes", "", "modes", 0),
@@ -179,8 +167,6 @@ def best_starts(
     return starts
 
 
-NAMED = 1.5
-"""Distance from a twin of the nearest place up to which a match lies on it [m]."""
 BINS = (0.0, 0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 """Edges of the bins in which shares elsewhere are compared with failures."""
 
@@ -198,7 +184,7 @@ class GlobalMatches:
     """Excess of the nearest place, (n,) [nats]."""
     elsewhere: Numbers
     """Share of the posterior elsewhere of the nearest place, (n,), 0..1."""
-    named: NDArray[np.bool_]
+    named: Bools
     """True where the match lies within 1.5 m of a twin of the nearest place, or of its stretch,
     (n,)."""
 
@@ -206,7 +192,7 @@ class GlobalMatches:
         return f"GlobalMatches({len(self.poses)} scans, {self.failed.mean():.1%} failed)"
 
     @property
-    def failed(self) -> NDArray[np.bool_]:
+    def failed(self) -> Bools:
         """Whether the match is more than 2 m off, or there is none, (n,)."""
         return np.asarray(~(np.hypot(*(self.matched - self.poses)[:, :2].T) <= AWAY))
 
@@ -253,40 +239,6 @@ class GlobalMatches:
                 "reliability": [list(row) for row in self.reliability()],
             }
         )
-
-
-def global_matches(
-    twins: Twins,
-    count: int,
-    disturbances: Disturbances,
-    seed: int,
-    threads: int | None,
-    progress: ProgressCallback | None,
-) -> GlobalMatches:
-    """Match `count` noisy scans with the map; see `Twins.verify`."""
-    grid, matching, (rows, cols, near) = twins.grid, twins.matching, twins.nearest_places
-    if not rows.size:
-        raise ConfigError("no cell of the map lies near a place whose twins are known")
-    random = np.random.default_rng(seed)
-    chosen = random.integers(0, rows.size, count)
-    aside = random.random((2, count))
-    at = cols[chosen] + aside[0], rows[chosen] + aside[1]
-    poses = np.column_stack([*at, random.uniform(-math.pi, math.pi, count)])
-    looked = [grid.world_to_cell(x, y) for x, y in twins.places.tolist()]
-    database = make_database(grid, matching, looked)
-    scans = noisy_scans(grid, matching, poses, disturbances, random, seed)
-    found = find_all_modes(database, scans, threads=check_threads(threads), progress=progress)
-    nowhere = np.full(3, np.nan)
-    best = np.array([each.poses[0] if len(each.poses) else nowhere for each in found])
-    matched = database.in_world(best)
-    near = near[chosen]
-    apart = twins.twins[near, ..., :2].reshape(count, -1, 2) - matched[:, None, :2]
-    to_twins = np.nan_to_num(np.hypot(*np.moveaxis(apart, -1, 0)), nan=np.inf)
-    on_twin = to_twins.min(axis=1, initial=np.inf) <= NAMED
-    slid, stretch = np.hypot(*(matched[:, :2] - twins.places[near]).T), twins.stretch[near]
-    named = on_twin | ((stretch > 0) & (slid <= stretch + NAMED))
-    world = database.in_world(poses)
-    return GlobalMatches(world, matched, twins.excess[near], twins.elsewhere[near], named)
 
 
 def noisy_scans(

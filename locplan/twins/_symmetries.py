@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools
 from locplan._util.poses import Numbers, wrapped
 from locplan._util.progress import ProgressCallback
 from locplan.matching import Database, ScanOnMap, in_batches
@@ -66,7 +66,7 @@ def find_symmetries(
     looks: Sequence[Looks],
     threads: int = 1,
     progress: ProgressCallback | None = None,
-) -> tuple[list[Symmetry], list[NDArray[np.bool_]]]:
+) -> tuple[list[Symmetry], list[Bools]]:
     """The moves that take many poses to twins, the one with the greatest share first.
 
     Each twin of a pose proposes a move. Moves are compared by where they take the middle of the
@@ -95,7 +95,7 @@ def find_symmetries(
     """
     resolution = database.grid.resolution
     middle = (homes[:, :2].min(axis=0) + homes[:, :2].max(axis=0)) / 2
-    found: list[tuple[NDArray[np.bool_], float, Numbers]] = []
+    found: list[tuple[Bools, float, Numbers]] = []
     moves = _proposed(middle, homes, looks, resolution)
     trials = in_batches(
         lambda some: [_tried(database, homes, ranges, middle, *moves[n]) for n in some],
@@ -110,10 +110,8 @@ def find_symmetries(
         # Share of the places from which on a move is a symmetry.
         if covered.mean() >= 0.1:
             turn, moved = _fitted(middle, homes[covered], twins[covered])
-            known = any(
-                _alike(turn - other, moved - there, resolution) for _, other, there in found
-            )
-            if not known and not _alike(turn, moved - middle, resolution):
+            known = [(0.0, middle), *((a, to) for _, a, to in found)]  # to stay is no symmetry
+            if not any(_alike(turn - a, moved - to, resolution) for a, to in known):
                 found.append((covered, turn, moved))
     found.sort(key=lambda each: -float(each[0].mean()))
     points = np.array([middle, *(moved for _, _, moved in found)])
@@ -163,7 +161,7 @@ def _proposed(
 
 def _tried(
     database: Database, homes: Numbers, ranges: Numbers, middle: Numbers, turn: float, to: Numbers
-) -> tuple[NDArray[np.bool_], Numbers]:
+) -> tuple[Bools, Numbers]:
     """Which poses a move takes to a twin, (n,), and the twins, (n, 3)."""
     moved = np.column_stack(
         [to + _rotated(homes[:, :2] - middle, np.full(len(homes), turn)), homes[:, 2] + turn]

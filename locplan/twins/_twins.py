@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Ints
+from locplan._kernels.arrays import Bools, Ints
 from locplan._util.checks import instance, number, one_of, position, positive, whole
 from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
+from locplan._util.public import called
 from locplan._util.records import Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite
@@ -33,7 +33,6 @@ from locplan.twins._places import (
     Start,
     Twin,
     best_starts,
-    global_matches,
 )
 from locplan.twins._symmetries import Symmetry
 
@@ -72,7 +71,7 @@ class Twins(Result):
     """x, y, heading and excess of the best twins, (n, h, k, 4) [m, m, rad, nat]; else NaN."""
     symmetries: tuple[Symmetry, ...]
     """Rigid moves of the map after which places look the same, the greatest share first."""
-    covered: NDArray[np.bool_]
+    covered: Bools
     """The places that each symmetry takes to a twin, (s, n)."""
 
     def __repr__(self) -> str:
@@ -200,7 +199,7 @@ class Twins(Result):
         return np.where(self._fits, density, np.inf)
 
     @property
-    def _fits(self) -> NDArray[np.bool_]:
+    def _fits(self) -> Bools:
         """Mask of the cells where the robot may stand, (H, W)."""
         return self.grid.free & ~self.grid.closer_than(self.matching.robot_radius - 1e-9)
 
@@ -280,7 +279,9 @@ class Twins(Result):
         whole("seed", seed, 0)
         disturbances = disturbances or Disturbances()
         instance("disturbances", disturbances, Disturbances)
-        return global_matches(self, count, disturbances, seed, threads, progress)
+        how = count, disturbances, seed, threads, progress
+        found: GlobalMatches = called("locplan.twins._find:global_matches", self, *how)
+        return found
 
     def table(self) -> Table:
         """The places, each with its layers and the best of its twins."""

@@ -136,9 +136,9 @@ def words_compared(grid, rows, cols, radius, window):
         for n in range(group.cells.size):
             per_cell = ("corners", "rests", "places", "sum_places")
             one = tile._replace(**{name: getattr(tile, name)[n : n + 1] for name in per_cell})
-            unused = np.zeros(1, np.int64), 0, np.empty((1, 3, 3))
-            kernel.tile_covariances(one, None, every, weights, *scratch, *unused)
-            last = scratch[1].bounds[-1, -1]
+            given = weights, layout.window.places, scratch, np.zeros(2, np.int64)
+            kernel.tile_covariances(one, None, every, *given, np.empty((1, 3, 3)))
+            last = scratch.template.bounds[-1, -1]
             total += int(last[1]) + 2 * int(last[3])
     return total / len(part.rows) * layout.offsets * kernel.GROUP
 

@@ -22,11 +22,6 @@ export async function fetchLayer(digest, name) {
 	return bytesOf(`data/layer/${digest}/${name}`);
 }
 
-/** A recorded drive by its number. */
-export async function fetchDrive(number) {
-	return (await got(`data/drive/${number}`)).json();
-}
-
 /** Save a file that the server made. */
 export function saveDownload(id) {
 	saveAddress(new URL(`download/${id}`, document.baseURI).href, "");

@@ -1,9 +1,9 @@
 // Recorded drives over the field: a track whose scans are matched with the map, a time slider, play and pause.
 import { byId, hear, make, setOptions, write } from "./dom.js";
-import { fetchDrive, fetchLayer } from "./data.js";
+import { fetchLayer } from "./data.js";
 import { keepMoving, repaint } from "./frames.js";
 import { stepAt } from "./lines.js";
-import { cancel, work } from "./link.js";
+import { ask, cancel, work } from "./link.js";
 import { colourSpan, rampColour, rampGradient, shareOf } from "./ramps.js";
 import { announce, complain } from "./say.js";
 import { model, on } from "./store.js";
@@ -104,8 +104,8 @@ async function chooseDrive() {
 	repaint("overlay");
 	if (number === "") return;
 	try {
-		const found = await fetchDrive(number);
-		if (byId("drive").value !== number) return;
+		const found = await ask("drive", { drive: Number(number) });
+		if (!found || byId("drive").value !== number) return;
 		begin(found);
 		followField();
 		matchDrive();

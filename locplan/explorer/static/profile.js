@@ -82,8 +82,8 @@ function series() {
 // A candidate's profile has rows of the distance, and of the median, the 10 % and the 90 % quantile of the error [m].
 function errorLine(candidate, index) {
 	const { profile } = candidate.driven;
-	const centimetres = (column) => profile.map((row) => 100 * row[column]);
-	return { s: profile.map(([distance]) => distance), values: centimetres(1), band: centimetres(3), colour: errorColour(candidate), dash: candidateDash(index), end: candidate.metrics.length };
+	const inCm = (column) => profile.map((row) => 100 * row[column]);
+	return { s: profile.map(([distance]) => distance), values: inCm(1), band: inCm(3), colour: errorColour(candidate), dash: candidateDash(index), end: candidate.metrics.length };
 }
 
 function paintProfile() {

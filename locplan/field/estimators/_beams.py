@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from locplan._kernels.arrays import Bools, Floats, Ints, Octets, Singles
-from locplan._util.checks import instance, keep, positive, whole
+from locplan._util.checks import instance, positive, setting
 from locplan.field._estimator import Estimator
 from locplan.field._search_window import OffsetLattice, SearchWindow
 from locplan.robots import Lidar
@@ -29,29 +29,27 @@ class LidarEstimator(Estimator):
 
     lidar: Lidar
     """The lidar: its range, field of view, beams and mount."""
+    _: KW_ONLY
     window: SearchWindow = field(
-        default=SearchWindow(
-            half_width=1.5, step=0.1, half_rotation_deg=4.0, rotation_step_deg=1.0
-        ),
-        kw_only=True,
+        default=SearchWindow(half_width=1.5, step=0.1, half_rotation_deg=4.0, rotation_step_deg=1.0)
     )
     """Search window of pose offsets, which bounds the covariance.
 
     By default 1.5 m in steps of 0.1 m, and 4 deg in steps of 1 deg, which ranks the uncertainty of
     real lasers best.
     """
-    sigma_hit: float = field(default=0.1, kw_only=True)
+    sigma_hit: float = setting(0.1, positive, "m")
     """Standard deviation of the distance of a beam's end from a wall [m], above 0.
 
     At least a cell counts. More suits a map that is drawn roughly, and makes covariances larger.
     """
-    effective_beams: float = field(default=12.6, kw_only=True)
+    effective_beams: float = setting(12.6, positive, "beams")
     """Number of independent beams that tell as much as all, above 0.
 
     Neighbouring beams err alike; the default is fitted to real lasers. Covariances shrink as it
     grows. Of fewer beams than these, each tells as much as an independent one.
     """
-    max_beams: int = field(default=180, kw_only=True)
+    max_beams: int = setting(180)
     """Maximum number of beams that count, >= 1; fewer are faster.
 
     Of a lidar with more, as many are simulated, evenly spaced over its field of view.
@@ -61,12 +59,6 @@ class LidarEstimator(Estimator):
         super().__post_init__()
         instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
         instance("window", self.window, SearchWindow)
-        keep(
-            self,
-            sigma_hit=positive("sigma_hit", self.sigma_hit, "m"),
-            effective_beams=positive("effective_beams", self.effective_beams, "beams"),
-            max_beams=whole("max_beams", self.max_beams),
-        )
 
     def lattice(self, resolution: float) -> OffsetLattice:
         return self.window.on(resolution)
@@ -142,19 +134,8 @@ class LidarEstimator(Estimator):
 
     def beams(self) -> Any:
         """The simulated lidar with the beams that count, in the form that the kernels take."""
-        from locplan._kernels.lidar import Lidar as Beams
-
         # A choice of the lidar's own beams would lie aside of the middle, and not turn with a map.
-        lidar = replace(self.lidar, beams=self.beams_compared)
-        return Beams(
-            angles=lidar.angles,
-            forward=lidar.mount_x,
-            left=lidar.mount_y,
-            yaw=lidar.mount_yaw,
-            sigma=lidar.range_sigma,
-            min_range=lidar.min_range,
-            max_range=lidar.range,
-        )
+        return replace(self.lidar, beams=self.beams_compared).for_kernels()
 
 
 def reach_of_beams(lidar: Lidar, resolution: float) -> int:

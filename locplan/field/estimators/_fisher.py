@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -26,16 +26,9 @@ from locplan.field.estimators._beams import (
     reach_of_beams,
     surface_normals,
 )
-from locplan.field.estimators._scan import Scan, Scene as ScanScene
+from locplan.field.estimators._scan import Scan
 from locplan.maps import OCCUPIED
 from locplan.robots import Lidar
-
-
-class Scene(NamedTuple):
-    """Data of a map that simulated beams need."""
-
-    squares: Octets
-    normals: Singles
 
 
 @dataclass(frozen=True, repr=False)
@@ -95,11 +88,11 @@ class Fisher(LidarEstimator):
         """
         from locplan._kernels.lidar import information
 
-        scene = part.prepared or self.prepare(part.levels, part.resolution)
+        squares, normals = part.prepared or self.prepare(part.levels, part.resolution)
         window = self.lattice(part.resolution)
         found = information(
-            scene.squares,
-            scene.normals,
+            squares,
+            normals,
             part.resolution,
             part.rows - part.corner[0] + 0.5,
             part.cols - part.corner[1] + 0.5,
@@ -113,7 +106,7 @@ class Fisher(LidarEstimator):
         covariance = self.noise_level * _inverse(known + prior)
         return {"covariance": covariance[:, part.heading_axis]}
 
-    def prepare(self, levels: Octets, resolution: float) -> Scene:
+    def prepare(self, levels: Octets, resolution: float) -> tuple[Octets, Singles]:
         """Empty squares and normals of a map or a part of it.
 
         See `locplan.field.Estimator.prepare`.
@@ -121,7 +114,7 @@ class Fisher(LidarEstimator):
         from locplan._kernels.rays import empty_squares
 
         occupied = levels == OCCUPIED
-        return Scene(empty_squares(occupied), surface_normals(occupied))
+        return empty_squares(occupied), surface_normals(occupied)
 
     def seconds(self, resolution: float) -> float:
         """Time in proportion to the beams, and a little for the inverse [s].
@@ -147,13 +140,6 @@ ROUND, ELONGATED = 1.5, 4.0
 
 In a corridor the derivatives say half the deviation that is measured, or less.
 """
-
-
-class Scenes(NamedTuple):
-    """Data of a map for both estimators."""
-
-    fisher: Scene
-    scan: ScanScene
 
 
 @dataclass(frozen=True, repr=False)
@@ -252,10 +238,10 @@ class Fused(Estimator):
 
         See `locplan.field.Estimator.covariances`.
         """
-        scenes: Scenes = part.prepared or self.prepare(part.levels, part.resolution)
+        of_fisher, of_scan = part.prepared or self.prepare(part.levels, part.resolution)
         uncounted = part.control[:1]  # the scan alone counts the cells that are done
-        known = self.fisher.covariances(replace(part, prepared=scenes.fisher, control=uncounted))
-        found = self.scan.covariances(replace(part, prepared=scenes.scan))
+        known = self.fisher.covariances(replace(part, prepared=of_fisher, control=uncounted))
+        found = self.scan.covariances(replace(part, prepared=of_scan))
         return {**found, "covariance": self._mean(known["covariance"], found["covariance"])}
 
     def _mean(self, of_fisher: Floats, of_scan: Floats) -> Floats:
@@ -263,14 +249,12 @@ class Fused(Estimator):
         of_both = np.clip((ELONGATED - major / minor) / (ELONGATED - ROUND), 0.0, 1.0)
         return self.noise_level * log_euclidean_means(of_fisher, of_scan, 1 - of_both / 2)
 
-    def prepare(self, levels: Octets, resolution: float) -> Scenes:
+    def prepare(self, levels: Octets, resolution: float) -> tuple[object, object]:
         """Data of a map or a part of it for both estimators.
 
         See `locplan.field.Estimator.prepare`.
         """
-        return Scenes(
-            self.fisher.prepare(levels, resolution), self.scan.prepare(levels, resolution)
-        )
+        return self.fisher.prepare(levels, resolution), self.scan.prepare(levels, resolution)
 
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
         both = self.fisher, self.scan

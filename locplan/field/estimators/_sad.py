@@ -8,22 +8,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats
-from locplan._util.checks import Settings, instance, keep, one_of, positive, reach, shown
+from locplan._kernels.arrays import Array, Floats
+from locplan._util.checks import Settings, instance, keep, positive, reach, setting, shown
 from locplan.errors import ConfigError
 from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
 from locplan.field._search_window import OffsetLattice, SearchWindow
 from locplan.field.templates import disc
 from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Lidar
-
-if TYPE_CHECKING:
-    from locplan.field.estimators._sad_tiles import Layout
 
 LEVEL_STEP = 127
 """Difference of two neighbouring levels."""
@@ -94,9 +90,9 @@ class Sad(Estimator):
     """Search window of pose offsets, which bounds the covariance; by default the paper's."""
     quantisation: bool = True
     """True to add Q, the variance that the window's steps cannot resolve (step^2 / 12)."""
-    range: float = PAPER_RANGE
+    range: float = setting(PAPER_RANGE, reach)
     """Radius of the template disc [m], above 0 up to 10,000; take the range of your lidar."""
-    template: Literal["disc", "visible"] = "disc"
+    template: Literal["disc", "visible"] = setting("disc", *TAU)
     """Compared part of the disc: all of it, as in the paper, or what a ray from the cell sees.
 
     "visible" does not look through walls, in several times the time.
@@ -112,8 +108,6 @@ class Sad(Estimator):
         instance("window", self.window, SearchWindow)
         if not isinstance(self.quantisation, bool):
             raise ConfigError(f"quantisation must be true or false, not {shown(self.quantisation)}")
-        keep(self, range=reach("range", self.range))
-        one_of("template", self.template, tuple(TAU))
         if self.lidar is not None:
             instance("lidar", self.lidar, Lidar)
         if not isinstance(self.weights, InverseSquare):
@@ -197,7 +191,7 @@ class Sad(Estimator):
 
         See `locplan.field.Estimator.covariances`.
         """
-        from locplan.field.estimators._sad_tiles import Layout
+        from locplan.field.estimators._sad_tiles import Layout, in_steps
 
         window = self.lattice(part.resolution)
         radius = self.template_radius(part.resolution, part.map_shape)
@@ -205,8 +199,8 @@ class Sad(Estimator):
         weights = self.offset_weights(np.arange(0, greatest + 1, LEVEL_STEP), part.resolution)
         layout = Layout.of(part, radius, window.counted)
         negligible, visible = self.negligible(part.resolution), self.template == "visible"
-        in_steps = _in_steps(layout, weights, window.places, negligible, visible)
-        covariance = self.noise_level * in_steps * np.outer(window.steps, window.steps)
+        found = in_steps(layout, weights, window.places, negligible, visible)
+        covariance = self.noise_level * found * np.outer(window.steps, window.steps)
         covariance = covariance[:, : window.dimension, : window.dimension]
         return {"covariance": covariance + self.q(window) if self.adds_q else covariance}
 
@@ -235,7 +229,7 @@ class Sad(Estimator):
         nats = max(40.0, math.log(moments / 1e-12))
         return math.floor(nats * self.tau * 2 / resolution**2)
 
-    def offset_weights(self, mismatch: NDArray[Any], resolution: float) -> Floats:
+    def offset_weights(self, mismatch: Array, resolution: float) -> Floats:
         """Weight of offsets with given sums of absolute differences (Eq. 9).
 
         S is held as mismatch area, ``mismatch / 254`` cells [m^2], so that tau and floor mean the
@@ -296,42 +290,3 @@ class Sad(Estimator):
         if self.negligible(resolution) is None:
             return 1e-12 * compared
         return 5e-8 * self.lattice(resolution).size + 1e-13 * compared
-
-
-def _in_steps(
-    layout: Layout, weights: Floats, places: Floats, negligible: int | None, visible: bool
-) -> Floats:
-    """Covariances [lattice steps], (n, 3, 3); NaN where the computation was stopped.
-
-    `places` are those of the lattice's offsets among the layout's; offsets with an S / 127 above
-    `negligible` are left out. Only the visible part of the disc counts where that is asked for.
-    """
-    from locplan._kernels import sad
-    from locplan.field.estimators._sad_tiles import Due, beside, kept_lines
-
-    part, groups = layout.part, layout.groups()
-    cells, headings = len(part.rows), layout.window.angles.size
-    every = np.ones((headings, 1, layout.offsets), bool)
-    kept, due = [every] * len(groups), Due(cells, cells)
-    if negligible is not None:  # half of the progress is for the bound
-        kept = kept_lines(layout, groups, negligible, Due(cells - cells // 2, cells * headings))
-        if (places % 1).any():  # what lies beside a kept line is read from both
-            kept = [beside(lines) for lines in kept]
-        due = Due(cells // 2, cells)
-    scratch = sad.empty_scratch(layout.offsets, headings, layout.disc, masked=visible)
-    result = np.full((cells, 3, 3), np.nan)
-    for group, lines in zip(groups, kept, strict=True):
-        found = np.full((group.cells.size, 3, 3), np.nan)
-        sad.tile_covariances(
-            layout.tile(group),
-            layout.sight(group) if visible else None,
-            lines,
-            weights,
-            places,
-            *scratch,
-            part.control,
-            due.for_steps(group.cells.size),
-            found,
-        )
-        result[group.cells] = found
-    return result

@@ -14,27 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._kernels import bitplanes, sad, templates
-from locplan._kernels.arrays import Bools, Ints, Octets
+from locplan._kernels.arrays import Bools, Floats, Ints, Octets, Shorts
 from locplan._kernels.bitplanes import PLANES, SQUARE
 from locplan._kernels.simd import MAX_SHORT, SHORTS
 from locplan.field._estimator import MapPart
 from locplan.field._search_window import OffsetLattice
 from locplan.field.templates import BEHIND, beam_count, beam_of_cell, disc, map_centre
-
-
-@dataclass
-class Due:
-    """Shares of a number of cells, in whole cells, for the parts of some work."""
-
-    cells: int  # number of cells for all of the work
-    steps: int  # number of steps of all of the work
-    done: int = 0  # number of steps done
-
-    def for_steps(self, steps: int) -> int:
-        """Number of cells for the next steps."""
-        before = self.cells * self.done // self.steps
-        self.done += steps
-        return self.cells * self.done // self.steps - before
 
 
 class Group(NamedTuple):
@@ -139,7 +124,7 @@ class Layout:
             spacing=math.gcd(step, int(np.gcd.reduce(rows)), int(np.gcd.reduce(cols))),
         )
 
-    def tile(self, group: Group) -> sad.Tile:
+    def tile(self, group: Group) -> templates.Tile:
         """The tile of a group of cells."""
         unit = group.unit
         step_units, square_units = self.window.step_cells // unit, SQUARE // unit
@@ -159,7 +144,7 @@ class Layout:
 
         strip_rows, strip_plane = self.turned.shape[3], self.turned[0, 0].size
         heading = PLANES * strip_plane * np.arange(self.window.angles.size)
-        return sad.Tile(
+        return templates.Tile(
             words=words.reshape(-1),
             below=below.reshape(-1),
             disc_sums=sums.reshape(-1),
@@ -185,21 +170,12 @@ class Layout:
 
         Their rows and columns are as far apart as the cells are.
         """
-        spacing, diameter = group.spacing, 2 * self.radius + 1
+        spacing = group.spacing
         rows, cols = group.spans(spacing, self.window.reach)
         steps = self.window.step_cells // spacing
         sums = np.zeros((PLANES, cols, -(-rows // steps) * steps), np.int64)
-        reached = diameter + (cols - 1) * spacing, diameter + (rows - 1) * spacing + 1
-        bitplanes.disc_sums(
-            self.still,
-            group.top,
-            group.left,
-            self.radius,
-            spacing,
-            rows,
-            np.empty(reached, np.int32),
-            sums,
-        )
+        corner = group.top, group.left
+        bitplanes.disc_sums(self.still, *corner, self.radius, spacing, rows, sums)
         return sums.reshape(PLANES, cols, -1, steps).swapaxes(2, 3)
 
     def sight(self, group: Group) -> templates.Sight:
@@ -262,7 +238,7 @@ def scaled(greatest: int) -> tuple[int, int]:
     return greatest >> shift, shift
 
 
-def kept_lines(layout: Layout, groups: list[Group], negligible: int, due: Due) -> list[Bools]:
+def kept_lines(layout: Layout, groups: list[Group], negligible: int) -> list[Bools]:
     """Lines of offsets that may have an S / 127 of at most `negligible`.
 
     Of each group of cells, (theta, n, dx).
@@ -277,34 +253,14 @@ def kept_lines(layout: Layout, groups: list[Group], negligible: int, due: Due) -
     for k in range(headings):
         bitplanes.sum_up(layout.turned[k], table)
         corners = layout.lefts[:, k] * table.shape[2] + layout.tops[:, k]
-        for group, (blocks, rests, addresses), lines in zip(groups, laid_out, kept, strict=True):
-            bitplanes.keep_lines(
-                blocks,
-                table,
-                corners[group.cells],
-                rests,
-                addresses,
-                limit,
-                shift,
-                lines[k],
-                control,
-                due.for_steps(group.cells.size),
-            )
+        for group, blocks, lines in zip(groups, laid_out, kept, strict=True):
+            own = corners[group.cells]
+            bitplanes.keep_lines(blocks, table, own, limit, shift, lines[k], control)
     return kept
 
 
-def beside(lines: Bools) -> Bools:
-    """Lines that are kept, and those next to them along x, (theta, n, dx)."""
-    wide = lines.copy()
-    wide[:, :, 1:] |= lines[:, :, :-1]
-    wide[:, :, :-1] |= lines[:, :, 1:]
-    return wide
-
-
-def _lay_out(
-    layout: Layout, group: Group, still: NDArray[np.uint16], table_rows: int
-) -> tuple[bitplanes.Blocks, Ints, Ints]:
-    """The blocks around a group of cells; rows mod step and places at which the cells begin."""
+def _lay_out(layout: Layout, group: Group, still: Shorts, table_rows: int) -> bitplanes.Blocks:
+    """The blocks around a group of cells."""
     edges = (32, 16) if layout.radius < 180 else (64, 32)  # [cells], the large ones first
     places = [disc_blocks(layout.radius, edge) for edge in edges]
     unit, more = group.unit, max(0, 2 * layout.radius + 1 - min(edges))
@@ -320,14 +276,45 @@ def _lay_out(
         address = p % step_units * lanes + p // step_units + q * col_stride
         addresses.append(address + n * 2 * plane_stride)
         corners.append(block_cols * table_rows + block_rows)
-    blocks = bitplanes.Blocks(
+    p, q = group.rows // unit, group.cols // unit
+    return bitplanes.Blocks(
         counts=counts.reshape(-1),
         edges=np.array(edges),
         starts=np.cumsum([0, *(len(block_rows) for block_rows, _ in places)]),
         corners=np.concatenate(corners),
         addresses=np.concatenate(addresses, axis=1),
+        rests=p % step_units,
+        places=q * col_stride + p // step_units,
         line_stride=step_units * col_stride,
         plane_stride=plane_stride,
     )
-    p, q = group.rows // unit, group.cols // unit
-    return blocks, p % step_units, q * col_stride + p // step_units
+
+
+def in_steps(
+    layout: Layout, weights: Floats, places: Floats, negligible: int | None, visible: bool
+) -> Floats:
+    """Covariances [lattice steps], (n, 3, 3); NaN where the computation was stopped.
+
+    `places` are those of the lattice's offsets among the layout's; offsets with an S / 127 above
+    `negligible` are left out. Only the visible part of the disc counts where that is asked for.
+    """
+    part, groups = layout.part, layout.groups()
+    cells, headings = len(part.rows), layout.window.angles.size
+    every = np.ones((headings, 1, layout.offsets), bool)
+    kept = [every] * len(groups)
+    if negligible is not None:
+        kept = kept_lines(layout, groups, negligible)
+        if (places % 1).any():  # what lies beside a kept line along x is read from both
+            for lines in kept:
+                wide = lines.copy()
+                wide[:, :, 1:] |= lines[:, :, :-1]
+                wide[:, :, :-1] |= lines[:, :, 1:]
+                lines[:] = wide
+    scratch = sad.empty_scratch(layout.offsets, headings, layout.disc, masked=visible)
+    result = np.full((cells, 3, 3), np.nan)
+    for group, lines in zip(groups, kept, strict=True):
+        found = np.full((group.cells.size, 3, 3), np.nan)
+        tile, sight = layout.tile(group), layout.sight(group) if visible else None
+        sad.tile_covariances(tile, sight, lines, weights, places, scratch, part.control, found)
+        result[group.cells] = found
+    return result

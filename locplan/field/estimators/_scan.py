@@ -208,10 +208,10 @@ def likelihood_field(
     rows, cols = (size + 2 * margin for size in levels.shape)
     height, width = -(-rows // step), -(-cols // step)
     # Rows that are scored in a group, and the ends of the vectors, may lie beyond the last plane.
-    size = step * step * height * width + kernel.GROUP * width + SHORTS
-    planes = np.full(size, kernel.TOP, np.uint16)
-    solid = wall_cells(levels == OCCUPIED)
-    kernel.lay_out(solid, costs, reach, margin, step, width, height * width, planes)
+    shape = step, step, height, width
+    planes = np.full(math.prod(shape) + kernel.GROUP * width + SHORTS, kernel.TOP, np.uint16)
+    laid_out = planes[: math.prod(shape)].reshape(shape)
+    kernel.lay_out(wall_cells(levels == OCCUPIED), costs, reach, margin, laid_out)
     return kernel.LikelihoodField(
         planes,
         first=-margin,

@@ -10,8 +10,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.planners._protocol import CURVED, check_pose, check_space
@@ -91,8 +91,7 @@ class Motions:
         """
         from locplan._kernels.motions import world_cost
 
-        poses = *map(float, _pose(start)), *map(float, _pose(end))
-        return float(world_cost(*self.arguments, *poses, math.inf))
+        return float(world_cost(*self.arguments, _pose(start), _pose(end), math.inf))
 
     def is_free(self, x: float, y: float) -> bool:
         """Return whether the robot can stand at a position.
@@ -107,9 +106,7 @@ class Motions:
         half, columns, _, _, frame = self.arguments
         return bool(stands(half, columns, frame, float(x), float(y)))
 
-    def costs_between(
-        self, poses: NDArray[np.float64], pairs: NDArray[np.int64]
-    ) -> NDArray[np.float64]:
+    def costs_between(self, poses: Floats, pairs: Ints) -> Floats:
         """Costs J of motions between pairs of poses.
 
         Parameters
@@ -128,7 +125,7 @@ class Motions:
 
         return np.asarray(world_costs(*self.arguments, poses, pairs))
 
-    def path(self, poses: NDArray[np.float64]) -> Path:
+    def path(self, poses: Floats) -> Path:
         """The path of the motions through poses; its lines cross the cells of the curves.
 
         Parameters
@@ -142,7 +139,7 @@ class Motions:
             return Path(poses[:, :2])
         if self.space in CURVED:
             pieces = [
-                world_poses(*self.arguments[2:], *_pose(one), *_pose(other))
+                world_poses(*self.arguments[2:], _pose(one), _pose(other))
                 for one, other in itertools.pairwise(poses)
             ]
             poses = np.vstack([poses[:1], *(piece[1:] for piece in pieces)])

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import shown, whole
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path, path_metrics
@@ -162,8 +162,8 @@ def _by_tree(
     start: Position,
     goal: Position,
     limits: Limits,
-    ahead: NDArray[np.float64] | None,
-) -> NDArray[np.float64] | None:
+    ahead: Floats | None,
+) -> Floats | None:
     """The poses (n, 3) that the path's motions join, or None."""
     from locplan.planners.ompl._settings import base, logged, planner_of, util
     from locplan.planners.ompl._setup import (

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import one_of, whole
 from locplan.planners._protocol import CURVED, Found, Position
 from locplan.planners._result import Plan, finished
@@ -32,7 +32,7 @@ class Roadmap:
 
     motions: Motions
     """The costmap and the kind of motion."""
-    poses: NDArray[np.float64] = field(repr=False)
+    poses: Floats = field(repr=False)
     """Poses (n, 3) of x, y, heading in the world [m, m, rad]; in "R2" the heading is 0."""
     graph: csr_array = field(repr=False)
     """Cost J (n, n) of the motion from one pose to another [m], where there is one."""
@@ -59,16 +59,12 @@ class Roadmap:
         start, goal = self.motions.checked(start, "start"), self.motions.checked(goal, "goal")
         began = time.perf_counter()
         poses = self.poses_between(start, goal)
-        if poses is None:
-            note = "the roadmap does not join start and goal; a larger one may"
-            found = Found(note=note)
-        else:
+        found = Found(note="the roadmap does not join start and goal; a larger one may")
+        if poses is not None:
             found = Found(self.motions.path(poses))
         return finished("roadmap", costs, start, goal, found, time.perf_counter() - began)
 
-    def poses_between(
-        self, start: Sequence[float], goal: Sequence[float]
-    ) -> NDArray[np.float64] | None:
+    def poses_between(self, start: Sequence[float], goal: Sequence[float]) -> Floats | None:
         """The poses of the cheapest path from start to goal.
 
         Parameters
@@ -111,7 +107,7 @@ class Roadmap:
             visited.append(int(before[visited[-1]]))
         return poses[visited[::-1]]
 
-    def _near(self, pose: NDArray[np.float64]) -> NDArray[np.int64]:
+    def _near(self, pose: Floats) -> Ints:
         """The poses around one, as many as PRM* joins, or more where headings differ."""
         curved = self.motions.space in CURVED
         most = math.ceil((12 if curved else 1.5) * math.e * math.log(len(self.poses) + 1))
@@ -126,7 +122,7 @@ def grow_roadmap(
     limits: Limits | None = None,
     seed: int = 1,
     settings: Mapping[str, Any] | None = None,
-    ahead: NDArray[np.float64] | None = None,
+    ahead: Floats | None = None,
 ) -> Roadmap:
     """Grow a roadmap over a costmap.
 
@@ -184,7 +180,7 @@ def grow_roadmap(
 
 def _vertices_and_edges(
     planner: base.Planner, information: base.SpaceInformation, space: str
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+) -> tuple[Floats, Ints]:
     """The poses (n, 3) of a roadmap, and its pairs (m, 2) in both directions."""
     data = base.PlannerData(information)
     planner.getPlannerData(data)

@@ -9,9 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-import numpy as np
-from numpy.typing import NDArray
-
+from locplan._kernels.arrays import Floats
 from locplan.planners._any_angle import subdivided
 from locplan.planners._protocol import Position, wrapped
 from locplan.planners.ompl._motions import Motions
@@ -190,12 +188,12 @@ def _cost_of(motions: Motions) -> Callable[[base.State, base.State], float]:
 
     def between_positions(state: base.State, other: base.State) -> float:
         start, end = (state[0], state[1], 0.0), (other[0], other[1], 0.0)
-        return float(world_cost(half, columns, kind, radius, frame, *start, *end, BLOCKED))
+        return float(world_cost(half, columns, kind, radius, frame, start, end, BLOCKED))
 
     def between_poses(state: base.State, other: base.State) -> float:
         start = state.getX(), state.getY(), state.getYaw()
         end = other.getX(), other.getY(), other.getYaw()
-        return float(world_cost(half, columns, kind, radius, frame, *start, *end, BLOCKED))
+        return float(world_cost(half, columns, kind, radius, frame, start, end, BLOCKED))
 
     return between_positions if motions.space == "R2" else between_poses
 
@@ -227,7 +225,7 @@ class LeadingGoal(base.GoalSampleableRegion):
         return math.hypot(state[0] - self._goal[0], state[1] - self._goal[1])
 
     def lead(
-        self, tree: base.Planner, path: NDArray[np.float64], ends: Callable[[], bool]
+        self, tree: base.Planner, path: Floats, ends: Callable[[], bool]
     ) -> Callable[[], bool]:
         """Let a tree that is set up first grow along a path (n, 2) [m]; return its new `ends`."""
         self._positions = list(map(tuple, subdivided(path, 0.1 * tree.getRange())[1:].tolist()))

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import instance, whole
+from locplan._util.checks import check_threads, instance, whole
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path, about_costs, check_costs, check_criterion, path_metrics
 from locplan.errors import ConfigError
@@ -20,7 +20,7 @@ from locplan.maps import FREE, OccupancyGrid, check_grid
 from locplan.planners import SHORTEST, AnyAngle, Found, Plan, Planner, Position
 from locplan.robots import Robot
 from locplan.simulation._simulator import Simulator
-from locplan.simulation._worlds import about_filter
+from locplan.simulation._worlds import about_filter, check_filter_map
 from locplan.simulation.choice._ask import Ask, ChoiceSettings, Compute, Minimise
 from locplan.simulation.choice._candidates import (
     WEIGHTS,
@@ -131,9 +131,9 @@ def choose(
     ask = Ask(grid, start, goal, asked, robot, given, config, compute or computed)
     ask = ask.checked(space)
     check_own(own, ask)
-    simulator = Simulator(  # checks them
-        grid, robot, filter_map=asked.filter_map, seed=seed, threads=threads
-    )
+    check_filter_map(asked.filter_map, grid)
+    whole("seed", seed, 0)
+    check_threads(threads)
     shortest = ask.flat.planned(ask.blank, limited=False)
     if shortest.path is None:
         return _made(ask, seed, shortest, given)
@@ -141,6 +141,7 @@ def choose(
         return _planned_only(ask, own, shortest, seed, why_not)
     if ask.start == ask.goal and not asked.via:
         raise ConfigError("start and goal are one place; a choice needs a way to drive")
+    simulator = Simulator(grid, robot, filter_map=asked.filter_map, seed=seed, threads=threads)
     return _driven(ask, own, shortest.path, simulator, progress)
 
 

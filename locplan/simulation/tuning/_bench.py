@@ -7,13 +7,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import FARTHEST
-from locplan._util.poses import Poses
+from locplan._util.poses import Numbers, Poses, way_length
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
@@ -52,6 +53,10 @@ class DisturbanceLevel:
             changes[name] = min(share * self.clutter, max(share, 0.5))
         return robot.changed(changes)
 
+    def to_json(self) -> str:
+        """The name, which files have for it."""
+        return self.name
+
 
 LEVELS = (
     DisturbanceLevel("x1/3", 1 / 3, 0.5),
@@ -65,36 +70,38 @@ LEVELS = (
 class Driven:
     """What came of the drives of one setting: (levels, paths, drives), NaN where not driven."""
 
-    squares: NDArray[np.float64]
+    squares: Numbers
     """Mean square of each drive's position error [m^2]."""
-    lost: NDArray[np.float64]
+    lost: Numbers
     """1 for each drive that was off by more than 1 m at some time, else 0."""
-    off: NDArray[np.float64]
+    off: Numbers
     """1 for each drive that was off by more than 0.5 m at the end, else 0."""
-    seconds: NDArray[np.float64]
+    seconds: Numbers
     """CPU time of each drive [s]."""
     errors: dict[tuple[int, int, int], NDArray[np.float32]]
     """Position error [m] at every eighth pose, by level, path and drive."""
 
 
+@dataclass(eq=False, repr=False)
 class TuningBench(ABC):
-    """Drives of settings at some levels of disturbance; what was driven once is remembered.
+    """Drives of settings at some levels of disturbance; what was driven once is remembered."""
 
-    Parameters
-    ----------
-    grid, filter_map, lidar : OccupancyGrid, OccupancyGrid, Lidar
-        The map that is driven in, the filter's, and the robot's lidar.
-    levels : sequence of DisturbanceLevel
-        The levels of disturbance; most settings are worst at the last one.
-    lines : sequence of (n, 3) arrays
-        The poses along each path, in the own axes of the filter's map [m, m, rad].
-    drives : int
-        Maximum number of drives along each path, at each level.
-    seed : int
-        Seed of all random numbers; all settings have the same.
-    threads : int
-        Number of threads.
-    """
+    grid: OccupancyGrid
+    """The map that is driven in."""
+    filter_map: OccupancyGrid
+    """The filter's map."""
+    lidar: Lidar
+    """The robot's lidar."""
+    levels: Sequence[DisturbanceLevel]
+    """The levels of disturbance; most settings are worst at the last one."""
+    lines: Sequence[Poses]
+    """The poses along each path, (n, 3), in the own axes of the filter's map [m, m, rad]."""
+    drives: int
+    """Maximum number of drives along each path, at each level."""
+    seed: int
+    """Seed of all random numbers; all settings have the same."""
+    threads: int
+    """Number of threads."""
 
     longest: ClassVar[float] = 16.0
     """Length of a path beyond which settings are driven along a part of it [m]."""
@@ -103,25 +110,14 @@ class TuningBench(ABC):
     at_once: ClassVar[int] = 8
     """Number of settings that drive at once: each may hold scores as large as the map."""
 
-    def __init__(
-        self,
-        grid: OccupancyGrid,
-        filter_map: OccupancyGrid,
-        lidar: Lidar,
-        levels: Sequence[DisturbanceLevel],
-        lines: Sequence[Poses],
-        drives: int,
-        *,
-        seed: int,
-        threads: int,
-    ) -> None:
-        self.grid, self.filter_map, self.lidar = grid, filter_map, lidar
-        self.levels, self.lines = tuple(levels), lines
-        self.seed, self.threads = seed, threads
-        self.lengths = np.array([np.hypot(*np.diff(each[:, :2], axis=0).T).sum() for each in lines])
+    def __post_init__(self) -> None:
+        self.lengths = np.array([way_length(each) for each in self.lines])
         self.driven: dict[Amcl, Driven] = {}
-        self._shape = len(levels), len(lines), drives
-        self._scores: dict[tuple[object, ...], NDArray[np.float32]] = {}
+        self._shape = len(self.levels), len(self.lines), self.drives
+        # As many as drive at once: each may be as large as the map.
+        self._scores = lru_cache(self.at_once)(
+            lambda amcl: score_values(self.filter_map, amcl, self.lidar)
+        )
 
     @abstractmethod
     def arguments(self, amcl: Amcl) -> list[Any]:
@@ -134,7 +130,7 @@ class TuningBench(ABC):
         """
 
     @abstractmethod
-    def errors(self, level: int, path: int, drive: int, arguments: Any) -> NDArray[np.float64]:
+    def errors(self, level: int, path: int, drive: int, arguments: Any) -> Numbers:
         """Errors (n, 3) of one drive along a path [m, m, rad].
 
         Parameters
@@ -153,14 +149,9 @@ class TuningBench(ABC):
         amcl : Amcl
             The setting.
         """
-        reach = amcl.reach(self.lidar)
         names = ("laser_model_type", "laser_likelihood_max_dist", "sigma_hit", "z_hit", "z_rand")
-        key = (reach, *(getattr(amcl, name) for name in names))
-        if key not in self._scores:
-            if len(self._scores) == self.at_once:
-                del self._scores[next(iter(self._scores))]
-            self._scores[key] = score_values(self.filter_map, amcl, self.lidar)
-        return self._scores[key]
+        read = {name: getattr(amcl, name) for name in (*names, "laser_max_range")}
+        return self._scores(replace(Amcl(), **read))
 
     def drive(
         self,
@@ -211,7 +202,7 @@ class TuningBench(ABC):
         finally:
             pool.shutdown(cancel_futures=True)
 
-    def means(self, amcl: Amcl, paths: int, drives: int) -> NDArray[np.float64]:
+    def means(self, amcl: Amcl, paths: int, drives: int) -> Numbers:
         """Mean over drives of the logarithm of the root mean square error, (levels,).
 
         It is NaN at levels that were not driven.
@@ -271,6 +262,8 @@ class SimulatedBench(TuningBench):
         Maximum number of drives along each path, at each level.
     threads : int
         Number of threads.
+    lidar, levels, lines
+        See `TuningBench`; they follow from these.
     """
 
     def __init__(
@@ -289,9 +282,8 @@ class SimulatedBench(TuningBench):
         first = self.simulators[0]
         self._lines = [first.line(poses_along(path, grid)) for path in paths]
         self._stages = [[each.stage([line]) for line in self._lines] for each in self.simulators]
-        lines, own = [each.truth for each in self._lines], {"seed": seed, "threads": first.threads}
-        lidar = first.robot.known_lidar
-        super().__init__(grid, first.filter_map, lidar, LEVELS, lines, drives, **own)
+        lines, lidar = [each.truth for each in self._lines], first.robot.known_lidar
+        super().__init__(grid, first.filter_map, lidar, LEVELS, lines, drives, seed, first.threads)
         self.lengths = np.array([path.length for path in paths])
 
     @staticmethod
@@ -331,9 +323,7 @@ class SimulatedBench(TuningBench):
             for each in self.simulators
         ]
 
-    def errors(
-        self, level: int, path: int, drive: int, arguments: DriveArguments
-    ) -> NDArray[np.float64]:
+    def errors(self, level: int, path: int, drive: int, arguments: DriveArguments) -> Numbers:
         stage = self._stages[level][path]
         return stage.drive(self._lines[path], stage.world(path, drive), path, drive, arguments)
 

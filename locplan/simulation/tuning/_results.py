@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from string import ascii_uppercase
 from typing import Any, ClassVar
@@ -12,6 +11,7 @@ from typing import Any, ClassVar
 from locplan._util.intervals import Interval, two_digits
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
+from locplan._util.saved import tree_of
 from locplan._util.tables import finite, table
 from locplan.maps import OccupancyGrid
 from locplan.robots import Amcl, Robot
@@ -24,6 +24,7 @@ from locplan.simulation.tuning._space import (
     Value,
     changed_axes,
     described,
+    differing_names,
     write_tuned,
 )
 
@@ -54,14 +55,12 @@ class AtLevel:
     lost_difference: Interval
     """Share of lost drives minus that of the user's settings: mean over the paths."""
 
-    def summary(self) -> dict[str, object]:
-        """The errors in numbers, fit for JSON."""
-        return finite({**dataclasses.asdict(self), "level": self.level.name})
-
 
 @dataclass(frozen=True)
 class Judged:
     """One setting, judged at every level of disturbance."""
+
+    derived: ClassVar[tuple[str, ...]] = ("worst", "better", "better_at_every_level")
 
     name: str
     """Name in tables: whose settings they are, or what differs from the user's own."""
@@ -71,10 +70,10 @@ class Judged:
     """Its errors at each level of disturbance."""
     rmse_ratio: Interval
     """Ratio of the RMSE to that of the user's settings: geometric mean over levels and paths."""
-    cpu_per_update: float
-    """CPU time of the simulation an update of the filter, the scan included [s]."""
-    cpu_per_metre: float
-    """CPU time of the simulation a metre that is driven [s]."""
+    cpu_ms_per_update: float
+    """CPU time of the simulation an update of the filter, the scan included [ms]."""
+    cpu_ms_per_metre: float
+    """CPU time of the simulation a metre that is driven [ms]."""
 
     @property
     def worst(self) -> float:
@@ -88,23 +87,9 @@ class Judged:
         return self.rmse_ratio.high < 1 and not harm
 
     @property
-    def better_everywhere(self) -> bool:
+    def better_at_every_level(self) -> bool:
         """True if it is better than the user's settings at every level of disturbance."""
         return self.better and all(each.rmse_ratio.high < 1 for each in self.levels)
-
-    def summary(self) -> dict[str, object]:
-        """The setting and its errors in numbers, fit for JSON."""
-        return {
-            "name": self.name,
-            "amcl": dataclasses.asdict(self.amcl),
-            "levels": [each.summary() for each in self.levels],
-            "rmse_ratio": list(self.rmse_ratio),
-            "worst": self.worst,
-            "better": self.better,
-            "better_at_every_level": self.better_everywhere,
-            "cpu_ms_per_update": 1e3 * self.cpu_per_update,
-            "cpu_ms_per_metre": 1e3 * self.cpu_per_metre,
-        }
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -172,8 +157,8 @@ class Tuning(Result):
     @property
     def changes(self) -> dict[str, Value]:
         """Parameters to change, by their names; empty if nothing is clearly better."""
-        before, after = dataclasses.asdict(self.own), dataclasses.asdict(self.winner)
-        return {name: value for name, value in after.items() if value != before[name]}
+        own, winner = self.own, self.winner
+        return {name: getattr(winner, name) for name in differing_names(own, winner)}
 
     @property
     def conclusion(self) -> str:
@@ -191,7 +176,7 @@ class Tuning(Result):
         where = "better over all levels of disturbance together"
         if self.drive:
             where = "better on stretches of the drive that it was not chosen on"
-        elif found.better_everywhere:
+        elif found.better_at_every_level:
             where = "better at every level of disturbance"
         elif levels:
             where = f"clearly better at the levels {' and '.join(levels)} of disturbance"
@@ -200,7 +185,7 @@ class Tuning(Result):
         return (
             f"{changes}: RMSE {before.rmse.value:.2g} -> {after.rmse.value:.2g} m, off by"
             f" more than 1 m in {100 * before.lost.value:.0f} -> {after.lost.value:.0%}; {where};"
-            f" {found.cpu_per_metre / own.cpu_per_metre:.1f} times the CPU"
+            f" {found.cpu_ms_per_metre / own.cpu_ms_per_metre:.1f} times the CPU"
         )
 
     def changed_axes(self) -> list[Axis]:
@@ -213,7 +198,7 @@ class Tuning(Result):
             Column("settings", title="settings"),
             Column("level", title="level"),
             Column("rmse", "m", "RMSE", interval=True),
-            dataclasses.replace(RATES[0], name="lost"),
+            replace(RATES[0], name="lost"),
             RATES[1],
             Column("ratio", "", f"RMSE over {OWN}'", interval=True),
         )
@@ -252,7 +237,7 @@ class Tuning(Result):
             "map": {"name": self.grid.name, "digest": self.grid.digest},
             "verdict": "better" if self.changes else "nothing is clearly better",
             "changes": self.changes,
-            "judged": [each.summary() for each in self.judged],
+            "judged": tree_of(self.judged),
             "rmse_ratio_without": dict(self.contributions),
             "warnings": list(self.lints),
             "beams_compared": self.beams_left.compared,
@@ -280,8 +265,8 @@ def tuning_report(tuning: Tuning) -> str:
                     for at in each.levels
                 ),
                 "1" if each is tuning.judged[0] else _short(each.rmse_ratio),
-                f"{1e3 * each.cpu_per_update:.2f}",
-                f"{1e3 * each.cpu_per_metre:.2f}",
+                f"{each.cpu_ms_per_update:.2f}",
+                f"{each.cpu_ms_per_metre:.2f}",
             ]
         )
         names.append(f"{letter}: {_name(tuning, each)}")
@@ -328,7 +313,7 @@ def _gains(tuning: Tuning) -> list[str]:
 
 def _name(tuning: Tuning, judged: Judged) -> str:
     marks = ["to use"] if judged.amcl == tuning.winner and tuning.changes else []
-    if judged.better_everywhere and not tuning.drive:
+    if judged.better_at_every_level and not tuning.drive:
         marks.append("better at every level")
     return f"{judged.name} ({'; '.join(marks)})" if marks else judged.name
 

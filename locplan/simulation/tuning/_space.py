@@ -18,6 +18,7 @@ from locplan._util.reading import scalar_text
 from locplan.errors import LocplanError
 from locplan.robots import (
     MODELS,
+    NOT_SIMULATED,
     OMNIDIRECTIONAL,
     Amcl,
     Lidar,
@@ -31,13 +32,8 @@ from locplan.simulation._simulator import BEAMS, Simulator
 
 Value = float | str
 """A value of a parameter."""
-NAMES = (
-    *("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"),
-    *("laser_likelihood_max_dist", "laser_max_range"),
-    *("laser_min_range", "laser_model_type", "max_beams", "max_particles", "min_particles"),
-    *("pf_err", "pf_z", "resample_interval", "sigma_hit", "update_min_a", "update_min_d"),
-    *("z_hit", "z_rand"),
-)
+OURS = ("half_cell", "robot_model_type")
+NAMES = tuple(each.name for each in dataclasses.fields(Amcl) if each.name not in OURS)
 """Parameters that are both Nav2's and simulated."""
 
 
@@ -215,27 +211,6 @@ def filter_warnings(
     return [text for text, present in faults.items() if present]
 
 
-OTHERS: dict[str, float | str | bool] = {
-    "base_frame_id": "base_footprint",
-    "beam_skip_distance": 0.5,
-    "beam_skip_error_threshold": 0.9,
-    "beam_skip_threshold": 0.3,
-    "do_beamskip": False,
-    "global_frame_id": "map",
-    "lambda_short": 0.1,
-    "odom_frame_id": "odom",
-    "recovery_alpha_fast": 0.0,
-    "recovery_alpha_slow": 0.0,
-    "save_pose_rate": 0.5,
-    "scan_topic": "scan",
-    "tf_broadcast": True,
-    "transform_tolerance": 1.0,
-    "z_max": 0.05,
-    "z_short": 0.05,
-}
-"""Parameters that are not simulated, with the values that Nav2 has for them."""
-
-
 def check_tunable(params: Path | None) -> None:
     """Check that tuned settings can be written into a file's copy; to be called before long work.
 
@@ -307,7 +282,7 @@ def _read(file: Path) -> Amcl:
 
 
 def _new_file(winner: Amcl) -> bytes:
-    values = {name: getattr(winner, name) for name in (*NAMES, "robot_model_type")} | OTHERS
+    values = {name: getattr(winner, name) for name in (*NAMES, "robot_model_type")} | NOT_SIMULATED
     lines = ["# Parameters of Nav2's AMCL; frames and topics are Nav2's defaults."]
     lines += ["amcl:", "  ros__parameters:"]
     for name, value in sorted(values.items()):

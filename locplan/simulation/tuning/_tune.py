@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -169,28 +169,28 @@ def search_settings(
     shares = 170, 200, 230, 130, 270
     steps = iter([scaled(*step) for step in zip(parts(progress, shares), shares, strict=True)])
     search = Search(bench(SEARCH), own, paths, drives)
-    found = search.run(candidates(own, random_of(seed, DRAW)), steps)
+    kept, frugal, best, without = search.run(candidates(own, random_of(seed, DRAW)), steps)
     defaults = nav2_defaults(own)
     names = {own: OWN, defaults: "Nav2's defaults"}  # the latter's name if they are the same
-    for each in (found.kept, found.frugal, found.best):
+    for each in (kept, frugal, best):
         names.setdefault(each, described(own, each))
-    order = dict.fromkeys([own, found.kept, found.frugal, found.best, defaults])
-    changes_model = found.kept.multiplies and not own.multiplies
-    if changes_model and (others or {}).get("do_beamskip"):
+    order = dict.fromkeys([own, kept, frugal, best, defaults])
+    if kept.multiplies and not own.multiplies and (others or {}).get("do_beamskip"):
         skips = "do_beamskip becomes false with the laser model, since only this one reads it"
         notes = (*notes, f"{skips}, and it was not simulated")
+    rungs = tuple(search.rungs)
     del search
     judge = bench(JUDGE)
     judge.drive([*order], paths, drives, progress=next(steps))
     return Tuning(
         judge.grid,
         robot,
-        found.kept,
+        kept,
         tuple(_judged(judge, names[each], each, own) for each in order),
-        found.without,
+        without,
         left,
         (*notes, *filter_warnings(own, judge.lidar, others), *left.warnings()),
-        found.rungs,
+        rungs,
         paths,
         drives,
         seed,
@@ -198,21 +198,6 @@ def search_settings(
         drive,
         None if judge.filter_map is judge.grid else judge.filter_map,
     )
-
-
-class Found(NamedTuple):
-    """What a search found."""
-
-    best: Amcl
-    """Setting that is best at its worst level."""
-    kept: Amcl
-    """The best one with the user's own values put back where that costs next to nothing."""
-    frugal: Amcl
-    """Best setting, of those that compare no more beams a metre than the user's own."""
-    without: dict[str, float]
-    """Error without each change of the best setting, relative to that with it, by axis."""
-    rungs: tuple[tuple[int, int, int], ...]
-    """Settings, paths and drives of each rung."""
 
 
 class Search:
@@ -233,31 +218,45 @@ class Search:
         # Nearly every setting is worst there; other levels are driven where they can matter.
         self.strongest = [len(bench.levels) - 1]
         # A quarter, then half of the paths and of the drives, and how many settings stay.
-        self.rungs = [
+        self.parts = [
             (max(1, paths // part), max(1, drives // part), stay)
             for part, stay in ((4, 24), (2, 5))
         ]
         self.last = paths, drives
+        self.rungs: list[tuple[int, int, int]] = []
 
-    def run(self, settings: Sequence[Amcl], progress: Iterator[ProgressCallback]) -> Found:
+    def run(
+        self, settings: Sequence[Amcl], progress: Iterator[ProgressCallback]
+    ) -> tuple[Amcl, Amcl, Amcl, dict[str, float]]:
         """Find the best of the settings, the first of which is the user's own.
 
         `progress` has a callback for each rung and one for what is put back.
+
+        Returns
+        -------
+        kept : Amcl
+            The best one with the user's own values put back where that costs next to nothing.
+        frugal : Amcl
+            Best setting, of those that compare no more beams a metre than the user's own.
+        best : Amcl
+            Setting that is best at its worst level.
+        without : dict of str to float
+            Error without each change of the best setting, relative to that with it, by axis.
         """
         allowed = [amcl for amcl in settings if self.beams(amcl) <= self.beams(self.own)]
-        staying, sizes = list(settings), []
-        for paths, drives, stay in self.rungs:
+        staying = list(settings)
+        for paths, drives, stay in self.parts:
             self.bench.drive(staying, paths, drives, self.strongest, next(progress))
-            sizes.append((len(staying), paths, drives))
+            self.rungs.append((len(staying), paths, drives))
             ranked = sorted(staying, key=lambda amcl: self._known(amcl, paths, drives))
-            frugal = [amcl for amcl in ranked if amcl in set(allowed)][:2]
-            staying = [*dict.fromkeys([*ranked[:stay], *frugal])]
+            few = [amcl for amcl in ranked if amcl in set(allowed)][:2]
+            staying = [*dict.fromkeys([*ranked[:stay], *few])]
         self.bench.drive(staying, *self.last, self.strongest, next(progress))
-        sizes.append((len(staying), *self.last))
+        self.rungs.append((len(staying), *self.last))
         best = self._least(staying)
-        frugal_best = self._least([amcl for amcl in staying if amcl in set(allowed)])
+        frugal = self._least([amcl for amcl in staying if amcl in set(allowed)])
         kept, without = self._put_back(best, next(progress))
-        return Found(best, kept, frugal_best, without, tuple(sizes))
+        return kept, frugal, best, without
 
     def beams(self, amcl: Amcl) -> int:
         """Beams that a setting compares on one drive along every path."""
@@ -328,6 +327,6 @@ def _judged(bench: TuningBench, name: str, amcl: Amcl, own: Amcl) -> Judged:
             )
         )
     ratio = of_geometric_mean(np.exp(np.log(ratios).mean(axis=0)))
-    seconds = float(driven.seconds.sum()) / (len(bench.levels) * drives)
+    ms = 1e3 * float(driven.seconds.sum()) / (len(bench.levels) * drives)
     metres = float(bench.lengths.sum())
-    return Judged(name, amcl, tuple(levels), ratio, seconds / bench.updates(amcl), seconds / metres)
+    return Judged(name, amcl, tuple(levels), ratio, ms / bench.updates(amcl), ms / metres)
