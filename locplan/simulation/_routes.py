@@ -340,9 +340,9 @@ def _route(query: Query, drives: Mapping[str, Drives]) -> Route:
     shortest, aware = drives[SHORTEST], drives[AWARE]
     ratio = rmse_ratio(aware, shortest)
     names = "median_error", "lost_rate", "off_at_goal", "kept_rmse", "rmse"
-    return Route(
-        query,
-        (shortest.length, aware.length),
-        *((getattr(shortest, name).value, getattr(aware, name).value) for name in names),
-        {"paths": {name: each.summary() for name, each in drives.items()}, "rmse_ratio": [*ratio]},
+    median, lost, off, kept, rmse = (
+        (getattr(shortest, name).value, getattr(aware, name).value) for name in names
     )
+    lengths = shortest.length, aware.length
+    about = {"paths": {name: each.summary() for name, each in drives.items()}}
+    return Route(query, lengths, median, lost, off, kept, rmse, {**about, "rmse_ratio": [*ratio]})
