@@ -132,6 +132,22 @@ with replacing_folder("kept", None, lambda _: True) as folder:
     assert (tmp_path / "kept" / "result").read_text() == "before"
 
 
+def test_the_last_of_very_many_temporary_folders_is_removed_too(tmp_path):
+    code = """
+from locplan._util.supervision import temporary_folder
+with temporary_folder() as first:
+    for _ in range(2 * 65536 // len(str(first))):  # a pipe takes 64 kB
+        with temporary_folder():
+            pass
+    with temporary_folder():
+        stuck()
+"""
+    process = begun(tmp_path, supervised(code))
+    assert len(list((tmp_path / "temporary").iterdir())) == 2
+    assert ended(process)[0] == 130
+    assert not list((tmp_path / "temporary").iterdir())
+
+
 def test_what_a_process_named_and_left_is_removed(tmp_path):
     names = [tmp_path / name for name in ("a\nb", "c", os.fsdecode(b"\xff"), "kept")]
     for name in (names[0], *names[2:]):  # it has removed the second one itself

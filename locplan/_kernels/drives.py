@@ -48,10 +48,8 @@ def begin(random: Random, first: Floats, start: Start, settings: Filter) -> Trac
     sigma = np.array([start.position, start.position, start.heading])
     for axis in range(3):
         poses[axis] = first[axis] + sigma[axis] * random.standard_normal()
-    histogram, bins = (
-        particles.make_histogram(most),
-        np.int64(0),
-    )  # the constant 0 has a type of its own
+    histogram = particles.make_histogram(most)
+    bins = np.int64(0)  # the constant 0 has a type of its own
     for n in range(most):
         for axis in range(3):
             poses[axis, n] += sigma[axis] * random.standard_normal()

@@ -1,6 +1,6 @@
 """Which poses of a robot see which objects, and what it sees where parts of a map are away.
 
-Objects only shorten rays: what is hidden on the map stays hidden beside any others. Rays, hits,
+Objects only shorten rays: what is hidden on the map stays hidden beside any others. Rays, hits and
 sums are those of `landmarks`.
 """
 

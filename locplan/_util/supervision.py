@@ -25,8 +25,10 @@ ASIDE = "aside"
 """Folder in a temporary one of what is moved aside; it returns to its place unless replaced."""
 PREFIX = ".locplan-tmp-"
 _NAME = re.compile(re.escape(PREFIX) + r"[a-z0-9_]{8}")
-_listener: int | None = None
-"""Pipe through which the process that outlives this one learns of its temporary folders."""
+_listener: tuple[int, int] | None = None
+"""Both ends of the pipe that names temporary folders to the process that outlives this one."""
+_there: set[str] = set()
+"""The temporary folders of this process."""
 
 
 @contextmanager
@@ -38,15 +40,26 @@ def temporary_folder(folder: Path | None = None) -> Iterator[Path]:
     parent = os.path.abspath(folder or gettempdir())
     remove_abandoned(parent)
     made, lock = _made(parent)
+    _there.add(made)
     if _listener is not None:
-        with suppress(OSError):  # nobody listens any more
-            os.write(_listener, os.fsencode(made) + b"\0")
+        _name(*_listener, made)
     try:
         yield Path(made)
     finally:
         remove(made)
+        _there.discard(made)
         if lock is not None:
             os.close(lock)
+
+
+def _name(heard: int, said: int, *folders: str) -> None:
+    """Name temporary folders to the process that outlives this one."""
+    try:
+        os.write(said, b"".join(os.fsencode(each) + b"\0" for each in folders))
+    except BlockingIOError:  # names are read at the end: it is full of folders that are long gone
+        with suppress(BlockingIOError):
+            os.read(heard, 1 << 20)
+        _name(heard, said, *_there)
 
 
 def remove_abandoned(folder: str | os.PathLike[str]) -> None:
@@ -135,8 +148,7 @@ def supervised(work: Callable[[], None]) -> int:
     before = signal.pthread_sigmask(signal.SIG_BLOCK, passed_on)
     process = os.fork()
     if not process:
-        os.close(heard)
-        _work(work, said, first, signal.SIGINT in passed_on, before)
+        _work(work, (heard, said), first, signal.SIGINT in passed_on, before)
     os.close(said)
     asked: list[int] = []
 
@@ -186,11 +198,15 @@ def end_with_parent(parent: int) -> None:
 
 
 def _work(
-    work: Callable[[], None], said: int, parent: int, interruptible: bool, mask: set[Any]
+    work: Callable[[], None],
+    pipe: tuple[int, int],
+    parent: int,
+    interruptible: bool,
+    mask: set[Any],
 ) -> None:
     """Do the work in the second process, and end it."""
     global _listener
-    _listener = said
+    _listener = pipe
     try:
         if interruptible:
             signal.signal(signal.SIGINT, _interrupt)

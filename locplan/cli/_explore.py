@@ -27,6 +27,10 @@ class explore(typed.OneMap, FieldOptions, Ends, CostOptions, Cached, Threads):
     with exit code 0.
     """
 
+    start: typed.XY = None
+    """First start of the path, x,y in metres."""
+    goal: typed.XY = None
+    """First goal of the path, x,y in metres."""
     via: Annotated[tuple[Any, ...], typed.parsed(typed.two_numbers, "X,Y", many=True)] = ()
     """Place to visit on the way at first, x,y in metres; repeatable."""
     port: int = 0

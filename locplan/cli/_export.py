@@ -88,6 +88,13 @@ class export(
         str, Parameter(choices=tuple(FORMATS), show_choices=False, help=f"Format: {ABOUT}.")
     ]
     path: Annotated[typed.Csv, Parameter(help=f"Path to export (x,y) ({', '.join(PATHS)}).")] = ()
+    start: Annotated[
+        typed.XY,
+        Parameter(
+            help="Start of a path that is planned and exported, x,y in metres"
+            f" ({', '.join(PATHS)})."
+        ),
+    ] = None
     output: Annotated[Path | None, typed.Target, typed.under("Output")] = None
     """File or folder; MAP-FORMAT here by default."""
 

@@ -22,6 +22,8 @@ class RouteOptions(Ends):
 
     path: typed.Csv = ()
     """Path of the robot (x,y); repeatable."""
+    start: typed.XY = None
+    """Start of a shortest path, x,y in metres."""
     places: Annotated[Path | None, typed.INPUT, Parameter(metavar="CSV")] = None
     """Places (name,x,y) between all of which the robot drives."""
 

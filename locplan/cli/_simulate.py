@@ -45,6 +45,10 @@ class simulate(
 
     path: typed.Csv = ()
     """Path that is driven (x,y), as plan wrote it; repeatable."""
+    start: typed.XY = None
+    """Start of the shortest and the aware path, x,y in metres."""
+    goal: typed.XY = None
+    """Goal of both paths, x,y in metres."""
     random: typed.Pair | None = None
     """Number of random queries on each map, in place of a start; 5 or more give intervals."""
     min_distance: float | None = None

@@ -57,7 +57,7 @@ class ScanDatabase:
     def __repr__(self) -> str:
         return f"ScanDatabase({self.grid.name or 'map'}, {self.lidar.title})"
 
-    @property
+    @cached_property
     def everywhere(self) -> Database:
         """Ranges at all places.
 
@@ -66,9 +66,7 @@ class ScanDatabase:
         ConfigError
             If the map has no wall, or no place with this clearance.
         """
-        self.prepare()
-        database: Database = vars(self)["_database"]
-        return database
+        return self._made(None)
 
     def prepare(self, progress: ProgressCallback | None = None) -> None:
         """Look from all places now, so that the first search need not.
@@ -83,9 +81,12 @@ class ScanDatabase:
         ConfigError
             If the map has no wall, or no place with this clearance.
         """
-        if "_database" not in vars(self):
-            matching = Matching(lidar=self.lidar, robot_radius=self.clearance)
-            vars(self)["_database"] = make_database(self.grid, matching, (), progress)
+        if "everywhere" not in vars(self):  # a property of its class, which no digest counts
+            vars(self)["everywhere"] = self._made(progress)
+
+    def _made(self, progress: ProgressCallback | None) -> Database:
+        matching = Matching(lidar=self.lidar, robot_radius=self.clearance)
+        return make_database(self.grid, matching, (), progress)
 
     @cached_property
     def matcher(self) -> Matcher:
