@@ -13,9 +13,12 @@ from ._matches import (
     match_scans as match_scans,
     scans_unlike as scans_unlike,
 )
+from ._odometry_model import OdometryModel as OdometryModel
 from ._odometry_noise import OdometryNoise as OdometryNoise, odometry_noise as odometry_noise
 from ._read import read_drive as read_drive, record_drive as record_drive
 from ._recording import Recording as Recording
 from ._replay import Consistency as Consistency, Replay as Replay, replay as replay
 from ._scan_noise import ScanNoise as ScanNoise, scan_noise as scan_noise
+from ._smoothing import smooth as smooth
 from ._tracks import tune_on_drive as tune_on_drive
+from ._trajectory import Jump as Jump, Trajectory as Trajectory

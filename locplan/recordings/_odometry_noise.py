@@ -274,7 +274,7 @@ class _Increments:
         some = np.isfinite(self.residuals)
         fixed = self.poses[some] @ np.array([position**2, heading**2])
         every = np.broadcast_to(weights, self.residuals.shape)[some]
-        return _variances(self.residuals[some] ** 2, self.features[some], fixed, every)
+        return likeliest_variances(self.residuals[some] ** 2, self.features[some], fixed, every)
 
     def shares(self, alphas: Numbers, position: float, heading: float) -> tuple[float, float]:
         """Mean variance of the turns that is of the poses, and that is of odometry [rad^2]."""
@@ -296,7 +296,7 @@ def _regressed(
     parts: Numbers | None = None
     for _ in range(4):
         squares = (values - means @ coefficients) ** 2
-        parts = _variances(squares, features, np.zeros(len(values)), weights, parts)
+        parts = likeliest_variances(squares, features, np.zeros(len(values)), weights, parts)
         own = weights / (features @ parts + TINY)
         matrix = (means * own[:, None]).T @ means + TINY * np.eye(means.shape[1])
         coefficients = np.asarray(np.linalg.solve(matrix, (means * own[:, None]).T @ values))
@@ -304,7 +304,7 @@ def _regressed(
     return coefficients, parts
 
 
-def _variances(
+def likeliest_variances(
     squares: Numbers,
     features: Numbers,
     fixed: Numbers,

@@ -1,0 +1,394 @@
+"""Where a robot was along a recorded drive: particles forwards, samples backwards, least squares.
+
+Poses are (x, y, heading) in the map's own axes [m, m, rad]. A *move* is what odometry says of the
+way from one pose to the next, ahead and to the left of the first one, and the turn [m, m, rad]; it
+has a standard deviation for each of these.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from locplan._kernels.arrays import Array, Floats, Ints, Random, Singles
+from locplan._kernels.particles import BeamScores, wrapped
+
+SKIRT, WIDER = 0.15, 2.5
+"""Share of the moves that err more, and how much more."""
+SLIP, SLIP_NEAR, SLIP_FAR, SLIP_TURN = 0.01, 1.0, 3.0, 0.4
+"""Share of slips, and deviations of short and of long ones [m], and of their turns [rad]."""
+FREEDOM = 4.0
+"""Degrees of freedom of Student's distribution of odometry's errors."""
+
+
+class Beams(NamedTuple):
+    """How the ends of beams are scored: a mixture of near walls, and anywhere."""
+
+    sigma: float  # deviation of an end from a wall [m]
+    anywhere: float  # share of ends anywhere
+    effective: float  # number of independent beams that a scan counts as
+    floor: float  # log-likelihood of a beam of a scan that the map does not explain
+
+
+@njit(nogil=True, cache=True)
+def density_of(error: Array, deviation: Array, kidnapped: float) -> float:
+    """Density of a move that errs so, (3,): a body with a skirt, slips, and a robot carried away.
+
+    `kidnapped` is the density of being put anywhere.
+    """
+    away = error[0] ** 2 + error[1] ** 2
+    if away > 16 * SLIP_FAR**2:
+        return kidnapped
+    density, square, size = kidnapped, 0.0, (2 * np.pi) ** 1.5
+    for axis in range(3):
+        square += (error[axis] / deviation[axis]) ** 2
+        size *= deviation[axis]
+    if square < 60:  # beyond it the skirt alone counts
+        density += (1 - SKIRT - SLIP) * np.exp(-0.5 * square) / size
+    if square < 60 * WIDER**2:
+        density += SKIRT * np.exp(-0.5 * square / WIDER**2) / (size * WIDER**3)
+    slip = np.exp(-0.5 * away / SLIP_NEAR**2) / SLIP_NEAR**2
+    slip += np.exp(-0.5 * away / SLIP_FAR**2) / SLIP_FAR**2
+    slip *= np.exp(-0.5 * (error[2] / SLIP_TURN) ** 2) / (SLIP_TURN * (2 * np.pi) ** 1.5)
+    return density + 0.5 * SLIP * slip
+
+
+@njit(nogil=True, cache=True)
+def error_of(first: Array, second: Array, move: Floats, error: Floats) -> None:
+    """Write the way between two poses (3,) minus a move into `error` (3,)."""
+    dx, dy = second[0] - first[0], second[1] - first[1]
+    cos, sin = np.cos(first[2]), np.sin(first[2])
+    error[0] = cos * dx + sin * dy - move[0]
+    error[1] = cos * dy - sin * dx - move[1]
+    error[2] = wrapped(second[2] - first[2] - move[2])
+
+
+@njit(nogil=True, cache=True)
+def spread(random: Random, cloud: Singles, move: Floats, deviation: Floats, poses: Floats) -> None:
+    """Fill `poses` (3, m) with moved particles of a cloud (3, n), each taken equally often."""
+    count, most = cloud.shape[1], poses.shape[1]
+    for n in range(most):
+        at = n * count // most if most >= count else n
+        kind = random.random()
+        wide = WIDER if kind < SKIRT else 1.0
+        ahead = move[0] + wide * deviation[0] * random.standard_normal()
+        left = move[1] + wide * deviation[1] * random.standard_normal()
+        turn = move[2] + wide * deviation[2] * random.standard_normal()
+        if kind > 1 - SLIP:
+            slip = SLIP_NEAR if kind > 1 - SLIP / 2 else SLIP_FAR
+            ahead += slip * random.standard_normal()
+            left += slip * random.standard_normal()
+            turn += SLIP_TURN * random.standard_normal()
+        cos, sin = np.cos(cloud[2, at]), np.sin(cloud[2, at])
+        poses[0, n] = cloud[0, at] + cos * ahead - sin * left
+        poses[1, n] = cloud[1, at] + sin * ahead + cos * left
+        poses[2, n] = cloud[2, at] + turn
+
+
+@njit(nogil=True, cache=True)
+def draw_evenly(random: Random, poses: Floats, weights: Floats, cloud: Singles) -> None:
+    """Fill a cloud (3, n) with particles drawn systematically by their weights."""
+    total, count = weights.sum(), cloud.shape[1]
+    step = total / count
+    mark, at, so_far = random.random() * step, 0, weights[0]
+    for n in range(count):
+        while so_far < mark and at < len(weights) - 1:
+            at += 1
+            so_far += weights[at]
+        for axis in range(3):
+            cloud[axis, n] = poses[axis, at]
+        mark += step
+
+
+@njit(nogil=True, cache=True)
+def sample_backwards(
+    random: Random,
+    clouds: Singles,
+    moves: Floats,
+    deviations: Floats,
+    kidnapped: float,
+    trajectories: Floats,
+) -> None:
+    """Draw trajectories (s, k, 3) from the clouds (k, 3, n) of a filter, from the last one back.
+
+    `moves` and `deviations` (k, 3) lead to each cloud from the one before.
+    """
+    count = clouds.shape[2]
+    shares, error, at = np.empty(count), np.empty(3), np.empty(3)
+    for s in range(len(trajectories)):
+        for k in range(len(clouds) - 1, -1, -1):
+            chosen = 0
+            if k == len(clouds) - 1:
+                chosen = random.integers(0, count)
+            else:
+                total, later = 0.0, trajectories[s, k + 1]
+                for n in range(count):
+                    for axis in range(3):
+                        at[axis] = clouds[k, axis, n]
+                    error_of(at, later, moves[k + 1], error)
+                    total += density_of(error, deviations[k + 1], kidnapped)
+                    shares[n] = total
+                chosen = min(np.searchsorted(shares, random.random() * total), count - 1)
+            for axis in range(3):
+                trajectories[s, k, axis] = clouds[k, axis, chosen]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def fit_of(
+    field: BeamScores, beams: Beams, ends: Floats, pose: Array, matrix: Floats, vector: Floats
+) -> float:
+    """Mean log-likelihood of a scan's ends (b, 2) [m] at a pose, 0 at best; NaN without returns.
+
+    It writes the normal equations of the ends' distances from walls, weighted by how surely they
+    are of walls, into `matrix` (3, 3) and `vector` (3,), and scales them to `effective` beams.
+    """
+    matrix[:], vector[:] = 0.0, 0.0
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    total, count = 0.0, 0
+    slope = np.empty(3)
+    for b in range(len(ends)):
+        ahead, left = ends[b, 0], ends[b, 1]
+        if np.isnan(ahead):
+            continue
+        count += 1
+        dx, dy = cos * ahead - sin * left, sin * ahead + cos * left
+        u = (pose[0] + dx) / field.resolution + field.shift - 0.5
+        v = (pose[1] + dy) / field.resolution + field.shift - 0.5
+        u, v = min(max(u, 0.0), field.cols - 1.001), min(max(v, 0.0), field.rows - 1.001)
+        i, j = int(v), int(u)
+        a, c, at = u - j, v - i, i * field.cols + j
+        low, low_next = field.values[at], field.values[at + 1]
+        high, high_next = field.values[at + field.cols], field.values[at + field.cols + 1]
+        near, far = low + a * (low_next - low), high + a * (high_next - high)
+        away = (near + c * (far - near)) / beams.sigma
+        hit = (1 - beams.anywhere) * np.exp(-0.5 * away**2)
+        total += np.log(hit + beams.anywhere)
+        scale = beams.sigma * field.resolution
+        slope[0] = ((1 - c) * (low_next - low) + c * (high_next - high)) / scale
+        slope[1] = (far - near) / scale
+        slope[2] = slope[1] * dx - slope[0] * dy
+        sure = hit / (hit + beams.anywhere)
+        for p in range(3):
+            vector[p] += sure * slope[p] * away
+            for q in range(3):
+                matrix[p, q] += sure * slope[p] * slope[q]
+    if count == 0:
+        return np.nan
+    for p in range(3):
+        vector[p] *= beams.effective / count
+        for q in range(3):
+            matrix[p, q] *= beams.effective / count
+    return total / count
+
+
+@njit(nogil=True, cache=True)
+def fits_along(field: BeamScores, beams: Beams, ends: Floats, poses: Floats, fits: Floats) -> None:
+    """Write the mean log-likelihoods of scans (n, b, 2) [m] at poses (c, n, 3) into `fits` (c, n)."""
+    matrix, vector = np.empty((3, 3)), np.empty(3)
+    for c in range(len(poses)):
+        for n in range(len(ends)):
+            fits[c, n] = fit_of(field, beams, ends[n], poses[c, n], matrix, vector)
+
+
+@njit(nogil=True, cache=True)
+def best_way(
+    candidates: Floats, gains: Floats, moves: Floats, deviations: Floats, kidnapped: float
+) -> Ints:
+    """Index of the candidate at each of k scans, (k,), of the likeliest way (Viterbi).
+
+    `candidates` (c, k, 3) have log-likelihoods `gains` (c, k).
+    """
+    many, count = gains.shape
+    came = np.empty((count, many), np.int64)
+    best, after, error = gains[:, 0].copy(), np.empty(many), np.empty(3)
+    for k in range(1, count):
+        for c in range(many):
+            after[c], came[k, c] = -np.inf, 0
+            for b in range(many):
+                error_of(candidates[b, k - 1], candidates[c, k], moves[k], error)
+                total = best[b] + np.log(density_of(error, deviations[k], kidnapped))
+                if total > after[c]:
+                    after[c], came[k, c] = total, b
+        for c in range(many):
+            best[c] = after[c] + gains[c, k]
+    way = np.empty(count, np.int64)
+    way[count - 1] = np.argmax(best)
+    for k in range(count - 1, 0, -1):
+        way[k - 1] = came[k, way[k]]
+    return way
+
+
+@njit(nogil=True, cache=True)
+def _inverse(matrix: Floats) -> Array:
+    """Inverse of a symmetric positive matrix (3, 3), by cofactors."""
+    found = np.empty((3, 3))
+    for p in range(3):
+        for q in range(3):
+            a, b, c, d = (p + 1) % 3, (p + 2) % 3, (q + 1) % 3, (q + 2) % 3
+            found[q, p] = matrix[a, c] * matrix[b, d] - matrix[a, d] * matrix[b, c]
+    size = matrix[0, 0] * found[0, 0] + matrix[0, 1] * found[1, 0] + matrix[0, 2] * found[2, 0]
+    return found / size
+
+
+@njit(nogil=True, cache=True)
+def _odometry_terms(
+    first: Array, second: Array, move: Floats, deviation: Floats, terms: Floats, sides: Floats
+) -> float:
+    """Loss of a move; its weighted Jacobians go into `terms` (3, 6), its residuals into `sides`.
+
+    A deviation that is not finite stands for a jump, of which odometry says nothing.
+    """
+    if not np.isfinite(deviation[0]):
+        terms[:], sides[:] = 0.0, 0.0
+        return 0.0
+    error_of(first, second, move, sides)
+    cos, sin = np.cos(first[2]), np.sin(first[2])
+    ahead, left = sides[0] + move[0], sides[1] + move[1]
+    square = 0.0
+    for axis in range(3):
+        square += (sides[axis] / deviation[axis]) ** 2
+    weight = np.sqrt((FREEDOM + 3) / (FREEDOM + square))
+    terms[:] = 0.0
+    terms[0, 0], terms[0, 1], terms[0, 2], terms[0, 3], terms[0, 4] = -cos, -sin, left, cos, sin
+    terms[1, 0], terms[1, 1], terms[1, 2], terms[1, 3], terms[1, 4] = sin, -cos, -ahead, -sin, cos
+    terms[2, 2], terms[2, 5] = -1.0, 1.0
+    for axis in range(3):
+        sides[axis] *= weight / deviation[axis]
+        for q in range(6):
+            terms[axis, q] *= weight / deviation[axis]
+    return 0.5 * (FREEDOM + 3) * np.log(1 + square / FREEDOM)
+
+
+@njit(nogil=True, cache=True)
+def normal_equations(
+    field: BeamScores,
+    beams: Beams,
+    ends: Floats,
+    counts: Floats,
+    poses: Floats,
+    moves: Floats,
+    deviations: Floats,
+    diagonal: Floats,
+    beside: Floats,
+    vector: Floats,
+) -> float:
+    """Loss of a trajectory (n, 3), with its normal equations, which are block-tridiagonal.
+
+    `counts` (n,) is the share of a scan that counts. Written are the blocks of the diagonal and
+    those beside it, from each pose to the one before, (n, 3, 3), and the gradient (n, 3).
+    """
+    matrix, terms, sides = np.empty((3, 3)), np.empty((3, 6)), np.empty(3)
+    diagonal[:], beside[:], vector[:] = 0.0, 0.0, 0.0
+    loss = 0.0
+    for n in range(len(poses)):
+        fit = fit_of(field, beams, ends[n], poses[n], matrix, sides)
+        if not np.isnan(fit):
+            # A scan that the map does not explain counts less: a mixture by scan.
+            sure = 1 / (1 + np.exp(-15.0 * (fit - beams.floor)))
+            share = counts[n] * sure
+            loss -= (
+                counts[n]
+                * beams.effective
+                / 15.0
+                * np.log(np.exp(15.0 * fit) + np.exp(15.0 * beams.floor))
+            )
+            for p in range(3):
+                vector[n, p] += share * sides[p]
+                for q in range(3):
+                    diagonal[n, p, q] += share * matrix[p, q]
+        if n == 0:
+            continue
+        loss += _odometry_terms(poses[n - 1], poses[n], moves[n], deviations[n], terms, sides)
+        for p in range(3):
+            for q in range(3):
+                for axis in range(3):
+                    diagonal[n - 1, p, q] += terms[axis, p] * terms[axis, q]
+                    diagonal[n, p, q] += terms[axis, 3 + p] * terms[axis, 3 + q]
+                    beside[n, p, q] += terms[axis, 3 + p] * terms[axis, q]
+            for axis in range(3):
+                vector[n - 1, p] += terms[axis, p] * sides[axis]
+                vector[n, p] += terms[axis, 3 + p] * sides[axis]
+    return loss
+
+
+@njit(nogil=True, cache=True)
+def solve_blocks(
+    diagonal: Floats, beside: Floats, vector: Floats, damping: float, step: Floats
+) -> None:
+    """Solve block-tridiagonal equations, damped, for the step (n, 3) that lowers the loss."""
+    count = len(diagonal)
+    inverses, sides = np.empty((count, 3, 3)), np.empty((count, 3))
+    for n in range(count):
+        block, side = diagonal[n].copy(), -vector[n]
+        for p in range(3):
+            block[p, p] += damping * (block[p, p] + 1.0)
+        if n:
+            led = beside[n] @ inverses[n - 1]
+            block -= led @ beside[n].T
+            side = side - led @ sides[n - 1]
+        inverses[n], sides[n] = _inverse(block), side
+    for n in range(count - 1, -1, -1):
+        side = sides[n]
+        if n < count - 1:
+            side = side - beside[n + 1].T @ step[n + 1]
+        step[n] = inverses[n] @ side
+
+
+@njit(nogil=True, cache=True)
+def refine_poses(
+    field: BeamScores,
+    beams: Beams,
+    ends: Floats,
+    counts: Floats,
+    poses: Floats,
+    moves: Floats,
+    deviations: Floats,
+    rounds: int,
+) -> float:
+    """Move a trajectory (n, 3) to less loss by Levenberg and Marquardt's steps; return the loss."""
+    count = len(poses)
+    diagonal, beside = np.empty((count, 3, 3)), np.empty((count, 3, 3))
+    vector, step, damping = np.empty((count, 3)), np.empty((count, 3)), 1e-3
+    loss = normal_equations(
+        field, beams, ends, counts, poses, moves, deviations, diagonal, beside, vector
+    )
+    tried = poses.copy()
+    for _ in range(rounds):
+        solve_blocks(diagonal, beside, vector, damping, step)
+        for n in range(count):
+            for axis in range(3):
+                tried[n, axis] = poses[n, axis] + min(max(step[n, axis], -0.5), 0.5)
+        after = normal_equations(
+            field, beams, ends, counts, tried, moves, deviations, diagonal, beside, vector
+        )
+        if after <= loss:
+            gain, loss, damping = loss - after, after, max(damping / 10, 1e-9)
+            poses[:] = tried
+            if gain < 1e-3:
+                break
+        else:
+            damping *= 10
+            normal_equations(
+                field, beams, ends, counts, poses, moves, deviations, diagonal, beside, vector
+            )
+    return loss
+
+
+@njit(nogil=True, cache=True)
+def covariances_of(diagonal: Floats, beside: Floats, own: Floats, across: Floats) -> None:
+    """Write the covariances of poses, (n, 3, 3), and those with the pose before, from equations."""
+    count = len(diagonal)
+    inverses = np.empty((count, 3, 3))
+    for n in range(count):
+        block = diagonal[n] + 1e-9 * np.eye(3)
+        if n:
+            block -= beside[n] @ inverses[n - 1] @ beside[n].T
+        inverses[n] = _inverse(block)
+    for n in range(count - 1, -1, -1):
+        own[n], across[n] = inverses[n], 0.0
+        if n < count - 1:
+            led = inverses[n] @ beside[n + 1].T
+            across[n + 1] = -own[n + 1] @ led.T
+            own[n] += led @ own[n + 1] @ led.T
