@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import check_threads, instance, shown, whole
+from locplan._util.checks import instance, shown, whole
 from locplan._util.poses import Numbers, after_way, turning, way_between, wrapped
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.errors import ConfigError, RecordingError
@@ -24,6 +23,7 @@ from locplan.recordings._recording import Recording
 from locplan.recordings._trajectory import (
     AMBIGUOUS,
     BAD_FIT,
+    CARRIED,
     DISAGREE,
     JUMPED,
     UNCERTAIN,
@@ -51,7 +51,6 @@ def smooth(
     *,
     folder: Path | None = None,
     seed: int = 1,
-    threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> Trajectory:
     """Find where a robot was along a recorded drive, of its scans, its odometry and the map.
@@ -77,8 +76,6 @@ def smooth(
         Folder for what is done so far, from which the same call goes on that was interrupted.
     seed : int, default 1
         Seed of all random numbers, >= 0.
-    threads : int, optional
-        Number of threads, at least 1, of which two are used; the result does not depend on it.
     progress : callable, optional
         Called with (done, total) in thousandths of the work.
 
@@ -108,7 +105,6 @@ def smooth(
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
     whole("seed", seed, 0)
-    workers = min(2, check_threads(threads))
     if len(recording) < 10:
         raise RecordingError(f"the drive has {len(recording)} scans, too few: 10 are needed")
     if not (grid.cells == OCCUPIED).any():
@@ -117,15 +113,23 @@ def smooth(
     drive = _Drive(grid, recording)
     first = _first(recording, start)
     first = None if first is None else own_axes(grid, first[None])[0]
-    model = OdometryModel.first(robot.odometry)
-    filtering, last = (scaled(each, n) for each, n in zip(parts(progress, [900, 100]), (900, 100), strict=False))
     database = checked_database(grid, recording.lidar, CLEARANCE, None)
     database.prepare()
-    passes = drive.passes(model, database, first, seed)
-    samples = _run(passes, folder, workers, filtering)
-    found = drive.put_together(samples, model)
-    last(1, 1)
-    return found
+    chain = _Chain(
+        drive.walls, drive.ends[drive.keys], drive.key_moves, OdometryModel.first(robot.odometry)
+    )
+    forth, back = (scaled(each, 500) for each in parts(progress, [500, 500]))
+    samples = drive.passed(chain, database, first, seed, folder, forth)
+    # What the way forth tells of odometry serves the way back; and where it was taken for much
+    # better than it is, the way forth is gone again.
+    refined, first_model = chain.of_samples(samples), chain.model
+    chain = chain.learning(chain.best_way(refined))
+    other = drive.passed(chain, database, None, seed, folder, back, number=1, backwards=True)
+    wider = chain.model.deviations(chain.moves) / first_model.deviations(chain.moves)
+    if np.median(wider[1:], axis=0).max() > 1.3:
+        samples = drive.passed(chain, database, first, seed, folder, back, number=2)
+        refined = chain.of_samples(samples)
+    return drive.put_together(chain, [samples, other], [refined, chain.of_samples(other)])
 
 
 def _first(recording: Recording, start: ArrayLike | str | None) -> Numbers | None:
@@ -143,25 +147,6 @@ def _first(recording: Recording, start: ArrayLike | str | None) -> Numbers | Non
     if pose.shape != (3,) or not np.isfinite(pose).all():
         raise ConfigError(f"start must be x, y, heading [m, m, rad], not {shown(start)}")
     return pose
-
-
-def _run(
-    passes: list[Pass], folder: Path | None, workers: int, progress: ProgressCallback
-) -> list[Numbers]:
-    """Trajectories of both passes, at once if there are two threads."""
-    steps = [0, 0]
-
-    def told(n: int) -> ProgressCallback:
-        def update(done: int, total: int) -> None:
-            steps[n] = done
-            progress(sum(steps), 2 * total)
-
-        return update
-
-    with ThreadPoolExecutor(workers) as pool:
-        running = [pool.submit(each.trajectories, folder, told(n)) for n, each in enumerate(passes)]
-        forth, back = (each.result() for each in running)
-    return [forth, np.ascontiguousarray(back[:, ::-1])]
 
 
 def key_scans(moves: Moves) -> NDArray[np.int64]:
@@ -256,20 +241,30 @@ class _Chain:
         far = (np.hypot(errors[:, 0], errors[:, 1]) > 0.5) | (np.abs(errors[:, 2]) > 0.5)
         return tuple(map(int, np.flatnonzero(far & (square > 40.0))))
 
-    def bridged(self, poses: Numbers) -> Numbers | None:
-        """Poses that follow odometry between each two jumps; None if there are no two."""
-        jumps = self.jumped(poses)
-        if len(jumps) < 2:
-            return None
-        found, ways = poses.copy(), self.model.expected(self.moves)
-        for begin, end in itertools.pairwise(jumps):
-            for n in range(begin, end):
-                found[n] = after_way(found[n - 1], ways[n])
-            closing = found[end] - after_way(found[end - 1], ways[end])
+    def bridged(self, poses: Numbers) -> tuple[Numbers, NDArray[np.bool_]]:
+        """Poses that follow odometry between two jumps which undo each other, and where they do.
+
+        A robot that is carried away and back to where its odometry leads was not away: a stretch
+        looks like another one, or like none.
+        """
+        found, away = poses.copy(), np.zeros(len(poses), np.bool_)
+        errors, ways = self.errors(poses), self.model.expected(self.moves)
+        far = [n for n in self.jumped(poses) if np.hypot(*errors[n, :2]) > CARRIED]
+        for begin, end in itertools.combinations(far, 2):
+            across = poses[begin - 1 : end + 1].copy()
+            for n in range(begin, end + 1):
+                across[n - begin + 1] = after_way(across[n - begin], ways[n])
+            closing = poses[end] - across[-1]
             closing[2] = wrapped(closing[2])
-            share = np.arange(1, end - begin + 1) / (end - begin + 1)
-            found[begin:end] += share[:, None] * closing
-        return found
+            if np.hypot(*closing[:2]) < CARRIED / 2 and not away[begin - 1 : end + 1].any():
+                share = np.arange(1, end - begin + 1) / (end - begin + 1)
+                found[begin:end] = across[1:-1] + share[:, None] * closing
+                away[begin:end] = True
+        return found, away
+
+    def of_samples(self, samples: Numbers) -> Numbers:
+        """Some samples of a filter, refined, (16, n, 3)."""
+        return np.array([self.refined(each, 3) for each in samples[:REFINED]])
 
     def learning(self, poses: Numbers) -> _Chain:
         """The same scans with what poses tell of odometry."""
@@ -277,7 +272,7 @@ class _Chain:
         used = np.ones(len(poses))
         used[[0, *self.jumps]] = 0.0
         model = self.model.learned(self.moves, *ways_of(poses, own, across), used)
-        return _Chain(self.walls, self.ends, self.moves, model, self.jumps)
+        return replace(self, model=model)
 
 
 class _Drive:
@@ -304,56 +299,84 @@ class _Drive:
         ]
         return np.concatenate(ends)
 
-    def passes(
-        self, model: OdometryModel, database: Any, first: Numbers | None, seed: int
-    ) -> list[Pass]:
-        """The filter's way forth, and back."""
-        ends, ranges = self.ends[self.keys, ::3], self.recording.ranges[self.keys]
-        ways, deviations = model.expected(self.key_moves), model.deviations(self.key_moves)
-        back = np.zeros_like(ways)
-        back[1:] = way_between(ways[1:], np.zeros_like(ways[1:]))[::-1]
-        back_deviations = np.concatenate([deviations[:1], deviations[:0:-1]])
-        return [
-            Pass(self.walls, database, ranges, ends, ways, deviations, first, seed, 0),
-            Pass(
-                *(self.walls, database, ranges[::-1], ends[::-1], back, back_deviations),
-                *(None, seed, 1),
-            ),
-        ]
+    def passed(
+        self,
+        chain: _Chain,
+        database: Any,
+        first: Numbers | None,
+        seed: int,
+        folder: Path | None,
+        progress: ProgressCallback,
+        *,
+        number: int = 0,
+        backwards: bool = False,
+    ) -> Numbers:
+        """Trajectories (40, k, 3) of a filter's way forth or back along the key scans."""
+        ends, ranges = chain.ends[:, ::3], self.recording.ranges[self.keys]
+        ways, deviations = chain.model.expected(chain.moves), chain.model.deviations(chain.moves)
+        if backwards:
+            ends, ranges = ends[::-1], ranges[::-1]
+            ways[1:] = way_between(ways[1:], np.zeros_like(ways[1:]))[::-1]
+            deviations[1:] = deviations[:0:-1].copy()
+        one = Pass(self.walls, database, ranges, ends, ways, deviations, first, seed, number)
+        samples = one.trajectories(folder, progress)
+        return np.ascontiguousarray(samples[:, ::-1]) if backwards else samples
 
-    def put_together(self, samples: list[Numbers], model: OdometryModel) -> Trajectory:
-        """The trajectory that both passes' samples lead to."""
-        keys = _Chain(self.walls, self.ends[self.keys], self.key_moves, model)
-        refined = [np.array([keys.refined(each, 3) for each in some[:REFINED]]) for some in samples]
-        apart = _distance(*(keys.best_way(each) for each in refined))
+    def put_together(
+        self, keys: _Chain, samples: list[Numbers], refined: list[Numbers]
+    ) -> Trajectory:
+        """The trajectory that both ways' samples lead to, of which some are refined."""
+        apart = _distances(*map(keys.best_way, refined))
         candidates = np.concatenate(refined)
-        best = keys.best_way(candidates)
-        if (bridged := keys.bridged(best)) is not None:
-            best = keys.best_way(np.concatenate([candidates, bridged[None]]))
-        near = np.searchsorted(self.keys, np.arange(len(self.moves.lengths)), side="right") - 1
-        way = way_between(self.odometry[self.keys[near]], self.odometry)
-        jumps = tuple(int(n) for n in self.keys[list(keys.jumped(best))])
-        chain = _Chain(self.walls, self.ends, self.moves, model, jumps)
-        poses = chain.refined(after_way(best[near], way), 15)
+        best, absurd = keys.bridged(keys.best_way(candidates))
+        chain = _Chain(self.walls, self.ends, self.moves, keys.model)
+        poses, near, jumps = self._between(chain, best, keys.jumped(best))
+        chain = replace(chain, jumps=jumps)
+        poses = chain.refined(poses, 15)
         for _ in range(2):
             chain = chain.learning(poses)
             poses = chain.refined(poses, 20)
         far = [(_distances(each, best) > 0.5).mean(axis=0) > 0.05 for each in samples]
         doubts = np.zeros(len(poses), np.int64)
         fits = chain.fits(poses[None])[0]
-        own = self._widened(chain.covariances(poses, SURE_BEAMS)[0])
+        own = self._widened(chain.covariances(poses, SURE_BEAMS)[0], fits)
         doubts[(apart > 0.3)[near]] = DISAGREE
         doubts[(far[0] & far[1])[near]] = AMBIGUOUS
-        doubts[fits < np.nanmedian(fits) - 0.25] = BAD_FIT
+        doubts[(fits < np.nanmedian(fits) - 0.25) | absurd[near]] = BAD_FIT
         doubts[~(_deviations(own) <= (0.15, math.radians(4))).all(axis=1)] = UNCERTAIN
         for n in jumps:
             doubts[max(0, n - 1) : n + 1] = JUMPED
         return self._finished(chain, poses, own, doubts, fits)
 
-    def _widened(self, covariances: Numbers) -> Numbers:
-        """Covariances with what a map's cells and faults add."""
-        least = (0.2 * self.grid.resolution) ** 2 + 0.01**2
-        return covariances + np.diag([least, least, math.radians(0.2) ** 2])
+    def _between(
+        self, chain: _Chain, best: Numbers, jumps: tuple[int, ...]
+    ) -> tuple[Numbers, NDArray[np.int64], tuple[int, ...]]:
+        """Poses of all scans by those of the key scans, the key of each, and where they jump.
+
+        They follow odometry from the key scan before, but for those after a jump, which lead to the
+        next one: the scans fit best so.
+        """
+        scans = np.arange(len(self.odometry))
+        near = np.searchsorted(self.keys, scans, side="right") - 1
+        after = np.searchsorted(self.keys, scans)
+        forth, back = (
+            after_way(best[each], way_between(self.odometry[self.keys[each]], self.odometry))
+            for each in (near, after)
+        )
+        gains, found = np.nan_to_num(chain.fits(np.array([forth, back]))), []
+        for jump in jumps:
+            begin, end = self.keys[jump - 1] + 1, self.keys[jump]
+            sums = [gains[0, begin:n].sum() + gains[1, n:end].sum() for n in range(begin, end + 1)]
+            found.append(int(begin + np.argmax(sums)))
+            forth[found[-1] : end], near[found[-1] : end] = back[found[-1] : end], jump
+        return forth, near, tuple(found)
+
+    def _widened(self, covariances: Numbers, fits: Numbers) -> Numbers:
+        """Covariances with what a map's cells and faults add, the more where it fits badly."""
+        badly = np.nan_to_num(np.maximum(np.nanmedian(fits) - fits, 0.0))
+        least = (0.2 * self.grid.resolution) ** 2 + 0.01**2 + (0.1 * badly) ** 2
+        turn = np.full(len(fits), math.radians(0.2) ** 2)
+        return covariances + np.stack([least, least, turn], axis=1)[:, :, None] * np.eye(3)
 
     def _finished(
         self, chain: _Chain, poses: Numbers, own: Numbers, doubts: Any, fits: Numbers
@@ -382,10 +405,6 @@ class _Drive:
 def _distances(some: Numbers, other: Numbers) -> Numbers:
     """Distances of positions [m]."""
     return np.asarray(np.hypot(*np.moveaxis(some[..., :2] - other[..., :2], -1, 0)))
-
-
-def _distance(some: Numbers, other: Numbers) -> Numbers:
-    return _distances(some, other)
 
 
 def _deviations(covariances: Numbers) -> Numbers:

@@ -31,6 +31,8 @@ DOUBTS = (
     "it comes out otherwise from the drive's end",
 )
 """Why a pose is not to be trusted, by its number; 0 where it is."""
+CARRIED = 3.0
+"""Distance up to which a jump of odometry may be a slip of wheels [m]."""
 LOST = 1.0
 """Distance from where the robot was from which on recorded poses are lost [m]."""
 
@@ -59,7 +61,7 @@ class Jump:
             5.0, 10 * float(np.median(np.diff(times)))
         ):
             kind = "gap"
-        elif away > 3.0:
+        elif away > CARRIED:
             kind = "carried"
         return cls(scan, kind, float(pose[0]), float(pose[1]), away, float(error[2]))
 
