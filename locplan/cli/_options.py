@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 from cyclopts import Parameter
 
@@ -169,6 +169,9 @@ class DriveOptions:
     align: Move = None
     """Turn of the recorded poses about the map frame's origin, in degrees, and shift after it, in
     metres, where the map was moved."""
+    reference: Literal["log", "smoothed"] | None = None
+    """Poses that count as true: the log's own, or those that trajectory finds; by default these
+    of a bag."""
 
     def check(self) -> None:
         """Raise a ConfigError if an option is given without a drive; before long work."""
@@ -215,6 +218,9 @@ class DriveOptions:
         if len(files) != 1:
             raise ConfigError(f"--drive is of one map, not of {len(files)}; name the one it was on")
         grid, drive = locplan.load_map(files[0]), self.read()
+        with progress_bar("smoothing", "") as progress:
+            smoothed = locplan.recordings.referenced
+            drive = smoothed(drive, grid, self.reference, progress=progress)
         with working("looking whether the map fits"):
             fit = locplan.recordings.fit_to_map(drive, grid)
         if not fit.fits:

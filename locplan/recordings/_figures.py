@@ -30,6 +30,7 @@ from locplan.plotting import (
 from locplan.recordings._evaluation import PREFERRED, DriveEvaluation
 from locplan.recordings._recording import Recording
 from locplan.recordings._replay import Replay
+from locplan.recordings._trajectory import Trajectory
 from locplan.simulation import LOST
 
 RECORDED, ESTIMATED, FILTER = "black", "#0072b2", "#d55e00"
@@ -48,7 +49,7 @@ def drive_figure(found: DriveEvaluation) -> Figure:
     found : DriveEvaluation
         What `evaluate_drive` returned.
     """
-    figure, upper, lower = _map_over_profile(found.matches.grid, found.matches.recording)
+    figure, upper, lower = _over_profile_of(found.matches.grid, found.matches.recording)
     name = next(each for each in (*PREFERRED, *found.predicted) if each in found.predicted)
     predicted = position_axes(found.predicted[name])[0]
     measured = np.where(found.compared, found.matches.position_std, np.nan)
@@ -79,21 +80,27 @@ def drive_figure(found: DriveEvaluation) -> Figure:
     return _said(figure, *found.verdict)
 
 
-def _map_over_profile(grid: OccupancyGrid, recording: Recording) -> tuple[Figure, Axes, Axes]:
-    """A figure with the map around a drive, and axes for what changes along it."""
-    shown = [Path(recording.poses[:, :2])]
+def _map_over_profile(
+    grid: OccupancyGrid, poses: NDArray[np.float64], file: str, about: str
+) -> tuple[Figure, Axes, Axes]:
+    """A figure with the map around a drive's poses, and axes for what changes along it."""
+    shown = [Path(poses[:, :2])]
     part = map_around(grid, shown)
     width, height = map_size(part)
     figure = Picture(figsize=(width, height + 3.0), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
     draw_map(upper, part)
     draw_inset(upper, grid, part, shown)
-    file = f", {recording.source.file}" if recording.source.file else ""
-    title = f"{grid.name or 'map'}{file}: {recording.lidar.title}"
+    title = f"{grid.name or 'map'}{', ' if file else ''}{file}: {about}"
     upper.set_title(title, fontsize="medium")
     lower.set_xlabel("distance along the drive [m]")
     lower.grid(alpha=0.3)
     return figure, upper, lower
+
+
+def _over_profile_of(grid: OccupancyGrid, recording: Recording) -> tuple[Figure, Axes, Axes]:
+    file, title = recording.source.file, recording.lidar.title
+    return _map_over_profile(grid, recording.poses, file, title)
 
 
 def _said(figure: Figure, *sentences: str) -> Figure:
@@ -193,7 +200,7 @@ def replay_figure(replay: Replay) -> Figure:
     replay : Replay
         What `locplan.recordings.replay` returned.
     """
-    figure, upper, lower = _map_over_profile(replay.grid, replay.recording)
+    figure, upper, lower = _over_profile_of(replay.grid, replay.recording)
     xy, ways = replay.recording.poses[:, :2], replay.poses[:20, :, :2]
     for way in ways:
         upper.plot(*way.T, color=ESTIMATED, linewidth=1.2, alpha=0.5, zorder=4)
@@ -235,3 +242,60 @@ def replay_figure(replay: Replay) -> Figure:
         frameon=False,
     )
     return _said(figure, replay.verdict, *(f"Note: {each}." for each in replay.notes))
+
+
+def trajectory_figure(found: Trajectory) -> Figure:
+    """The trajectory over the map, coloured by its deviation, and that along the way.
+
+    Crosses are poses that are not to be trusted, and the thin line is the log's own poses.
+
+    Parameters
+    ----------
+    found : Trajectory
+        What `smooth` returned, with its map.
+    """
+    assert found.grid is not None  # else it is not drawable
+    xy, deviation, doubtful = found.poses[:, :2], 100 * found.deviation, ~found.trusted
+    about = f"{len(found):,} scans"
+    figure, upper, lower = _map_over_profile(found.grid, found.poses, found.drive, about)
+    low, high = np.quantile(deviation, (0.02, 0.98)).tolist()
+    drawn = LineCollection(
+        list(np.stack([xy[:-1], xy[1:]], axis=1)),
+        array=(deviation[:-1] + deviation[1:]) / 2,
+        cmap=FIELD_COLOURS,
+        norm=LogNorm(low, max(high, 1.5 * low), clip=True),
+        linewidths=4.0,
+        capstyle="round",
+        zorder=3,
+    )
+    upper.add_collection(drawn)
+    bar = figure.colorbar(drawn, ax=upper, label="std. dev. of the position [cm]", shrink=0.8)
+    label_plainly(bar.ax.yaxis)
+    limits = upper.get_xlim(), upper.get_ylim()
+    upper.plot(*found.recorded[:, :2].T, color=RECORDED, linewidth=0.8, alpha=0.7, zorder=4)
+    upper.plot(*xy[doubtful].T, "x", color=FILTER, markersize=5, mew=1.6, zorder=6)
+    jumps = np.array([(each.x, each.y) for each in found.jumps]).reshape(-1, 2)
+    upper.plot(*jumps.T, "o", mfc="none", color=FILTER, markersize=11, mew=1.8, zorder=6)
+    upper.set(xlim=limits[0], ylim=limits[1])
+    way, off = way_along(found.poses), 100 * found.off
+    lower.plot(way, off, color=RECORDED, linewidth=0.8)
+    lower.plot(way, deviation, color=PREDICTED, linewidth=1.8)
+    lower.plot(way[doubtful], deviation[doubtful], "x", color=FILTER, markersize=4)
+    lower.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), ylabel="position [cm]")
+    label_plainly(lower.yaxis)
+    crosses: dict[str, Any] = {"color": FILTER, "linestyle": ""}
+    handles = [
+        Line2D([], [], color="0.5", linewidth=4, label="trajectory"),
+        Line2D([], [], color=RECORDED, linewidth=0.8, label="log's own poses"),
+        Line2D([], [], marker="x", label="not to be trusted", **crosses),
+        Line2D([], [], marker="o", mfc="none", label="odometry jumps", **crosses),
+        Line2D([], [], color=PREDICTED, linewidth=1.8, label="std. dev. of the position"),
+    ]
+    shown = [True, True, bool(doubtful.any()), bool(found.jumps), True]
+    figure.legend(
+        handles=[each for each, there in zip(handles, shown, strict=True) if there],
+        loc="outside upper center",
+        ncols=3,
+        frameon=False,
+    )
+    return _said(figure, *found.sentences)

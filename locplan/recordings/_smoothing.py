@@ -39,6 +39,10 @@ REFINED = 16
 FINE, FINE_BEAMS, SURE_BEAMS = 0.1, 150.0, 30.0
 """Deviation of beams' ends in least squares [m], and the number of independent beams that a scan
 counts as there, and in the covariance, where the map's faults count, too."""
+FAR = 0.3
+"""Distance from which on two ways are at different places [m]."""
+UNLIKE = -0.8
+"""Log-likelihood a beam below which a scan is unlike the map."""
 APART = 0.5
 """Way from which on scans are independent of each other [m]."""
 
@@ -336,13 +340,15 @@ class _Drive:
         for _ in range(2):
             chain = chain.learning(poses)
             poses = chain.refined(poses, 20)
-        far = [(_distances(each, best) > 0.5).mean(axis=0) > 0.05 for each in samples]
+        # Other ways that were held for likely: refined, they end in another place.
+        other = (_distances(candidates, best) > FAR).any(axis=0)
+        other |= (_distances(np.concatenate(samples), best) > FAR).mean(axis=0) >= 0.05
         doubts = np.zeros(len(poses), np.int64)
         fits = chain.fits(poses[None])[0]
         own = self._widened(chain.covariances(poses, SURE_BEAMS)[0], fits)
-        doubts[(apart > 0.3)[near]] = DISAGREE
-        doubts[(far[0] & far[1])[near]] = AMBIGUOUS
-        doubts[(fits < np.nanmedian(fits) - 0.25) | absurd[near]] = BAD_FIT
+        doubts[(apart > FAR)[near]] = DISAGREE
+        doubts[other[near]] = AMBIGUOUS
+        doubts[(fits < UNLIKE) | absurd[near]] = BAD_FIT
         doubts[~(_deviations(own) <= (0.15, math.radians(4))).all(axis=1)] = UNCERTAIN
         for n in jumps:
             doubts[max(0, n - 1) : n + 1] = JUMPED

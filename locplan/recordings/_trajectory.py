@@ -33,6 +33,8 @@ DOUBTS = (
 """Why a pose is not to be trusted, by its number; 0 where it is."""
 CARRIED = 3.0
 """Distance up to which a jump of odometry may be a slip of wheels [m]."""
+SMOOTHED = "smoothed"
+"""The source of the poses of a recording that has a trajectory's."""
 LOST = 1.0
 """Distance from where the robot was from which on recorded poses are lost [m]."""
 
@@ -137,6 +139,16 @@ class Trajectory(Result, Stored):
         edges = np.flatnonzero(np.diff(np.concatenate([[True], self.trusted, [True]])))
         return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
+    def on(self, grid: OccupancyGrid) -> Trajectory:
+        """The same with the map, for the figure.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        """
+        return replace(self, grid=grid)
+
     def of(self, recording: Recording) -> Recording:
         """A recording with these poses, without the scans whose poses are not to be trusted.
 
@@ -147,7 +159,7 @@ class Trajectory(Result, Stored):
         """
         poses = self.poses.copy()
         poses.setflags(write=False)
-        source = replace(recording.source, poses="smoothed")
+        source = replace(recording.source, poses=SMOOTHED)
         return replace(recording, poses=poses, source=source)[np.flatnonzero(self.trusted)]
 
     @property
