@@ -19,6 +19,8 @@ SKIRT, WIDER = 0.15, 2.5
 """Share of the moves that err more, and how much more."""
 SLIP, SLIP_NEAR, SLIP_FAR, SLIP_TURN = 0.01, 1.0, 3.0, 0.4
 """Share of slips, and deviations of short and of long ones [m], and of their turns [rad]."""
+BY_SCAN = 15.0
+"""Number of independent beams by which it is told whether the map explains a scan."""
 FREEDOM = 4.0
 """Degrees of freedom of Student's distribution of odometry's errors."""
 
@@ -30,6 +32,23 @@ class Beams(NamedTuple):
     anywhere: float  # share of ends anywhere
     effective: float  # number of independent beams that a scan counts as
     floor: float  # log-likelihood of a beam of a scan that the map does not explain
+
+
+class Drive(NamedTuple):
+    """Scans one after the other, and what odometry says of the ways between them."""
+
+    ends: Floats  # (n, b, 2) ends of beams on the robot [m]; NaN without a return
+    shares: Floats  # (n,) share of each scan that counts
+    moves: Floats  # (n, 3) to each from the one before
+    deviations: Floats  # (n, 3) infinite at a jump, of which odometry says nothing
+
+
+class Equations(NamedTuple):
+    """Normal equations of n poses, which are block-tridiagonal."""
+
+    diagonal: Floats  # (n, 3, 3)
+    beside: Floats  # (n, 3, 3) from each pose to the one before
+    vector: Floats  # (n, 3) gradient
 
 
 @njit(nogil=True, cache=True)
@@ -185,7 +204,7 @@ def fit_of(
 
 @njit(nogil=True, cache=True)
 def fits_along(field: BeamScores, beams: Beams, ends: Floats, poses: Floats, fits: Floats) -> None:
-    """Write the mean log-likelihoods of scans (n, b, 2) [m] at poses (c, n, 3) into `fits` (c, n)."""
+    """Write the mean log-likelihoods of n scans at poses (c, n, 3) into `fits` (c, n)."""
     matrix, vector = np.empty((3, 3)), np.empty(3)
     for c in range(len(poses)):
         for n in range(len(ends)):
@@ -234,90 +253,71 @@ def _inverse(matrix: Floats) -> Array:
 
 @njit(nogil=True, cache=True)
 def _odometry_terms(
-    first: Array, second: Array, move: Floats, deviation: Floats, terms: Floats, sides: Floats
+    first: Array,
+    second: Array,
+    move: Array,
+    deviation: Array,
+    before: Floats,
+    after: Floats,
+    sides: Floats,
 ) -> float:
-    """Loss of a move; its weighted Jacobians go into `terms` (3, 6), its residuals into `sides`.
-
-    A deviation that is not finite stands for a jump, of which odometry says nothing.
-    """
+    """Loss of a move; the weighted Jacobians by both poses are written, (3, 3), and residuals."""
+    before[:], after[:], sides[:] = 0.0, 0.0, 0.0
     if not np.isfinite(deviation[0]):
-        terms[:], sides[:] = 0.0, 0.0
         return 0.0
     error_of(first, second, move, sides)
     cos, sin = np.cos(first[2]), np.sin(first[2])
-    ahead, left = sides[0] + move[0], sides[1] + move[1]
+    after[0, 0], after[0, 1], after[1, 0], after[1, 1], after[2, 2] = cos, sin, -sin, cos, 1.0
+    before[0, 2], before[1, 2] = sides[1] + move[1], -sides[0] - move[0]
     square = 0.0
     for axis in range(3):
         square += (sides[axis] / deviation[axis]) ** 2
     weight = np.sqrt((FREEDOM + 3) / (FREEDOM + square))
-    terms[:] = 0.0
-    terms[0, 0], terms[0, 1], terms[0, 2], terms[0, 3], terms[0, 4] = -cos, -sin, left, cos, sin
-    terms[1, 0], terms[1, 1], terms[1, 2], terms[1, 3], terms[1, 4] = sin, -cos, -ahead, -sin, cos
-    terms[2, 2], terms[2, 5] = -1.0, 1.0
     for axis in range(3):
         sides[axis] *= weight / deviation[axis]
-        for q in range(6):
-            terms[axis, q] *= weight / deviation[axis]
+        for q in range(3):
+            before[axis, q] = (before[axis, q] - after[axis, q]) * weight / deviation[axis]
+            after[axis, q] *= weight / deviation[axis]
     return 0.5 * (FREEDOM + 3) * np.log(1 + square / FREEDOM)
 
 
 @njit(nogil=True, cache=True)
 def normal_equations(
-    field: BeamScores,
-    beams: Beams,
-    ends: Floats,
-    counts: Floats,
-    poses: Floats,
-    moves: Floats,
-    deviations: Floats,
-    diagonal: Floats,
-    beside: Floats,
-    vector: Floats,
+    field: BeamScores, beams: Beams, drive: Drive, poses: Floats, equations: Equations
 ) -> float:
-    """Loss of a trajectory (n, 3), with its normal equations, which are block-tridiagonal.
-
-    `counts` (n,) is the share of a scan that counts. Written are the blocks of the diagonal and
-    those beside it, from each pose to the one before, (n, 3, 3), and the gradient (n, 3).
-    """
-    matrix, terms, sides = np.empty((3, 3)), np.empty((3, 6)), np.empty(3)
+    """Loss of a trajectory (n, 3); its normal equations are written into `equations`."""
+    diagonal, beside, vector = equations
+    matrix, before, after, sides = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     diagonal[:], beside[:], vector[:] = 0.0, 0.0, 0.0
     loss = 0.0
     for n in range(len(poses)):
-        fit = fit_of(field, beams, ends[n], poses[n], matrix, sides)
+        fit = fit_of(field, beams, drive.ends[n], poses[n], matrix, sides)
         if not np.isnan(fit):
             # A scan that the map does not explain counts less: a mixture by scan.
-            sure = 1 / (1 + np.exp(-15.0 * (fit - beams.floor)))
-            share = counts[n] * sure
-            loss -= (
-                counts[n]
-                * beams.effective
-                / 15.0
-                * np.log(np.exp(15.0 * fit) + np.exp(15.0 * beams.floor))
-            )
+            explained, not_so = np.exp(BY_SCAN * fit), np.exp(BY_SCAN * beams.floor)
+            share = drive.shares[n] * explained / (explained + not_so)
+            together = np.log(explained + not_so) / BY_SCAN
+            loss -= drive.shares[n] * beams.effective * together
             for p in range(3):
                 vector[n, p] += share * sides[p]
                 for q in range(3):
                     diagonal[n, p, q] += share * matrix[p, q]
         if n == 0:
             continue
-        loss += _odometry_terms(poses[n - 1], poses[n], moves[n], deviations[n], terms, sides)
-        for p in range(3):
-            for q in range(3):
-                for axis in range(3):
-                    diagonal[n - 1, p, q] += terms[axis, p] * terms[axis, q]
-                    diagonal[n, p, q] += terms[axis, 3 + p] * terms[axis, 3 + q]
-                    beside[n, p, q] += terms[axis, 3 + p] * terms[axis, q]
-            for axis in range(3):
-                vector[n - 1, p] += terms[axis, p] * sides[axis]
-                vector[n, p] += terms[axis, 3 + p] * sides[axis]
+        move, deviation = drive.moves[n], drive.deviations[n]
+        loss += _odometry_terms(poses[n - 1], poses[n], move, deviation, before, after, sides)
+        diagonal[n - 1] += before.T @ before
+        diagonal[n] += after.T @ after
+        beside[n] += after.T @ before
+        vector[n - 1] += before.T @ sides
+        vector[n] += after.T @ sides
     return loss
 
 
 @njit(nogil=True, cache=True)
-def solve_blocks(
-    diagonal: Floats, beside: Floats, vector: Floats, damping: float, step: Floats
-) -> None:
-    """Solve block-tridiagonal equations, damped, for the step (n, 3) that lowers the loss."""
+def solve_blocks(equations: Equations, damping: float, step: Floats) -> None:
+    """Solve the equations, damped, for the step (n, 3) that lowers the loss."""
+    diagonal, beside, vector = equations
     count = len(diagonal)
     inverses, sides = np.empty((count, 3, 3)), np.empty((count, 3))
     for n in range(count):
@@ -327,7 +327,7 @@ def solve_blocks(
         if n:
             led = beside[n] @ inverses[n - 1]
             block -= led @ beside[n].T
-            side = side - led @ sides[n - 1]
+            side -= led @ sides[n - 1]
         inverses[n], sides[n] = _inverse(block), side
     for n in range(count - 1, -1, -1):
         side = sides[n]
@@ -338,31 +338,20 @@ def solve_blocks(
 
 @njit(nogil=True, cache=True)
 def refine_poses(
-    field: BeamScores,
-    beams: Beams,
-    ends: Floats,
-    counts: Floats,
-    poses: Floats,
-    moves: Floats,
-    deviations: Floats,
-    rounds: int,
+    field: BeamScores, beams: Beams, drive: Drive, poses: Floats, rounds: int
 ) -> float:
     """Move a trajectory (n, 3) to less loss by Levenberg and Marquardt's steps; return the loss."""
     count = len(poses)
-    diagonal, beside = np.empty((count, 3, 3)), np.empty((count, 3, 3))
-    vector, step, damping = np.empty((count, 3)), np.empty((count, 3)), 1e-3
-    loss = normal_equations(
-        field, beams, ends, counts, poses, moves, deviations, diagonal, beside, vector
-    )
-    tried = poses.copy()
+    blocks = np.empty((2, count, 3, 3))
+    equations, damping = Equations(blocks[0], blocks[1], np.empty((count, 3))), 1e-3
+    tried, step = poses.copy(), np.empty((count, 3))
+    loss = normal_equations(field, beams, drive, poses, equations)
     for _ in range(rounds):
-        solve_blocks(diagonal, beside, vector, damping, step)
+        solve_blocks(equations, damping, step)
         for n in range(count):
             for axis in range(3):
                 tried[n, axis] = poses[n, axis] + min(max(step[n, axis], -0.5), 0.5)
-        after = normal_equations(
-            field, beams, ends, counts, tried, moves, deviations, diagonal, beside, vector
-        )
+        after = normal_equations(field, beams, drive, tried, equations)
         if after <= loss:
             gain, loss, damping = loss - after, after, max(damping / 10, 1e-9)
             poses[:] = tried
@@ -370,15 +359,14 @@ def refine_poses(
                 break
         else:
             damping *= 10
-            normal_equations(
-                field, beams, ends, counts, poses, moves, deviations, diagonal, beside, vector
-            )
+            normal_equations(field, beams, drive, poses, equations)
     return loss
 
 
 @njit(nogil=True, cache=True)
-def covariances_of(diagonal: Floats, beside: Floats, own: Floats, across: Floats) -> None:
+def covariances_of(equations: Equations, own: Floats, across: Floats) -> None:
     """Write the covariances of poses, (n, 3, 3), and those with the pose before, from equations."""
+    diagonal, beside, _ = equations
     count = len(diagonal)
     inverses = np.empty((count, 3, 3))
     for n in range(count):

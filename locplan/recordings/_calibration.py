@@ -29,6 +29,7 @@ from locplan.recordings._odometry_noise import (
     odometry_noise,
 )
 from locplan.recordings._recording import Recording
+from locplan.recordings._reference import referenced
 from locplan.recordings._scan_noise import ScanNoise, scan_noise
 from locplan.robots import Lidar, Robot
 from locplan.simulation import Calibration, calibrate_moments, write_calibration
@@ -148,6 +149,7 @@ def calibrate_drive(
     config: FieldConfig | Estimator | None = None,
     robot: Robot | None = None,
     *,
+    reference: str | None = None,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> DriveCalibration:
@@ -168,6 +170,8 @@ def calibrate_drive(
         The robot, whose settings stay where a drive says nothing of them. The alphas that are
         fitted hold for its filter's distance between updates. They are those of the odometry alone,
         and no advice for a filter, whose particles must spread more.
+    reference : {"log", "smoothed"}, optional
+        The poses that count as true, see `referenced`.
     threads : int, optional
         Number of threads, at least 1; all cores by default.
     progress : callable, optional
@@ -207,6 +211,7 @@ def calibrate_drive(
     check_grid(grid)
     config = config_of(Fused.of(recording.lidar) if config is None else config)
     robot = recording.robot(robot)
+    recording = referenced(recording, grid, reference, robot)
     first, second = parts(progress, [500, 500])
     scans = scan_noise(recording, grid, threads=threads, progress=first)
     notes = []

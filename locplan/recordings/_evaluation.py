@@ -34,6 +34,7 @@ from locplan.field import (
 from locplan.maps import OccupancyGrid
 from locplan.recordings._matches import Agreement, Matches, agreement, check_enough, match_scans
 from locplan.recordings._recording import Recording
+from locplan.recordings._reference import referenced
 from locplan.robots import Lidar
 
 PREFERRED = ("fused", "scan", "fisher", "sad")
@@ -217,6 +218,7 @@ def evaluate_drive(
     *,
     estimators: Mapping[str, Estimator] | None = None,
     settings: Scan | None = None,
+    reference: str | None = None,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> DriveEvaluation:
@@ -235,6 +237,8 @@ def evaluate_drive(
         The estimators by name; by default all of them with the recording's lidar.
     settings : Scan, optional
         The search window and the likelihood of the measurement, see `match_scans`.
+    reference : {"log", "smoothed"}, optional
+        The poses that count as true, see `referenced`.
     threads : int, optional
         Number of threads, at least 1; all cores by default.
     progress : callable, optional
@@ -252,6 +256,7 @@ def evaluate_drive(
     """
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_enough(len(recording), len(recording))
+    recording = referenced(recording, grid, reference)
     if estimators is None:
         estimators = estimators_for(recording.lidar)
     tell = progress or (lambda done, total: None)

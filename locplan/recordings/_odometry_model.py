@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from locplan._util.poses import Numbers, after_way, way_between, wrapped
 from locplan._util.saved import Valued
-from locplan.recordings._odometry_noise import likeliest_variances
 from locplan.robots import Odometry
 
 FREEDOM = 4.0
 """Degrees of freedom of Student's distribution of the errors."""
 AHEAD, LEFT, TURN = range(3)
+TINY = 1e-12
 
 
 @dataclass(frozen=True)
@@ -177,3 +177,41 @@ def ways_of(poses: Numbers, own: Numbers, across: Numbers) -> tuple[Numbers, Num
     joint = np.block([[own[:-1], across[1:].transpose(0, 2, 1)], [across[1:], own[1:]]])
     known[1:] = np.einsum("nij,njk,nik->ni", both, joint, both)
     return ways, known
+
+
+def likeliest_variances(
+    squares: Numbers,
+    features: Numbers,
+    fixed: Numbers,
+    weights: Numbers,
+    start: Numbers | None = None,
+) -> Numbers:
+    """Coefficients of the variance of Gaussian values that are likeliest, none below 0.
+
+    The variance of a value is ``features @ coefficients + fixed``. Each round is a step of Fisher's
+    scoring: least squares of the squares, weighted by the precision that they have by now.
+    """
+    scale = np.maximum(weights @ features, TINY)
+    found = weights @ squares / scale if start is None else start
+    # So that no value of hardly any variance counts for all others.
+    least = 1e-3 * float(weights @ squares / max(weights.sum(), TINY)) + TINY
+    for _ in range(12):
+        variance = np.maximum(features @ found + fixed, least)
+        own = (weights / variance**2)[:, None] * features
+        found = (found + _not_negative(own.T @ features, own.T @ (squares - fixed))) / 2
+    return np.asarray(found)
+
+
+def _not_negative(matrix: Numbers, vector: Numbers) -> Numbers:
+    """Least squares by their normal equations, without the coefficients that would be negative."""
+    some = np.diag(matrix) > TINY
+    found = np.zeros(len(vector))
+    while some.any():
+        part = matrix[np.ix_(some, some)]
+        size = np.sqrt(np.diag(part))
+        solved = np.linalg.lstsq(part / np.outer(size, size), vector[some] / size, rcond=1e-9)[0]
+        if (solved >= 0).all():
+            found[some] = solved / size
+            break
+        some[np.flatnonzero(some)[np.argmin(solved)]] = False
+    return found

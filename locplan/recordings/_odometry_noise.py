@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from locplan._kernels.particles import STILL
 from locplan._util.intervals import Interval, blocks_along, intervals
 from locplan._util.poses import Numbers, way_along, way_between, wrapped
+from locplan.recordings._odometry_model import TINY, likeliest_variances
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import updates_of, without_jumps
 from locplan.robots import Amcl
@@ -27,7 +28,6 @@ MIN_UPDATES = 40
 """Number of the filter's updates below which odometry is not calibrated."""
 RESAMPLES = 100
 """Number of resamples of blocks."""
-TINY = 1e-12
 
 
 @dataclass(frozen=True)
@@ -302,41 +302,3 @@ def _regressed(
         coefficients = np.asarray(np.linalg.solve(matrix, (means * own[:, None]).T @ values))
     assert parts is not None
     return coefficients, parts
-
-
-def likeliest_variances(
-    squares: Numbers,
-    features: Numbers,
-    fixed: Numbers,
-    weights: Numbers,
-    start: Numbers | None = None,
-) -> Numbers:
-    """Coefficients of the variance of Gaussian values that are likeliest, none below 0.
-
-    The variance of a value is ``features @ coefficients + fixed``. Each round is a step of Fisher's
-    scoring: least squares of the squares, weighted by the precision that they have by now.
-    """
-    scale = np.maximum(weights @ features, TINY)
-    found = weights @ squares / scale if start is None else start
-    # So that no value of hardly any variance counts for all others.
-    least = 1e-3 * float(weights @ squares / max(weights.sum(), TINY)) + TINY
-    for _ in range(12):
-        variance = np.maximum(features @ found + fixed, least)
-        own = (weights / variance**2)[:, None] * features
-        found = (found + _not_negative(own.T @ features, own.T @ (squares - fixed))) / 2
-    return np.asarray(found)
-
-
-def _not_negative(matrix: Numbers, vector: Numbers) -> Numbers:
-    """Least squares by their normal equations, without the coefficients that would be negative."""
-    some = np.diag(matrix) > TINY
-    found = np.zeros(len(vector))
-    while some.any():
-        part = matrix[np.ix_(some, some)]
-        size = np.sqrt(np.diag(part))
-        solved = np.linalg.lstsq(part / np.outer(size, size), vector[some] / size, rcond=1e-9)[0]
-        if (solved >= 0).all():
-            found[some] = solved / size
-            break
-        some[np.flatnonzero(some)[np.argmin(solved)]] = False
-    return found

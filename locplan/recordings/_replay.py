@@ -29,6 +29,7 @@ from locplan._util.tables import REPORT_WIDTH, finite, table
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.matching import in_batches
 from locplan.recordings._recording import Recording
+from locplan.recordings._reference import referenced
 from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
 from locplan.robots import Robot
 from locplan.simulation import DRIVEN, PROFILE, Drives, about_filter, check_filter_map
@@ -209,6 +210,7 @@ def replay(
     *,
     runs: int = 20,
     filter_map: OccupancyGrid | None = None,
+    reference: str | None = None,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
@@ -232,6 +234,8 @@ def replay(
         often a filter is lost.
     filter_map : OccupancyGrid, optional
         The filter's map in the same frame, where it differs from `grid`.
+    reference : {"log", "smoothed"}, optional
+        The poses that count as true, see `referenced`.
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads.
     threads : int, optional
@@ -264,6 +268,7 @@ def replay(
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
     robot = recording.robot(robot)
+    recording = referenced(recording, grid, reference, robot)
     whole("runs", runs, 1, 10_000)
     whole("seed", seed, 0)
     workers = check_threads(threads)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from locplan._util.checks import instance, shown, whole
 from locplan._util.poses import Numbers, after_way, turning, way_between, wrapped
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.errors import ConfigError, RecordingError
+from locplan.field import position_axes
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid, own_axes
 from locplan.matching import CLEARANCE, checked_database
 from locplan.recordings._odometry_model import Moves, OdometryModel, ways_of
@@ -174,18 +176,17 @@ class _Chain:
     jumps: tuple[int, ...] = ()
     """Scans that odometry does not lead to."""
 
-    def _odometry(self) -> tuple[Numbers, Numbers]:
-        """The ways by odometry, and the scales of their errors: infinite at jumps."""
-        deviations = self.model.deviations(self.moves)
-        deviations[list(self.jumps)] = np.inf
-        return self.model.expected(self.moves), deviations
+    @cached_property
+    def _drive(self) -> Any:
+        """The scans and the odometry as the kernels take them."""
+        from locplan._kernels.trajectory import Drive
 
-    @property
-    def _shares(self) -> Numbers:
-        """The share of each scan that is independent of the one before."""
+        # Scans from almost the same place tell the same.
         shares = np.minimum(1.0, self.moves.lengths / APART)
         shares[0] = 1.0
-        return np.asarray(shares)
+        deviations = self.model.deviations(self.moves)
+        deviations[list(self.jumps)] = np.inf
+        return Drive(self.ends, shares, self.model.expected(self.moves), deviations)
 
     def refined(self, poses: Numbers, rounds: int) -> Numbers:
         """Poses of less loss."""
@@ -193,8 +194,7 @@ class _Chain:
 
         poses = np.array(poses)
         beams = scoring(FINE, FINE_BEAMS)
-        distances = self.walls.distances
-        refine_poses(distances, beams, self.ends, self._shares, poses, *self._odometry(), rounds)
+        refine_poses(self.walls.distances, beams, self._drive, poses, rounds)
         return poses
 
     def fits(self, candidates: Numbers) -> Numbers:
@@ -210,25 +210,19 @@ class _Chain:
         from locplan._kernels.trajectory import best_way
 
         gains = BEAMS * np.maximum(np.nan_to_num(self.fits(candidates)), UNEXPLAINED)
-        way = best_way(candidates, gains, *self._odometry(), self.walls.kidnapped)
+        _, _, moves, deviations = self._drive
+        way = best_way(candidates, gains, moves, deviations, self.walls.kidnapped)
         return np.asarray(candidates[way, np.arange(len(way))])
 
     def covariances(self, poses: Numbers, beams: float) -> tuple[Numbers, Numbers]:
         """Covariance of each pose, and with the one before, of so many independent beams."""
-        from locplan._kernels.trajectory import covariances_of, normal_equations
+        from locplan._kernels.trajectory import Equations, covariances_of, normal_equations
 
-        blocks = [np.empty((len(poses), 3, 3)) for _ in range(4)]
-        normal_equations(
-            self.walls.distances,
-            scoring(FINE, beams),
-            self.ends,
-            self._shares,
-            poses,
-            *self._odometry(),
-            *blocks[:2],
-            np.empty((len(poses), 3)),
-        )
-        covariances_of(*blocks)
+        blocks = np.empty((4, len(poses), 3, 3))
+        equations = Equations(blocks[0], blocks[1], np.empty((len(poses), 3)))
+        scored = scoring(FINE, beams)
+        normal_equations(self.walls.distances, scored, self._drive, poses, equations)
+        covariances_of(equations, blocks[2], blocks[3])
         return blocks[2], blocks[3]
 
     def errors(self, poses: Numbers) -> Numbers:
@@ -293,15 +287,11 @@ class _Drive:
 
     def _ends(self, most: int) -> Numbers:
         """Ends of up to so many beams on the robot, (n, b, 2) [m]."""
-        lidar = self.recording.lidar
+        lidar, ranges = self.recording.lidar, self.recording.ranges
         beams = np.unique(np.linspace(0, lidar.beams - 1, most).astype(np.int64))
-        ends = [
-            self.recording[n : n + 1].ends_on_robot()[:, beams]
-            if np.isfinite(self.recording.ranges[n]).any()
-            else np.full((1, len(beams), 2), np.nan)
-            for n in range(len(self.recording))
-        ]
-        return np.concatenate(ends)
+        # In blocks of scans, which saves memory.
+        blocks = (ranges[n : n + 256] for n in range(0, len(ranges), 256))
+        return np.concatenate([lidar.ends_on_robot(each)[:, beams] for each in blocks])
 
     def passed(
         self,
@@ -349,7 +339,8 @@ class _Drive:
         doubts[(apart > FAR)[near]] = DISAGREE
         doubts[other[near]] = AMBIGUOUS
         doubts[(fits < UNLIKE) | absurd[near]] = BAD_FIT
-        doubts[~(_deviations(own) <= (0.15, math.radians(4))).all(axis=1)] = UNCERTAIN
+        sure = (position_axes(own)[0] <= 0.15) & (np.sqrt(own[:, 2, 2]) <= math.radians(4))
+        doubts[~sure] = UNCERTAIN
         for n in jumps:
             doubts[max(0, n - 1) : n + 1] = JUMPED
         return self._finished(chain, poses, own, doubts, fits)
@@ -411,10 +402,3 @@ class _Drive:
 def _distances(some: Numbers, other: Numbers) -> Numbers:
     """Distances of positions [m]."""
     return np.asarray(np.hypot(*np.moveaxis(some[..., :2] - other[..., :2], -1, 0)))
-
-
-def _deviations(covariances: Numbers) -> Numbers:
-    """Largest deviations of the position, and those of the heading, (n, 2) [m, rad]."""
-    from locplan.field import position_axes
-
-    return np.column_stack([position_axes(covariances)[0], np.sqrt(covariances[:, 2, 2])])

@@ -18,6 +18,7 @@ from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.maps import OccupancyGrid, check_grid, own_axes
 from locplan.recordings._recording import Recording
+from locplan.recordings._reference import referenced
 from locplan.robots import Amcl, Robot, compared_ends
 from locplan.simulation import (
     BeamsLeft,
@@ -228,6 +229,7 @@ def tune_on_drive(
     drives: int = 8,
     filter_map: OccupancyGrid | None = None,
     others: Mapping[str, object] | None = None,
+    reference: str | None = None,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
@@ -254,6 +256,8 @@ def tune_on_drive(
         The filter's map in the same frame, where it differs from `grid`.
     others : mapping of str to object, optional
         Further parameters in the user's file, such as `z_short`, for the warnings.
+    reference : {"log", "smoothed"}, optional
+        The poses that count as true, see `referenced`.
     seed : int, default 1
         Seed of all random numbers, >= 0.
     threads : int, optional
@@ -291,6 +295,7 @@ def tune_on_drive(
     whole("seed", seed, 0)
     workers = check_threads(threads)
     robot = recording.robot(robot)
+    recording = referenced(recording, grid, reference, robot)
     tracks = Tracks(recording, check_filter_map(filter_map, grid))
     stretches = _stretches(recording)
     halves = stretches[::2], stretches[1::2]
