@@ -302,8 +302,7 @@ def add_scores(scores: BeamScores, ends: Floats, poses: Floats, count: int, sums
 def weigh(scores: BeamScores, ends: Floats, poses: Floats, count: int, weights: Floats) -> None:
     """Multiply the weights (n,) of the first `count` particles (3, n) by how beams fit the map.
 
-    `ends` are as `add_scores` takes them. The weights are scaled to add up to 1; if no particle
-    fits, they become equal.
+    The weights are scaled to add up to 1; if no particle fits, they become equal.
     """
     sums = np.empty(count)
     add_scores(scores, ends, poses, count, sums)

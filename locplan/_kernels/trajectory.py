@@ -138,9 +138,8 @@ def sample_backwards(
     shares, error, at = np.empty(count), np.empty(3), np.empty(3)
     for s in range(len(trajectories)):
         for k in range(len(clouds) - 1, -1, -1):
-            chosen = 0
             if k == len(clouds) - 1:
-                chosen = random.integers(0, count)
+                chosen = int(random.integers(0, count))
             else:
                 total, later = 0.0, trajectories[s, k + 1]
                 for n in range(count):
@@ -149,7 +148,7 @@ def sample_backwards(
                     error_of(at, later, moves[k + 1], error)
                     total += density_of(error, deviations[k + 1], kidnapped)
                     shares[n] = total
-                chosen = min(np.searchsorted(shares, random.random() * total), count - 1)
+                chosen = min(int(np.searchsorted(shares, random.random() * total)), count - 1)
             for axis in range(3):
                 trajectories[s, k, axis] = clouds[k, axis, chosen]
 

@@ -68,7 +68,13 @@ class OdometryModel(Valued):
 
     @classmethod
     def first(cls, odometry: Odometry) -> OdometryModel:
-        """What is taken for granted at first: wide errors, or those of a robot that has wider."""
+        """What is taken for granted at first: wide errors, or those of a robot that has wider.
+
+        Parameters
+        ----------
+        odometry : Odometry
+            That of the robot.
+        """
         turn = math.radians(4.0)
         own = math.radians(odometry.heading_drift_deg), math.radians(odometry.turn_drift_deg)
         deviations = [
@@ -79,7 +85,13 @@ class OdometryModel(Valued):
         return cls(0.0, 0.0, 0.0, (0.0, 0.0, 0.0), np.square(deviations))
 
     def expected(self, moves: Moves) -> Numbers:
-        """The corrected ways, (n, 3), of a robot whose lidar is where it is said to be."""
+        """The corrected ways, (n, 3), of a robot whose lidar is where it is said to be.
+
+        Parameters
+        ----------
+        moves : Moves
+            What odometry says.
+        """
         ahead, left, turn = moves.ways.T
         turn = turn * (1 + self.turn_scale) + self.bend * moves.lengths
         robot = np.column_stack([ahead * (1 + self.scale), left * (1 + self.scale), turn])
@@ -87,7 +99,13 @@ class OdometryModel(Valued):
         return way_between(lidar, after_way(robot, lidar))
 
     def deviations(self, moves: Moves) -> Numbers:
-        """Scales of the errors, (n, 3) [m, m, rad]."""
+        """Scales of the errors, (n, 3) [m, m, rad].
+
+        Parameters
+        ----------
+        moves : Moves
+            What odometry says.
+        """
         return np.asarray(np.sqrt(moves.features @ self.variances.T))
 
     def learned(self, moves: Moves, true: Numbers, known: Numbers, used: Numbers) -> OdometryModel:

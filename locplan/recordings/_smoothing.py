@@ -29,8 +29,8 @@ from locplan.recordings._trajectory import (
     DISAGREE,
     JUMPED,
     UNCERTAIN,
-    Jump,
     Trajectory,
+    jump_at,
 )
 from locplan.robots import Robot
 
@@ -383,7 +383,7 @@ class _Drive:
         x, y = grid.grid_to_world(poses[:, 1] / grid.resolution, poses[:, 0] / grid.resolution)
         world = np.column_stack([x, y, wrapped(poses[:, 2] + grid.origin[2])])
         turn, errors = turning(grid.origin[2]), chain.errors(poses)
-        jumps = tuple(Jump.of(n, world[n], errors[n], recording.times) for n in chain.jumps)
+        jumps = tuple(jump_at(n, world[n], errors[n], recording.times) for n in chain.jumps)
         return Trajectory(
             world,
             turn @ own @ turn.T,

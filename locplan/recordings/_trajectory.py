@@ -46,8 +46,9 @@ class Jump:
     scan: int
     """Index of the first scan after it."""
     kind: str
-    """"slip" of wheels up to 3 m; "carried" away farther than that; or "gap" in the log."""
+    """Kind: "slip" of wheels up to 3 m; "carried" away farther than that; or "gap" in the log."""
     x: float
+    """Position after it in the world [m]."""
     y: float
     """Position after it in the world [m]."""
     distance: float
@@ -55,17 +56,16 @@ class Jump:
     turn: float
     """By how much its heading is off [rad]."""
 
-    @classmethod
-    def of(cls, scan: int, pose: Numbers, error: Numbers, times: Numbers | None) -> Jump:
-        """The jump to a scan's pose, where odometry errs so."""
-        away, kind = float(np.hypot(error[0], error[1])), "slip"
-        if times is not None and times[scan] - times[scan - 1] > max(
-            5.0, 10 * float(np.median(np.diff(times)))
-        ):
-            kind = "gap"
-        elif away > CARRIED:
-            kind = "carried"
-        return cls(scan, kind, float(pose[0]), float(pose[1]), away, float(error[2]))
+
+def jump_at(scan: int, pose: Numbers, error: Numbers, times: Numbers | None) -> Jump:
+    """The jump to a scan's pose, where odometry errs so."""
+    away, kind = float(np.hypot(error[0], error[1])), "slip"
+    steps = np.zeros(1) if times is None else np.diff(times)
+    if times is not None and steps[scan - 1] > max(5.0, 10 * float(np.median(steps))):
+        kind = "gap"
+    elif away > CARRIED:
+        kind = "carried"
+    return Jump(scan, kind, float(pose[0]), float(pose[1]), away, float(error[2]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
