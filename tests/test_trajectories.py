@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import locplan
-from locplan._kernels import trajectory as kernels
+from locplan._kernels import least_squares, trajectory as kernels
 from locplan._util.poses import after_way, way_between, wrapped
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
@@ -79,7 +79,7 @@ def test_the_fit_of_a_scan_is_that_of_its_ends_and_its_equations_are_the_slope()
         pose = random.uniform((0.4, 0.4, -3), (1.1, 0.8, 3))
 
         def fit(at):
-            return kernels.fit_of(scene.distances, beams, ends, at, matrix, vector)
+            return least_squares.fit_of(scene.distances, beams, ends, at, matrix, vector)
 
         expected = naive.fit_of(walls, 0.1, 0.1, 0.1, ends, pose)
         assert fit(pose) == pytest.approx(expected, abs=1e-5)
@@ -88,7 +88,9 @@ def test_the_fit_of_a_scan_is_that_of_its_ends_and_its_equations_are_the_slope()
         rise = [(fit(pose + step) - fit(pose - step)) / 2e-4 for step in steps]
         # Where an end crosses into another cell within a step, the slope jumps.
         assert slope == pytest.approx(-30.0 * np.array(rise), rel=0.1, abs=4.0)
-    assert math.isnan(kernels.fit_of(scene.distances, beams, ends * np.nan, pose, matrix, vector))
+    assert math.isnan(
+        least_squares.fit_of(scene.distances, beams, ends * np.nan, pose, matrix, vector)
+    )
 
 
 def test_the_best_way_is_the_likeliest_of_all():
@@ -112,12 +114,12 @@ def test_blocks_are_solved_and_inverted_as_the_whole_matrix():
         diagonal[n] += both[3:, 3:]
         beside[n] = both[3:, :3]
     vector, step = random.standard_normal((6, 3)), np.empty((6, 3))
-    equations = kernels.Equations(diagonal, beside, vector)
-    kernels.solve_blocks(equations, 0.0, step)
+    equations = least_squares.Equations(diagonal, beside, vector)
+    least_squares.solve_blocks(equations, 0.0, step)
     whole = naive.whole_matrix(diagonal, beside)
     assert step.ravel() == pytest.approx(-np.linalg.solve(whole, vector.ravel()))
     own, across = np.empty((6, 3, 3)), np.empty((6, 3, 3))
-    kernels.covariances_of(equations, own, across)
+    least_squares.covariances_of(equations, own, across)
     inverse = np.linalg.inv(whole + 1e-9 * np.eye(18))
     for n in range(6):
         here, before = slice(3 * n, 3 * n + 3), slice(3 * n - 3, 3 * n)

@@ -11,7 +11,7 @@ import locplan
 from locplan._util.progress import progress_bar
 from locplan.cli import _types as typed
 from locplan.cli._application import NOT_IN_METRES
-from locplan.cli._options import DriveOptions, Output, load_filter_map
+from locplan.cli._options import Output, ReferencedOptions, load_filter_map
 from locplan.cli._robot_options import FieldOptions, RobotOptions
 
 
@@ -36,7 +36,7 @@ def evaluate(
     /,
     *,
     config: Annotated[typed.ConfigFile, Parameter(group=typed.heading("Field"))] = None,
-    recorded: DriveOptions = DriveOptions(),
+    recorded: ReferencedOptions = ReferencedOptions(),
     at: AtPlaces = AtPlaces(),
     robot_options: RobotOptions = RobotOptions(),
     filter_map: typed.FilterMap = None,
@@ -109,7 +109,7 @@ def calibrate(
     *,
     fit: Fit = Fit(),
     at: AtPlaces = AtPlaces(),
-    recorded: DriveOptions = DriveOptions(),
+    recorded: ReferencedOptions = ReferencedOptions(),
     robot_options: RobotOptions = RobotOptions(),
     seeded: typed.Seeded = typed.Seeded(),
     options: FieldOptions = FieldOptions(),

@@ -169,9 +169,6 @@ class DriveOptions:
     align: Move = None
     """Turn of the recorded poses about the map frame's origin, in degrees, and shift after it, in
     metres, where the map was moved."""
-    reference: Literal["log", "smoothed"] | None = None
-    """Poses that count as true: the log's own, or those that trajectory finds; by default these
-    of a bag."""
 
     def check(self) -> None:
         """Raise a ConfigError if an option is given without a drive; before long work."""
@@ -203,6 +200,15 @@ class DriveOptions:
                 progress=progress,
             )
         return recording.moved(*self.align) if self.align else recording
+
+
+@typed.option_group("Recorded drive")
+class ReferencedOptions(DriveOptions):
+    """A recorded drive, and what counts as true of it."""
+
+    reference: Literal["log", "smoothed"] | None = None
+    """Poses that count as true: the log's own, or those that trajectory finds; by default these
+    of a bag."""
 
     def on_map(self, maps: Sequence[Path]) -> "tuple[OccupancyGrid, Recording]":
         """The map, and the drive on it.

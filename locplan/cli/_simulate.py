@@ -14,8 +14,8 @@ from locplan.cli import _types as typed
 from locplan.cli._options import (
     Computing,
     CostOptions,
-    DriveOptions,
     Output,
+    ReferencedOptions,
     load_filter_map,
     read_paths,
 )
@@ -106,7 +106,7 @@ def simulate(
     /,
     *,
     driven: Driven = Driven(),
-    recorded: DriveOptions = DriveOptions(),
+    recorded: ReferencedOptions = ReferencedOptions(),
     robot_options: RobotOptions = RobotOptions(),
     filter_map: typed.FilterMap = None,
     seed: typed.DriveSeed = 1,
@@ -206,7 +206,7 @@ def tune(
     /,
     *,
     amount: Amount = Amount(),
-    recorded: DriveOptions = DriveOptions(),
+    recorded: ReferencedOptions = ReferencedOptions(),
     robot_options: RobotOptions = RobotOptions(),
     filter_map: typed.FilterMap = None,
     seeded: typed.Seeded = typed.Seeded(),

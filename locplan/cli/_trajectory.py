@@ -41,7 +41,6 @@ def trajectory(
     """
     if start is not None and len(start) != 3:
         raise ConfigError("--start needs a heading: x,y,deg")
-    typed.refuse("with trajectory", reference=recorded.reference)
     out.check(locplan.Trajectory.files)
     drive, grid = recorded.read(), locplan.load_map(map_file)
     robot = robot_options.on_drive(drive, replayed=False)

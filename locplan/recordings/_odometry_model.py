@@ -164,11 +164,12 @@ def _robust(
     features: Numbers, values: Numbers, used: Numbers, near: tuple[float, ...]
 ) -> list[float]:
     """Coefficients by least squares with Student's weights, and a prior about zero."""
-    prior, found = np.diag(1 / np.square(near)), np.zeros(len(near))
+    prior = np.diag(1 / np.square(near))
+    found: Numbers = np.zeros(len(near))
     for _ in range(6):
         weights = used * (FREEDOM + 1) / (FREEDOM + (values - features @ found) ** 2)
         weighed = (features * weights[:, None]).T
-        found = np.linalg.solve(weighed @ features + prior, weighed @ values)
+        found = np.asarray(np.linalg.solve(weighed @ features + prior, weighed @ values))
     return list(map(float, found))
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from locplan._util.files import make_folder, replacing
 from locplan._util.intervals import random_of
@@ -57,7 +58,8 @@ class Walls:
         away = cv2.distanceTransform(clear, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         away = np.minimum(away * self.grid.resolution, FAR)
         away = np.pad(away, 1, constant_values=FAR).astype(np.float32)
-        return BeamScores(away.ravel(), *away.shape, self.grid.resolution, True, 1.0)
+        rows, cols = away.shape
+        return BeamScores(away.ravel(), rows, cols, self.grid.resolution, True, 1.0)
 
     @cached_property
     def scores(self) -> Any:
@@ -76,7 +78,7 @@ class Walls:
 
 def scoring(sigma: float, effective: float) -> Any:
     """How beams are scored, with ends that err by `sigma` [m], as so many independent ones."""
-    from locplan._kernels.trajectory import Beams
+    from locplan._kernels.least_squares import Beams
 
     return Beams(sigma, 0.1, effective, UNEXPLAINED)
 
@@ -88,7 +90,7 @@ class Pass:
     walls: Walls
     database: ScanDatabase
     """What finds a scan's pose on the whole map."""
-    ranges: Numbers
+    ranges: NDArray[np.float32]
     """The scans, (k, beams) [m]; infinite without a return."""
     ends: Numbers
     """Ends of some beams on the robot, (k, b, 2) [m]; NaN without a return."""

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +17,13 @@ from locplan.errors import ConfigError, RecordingError
 from locplan.field import position_axes
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid, own_axes
 from locplan.matching import CLEARANCE, checked_database
-from locplan.recordings._odometry_model import Moves, OdometryModel, ways_of
-from locplan.recordings._passes import BEAMS, UNEXPLAINED, Pass, Walls, scoring
+from locplan.recordings._chain import Chain
+from locplan.recordings._odometry_model import Moves, OdometryModel
+from locplan.recordings._passes import Pass, Walls
 from locplan.recordings._recording import Recording
 from locplan.recordings._trajectory import (
     AMBIGUOUS,
     BAD_FIT,
-    CARRIED,
     DISAGREE,
     JUMPED,
     UNCERTAIN,
@@ -34,19 +32,14 @@ from locplan.recordings._trajectory import (
 )
 from locplan.robots import Robot
 
+SURE_BEAMS = 30.0
+"""Number of independent beams that a scan counts as in the covariance: the map's faults count."""
 KEY_WAY, KEY_TURN = 0.3, 0.2
 """Way [m] and turn [rad] from one scan that the filter takes to the next."""
-REFINED = 16
-"""Number of a pass's trajectories that are refined."""
-FINE, FINE_BEAMS, SURE_BEAMS = 0.1, 150.0, 30.0
-"""Deviation of beams' ends in least squares [m], and the number of independent beams that a scan
-counts as there, and in the covariance, where the map's faults count, too."""
 FAR = 0.3
 """Distance from which on two ways are at different places [m]."""
 UNLIKE = -0.8
 """Log-likelihood a beam below which a scan is unlike the map."""
-APART = 0.5
-"""Way from which on scans are independent of each other [m]."""
 
 
 def smooth(
@@ -117,11 +110,10 @@ def smooth(
         raise RecordingError(f"{grid.name or 'the map'} has no walls; take another map")
     robot = recording.robot(robot)
     drive = _Drive(grid, recording)
-    first = _first(recording, start)
-    first = None if first is None else own_axes(grid, first[None])[0]
+    first = _first(grid, recording, start)
     database = checked_database(grid, recording.lidar, CLEARANCE, None)
     database.prepare()
-    chain = _Chain(
+    chain = Chain(
         drive.walls, drive.ends[drive.keys], drive.key_moves, OdometryModel.first(robot.odometry)
     )
     forth, back = (scaled(each, 500) for each in parts(progress, [500, 500]))
@@ -138,21 +130,20 @@ def smooth(
     return drive.put_together(chain, [samples, other], [refined, chain.of_samples(other)])
 
 
-def _first(recording: Recording, start: ArrayLike | str | None) -> Numbers | None:
-    """The pose of the first scan in the world; None if it is not known."""
+def _first(
+    grid: OccupancyGrid, recording: Recording, start: ArrayLike | str | None
+) -> Numbers | None:
+    """The pose of the first scan on the map; None if it is not known."""
     if start is None:
         return None
-    if isinstance(start, str):
-        if start != "log":
-            raise ConfigError(f'start must be a pose, "log" or None, not {shown(start)}')
-        return recording.poses[0]
     try:
-        pose = np.array(start, np.float64)
+        log = isinstance(start, str) and start == "log"
+        pose = recording.poses[0] if log else np.array(start, np.float64)
     except (TypeError, ValueError):
         pose = np.empty(0)
     if pose.shape != (3,) or not np.isfinite(pose).all():
-        raise ConfigError(f"start must be x, y, heading [m, m, rad], not {shown(start)}")
-    return pose
+        raise ConfigError(f'start must be x, y, heading [m, m, rad], or "log", not {shown(start)}')
+    return np.asarray(own_axes(grid, pose[None])[0])
 
 
 def key_scans(moves: Moves) -> NDArray[np.int64]:
@@ -163,114 +154,6 @@ def key_scans(moves: Moves) -> NDArray[np.int64]:
         if far or n == len(way) - 1:
             chosen.append(n)
     return np.array(chosen)
-
-
-@dataclass(frozen=True, eq=False)
-class _Chain:
-    """Some scans of a drive one after the other, and the least squares of their poses."""
-
-    walls: Walls
-    ends: Numbers
-    moves: Moves
-    model: OdometryModel
-    jumps: tuple[int, ...] = ()
-    """Scans that odometry does not lead to."""
-
-    @cached_property
-    def _drive(self) -> Any:
-        """The scans and the odometry as the kernels take them."""
-        from locplan._kernels.trajectory import Drive
-
-        # Scans from almost the same place tell the same.
-        shares = np.minimum(1.0, self.moves.lengths / APART)
-        shares[0] = 1.0
-        deviations = self.model.deviations(self.moves)
-        deviations[list(self.jumps)] = np.inf
-        return Drive(self.ends, shares, self.model.expected(self.moves), deviations)
-
-    def refined(self, poses: Numbers, rounds: int) -> Numbers:
-        """Poses of less loss."""
-        from locplan._kernels.trajectory import refine_poses
-
-        poses = np.array(poses)
-        beams = scoring(FINE, FINE_BEAMS)
-        refine_poses(self.walls.distances, beams, self._drive, poses, rounds)
-        return poses
-
-    def fits(self, candidates: Numbers) -> Numbers:
-        """Log-likelihoods a beam of the scans at poses (c, n, 3), (c, n); NaN without returns."""
-        from locplan._kernels.trajectory import fits_along
-
-        fits = np.empty(candidates.shape[:2])
-        fits_along(self.walls.distances, scoring(0.15, BEAMS), self.ends, candidates, fits)
-        return fits
-
-    def best_way(self, candidates: Numbers) -> Numbers:
-        """The likeliest way over the poses of some candidates (c, n, 3), (n, 3)."""
-        from locplan._kernels.trajectory import best_way
-
-        gains = BEAMS * np.maximum(np.nan_to_num(self.fits(candidates)), UNEXPLAINED)
-        _, _, moves, deviations = self._drive
-        way = best_way(candidates, gains, moves, deviations, self.walls.kidnapped)
-        return np.asarray(candidates[way, np.arange(len(way))])
-
-    def covariances(self, poses: Numbers, beams: float) -> tuple[Numbers, Numbers]:
-        """Covariance of each pose, and with the one before, of so many independent beams."""
-        from locplan._kernels.trajectory import Equations, covariances_of, normal_equations
-
-        blocks = np.empty((4, len(poses), 3, 3))
-        equations = Equations(blocks[0], blocks[1], np.empty((len(poses), 3)))
-        scored = scoring(FINE, beams)
-        normal_equations(self.walls.distances, scored, self._drive, poses, equations)
-        covariances_of(equations, blocks[2], blocks[3])
-        return blocks[2], blocks[3]
-
-    def errors(self, poses: Numbers) -> Numbers:
-        """How odometry errs from one pose to the next, (n, 3) [m, m, rad]."""
-        errors = np.zeros((len(poses), 3))
-        errors[1:] = way_between(poses[:-1], poses[1:]) - self.model.expected(self.moves)[1:]
-        errors[:, 2] = wrapped(errors[:, 2])
-        return errors
-
-    def jumped(self, poses: Numbers) -> tuple[int, ...]:
-        """The scans to which odometry does not lead: far off, and far beyond its errors."""
-        errors = self.errors(poses)
-        square = ((errors / self.model.deviations(self.moves)) ** 2).sum(axis=1)
-        far = (np.hypot(errors[:, 0], errors[:, 1]) > 0.5) | (np.abs(errors[:, 2]) > 0.5)
-        return tuple(map(int, np.flatnonzero(far & (square > 40.0))))
-
-    def bridged(self, poses: Numbers) -> tuple[Numbers, NDArray[np.bool_]]:
-        """Poses that follow odometry between two jumps which undo each other, and where they do.
-
-        A robot that is carried away and back to where its odometry leads was not away: a stretch
-        looks like another one, or like none.
-        """
-        found, away = poses.copy(), np.zeros(len(poses), np.bool_)
-        errors, ways = self.errors(poses), self.model.expected(self.moves)
-        far = [n for n in self.jumped(poses) if np.hypot(*errors[n, :2]) > CARRIED]
-        for begin, end in itertools.combinations(far, 2):
-            across = poses[begin - 1 : end + 1].copy()
-            for n in range(begin, end + 1):
-                across[n - begin + 1] = after_way(across[n - begin], ways[n])
-            closing = poses[end] - across[-1]
-            closing[2] = wrapped(closing[2])
-            if np.hypot(*closing[:2]) < CARRIED / 2 and not away[begin - 1 : end + 1].any():
-                share = np.arange(1, end - begin + 1) / (end - begin + 1)
-                found[begin:end] = across[1:-1] + share[:, None] * closing
-                away[begin:end] = True
-        return found, away
-
-    def of_samples(self, samples: Numbers) -> Numbers:
-        """Some samples of a filter, refined, (16, n, 3)."""
-        return np.array([self.refined(each, 3) for each in samples[:REFINED]])
-
-    def learning(self, poses: Numbers) -> _Chain:
-        """The same scans with what poses tell of odometry."""
-        own, across = self.covariances(poses, FINE_BEAMS)
-        used = np.ones(len(poses))
-        used[[0, *self.jumps]] = 0.0
-        model = self.model.learned(self.moves, *ways_of(poses, own, across), used)
-        return replace(self, model=model)
 
 
 class _Drive:
@@ -295,7 +178,7 @@ class _Drive:
 
     def passed(
         self,
-        chain: _Chain,
+        chain: Chain,
         database: Any,
         first: Numbers | None,
         seed: int,
@@ -317,13 +200,13 @@ class _Drive:
         return np.ascontiguousarray(samples[:, ::-1]) if backwards else samples
 
     def put_together(
-        self, keys: _Chain, samples: list[Numbers], refined: list[Numbers]
+        self, keys: Chain, samples: list[Numbers], refined: list[Numbers]
     ) -> Trajectory:
         """The trajectory that both ways' samples lead to, of which some are refined."""
         apart = _distances(*map(keys.best_way, refined))
         candidates = np.concatenate(refined)
         best, absurd = keys.bridged(keys.best_way(candidates))
-        chain = _Chain(self.walls, self.ends, self.moves, keys.model)
+        chain = Chain(self.walls, self.ends, self.moves, keys.model)
         poses, near, jumps = self._between(chain, best, keys.jumped(best))
         chain = replace(chain, jumps=jumps)
         poses = chain.refined(poses, 15)
@@ -346,7 +229,7 @@ class _Drive:
         return self._finished(chain, poses, own, doubts, fits)
 
     def _between(
-        self, chain: _Chain, best: Numbers, jumps: tuple[int, ...]
+        self, chain: Chain, best: Numbers, jumps: tuple[int, ...]
     ) -> tuple[Numbers, NDArray[np.int64], tuple[int, ...]]:
         """Poses of all scans by those of the key scans, the key of each, and where they jump.
 
@@ -376,7 +259,7 @@ class _Drive:
         return covariances + np.stack([least, least, turn], axis=1)[:, :, None] * np.eye(3)
 
     def _finished(
-        self, chain: _Chain, poses: Numbers, own: Numbers, doubts: Any, fits: Numbers
+        self, chain: Chain, poses: Numbers, own: Numbers, doubts: Any, fits: Numbers
     ) -> Trajectory:
         """The trajectory in the world."""
         grid, recording = self.grid, self.recording

@@ -16,6 +16,7 @@ from locplan._util.records import POSE, Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.saved import Stored
 from locplan._util.tables import finite, table
+from locplan.errors import RecordingError
 from locplan.field import position_axes
 from locplan.maps import OccupancyGrid
 from locplan.recordings._odometry_model import OdometryModel
@@ -156,7 +157,17 @@ class Trajectory(Result, Stored):
         ----------
         recording : Recording
             The drive that they are of.
+
+        Raises
+        ------
+        RecordingError
+            If none is to be trusted.
         """
+        if not self.trusted.any():
+            raise RecordingError(
+                f"no pose of the trajectory on {self.map or 'the map'} is to be trusted; is it the"
+                " right map? The log's own poses are taken with --reference log"
+            )
         poses = self.poses.copy()
         poses.setflags(write=False)
         source = replace(recording.source, poses=SMOOTHED)
