@@ -9,13 +9,21 @@ from dataclasses import replace
 import naive
 import numpy as np
 import pytest
+from conftest import SHARED_DATA
 
 import locplan
 from locplan._kernels import least_squares, trajectory as kernels
 from locplan._util.poses import after_way, way_between, wrapped
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.recordings import Recording, record_drive, referenced, smooth, trajectory_of
+from locplan.recordings import (
+    Recording,
+    read_drive,
+    record_drive,
+    referenced,
+    smooth,
+    trajectory_of,
+)
 from locplan.recordings._passes import Pass, Walls, scoring
 
 GRID = locplan.maps.environments.make("places", resolution=0.1)
@@ -241,6 +249,28 @@ def test_what_cannot_be_smoothed_is_refused(drive):
     bare = OccupancyGrid(np.full((50, 50), FREE, np.uint8), 0.1)
     with pytest.raises(RecordingError, match="no walls"):
         smooth(bare, drive)
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not (SHARED_DATA / "carmen").exists(), reason="the logs are not in this place")
+@pytest.mark.parametrize("half", ["odd", "even"])
+@pytest.mark.parametrize("name", ["aces", "csail", "fhw", "intel", "seattle"])
+def test_real_drives_are_found_on_maps_of_their_other_scans(name, half):
+    log = read_drive(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz")
+    drive = log[(half == "odd") :: 2]
+    other = {"odd": "even", "even": "odd"}[half]
+    grid = locplan.load_map(SHARED_DATA / "rosmaps_carmen" / f"{name}_{other}" / "map.yaml")
+    found = smooth(grid, drive)
+    error, some = off(found, drive), found.trusted
+    turn = np.degrees(np.abs(wrapped(found.poses[:, 2] - drive.poses[:, 2])))
+    assert np.median(error) <= 0.04
+    assert np.quantile(error[some], 0.95) <= 0.12
+    assert np.median(turn) <= 0.5
+    assert not (error[some] > 0.3).any()
+    assert some.mean() >= 0.93
+    apart = (found.poses - drive.poses)[:, :2]
+    squares = np.einsum("ni,nij,nj->n", apart, np.linalg.inv(found.covariances[:, :2, :2]), apart)
+    assert (squares < 5.99).mean() >= 0.9
 
 
 # What is kept

@@ -6,6 +6,7 @@ import hashlib
 import os
 import shutil
 from contextlib import suppress
+from dataclasses import replace
 
 from numpy.typing import ArrayLike
 
@@ -63,7 +64,7 @@ def trajectory_of(
     file = folder / f"{name}.npz"
     if file.is_file():
         with suppress(LocplanError):  # a damaged one is made anew
-            return Trajectory.load(file).on(grid)
+            return replace(Trajectory.load(file), grid=grid)
     make_folder(folder)
     found = smooth(
         grid, recording, robot, start, folder=folder / name, seed=seed, progress=progress

@@ -24,7 +24,6 @@ from locplan.recordings._recording import Recording
 from locplan.recordings._trajectory import (
     AMBIGUOUS,
     BAD_FIT,
-    DISAGREE,
     JUMPED,
     UNCERTAIN,
     Trajectory,
@@ -203,7 +202,6 @@ class _Drive:
         self, keys: Chain, samples: list[Numbers], refined: list[Numbers]
     ) -> Trajectory:
         """The trajectory that both ways' samples lead to, of which some are refined."""
-        apart = _distances(*map(keys.best_way, refined))
         candidates = np.concatenate(refined)
         best, absurd = keys.bridged(keys.best_way(candidates))
         chain = Chain(self.walls, self.ends, self.moves, keys.model)
@@ -213,13 +211,12 @@ class _Drive:
         for _ in range(2):
             chain = chain.learning(poses)
             poses = chain.refined(poses, 20)
-        # Other ways that were held for likely: refined, they end in another place.
+        # Other ways that either pass held for likely: refined, they end in another place.
         other = (_distances(candidates, best) > FAR).any(axis=0)
         other |= (_distances(np.concatenate(samples), best) > FAR).mean(axis=0) >= 0.05
         doubts = np.zeros(len(poses), np.int64)
         fits = chain.fits(poses[None])[0]
         own = self._widened(chain.covariances(poses, SURE_BEAMS)[0], fits)
-        doubts[(apart > FAR)[near]] = DISAGREE
         doubts[other[near]] = AMBIGUOUS
         doubts[(fits < UNLIKE) | absurd[near]] = BAD_FIT
         sure = (position_axes(own)[0] <= 0.15) & (np.sqrt(own[:, 2, 2]) <= math.radians(4))

@@ -22,14 +22,13 @@ from locplan.maps import OccupancyGrid
 from locplan.recordings._odometry_model import OdometryModel
 from locplan.recordings._recording import Recording
 
-UNCERTAIN, AMBIGUOUS, BAD_FIT, JUMPED, DISAGREE = range(1, 6)
+UNCERTAIN, AMBIGUOUS, BAD_FIT, JUMPED = range(1, 5)
 DOUBTS = (
     "",
     "the deviation is over 15 cm or 4 deg",
     "other places explain the scans as well",
     "the scan does not fit the map",
     "odometry jumps",
-    "it comes out otherwise from the drive's end",
 )
 """Why a pose is not to be trusted, by its number; 0 where it is."""
 CARRIED = 3.0
@@ -139,16 +138,6 @@ class Trajectory(Result, Stored):
         """Scans that follow each other and are not to be trusted."""
         edges = np.flatnonzero(np.diff(np.concatenate([[True], self.trusted, [True]])))
         return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-
-    def on(self, grid: OccupancyGrid) -> Trajectory:
-        """The same with the map, for the figure.
-
-        Parameters
-        ----------
-        grid : OccupancyGrid
-            The map.
-        """
-        return replace(self, grid=grid)
 
     def of(self, recording: Recording) -> Recording:
         """A recording with these poses, without the scans whose poses are not to be trusted.
