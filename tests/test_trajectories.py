@@ -138,6 +138,65 @@ def test_blocks_are_solved_and_inverted_as_the_whole_matrix():
         assert n == 0 or across[n] == pytest.approx(inverse[here, before])
 
 
+def some_drive(ends):
+    """Six scans whose odometry errs, and the poses that it was made with."""
+    random = np.random.default_rng(8)
+    moves = np.tile([0.2, 0.02, 0.3], (6, 1))
+    poses = [np.array([0.7, 0.5, 0.1])]
+    for move in moves[1:]:
+        poses.append(after_way(poses[-1], move + random.standard_normal(3) * 0.05))
+    deviations = np.full((6, 3), 0.05)
+    deviations[3] = np.inf  # a jump
+    drive = least_squares.Drive(np.tile(ends, (6, 1, 1)), np.ones(6), moves, deviations)
+    return drive, np.array(poses)
+
+
+def test_the_equations_of_odometry_are_the_slope_of_its_loss():
+    _, field, ends = small_scene()
+    drive, poses = some_drive(ends * np.nan)
+    beams = least_squares.Beams(0.1, 0.1, 30.0, -1.0)
+    equations = least_squares.Equations(*np.empty((2, 6, 3, 3)), np.empty((6, 3)))
+    least_squares.normal_equations(field, beams, drive, poses, equations)
+    slope, rest = equations.vector.copy(), least_squares.Equations(*map(np.copy, equations))
+    for n, axis in np.ndindex(6, 3):
+        step = np.zeros((6, 3))
+        step[n, axis] = 1e-6
+        up, down = (
+            least_squares.normal_equations(field, beams, drive, poses + sign * step, rest)
+            for sign in (1, -1)
+        )
+        assert slope[n, axis] == pytest.approx((up - down) / 2e-6, rel=1e-4, abs=1e-4)
+    assert not equations.beside[3].any()
+
+
+def test_refined_poses_lose_less_and_follow_odometry_where_scans_say_nothing():
+    _, field, ends = small_scene()
+    drive, poses = some_drive(ends)
+    beams = least_squares.Beams(0.1, 0.1, 30.0, -1.0)
+    equations = least_squares.Equations(*np.empty((2, 6, 3, 3)), np.empty((6, 3)))
+    before = least_squares.normal_equations(field, beams, drive, poses, equations)
+    found = poses.copy()
+    after = least_squares.refine_poses(field, beams, drive, found, 20)
+    assert after < before
+    loss = least_squares.normal_equations(field, beams, drive, found, equations)
+    assert loss == pytest.approx(after)
+    nothing = drive._replace(ends=drive.ends * np.nan)
+    least_squares.refine_poses(field, beams, nothing, poses, 50)
+    ways = way_between(poses[:-1], poses[1:])
+    assert ways[[0, 1, 3, 4]] == pytest.approx(drive.moves[[1, 2, 4, 5]], abs=1e-3)
+
+
+def test_particles_spread_as_moves_err():
+    cloud = np.zeros((3, 4), np.float32)
+    cloud[2] = math.pi / 2  # ahead is up
+    poses, deviation = np.empty((3, 80_000)), np.array([0.1, 0.05, 0.02])
+    kernels.spread(np.random.default_rng(9), cloud, np.array([1.0, 0, 0.2]), deviation, poses)
+    low, middle, high = np.quantile(poses, (0.159, 0.5, 0.841), axis=1)
+    assert middle == pytest.approx([0.0, 1.0, math.pi / 2 + 0.2], abs=2e-3)
+    assert (high - low) / 2 == pytest.approx([0.0585, 0.117, 0.0234], rel=0.05)
+    assert 0.003 < (np.hypot(poses[0], poses[1] - 1.0) > 1.0).mean() < 0.012
+
+
 def test_particles_are_drawn_in_proportion_to_their_weights():
     poses = np.arange(12.0).reshape(3, 4)
     cloud = np.empty((3, 1000), np.float32)
