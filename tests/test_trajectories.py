@@ -363,7 +363,7 @@ def test_a_trajectory_is_kept_by_its_digest_and_saved_whole(drive, found, tmp_pa
     assert not steps
     found.save(tmp_path / "saved")
     assert locplan.Trajectory.load(tmp_path / "saved") == found
-    tum = np.loadtxt(tmp_path / "saved" / "poses.tum")
+    tum = np.loadtxt(tmp_path / "saved" / "poses.tum", delimiter=" ")  # as evo splits lines
     some = found.trusted
     assert tum[:, 1:3] == pytest.approx(found.poses[some, :2], abs=1e-6)
     assert 2 * np.arctan2(tum[:, 6], tum[:, 7]) == pytest.approx(found.poses[some, 2], abs=1e-5)

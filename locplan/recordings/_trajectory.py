@@ -251,7 +251,7 @@ class Trajectory(Result, Stored):
         times = np.arange(len(self), dtype=float) if self.times is None else self.times
         half, none = self.poses[some, 2] / 2, np.zeros(len(some))
         rows = (times[some], *self.poses[some, :2].T, none, none, none, np.sin(half), np.cos(half))
-        np.savetxt(file, np.column_stack(rows), "%.9f " + 7 * "%.6f ")
+        np.savetxt(file, np.column_stack(rows), "%.9f" + 7 * " %.6f")
 
 
 def trajectory_report(found: Trajectory) -> str:
