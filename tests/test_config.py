@@ -200,7 +200,7 @@ def test_the_settings_for_a_lidar_are_those_that_real_lasers_bear_out():
         (Matching, (36.0, 0.1, 0.05, 0.25, False, 600)),
         (ScanDatabase, (0.1,)),
         (Sites, (0.5, 0.2)),
-        (ChoiceSettings, (1.5, False, 0.3, 64, False)),
+        (ChoiceSettings, (1.5, False, 0.3, 64, False, False)),
     ],
 )
 def test_default_settings_stay_as_they_were_published(kind, numbers):

@@ -207,6 +207,10 @@ class Evaluation(Result):
         return Table(columns, tuple(rows))
 
 
+RATED = tuple(each.name for each in RATES)
+"""Names of the shares of drives that go wrong."""
+
+
 def evaluation_report(evaluation: Evaluation) -> str:
     """Tables of how well each predictor ranks places, and of how large the errors were."""
     several = len(evaluation.places) > 1
@@ -224,18 +228,19 @@ def evaluation_report(evaluation: Evaluation) -> str:
     for n, places in enumerate(evaluation.places):
         cells = [places.grid.name]
         for size in places.sizes:
-            some = (plain(each, digits_of(each)) for each in evaluation.quantiles(n, size)[1:])
-            rate = evaluation.rates(n).get(size)
-            cells.append("/".join(some) if rate is None else f"{rate:.0%}")
+            if size not in RATED:
+                some = evaluation.quantiles(n, size)[1:]
+                cells.append("/".join(plain(each, digits_of(each)) for each in some))
+            elif size == RATED[0]:
+                cells.append("/".join(f"{each:.0%}" for each in evaluation.rates(n).values()))
         sizes.append(cells)
-    columns = ["map", "median", "off by\n> 1 m", "there\n> 0.5 m", "RMSE,\nkept", "RMSE"]
-    columns += ["scan\nmedian", "scan\nRMSE"]
+    columns = ["map", "median", "off", "RMSE,\nkept", "RMSE", "scan\nmedian", "scan\nRMSE"]
     parts += [
         "Spearman's correlation of e and the deviations with the RMSE of the position (*: of the",
         "heading) [95 %]; AUC: of finding the worst fifth of the places, by chance 0.5",
         table(columns, sizes),
-        "errors of the position, 50/90 % of the places [m]; off by > 1 m at some time, and by"
-        " > 0.5 m at\nthe place: of the drives; kept: those never off by > 1 m",
+        "errors of the position, 50/90 % of the places [m]; off: of the drives, by > 1 m at some"
+        " time, and\nby > 0.5 m at the place; kept: those never off by > 1 m",
         f"{sum(len(each.points) for each in evaluation.places)} places, {evaluation.drives} drives"
         f" to each, {evaluation.scans} scans there; with {evaluation.robot.title}",
         "",
