@@ -65,7 +65,7 @@ def test_the_token_becomes_a_cookie_and_leaves_the_address(server):
     assert len(server.token) >= 40
 
 
-@pytest.mark.parametrize("path", ["/", "/about", "/static/index.html", "/nothing", "/data/drive/0"])
+@pytest.mark.parametrize("path", ["/", "/about", "/static/index.html", "/nothing", "/data/cells/0"])
 def test_nobody_comes_in_without_the_token(server, path):
     token, port = server.token, server.port
     wrong = (

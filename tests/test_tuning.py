@@ -213,6 +213,13 @@ def test_updates_are_those_of_the_settings():
     assert Formula(lines=[line]).updates(Amcl(update_min_d=9.0)) == 1 + 50
 
 
+def test_a_heading_across_half_a_turn_is_no_update():
+    line = np.zeros((101, 3))
+    line[:, 2] = np.where(np.arange(101) % 2, np.pi - 0.05, -np.pi + 0.05)
+    assert Formula(lines=[line]).updates(Amcl(update_min_a=0.11)) == 1
+    assert Formula(lines=[line]).updates(Amcl(update_min_a=0.09)) == 101
+
+
 def test_the_search_finds_the_best_and_puts_back_what_gains_nothing():
     added = {
         "alpha1": {0.2: 0.5, 0.1: 0.2, 0.02: 0.3},

@@ -235,5 +235,6 @@ def _table(ways: RecommendedWays, topics: Mapping[str, str]) -> Table:
         cost = round(float(sum(matrix[two] for two in pairwise(way))), 3)
         followed = "yes" if name in ways.followed else "no"
         rows.append((name, way[0] + 1, way[-1] + 1, cost, followed, topics[name]))
-    names = "query", "start_id", "goal_id", "cost", "followed", "topic"
-    return Table(tuple(map(Column, names)), tuple(rows))
+    ends = Column("query"), Column("start_id"), Column("goal_id")
+    columns = *ends, Column("cost", "m"), Column("followed"), Column("topic")
+    return Table(columns, tuple(rows))

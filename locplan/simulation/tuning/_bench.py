@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -230,7 +231,8 @@ class TuningBench(ABC):
             count, (x, y, heading) = count + 1, line[0].tolist()  # the first pose, too
             for at_x, at_y, at_heading in line[1:].tolist():
                 way = max(abs(at_x - x), abs(at_y - y))
-                if way > amcl.update_min_d or abs(at_heading - heading) > amcl.update_min_a:
+                turn = abs(math.remainder(at_heading - heading, 2 * math.pi))
+                if way > amcl.update_min_d or turn > amcl.update_min_a:
                     count, (x, y, heading) = count + 1, (at_x, at_y, at_heading)
         return count
 
