@@ -149,8 +149,7 @@ def test_an_executor_that_fails_is_one_line(costs):
         choose_many(costs, QUERIES, executor=Broken(), **QUICK)
 
 
-def test_what_choices_bring_is_told_for_all_queries(made, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "110")
+def test_what_choices_bring_is_told_for_all_queries(made):
     ratios = [
         each.choice.chosen.driven.error.value / each.choice.shortest.driven.error.value
         for each in made

@@ -153,9 +153,9 @@ class Choice(Result, Stored):
             return answer + self._slight
         bold = "; --bold (bold=True) takes it" if self.verdict == PROBABLY_BETTER else ""
         if self._fails_more:
-            return f"take the shortest: by {leader.name} fewer robots arrive, {error}"
+            return f"take the shortest: on {leader.name} fewer robots arrive, {error}"
         if found.verdict == LOSES_MORE:
-            return f"take the shortest: by {leader.name} more drives are off by over 1 m, {error}"
+            return f"take the shortest: on {leader.name} more drives are off by over 1 m, {error}"
         what = f"{leader.name} is {found.verdict}"
         if found.verdict == NO_DIFFERENCE:
             what = f"{found.verdict} to {leader.name}"

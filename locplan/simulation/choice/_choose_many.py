@@ -24,7 +24,7 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.field import Fused, equipped, load_or_compute
 from locplan.planners import Query, check_ends, check_random, queries_of
 from locplan.robots import Robot
-from locplan.simulation._drives import RATES
+from locplan.simulation._drives import LOST, OFF
 from locplan.simulation._worlds import check_of_one_map
 from locplan.simulation.choice._ask import ChoiceSettings
 from locplan.simulation.choice._choice import Choice
@@ -175,22 +175,22 @@ class Choices:
         if len(groups) > 1:
             groups["all maps"] = self
         columns = (
-            Column("map", title="map"),
-            Column("solved", title="queries"),
+            *(Column(name, title=name) for name in ("map", "queries")),
             Column("left", title="detours", digits=0),
             Column("length_ratio", title="length"),
             Column("error_ratio", title="error", interval=True),
-            *(Column(each.name, title=each.title) for each in RATES),
+            Column("off", title=f"off > {LOST:g} m,\nat the goal"),
         )
         rows = []
         for name, group in groups.items():
             both = group.lost, group.off_at_goal
             rates = ("{:.0%} -> {:.0%}".format(*each) if group.solved else "-" for each in both)
-            counts = f"{len(group.solved)} of {len(group)}", group.left
-            rows.append((name, *counts, group.length_ratio.value, group.error_ratio, *rates))
+            solved, shares = f"{len(group.solved)} of {len(group)}", "\n".join(rates)
+            ratios = group.length_ratio.value, group.error_ratio
+            rows.append((name, solved, group.left, *ratios, shares))
         return (
             f"{Table(columns, tuple(rows))}\ndetours leave the shortest path; chosen over shortest,"
-            " by the drives that confirmed it [95 % intervals]"
+            f" by the drives that\nconfirmed it [95 % intervals]; off at the goal: by > {OFF:g} m"
         )
 
 
