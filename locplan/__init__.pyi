@@ -56,6 +56,7 @@ from .planners import (
     plan as plan,
     plan_field as plan_field,
 )
+from .recordings import Trajectory as Trajectory
 from .robots import Footprint as Footprint, Lidar as Lidar, Robot as Robot
 from .simulation import Choice as Choice, choose as choose, choose_many as choose_many
 from .twins import (

@@ -254,17 +254,16 @@ def move(
 
 
 @njit(nogil=True, cache=True)
-def weigh(scores: BeamScores, ends: Floats, poses: Floats, count: int, weights: Floats) -> None:
-    """Multiply the weights (n,) of the first `count` particles (3, n) by how beams fit the map.
+def add_scores(scores: BeamScores, ends: Floats, poses: Floats, count: int, sums: Floats) -> None:
+    """Write the sums of the beams' scores at the first `count` of the poses (3, n) into `sums`.
 
     `ends` (beam, 2) are ahead and to the left of the robot [cells]; NaN, without a return, is
-    ignored. The weights are scaled to add up to 1; if no particle fits, they become equal.
+    ignored.
     """
     returned = ends[~np.isnan(ends[:, 0])]
     ahead, left = returned[:, 0].copy(), returned[:, 1].copy()
     last_row, last_col = scores.rows - 1.0, scores.cols - 1.0
     cells = np.empty(len(returned), np.int64)
-    total = 0.0
     for n in range(count):
         cos, sin = np.cos(poses[2, n]), np.sin(poses[2, n])
         x = poses[0, n] / scores.resolution + scores.shift
@@ -280,7 +279,20 @@ def weigh(scores: BeamScores, ends: Floats, poses: Floats, count: int, weights: 
         score = 0.0
         for b in range(len(cells)):
             score += scores.values[np.uintp(cells[b])]
-        weights[n] *= np.exp(score) if scores.product else 1 + score
+        sums[n] = score
+
+
+@njit(nogil=True, cache=True)
+def weigh(scores: BeamScores, ends: Floats, poses: Floats, count: int, weights: Floats) -> None:
+    """Multiply the weights (n,) of the first `count` particles (3, n) by how beams fit the map.
+
+    The weights are scaled to add up to 1; if no particle fits, they become equal.
+    """
+    sums = np.empty(count)
+    add_scores(scores, ends, poses, count, sums)
+    total = 0.0
+    for n in range(count):
+        weights[n] *= np.exp(sums[n]) if scores.product else 1 + sums[n]
         total += weights[n]
     for n in range(count):
         weights[n] = weights[n] / total if total > 0 else 1.0 / count

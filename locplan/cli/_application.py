@@ -36,6 +36,7 @@ COMMANDS = {
     "compare": ("Plan", "_compare"),
     "tune": ("Localize", "_simulate"),
     "simulate": ("Localize", "_simulate"),
+    "trajectory": ("Localize", "_trajectory"),
     "evaluate": ("Localize", "_calibrate"),
     "calibrate": ("Localize", "_calibrate"),
     "locate": ("Localize", "_places"),

@@ -9,7 +9,7 @@ import locplan
 from locplan._util.progress import progress_bar
 from locplan.cli import _types as typed
 from locplan.cli._application import NOT_IN_METRES
-from locplan.cli._options import DriveOptions, Output, Seeded
+from locplan.cli._options import Output, ReferencedOptions, Seeded
 from locplan.cli._robot_options import FieldOptions, FilterMap
 
 
@@ -29,7 +29,7 @@ class AtPlaces(typed.Options):
     "evaluate lab.yaml -o evaluated",
     "evaluate lab.yaml --drive monday.mcap --every 10 -o evaluated",
 )
-class evaluate(typed.ManyMaps, FilterMap, DriveOptions, Seeded, AtPlaces, Output):
+class evaluate(typed.ManyMaps, FilterMap, ReferencedOptions, Seeded, AtPlaces, Output):
     """Show how well each field predicts where a robot is badly localized on your maps.
 
     It is simulated there, or, with --drive, what its own scans say along a recorded drive.
@@ -70,7 +70,7 @@ class evaluate(typed.ManyMaps, FilterMap, DriveOptions, Seeded, AtPlaces, Output
     "calibrate lab.yaml --drive monday.mcap -o robot.json",
     "simulate lab.yaml --random 20 --robot robot.json",
 )
-class calibrate(typed.ManyMaps, FieldOptions, DriveOptions, Seeded, AtPlaces, Output):
+class calibrate(typed.ManyMaps, FieldOptions, ReferencedOptions, Seeded, AtPlaces, Output):
     """Fit the noise level k (and tau), so that the field's deviations are errors in metres.
 
     With --drive, k is fitted to the posteriors of recorded scans instead, and the noise of

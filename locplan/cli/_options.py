@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 from cyclopts import Parameter
 
@@ -201,7 +201,7 @@ class DriveOptions(typed.Options):
     def check_drive(self) -> None:
         """Raise a ConfigError if an option is given without a drive; before long work."""
         if self.drive is None:
-            self.refuse("without --drive", DriveOptions)
+            self.refuse("without --drive", DriveOptions, "reference")
 
     def read(self) -> Recording:
         """The drive; a ConfigError if none was named."""
@@ -216,6 +216,15 @@ class DriveOptions(typed.Options):
             )
         return recording.moved(*self.align) if self.align else recording
 
+
+@typed.option_group("Recorded drive")
+class ReferencedOptions(DriveOptions):
+    """A recorded drive, and what counts as true of it."""
+
+    reference: Literal["log", "smoothed"] | None = None
+    """Poses that count as true: the log's own, or those that trajectory finds; by default these of
+    a bag."""
+
     def on_map(self, maps: Sequence[Path]) -> tuple[OccupancyGrid, Recording]:
         """The map, and the drive on it; a LocplanError unless it is one map that fits.
 
@@ -225,6 +234,8 @@ class DriveOptions(typed.Options):
         if len(files) != 1:
             raise ConfigError(f"--drive is of one map, not of {len(files)}; name the one it was on")
         grid, drive = locplan.load_map(files[0]), self.read()
+        with progress_bar("smoothing", "") as progress:
+            drive = locplan.recordings.referenced(drive, grid, self.reference, progress=progress)
         with working("looking whether the map fits"):
             fit = locplan.recordings.fit_to_map(drive, grid)
         if not fit.fits:

@@ -31,7 +31,7 @@ class simulate(
     FieldOptions,
     FilterMap,
     shared.Ends,
-    shared.DriveOptions,
+    shared.ReferencedOptions,
     shared.Seeded,
     shared.CostOptions,
     shared.Computing,
@@ -181,7 +181,7 @@ class simulate(
     "tune lab.yaml --lidar rplidar-a1 --robot nav2_params.yaml -o tuned",
     "tune lab.yaml --drive monday.mcap --robot nav2_params.yaml -o tuned",
 )
-class tune(typed.OneMap, FilterMap, shared.DriveOptions, shared.Seeded, shared.Output):
+class tune(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, shared.Output):
     """Find settings of AMCL that localize your robot better, and write them as Nav2's parameters.
 
     Your own settings (--robot, or Nav2's defaults) and others drive along random

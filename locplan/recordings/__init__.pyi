@@ -4,7 +4,11 @@ from ._evaluation import (
     estimators_for as estimators_for,
     evaluate_drive as evaluate_drive,
 )
-from ._figures import drive_figure as drive_figure, replay_figure as replay_figure
+from ._figures import (
+    drive_figure as drive_figure,
+    replay_figure as replay_figure,
+    trajectory_figure as trajectory_figure,
+)
 from ._fit import MapFit as MapFit, fit_to_map as fit_to_map
 from ._logs import Source as Source, Topics as Topics
 from ._matches import (
@@ -13,9 +17,13 @@ from ._matches import (
     match_scans as match_scans,
     scans_unlike as scans_unlike,
 )
+from ._odometry_model import OdometryModel as OdometryModel
 from ._odometry_noise import OdometryNoise as OdometryNoise, odometry_noise as odometry_noise
 from ._read import read_drive as read_drive, record_drive as record_drive
 from ._recording import Recording as Recording
+from ._reference import referenced as referenced, trajectory_of as trajectory_of
 from ._replay import Consistency as Consistency, Replay as Replay, replay as replay
 from ._scan_noise import ScanNoise as ScanNoise, scan_noise as scan_noise
+from ._smoothing import smooth as smooth
 from ._tracks import tune_on_drive as tune_on_drive
+from ._trajectory import Jump as Jump, Trajectory as Trajectory

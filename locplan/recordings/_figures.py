@@ -1,4 +1,4 @@
-"""Figures of recorded drives: their evaluations and their replays."""
+"""Figures of recorded drives: their evaluations, replays and trajectories."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from locplan.maps import OccupancyGrid
 from locplan.recordings._evaluation import PREFERRED, DriveEvaluation
 from locplan.recordings._recording import Recording
 from locplan.recordings._replay import Replay
+from locplan.recordings._trajectory import Trajectory
 from locplan.simulation import LOST
 
 RECORDED, ESTIMATED, FILTER = "black", "#0072b2", "#d55e00"
@@ -38,7 +39,7 @@ def drive_figure(found: DriveEvaluation) -> Figure:
     found : DriveEvaluation
         What `evaluate_drive` returned.
     """
-    figure, upper, lower = _map_over_profile(found.matches.grid, found.matches.recording)
+    figure, upper, lower = _over_profile_of(found.matches.grid, found.matches.recording)
     name = next(each for each in (*PREFERRED, *found.predicted) if each in found.predicted)
     predicted = position_axes(found.predicted[name])[0]
     measured = np.where(found.compared, found.matches.position_std, np.nan)
@@ -69,19 +70,24 @@ def drive_figure(found: DriveEvaluation) -> Figure:
     return _said(figure, *found.verdict)
 
 
-def _map_over_profile(
+def _over_profile_of(
     grid: OccupancyGrid, recording: Recording
 ) -> tuple[plotting.Picture, Axes, Axes]:
-    """A figure with the map around a drive, and axes for what changes along it."""
-    shown = [Path(recording.poses[:, :2])]
+    return _map_over_profile(grid, recording.poses, recording.source.file, recording.lidar.title)
+
+
+def _map_over_profile(
+    grid: OccupancyGrid, poses: Numbers, file: str, about: str
+) -> tuple[plotting.Picture, Axes, Axes]:
+    """A figure with the map around a drive's poses, and axes for what changes along it."""
+    shown = [Path(poses[:, :2])]
     part = plotting.map_around(grid, shown)
     width, height = plotting.map_size(part)
     figure = plotting.Picture(figsize=(width, height + 3.0), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
     plotting.draw_map(upper, part)
     plotting.draw_inset(upper, grid, part, shown)
-    file = f", {recording.source.file}" if recording.source.file else ""
-    title = f"{grid.name or 'map'}{file}: {recording.lidar.title}"
+    title = f"{grid.name or 'map'}{', ' if file else ''}{file}: {about}"
     upper.set_title(title, fontsize="medium")
     lower.set_xlabel("distance along the drive [m]")
     lower.grid(alpha=0.3)
@@ -179,7 +185,7 @@ def replay_figure(replay: Replay) -> Figure:
     replay : Replay
         What `locplan.recordings.replay` returned.
     """
-    figure, upper, lower = _map_over_profile(replay.grid, replay.recording)
+    figure, upper, lower = _over_profile_of(replay.grid, replay.recording)
     xy, ways = replay.recording.poses[:, :2], replay.poses[:20, :, :2]
     for way in ways:
         upper.plot(*way.T, color=ESTIMATED, linewidth=1.2, alpha=0.5, zorder=4)
@@ -207,3 +213,56 @@ def replay_figure(replay: Replay) -> Figure:
     estimated = Line2D([], [], color=ESTIMATED, label=f"AMCL replayed, {len(ways)} runs")
     figure.key([recorded, estimated], ncols=2, at="upper center")
     return _said(figure, replay.verdict, *(f"Note: {each}." for each in replay.notes))
+
+
+def trajectory_figure(found: Trajectory) -> Figure:
+    """The trajectory over the map, coloured by its deviation, and that along the way.
+
+    Crosses are poses that are not to be trusted, and the thin line is the log's own poses.
+
+    Parameters
+    ----------
+    found : Trajectory
+        What `smooth` returned, with its map.
+    """
+    assert found.grid is not None  # else it is not drawable
+    xy, deviation, doubtful = found.poses[:, :2], 100 * found.deviation, ~found.trusted
+    about = f"{len(found):,} scans"
+    figure, upper, lower = _map_over_profile(found.grid, found.poses, found.drive, about)
+    low, high = np.quantile(deviation, (0.02, 0.98)).tolist()
+    drawn = LineCollection(
+        list(np.stack([xy[:-1], xy[1:]], axis=1)),
+        array=(deviation[:-1] + deviation[1:]) / 2,
+        cmap=plotting.FIELD_COLOURS,
+        norm=LogNorm(low, max(high, 1.5 * low), clip=True),
+        linewidths=4.0,
+        capstyle="round",
+        zorder=3,
+    )
+    upper.add_collection(drawn)
+    bar = figure.colorbar(drawn, ax=upper, label="std. dev. of the position [cm]", shrink=0.8)
+    plotting.label_plainly(bar.ax.yaxis)
+    limits = upper.get_xlim(), upper.get_ylim()
+    upper.plot(*found.recorded[:, :2].T, color=RECORDED, linewidth=0.8, alpha=0.7, zorder=4)
+    upper.plot(*xy[doubtful].T, "x", color=FILTER, markersize=5, mew=1.6, zorder=6)
+    jumps = np.array([(each.x, each.y) for each in found.jumps]).reshape(-1, 2)
+    upper.plot(*jumps.T, "o", mfc="none", color=FILTER, markersize=11, mew=1.8, zorder=6)
+    upper.set(xlim=limits[0], ylim=limits[1])
+    way = way_along(found.poses)
+    lower.plot(way, 100 * found.off, color=RECORDED, linewidth=0.8)
+    lower.plot(way, deviation, color=PREDICTED, linewidth=1.8)
+    lower.plot(way[doubtful], deviation[doubtful], "x", color=FILTER, markersize=4)
+    lower.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), ylabel="position [cm]")
+    plotting.label_plainly(lower.yaxis)
+    crosses: dict[str, Any] = {"color": FILTER, "linestyle": ""}
+    handles = [
+        Line2D([], [], color="0.5", linewidth=4, label="trajectory"),
+        Line2D([], [], color=RECORDED, linewidth=0.8, label="log's own poses; their distance"),
+        Line2D([], [], color=PREDICTED, linewidth=1.8, label="std. dev. of the position"),
+    ]
+    if doubtful.any():
+        handles.append(Line2D([], [], marker="x", label="not to be trusted", **crosses))
+    if found.jumps:
+        handles.append(Line2D([], [], marker="o", mfc="none", label="odometry jumps", **crosses))
+    figure.key(handles, ncols=2, at="upper center")
+    return _said(figure, *found.sentences)

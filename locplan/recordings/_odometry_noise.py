@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from locplan._kernels.particles import STILL
 from locplan._util.intervals import Interval, blocks_along, intervals
 from locplan._util.poses import Numbers, way_along, way_between, wrapped
+from locplan.recordings._odometry_model import TINY, likeliest_variances
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import updates_of, without_jumps
 from locplan.robots import Amcl
@@ -27,7 +28,6 @@ MIN_UPDATES = 40
 """Number of the filter's updates below which odometry is not calibrated."""
 RESAMPLES = 100
 """Number of resamples of blocks."""
-TINY = 1e-12
 
 
 @dataclass(frozen=True)
@@ -120,8 +120,7 @@ def _notes(
     increments: _Increments, alphas: Numbers, sure: tuple[float, float], turned: float
 ) -> list[str]:
     notes = []
-    of_poses, of_odometry = increments.shares(alphas, *sure)
-    if of_poses > of_odometry:
+    if increments.outweighed(alphas, *sure):
         notes.append(
             "the recorded poses are noisier than the odometry between two updates of the filter:"
             " the alphas are uncertain; record better poses, as of SLAM or motion capture"
@@ -225,14 +224,18 @@ class _Stretches:
 
 @dataclass(frozen=True, eq=False)
 class _Increments:
-    """Increments of odometry between updates, in the parts of AMCL's differential model."""
+    """Increments of odometry between updates: turns and distances of AMCL's differential model.
+
+    Its turn before the way and that after it are taken together: each by itself depends on the
+    direction of ways of a few centimetres, which no poses tell.
+    """
 
     features: Numbers
-    """What the variances are made of, (parts, n, 4): turns before, distances, turns after."""
+    """What the variances of turns and of distances are made of, (2, n, 4)."""
     poses: Numbers
-    """What the variances of positions and headings add to those, (parts, n, 2)."""
+    """What the variances of positions and headings add to those, (2, n, 2)."""
     residuals: Numbers
-    """Reported minus true parts, (parts, n) [rad, m, rad]; NaN for the turn before none."""
+    """Reported minus true ones, (2, n) [rad, m]."""
 
     @classmethod
     def of(cls, poses: Numbers, odometry: Numbers) -> _Increments:
@@ -240,47 +243,36 @@ class _Increments:
         begin = np.arange(len(poses) - 1)
         true, reported = (_ways(each, begin, begin + 1) for each in (poses, odometry))
         way = np.hypot(reported[:, 0], reported[:, 1])
-        moves = way >= STILL
-        first = np.where(moves, np.arctan2(reported[:, 1], reported[:, 0]), 0.0)
-        second = np.asarray(wrapped(reported[:, 2] - first))
+        first = np.where(way >= STILL, np.arctan2(reported[:, 1], reported[:, 0]), 0.0)
         # The true end in the direction of the reported way.
-        cos, sin = np.cos(first), np.sin(first)
-        ahead, aside = (cos * true[:, 0] + sin * true[:, 1], cos * true[:, 1] - sin * true[:, 0])
-        own_first = np.where(moves, aside / np.maximum(way, STILL), 0.0)
-        turn = np.asarray(wrapped(true[:, 2] - reported[:, 2]))
-        sizes = [np.minimum(abs(t), abs(wrapped(t - np.pi))) ** 2 for t in (first, second)]
-        none, square = np.zeros(len(way)), way**2
-        one, near = np.ones(len(way)), 2 / np.maximum(way, STILL) ** 2
+        ahead = np.cos(first) * true[:, 0] + np.sin(first) * true[:, 1]
+        second, turn = reported[:, 2] - first, wrapped(true[:, 2] - reported[:, 2])
+        turned = sum(
+            np.minimum(abs(wrapped(t)), abs(wrapped(t - np.pi))) ** 2 for t in (first, second)
+        )
+        none, two, square = np.zeros(len(way)), np.full(len(way), 2.0), way**2
         return cls(
             np.array(
                 [
-                    np.column_stack([sizes[0], square, none, none]),
-                    np.column_stack([none, none, square, sizes[0] + sizes[1]]),
-                    np.column_stack([sizes[1], square, none, none]),
+                    np.column_stack([turned, 2 * square, none, none]),
+                    np.column_stack([none, none, square, turned]),
                 ]
             ),
-            np.array(
-                [
-                    np.column_stack([near, one]),
-                    np.column_stack([2 * one, none]),
-                    np.column_stack([near * moves, np.where(moves, one, 2.0)]),
-                ]
-            ),
-            np.array([np.where(moves, own_first, np.nan), ahead - way, turn - own_first]),
+            np.array([np.column_stack([none, two]), np.column_stack([two, none])]),
+            np.array([turn, ahead - way]),
         )
 
     def fitted(self, weights: Numbers, position: float, heading: float) -> Numbers:
         """The alphas, (4,), with poses that have noise of their own [m, rad]."""
-        some = np.isfinite(self.residuals)
-        fixed = self.poses[some] @ np.array([position**2, heading**2])
-        every = np.broadcast_to(weights, self.residuals.shape)[some]
-        return _variances(self.residuals[some] ** 2, self.features[some], fixed, every)
+        fixed = (self.poses @ np.array([position**2, heading**2])).ravel()
+        features, every = self.features.reshape(-1, 4), np.tile(weights, 2)
+        return likeliest_variances(self.residuals.ravel() ** 2, features, fixed, every)
 
-    def shares(self, alphas: Numbers, position: float, heading: float) -> tuple[float, float]:
-        """Mean variance of the turns that is of the poses, and that is of odometry [rad^2]."""
-        some = np.isfinite(self.residuals[0])
-        of_poses = self.poses[0][some] @ np.array([position**2, heading**2])
-        return float(of_poses.mean()), float((self.features[0][some] @ alphas).mean())
+    def outweighed(self, alphas: Numbers, position: float, heading: float) -> bool:
+        """Whether the poses' noise is more than odometry's, of the turns or of the distances."""
+        of_poses = self.poses @ np.array([position**2, heading**2])
+        of_odometry = self.features @ alphas
+        return bool((of_poses.mean(axis=1) > of_odometry.mean(axis=1)).any())
 
     def jumps(self, alphas: Numbers, position: float, heading: float) -> float:
         """Share of the increments that are far off what the fit expects."""
@@ -296,47 +288,9 @@ def _regressed(
     parts: Numbers | None = None
     for _ in range(4):
         squares = (values - means @ coefficients) ** 2
-        parts = _variances(squares, features, np.zeros(len(values)), weights, parts)
+        parts = likeliest_variances(squares, features, np.zeros(len(values)), weights, parts)
         own = weights / (features @ parts + TINY)
         matrix = (means * own[:, None]).T @ means + TINY * np.eye(means.shape[1])
         coefficients = np.asarray(np.linalg.solve(matrix, (means * own[:, None]).T @ values))
     assert parts is not None
     return coefficients, parts
-
-
-def _variances(
-    squares: Numbers,
-    features: Numbers,
-    fixed: Numbers,
-    weights: Numbers,
-    start: Numbers | None = None,
-) -> Numbers:
-    """Coefficients of the variance of Gaussian values that are likeliest, none below 0.
-
-    The variance of a value is ``features @ coefficients + fixed``. Each round is a step of Fisher's
-    scoring: least squares of the squares, weighted by the precision that they have by now.
-    """
-    scale = np.maximum(weights @ features, TINY)
-    found = weights @ squares / scale if start is None else start
-    # So that no value of hardly any variance counts for all others.
-    least = 1e-3 * float(weights @ squares / max(weights.sum(), TINY)) + TINY
-    for _ in range(12):
-        variance = np.maximum(features @ found + fixed, least)
-        own = (weights / variance**2)[:, None] * features
-        found = (found + _not_negative(own.T @ features, own.T @ (squares - fixed))) / 2
-    return np.asarray(found)
-
-
-def _not_negative(matrix: Numbers, vector: Numbers) -> Numbers:
-    """Least squares by their normal equations, without the coefficients that would be negative."""
-    some = np.diag(matrix) > TINY
-    found = np.zeros(len(vector))
-    while some.any():
-        part = matrix[np.ix_(some, some)]
-        size = np.sqrt(np.diag(part))
-        solved = np.linalg.lstsq(part / np.outer(size, size), vector[some] / size, rcond=1e-9)[0]
-        if (solved >= 0).all():
-            found[some] = solved / size
-            break
-        some[np.flatnonzero(some)[np.argmin(solved)]] = False
-    return found

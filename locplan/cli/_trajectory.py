@@ -1,0 +1,38 @@
+"""The command that finds where a robot was along a recorded drive."""
+
+from __future__ import annotations
+
+import locplan
+from locplan._util.progress import progress_bar
+from locplan.cli import _types as typed
+from locplan.cli._options import Cached, DriveOptions, Output
+from locplan.cli._robot_options import RobotOptions
+from locplan.errors import ConfigError
+
+
+@typed.command(
+    "trajectory lab.yaml --drive monday.mcap -o monday",
+    "trajectory lab.yaml --drive monday.mcap --start 2,3,90 --robot nav2_params.yaml",
+)
+class trajectory(typed.OneMap, RobotOptions, DriveOptions, Cached, Output):
+    """Find where a robot was along a recorded drive, of its scans, its odometry and the map.
+
+    The log's own poses are not read, but compared. What was interrupted goes on when it is called
+    again.
+    """
+
+    start: typed.Pose = None
+    """Pose at the first scan, x,y,deg in metres and degrees; anywhere on the map by default."""
+    seed: typed.Seed = 1
+    """Seed of all random numbers; 1 by default."""
+
+    def __call__(self) -> None:
+        if self.start is not None and len(self.start) != 3:
+            raise ConfigError("--start needs a heading: x,y,deg")
+        self.check_output(locplan.Trajectory.files)
+        drive, grid = self.read(), locplan.load_map(self.map_file)
+        robot = self.robot_on(drive, replayed=False)
+        every = self.given("start", "seed", Cached)
+        with progress_bar("smoothing", "") as progress:
+            found = locplan.recordings.trajectory_of(drive, grid, robot, progress=progress, **every)
+        self.finish(found)

@@ -1,0 +1,129 @@
+"""The poses of a recorded drive that count as true: the log's own, or smoothed ones, kept."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from contextlib import suppress
+from dataclasses import replace
+
+from numpy.typing import ArrayLike
+
+from locplan._util.checks import instance, one_of
+from locplan._util.files import make_folder
+from locplan._util.progress import ProgressCallback
+from locplan.errors import LocplanError
+from locplan.field import cache_folder
+from locplan.maps import OccupancyGrid, check_grid
+from locplan.recordings._bag_files import SUFFIXES
+from locplan.recordings._recording import Recording
+from locplan.recordings._smoothing import smooth
+from locplan.recordings._trajectory import SMOOTHED, Trajectory
+from locplan.robots import Robot
+
+VERSION = 1
+"""Version of what `smooth` finds, which rises when it finds something else."""
+REFERENCES = ("log", SMOOTHED)
+
+
+def trajectory_of(
+    recording: Recording,
+    grid: OccupancyGrid,
+    robot: Robot | None = None,
+    *,
+    start: ArrayLike | str | None = None,
+    seed: int = 1,
+    cache_dir: str | os.PathLike[str] | None = None,
+    progress: ProgressCallback | None = None,
+) -> Trajectory:
+    """The trajectory that `smooth` finds, read from the cache if it was found before.
+
+    A call that was interrupted goes on where it was.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive.
+    grid : OccupancyGrid
+        The map.
+    robot, start, seed, progress
+        See `smooth`.
+    cache_dir : path, optional
+        Cache folder; by default LOCPLAN_CACHE of the environment, or else the user's.
+
+    Raises
+    ------
+    LocplanError
+        As for `smooth`, or if the cache cannot be written.
+    """
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
+    check_grid(grid)
+    name = _digest(recording, grid, robot, start, seed)
+    folder = cache_folder(cache_dir) / "trajectories"
+    file = folder / f"{name}.npz"
+    if file.is_file():
+        with suppress(LocplanError):  # a damaged one is made anew
+            return replace(Trajectory.load(file), grid=grid)
+    make_folder(folder)
+    found = smooth(
+        grid, recording, robot, start, folder=folder / name, seed=seed, progress=progress
+    )
+    found.write(file)
+    shutil.rmtree(folder / name, ignore_errors=True)
+    return found
+
+
+def referenced(
+    recording: Recording,
+    grid: OccupancyGrid,
+    reference: str | None = None,
+    robot: Robot | None = None,
+    *,
+    cache_dir: str | os.PathLike[str] | None = None,
+    progress: ProgressCallback | None = None,
+) -> Recording:
+    """The recording with the poses that count as true.
+
+    Smoothed poses that are not to be trusted are left out, with their scans.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive.
+    grid : OccupancyGrid
+        The map.
+    reference : {"log", "smoothed"}, optional
+        The log's own poses, or those of `smooth`; by default these of a bag, which does not tell
+        whether its poses are a filter's, and the log's own of other files.
+    robot, cache_dir, progress
+        See `trajectory_of`.
+
+    Raises
+    ------
+    LocplanError
+        As for `trajectory_of`.
+    """
+    if reference is not None:
+        one_of("reference", reference, REFERENCES)
+    of_bag = recording.source.file.lower().endswith(SUFFIXES)
+    if recording.source.poses == SMOOTHED or (reference or ("log", SMOOTHED)[of_bag]) == "log":
+        return recording
+    found = trajectory_of(recording, grid, robot, cache_dir=cache_dir, progress=progress)
+    return found.of(recording)
+
+
+def _digest(
+    recording: Recording,
+    grid: OccupancyGrid,
+    robot: Robot | None,
+    start: ArrayLike | str | None,
+    seed: int,
+) -> str:
+    """What a trajectory is found by: all that it depends on."""
+    odometry = recording.robot(robot).odometry
+    about = VERSION, grid.digest, repr(recording.lidar), repr(odometry), repr(start), seed
+    digest = hashlib.sha256(repr(about).encode())
+    for array in (recording.ranges, recording.poses, recording.times, recording.odometry):
+        digest.update(b"-" if array is None else array.tobytes())
+    return digest.hexdigest()[:32]

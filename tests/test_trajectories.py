@@ -1,0 +1,410 @@
+"""Trajectories of recorded drives: their kernels, what is found, and what is told of it."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import naive
+import numpy as np
+import pytest
+from conftest import SHARED_DATA
+from figure_looks import check_looks
+
+import locplan
+from locplan._kernels import least_squares, trajectory as kernels
+from locplan._kernels.particles import BeamScores
+from locplan._util.poses import after_way, way_between, wrapped
+from locplan.errors import ConfigError, RecordingError
+from locplan.maps import FREE, OccupancyGrid
+from locplan.recordings import (
+    Jump,
+    Recording,
+    read_drive,
+    record_drive,
+    referenced,
+    smooth,
+    trajectory_figure,
+    trajectory_of,
+)
+
+GRID = locplan.maps.environments.make("places", resolution=0.1)
+ROBOT = locplan.Robot(locplan.Lidar(range=8.0, beams=180))
+
+
+@pytest.fixture(scope="module")
+def drive() -> Recording:
+    costs = locplan.Costmap.blank(GRID)
+    way = locplan.plan(costs, (4.55, 4.15), (25.75, 17.75)).path
+    return record_drive(GRID, way, ROBOT, spacing=0.35)
+
+
+@pytest.fixture(scope="module")
+def found(drive):
+    return smooth(GRID, drive)
+
+
+def off(found, drive, some=slice(None)) -> np.ndarray:
+    return np.hypot(*(found.poses - drive.poses)[some, :2].T)
+
+
+def with_odometry(drive: Recording, change) -> Recording:
+    """The drive with other moves by odometry, which are changed in place."""
+    moves = way_between(drive.odometry[:-1], drive.odometry[1:])
+    change(moves)
+    odometry = [drive.odometry[0]]
+    for move in moves:
+        odometry.append(after_way(odometry[-1], move))
+    return replace(drive, odometry=np.array(odometry))
+
+
+# Kernels
+
+
+@pytest.mark.parametrize("scale", [0.1, 1.0, 3.0, 8.0])
+def test_the_density_of_a_move_is_that_of_its_parts(scale):
+    random = np.random.default_rng(1)
+    for _ in range(50):
+        error = random.standard_normal(3) * scale * (0.2, 0.2, 0.1)
+        deviation = random.uniform(0.02, 0.2, 3)
+        expected = naive.density_of(error, deviation, 1e-15)
+        assert kernels.density_of(error, deviation, 1e-15) == pytest.approx(expected, rel=1e-6)
+    assert kernels.density_of(np.array([20.0, 0, 0]), deviation, 1e-15) == 1e-15
+
+
+def small_scene():
+    """Walls, the distances of the cells' centres from them in a ring of 2 m, and a scan's ends."""
+    walls = np.zeros((12, 15), bool)
+    walls[2, 1:14], walls[3:11, 4], walls[9, 9:12] = True, True, True
+    rows, cols = np.nonzero(walls)
+    away = np.full((14, 17), 2.0, np.float32)
+    for i, j in np.ndindex(walls.shape):
+        away[i + 1, j + 1] = min(2.0, 0.1 * np.hypot(rows - i, cols - j).min())
+    ends = np.random.default_rng(2).uniform(-0.6, 0.6, (20, 2))
+    ends[3] = np.nan
+    return walls, BeamScores(away.ravel(), *away.shape, 0.1, True, 1.0), ends
+
+
+def test_the_fit_of_a_scan_is_that_of_its_ends_and_its_equations_are_the_slope():
+    walls, field, ends = small_scene()
+    beams = least_squares.Beams(0.1, 0.1, 30.0, -1.0)
+    matrix, vector = np.empty((3, 3)), np.empty(3)
+    random = np.random.default_rng(3)
+    for _ in range(20):
+        pose = random.uniform((0.4, 0.4, -3), (1.1, 0.8, 3))
+
+        def fit(at):
+            return least_squares.fit_of(field, beams, ends, at, matrix, vector)
+
+        expected = naive.fit_of(walls, 0.1, 0.1, 0.1, ends, pose)
+        assert fit(pose) == pytest.approx(expected, abs=1e-5)
+        slope = vector.copy()
+        steps = 1e-4 * np.eye(3)
+        rise = [(fit(pose + step) - fit(pose - step)) / 2e-4 for step in steps]
+        # Where an end crosses into another cell within a step, the slope jumps.
+        assert slope == pytest.approx(-30.0 * np.array(rise), rel=0.1, abs=4.0)
+    assert math.isnan(least_squares.fit_of(field, beams, ends * np.nan, pose, matrix, vector))
+
+
+def test_the_best_way_is_the_likeliest_of_all():
+    random = np.random.default_rng(4)
+    for _ in range(20):
+        candidates = random.uniform(-1, 1, (3, 5, 3))
+        gains, moves = random.uniform(-9, 0, (3, 5)), random.uniform(-1, 1, (5, 3))
+        deviations = random.uniform(0.1, 0.6, (5, 3))
+        way = kernels.best_way(candidates, gains, moves, deviations, 1e-9)
+        assert tuple(way) == naive.best_way(candidates, gains, moves, deviations, 1e-9)
+
+
+def test_blocks_are_solved_and_inverted_as_the_whole_matrix():
+    random = np.random.default_rng(5)
+    parts = random.standard_normal((6, 3, 6))
+    diagonal, beside = np.zeros((6, 3, 3)), np.zeros((6, 3, 3))
+    diagonal += np.eye(3)
+    for n in range(1, 6):
+        both = parts[n].T @ parts[n]
+        diagonal[n - 1] += both[:3, :3]
+        diagonal[n] += both[3:, 3:]
+        beside[n] = both[3:, :3]
+    vector, step = random.standard_normal((6, 3)), np.empty((6, 3))
+    equations = least_squares.Equations(diagonal, beside, vector)
+    least_squares.solve_blocks(equations, 0.0, step)
+    whole = naive.whole_matrix(diagonal, beside)
+    assert step.ravel() == pytest.approx(-np.linalg.solve(whole, vector.ravel()))
+    own, across = np.empty((6, 3, 3)), np.empty((6, 3, 3))
+    least_squares.covariances_of(equations, own, across)
+    inverse = np.linalg.inv(whole + 1e-9 * np.eye(18))
+    for n in range(6):
+        here, before = slice(3 * n, 3 * n + 3), slice(3 * n - 3, 3 * n)
+        assert own[n] == pytest.approx(inverse[here, here])
+        assert n == 0 or across[n] == pytest.approx(inverse[here, before])
+
+
+def some_drive(ends):
+    """Six scans whose odometry errs, and the poses that it was made with."""
+    random = np.random.default_rng(8)
+    moves = np.tile([0.2, 0.02, 0.3], (6, 1))
+    poses = [np.array([0.7, 0.5, 0.1])]
+    for move in moves[1:]:
+        poses.append(after_way(poses[-1], move + random.standard_normal(3) * 0.05))
+    deviations = np.full((6, 3), 0.05)
+    deviations[3] = np.inf  # a jump
+    drive = least_squares.Drive(np.tile(ends, (6, 1, 1)), np.ones(6), moves, deviations)
+    return drive, np.array(poses)
+
+
+def test_the_equations_of_odometry_are_the_slope_of_its_loss():
+    _, field, ends = small_scene()
+    drive, poses = some_drive(ends * np.nan)
+    beams = least_squares.Beams(0.1, 0.1, 30.0, -1.0)
+    equations = least_squares.Equations(*np.empty((2, 6, 3, 3)), np.empty((6, 3)))
+    least_squares.normal_equations(field, beams, drive, poses, equations)
+    slope, rest = equations.vector.copy(), least_squares.Equations(*map(np.copy, equations))
+    for n, axis in np.ndindex(6, 3):
+        step = np.zeros((6, 3))
+        step[n, axis] = 1e-6
+        up, down = (
+            least_squares.normal_equations(field, beams, drive, poses + sign * step, rest)
+            for sign in (1, -1)
+        )
+        assert slope[n, axis] == pytest.approx((up - down) / 2e-6, rel=1e-4, abs=1e-4)
+    assert not equations.beside[3].any()
+
+
+def test_refined_poses_lose_less_and_follow_odometry_where_scans_say_nothing():
+    _, field, ends = small_scene()
+    drive, poses = some_drive(ends)
+    beams = least_squares.Beams(0.1, 0.1, 30.0, -1.0)
+    equations = least_squares.Equations(*np.empty((2, 6, 3, 3)), np.empty((6, 3)))
+    before = least_squares.normal_equations(field, beams, drive, poses, equations)
+    found = poses.copy()
+    after = least_squares.refine_poses(field, beams, drive, found, 20)
+    assert after < before
+    loss = least_squares.normal_equations(field, beams, drive, found, equations)
+    assert loss == pytest.approx(after)
+    nothing = drive._replace(ends=drive.ends * np.nan)
+    least_squares.refine_poses(field, beams, nothing, poses, 50)
+    ways = way_between(poses[:-1], poses[1:])
+    assert ways[[0, 1, 3, 4]] == pytest.approx(drive.moves[[1, 2, 4, 5]], abs=1e-3)
+
+
+def test_particles_spread_as_moves_err():
+    cloud = np.zeros((3, 4), np.float32)
+    cloud[2] = math.pi / 2  # ahead is up
+    poses, deviation = np.empty((3, 80_000)), np.array([0.1, 0.05, 0.02])
+    kernels.spread(np.random.default_rng(9), cloud, np.array([1.0, 0, 0.2]), deviation, poses)
+    low, middle, high = np.quantile(poses, (0.159, 0.5, 0.841), axis=1)
+    assert middle == pytest.approx([0.0, 1.0, math.pi / 2 + 0.2], abs=2e-3)
+    assert (high - low) / 2 == pytest.approx([0.0585, 0.117, 0.0234], rel=0.05)
+    assert 0.003 < (np.hypot(poses[0], poses[1] - 1.0) > 1.0).mean() < 0.012
+
+
+def test_particles_are_drawn_in_proportion_to_their_weights():
+    poses = np.arange(12.0).reshape(3, 4)
+    cloud = np.empty((3, 1000), np.float32)
+    weights = np.array([1.0, 0.0, 2.0, 7.0])
+    kernels.draw_evenly(np.random.default_rng(6), poses, weights, cloud)
+    counts = [(cloud[0] == x).sum() for x in poses[0]]
+    assert counts == pytest.approx([100, 0, 200, 700], abs=1)
+    assert (cloud[2] - cloud[0] == 8).all()
+
+
+def test_samples_backwards_follow_what_leads_to_the_end():
+    clouds = np.zeros((3, 3, 40), np.float32)
+    clouds[:, 1, 20:] = 5.0  # two ways side by side, 5 m apart
+    clouds[:, 0] = np.arange(3)[:, None]
+    clouds[2, 1] = 5.0  # of which one ends here
+    moves, deviations = np.tile([1.0, 0, 0], (3, 1)), np.full((3, 3), 0.1)
+    samples = np.empty((30, 3, 3))
+    kernels.sample_backwards(np.random.default_rng(7), clouds, moves, deviations, 1e-15, samples)
+    assert (samples[..., 1] == 5.0).all()
+
+
+# What is found
+
+
+def test_a_drive_is_found_though_its_start_and_poses_are_not_known(drive, found):
+    assert np.median(off(found, drive)) < 0.04
+    assert off(found, drive).max() < 0.12
+    turn = np.abs(wrapped(found.poses[:, 2] - drive.poses[:, 2]))
+    assert math.degrees(np.median(turn)) < 0.5
+    lost = replace(drive, poses=drive.poses[::-1].copy())
+    assert np.array_equal(smooth(GRID, lost).poses, found.poses)
+
+
+def test_the_covariance_holds_the_errors(drive, found):
+    error = (found.poses - drive.poses)[:, :2]
+    squares = np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariances[:, :2, :2]), error)
+    assert (squares < 5.99).mean() > 0.9
+    assert np.median(squares) > 0.02
+
+
+def test_a_slip_of_the_wheels_is_named(drive):
+    def slip(moves):
+        moves[19, 0] += 2.0
+
+    found = smooth(GRID, with_odometry(drive, slip))
+    (jump,) = found.jumps
+    assert (jump.scan, jump.kind) == (20, "slip")
+    assert jump.distance == pytest.approx(2.0, abs=0.15)
+    assert not found.trusted[20]
+    assert off(found, drive).max() < 0.2
+    assert "wheels slip 2" in " ".join(found.sentences)
+
+
+def test_a_robot_that_was_carried_away_is_found_again(drive):
+    there = replace(drive, poses=drive.poses[::-1], ranges=drive.ranges[::-1], times=None)
+    both = {
+        name: np.concatenate([getattr(drive, name), getattr(there, name)])
+        for name in ("ranges", "poses")
+    }
+    moves = way_between(drive.odometry[:-1], drive.odometry[1:])
+    back = way_between(moves[::-1], np.zeros_like(moves))
+    odometry = [drive.odometry[0]]
+    for move in [*moves, [0.4, 0.0, 0.0], *back[5:]]:
+        odometry.append(after_way(odometry[-1], np.array(move)))
+    count = len(drive)
+    keep = np.r_[0:count, count + 5 : 2 * count]
+    carried = Recording(
+        both["ranges"][keep], drive.lidar, both["poses"][keep], odometry=np.array(odometry)
+    )
+    found = smooth(GRID, carried)
+    assert off(found, carried, found.trusted).max() < 0.2
+
+
+def test_a_robot_whose_log_has_no_odometry_follows_its_poses(drive, found):
+    alone = smooth(GRID, replace(drive, odometry=None))
+    assert alone.odometry is None
+    assert off(alone, drive).max() < 0.1
+
+
+def test_a_map_that_lies_turned_gives_the_same_in_the_world(drive, found):
+    turned = replace(GRID, origin=(1.0, -2.0, 0.7))
+    moved = found.grid.world_to_grid(*drive.poses[:, :2].T)
+    x, y = turned.grid_to_world(*moved)
+    poses = np.column_stack([x, y, drive.poses[:, 2] + 0.7 - GRID.origin[2]])
+    there = smooth(turned, replace(drive, poses=poses))
+    assert off(there, replace(drive, poses=poses)) == pytest.approx(off(found, drive), abs=1e-6)
+    assert wrapped(there.poses[:, 2] - found.poses[:, 2]) == pytest.approx(0.7, abs=1e-6)
+    cos, sin = math.cos(0.7), math.sin(0.7)
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    assert there.covariances == pytest.approx(turn @ found.covariances @ turn.T, abs=1e-9)
+
+
+def test_odometry_is_told_from_the_drive(drive):
+    def wrong(moves):
+        moves[:, 0] *= 0.9
+
+    found = smooth(GRID, with_odometry(drive, wrong))
+    before = smooth(GRID, drive).odometry.scale
+    assert (1 + found.odometry.scale) / (1 + before) == pytest.approx(1 / 0.9, abs=0.03)
+
+
+def test_the_start_may_be_known(drive):
+    for start in ("log", drive.poses[0]):
+        assert off(smooth(GRID, drive, start=start), drive).max() < 0.12
+    for start in ("here", (1.0, 2.0), (math.nan, 0, 0), {}):
+        with pytest.raises(ConfigError, match="start must be"):
+            smooth(GRID, drive, start=start)
+
+
+def test_what_cannot_be_smoothed_is_refused(drive):
+    with pytest.raises(RecordingError, match="too few"):
+        smooth(GRID, drive[:9])
+    bare = OccupancyGrid(np.full((50, 50), FREE, np.uint8), 0.1)
+    with pytest.raises(RecordingError, match="no walls"):
+        smooth(bare, drive)
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not (SHARED_DATA / "carmen").exists(), reason="the logs are not in this place")
+@pytest.mark.parametrize("half", ["odd", "even"])
+@pytest.mark.parametrize("name", ["aces", "csail", "fhw", "intel", "seattle"])
+def test_real_drives_are_found_on_maps_of_their_other_scans(name, half):
+    log = read_drive(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz")
+    drive = log[(half == "odd") :: 2]
+    other = {"odd": "even", "even": "odd"}[half]
+    grid = locplan.load_map(SHARED_DATA / "rosmaps_carmen" / f"{name}_{other}" / "map.yaml")
+    found = smooth(grid, drive)
+    error, some = off(found, drive), found.trusted
+    turn = np.degrees(np.abs(wrapped(found.poses[:, 2] - drive.poses[:, 2])))
+    assert np.median(error) <= 0.04
+    assert np.quantile(error[some], 0.95) <= 0.12
+    assert np.median(turn) <= 0.5
+    assert not (error[some] > 0.3).any()
+    assert some.mean() >= 0.93
+    apart = (found.poses - drive.poses)[:, :2]
+    squares = np.einsum("ni,nij,nj->n", apart, np.linalg.inv(found.covariances[:, :2, :2]), apart)
+    assert (squares < 5.99).mean() >= 0.9
+
+
+# What is kept
+
+
+def test_an_interrupted_pass_goes_on_to_the_same_result(drive, found, tmp_path):
+    def stop(done, total):
+        if done > 0.4 * total:  # after 64 scans of the first pass
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        smooth(GRID, drive, folder=tmp_path, progress=stop)
+    (done,) = tmp_path.iterdir()
+    before = done.stat().st_mtime_ns
+    assert smooth(GRID, drive, folder=tmp_path) == found
+    assert done.stat().st_mtime_ns == before
+    with np.load(done) as block:
+        others = {name: block[name] + 1.0 for name in block}
+    np.savez(done, **others)
+    assert smooth(GRID, drive, folder=tmp_path) != found
+
+
+def test_a_trajectory_is_kept_by_its_digest_and_saved_whole(drive, found, tmp_path):
+    made = trajectory_of(drive, GRID, cache_dir=tmp_path)
+    steps = []
+    again = trajectory_of(drive, GRID, cache_dir=tmp_path, progress=lambda *s: steps.append(s))
+    assert made == again == found
+    assert not steps
+    found.save(tmp_path / "saved")
+    assert locplan.Trajectory.load(tmp_path / "saved") == found
+    tum = np.loadtxt(tmp_path / "saved" / "poses.tum", delimiter=" ")  # as evo splits lines
+    some = found.trusted
+    assert tum[:, 1:3] == pytest.approx(found.poses[some, :2], abs=1e-6)
+    assert 2 * np.arctan2(tum[:, 6], tum[:, 7]) == pytest.approx(found.poses[some, 2], abs=1e-5)
+
+
+def test_a_smoothed_reference_has_trusted_poses_only(drive, found, tmp_path):
+    assert referenced(drive, GRID) is drive  # it is no bag
+    smoothed = referenced(drive, GRID, "smoothed", cache_dir=tmp_path)
+    assert np.array_equal(smoothed.poses, found.poses[found.trusted])
+    assert referenced(smoothed, GRID, "smoothed") is smoothed
+    as_bag = replace(drive, source=replace(drive.source, file="monday.mcap"))
+    assert len(referenced(as_bag, GRID, cache_dir=tmp_path)) == len(smoothed)
+    with pytest.raises(ConfigError, match="reference must be one of"):
+        referenced(drive, GRID, "truth")
+
+
+def test_the_figure_marks_what_is_not_to_be_trusted(drive, found):
+    doubts = found.doubts.copy()
+    doubts[30:34] = 1
+    jump = Jump(30, "slip", *map(float, found.poses[30, :2]), 2.0, 0.1)
+    doubtful = replace(found, doubts=doubts, jumps=(jump,))
+    check_looks(trajectory_figure(doubtful), "trajectory")
+
+
+def test_the_command_tells_where_the_robot_was(drive, tmp_path, run):
+    locplan.save_map(GRID, tmp_path / "places.yaml")
+    drive.save(tmp_path / "drive.npz")
+    asked = "trajectory", tmp_path / "places.yaml", "--drive", tmp_path / "drive.npz"
+    code, out, _ = run(*asked, "--json", "-o", tmp_path / "out")
+    assert code == 0
+    about = json.loads(out)
+    assert about["scans"] == len(drive)
+    assert about["log_off"] < 0.05
+    names = {"trajectory.npz", "trajectory.png", "poses.csv", "poses.tum", "run.yaml"}
+    assert names <= {each.name for each in (tmp_path / "out").iterdir()}
+    _, out, _ = run(*asked)
+    assert f"{len(drive)} scans" in out
+    code, _, err = run(*asked, "--start", "1,2")
+    assert code == 2
+    assert "needs a heading" in err
