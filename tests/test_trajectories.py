@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import naive
 import numpy as np
@@ -371,6 +372,25 @@ def test_a_trajectory_is_kept_by_its_digest_and_saved_whole(drive, found, tmp_pa
     some = found.trusted
     assert tum[:, 1:3] == pytest.approx(found.poses[some, :2], abs=1e-6)
     assert 2 * np.arctan2(tum[:, 6], tum[:, 7]) == pytest.approx(found.poses[some, 2], abs=1e-5)
+
+
+def test_the_cache_lists_and_clears_trajectories(drive, tmp_path, run):
+    def stop(done, total):
+        if done > 0.4 * total:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        trajectory_of(drive, GRID, cache_dir=tmp_path, progress=stop)
+    asked = "--cache-dir", tmp_path
+    (entry,) = json.loads(run("cache", "list", "--json", *asked)[1])
+    assert (entry["map"], entry["finished_share"]) == (GRID.name, 0.0)
+    trajectory_of(drive, GRID, cache_dir=tmp_path)
+    (entry,) = json.loads(run("cache", "list", "--json", *asked)[1])
+    assert entry["finished_share"] == 1.0
+    assert {"trajectory.npz", "about.json"} == {e.name for e in Path(entry["folder"]).iterdir()}
+    assert "0 fields and 1 trajectory" in run("cache", "list", *asked)[1]
+    assert "removed 1" in run("cache", "clear", *asked)[1]
+    assert json.loads(run("cache", "list", "--json", *asked)[1]) == []
 
 
 def test_a_smoothed_reference_has_trusted_poses_only(drive, found, tmp_path):

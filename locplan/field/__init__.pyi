@@ -30,6 +30,7 @@ from ._covariance import (
 )
 from ._estimator import Estimator as Estimator, Layer as Layer, MapPart as MapPart
 from ._field import CovarianceField as CovarianceField
+from ._kept import kept as kept
 from ._lattice import (
     every_second_point as every_second_point,
     points_near as points_near,

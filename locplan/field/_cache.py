@@ -1,4 +1,7 @@
-"""The folder of cached fields: its entries, its size limit, its locks, and its table."""
+"""The folder of cached results: its entries, its size limit, its locks, and its table.
+
+Most are fields; others, such as trajectories, have a folder `KEY.kept` (`locplan.field._kept`).
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import file_path, shown
+from locplan._util.reading import parsed_json, read_text
 from locplan._util.supervision import remove_abandoned, temporary_folder
 from locplan._util.tables import age, in_bytes, table
-from locplan.errors import ConfigError, FieldError, LocplanError
+from locplan.errors import ConfigError, LocplanError
 from locplan.field import _zarr as field_files
 from locplan.field._config import FieldConfig
 from locplan.field.estimators import ESTIMATORS, estimator_class
@@ -26,20 +30,22 @@ if TYPE_CHECKING:
 _UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _UNITS |= {f"{unit}I": 1024**power for power, unit in enumerate("KMGT", 1)}
 _DAY = 86400.0
+KEPT = ".kept"
 _FIELD = re.compile("[0-9a-f]{32}" + re.escape(field_files.FIELD_SUFFIX))
-"""Pattern of the names of cached fields; nothing else in the folder is touched."""
+_ENTRY = re.compile(f"{_FIELD.pattern}|[0-9a-f]{{32}}{re.escape(KEPT)}")
+"""Patterns of the names of cached fields, and of all entries; nothing else is touched."""
 
 
 @dataclass(frozen=True)
 class CacheEntry:
-    """A cached field."""
+    """A cached field, or another kept result."""
 
     folder: Path
-    """Folder of the field's Zarr group."""
+    """Folder of the field's Zarr group, or of the result's files."""
     about: dict[str, Any]
-    """The group's attributes; empty if they are damaged."""
+    """The group's attributes, or what the result is; empty if they are damaged."""
     size: int
-    """Total size of the field's files [bytes]."""
+    """Total size of the files [bytes]."""
     chunks: int
     """Number of finished chunks, of `about["chunks"]` in all."""
     computed: float
@@ -49,25 +55,30 @@ class CacheEntry:
 
     @classmethod
     def read(cls, folder: Path) -> CacheEntry:
-        """Read the entry of a field's folder, as far as it can be read.
+        """Read the entry of a folder, as far as it can be read.
 
         Parameters
         ----------
         folder : path
-            The field's folder within the cache.
+            The folder within the cache.
         """
-        try:
-            about = field_files.read_attributes(folder)
-        except FieldError:
-            about = {}
+        about: dict[str, Any] = {}
+        chunks = field_files.count_chunks(folder)
+        with suppress(LocplanError, ValueError):
+            if folder.suffix == KEPT:
+                what, map_name, finished = parsed_json(read_text(note_of(folder)))
+                about = {"config": {"name": str(what)}, "map_name": str(map_name), "chunks": 1}
+                chunks = int(bool(finished))
+            else:
+                about = field_files.read_attributes(folder)
         files = [Path(at, name) for at, _, names in os.walk(folder) for name in names]
         return cls(
             folder=folder,
             about=about,
             size=sum(_status(file)[0] for file in files),
-            chunks=field_files.count_chunks(folder),
-            computed=_status(folder / "covariance" / "zarr.json")[1],
-            used=_status(folder / "zarr.json")[1],
+            chunks=chunks,
+            computed=_status(folder / "covariance" / "zarr.json")[1] or _status(folder)[1],
+            used=_status(note_of(folder))[1],
         )
 
     @property
@@ -112,22 +123,31 @@ def cache_limit() -> int:
 
 
 def entries(folder: Path) -> list[CacheEntry]:
-    """Entries of the cached fields in the folder, the last used first."""
-    return [CacheEntry.read(path) for path in fields(folder)]
+    """All entries in the folder, the last used first."""
+    return [CacheEntry.read(path) for path in _named(folder, _ENTRY)]
 
 
 def fields(folder: Path) -> list[Path]:
     """Paths of the cached fields in the folder, the last used first."""
+    return _named(folder, _FIELD)
+
+
+def _named(folder: Path, pattern: re.Pattern[str]) -> list[Path]:
     try:
         names = os.listdir(folder)
     except OSError:
         return []  # the folder does not exist
-    found = [folder / name for name in names if _FIELD.fullmatch(name)]
-    return sorted(found, key=lambda path: _status(path / "zarr.json")[1], reverse=True)
+    found = [folder / name for name in names if pattern.fullmatch(name)]
+    return sorted(found, key=lambda path: _status(note_of(path))[1], reverse=True)
+
+
+def note_of(entry: Path) -> Path:
+    """The file that describes an entry, and whose time is that of its last use."""
+    return entry / ("about.json" if entry.suffix == KEPT else "zarr.json")
 
 
 def lock_of(field: Path) -> BaseFileLock:
-    """Lock that a process holds while it computes a field; the system frees it when that ends.
+    """Lock that a process holds while it computes an entry; the system frees it when that ends.
 
     Lock files are empty and are kept: if one were removed while another process opens it, two
     processes could hold the lock.
@@ -140,7 +160,7 @@ def lock_of(field: Path) -> BaseFileLock:
 
 
 def remove(field: Path) -> bool:
-    """Remove a cached field unless a process holds its lock; return whether it is gone."""
+    """Remove an entry unless a process holds its lock; return whether it is gone."""
     from filelock import Timeout
 
     try:
@@ -156,7 +176,7 @@ def remove(field: Path) -> bool:
 
 
 def clear_cache(folder: Path, days: float = 0.0) -> tuple[list[CacheEntry], list[CacheEntry]]:
-    """Remove cached fields, but for those being computed.
+    """Remove cached fields and other results, but for those being computed.
 
     Parameters
     ----------
@@ -206,12 +226,12 @@ def _status(path: Path) -> tuple[int, float]:
 
 @dataclass(frozen=True)
 class FieldCache:
-    """The cached fields in a folder, the last used first."""
+    """The cached results in a folder, the last used first."""
 
     folder: Path
     """The folder."""
     entries: Sequence[CacheEntry]
-    """The fields."""
+    """The results."""
     limit: int
     """Maximum size of the folder [bytes]."""
 
@@ -228,7 +248,7 @@ class FieldCache:
         return cls(folder, entries(folder), cache_limit())
 
     def summary(self) -> list[dict[str, Any]]:
-        """The fields, fit for JSON; times are seconds since the epoch."""
+        """The results, fit for JSON; times are seconds since the epoch."""
         return [
             {
                 "folder": str(entry.folder),
@@ -243,7 +263,7 @@ class FieldCache:
         ]
 
     def table(self) -> str:
-        """The fields with sizes and when they were used, and how full the folder is."""
+        """The results with sizes and when they were used, and how full the folder is."""
         rows = [
             [
                 entry.about.get("map_name", "(not of this version)"),
@@ -255,7 +275,10 @@ class FieldCache:
             for entry in self.entries
         ]
         total = sum(entry.size for entry in self.entries)
-        count = f"{len(self.entries)} field{'' if len(self.entries) == 1 else 's'}"
+        fields = sum(entry.folder.suffix != KEPT for entry in self.entries)
+        count = f"{fields} field{'' if fields == 1 else 's'}"
+        if other := len(self.entries) - fields:
+            count += f" and {other} trajector{'y' if other == 1 else 'ies'}"
         last = f"{count}, {in_bytes(total)} of at most {in_bytes(self.limit)}, in {self.folder}"
         if not rows:
             return last

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
 from contextlib import suppress
 from dataclasses import replace
 
 from numpy.typing import ArrayLike
 
 from locplan._util.checks import instance, one_of
-from locplan._util.files import make_folder
 from locplan._util.progress import ProgressCallback
 from locplan.errors import LocplanError
-from locplan.field import cache_folder
+from locplan.field import kept
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._bag_files import SUFFIXES
 from locplan.recordings._recording import Recording
@@ -59,18 +57,16 @@ def trajectory_of(
     """
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
-    name = _digest(recording, grid, robot, start, seed)
-    folder = cache_folder(cache_dir) / "trajectories"
-    file = folder / f"{name}.npz"
-    if file.is_file():
-        with suppress(LocplanError):  # a damaged one is made anew
-            return replace(Trajectory.load(file), grid=grid)
-    make_folder(folder)
-    found = smooth(
-        grid, recording, robot, start, folder=folder / name, seed=seed, progress=progress
-    )
-    found.write(file)
-    shutil.rmtree(folder / name, ignore_errors=True)
+    key, what = _digest(recording, grid, robot, start, seed), recording.source.file or "a recording"
+    with kept(key, f"trajectory of {what}", grid.name, cache_dir) as folder:
+        file = folder / "trajectory.npz"
+        if file.is_file():
+            with suppress(LocplanError):  # a damaged one is made anew
+                return replace(Trajectory.load(file), grid=grid)
+        found = smooth(grid, recording, robot, start, folder=folder, seed=seed, progress=progress)
+        found.write(file)
+        for block in folder.glob("pass_*.npz"):
+            block.unlink()
     return found
 
 
