@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from dataclasses import replace
@@ -22,6 +23,7 @@ from locplan.maps import FREE, OccupancyGrid
 from locplan.recordings import (
     Jump,
     Recording,
+    odometry_noise,
     read_drive,
     record_drive,
     referenced,
@@ -308,6 +310,13 @@ def test_the_start_may_be_known(drive):
     for start in ("here", (1.0, 2.0), (math.nan, 0, 0), {}):
         with pytest.raises(ConfigError, match="start must be"):
             smooth(GRID, drive, start=start)
+    with pytest.raises(ConfigError, match="is not on places"):
+        smooth(GRID, drive, start=(-5.0, 2.0, 0.0))
+
+
+def test_a_trajectory_of_which_nothing_is_to_be_trusted_says_so(found):
+    (said,) = replace(found, doubts=np.ones(len(found), np.int64)).sentences
+    assert said == f"None of {len(found)} scans is to be trusted: is it the right map?"
 
 
 def test_what_cannot_be_smoothed_is_refused(drive):
@@ -410,6 +419,28 @@ def test_the_figure_marks_what_is_not_to_be_trusted(drive, found):
     jump = Jump(30, "slip", *map(float, found.poses[30, :2]), 2.0, 0.1)
     doubtful = replace(found, doubts=doubts, jumps=(jump,))
     check_looks(trajectory_figure(doubtful), "trajectory")
+
+
+def test_a_short_drive_does_not_tell_the_drifts_of_odometry(drive, found):
+    noise = odometry_noise(found.of(drive), ROBOT.amcl)
+    assert any("too short to tell the drifts" in note for note in noise.notes)
+    assert not any("too short" in note for note in odometry_noise(drive, ROBOT.amcl).notes)
+
+
+@pytest.mark.long
+def test_the_drifts_of_odometry_are_not_lost_in_poses_that_saw_it():
+    costs = locplan.Costmap.blank(GRID, robot=ROBOT)
+    ends = [each.start for each in locplan.planners.random_queries(costs, 9, 7, min_distance=15.0)]
+    ways = [locplan.plan(costs, *pair).path.xy for pair in itertools.pairwise(ends)]
+    way = locplan.Path(np.concatenate([ways[0], *(each[1:] for each in ways[1:])]))
+    drive = record_drive(GRID, way, ROBOT, spacing=0.25)
+    noise = odometry_noise(smooth(GRID, drive).of(drive), ROBOT.amcl)
+    assert noise.distance_drift.value == pytest.approx(ROBOT.odometry.distance_drift, rel=0.15)
+    turned = noise.turned / way.length
+    drift = math.hypot(noise.heading_drift_deg.value, noise.turn_drift_deg.value * turned**0.5)
+    own = ROBOT.odometry
+    true = math.hypot(own.heading_drift_deg, own.turn_drift_deg * turned**0.5)
+    assert drift == pytest.approx(true, rel=0.25)
 
 
 def test_the_command_tells_where_the_robot_was(drive, tmp_path, run):

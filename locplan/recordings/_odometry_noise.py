@@ -19,11 +19,14 @@ from locplan._util.poses import Numbers, way_along, way_between, wrapped
 from locplan.recordings._odometry_model import TINY, likeliest_variances
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import updates_of, without_jumps
+from locplan.recordings._trajectory import SMOOTHED
 from locplan.robots import Amcl
 
-SPANS = (0.5, 1.0, 2.0, 4.0)
+SPANS, SMOOTHED_SPANS = (0.5, 1.0, 2.0, 4.0), (4.0, 8.0)
 """Lengths of the stretches over which odometry is compared with the poses [m]. Errors of the poses
-do not grow with them, those of odometry do."""
+do not grow with them, those of odometry do. Smoothed poses follow odometry over short ones."""
+MIN_STRETCHES = 30
+"""Number of stretches below which the drifts are hardly known."""
 MIN_UPDATES = 40
 """Number of the filter's updates below which odometry is not calibrated."""
 RESAMPLES = 100
@@ -32,7 +35,7 @@ RESAMPLES = 100
 
 @dataclass(frozen=True)
 class OdometryNoise:
-    """Noise of odometry with 95 % intervals over blocks of the drive of 4 m.
+    """Noise of odometry with 95 % intervals over blocks of the drive of 4 m, of smoothed poses 8 m.
 
     Drifts and biases are those of `locplan.robots.Odometry`. A bias is that of this drive:
     its size stands for the deviation from drive to drive.
@@ -100,8 +103,10 @@ def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
     if len(updates) - 1 < MIN_UPDATES:
         return None
     poses, odometry, jumps = without_jumps(recording.poses, recording.odometry)
-    stretches = _Stretches.of(poses, odometry)
-    blocks = blocks_along(poses, SPANS[-1])
+    smoothed = recording.source.poses == SMOOTHED
+    spans = SMOOTHED_SPANS if smoothed else SPANS
+    stretches = _Stretches.of(poses, odometry, spans)
+    blocks = blocks_along(poses, spans[-1])
     increments = _Increments.of(poses[updates], odometry[updates])
     drifts = intervals(stretches.fitted, blocks[stretches.begin], RESAMPLES)
     # The noise that the poses surely have: a small one is hardly apart from odometry's.
@@ -112,6 +117,13 @@ def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
     notes = _notes(increments, np.array([each.value for each in alphas]), sure, turned)
     if jumps:
         notes.append(f"jumps of odometry against the recorded poses, which are left out: {jumps}")
+    if smoothed:
+        notes.append("smoothed poses follow odometry between two updates: the alphas are too low")
+    if len(stretches.way) < MIN_STRETCHES:
+        notes.append(
+            f"the drive is too short to tell the drifts: it has {len(stretches.way)} stretches of"
+            f" {' and '.join(f'{span:g}' for span in spans)} m, not {MIN_STRETCHES}"
+        )
     values: list[Any] = [*alphas, *drifts, turned, len(updates), tuple(notes)]
     return OdometryNoise(*values)
 
@@ -164,13 +176,13 @@ class _Stretches:
     """Reported turn minus the true one [rad]."""
 
     @classmethod
-    def of(cls, poses: Numbers, odometry: Numbers) -> _Stretches:
-        """Stretches of each length, one after the other."""
+    def of(cls, poses: Numbers, odometry: Numbers, spans: tuple[float, ...]) -> _Stretches:
+        """Stretches of each length [m], one after the other."""
         turns = np.abs(wrapped(np.diff(odometry[:, 2])))
         way, turned = way_along(odometry), np.concatenate([[0.0], np.cumsum(turns)])
         progress = way + 0.3 * turned  # a turn of 1 rad counts as 0.3 m of way
         begins, ends = [], []
-        for span in SPANS:
+        for span in spans:
             marks = np.searchsorted(progress, np.arange(0.0, progress[-1], span))
             begins.append(marks[:-1])
             ends.append(marks[1:])
@@ -181,7 +193,7 @@ class _Stretches:
         own = np.hypot(reported[:, 0], reported[:, 1])  # noise of the poses chooses no stretches
         along = (reported[:, :2] * true[:, :2]).sum(axis=1) / np.maximum(chord, TINY)
         long = way[end] - way[begin]
-        straight = (own > 0.9 * long) & (own > SPANS[0] / 2)
+        straight = (own > 0.9 * long) & (own > spans[0] / 2)
         return cls(
             begin,
             long,

@@ -142,7 +142,10 @@ def _first(
         pose = np.empty(0)
     if pose.shape != (3,) or not np.isfinite(pose).all():
         raise ConfigError(f'start must be x, y, heading [m, m, rad], or "log", not {shown(start)}')
-    return np.asarray(own_axes(grid, pose[None])[0])
+    own = np.asarray(own_axes(grid, pose[None])[0])
+    if not grid.contains(*(int(own[axis] // grid.resolution) for axis in (1, 0))):
+        raise ConfigError(f"start {pose[0]:g},{pose[1]:g} is not on {grid.name or 'the map'}")
+    return own
 
 
 def key_scans(moves: Moves) -> NDArray[np.int64]:

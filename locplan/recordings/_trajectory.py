@@ -165,6 +165,8 @@ class Trajectory(Result, Stored):
     @property
     def sentences(self) -> list[str]:
         """What was found, in plain words."""
+        if not self.trusted.any():
+            return [f"None of {len(self):,} scans is to be trusted: is it the right map?"]
         count = len(self.stretches)
         doubtful = (
             f"{count} stretch{'es' * (count > 1)} with {int((~self.trusted).sum())} scans not to be"
