@@ -72,6 +72,16 @@ def with_covariance(*diagonal: float, **cells: float) -> Callable[..., object]:
     return change
 
 
+def test_a_setting_with_another_default_keeps_its_limits():
+    @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
+    class Sure(Own):
+        noise_level: float = 0.5
+
+    assert Sure().noise_level == 0.5
+    with pytest.raises(LocplanError, match="noise_level must be a positive number"):
+        Sure(noise_level=-1.0)
+
+
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [

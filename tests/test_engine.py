@@ -1,6 +1,7 @@
 """The engine of comparisons: no planner can stop it, and no run is made twice."""
 
 import dataclasses
+import itertools
 import json
 import math
 import os
@@ -8,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -230,6 +232,24 @@ def test_preparation_that_crashes_ends_the_comparison():
     broken.prepare = lambda: os._exit(1)
     with pytest.raises(LocplanError, match="before they are ready"):
         made(broken, workers=1)
+
+
+def test_starts_that_fail_count_for_each_worker(tmp_path):
+    def fragile(costs, start, goal):
+        return plan(costs, start, goal)
+
+    def prepare():  # the first three processes end, once all of them are there
+        for n in itertools.count():
+            with suppress(FileExistsError):
+                (tmp_path / str(n)).touch(exist_ok=False)
+                break
+        while n < 3 and not (tmp_path / "2").exists():
+            pass
+        if n < 3:
+            os._exit(1)
+
+    fragile.prepare = prepare
+    assert {run.status for run in made(fragile, workers=3)} == {"solved"}
 
 
 def test_a_worker_killed_from_outside_costs_one_run(tmp_path):

@@ -194,6 +194,24 @@ def test_filters_of_users_are_checked():
     check_filter(Deaf())
 
 
+def test_the_contracts_scans_are_of_its_map():
+    class Looking(Deaf):
+        def start(self, grid, lidar, pose, *more):
+            self.grid, self.lidar = grid, lidar
+            return self.begun(pose)
+
+        def scan(self, ranges):
+            at = self.pose[2] + self.lidar.angles
+            ends = [np.cos(at), np.sin(at)] * ranges + self.pose[:2, None]
+            rows, cols = np.round(self.grid.world_to_grid(*ends), 3)
+            walls = np.isin(rows, (1, 39)) | np.isin(cols, (1, 59))
+            assert walls.all()  # on the inner face
+            inside = (slice(1, -1),) * 2
+            assert (self.grid.cells[inside] == FREE).all()
+
+    check_filter(Looking())
+
+
 @pytest.mark.parametrize(
     ("fault", "said"),
     [

@@ -1015,6 +1015,7 @@ def test_maps_fill_their_part_of_a_figure(placed, rows, cols):
     figure.draw_without_rendering()
     first, second = (own for own in figure.axes if own.images)
     (plot,) = (own for own in figure.axes if own.get_xlabel() == "number of landmarks")
+    assert all(own.images or own.has_data() for own in figure.axes)  # no empty ones
     beside = plot.get_window_extent().x0 > second.get_window_extent().x1
     assert beside == (rows > 3 * cols)
     widths = [own.get_window_extent().width / figure.dpi for own in (first, second)]

@@ -1,6 +1,7 @@
 """Pictures are drawn once, in blocks where maps are large, and look as matplotlib draws them."""
 
 import io
+import re
 
 import numpy as np
 import pytest
@@ -80,6 +81,18 @@ def test_cells_have_the_colours_and_places_that_matplotlib_gives_them(yaw, norm)
     assert (drawn[0] != 255).mean() > 0.03
     # Pixels whose centre lies on the border of two cells may show either.
     assert (np.abs(drawn[0] - drawn[1]).max(axis=2) > 3).mean() < 0.03
+
+
+def test_cells_stand_at_one_place_of_a_vector_picture_whatever_its_resolution(field):
+    figure = plotting.map_figure(field.grid)
+
+    def places(dpi):
+        written = io.StringIO()
+        figure.savefig(written, format="svg", dpi=dpi)
+        images = re.findall(r"<image.*?>", written.getvalue(), re.DOTALL)
+        return [float(re.search(r' x="(.*?)"', each)[1]) for each in images]
+
+    assert places(288) == pytest.approx(places(72), abs=0.5)
 
 
 def test_a_wall_of_one_cell_stays_dark_where_two_cells_are_a_pixel():

@@ -195,6 +195,20 @@ def test_pictures_beyond_the_limit_are_counted(
     assert "The first 5 of 8 runs are shown" in page
 
 
+def test_the_limit_of_pictures_is_that_of_all_maps(
+    tmp_path: Path, case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limits = pictures.Limits(thumbnails=4)
+    monkeypatch.setattr("locplan.comparison._pictures.Pictures.limits", limits)
+    other, both = dataclasses.replace(case, map="other"), several(case)
+    tasks = [dataclasses.replace(run.task, map="other") for run in both.runs]
+    more = [dataclasses.replace(run, task=task) for run, task in zip(both.runs, tasks, strict=True)]
+    cases = {each.key: each for each in (case, other)}
+    page = written(tmp_path, Comparison((*both.runs, *more), "any-angle", cases, ABOUT))
+    assert page.count('aria-label="Paths of ') == 4
+    assert "4 pictures left out" in page
+
+
 def test_j_of_every_query_stands_beside_the_baselines(tmp_path: Path, case: Case) -> None:
     page = written(tmp_path, several(case))
     assert 'weight 0. Medians: any-angle 1.000; grid 1.250."' in page

@@ -307,6 +307,16 @@ def test_the_least_spaces(shape: tuple[int, int]) -> None:
     assert set(graph.edges.ravel()) == set(range(len(graph.nodes)))
 
 
+def test_by_default_a_square_metre_of_free_space_has_lanes_and_less_has_none() -> None:
+    def laid(rows: int) -> RouteGraph:
+        cells = np.full((rows, 10), FREE)
+        return roadmap(Costmap.blank(OccupancyGrid(cells, 0.1), robot=0.0), spacing=0.3)
+
+    assert len(laid(12).nodes)
+    with pytest.raises(ConfigError, match="as large as 1 m"):
+        laid(9)
+
+
 def test_what_cannot_be() -> None:
     costs = rooms(80)
     for wrong in ({"spacing": 0.1}, {"spacing": math.nan}, {"detour": 0.9}, {"min_area": 1e6}):

@@ -653,7 +653,10 @@ def test_the_figure_of_a_place_numbers_its_twins(equal_rooms):
         str(n) for n, _ in enumerate(alone.of(0), 1)
     }
     ends = {tuple(line.get_xydata()[-1]) for line in axes.lines}
-    assert ends == {(x, y) for x, y, *_ in alone.of(0)} | {tuple(alone.places[0])}
+    twins, place = {(x, y) for x, y, *_ in alone.of(0)}, tuple(alone.places[0])
+    assert ends == twins | {place}
+    ways = {tuple(map(tuple, line.get_xydata())) for line in axes.lines}
+    assert {(place, twin) for twin in twins} <= ways  # each is joined with the place
     assert "50% of the posterior" in axes.get_title(loc="left")
 
 

@@ -162,13 +162,20 @@ class Settings:
 
     def __post_init__(self: Any) -> None:
         for each in dataclasses.fields(self):
-            if "check" in each.metadata:
-                check, *limits = each.metadata["check"]
+            if known := _check_of(type(self), each.name):
+                check, *limits = known
                 keep(self, **{each.name: check(each.name, getattr(self, each.name), *limits)})
 
     def __repr__(self) -> str:
         changed = ", ".join(f"{name}={value!r}" for name, value in _changed(self))
         return f"{type(self).__name__}({changed})"
+
+
+def _check_of(owner: type, name: str) -> tuple[Any, ...]:
+    """The check of a setting, which a class that gives it another default has from its base."""
+    declared = (vars(base).get("__dataclass_fields__", {}).get(name) for base in owner.__mro__)
+    checks = (each.metadata.get("check", ()) for each in declared if each)
+    return next(filter(None, checks), ())
 
 
 def differing(settings: Settings) -> list[str]:

@@ -82,7 +82,7 @@ class Workers:
 
     def run(self, orders: Sequence[Order]) -> Iterator[Run]:
         """Start the runs in this order as workers become free, and yield each when it is done."""
-        left, failed = deque(orders), 0
+        left = deque(orders)
         while left or any(worker.order for worker in self._workers):
             self._hand_out(left)
             busy = [worker for worker in self._workers if worker.busy]
@@ -90,11 +90,9 @@ class Workers:
             for worker in busy:
                 if worker.works():
                     continue
-                run = worker.result()
-                failed = 0 if run or worker.alive else failed + 1
-                if run:
+                if run := worker.result():
                     yield run
-                elif failed == 3:
+                elif worker.failed == 3:
                     raise LocplanError(
                         "worker processes end before they are ready; the reason is on standard"
                         " error"
@@ -106,13 +104,13 @@ class Workers:
             if left and not worker.busy and worker.alive:
                 worker.send(left[0], self._limits[left.popleft().planner])
             elif left and not worker.busy:
-                self._workers[n] = self._start()
+                self._workers[n] = self._start(worker.failed)
 
 
 class _Worker:
     """A process that loads the planners, and then runs one at a time."""
 
-    def __init__(self, handed: bytes, memory: float, scratch: Path) -> None:
+    def __init__(self, handed: bytes, memory: float, scratch: Path, failed: int = 0) -> None:
         ours, theirs = socket.socketpair()
         with theirs:
             command = (
@@ -130,6 +128,7 @@ class _Worker:
                 start_new_session=True,
             )
         self.connection = Connection(ours.detach())
+        self.failed = failed  # starts in a row that ended while loading, in its place
         self._begin(None, 600.0)  # the very first start compiles
         with suppress(OSError):  # a process that has ended already is noticed later
             self.connection.send(memory)
@@ -174,7 +173,8 @@ class _Worker:
         if order is None:
             if answer:
                 raise LocplanError(f"a planner cannot be used in a worker process: {answer}")
-            if answer is None:
+            self.failed = self.failed + 1 if answer is None else 0
+            if self.failed:
                 self.end()
             return None
         if answer is None:
