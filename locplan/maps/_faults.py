@@ -61,8 +61,13 @@ class MapFaults(Result):
         if any(each.kind.endswith("walls") for each in self):
             where |= inside_of_walls(self.grid)
         if any(each.kind == "specks" for each in self):
-            where |= specks_of(self.grid)
+            where |= self.specks
         return where
+
+    @cached_property
+    def specks(self) -> Bools:
+        """The cells of up to 3 that touch each other, and else only free ones, (H, W)."""
+        return specks_of(self.grid)
 
     def summary(self) -> dict[str, object]:
         """The faults, fit for JSON."""

@@ -266,7 +266,7 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
     height, width = part.shape
     x, y = part.grid_to_world(np.array([0, 0, height, height]), np.array([0, width, width, 0]))
     corners = np.stack([x, y], axis=1)
-    look: dict[str, Any] = {"color": styles.styles.VERMILION, "zorder": 5}
+    look: dict[str, Any] = {"color": styles.VERMILION, "zorder": 5}
     inset.add_patch(Polygon(corners, fill=False, linewidth=2.2, **look))
     if max(part.shape) < 0.06 * max(grid.shape):  # its outline is hard to see
         inset.plot(*corners.mean(axis=0), "o", markersize=5, **look)
