@@ -7,6 +7,7 @@ from . import (
     landmarks as landmarks,
     maps as maps,
     matching as matching,
+    mending as mending,
     paper as paper,
     planners as planners,
     plotting as plotting,
@@ -47,6 +48,7 @@ from .landmarks import (
 )
 from .maps import OccupancyGrid as OccupancyGrid, load_map as load_map, save_map as save_map
 from .matching import ScanDatabase as ScanDatabase
+from .mending import Mended as Mended, mend as mend
 from .planners import (
     CostToGo as CostToGo,
     ParetoFront as ParetoFront,

@@ -1629,3 +1629,43 @@ def whole_matrix(diagonal, beside):
             before = slice(3 * n - 3, 3 * n)
             matrix[here, before], matrix[before, here] = beside[n], beside[n].T
     return matrix
+def fit_of(scores, beyond, ends, pose):
+    """Sum of the scores of the cells where the beams of a scan end at a pose."""
+    fit = 0.0
+    for ahead, left in ends:
+        if not math.isnan(ahead):
+            row = math.floor(pose[0] + math.sin(pose[2]) * ahead + math.cos(pose[2]) * left)
+            col = math.floor(pose[1] + math.cos(pose[2]) * ahead - math.sin(pose[2]) * left)
+            known = 0 <= row < scores.shape[0] and 0 <= col < scores.shape[1]
+            fit += float(scores[row, col]) if known else beyond
+    return fit
+
+
+def wrong_pose_wins(scores, beyond, ends, pose, moves):
+    """Whether a scan fits better after one of the moves."""
+    best = fit_of(scores, beyond, ends, pose)
+    return any(fit_of(scores, beyond, ends, pose + move) > best for move in moves)
+
+
+def surface_depths(cells, free, occupied, deep):
+    """Faces between free and occupied cells, and those with much black behind them."""
+    faces = deep_faces = 0
+    for down, right in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        for row, col in np.argwhere(cells == occupied).tolist():
+            before = (row - down, col - right)
+            if min(before) >= 0 and np.all(np.less(before, cells.shape)) and cells[before] == free:
+                faces += 1
+                behind = [(row + n * down, col + n * right) for n in range(deep)]
+                inside = [n for n in behind if min(n) >= 0 and np.all(np.less(n, cells.shape))]
+                deep_faces += len(inside) == deep and all(cells[n] == occupied for n in inside)
+    return faces, deep_faces
+
+
+def hollowed(cells):
+    """The cells with what is black on all sides unknown."""
+    result = cells.copy()
+    for row in range(1, cells.shape[0] - 1):
+        for col in range(1, cells.shape[1] - 1):
+            if (cells[row - 1 : row + 2, col - 1 : col + 2] == 0).all():
+                result[row, col] = 127
+    return result

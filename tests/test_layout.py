@@ -29,6 +29,7 @@ ORDER = (
     {"recordings"},
     {"landmarks", "twins"},
     {"comparison", "export", "paper"},
+    {"mending"},
     {"explorer"},
     {"testing"},
     {"cli"},

@@ -19,8 +19,8 @@ from locplan.maps import (
     OCCUPIED,
     UNKNOWN,
     OccupancyGrid,
+    faults,
     find_maps,
-    misleading,
     read_map,
 )
 from locplan.planners import describe_map, plan
@@ -43,6 +43,11 @@ U_TURN = (
 )
 YAML = "image: {image}\nresolution: 0.5\norigin: [0, 0, 0]\nnegate: 0\n{more}\n"
 USUAL = "occupied_thresh: 0.65\nfree_thresh: 0.196"
+
+
+def misleading(grid, source=None):
+    """The sentences of a map's faults."""
+    return tuple(each.sentence for each in faults(grid, source))
 
 
 def image_map(folder, pixels, more=USUAL, name="lab"):

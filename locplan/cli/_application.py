@@ -40,6 +40,7 @@ COMMANDS = {
     "evaluate": ("Localize", "_calibrate"),
     "calibrate": ("Localize", "_calibrate"),
     "locate": ("Localize", "_places"),
+    "mend": ("The site", "_landmarks"),
     "landmarks": ("The site", "_landmarks"),
     "features": ("The site", "_landmarks"),
     "twins": ("The site", "_places"),

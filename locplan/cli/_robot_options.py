@@ -116,10 +116,17 @@ class FilterMap(RobotOptions):
     """Map of the robot's filter, in the same frame, where it is not the one driven in."""
 
     def load_filter_map(self, *grids: OccupancyGrid) -> OccupancyGrid | None:
-        """The map of the filter, where it was named; it is of one map that is driven in."""
+        """The map of the filter, where it was named; it is of one map that is driven in.
+
+        A warning offers to mend a map on which the filter gets lost.
+        """
+        own = [locplan.load_map(self.filter_map)] if self.filter_map else [*grids]
+        for each in own:
+            if offered := locplan.mending.offer(each, getattr(self, "cache_dir", None)):
+                warnings.warn(locplan.maps.MapWarning(offered), stacklevel=2)
         if self.filter_map is None:
             return None
-        grid = locplan.load_map(self.filter_map)
+        (grid,) = own
         locplan.simulation.check_of_one_map(grid, grids)
         return locplan.simulation.check_filter_map(grid, grids[0])
 

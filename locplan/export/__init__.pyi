@@ -17,6 +17,7 @@ from ._charges import (
     ros_map as ros_map,
 )
 from ._figures import routes_figure as routes_figure, values_figure as values_figure
+from ._filter_map import write_filter_map as write_filter_map
 from ._graph_files import (
     lif as lif,
     route_graph as route_graph,

@@ -1,78 +1,90 @@
-"""What of a map misleads a planner or its user, in plain sentences."""
+"""What the cells of a map and its file show of faults, each in a plain sentence."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from locplan._kernels.arrays import Bools, Octets
 from locplan.maps._grid import OccupancyGrid
 from locplan.maps._occupancy import FREE, OCCUPIED
+from locplan.maps._solid import DEPTH, solidity
 from locplan.maps._source import DARK, ROWS, MapSource
 
 MIN_SHARE = 0.01
 """Minimum share of the pixels, or of the image's edge, that is worth a sentence."""
+SPECK, SPECKS = 3, 1.0
+"""Maximum size of a speck [cells], and the number of specks a square metre that is too many."""
 
 
-def misleading(grid: OccupancyGrid, source: MapSource | None = None) -> tuple[str, ...]:
-    """Say what of a map misleads: thresholds, greys, open edges, a mask instead of a map.
+@dataclass(frozen=True)
+class MapFault:
+    """Something of a map that misleads."""
 
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map.
-    source : MapSource, optional
-        How its pixels were read, see `read_map`; without it only the cells are looked at.
+    kind: str
+    """What it is: "mask", "thresholds", "cells", "open boundary", "solid walls", "thick walls",
+    "specks" or "origin"."""
+    what: str
+    """What is wrong, as a sentence without a full stop."""
+    mend: str = ""
+    """What to do about it; empty where the sentence says all."""
+    costs: str = ""
+    """What it costs a robot, where that was measured; else empty."""
+    sure: bool = False
+    """Whether the map alone shows it; else only the user, or a recorded drive, can tell."""
 
-    Returns
-    -------
-    tuple of str
-        Sentences without a full stop, the most important first; none if all seems well.
-
-    Examples
-    --------
-    >>> misleading(OccupancyGrid([[127, 0, 0, 0], [127, 0, 254, 0], [127, 0, 0, 0]], 0.05))
-    ()
-    """
-    of_source = _of_source(grid, source) if source else ()
-    return (*of_source, *_of_cells(grid), *_of_origin(grid))
+    @property
+    def sentence(self) -> str:
+        """All of it in one sentence, without a full stop."""
+        return "; ".join(each for each in (self.what, self.costs, self.mend) if each)
 
 
-def _of_source(grid: OccupancyGrid, source: MapSource) -> Iterator[str]:
+def _said(kind: str, sentence: str, *, sure: bool = False) -> MapFault:
+    """A fault whose sentence ends in what to do, or in what it means."""
+    what, _, mend = sentence.rpartition("; ")
+    return MapFault(kind, what or mend, mend if what else "", sure=sure)
+
+
+def of_source(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
     """What the file's entries and pixels make of the map."""
-    yield from _of_mask(grid, source)
     free, occupied = source.free_thresh, source.occupied_thresh
     if source.light_free > MIN_SHARE * source.pixels:
         lower = 0.196 if free > 0.196 else 0.15
-        yield (
+        yield _said(
+            "thresholds",
             f"{source.light_free:,} pixels ({source.light_free / source.pixels:.0%}) of a light"
             f" grey, mostly {source.light_value}, are read as free, while map_saver's 205 means"
-            f" unknown; if they are unknown, lower free_thresh to {lower:g} (it is {free:g})"
+            f" unknown; if they are unknown, lower free_thresh to {lower:g} (it is {free:g})",
         )
     walls = np.count_nonzero(grid.cells == OCCUPIED)
     if source.dark_unknown > walls / 2 and source.mode == "trinary":
-        yield (
+        yield _said(
+            "thresholds",
             f"{source.dark_unknown:,} dark grey pixels are read as unknown, beside {walls:,}"
             f" occupied ones; if they are walls, lower occupied_thresh to {DARK:g} (it is"
-            f" {occupied:g})"
+            f" {occupied:g})",
         )
     if free == occupied:
-        yield (
+        yield _said(
+            "thresholds",
             f"free_thresh and occupied_thresh are both {free:g}, so that no grey is unknown;"
-            " map_saver writes 0.25 or 0.196, and 0.65"
+            " map_saver writes 0.25 or 0.196, and 0.65",
         )
     if source.over_100 > MIN_SHARE * source.pixels:
-        yield (
+        yield _said(
+            "thresholds",
             f"{source.over_100:,} pixels ({source.over_100 / source.pixels:.0%}) are above 100 and"
             " read as unknown, since pixels are per cent in mode raw; for an ordinary image set"
-            " mode: trinary"
+            " mode: trinary",
         )
 
 
-def _of_mask(grid: OccupancyGrid, source: MapSource) -> Iterator[str]:
+def of_mask(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
     """What tells of a mask for a costmap filter."""
     signs = []
     words = re.split(r"[^a-z]+", f"{grid.name} {Path(source.image).name}".lower())
@@ -88,28 +100,35 @@ def _of_mask(grid: OccupancyGrid, source: MapSource) -> Iterator[str]:
             f" and {source.occupied_thresh:g})"
         )
     if found or len(signs) >= 2:
-        yield (
+        yield _said(
+            "mask",
             f"this seems to be a mask for a costmap filter, not a map: {', '.join(signs)};"
-            " plan on the map that it belongs to"
+            " plan on the map that it belongs to",
+            sure=bool(set(found) - {"costmap", "virtual"}) or len(signs) >= 2,
         )
 
 
-def _of_cells(grid: OccupancyGrid) -> Iterator[str]:
+def of_cells(grid: OccupancyGrid) -> Iterator[MapFault]:
     """What the cells themselves tell."""
     import cv2
 
     cells = grid.cells
     if not (cells == FREE).any():
-        yield "no cell is free, so that the robot can stand nowhere; check the thresholds"
+        yield _said(
+            "cells", "no cell is free, so that the robot can stand nowhere; check the thresholds"
+        )
         return
     rim = np.concatenate([cells[0], cells[-1], cells[1:-1, 0], cells[1:-1, -1]]) == FREE
     if rim.mean() > MIN_SHARE:
-        yield (
+        yield _said(
+            "open boundary",
             f"free space runs out of the image along {rim.sum() * grid.resolution:.3g} m"
-            f" ({rim.mean():.0%} of its edge); what lies outside counts as unknown"
+            f" ({rim.mean():.0%} of its edge); what lies outside counts as unknown",
         )
     if not (cells == OCCUPIED).any():
-        yield "no cell is occupied, so that a lidar sees nothing; check the thresholds"
+        yield _said(
+            "cells", "no cell is occupied, so that a lidar sees nothing; check the thresholds"
+        )
         return
     kernel = np.ones((7, 7), np.uint8)  # SLAM maps have a fringe of three unknown cells at walls
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
@@ -124,19 +143,85 @@ def _of_cells(grid: OccupancyGrid) -> Iterator[str]:
         count += np.count_nonzero(edge), np.count_nonzero(open_)
     share = count[1] / count[0]
     if share > 0.5:
-        yield (
+        yield _said(
+            "open boundary",
             f"{share:.0%} of the free space's boundary is open to the unknown instead of walled;"
-            " no lidar sees that boundary"
+            " no lidar sees that boundary",
         )
 
 
-def _of_origin(grid: OccupancyGrid) -> Iterator[str]:
+def of_origin(grid: OccupancyGrid) -> Iterator[MapFault]:
     """What is unusual about the origin's yaw."""
     yaw = grid.origin[2]
     if abs(yaw) > 2 * math.pi:
-        yield f"the origin's yaw of {yaw:g} is in radians, and looks like degrees"
+        yield _said("origin", f"the origin's yaw of {yaw:g} is in radians, and looks like degrees")
     elif yaw:
-        yield (
+        yield _said(
+            "origin",
             f"the origin's yaw of {math.degrees(yaw):.4g} deg counts in all coordinates here; Nav2"
-            " and ROS 1 ignore it"
+            " and ROS 1 ignore it",
         )
+
+
+def specks_of(grid: OccupancyGrid) -> Bools:
+    """The cells of specks: up to 3 that touch each other, and else only free ones, (H, W)."""
+    import cv2
+
+    found = np.zeros(grid.shape, np.bool_)
+    for top in range(0, len(found), ROWS):
+        first = max(top - SPECK - 1, 0)
+        around = grid.cells[first : top + ROWS + SPECK + 1]
+        occupied = (around == OCCUPIED).view(np.uint8)
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(occupied, connectivity=8)
+        floats = np.bincount(labels[_beside_unknown(around)], minlength=count) == 0
+        small = floats & (stats[:, cv2.CC_STAT_AREA] <= SPECK)
+        small[0] = False
+        own = slice(top - first, top - first + ROWS)
+        found[top : top + ROWS] = small[labels[own]]
+    return found
+
+
+def _beside_unknown(cells: Octets) -> Bools:
+    """The cells that have a neighbour of unknown, or are that."""
+    import cv2
+
+    unknown = ((cells != OCCUPIED) & (cells != FREE)).view(np.uint8)
+    return np.asarray(cv2.dilate(unknown, np.ones((3, 3), np.uint8)).view(np.bool_))
+
+
+def of_walls(grid: OccupancyGrid) -> Iterator[MapFault]:
+    """What the walls do to a particle filter."""
+    found = solidity(grid)
+    if found.misleads:
+        yield MapFault(
+            "solid walls" if found.is_solid else "thick walls",
+            f"walls are black inside: a wrong pose explains {found.wins:.0%} of noisy scans better"
+            f" than the true one, and {found.wins_hollowed:.0%} with hollow walls",
+            "give AMCL, of ROS 1 or 2, the map that locplan mend makes first, and plan on this one"
+            if found.is_solid
+            else f"hardly any is over {DEPTH:g} m deep, so that they may be smeared or inflated,"
+            " and hollowing may harm; draw the walls from a recorded drive",
+            "on such maps Nav2's default filter loses most drives" if found.is_solid else "",
+            found.is_solid,
+        )
+    area = np.count_nonzero(grid.free) * grid.resolution**2
+    count = _count_of_specks(grid, SPECKS * area)
+    if count > SPECKS * area > 0:
+        yield MapFault(
+            "specks",
+            f"{count:,} specks of up to {SPECK} cells float in free space, {count / area:.1f} a"
+            " square metre",
+            "erase them if nothing stands there",
+            "a filter's error grows by up to 1.8 times",
+        )
+
+
+def _count_of_specks(grid: OccupancyGrid, limit: float) -> int:
+    """Number of specks; that of their cells where it is no more than a limit."""
+    import cv2
+
+    specks = specks_of(grid)
+    cells = int(np.count_nonzero(specks))
+    if cells <= limit:  # each has a cell at least
+        return cells
+    return int(cv2.connectedComponents(specks.view(np.uint8), connectivity=8)[0]) - 1

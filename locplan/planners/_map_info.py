@@ -22,7 +22,7 @@ from locplan.maps import (
     MapSource,
     OccupancyGrid,
     check_grid,
-    misleading,
+    faults,
     read_map,
 )
 from locplan.planners._cost_to_go import NamedPlace, PlacePair, farthest_pairs
@@ -273,7 +273,10 @@ def describe_map(
         specks_area=float(areas[~counted].sum()),
         room_of_cell=room_of_cell,
         pairs=_pairs(grid, room_of_cell, rooms, radius),
-        warnings=(*misleading(grid, source), *_of_robot(grid, radius, bool(rooms))),
+        warnings=(
+            *(each.sentence for each in faults(grid, source)),
+            *_of_robot(grid, radius, bool(rooms)),
+        ),
     )
 
 

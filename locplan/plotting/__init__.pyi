@@ -27,6 +27,7 @@ from ._maps import (
     draw_map as draw_map,
     draw_path as draw_path,
     end_handles as end_handles,
+    faults_figure as faults_figure,
     field_norm as field_norm,
     save_figure as save_figure,
 )

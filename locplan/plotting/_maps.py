@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colorbar import Colorbar
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.colors import LogNorm, Normalize, to_rgba_array
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
@@ -22,9 +22,17 @@ from numpy.typing import NDArray
 
 from locplan._util.files import PICTURES, check_target, replacing
 from locplan.field import CovarianceField
-from locplan.maps import UNKNOWN, OccupancyGrid
+from locplan.maps import UNKNOWN, MapFaults, OccupancyGrid
 from locplan.plotting import style as styles
-from locplan.plotting._cells import coarse, draw_cells, field_cells, is_small, limits_of, shrunk
+from locplan.plotting._cells import (
+    coarse,
+    draw_cells,
+    field_cells,
+    is_small,
+    limits_of,
+    map_axes,
+    shrunk,
+)
 from locplan.plotting._picture import HARMLESS, label_plainly
 from locplan.plotting.style import FILE_DPI
 
@@ -286,3 +294,21 @@ def _free_corner(
     inside = [((at > corner - near) & (at < corner + size + near)).all(1) for corner in corners]
     x, y = corners[np.argmin(np.sum(inside, axis=1))].tolist()
     return x, y
+
+
+def faults_figure(faults: MapFaults) -> Figure:
+    """Draw the map with the cells of its faults in colour, and the faults' kinds.
+
+    Parameters
+    ----------
+    faults : MapFaults
+        What `locplan.maps.faults` has found.
+    """
+    figure, axes = map_axes(faults.grid)
+    draw_map(axes, faults.grid)
+    tints = to_rgba_array(["black", styles.VERMILION], [0.0, 0.8])
+    colours = np.round(255 * tints).astype(np.uint8)
+    draw_cells(axes, faults.grid, colours[shrunk(faults.cells.astype(np.uint8))])
+    kinds = ", ".join(dict.fromkeys(each.kind for each in faults)) or "no fault"
+    axes.set_title(f"{faults.grid.name or 'map'}: {kinds}", fontsize="medium")
+    return figure

@@ -1,0 +1,230 @@
+"""The map for the filter, mended without a recorded drive: `mend`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path as FilePath
+from typing import ClassVar
+
+import numpy as np
+
+from locplan._util.checks import whole
+from locplan._util.intervals import Interval, of_geometric_mean, wilson
+from locplan._util.progress import ProgressCallback, parts
+from locplan._util.records import Column, Result, Table
+from locplan._util.results import Results
+from locplan.costs import Costmap, Path
+from locplan.errors import ConfigError
+from locplan.export import write_filter_map
+from locplan.field import equipped
+from locplan.maps import FREE, MapFaults, OccupancyGrid, faults, hollowed
+from locplan.planners import plan, random_queries
+from locplan.robots import Amcl, Robot
+from locplan.simulation import Drives, Simulator, check_drives, drive_paths
+
+DISTANCES = 10.0, 5.0, 2.0, 0.5
+"""Minimum distances from start to goal of the verdict's paths, the first that the map has [m]."""
+FLOOR = 1e-6
+"""Mean square error that is added, so that no drive without error decides alone [m^2]."""
+
+
+@dataclass(frozen=True)
+class MapVerdict:
+    """What simulated drives say of a filter with the map as it is, and with the mended one."""
+
+    filter: str
+    """The filter, in words."""
+    lost_as_is: Interval
+    """Share of the drives that were off by over 1 m at some time, with the map as it is."""
+    lost_mended: Interval
+    """The same with the mended map."""
+    rmse_ratio: Interval
+    """Ratio of the error with the mended map to that with the map as it is: geometric mean."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Mended(Result):
+    """A map mended for the filter; made by `mend`."""
+
+    _reported_by: ClassVar[str] = "locplan.mending._mend:mended_report"
+    _drawn_by: ClassVar[str] = "locplan.mending:mended_figure"
+    files: ClassVar[Results] = Results(
+        "mend",
+        (
+            *("mend.json", "mend.png", "mend.csv", "map_amcl.yaml", "map_amcl.pgm"),
+            *("servers.yaml", "localizability.launch.xml", "amcl.yaml", "README.md"),
+        ),
+    )
+
+    grid: OccupancyGrid
+    """The map as it is, which stays that for planning."""
+    filter_map: OccupancyGrid
+    """The map for the filter, of the same size, resolution and origin; where nothing was mended,
+    it equals the other."""
+    faults: MapFaults
+    """The faults of the map."""
+    verdicts: tuple[MapVerdict, ...]
+    """What drives say, first of Nav2's defaults, then of the robot's filter if that is another."""
+    seed: int
+    """Seed of all random numbers."""
+
+    def __repr__(self) -> str:
+        return f"Mended({self.grid.name or 'map'}, {self.changed:,} cells)"
+
+    @property
+    def changed(self) -> int:
+        """Number of cells that are other ones on the map for the filter."""
+        return int(np.count_nonzero(self.grid.cells != self.filter_map.cells))
+
+    def summary(self) -> dict[str, object]:
+        """Faults, cells and verdicts, fit for JSON."""
+        return {
+            **self.faults.summary(),
+            "filter_map": {"name": self.filter_map.name, "digest": self.filter_map.digest},
+            "changed_cells": self.changed,
+            "verdicts": self.table().records(),
+            "seed": self.seed,
+        }
+
+    def table(self) -> Table:
+        """The verdicts, a row for each filter."""
+        share = {"people": "%", "digits": 0, "interval": True}
+        columns = (
+            Column("filter", title="filter"),
+            Column("lost_as_is", title="off by > 1 m, as is", **share),  # type: ignore[arg-type]
+            Column("lost_mended", title="mended", **share),  # type: ignore[arg-type]
+            Column("rmse_ratio", title="error ratio", interval=True),
+        )
+        return Table.of(columns, self.verdicts)
+
+    def _write(self, folder: FilePath, *about: object) -> None:
+        self.table().write_csv(folder / "mend.csv")
+        if self.changed:
+            write_filter_map(folder, self.filter_map)
+
+
+def mended_report(mended: Mended) -> str:
+    """What was mended, and what drives say."""
+    if not mended.changed:
+        return f"{mended.faults.report()}\nnothing to mend without a recorded drive"
+    return (
+        f"{mended.faults.report()}\n{mended.changed:,} cells are other ones for the filter; plan on"
+        f" the map as it is\n{mended.table()}\nsimulated drives in the map as it is [95 %];"
+        " error ratio: mended over as is"
+    )
+
+
+def mend(
+    grid: OccupancyGrid,
+    robot: Robot | None = None,
+    *,
+    paths: int = 5,
+    drives: int = 8,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Mended:
+    """Mend a map for the filter: hollow solid walls, and erase specks; drives judge it.
+
+    The robot drives in the map as it is. Its filter has that map or the mended one, and so has
+    Nav2's AMCL with its defaults. The n-th drives of both have the same world and seed.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map, which stays the one for planning.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round.
+    paths : int, default 5
+        Number of random shortest paths of the verdict, 1 to 1000.
+    drives : int, default 8
+        Number of drives along each, with each map and filter, 2 to 100,000.
+    seed : int, default 1
+        Seed of all random numbers, >= 0.
+    threads : int, optional
+        Number of threads, at least 1; all cores by default.
+    progress : callable, optional
+        Called with (done, total) drives.
+
+    Returns
+    -------
+    Mended
+        The map for the filter, and the verdict; `save` writes them with what Nav2 needs.
+
+    Raises
+    ------
+    LocplanError
+        If a number is out of its range, or the robot can drive nowhere.
+
+    Examples
+    --------
+    >>> from locplan.maps import environments
+    >>> mend(environments.make("two_corridors", resolution=0.1)).changed
+    0
+    """
+    check_drives(drives)
+    whole("paths", paths, 1, 1000)
+    robot, found = equipped(robot), faults(grid)
+    mended = _mended(found)
+    if mended == grid:
+        return Mended(grid, mended, found, (), seed)
+    default = Amcl()
+    filters = {"Nav2's defaults": replace(robot, filter=default)}
+    if robot.filter != default:
+        filters["the robot's"] = robot
+    ways = _ways(grid, robot, paths, seed)
+    callbacks = parts(progress, [2 * paths * drives] * len(filters))
+    verdicts = []
+    for (name, each), part in zip(filters.items(), callbacks, strict=True):
+        both = parts(part, [paths * drives] * 2)
+        as_is, hollow = (
+            [
+                *drive_paths(
+                    Simulator(grid, each, filter_map=own, seed=seed, threads=threads),
+                    ways,
+                    drives,
+                    progress=tell,
+                ).values()
+            ]
+            for own, tell in zip((grid, mended), both, strict=True)
+        )
+        verdicts.append(_verdict(name, as_is, hollow))
+    return Mended(grid, mended, found, tuple(verdicts), seed)
+
+
+def _mended(found: MapFaults) -> OccupancyGrid:
+    """The map without what it surely has of faults that a filter suffers from, and of specks."""
+    grid, kinds = found.grid, {each.kind for each in found}
+    if "specks" in kinds:
+        grid = replace(grid, cells=np.where(found.specks, np.uint8(FREE), grid.cells))
+    return hollowed(grid) if "solid walls" in kinds else grid
+
+
+def _ways(grid: OccupancyGrid, robot: Robot, count: int, seed: int) -> dict[str, Path]:
+    """Shortest paths between random places, far apart where the map has such."""
+    costs = Costmap.blank(grid, robot=robot)
+    for distance in DISTANCES:
+        try:
+            queries = random_queries(costs, count, seed, min_distance=distance)
+        except ConfigError:
+            if distance == DISTANCES[-1]:
+                raise
+            continue
+        break
+    found = ((each.name, plan(costs, each.start, each.goal).path) for each in queries)
+    return {name: path for name, path in found if path is not None}
+
+
+def _verdict(name: str, as_is: Sequence[Drives], mended: Sequence[Drives]) -> MapVerdict:
+    """The verdict of the drives along all paths together."""
+
+    def lost(every: Sequence[Drives]) -> Interval:
+        drives = np.concatenate([each.lost for each in every])
+        return wilson(float(drives.mean()), len(drives))
+
+    def squares(every: Sequence[Drives]) -> Iterator[float]:
+        return (float(n) + FLOOR for each in every for n in each.mean_squares)
+
+    ratios = np.sqrt(np.divide([*squares(mended)], [*squares(as_is)]))
+    return MapVerdict(name, lost(as_is), lost(mended), of_geometric_mean(ratios))

@@ -1,0 +1,148 @@
+"""What a map alone shows of its faults, and the map without the inside of its walls."""
+
+from dataclasses import replace
+
+import naive
+import numpy as np
+import pytest
+from conftest import drawn, random_rooms
+from PIL import Image
+
+from locplan._kernels.solids import fit_of, surface_depths, wrong_pose_wins
+from locplan.maps import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    OccupancyGrid,
+    faults,
+    find_maps,
+    hollowed,
+    read_map,
+    solidity,
+)
+
+SOLID = {
+    "f1tenth_gym_berlin",
+    "f1tenth_gym_skirk",
+    "f1tenth_gym_stata_basement",
+    "navfn_willow_costmap",
+    "tuw_warehouse008",
+    "tuw_warehouse032",
+    "tuw_warehouse200",
+}
+
+
+def blocks(thick: bool = True) -> OccupancyGrid:
+    """Aisles of 1.5 m between blocks of 3 m, which are black inside, or have walls of one cell."""
+    cells = np.full((200, 200), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    for row in range(15, 165, 45):
+        for col in range(15, 150, 45):
+            cells[row : row + 30, col : col + 30] = OCCUPIED
+            if not thick:
+                cells[row + 1 : row + 29, col + 1 : col + 29] = UNKNOWN
+    return OccupancyGrid(cells, 0.1, name="blocks")
+
+
+def kinds(grid: OccupancyGrid) -> list[str]:
+    return [each.kind for each in faults(grid)]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_kernels_are_those_of_plain_loops(seed):
+    random = np.random.default_rng(seed)
+    cells = random_rooms((31, 24), seed)
+    for deep in (1, 3):
+        assert surface_depths(cells, FREE, OCCUPIED, deep) == naive.surface_depths(
+            cells, FREE, OCCUPIED, deep
+        )
+    scores, ends = random.random((31, 24)).astype(np.float32), random.normal(0, 8, (20, 2))
+    ends[3] = np.nan
+    moves = random.normal(0, 3, (10, 3))
+    for pose in random.uniform(0, 24, (20, 3)):
+        assert fit_of(scores, 0.1, ends, pose) == pytest.approx(
+            naive.fit_of(scores, 0.1, ends, pose)
+        )
+        assert wrong_pose_wins(scores, 0.1, ends, pose, moves[:2]) == naive.wrong_pose_wins(
+            scores, 0.1, ends, pose, moves[:2]
+        )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_hollowed_leaves_a_rim_of_one_cell(seed):
+    grid = OccupancyGrid(random_rooms((31, 24), seed), 0.05, (1.0, 2.0, 0.1), "rooms")
+    hollow = hollowed(grid)
+    assert np.array_equal(hollow.cells, naive.hollowed(grid.cells))
+    assert (hollow.resolution, hollow.origin, hollow.name) == (0.05, (1.0, 2.0, 0.1), "rooms")
+    assert hollowed(hollow) == hollow
+
+
+def test_blocks_that_are_black_inside_are_solid_and_hollow_ones_are_not():
+    found = faults(blocks())
+    assert found.is_solid
+    assert np.array_equal(found.cells, hollowed(blocks()).cells != blocks().cells)
+    assert hollowed(blocks()) == blocks(thick=False)
+    assert kinds(blocks(thick=False)) == []
+
+
+def test_walls_that_are_not_deep_are_said_to_be_thick_only(monkeypatch):
+    monkeypatch.setattr("locplan.maps._solid.DEPTH", 3.5)
+    found = faults(replace(blocks(), origin=(1.0, 0.0, 0.0)))  # another map, which is checked anew
+    assert [(each.kind, each.sure) for each in found] == [("thick walls", False)]
+    assert not found.is_solid
+
+
+def test_the_check_is_made_once_of_equal_maps():
+    first = solidity(blocks())
+    assert solidity(blocks()) is first
+    assert 0.2 <= first.wins <= 1
+    assert first.wins_hollowed <= first.wins / 2
+
+
+@pytest.mark.parametrize(("speck", "many"), [(1, True), (3, True), (4, False)])
+def test_specks_float_and_are_of_up_to_three_cells(speck, many):
+    cells = np.full((60, 60), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    for row in range(5, 55, 10):
+        for col in range(5, 55, 10):
+            cells[row, col : col + speck] = OCCUPIED
+    assert kinds(OccupancyGrid(cells, 0.05)) == ["specks"] * many
+    assert kinds(OccupancyGrid(cells, 0.2)) == []  # fewer than one a square metre
+    cells[cells == FREE] = UNKNOWN
+    cells[30, 30] = FREE
+    assert "specks" not in kinds(OccupancyGrid(cells, 0.05))
+
+
+def test_specks_are_the_same_in_bands(monkeypatch):
+    random = np.random.default_rng(0)
+    cells = np.where(random.random((90, 40)) < 0.1, OCCUPIED, FREE).astype(np.uint8)
+    grid = OccupancyGrid(cells, 0.05)
+    whole = faults(grid).cells
+    monkeypatch.setattr("locplan.maps._misleading.ROWS", 7)
+    assert whole.any()
+    assert np.array_equal(faults(grid).cells, whole)
+
+
+def test_a_mask_is_not_searched_for_solid_walls(tmp_path):
+    Image.fromarray(blocks().cells).save(tmp_path / "lab.png")
+    entries = "resolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
+    entries += "occupied_thresh: 0.65\nfree_thresh: 0.196\nimage: lab.png\n"
+    for name, expected in (("keepout", ["mask"]), ("costmap", ["mask", "solid walls"])):
+        (tmp_path / f"{name}.yaml").write_text(entries)
+        assert [each.kind for each in faults(*read_map(tmp_path / f"{name}.yaml"))] == expected
+
+
+@pytest.mark.draws
+def test_results_are_written_and_drawn(tmp_path):
+    found = faults(blocks())
+    found.save(tmp_path)
+    assert {"faults.json", "faults.csv", "faults.png"} <= {each.name for each in tmp_path.iterdir()}
+    assert "solid walls: walls are black inside" in found.report()
+    assert found.summary()["faults"][0]["sure"] is True
+    assert "no fault" in faults(drawn(" ###", " #.#", " ###")).report()
+
+
+@pytest.mark.long
+def test_the_solid_ones_of_the_shared_maps_are_found_and_no_others(real_maps):
+    found = {file.parent.name for file in find_maps(real_maps) if faults(*read_map(file)).is_solid}
+    assert found == SOLID

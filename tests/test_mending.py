@@ -1,0 +1,97 @@
+"""The map for the filter: what is mended, what drives say of it, and what Nav2 needs."""
+
+import numpy as np
+import pytest
+import yaml
+from conftest import drawn, refused
+from test_faults import blocks
+
+import locplan
+from locplan import load_map, maps, mend, mending, save_map
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+
+ROOM = drawn("########", *["#......#"] * 4, "########", resolution=0.5)
+
+
+@pytest.fixture(scope="module")
+def mended():
+    return mend(blocks(), paths=2, drives=4)
+
+
+def test_the_filter_has_a_hollow_map_and_loses_fewer_drives(mended):
+    assert mended.grid == blocks()
+    assert mended.filter_map == maps.hollowed(blocks())
+    (verdict,) = mended.verdicts
+    assert verdict.lost_mended.value < verdict.lost_as_is.value
+    assert verdict.rmse_ratio.value < 1
+
+
+def test_the_verdict_is_that_of_drives_with_each_map(mended):
+    robot = locplan.Robot().changed({"alpha1": 0.05})
+    both = mend(blocks(), robot, paths=2, drives=4)
+    assert both.verdicts[0] == mended.verdicts[0]
+    assert [each.filter for each in both.verdicts] == ["Nav2's defaults", "the robot's"]
+    assert both.verdicts[1] != both.verdicts[0]
+
+
+def test_a_map_without_faults_is_not_driven_in(tmp_path):
+    found = mend(ROOM)
+    assert (found.changed, found.verdicts) == (0, ())
+    assert "nothing to mend" in found.report()
+    found.save(tmp_path / "room")
+    assert not (tmp_path / "room" / "map_amcl.yaml").exists()
+
+
+def test_specks_are_erased_and_walls_stay():
+    cells = np.full((60, 60), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    walls = cells.copy()
+    cells[5:55:8, 5:55:8] = OCCUPIED
+    found = mend(OccupancyGrid(cells, 0.05), locplan.Robot(footprint=0.02, margin=0.0), drives=2)
+    assert np.array_equal(found.filter_map.cells, walls)
+
+
+@pytest.mark.draws
+def test_nav2_gets_a_second_map_server_with_its_own_manager(mended, tmp_path):
+    mended.save(tmp_path)
+    written = load_map(tmp_path / "map_amcl.yaml")
+    assert np.array_equal(written.cells, mended.filter_map.cells)
+    assert (written.resolution, written.origin) == (blocks().resolution, blocks().origin)
+    assert yaml.safe_load((tmp_path / "map_amcl.yaml").read_text())["mode"] == "trinary"
+    servers = yaml.safe_load((tmp_path / "servers.yaml").read_text())
+    topic = servers["map_amcl_server"]["ros__parameters"]["topic_name"]
+    amcl = yaml.safe_load((tmp_path / "amcl.yaml").read_text())
+    assert amcl["amcl"]["ros__parameters"] == {"map_topic": topic}
+    manager = servers["lifecycle_manager_map_amcl"]["ros__parameters"]
+    assert manager == {"autostart": True, "node_names": ["map_amcl_server"]}
+    launch = (tmp_path / "localizability.launch.xml").read_text()
+    assert '<param name="yaml_filename" value="$(dirname)/map_amcl.yaml"/>' in launch
+
+
+def test_the_offer_is_kept_by_the_digest(tmp_path, monkeypatch):
+    assert "locplan mend" in mending.offer(blocks(), tmp_path)
+    assert mending.offer(ROOM, tmp_path) is None
+    monkeypatch.setattr("locplan.mending._offer.faults", None)  # it is not checked again
+    assert "locplan mend" in mending.offer(blocks(), tmp_path)
+    assert mending.offer(ROOM, tmp_path) is None
+    (kept,) = (tmp_path / "walls").glob(f"{ROOM.digest}*")
+    kept.write_text("damaged")
+    with pytest.raises(TypeError):
+        mending.offer(ROOM, tmp_path)
+
+
+def test_commands_that_drive_offer_the_mend_on_a_solid_map(tmp_path, run):
+    save_map(blocks(), tmp_path / "blocks.yaml")
+    save_map(maps.hollowed(blocks()), tmp_path / "hollow.yaml")
+    words = "--start", "0.8,0.8", "--goal", "3,0.8", "--drives", "2", "--lidar", "turtlebot3"
+    simulate = "simulate", tmp_path / "blocks.yaml", *words
+    code, _, err = run(*simulate)
+    assert (code, err.count("run locplan mend first")) == (0, 1)
+    code, _, err = run(*simulate, "--filter-map", tmp_path / "hollow.yaml")
+    assert (code, err.count("mend")) == (0, 0)
+
+
+def test_wrong_numbers_are_refused(tmp_path, run):
+    save_map(ROOM, tmp_path / "room.yaml")
+    assert "drives" in refused(run("mend", tmp_path / "room.yaml", "--drives", "1"))
+    assert "paths" in refused(run("mend", tmp_path / "room.yaml", "--paths", "0"))
