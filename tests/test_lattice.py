@@ -221,6 +221,25 @@ def test_a_gap_that_no_heading_passes_makes_it_infeasible_not_unreachable():
     assert plan(blank, (0.5, 0.5), (1.1, 0.5), planner="lattice").status == "unreachable"
 
 
+def test_legs_over_waypoints_go_on_in_the_heading_in_which_they_come():
+    costs = Costmap.blank(OccupancyGrid(np.full((60, 60), FREE), 0.1), robot=Robot(kinematics=CAR))
+    via = [(3.0, 1.0), (3.0, 3.0)]
+    made = plan(costs, (1.0, 1.0), (1.0, 3.0), planner="lattice", via=via)
+    step, turn = np.hypot(*np.diff(made.path.xy, axis=0).T), np.abs(np.diff(made.path.heading))
+    assert (turn * CAR.turning_radius <= step * (1 + 1e-3) + 1e-9).all()
+    assert all(np.hypot(*(made.path.xy - xy).T).min() < 0.1 for xy in via)
+
+
+def test_a_footprint_of_the_query_counts_for_the_lattice():
+    grid, ends = drawn(*["." * 30] * 7, resolution=0.1), [(0.75, 0.35), (2.25, 0.35)]
+    cells = grid.cells.copy()
+    cells[0, 15] = cells[6, 15] = OCCUPIED
+    costs = Costmap.blank(OccupancyGrid(cells, 0.1), robot=0.0)
+    for half, status in ((0.2, "solved"), (0.3, "infeasible")):
+        outline = [(0.4, half), (0.4, -half), (-0.4, -half), (-0.4, half)]
+        assert plan(costs, *ends, planner="lattice", footprint=outline).status == status
+
+
 def test_ends_keep_their_headings_within_the_lattices():
     costs = Costmap.blank(OccupancyGrid(np.full((60, 60), FREE), 0.1), robot=Robot(kinematics=CAR))
     made = plan(costs, (1.0, 1.0, 0.5), (4.0, 4.0, -2.0), planner="lattice")

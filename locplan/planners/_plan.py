@@ -97,9 +97,9 @@ def plan(
     footprint : Footprint or (n, 2) array, optional
         The robot's outline [m], checked exactly along the path that is returned: the cheapest
         for its inscribed circle or, where the outline meets a wall on that, for its circumscribed
-        one. A path that only the outline itself can take may be missed: the status is then "not
-        found". By default the robot is the circle of the costmap's radius; give the outline of a
-        robot that is far from round.
+        one; where neither is clear, the lattice's, see `planners.Lattice`. If none of its motions
+        lead there, the status is "not found". By default the robot is the circle of the costmap's
+        radius; give the outline of a robot that is far from round.
     **options
         Options of the planner: see `planners.GridPlanner` (also for "astar" and "dijkstra"),
         `planners.AnyAngle`, `planners.Lattice` and `planners.Ompl`.
