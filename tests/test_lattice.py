@@ -16,14 +16,16 @@ from locplan._kernels.search import bordered_half
 from locplan.costs import Costmap, Path, path_cost
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.planners import Lattice, plan
+from locplan.planners import Lattice, plan, smoothed
 from locplan.planners._lattice_search import LatticeSearch
 from locplan.planners._primitives import Prices, angles_of, primitives
+from locplan.planners.ompl._motions import Motions
 from locplan.robots import Footprint, Kinematics, Robot
 
 LONG = Footprint([(0.21, 0.08), (0.21, -0.08), (-0.13, -0.08), (-0.13, 0.08)])
 CAR = Kinematics(drive="car-like", turning_radius=0.3)
 FORWARD = Kinematics(drive="car-like", turning_radius=0.2, reverse=False)
+FORWARD_08 = Kinematics(drive="car-like", turning_radius=0.8, reverse=False)
 SIDEWAYS = Kinematics(drive="omnidirectional")
 DRIVES = [Kinematics(), CAR, FORWARD, SIDEWAYS]
 
@@ -80,7 +82,9 @@ def states_and_edges(costs: Costmap, planner: Lattice) -> dict:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_no_motions_of_the_lattice_lead_to_the_goal_at_less_cost(kinematics, seed):
     costs = cluttered(seed, kinematics)
-    planner = Lattice(headings=8 if seed else 16, reverse=1.7, gear_change=0.2, turn_cost=0.15)
+    planner = Lattice(
+        headings=8 if seed else 16, reverse=1.7, gear_change=0.2, turn_cost=0.15, smooth=False
+    )
     edges = states_and_edges(costs, planner)
     rng = np.random.default_rng(seed)
     cells = rng.permutation(np.argwhere(np.isfinite(costs.density)))[:6]
@@ -247,6 +251,51 @@ def test_ends_keep_their_headings_within_the_lattices():
     for pose, asked in zip(made.path.poses[[0, -1]], ends, strict=True):
         assert np.hypot(*(pose - asked)[:2]) <= 0.1
         assert abs(math.remainder(pose[2] - asked[2], 2 * math.pi)) <= 0.24
+
+
+@pytest.mark.parametrize("kinematics", DRIVES, ids=["on the spot", "car", "forward", "sideways"])
+def test_smoothed_paths_cost_no_more_keep_the_radius_and_meet_no_wall(kinematics):
+    lower = 0
+    for seed in range(6):
+        costs, planner = cluttered(seed, kinematics, (30, 40)), Lattice(smooth=False)
+        cells = np.random.default_rng(seed).permutation(np.argwhere(np.isfinite(costs.density)))[:2]
+        ends = [costs.grid.cell_to_world(*cell) for cell in cells.tolist()]
+        rough = planner.solve(costs, *ends).path
+        if rough is None:
+            continue
+        path = smoothed(costs, rough)
+        before, after = (cost_of(costs, one, planner) for one in (rough, path))
+        assert after <= before * (1 + 1e-4)
+        lower += after < 0.995 * before
+        assert LONG.first_collision(costs.grid, path) is None
+        assert np.isfinite(path_cost(costs, path))
+        assert np.allclose(path.xy[[0, -1]], rough.xy[[0, -1]])
+        step = np.hypot(*np.diff(path.xy, axis=0).T)
+        turn = np.abs([math.remainder(one, 2 * math.pi) for one in np.diff(path.heading)])
+        assert (turn * kinematics.turning_radius <= step * (1 + 1e-3) + 1e-6).all()
+    assert lower >= 1
+
+
+def test_in_free_space_it_is_as_short_as_dubins_curves():
+    costs = Costmap.blank(
+        OccupancyGrid(np.full((300, 300), FREE), 0.1), robot=Robot(kinematics=FORWARD_08)
+    )
+    rng, excess = np.random.default_rng(2), []
+    for _ in range(6):
+        start, goal = [(*rng.uniform(9, 21, 2), rng.uniform(-3, 3)) for _ in range(2)]
+        made = plan(costs, start, goal, planner="lattice")
+        shortest = Motions(costs, "Dubins", 0.8).cost(start, goal)
+        assert np.allclose(made.path.poses[[0, -1]] - [start, goal], 0.0)
+        excess.append(made.metrics.cost / shortest - 1)
+    assert np.mean(excess) < 0.001
+
+
+def test_a_path_that_the_robot_cannot_drive_is_smoothed_to_one_that_it_can():
+    costs = Costmap.blank(OccupancyGrid(np.full((80, 80), FREE), 0.1), robot=Robot(kinematics=CAR))
+    path = smoothed(costs, Path([(1.0, 1.0), (4.0, 1.0), (4.0, 6.0)]))
+    step, turn = np.hypot(*np.diff(path.xy, axis=0).T), np.abs(np.diff(path.heading))
+    assert path.heading is not None
+    assert (turn * CAR.turning_radius <= step * (1 + 1e-3) + 1e-6).all()
 
 
 def test_a_search_out_of_time_says_how_far_it_came():

@@ -43,7 +43,7 @@ class Moves(NamedTuple):
     slot: Ints  # (m,) likewise
     crossed: Ints  # (m, k) number of each cell that it crosses from its beginning's, by layers
     lengths: Floats  # (m, k) twice its length in each, times its factor [cells]
-    count: Ints  # (m,) number of crossed cells
+    cells: Ints  # (m,) number of crossed cells
     extra: Floats  # (m,) further cost [cells]
     least: Floats  # (m,) cost where the density is 1 [cells]
 
@@ -138,7 +138,7 @@ def is_free(ground: Ground, moves: Moves, move: int, row: int, col: int) -> bool
 def cost_of(ground: Ground, moves: Moves, move: int, cell: int) -> float:
     """Cost of a free motion from a cell [density x cells]."""
     total = moves.extra[move]
-    for k in range(moves.count[move]):
+    for k in range(moves.cells[move]):
         total += moves.lengths[move, k] * ground.half[cell + moves.crossed[move, k]]
     return total
 
@@ -279,9 +279,9 @@ def shifted(gear_of_move: int, gear: int, terms: Terms) -> tuple[int, float]:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def traced(ground: Ground, moves: Moves, terms: Terms, cost: Singles, state: int) -> Array:
-    """Motions that lead from the start to a state, and the start's state at last."""
+    """The start's state, and the motions that lead from it to a state."""
     size, headings = ground.rows * ground.columns, len(moves.begin) - 1
-    path = [np.int64(state) for _ in range(0)]
+    path = [state]
     while abs(cost[state]) > 1.0:
         cell, layer = state % size, state // size
         heading, gear = layer % headings, layer // headings
@@ -307,5 +307,8 @@ def traced(ground: Ground, moves: Moves, terms: Terms, cost: Singles, state: int
                     least, before, by = known + change + step, other, move
         path.append(by)
         state = before
-    path.append(state)
-    return np.array(path[::-1])
+    found = np.empty(len(path), np.int64)
+    found[0] = state
+    for n in range(1, len(path)):
+        found[n] = path[len(path) - n]
+    return found

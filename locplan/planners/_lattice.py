@@ -13,6 +13,7 @@ from locplan.costs import Costmap
 from locplan.errors import ConfigError
 from locplan.planners._grid import blank_costs
 from locplan.planners._protocol import LATTICE, Found, Position
+from locplan.planners._smoothing import GEAR_CHANGE, REVERSE, TURN, Smoother
 from locplan.robots import Footprint, Robot
 
 
@@ -21,15 +22,15 @@ class Lattice:
     """This planner finds the cheapest motions that the robot itself can make.
 
     It searches over position and heading on the costmap's own robot: outline, drive, turning
-    radius, and whether it drives in reverse. Its path is the cheapest one of the motions of the
-    lattice; it has headings, and begins and ends in the middle of the cells of start and goal.
-    Either end may have a heading, of which the lattice's nearest is taken.
+    radius, and whether it drives in reverse. Its path has headings. It is the cheapest one of the
+    motions of the lattice, which begin and end in the middle of cells, and then smoothed. Either
+    end may have a heading.
 
     Examples
     --------
     >>> from locplan.planners import plan
-    >>> plan(blank_costs(9, 9), (1.5, 4.5), (7.5, 4.5), planner="lattice").path.heading.tolist()
-    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    >>> plan(blank_costs(9, 9), (1.5, 4.5), (7.5, 4.5, 0.0), planner="lattice").status
+    'solved'
     """
 
     headings: int = 16
@@ -37,12 +38,15 @@ class Lattice:
     span: int = 1
     """Number of headings, 1 to 4, that one turn may pass; more makes turns closer to the turning
     radius, and takes longer. Take 2 or more with 32 headings."""
-    reverse: float = 2.0
+    reverse: float = REVERSE
     """Factor on the cost of driving in reverse or sideways, above 1."""
-    gear_change: float = 0.5
+    gear_change: float = GEAR_CHANGE
     """Cost of changing between forward and reverse, >= 0 [m]."""
-    turn_cost: float = 0.3
+    turn_cost: float = TURN
     """Cost of turning on the spot, above 0 [m/rad]."""
+    smooth: bool = True
+    """True smooths the path by curves that the robot can drive, which begin and end at just the
+    poses asked for where they can; see `planners.smoothed`."""
     time_limit: float | None = None
     """Time after which the search ends [s], above 0; by default it is not limited."""
     name: ClassVar[str] = "lattice"
@@ -76,4 +80,8 @@ class Lattice:
 
         prices = Prices(self.reverse, self.gear_change, self.turn_cost)
         search = LatticeSearch(costs, self.headings, self.span, prices, self.time_limit)
-        return search.found(start, goal)
+        found = search.found(start, goal)
+        if found.path is None or not self.smooth:
+            return found
+        smoother = Smoother(costs, costs.robot, self.reverse, self.gear_change, self.turn_cost)
+        return dataclasses.replace(found, path=smoother.smoothed(found.path, start, goal))

@@ -96,6 +96,7 @@ class Limited(Wrapper):
 
     def _exactly(self, costs: Costmap, stops: Sequence[Position], planner: Planner) -> Found:
         """Plan for the outline itself, by a lattice."""
+        assert self.outline is not None
         robot = dataclasses.replace(costs.robot or Robot(), footprint=self.outline)
         own = dataclasses.replace(costs, robot=robot)
         return dataclasses.replace(self, planner=planner)._over(own, stops)
