@@ -100,7 +100,7 @@ def test_the_integral_along_a_curve_is_that_of_tiny_steps(kind, blocked):
         start, end = (tuple(rng.uniform([3, 3, -4], [37, 37, 4])) for _ in range(2))
         if math.isinf(density[int(start[1]), int(start[0])]):
             continue
-        turns, lengths = motions._word(kind, radius, start, end)
+        turns, lengths = motions.word_of(kind, radius, start, end)
         expected = naive_motion_cost(density, turns, lengths, radius, start, step=2e-3)
         shifted = [(x + 1, y + 1, heading) for x, y, heading in (start, end)]
         cost = motions.motion_cost(motions.Ground(half, columns, 0.0, True), kind, radius, *shifted)

@@ -246,7 +246,7 @@ def test_the_registry_says_what_the_planners_say():
         planner = planner_for(name)
         assert isinstance(planner, Planner)
         assert (planner.name, planner.minimises) == (name, entry.minimises)
-        assert planner.space == "R2"
+        assert planner.space == entry.spaces[0]
         assert set(entry.options()) | {"name"} >= {
             field.name for field in dataclasses.fields(planner)
         }

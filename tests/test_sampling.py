@@ -72,7 +72,7 @@ def in_a_process(code, *, seconds=600):
 
 
 def test_they_are_offered_by_their_names():
-    assert set(names()) == {"grid", "astar", "dijkstra", "any-angle", *KINDS}
+    assert set(names()) == {"grid", "astar", "dijkstra", "any-angle", "lattice", *KINDS}
     assert all(hasattr(geometric, name) for name in KINDS)
 
 

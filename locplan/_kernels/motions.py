@@ -46,7 +46,7 @@ def motion_cost(ground: Ground, kind: int, radius: float, start: Numbers, end: N
     if kind == STRAIGHT:
         return _line_cost(ground, start, end)
     half, columns, first, corner_cutting = ground
-    turns, lengths = _word(kind, radius, start, end)
+    turns, lengths = word_of(kind, radius, start, end)
     x, y, heading = start
     total = 0.0
     for n in range(curves.PIECES):
@@ -55,7 +55,7 @@ def motion_cost(ground: Ground, kind: int, radius: float, start: Numbers, end: N
         x1, y1, heading1 = curves.moved(x, y, heading, turns[n], lengths[n], radius)
         if turns[n]:
             piece = x, y, heading, turns[n], lengths[n]
-            total += _arc_cost(ground, piece, radius)
+            total += arc_cost(ground, piece, radius)
         else:
             layer = half[_layer(heading - first, len(half))]
             total += segment_cost(layer, columns, y, x, y1, x1, corner_cutting)
@@ -75,7 +75,7 @@ def motion_poses(kind: int, radius: float, start: Numbers, end: Numbers) -> Arra
     first, last = np.array(start).reshape(1, 3), np.array(end).reshape(1, 3)
     if kind == STRAIGHT:
         return np.concatenate((first, last))
-    turns, lengths = _word(kind, radius, start, end)
+    turns, lengths = word_of(kind, radius, start, end)
     x, y, heading = start
     poses = first
     for n in range(curves.PIECES):
@@ -102,7 +102,7 @@ def motion_poses(kind: int, radius: float, start: Numbers, end: Numbers) -> Arra
 
 
 @njit(nogil=True, cache=True)
-def _word(kind: int, radius: float, start: Numbers, end: Numbers) -> tuple[Array, Array]:
+def word_of(kind: int, radius: float, start: Numbers, end: Numbers) -> tuple[Array, Array]:
     """The shortest curve: turns (5,) and signed lengths (5,) [cells]."""
     x, y = (end[0] - start[0]) / radius, (end[1] - start[1]) / radius
     if kind == curves.DUBINS:
@@ -136,7 +136,7 @@ def _line_cost(ground: Ground, start: Numbers, end: Numbers) -> float:
 
 
 @njit(nogil=True, cache=True)
-def _arc_cost(ground: Ground, piece: Numbers, radius: float) -> float:
+def arc_cost(ground: Ground, piece: Numbers, radius: float) -> float:
     """Cost of one turn (x, y, heading, side, length)."""
     half, columns, first, corner_cutting = ground
     x, y, heading, turn, length = piece

@@ -26,7 +26,8 @@ class PlannerOptions(typed.Options):
 
     planner: Annotated[tuple[str, ...], Parameter(choices=names())] = ()
     """Planner whose path is a candidate, too; repeatable. grid searches with astar or dijkstra,
-    whichever is quicker on the map; those with capitals are OMPL's."""
+    whichever is quicker on the map; lattice plans for the robot's outline and turning radius; those
+    with capitals are OMPL's."""
     accuracy: Literal["normal", "high"] | None = None
     """Accuracy of any-angle's paths; normal by default."""
     space: Literal["R2", "SE2", "Dubins", "ReedsShepp"] | None = None
@@ -34,7 +35,7 @@ class PlannerOptions(typed.Options):
     turning_radius: float | None = None
     """Radius of the curves of Dubins and ReedsShepp, in metres."""
     time_limit: float | None = None
-    """Time of OMPL's planners for each path, in seconds; 5 by default."""
+    """Time of OMPL's planners (5 by default) and of lattice for each path, in seconds."""
     iterations: int | None = None
     """Number of iterations of OMPL's planners; one seed then always gives one path."""
     convergence: float | None = None

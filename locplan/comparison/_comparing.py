@@ -39,7 +39,16 @@ from locplan.costs import Costmap, check_weight, named_maps
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, config_of, load_or_compute
 from locplan.maps import OccupancyGrid
-from locplan.planners import DEFAULT, MAX_SEED, AnyPlanner, Planner, Query, check_random, queries_of
+from locplan.planners import (
+    DEFAULT,
+    LATTICE,
+    MAX_SEED,
+    AnyPlanner,
+    Planner,
+    Query,
+    check_random,
+    queries_of,
+)
 from locplan.robots import Robot
 
 PLANNERS = ("grid", DEFAULT)
@@ -181,9 +190,10 @@ def compare(
     ):
         cases: list[Case] = []
         orders: list[Order] = []
-        headed = any(spec.planner.space != "R2" for spec in specs)
+        headed = any(spec.planner.space not in ("R2", LATTICE) for spec in specs)
         for case, costs in _cases(maps, fields, criterion, queries, headed, made):
             home = folder / str(len(cases))
+            costs = costs if robot is None else dataclasses.replace(costs, robot=robot)
             put_costmap(costs, home)  # they may be many: no more than one is in memory here
             orders += orders_of(case, costs, home, specs, _weights(asked, case, costs), seeds)
             cases.append(case)

@@ -230,7 +230,8 @@ def _content(costs: Costmap) -> str:
     content = hashlib.blake2b(digest_size=16)
     # The simulated choice takes its lidar from the settings.
     settings = costs.settings and json.dumps(costs.settings.to_json(), sort_keys=True)
-    content.update(repr((costs.grid.digest, costs.robot_radius, settings)).encode())
+    robot = [costs.robot.digest] if costs.robot else []
+    content.update(repr((costs.grid.digest, costs.robot_radius, settings, *robot)).encode())
     for layer in (costs.density, costs.u, costs.e, costs.u_of_heading, costs.e_of_heading):
         if layer is not None:
             content.update(np.ascontiguousarray(layer).view(np.uint8).data)

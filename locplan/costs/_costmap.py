@@ -29,6 +29,7 @@ from locplan.costs._layers import (
     density_of,
     sealed,
     shaped,
+    whole_robot,
 )
 from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField
@@ -122,6 +123,7 @@ class Costmap(CostLayers, Saved):
             e=sealed(e),
             of_heading=HeadingLayers.of(field, settings),
             settings=settings,
+            robot=whole_robot(robot),
         )
 
     @classmethod
@@ -170,7 +172,9 @@ class Costmap(CostLayers, Saved):
         of_u = checked_layer("u", u, grid, 1.0)
         of_e = np.full(grid.shape, np.nan) if e is None else checked_layer("e", e, grid, math.inf)
         density = blocked_near(density_of(of_u, weight), grid, radius_of(robot))
-        return cls(grid, density, float(weight), radius_of(robot), u=of_u, e=of_e)
+        return cls(
+            grid, density, float(weight), radius_of(robot), of_u, of_e, robot=whole_robot(robot)
+        )
 
     @classmethod
     def from_density(
@@ -207,7 +211,8 @@ class Costmap(CostLayers, Saved):
         values[~grid.free] = np.inf
         values = blocked_near(values, grid, radius_of(robot))
         nothing = np.broadcast_to(np.nan, grid.shape)
-        return cls(grid, values, math.nan, radius_of(robot), u=nothing, e=nothing)
+        radius, own = radius_of(robot), whole_robot(robot)
+        return cls(grid, values, math.nan, radius, u=nothing, e=nothing, robot=own)
 
     @classmethod
     def blank(cls, grid: OccupancyGrid, *, robot: Robot | float = ROBOT_RADIUS) -> Costmap:
@@ -273,7 +278,7 @@ class Costmap(CostLayers, Saved):
         same |= {"weight": self.weight, "robot": self.robot_radius}
         window = joined_windows(window, changed_window(self.grid, field, self.robot_radius))
         if not settings.whole_field or field.lacking.any():
-            return Costmap.from_field(grid, field, **same)
+            return dataclasses.replace(Costmap.from_field(grid, field, **same), robot=self.robot)
         arrays: dict[str, Any] = {name: getattr(self, name) for name in LAYERS}
         if window:
             part, inside = part_around(field, window, self.robot_radius)
@@ -311,7 +316,8 @@ class Costmap(CostLayers, Saved):
                 f" {radius:g} m; make another one instead"
             )
         density = blocked_near(self.density, self.grid, radius)
-        return dataclasses.replace(self, density=density, robot_radius=radius)
+        own = whole_robot(robot) or self.robot
+        return dataclasses.replace(self, density=density, robot_radius=radius, robot=own)
 
 
 def about_costs(costs: Costmap) -> dict[str, object]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any, Literal, Self
 
@@ -18,6 +18,7 @@ from locplan._util.public import Pictured
 from locplan.errors import ConfigError, PoseError
 from locplan.field import SCALARS, CovarianceField, FieldConfig
 from locplan.maps import OCCUPIED, UNKNOWN, OccupancyGrid
+from locplan.robots import Robot
 
 LAYERS = ("density", "u", "e")
 """Names of the arrays of a costmap."""
@@ -43,6 +44,8 @@ class CostLayers(Pictured):
     """u and e for n headings of the robot, evenly spaced from 0 on; None if they are alike."""
     settings: CostSettings | None = None
     """Settings of u; None without a field."""
+    robot: Robot | None = field(default=None, compare=False)
+    """The robot that it was made for, which is not saved; None where only its radius is known."""
 
     def __post_init__(self) -> None:
         for name in LAYERS:
@@ -324,6 +327,11 @@ def check_weight(weight: float) -> None:
         If it is no number, or not from 0 to 1e9.
     """
     number("weight", weight, 0, MAX_DENSITY)
+
+
+def whole_robot(robot: Robot | float) -> Robot | None:
+    """The robot; None where it is a radius alone."""
+    return robot if isinstance(robot, Robot) else None
 
 
 def sealed(layer: Array) -> Array:

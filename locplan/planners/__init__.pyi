@@ -15,6 +15,7 @@ from ._grid import (
     bordered_index as bordered_index,
     connected_parts as connected_parts,
 )
+from ._lattice import Lattice as Lattice
 from ._map_info import MapInfo as MapInfo, describe_map as describe_map
 from ._pareto import BudgetPlanner as BudgetPlanner, pareto_front as pareto_front
 from ._plan import (
@@ -27,6 +28,7 @@ from ._plan import (
     run_planner as run_planner,
 )
 from ._protocol import (
+    LATTICE as LATTICE,
     MAX_SEED as MAX_SEED,
     Found as Found,
     Planner as Planner,
@@ -60,5 +62,6 @@ from ._request import (
     with_options as with_options,
 )
 from ._result import ParetoFront as ParetoFront, Plan as Plan
+from ._smoothing import smoothed as smoothed
 from ._trade_offs import check_front_limits as check_front_limits
 from .ompl._planner import Ompl as Ompl

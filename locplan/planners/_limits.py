@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,8 +14,9 @@ from locplan._util.tables import rounded_up
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.planners._cost_to_go import plan_field
-from locplan.planners._protocol import CURVED, Found, Position, Wrapper
-from locplan.robots import Footprint
+from locplan.planners._lattice import Lattice
+from locplan.planners._protocol import CURVED, LATTICE, Found, Planner, Position, Wrapper
+from locplan.robots import Footprint, Robot
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,11 @@ class Limited(Wrapper):
         return Found(status="infeasible", feasible_from=least, note=note)
 
     def _clear(self, costs: Costmap, stops: Sequence[Position]) -> Found:
-        """Plan for the outline's inscribed circle and, if it meets a wall, the circumscribed."""
+        """Plan for the outline's inscribed circle, the circumscribed one, or the outline itself."""
         if self.outline is None:
             return self._over(costs, stops)
+        if self.space == LATTICE:
+            return self._exactly(costs, stops, self.planner)
         inner, outer = self.outline.inscribed_radius, self.outline.circumscribed_radius
         meets, gave_up = None, None
         wider = f"planned for the footprint's outer circle (radius {outer:.3g} m), since it meets a"
@@ -84,30 +86,59 @@ class Limited(Wrapper):
                 return without
             note = f"not even the footprint's inner circle (radius {inner:.3g} m) fits through"
             return Found(status="infeasible", note=note)
+        if self.space == "R2":
+            limit = getattr(self.planner, "time_limit", None)
+            found = self._exactly(costs, stops, Lattice(time_limit=limit))
+            if found.path is not None:
+                note = "planned by the lattice for the footprint itself: no path of its inner or"
+                return dataclasses.replace(found, note=f"{note} outer circle is clear of walls")
+        return gave_up or self._not_searched(costs, meets)
+
+    def _exactly(self, costs: Costmap, stops: Sequence[Position], planner: Planner) -> Found:
+        """Plan for the outline itself, by a lattice."""
+        assert self.outline is not None
+        robot = dataclasses.replace(costs.robot or Robot(), footprint=self.outline)
+        own = dataclasses.replace(costs, robot=robot)
+        return dataclasses.replace(self, planner=planner)._over(own, stops)
+
+    def _not_searched(self, costs: Costmap, meets: tuple[float, float] | None) -> Found:
+        """What was searched where the outline meets a wall on both circles' paths."""
+        assert self.outline is not None
+        inner, outer = self.outline.inscribed_radius, self.outline.circumscribed_radius
         note = f"only the paths of the footprint's inner and outer circle (radii {inner:.3g} and"
-        note += f" {outer:.3g} m) were searched, not its headings: there may be another path"
+        note += f" {outer:.3g} m) were searched"
+        if self.space == "R2":
+            edge = f"cells of {costs.grid.resolution:g} m"
+            note += f", and the lattice's motions between {Lattice().headings} headings and {edge}"
+        note += ": there may be another path"
         if meets:
             where = f"{meets[0]:.2f},{meets[1]:.2f}"
             note += f"; the footprint meets a wall on that of the inner circle (near {where})"
-        return gave_up or Found(note=note)
+        return Found(note=note)
 
     def _over(self, costs: Costmap, stops: Sequence[Position]) -> Found:
         """Plan each leg from one stop to the next separately."""
         legs: list[Path] = []
         expanded: int | None = 0
-        for number, ends in enumerate(itertools.pairwise(stops), 1):
-            found = self.planner.solve(costs, *ends)
+        begin = stops[0]
+        for number, end in enumerate(stops[1:], 1):
+            found = self.planner.solve(costs, begin, end)
             if not self.via:
                 return found
             if expanded is not None:
                 expanded = None if found.expanded is None else expanded + found.expanded
             if found.path is None:
+                if number > 1 and found.status == "infeasible":
+                    found = dataclasses.replace(found, status="not found")  # in another heading?
                 if number == len(stops) - 1:
                     return found
                 because = f": {found.note}" if found.note else ""
                 said = "leads" if found.status == "unreachable" else "was found"
                 note = f"no path {said} to waypoint {number}{because}"
                 return dataclasses.replace(found, note=note, expanded=expanded)
+            begin = end
+            if self.space == LATTICE and found.path.heading is not None:
+                begin = (*end[:2], float(found.path.heading[-1]))  # goes on as this leg ends
             legs.append(found.path)
         return Found(Path.joined(legs), expanded=expanded)
 

@@ -14,7 +14,7 @@ from locplan._kernels.arrays import Bools
 from locplan.costs import Costmap, Path, check_costs
 from locplan.field import CovarianceField, FieldConfig, every_second_point, points_near
 from locplan.maps import OccupancyGrid
-from locplan.planners._protocol import Planner, Position, check_pose
+from locplan.planners._protocol import LATTICE, Planner, Position, check_pose
 from locplan.planners._request import AnyPlanner, outline_of, planner_for, takes
 from locplan.planners._result import Plan, finished
 from locplan.robots import Footprint
@@ -42,7 +42,7 @@ def check_ends(
     via : sequence of (x, y) or (x, y, heading), default ()
         Waypoints in between [m, rad].
     space : str, default "R2"
-        The planner's space: "R2", "SE2", "Dubins" or "ReedsShepp".
+        The planner's space: "R2", "SE2", "Dubins", "ReedsShepp" or "lattice".
 
     Returns
     -------
@@ -55,7 +55,7 @@ def check_ends(
         If it cannot, with the nearest free position, or if a heading is missing or useless.
     """
     named = [(start, "start"), *((xy, f"waypoint {n}") for n, xy in enumerate(via, 1))]
-    headed = space != "R2"
+    headed = None if space == LATTICE else space != "R2"
     return [check_pose(costs, pose, role, headed=headed) for pose, role in [*named, (goal, "goal")]]
 
 
@@ -82,8 +82,8 @@ def plan(
     planner : str, function or Planner, optional
         One of `names`, by default "any-angle"; a function ``f(costs, start, goal, **options)``
         that returns a `Path`, a `Plan` or a `planners.Found`; or an object such as
-        ``planners.AnyAngle(accuracy="high")``. Take one of OMPL's for a robot with a least turning
-        radius.
+        ``planners.AnyAngle(accuracy="high")``. Take "lattice" for a robot with an outline or a
+        turning radius.
     via : sequence of (x, y) or (x, y, heading), default ()
         Positions in the world to visit on the way, in this order [m, rad].
     max_e : float, optional
@@ -97,12 +97,12 @@ def plan(
     footprint : Footprint or (n, 2) array, optional
         The robot's outline [m], checked exactly along the path that is returned: the cheapest
         for its inscribed circle or, where the outline meets a wall on that, for its circumscribed
-        one. A path that only the outline itself can take may be missed: the status is then "not
-        found". By default the robot is the circle of the costmap's radius; give the outline of a
-        robot that is far from round.
+        one; where neither is clear, the lattice's, see `planners.Lattice`. If none of its motions
+        lead there, the status is "not found". By default the robot is the circle of the costmap's
+        radius; give the outline of a robot that is far from round.
     **options
         Options of the planner: see `planners.GridPlanner` (also for "astar" and "dijkstra"),
-        `planners.AnyAngle` and `planners.Ompl`.
+        `planners.AnyAngle`, `planners.Lattice` and `planners.Ompl`.
 
     Returns
     -------

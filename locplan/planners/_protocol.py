@@ -17,6 +17,8 @@ SPACES: tuple[str, ...] = ("R2", "SE2", "Dubins", "ReedsShepp")
 """The spaces: positions; poses that turn on the spot; forward curves; curves that may reverse."""
 CURVED = ("Dubins", "ReedsShepp")
 """The spaces whose motions are curves with a least turning radius."""
+LATTICE = "lattice"
+"""The space of the robot's own motions, whose ends may have a heading or none."""
 Position = tuple[float, ...]
 """Position x, y in the world [m], and a heading [rad] where the planner's space has one."""
 MAX_SEED = 2**32 - 1
@@ -73,7 +75,8 @@ class Planner(Protocol):
 
     @property
     def space(self) -> str:
-        """The space it plans in: "R2", or one with headings, "SE2", "Dubins" or "ReedsShepp"."""
+        """The space it plans in: "R2"; one with headings, "SE2", "Dubins" or "ReedsShepp"; or
+        "lattice", where ends may have a heading or none."""
 
     def check(self) -> None:
         """Raise a ConfigError if the options do not fit together."""
@@ -139,13 +142,18 @@ def check_space(space: str, turning_radius: float | None) -> None:
 
 
 def check_pose(
-    costs: Costmap, pose: Sequence[float], role: str, *, headed: bool
+    costs: Costmap, pose: Sequence[float], role: str, *, headed: bool | None
 ) -> tuple[float, ...]:
-    """A pose as numbers, or a PoseError if the robot cannot stand there; see `Motions.checked`."""
+    """A pose as numbers, or a PoseError if the robot cannot stand there; see `Motions.checked`.
+
+    `headed` says whether it has a heading; None leaves that open.
+    """
     try:
         numbers = tuple(float(value) for value in pose)
     except (TypeError, ValueError):
         numbers = ()
+    if headed is None:
+        headed = len(numbers) == 3
     if headed and not (len(numbers) == 3 and math.isfinite(numbers[2])):
         raise PoseError(f"{role} must be x, y [m] and a heading, not {shown(pose)}")
     if not headed and len(numbers) == 3:

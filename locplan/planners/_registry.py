@@ -14,7 +14,7 @@ from typing import Any
 
 from locplan._util.checks import shown
 from locplan.errors import ConfigError
-from locplan.planners._protocol import SPACES, Planner
+from locplan.planners._protocol import LATTICE, SPACES, Planner
 
 DEFAULT = "any-angle"
 """The planner that is taken where none is named."""
@@ -87,6 +87,7 @@ PLANNERS: dict[str, Entry] = {
     "astar": Entry("locplan.planners._grid:AStar"),
     "dijkstra": Entry("locplan.planners._grid:Dijkstra"),
     "any-angle": Entry("locplan.planners._any_angle:AnyAngle"),
+    "lattice": Entry("locplan.planners._lattice:Lattice", spaces=(LATTICE,)),
     **{
         name: Entry(
             "locplan.planners.ompl._planner:Ompl", "J" if kind.minimises else None, kind.spaces

@@ -1,0 +1,87 @@
+"""The lattice planner: an exact search over position and heading, with the robot's outline."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from locplan._util.checks import number, positive, shown, whole
+from locplan.costs import Costmap
+from locplan.errors import ConfigError
+from locplan.planners._grid import blank_costs
+from locplan.planners._protocol import LATTICE, Found, Position
+from locplan.planners._smoothing import GEAR_CHANGE, REVERSE, TURN, Smoother
+from locplan.robots import Footprint, Robot
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """This planner finds the cheapest motions that the robot itself can make.
+
+    It searches over position and heading on the costmap's own robot: outline, drive, turning
+    radius, and whether it drives in reverse. Its path has headings. It is the cheapest one of the
+    motions of the lattice, which begin and end in the middle of cells, and then smoothed. Either
+    end may have a heading.
+
+    Examples
+    --------
+    >>> from locplan.planners import plan
+    >>> plan(blank_costs(9, 9), (1.5, 4.5), (7.5, 4.5, 0.0), planner="lattice").status
+    'solved'
+    """
+
+    headings: int = 16
+    """Number of headings: 8, 16 or 32."""
+    span: int = 1
+    """Number of headings, 1 to 4, that one turn may pass; more makes turns closer to the turning
+    radius, and takes longer. Take 2 or more with 32 headings."""
+    reverse: float = REVERSE
+    """Factor on the cost of driving in reverse or sideways, above 1."""
+    gear_change: float = GEAR_CHANGE
+    """Cost of changing between forward and reverse, >= 0 [m]."""
+    turn_cost: float = TURN
+    """Cost of turning on the spot, above 0 [m/rad]."""
+    smooth: bool = True
+    """True smooths the path by curves that the robot can drive, which begin and end at just the
+    poses asked for where they can; see `planners.smoothed`."""
+    time_limit: float | None = None
+    """Time after which the search ends [s], above 0; by default it is not limited."""
+    name: ClassVar[str] = "lattice"
+    minimises: ClassVar[str] = "J"
+    space: ClassVar[str] = LATTICE
+
+    def check(self) -> None:
+        """Raise a ConfigError if an option is out of its range."""
+        if self.headings not in (8, 16, 32):
+            raise ConfigError(f"headings must be 8, 16 or 32, not {shown(self.headings)}")
+        whole("span", self.span, 1, 4)
+        number("reverse", self.reverse, 1.0 + 1e-6)
+        number("gear_change", self.gear_change, 0.0)
+        positive("turn_cost", self.turn_cost, "m/rad")
+        if self.time_limit is not None:
+            positive("time_limit", self.time_limit, "seconds")
+
+    def prepare(self) -> None:
+        """Compile the kernels, so that the first plan is not timed with them."""
+        square = Footprint(np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) / 4)
+        costs = dataclasses.replace(blank_costs(9, 9), robot=Robot(footprint=square))
+        self.solve(costs, (1.5, 1.5), (7.5, 1.5))
+
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+        """Plan between two world positions [m] or poses [m, rad] in free cells.
+
+        See `locplan.planners.Planner.solve`.
+        """
+        from locplan.planners._lattice_search import LatticeSearch
+        from locplan.planners._primitives import Prices
+
+        prices = Prices(self.reverse, self.gear_change, self.turn_cost)
+        search = LatticeSearch(costs, self.headings, self.span, prices, self.time_limit)
+        found = search.found(start, goal)
+        if found.path is None or not self.smooth:
+            return found
+        smoother = Smoother(costs, costs.robot, self.reverse, self.gear_change, self.turn_cost)
+        return dataclasses.replace(found, path=smoother.smoothed(found.path, start, goal))

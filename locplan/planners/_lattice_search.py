@@ -1,0 +1,163 @@
+"""One search of the lattice planner, from its costmap's arrays to a path."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from locplan._kernels import lattice as kernels
+from locplan._kernels.arrays import Array, Floats
+from locplan.costs import Costmap, Path
+from locplan.planners._grid import cheapest_cells
+from locplan.planners._primitives import Prices, angles_of, masked_ground, moves_of, primitives
+from locplan.planners._protocol import Found, Position
+from locplan.robots import Kinematics
+
+STRETCH = 1 << 16
+"""Number of expansions between two looks at the clock."""
+MAX_BUCKETS = 1 << 14
+"""Greatest number of buckets; states that are to come later wait in the last one."""
+
+
+class OutOfTimeError(Exception):
+    """The time is up; its argument is the cost that was reached [m]."""
+
+
+class LatticeSearch:
+    """A search of one path on a costmap, for its robot."""
+
+    def __init__(
+        self, costs: Costmap, headings: int, span: int, prices: Prices, time_limit: float | None
+    ) -> None:
+        grid, robot = costs.grid, costs.robot
+        self._until = time.perf_counter() + (time_limit or math.inf)
+        self._costs, self._angles = costs, angles_of(headings)
+        kinematics = robot.kinematics if robot else Kinematics()
+        radius = kinematics.turning_radius / grid.resolution
+        self._primitives = primitives(headings, radius, kinematics.drive == "omnidirectional", span)
+        self._ground = masked_ground(self._primitives, robot.outline if robot else None, costs)
+        self._moves, self._made = moves_of(self._primitives, kinematics, prices, costs)
+        change = prices.gear_change / grid.resolution if kinematics.reverse else 0.0
+        per_cost = 1.0 / self._ground.cheapest
+        self._terms = kernels.Terms(per_cost, change, 2 if change else 1, np.inf, 0)
+        self._size = grid.shape[0] * grid.shape[1]
+
+    def found(self, start: Position, goal: Position) -> Found:
+        """The path from start to goal, or why there is none."""
+        try:
+            bound = self.bound_to(goal, self._cell(start))
+            cap = float(bound[self._cell(start)]) * (1 - kernels.ROUNDING)
+            if math.isinf(cap):
+                return self._none(start, goal, 0)
+            goal_headings = sum(1 << heading for heading in self._headings(goal))
+            terms = self._terms._replace(cap=cap, goal_headings=goal_headings)
+            cost, last, expanded = self._costs_from(start, bound, terms)
+        except OutOfTimeError as out:
+            note = f"the time was up; every path of the lattice costs at least {out.args[0]:.2f} m"
+            return Found(status="timeout", note=note)
+        if last < 0:
+            return self._none(start, goal, expanded)
+        moves = kernels.traced(self._ground, self._moves, terms, cost, last)
+        return Found(self._path(moves), expanded=expanded)
+
+    def bound_to(self, goal: Position, source: int) -> Array:
+        """Bound of the cost to the goal of each cell, final up to that of the cell `source`."""
+        target = self._cell(goal)
+        bound = np.full(self._size, np.inf, np.float32)
+        bound[target] = 0.0
+        queue = kernels.new_queue(self._buckets(1.0), 0)
+        kernels.put(queue, target, 0)
+        self._run(
+            lambda queue, most: kernels.project(
+                queue, self._ground, self._moves, self._terms, bound, source, most
+            ),
+            queue,
+        )
+        return bound
+
+    def _costs_from(
+        self, start: Position, bound: Array, terms: kernels.Terms
+    ) -> tuple[Array, int, int]:
+        """The costs of the search over states, the last state or -1, and the expansions."""
+        size, source, count = self._size, self._cell(start), len(self._angles)
+        cost = np.zeros(terms.gears * count * size, np.float32)
+        lowest = int(terms.cap * terms.per_cost)
+        queue = kernels.new_queue(self._buckets(2.0), lowest)
+        for gear in range(terms.gears):
+            for heading in self._headings(start):
+                state = (gear * count + heading) * size + source
+                cost[state] = 1.0
+                kernels.put(queue, state, lowest)
+        queue = self._run(
+            lambda queue, most: kernels.explore(
+                queue, self._ground, self._moves, terms, bound, cost, most
+            ),
+            queue,
+        )
+        numbers = queue.state
+        return cost, int(numbers[kernels.BEST]), int(numbers[kernels.EXPANDED])
+
+    def _run(
+        self, step: Callable[[kernels.Queue, int], int], queue: kernels.Queue
+    ) -> kernels.Queue:
+        """Run a kernel until it has finished, giving it room and looking at the clock."""
+        while (status := step(queue, STRETCH)) != kernels.FINISHED:
+            if status == kernels.OUT_OF_ROOM:
+                queue = kernels.grown(queue)
+            elif time.perf_counter() > self._until:
+                reached = queue.state[kernels.LOWEST] / self._terms.per_cost
+                raise OutOfTimeError(reached * self._costs.grid.resolution)
+        return queue
+
+    def _buckets(self, factor: float) -> int:
+        """Number of buckets that a motion's cost spans, a power of two."""
+        half = self._ground.half
+        costliest = 2 * half[np.isfinite(half)].max(initial=0.5)
+        longest = float((self._moves.lengths.sum(axis=1) / 2 * costliest + self._moves.extra).max())
+        spanned = factor * (longest + self._terms.gear_change) * self._terms.per_cost + 2
+        return int(min(MAX_BUCKETS, 2 ** math.ceil(math.log2(spanned))))
+
+    def _cell(self, pose: Position) -> int:
+        """The number of the cell of a pose."""
+        row, col = self._costs.cell_of(pose[:2])
+        return row * self._ground.columns + col
+
+    def _headings(self, pose: Position) -> list[int]:
+        """The heading nearest to that of a pose; without one all headings."""
+        if len(pose) < 3:
+            return list(range(len(self._angles)))
+        apart = np.cos(self._angles + self._costs.grid.origin[2] - pose[2])
+        return [int(np.argmax(apart))]
+
+    def _path(self, moves: Array) -> Path:
+        """The path of motions after the state that begins it."""
+        state, grid = int(moves[0]), self._costs.grid
+        layer, cell = divmod(state, self._size)
+        row, col = divmod(cell, self._ground.columns)
+        heading = self._angles[layer % len(self._angles)]
+        pieces: list[Floats] = [np.array([(col + 0.5, row + 0.5, heading)])]
+        for move in moves[1:].tolist():
+            number, back = self._made[move]
+            poses = np.array(self._primitives[number].poses)
+            poses = poses[::-1] if back else poses
+            begin = pieces[-1][-1] - poses[0]
+            begin[2] = 0.0
+            pieces.append(poses[1:] + begin)
+        poses = np.concatenate(pieces)
+        if len(poses) == 1:
+            poses = np.repeat(poses, 2, axis=0)
+        x, y = grid.grid_to_world(poses[:, 1], poses[:, 0])
+        return Path(np.column_stack([x, y]), poses[:, 2] + grid.origin[2])
+
+    def _none(self, start: Position, goal: Position, expanded: int) -> Found:
+        """Why there is no path, after all states were searched."""
+        cells, _ = cheapest_cells(self._costs, start, goal, allow_corner_cutting=False)
+        if cells is None:
+            return Found(status="unreachable", expanded=expanded)
+        headings, edge = len(self._angles), self._costs.grid.resolution
+        note = f"none of the motions between {headings} headings and cells of {edge:g} m lead to"
+        note += " the goal with the robot's outline, drive and turning radius"
+        return Found(status="infeasible", note=note, expanded=expanded)

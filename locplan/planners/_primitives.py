@@ -1,0 +1,301 @@
+"""Motion primitives of a state lattice: ahead, turns between headings, on the spot and sideways.
+
+The headings are directions from a cell's centre to another cell's, so that straight motions end on
+centres. A turn from heading u to v by an angle d consists of an arc and straight rests: it ends at
+a u + b v with a, b >= t = r tan(d / 2) for a turning radius r. All turns are made of those with
+t <= a < t + |u| and t <= b < t + |v|; with whole end points there are |det(u, v)| of them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from locplan._kernels.arrays import Array, Floats, Ints
+from locplan._kernels.bit_masks import WORD, add_runs, widened
+from locplan._kernels.lattice import BACKWARD, EITHER, FORWARD, Ground, Moves
+from locplan._kernels.outlines import swept
+from locplan.costs import Costmap, Path, crossed_cells
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.robots import Footprint, Kinematics
+
+DIRECTIONS: dict[int, tuple[tuple[int, int], ...]] = {
+    8: ((1, 0), (1, 1)),
+    16: ((1, 0), (2, 1), (1, 1), (1, 2)),
+    32: ((1, 0), (3, 1), (2, 1), (3, 2), (1, 1), (2, 3), (1, 2), (1, 3)),
+}
+"""Directions (columns, rows) of a quarter of the headings, by the number of all."""
+ARC_STEP = 0.025
+"""Maximum turn between two poses on an arc [rad]; an arc is then at most 2.6e-5 too short."""
+
+
+@dataclass(frozen=True)
+class Primitive:
+    """A motion from the centre of cell (0, 0) to that of another cell."""
+
+    source: int
+    """Heading that it begins with."""
+    target: int
+    """Heading that it ends with."""
+    poses: tuple[tuple[float, float, float], ...]
+    """Poses (col, row, heading) along it, from (0, 0) on [cells, rad]."""
+    sideways: bool = False
+    """True for a motion sideways."""
+
+    @property
+    def end(self) -> tuple[int, int]:
+        """Rows and columns that it leads on."""
+        col, row, _ = self.poses[-1]
+        return round(row), round(col)
+
+    @property
+    def turn(self) -> float:
+        """Turn on the spot, >= 0 [rad]; 0 for all other motions."""
+        if self.end != (0, 0):
+            return 0.0
+        return abs(math.remainder(self.poses[-1][2] - self.poses[0][2], 2 * math.pi))
+
+
+def angles_of(headings: int) -> Floats:
+    """The headings of a lattice, rising from 0 [rad]."""
+    return np.array([math.atan2(row, col) % (2 * math.pi) for col, row in _directions(headings)])
+
+
+def _directions(headings: int) -> list[tuple[int, int]]:
+    """The direction (columns, rows) of each heading."""
+    quarter, every = DIRECTIONS[headings], []
+    for turns in range(4):
+        for col, row in quarter:
+            for _ in range(turns):
+                col, row = -row, col
+            every.append((col, row))
+    return every
+
+
+@lru_cache(maxsize=32)
+def primitives(
+    headings: int, radius: float, sideways: bool, span: int = 1
+) -> tuple[Primitive, ...]:
+    """The primitives of all headings, sorted by the heading that they begin with.
+
+    Parameters
+    ----------
+    headings : int
+        Number of headings: 8, 16 or 32.
+    radius : float
+        Turning radius, >= 0 [cells]; with 0 turns are on the spot.
+    sideways : bool
+        Whether there are motions sideways.
+    span : int, default 1
+        Number of headings, at least 1, that a turn may pass to either side.
+    """
+    directions, angles = _directions(headings), angles_of(headings)
+    found = []
+    for source, ahead in enumerate(directions):
+        start, angle = (0.0, 0.0, angles[source]), angles[source]
+        found.append(Primitive(source, source, (start, (*map(float, ahead), angle))))
+        for steps in (*range(1, span + 1), *range(-1, -span - 1, -1)):
+            target = (source + steps) % headings
+            for poses in _turns(ahead, directions[target], angle, radius):
+                found.append(Primitive(source, target, poses))
+        for quarter in (1, 3) if sideways else ():
+            aside = directions[(source + quarter * headings // 4) % headings]
+            poses = start, (*map(float, aside), angle)
+            found.append(Primitive(source, source, poses, sideways=True))
+    return tuple(found)
+
+
+def _turns(
+    ahead: tuple[int, int], after: tuple[int, int], heading: float, radius: float
+) -> list[tuple[tuple[float, float, float], ...]]:
+    """The poses of the turns from one direction to another."""
+    (x, y), (x1, y1) = ahead, after
+    cross = x * y1 - y * x1
+    turn = math.atan2(cross, x * x1 + y * y1)
+    long, long1 = math.hypot(x, y), math.hypot(x1, y1)
+    least = radius * math.tan(abs(turn) / 2)
+    reach = math.ceil(2 * least + long + long1)
+    found = []
+    for col, row in itertools.product(range(-reach, reach + 1), repeat=2):
+        along = (col * y1 - row * x1) / cross * long
+        beyond = (x * row - y * col) / cross * long1
+        first, second = along - least, beyond - least
+        if -1e-9 <= first < long - 1e-9 and -1e-9 <= second < long1 - 1e-9:
+            found.append(_turn_poses(heading, turn, along, beyond, (float(col), float(row))))
+    return found
+
+
+def _turn_poses(
+    heading: float, turn: float, along: float, beyond: float, end: tuple[float, float]
+) -> tuple[tuple[float, float, float], ...]:
+    """Poses along a straight rest, an arc, and a straight rest."""
+    tangent = min(along, beyond)
+    radius, side = tangent / math.tan(abs(turn) / 2), math.copysign(1.0, turn)
+    cos, sin = math.cos(heading), math.sin(heading)
+    poses = [(0.0, 0.0, heading)]
+    begin = along - tangent
+    steps = max(1, math.ceil(abs(turn) / ARC_STEP)) if radius > 1e-9 else 1
+    for n in range(steps + 1):
+        angle = abs(turn) * n / steps
+        x, y = begin + radius * math.sin(angle), side * radius * (1 - math.cos(angle))
+        poses.append((cos * x - sin * y, sin * x + cos * y, heading + side * angle))
+    if math.hypot(poses[1][0], poses[1][1]) <= 1e-9:
+        del poses[1]  # no straight rest before the arc
+    if math.hypot(poses[-1][0] - end[0], poses[-1][1] - end[1]) <= 1e-9:
+        del poses[-1]
+    return (*poses, (*end, heading + turn))
+
+
+def reach_of(found: tuple[Primitive, ...], outline: Footprint | None, resolution: float) -> int:
+    """Number of cells, rounded up, that the robot reaches from where a primitive begins."""
+    body = 0.0 if outline is None else outline.circumscribed_radius / resolution
+    far = max(max(abs(col), abs(row)) for each in found for col, row, _ in each.poses)
+    return math.ceil(far + body) + 2
+
+
+def centre_cells(primitive: Primitive) -> Ints:
+    """Cells (n, 2) of (row, col) that the centre crosses, or touches at a corner."""
+    row, col, _, _ = _crossed(primitive, 1, 0.0)
+    cells = [np.column_stack([row, col])]
+    corner = np.flatnonzero((np.diff(row) != 0) & (np.diff(col) != 0))
+    cells += [np.column_stack([row[corner], col[corner + 1]])]
+    cells += [np.column_stack([row[corner + 1], col[corner]])]
+    return np.unique(np.concatenate(cells), axis=0)
+
+
+def _crossed(primitive: Primitive, layers: int, yaw: float) -> tuple[Array, Array, Array, Array]:
+    """Rows, columns, layers and lengths of the cells that the centre crosses [cells]."""
+    poses = np.array(primitive.poses)
+    unit = OccupancyGrid(np.full((1, 1), FREE), 1.0)
+    path = Path(poses[:, :2] + 0.5, poses[:, 2] + yaw)
+    layer, row, col, length = crossed_cells(unit, path, layers)
+    return row, col, layer, length
+
+
+@dataclass(frozen=True)
+class Prices:
+    """What motions cost beside the integral of the density."""
+
+    reverse: float
+    """Factor on the cost of motions in reverse and sideways, above 1."""
+    gear_change: float
+    """Cost of a change between forward and reverse [m]."""
+    turn: float
+    """Cost of a turn on the spot [m/rad]."""
+
+
+def moves_of(
+    found: tuple[Primitive, ...],
+    kinematics: Kinematics,
+    prices: Prices,
+    costs: Costmap,
+) -> tuple[Moves, list[tuple[int, bool]]]:
+    """The motions that primitives make on a costmap.
+
+    Beside the kernels' arrays it gives the primitive of each motion, and whether it is driven from
+    its end.
+    """
+    (layers, rows, columns), (_, _, yaw) = costs.density_of_heading.shape, costs.grid.origin
+    headings, turn = found[-1].source + 1, prices.turn / costs.grid.resolution
+    slots = _slots(found)
+    backward = [False, True] if kinematics.reverse else [False]
+    made = []
+    for number, each in enumerate(found):
+        for back in backward:
+            if back and (each.sideways or each.turn):
+                continue
+            made.append((each.target if back else each.source, number, back))
+    made.sort()
+    crossed, lengths, rest = [], [], []
+    for _, number, back in made:
+        each = found[number]
+        row, col, layer, length = _crossed(each, layers, yaw)
+        end_row, end_col = each.end
+        if back:
+            row, col, end_row, end_col = row - end_row, col - end_col, -end_row, -end_col
+        factor = prices.reverse if back or each.sideways else 1.0
+        crossed.append((layer * rows + row) * columns + col)
+        lengths.append(2 * factor * length)
+        gear = EITHER if each.sideways or each.turn else BACKWARD if back else FORWARD
+        ends = (each.target, each.source) if back else (each.source, each.target)
+        rest.append((*ends, end_row, end_col, gear, int(back), each.source, slots[number]))
+    begin = np.searchsorted([source for source, _, _ in made], np.arange(headings + 1))
+    table = np.array(rest, np.int64).T
+    count = np.array([len(one) if one.sum() > 0 else 0 for one in lengths])
+    extra = np.array([turn * found[number].turn for _, number, _ in made])
+    least = np.array([one.sum() / 2 for one in lengths])
+    arrays = _padded(crossed, np.int64), _padded(lengths, np.float64), count, extra, least
+    moves = Moves._make([begin.astype(np.int64), *(row.copy() for row in table), *arrays])
+    return moves, [(number, back) for _, number, back in made]
+
+
+def _slots(found: tuple[Primitive, ...]) -> list[int]:
+    """The number of each primitive among those of its heading."""
+    slots: list[int] = []
+    for each in found:
+        slots.append(sum(other.source == each.source for other in found[: len(slots)]))
+    return slots
+
+
+def _padded(rows: list[Array], dtype: type) -> Array:
+    """An array of rows of unequal length, filled up with zeros."""
+    result: Array = np.zeros((len(rows), max(map(len, rows))), dtype)
+    for row, values in zip(result, rows, strict=True):
+        row[: len(values)] = values
+    return result
+
+
+def masked_ground(
+    found: tuple[Primitive, ...],
+    outline: Footprint | None,
+    costs: Costmap,
+) -> Ground:
+    """What motions go over: the density, and where each primitive is not free.
+
+    A primitive is free where no cell that the outline sweeps is occupied, and the centre crosses
+    and touches no cell of infinite density.
+    """
+    grid, density = costs.grid, costs.density_of_heading
+    rows, columns = grid.shape
+    reach = reach_of(found, outline, grid.resolution)
+    margin = WORD * math.ceil(reach / WORD)
+    slots = _slots(found)
+    words = -(-columns // WORD)
+    masks = np.zeros((found[-1].source + 1, rows, words, max(slots) + 1), np.uint64)
+    planes = [(np.isinf(density[0]), True)]
+    if outline is not None:
+        planes.append((grid.cells == OCCUPIED, False))
+    for plane, outside in planes:
+        wide = widened(_packed(plane, margin, words, outside))
+        for each, slot in zip(found, slots, strict=True):
+            if outside:
+                runs = np.insert(centre_cells(each), 2, 1, axis=1)
+            else:
+                assert outline is not None
+                poses = np.array(each.poses) + np.array([0.5, 0.5, 0.0])
+                runs = _runs(swept(outline.vertices / grid.resolution, poses, reach), reach)
+            add_runs(masks, wide, runs, np.array([each.source, slot]), margin)
+    half = np.array(density).reshape(-1) / 2
+    free = half[np.isfinite(half)]
+    cheapest = 2 * float(free.min()) if free.size else 1.0
+    return Ground(half, masks, rows, columns, cheapest)
+
+
+def _packed(plane: Array, margin: int, words: int, outside: bool) -> Array:
+    """The bits of a plane with a margin [cells] around the map, (rows, words)."""
+    rows, columns = plane.shape
+    wide = np.full((rows + 2 * margin, 64 * (words + 1) + 2 * margin), outside)
+    wide[margin : margin + rows, margin : margin + columns] = plane
+    return np.packbits(wide, axis=1, bitorder="little").view(np.uint64)
+
+
+def _runs(cells: Array, reach: int) -> Ints:
+    """Runs (n, 3) of cells: row, first column and number, from the middle one."""
+    edges = np.diff(cells.astype(np.int8), axis=1, prepend=0, append=0)
+    row, first = np.nonzero(edges == 1)
+    _, after = np.nonzero(edges == -1)
+    return np.column_stack([row - reach, first - reach, after - first])
