@@ -46,6 +46,10 @@ class NavPlanner:
     """Other parameters that must be as they are here."""
     planning_time: float | None = None
     """Minimum time that the planner needs for a way over a mask [s]; None if it has no limit."""
+    any_angle: bool = False
+    """Whether its paths turn by any angle."""
+    caveat: str = ""
+    """The reason why it does not follow masks; empty if it does."""
 
 
 def _theta_star_term(costs: Floats | float) -> Floats:
@@ -94,6 +98,9 @@ PLANNERS = {
             None,
             lambda costs, _: np.trunc(50 + 0.8 * costs) / 50 - 1,
             lambda cost, excess: np.nan,
+            caveat="its wave stops early and does not see costs beyond twice that of free space (on"
+            " a real Nav2 1.3.13 J was 1.05 to 2.98 times the best with its mask, and 2 of 6 plans"
+            " failed on a map of 1674 x 1006 cells)",
         ),
         NavPlanner(
             "thetastar",
@@ -103,6 +110,7 @@ PLANNERS = {
             _theta_star_weight,
             2.0,
             {"w_euc_cost": 1.0},
+            any_angle=True,
         ),
     )
 }

@@ -18,6 +18,7 @@ from locplan.costs import Costmap, about_costs, costs_caption
 from locplan.errors import ConfigError
 from locplan.export import _charges as charges
 from locplan.export._charges import Conversion
+from locplan.export._costmap import AT_WALLS, CostmapInflation
 from locplan.export._parameters import (
     Robot,
     Server,
@@ -28,7 +29,7 @@ from locplan.export._parameters import (
     write_yaml,
 )
 from locplan.export._registry import check_has_field, export_folder
-from locplan.robots import Nav2Parameters
+from locplan.robots import GLOBAL_COSTMAP, Nav2Parameters
 
 
 class ParametersChanged(UserWarning):
@@ -56,8 +57,9 @@ def nav2_keepout(
         fit where this costmap's does not. Nav2 ignores a map's yaw, so that the mask has none
         either.
     planner : str, optional
-        "smac2d", "smac-hybrid", "navfn" or "thetastar": the one that the robot runs. By default
-        the first of these that `params` has, or "smac2d".
+        "smac2d", "smac-hybrid", "navfn" or "thetastar": the one that plans. By default the first
+        of these that `params` has, except "navfn", which does not follow masks; else "smac2d" up
+        to a million cells, and "thetastar" on larger maps.
     planner_param : float, optional
         The planner's own parameter, above 0: cost_travel_multiplier, cost_penalty or
         w_traversal_cost. Give it where the robot's must stay. By default it is such that u = 1
@@ -65,10 +67,11 @@ def nav2_keepout(
     distro : str, default "jazzy"
         The robot's distribution of ROS 2: "humble", "jazzy", "kilted", "lyrical" or "rolling".
     params : path, optional
-        A Nav2 parameter file to merge ours into; by default nav2.yaml holds ours alone. Where a
-        value of the file has to be another one, a `ParametersChanged` warning and the folder's
-        README.md name it. The planner gets ``allow_unknown: false``, since J knows no way through
-        unknown space.
+        A Nav2 parameter file to merge ours into; by default nav2.yaml holds ours alone. The mask
+        carries the inflation of its global costmap, too, whose own layer gets a steeper decay: Nav2
+        takes the larger one of mask and costmap, not their sum. Where a value of the file has to be
+        another one, a `ParametersChanged` warning and the folder's README.md name it. The planner
+        gets ``allow_unknown: false``, since J knows no way through unknown space.
 
     Returns
     -------
@@ -158,6 +161,7 @@ def keepout_mask(
     planner: str = "smac2d",
     planner_param: float | None = None,
     static: bool = False,
+    inflation: CostmapInflation | None = None,
 ) -> tuple[NDArray[np.int8], Conversion]:
     """The values of a mask that make a planner's costs J, (H, W): 0..99, or -1 to change nothing.
 
@@ -173,6 +177,8 @@ def keepout_mask(
         "smac2d", "smac-hybrid", "navfn" or "thetastar".
     static : bool, default False
         Whether the values are for a StaticLayer, up to 98.
+    inflation : CostmapInflation, optional
+        The costmap's inflation, which the values carry, too, with an excess of 2.5 at walls.
 
     Returns
     -------
@@ -196,6 +202,9 @@ def keepout_mask(
     if np.isnan(greatest):
         greatest = float(costs.density[passable].max()) - 1
     runs = charges.checked_planner(planner, planner_param)
+    if inflation:
+        greatest += AT_WALLS
+        density = density + AT_WALLS * np.minimum(inflation.costs(costs.grid) / 252, 1)
     values, conversion = charges.values_for(density, runs, greatest, planner_param, static)
     near = costs.grid.closer_than(costs.robot_radius - 1e-9)
     values[~passable & costs.grid.free & ~near] = 100  # lethal
@@ -220,10 +229,19 @@ def _write_charged(
     folder: str | Path, kind: str, costs: Costmap, robot: Robot, planner: str | None, **param: Any
 ) -> Conversion:
     """Write the mask of a filter or a layer that makes a planner's costs J."""
-    planner, static = planner or robot.planner, kind == "static"
-    values, conversion = keepout_mask(costs, planner=planner, static=static, **param)
+    planner, static = planner or robot.planner(costs.grid.free.size), kind == "static"
+    caveat = charges.checked_planner(planner, None).caveat
+    inflation = None if caveat else CostmapInflation.of(robot.file)
+    values, conversion = keepout_mask(
+        costs, planner=planner, static=static, inflation=inflation, **param
+    )
     merged, called = with_planner(robot, with_costmap(robot, kind), conversion)
+    if inflation:
+        steep = inflation.below_a_mask.inflation.cost_scaling_factor
+        merged = merged.changed(GLOBAL_COSTMAP, {f"{inflation.layer}.cost_scaling_factor": steep})
     robot.warn(robot.of_planner(called))
+    if caveat:
+        robot.warn(iter([f"{planner} does not follow a mask: {caveat}"]))
     what = "layer" if kind == "static" else "mask"
     title = f"Localizability {what} for {conversion.planner.plugin} ({called})"
     about = {"planner_id": called, "conversion": conversion.summary()}

@@ -21,6 +21,9 @@ from locplan.robots import (
     read_parameters,
 )
 
+MAX_SMAC_CELLS = 1_000_000
+"""Cells of the largest map for which Smac 2D is added to a robot's planners."""
+
 
 class DistroWarning(UserWarning):
     """A distribution of ROS 2 has a fault that concerns the localization."""
@@ -167,25 +170,30 @@ class Robot:
         """The plugin of each of its planners by name, as it is written from Jazzy on."""
         return {name: plugin.replace("/", "::") for name, plugin in self._plugins().items()}
 
-    @property
-    def planner(self) -> str:
-        """Its first planner of those that a mask can be for, as `PLANNERS` names it, or smac2d."""
-        known = {each.plugin: name for name, each in PLANNERS.items()}
-        return next((known[each] for each in self.planners.values() if each in known), "smac2d")
+    def planner(self, cells: int) -> str:
+        """Its first planner that follows masks, as `PLANNERS` names it, or one for that many cells.
+
+        Nav2 plans once a second, which Smac 2D does on small maps only.
+        """
+        known = {each.plugin: name for name, each in PLANNERS.items() if not each.caveat}
+        added = "smac2d" if cells <= MAX_SMAC_CELLS else "thetastar"
+        return next((known[each] for each in self.planners.values() if each in known), added)
 
     def warn(self, notes: Iterator[str]) -> None:
         """Warn of what does not go together."""
         for note in notes:
-            name = self.file.name if self.file else ""
-            warnings.warn(RobotWarning(f"{name}: {note}"), stacklevel=4)
+            name = f"{self.file.name}: " if self.file else ""
+            warnings.warn(RobotWarning(f"{name}{note}"), stacklevel=4)
 
     def of_planner(self, called: str) -> Iterator[str]:
-        """That ours stands beside its own planners."""
+        """That ours stands beside its own planners, and why."""
+        caveats = {each.plugin: each.caveat for each in PLANNERS.values()}
         others = [f"{name} ({plugin})" for name, plugin in self.planners.items() if name != called]
         if others and called not in self.planners:
+            why = next((f": {caveats[p]}" for p in self.planners.values() if caveats.get(p)), "")
             yield (
-                f"its planners are {', '.join(others)}; {called} is added for the mask, and plans"
-                " only where the behaviour tree names it (planner_id), or take another --planner"
+                f"its planners are {', '.join(others)}{why}; {called} is added for the mask, and"
+                " plans only where it is selected, as the folder's README.md says"
             )
 
     def of_speed(self, own: str) -> Iterator[str]:

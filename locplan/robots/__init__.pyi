@@ -16,6 +16,7 @@ from ._nav2 import (
     NOT_SIMULATED as NOT_SIMULATED,
     ParameterWarning as ParameterWarning,
     edited_parameters as edited_parameters,
+    nav2_inflation as nav2_inflation,
     read_amcl as read_amcl,
 )
 from ._parameters import (

@@ -10,6 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
+
 from locplan._util.checks import number, positive
 from locplan._util.reading import compose, read_content, scalar_text
 from locplan.errors import ConfigError, LocplanError, one_line
@@ -88,10 +90,39 @@ def parts_of(path: str | os.PathLike[str]) -> dict[str, Any]:
     found = {
         "filter": filter_of(path, parameters),
         **_outline(path, parameters),
-        "inflation": _inflation(path, parameters),
+        "inflation": (_inflation(path, parameters) or (None, None))[1],
         "kinematics": _kinematics(path, parameters),
     }
     return {name: part for name, part in found.items() if part is not None}
+
+
+def nav2_inflation(path: str | os.PathLike[str]) -> tuple[str, Inflation, float] | None:
+    """Inflation layer of a global costmap by name, and the inscribed radius that it reads [m].
+
+    As in Nav2, the radius is that of the padded footprint, in which a circle has 16 corners; it is
+    None where no layer inflates.
+
+    Parameters
+    ----------
+    path : path
+        A parameter file of Nav2.
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be read, or a value is out of its range.
+    """
+    parameters = read_parameters(path)
+    found = _inflation(path, parameters)
+    if found is None:
+        return None
+    parts = {"footprint": 0.1, "margin": 0.01} | _outline(path, parameters)  # as Nav2 has them
+    outline, padding = parts["footprint"], parts["margin"]
+    if not isinstance(outline, Footprint):
+        angles = np.arange(16) * 2 * np.pi / 16
+        outline = Footprint(outline * np.column_stack([np.cos(angles), np.sin(angles)]))
+    padded = outline.vertices + np.sign(outline.vertices) * padding
+    return (*found, Footprint(padded).inscribed_radius)
 
 
 def filter_of(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Amcl | None:
@@ -136,15 +167,17 @@ def _outline(path: str | os.PathLike[str], parameters: Nav2Parameters) -> dict[s
     return {}
 
 
-def _inflation(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Inflation | None:
-    """Inflation of the global costmap, or None where it has no such layer."""
+def _inflation(
+    path: str | os.PathLike[str], parameters: Nav2Parameters
+) -> tuple[str, Inflation] | None:
+    """Inflation layer of the global costmap by name, or None where it has no such layer."""
     own = parameters.of(GLOBAL_COSTMAP)
     for layer in parameters.names(GLOBAL_COSTMAP, "plugins"):
         if own.get(f"{layer}.plugin") == "nav2_costmap_2d::InflationLayer":
             names = [each.name for each in dataclasses.fields(Inflation)]
             given = {name: own[f"{layer}.{name}"] for name in names if f"{layer}.{name}" in own}
             with errors_at(path, f"global_costmap: {layer}"):
-                return Inflation(**given)
+                return layer, Inflation(**given)
     return None
 
 
