@@ -684,11 +684,15 @@ def test_planners_of_another_distribution_are_noticed(tmp_path, costs, distro, p
 
 
 def test_texts_stay_texts_and_numbers_numbers_to_ros(tmp_path, costs):
-    (tmp_path / "own.yaml").write_text(
-        'amcl: {ros__parameters: {a: "1e3", b: 1e3, c: "y", d: y, e: N, f: "no", g: x}}'
-    )
+    own = 'amcl: {ros__parameters: {a: "1e3", b: 1e3, c: "y", d: y, e: N, f: "no", g: x}}\n'
+    (tmp_path / "own.yaml").write_text(own)
     export.nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml")
-    text = (tmp_path / "m" / "nav2.yaml").read_text()
+    assert own in (tmp_path / "m" / "nav2.yaml").read_text()
+    shared = "planner_server: &p {ros__parameters: {b: 1}}\nmine: *p\n"  # not to be changed alone
+    (tmp_path / "own.yaml").write_text(own + shared)
+    export.nav2_keepout(tmp_path / "n", costs, params=tmp_path / "own.yaml")
+    assert "(but its comments)" in readme_of(tmp_path / "n")
+    text = (tmp_path / "n" / "nav2.yaml").read_text()
     for line in ('a: "1e3"', "b: 1000.0", 'c: "y"', "d: true", "e: false", "f: 'no'", "g: x"):
         assert f"    {line}\n" in text
 

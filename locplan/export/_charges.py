@@ -21,8 +21,10 @@ from numpy.typing import NDArray
 from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import one_of
 from locplan._util.reading import dumped
+from locplan._util.tables import finite
 from locplan.costs import Costmap, about_costs, costs_caption
 from locplan.errors import ConfigError
+from locplan.export._costmap import PlannedPath
 from locplan.export._registry import check_has_field, export_folder
 from locplan.maps import OccupancyGrid
 
@@ -132,9 +134,12 @@ class Conversion:
     """Largest difference of weight u and the planner's charge [m per m], where none saturates."""
     mean_quantisation: float
     """Mean of that difference over the cells that do not saturate [m per m]."""
+    paths: tuple[PlannedPath, ...] = ()
+    """The paths that planners take on the exported mask, of those that were asked for."""
 
-    def summary(self) -> dict[str, float | str | None]:
+    def summary(self) -> dict[str, Any]:
         """The facts by name, fit for JSON."""
+        paths = [finite(dataclasses.asdict(each)) for each in self.paths]
         return {
             "planner": self.planner.name,
             "parameter": self.planner.parameter,
@@ -143,6 +148,7 @@ class Conversion:
             "saturated_share": self.saturated_share,
             "largest_quantisation_error": self.quantisation,
             "mean_quantisation_error": self.mean_quantisation,
+            "paths": paths,
         }
 
     def rows(self) -> tuple[tuple[str, str], ...]:
@@ -155,6 +161,7 @@ class Conversion:
             ("cells that would cost more", f"{self.saturated_share:.1%}"),
             ("rounding of this cost", f"{self.mean_quantisation:.4f} a metre on average,"),
             ("", f"{self.quantisation:.4f} at most"),
+            *((f"{each.planner} for {each.name}", each.text) for each in self.paths),
         )
 
 

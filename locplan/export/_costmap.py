@@ -1,4 +1,4 @@
-"""The inflation of Nav2's costmap, and what of it a mask has to carry."""
+"""The inflation of Nav2's costmap, and the paths that planners take on it."""
 
 from __future__ import annotations
 
@@ -74,3 +74,36 @@ class CostmapInflation:
         cost[beyond <= 0] = INSCRIBED
         cost[away == 0] = LETHAL
         return cost
+
+
+FOLLOWED = 1.12
+"""Maximum J of a planner's path over that of a recommended one which it follows."""
+
+
+@dataclass(frozen=True)
+class PlannedPath:
+    """The path that a planner of Nav2 takes, beside a recommended one with the same ends."""
+
+    name: str
+    """Name of the recommended path."""
+    planner: str
+    """Name of the planner, as `nav2_keepout` has it."""
+    ratio: float
+    """J over that of the recommended path; NaN where the planner finds none."""
+    clearance: float
+    """Median distance from walls along the path [m]."""
+    least_clearance: float
+    """Least distance from walls along the path [m]."""
+
+    @property
+    def follows(self) -> bool:
+        """Whether the path costs about as much as the recommended one."""
+        return self.ratio <= FOLLOWED
+
+    @property
+    def text(self) -> str:
+        """The path in a few words."""
+        if math.isnan(self.ratio):
+            return "finds no path"
+        near = f"clearance {self.clearance:.2f} m, {self.least_clearance:.2f} m at least"
+        return f"{self.ratio:.2f} times its J, {near}"

@@ -70,6 +70,9 @@ class Nav2Options(InDistro):
 class ChargedOptions(MaskOptions, Nav2Options):
     """The options of masks that a planner's costs are made of."""
 
+    tree: Path | None = None
+    """Behaviour tree of the robot (XML), a copy of which plans with the mask's planner."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedOptions(Nav2Options):
@@ -92,6 +95,17 @@ def by(
         home = f"locplan.export.{function}"
         found = called(home, target, getattr(job, given), **vars(options))
         return ExportSummary() if found is None else ExportSummary(found.summary(), found.rows())
+
+    return write
+
+
+def charged(function: str) -> Callable[[Path, ExportJob, NoOptions], ExportSummary]:
+    """The writer of a mask by a public function that compares the job's paths, too."""
+
+    def write(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary:
+        home = f"locplan.export._nav2:{function}"
+        found = called(home, target, job.costs, paths=job.paths, **vars(options))
+        return ExportSummary(found.summary(), found.rows())
 
     return write
 
@@ -296,11 +310,15 @@ def write_areas(target: Path, job: ExportJob, options: AreaOptions) -> ExportSum
     return summary_of(areas, job.costs, job.field, options.threshold)
 
 
-write_keepout, write_static = by("_nav2:nav2_keepout"), by("_nav2:nav2_static")
 write_map, write_field = by("_charges:ros_map"), by("_plain_files:field", "field")
 FORMATS = (
-    Format("nav2-keepout", "a mask for Nav2's KeepoutFilter", write_keepout, ChargedOptions),
-    Format("nav2-static", "a map for a StaticLayer of Nav2", write_static, ChargedOptions),
+    *(
+        Format(name, about, charged(function), ChargedOptions, paths="several")
+        for name, about, function in (
+            ("nav2-keepout", "a mask for Nav2's KeepoutFilter", "nav2_keepout"),
+            ("nav2-static", "a map for a StaticLayer of Nav2", "nav2_static"),
+        )
+    ),
     Format("nav2-speed", "a mask for Nav2's SpeedFilter", write_speed, SpeedOptions),
     Format(
         *("route-graph", "a GeoJSON graph for Nav2's route server", write_graph, GraphOptions),

@@ -6,7 +6,10 @@ speed_filter.cpp, static_layer.cpp and the documentation of their servers.
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,21 +17,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import number
-from locplan.costs import Costmap, about_costs, costs_caption
+from locplan.costs import Costmap, Path as Route, about_costs, costs_caption
 from locplan.errors import ConfigError
 from locplan.export import _charges as charges
 from locplan.export._charges import Conversion
-from locplan.export._costmap import AT_WALLS, CostmapInflation
+from locplan.export._costmap import AT_WALLS, CostmapInflation, PlannedPath
 from locplan.export._parameters import (
     Robot,
     Server,
     differences,
+    merged_text,
     with_costmap,
     with_planner,
     write_servers,
-    write_yaml,
 )
+from locplan.export._planned import costmap_costs, judged
 from locplan.export._registry import check_has_field, export_folder
+from locplan.export._selected import edited_tree, smoothing, tree_parameters
 from locplan.robots import GLOBAL_COSTMAP, Nav2Parameters
 
 
@@ -44,6 +49,8 @@ def nav2_keepout(
     planner_param: float | None = None,
     distro: str = "jazzy",
     params: str | Path | None = None,
+    tree: str | Path | None = None,
+    paths: Mapping[str, Route] | None = None,
 ) -> Conversion:
     """Write a mask for Nav2's KeepoutFilter that makes a planner's costs the costmap's J.
 
@@ -72,6 +79,12 @@ def nav2_keepout(
         takes the larger one of mask and costmap, not their sum. Where a value of the file has to be
         another one, a `ParametersChanged` warning and the folder's README.md name it. The planner
         gets ``allow_unknown: false``, since J knows no way through unknown space.
+    tree : path, optional
+        The robot's behaviour tree, which the folder then holds with our planner's name in it, and
+        which the parameters name; paths of Theta* are smoothed in it, since they zigzag.
+    paths : dict of Path, optional
+        Recommended paths by name, with which those that Nav2's planners take between their ends are
+        compared, by the planners' formulas.
 
     Returns
     -------
@@ -83,8 +96,10 @@ def nav2_keepout(
     LocplanError
         If the folder cannot be written, or a setting is out of its range.
     """
-    robot = Robot.of(params, distro)
-    return _write_charged(folder, "keepout", costs, robot, planner, planner_param=planner_param)
+    robot = Robot.of(params, distro, tree)
+    return _write_charged(
+        folder, "keepout", costs, robot, planner, paths, planner_param=planner_param
+    )
 
 
 def nav2_static(
@@ -95,6 +110,8 @@ def nav2_static(
     planner_param: float | None = None,
     distro: str = "jazzy",
     params: str | Path | None = None,
+    tree: str | Path | None = None,
+    paths: Mapping[str, Route] | None = None,
 ) -> Conversion:
     """Write a map for a second StaticLayer that makes a planner's costs the costmap's J.
 
@@ -104,11 +121,13 @@ def nav2_static(
 
     Parameters
     ----------
-    folder, costs, planner, planner_param, distro, params
+    folder, costs, planner, planner_param, distro, params, tree, paths
         See `nav2_keepout`.
     """
-    robot = Robot.of(params, distro)
-    return _write_charged(folder, "static", costs, robot, planner, planner_param=planner_param)
+    robot = Robot.of(params, distro, tree)
+    return _write_charged(
+        folder, "static", costs, robot, planner, paths, planner_param=planner_param
+    )
 
 
 def nav2_speed(
@@ -226,9 +245,16 @@ def speed_mask(costs: Costmap, slowest: float) -> NDArray[np.int8]:
 
 
 def _write_charged(
-    folder: str | Path, kind: str, costs: Costmap, robot: Robot, planner: str | None, **param: Any
+    folder: str | Path,
+    kind: str,
+    costs: Costmap,
+    robot: Robot,
+    planner: str | None,
+    paths: Mapping[str, Route] | None,
+    **param: Any,
 ) -> Conversion:
     """Write the mask of a filter or a layer that makes a planner's costs J."""
+    paths = paths or {}
     planner, static = planner or robot.planner(costs.grid.free.size), kind == "static"
     caveat = charges.checked_planner(planner, None).caveat
     inflation = None if caveat else CostmapInflation.of(robot.file)
@@ -239,14 +265,67 @@ def _write_charged(
     if inflation:
         steep = inflation.below_a_mask.inflation.cost_scaling_factor
         merged = merged.changed(GLOBAL_COSTMAP, {f"{inflation.layer}.cost_scaling_factor": steep})
+    tree = None
+    if robot.tree:
+        tree = edited_tree(robot.tree, called, smooth=conversion.planner.any_angle)
+        own = tree_parameters(tree, Path(folder).resolve() / "tree.xml")
+        merged = merged.changed("bt_navigator", own)
+        if conversion.planner.any_angle and not merged.of("smoother_server"):
+            merged = merged.changed("smoother_server", smoothing())
     robot.warn(robot.of_planner(called))
     if caveat:
         robot.warn(iter([f"{planner} does not follow a mask: {caveat}"]))
+    checks = tuple(_checked(costs, values, robot, conversion, paths))
+    conversion = dataclasses.replace(conversion, paths=checks)
     what = "layer" if kind == "static" else "mask"
     title = f"Localizability {what} for {conversion.planner.plugin} ({called})"
     about = {"planner_id": called, "conversion": conversion.summary()}
-    _write(folder, kind, title, costs, values, robot, merged, about, conversion, called)
+    planning = _Planning(conversion, called, tree, bool(inflation))
+    _write(folder, kind, title, costs, values, robot, merged, about, planning)
     return conversion
+
+
+def _checked(
+    costs: Costmap,
+    values: NDArray[np.int8],
+    robot: Robot,
+    conversion: Conversion,
+    paths: Mapping[str, Route],
+) -> Iterator[PlannedPath]:
+    """The paths of the mask's planner, and of the robot's first, between the ends of others."""
+    if not paths:
+        return
+    inflation = CostmapInflation.of(robot.file)
+    below = None if inflation is None else inflation.below_a_mask
+    runs = {conversion.planner.name: conversion.param}
+    for plugin in robot.planners.values():
+        runs |= {n: p.default for n, p in charges.PLANNERS.items() if p.plugin == plugin} | runs
+    for name, param in runs.items():
+        planner = charges.PLANNERS[name]
+        layer = inflation if conversion.planner.caveat else below
+        cost = costmap_costs(costs.grid, values, layer)
+        for title, path in paths.items():
+            found = judged(costs, cost, planner, param, title, path)
+            if planner is conversion.planner and not found.follows:
+                robot.warn(
+                    iter(
+                        [
+                            f"{name} would not take {title} ({found.text}); its route is"
+                            " followed as a graph: --to nav2-routes"
+                        ]
+                    )
+                )
+            yield found
+
+
+@dataclass(frozen=True)
+class _Planning:
+    """What an export says of the planner of a mask."""
+
+    conversion: Conversion
+    called: str
+    tree: str | None
+    inflated: bool
 
 
 def _write(
@@ -258,15 +337,16 @@ def _write(
     robot: Robot,
     merged: Nav2Parameters,
     about: dict[str, Any],
-    conversion: Conversion | None = None,
-    called: str = "",
+    planning: _Planning | None = None,
 ) -> None:
-    """Write the folder of a mask, for a planner that is called so, or for the speed filter."""
+    """Write the folder of a mask, for a planner or for the speed filter."""
     from locplan.export import _figures
 
     changed, added = differences(robot.parameters.content, merged.content)
     if robot.file and changed:
-        text = f"nav2.yaml has other values than {robot.file.name}: {'; '.join(changed)}"
+        text = (
+            f"the exported nav2.yaml has other values than {robot.file.name}: {'; '.join(changed)}"
+        )
         warnings.warn(ParametersChanged(text), stacklevel=4)
     base = f"localizability_{kind}"
     parameters = {"topic_name": f"/{base}_mask", "frame_id": "map"}
@@ -282,10 +362,14 @@ def _write(
     about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
     grid, file = charges.without_yaw(costs.grid), robot.file and robot.file.name
-    known = {"title": title, "costs": costs, "kind": kind, "called": called, "file": file}
-    known |= {"changed": changed, "added": added, "conversion": conversion}
+    content, comments = merged_text(robot, merged)
+    known = {"title": title, "costs": costs, "kind": kind, "file": file, "planning": planning}
+    known |= {"changed": changed, "added": added, "comments": comments}
+    known |= {"distro": robot.distribution.name, "before": next(iter(robot.planners), "")}
     with export_folder(folder, "nav2-mask.md", about, **known) as temporary:
-        write_yaml(temporary / "nav2.yaml", merged.content)
+        (temporary / "nav2.yaml").write_bytes(content)
+        if planning and planning.tree is not None:
+            (temporary / "tree.xml").write_text(planning.tree, "utf-8")
         charges.write_values(temporary / "mask", values, grid)
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
         is_speed = kind == "speed"

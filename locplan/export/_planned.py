@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from locplan._kernels.arrays import Floats
 from locplan._kernels.navfn import FAR, OBSTACLE, navfn_potential
-from locplan.costs import Costmap, Path
+from locplan.costs import Costmap, Path, path_metrics
+from locplan.errors import PoseError
 from locplan.export._charges import NavPlanner
-from locplan.export._costmap import INSCRIBED, LETHAL, CostmapInflation
+from locplan.export._costmap import INSCRIBED, LETHAL, CostmapInflation, PlannedPath
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.planners import plan
 
@@ -61,6 +62,29 @@ def planned(
     if planner.any_angle:
         return plan(costs, start, goal, planner="any-angle").path
     return plan(costs, start, goal, planner="grid", allow_corner_cutting=True).path
+
+
+def judged(
+    costs: Costmap, cost: Floats, planner: NavPlanner, param: float, name: str, path: Path
+) -> PlannedPath:
+    """The path that a planner takes between the ends of a recommended one, beside it."""
+    free = unblocked(costs)
+    ends: tuple[Position, Position] = tuple(map(tuple, path.xy[[0, -1]]))  # type: ignore[assignment]
+    try:
+        found = planned(planner, param, costs.grid, cost, *ends)
+    except PoseError:  # an end is too close to a wall for Nav2's footprint
+        found = None
+    if found is None:
+        return PlannedPath(name, planner.name, math.nan, math.nan, math.nan)
+    ratio = path_metrics(free, found).cost / path_metrics(free, path).cost
+    rows, cols = costs.grid.world_to_grid(*found.resampled(costs.grid.resolution).xy.T)
+    clearance = costs.grid.clearance[
+        np.clip(rows.astype(int), 0, costs.grid.shape[0] - 1),
+        np.clip(cols.astype(int), 0, costs.grid.shape[1] - 1),
+    ]
+    return PlannedPath(
+        name, planner.name, ratio, float(np.median(clearance)), float(clearance.min())
+    )
 
 
 def navfn_path(grid: OccupancyGrid, cost: Floats, start: Position, goal: Position) -> Path | None:

@@ -18,6 +18,7 @@ from ._nav2 import (
     edited_parameters as edited_parameters,
     nav2_inflation as nav2_inflation,
     read_amcl as read_amcl,
+    rewritten_parameters as rewritten_parameters,
 )
 from ._parameters import (
     GLOBAL_COSTMAP as GLOBAL_COSTMAP,
