@@ -16,6 +16,37 @@ OBSTACLE = 254
 
 
 @njit(nogil=True, cache=True)
+def from_neighbours(potential: Array, cost: Array, cell: int, columns: int) -> float:
+    """Potential of a cell by a plane wave from the lower neighbour of each axis."""
+    across = min(potential[cell - 1], potential[cell + 1])
+    along = min(potential[cell - columns], potential[cell + columns])
+    lower, share = min(across, along), abs(across - along) / cost[cell]
+    wave = 1.0 if share >= 1 else -0.2301 * share * share + 0.5307 * share + 0.7040
+    return np.float32(lower + cost[cell] * np.float32(wave))
+
+
+@njit(nogil=True, cache=True)
+def push(
+    buffer: Array,
+    count: int,
+    potential: Array,
+    cost: Array,
+    pending: Array,
+    cell: int,
+    columns: int,
+) -> int:
+    """Number of cells in a buffer with the neighbours that a cell's new potential lowers."""
+    for step in (-1, 1, -columns, columns):
+        other = cell + step
+        if pending[other] or cost[other] >= OBSTACLE or count >= BUFFER:
+            continue
+        if potential[other] > potential[cell] + np.float32(0.707106781) * cost[other]:
+            buffer[count], pending[other] = other, True
+            count += 1
+    return count
+
+
+@njit(nogil=True, cache=True)
 def navfn_potential(costs: Array, start: int, goal: int, bucket: float) -> Array:
     """Potential of each cell from the start, until the goal has any; `FAR` where there is none.
 
@@ -41,25 +72,14 @@ def navfn_potential(costs: Array, start: int, goal: int, bucket: float) -> Array
             pending[now[n]] = False
         for n in range(count):
             cell = now[n]
-            across = min(potential[cell - 1], potential[cell + 1])
-            along = min(potential[cell - columns], potential[cell + columns])
-            lower, share = min(across, along), abs(across - along) / cost[cell]
-            wave = 1.0 if share >= 1 else -0.2301 * share * share + 0.5307 * share + 0.7040
-            reached = np.float32(lower + cost[cell] * np.float32(wave))
+            reached = from_neighbours(potential, cost, cell, columns)
             if reached >= potential[cell]:
                 continue
             potential[cell] = reached
-            for step in (-1, 1, -columns, columns):
-                other = cell + step
-                gain = potential[other] > reached + np.float32(0.707106781) * cost[other]
-                if not gain or pending[other] or cost[other] >= OBSTACLE:
-                    continue
-                if reached < threshold and further < BUFFER:
-                    after[further], pending[other] = other, True
-                    further += 1
-                elif reached >= threshold and beyond < BUFFER:
-                    over[beyond], pending[other] = other, True
-                    beyond += 1
+            if reached < threshold:
+                further = push(after, further, potential, cost, pending, cell, columns)
+            else:
+                beyond = push(over, beyond, potential, cost, pending, cell, columns)
         now, after, count, further = after, now, further, 0
         if count == 0:
             threshold += bucket

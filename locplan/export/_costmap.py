@@ -69,7 +69,9 @@ class CostmapInflation:
         away = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         away = np.where(free.all(), np.inf, away.astype(np.float64))
         beyond = away * grid.resolution - self.inscribed_radius
-        cost = np.trunc(252 * np.exp(-self.inflation.cost_scaling_factor * np.maximum(beyond, 0)))
+        cost: Floats = np.trunc(
+            252 * np.exp(-self.inflation.cost_scaling_factor * np.maximum(beyond, 0))
+        )
         cost[away > math.ceil(self.inflation.inflation_radius / grid.resolution)] = 0
         cost[beyond <= 0] = INSCRIBED
         cost[away == 0] = LETHAL

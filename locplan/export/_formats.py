@@ -87,25 +87,15 @@ class SpeedOptions(Nav2Options):
 
 
 def by(
-    function: str, given: str = "costs"
+    function: str, given: str = "costs", *, paths: bool = False
 ) -> Callable[[Path, ExportJob, NoOptions], ExportSummary]:
-    """The writer of a format by a public function of a target, a part of the job, and options."""
+    """The writer of a format by a public function of a target, parts of the job, and options."""
 
     def write(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary:
         home = f"locplan.export.{function}"
-        found = called(home, target, getattr(job, given), **vars(options))
+        own = vars(options) | ({"paths": job.paths} if paths else {})
+        found = called(home, target, getattr(job, given), **own)
         return ExportSummary() if found is None else ExportSummary(found.summary(), found.rows())
-
-    return write
-
-
-def charged(function: str) -> Callable[[Path, ExportJob, NoOptions], ExportSummary]:
-    """The writer of a mask by a public function that compares the job's paths, too."""
-
-    def write(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary:
-        home = f"locplan.export._nav2:{function}"
-        found = called(home, target, job.costs, paths=job.paths, **vars(options))
-        return ExportSummary(found.summary(), found.rows())
 
     return write
 
@@ -313,10 +303,10 @@ def write_areas(target: Path, job: ExportJob, options: AreaOptions) -> ExportSum
 write_map, write_field = by("_charges:ros_map"), by("_plain_files:field", "field")
 FORMATS = (
     *(
-        Format(name, about, charged(function), ChargedOptions, paths="several")
+        Format(name, about, by(function, paths=True), ChargedOptions, paths="several")
         for name, about, function in (
-            ("nav2-keepout", "a mask for Nav2's KeepoutFilter", "nav2_keepout"),
-            ("nav2-static", "a map for a StaticLayer of Nav2", "nav2_static"),
+            ("nav2-keepout", "a mask for Nav2's KeepoutFilter", "_nav2:nav2_keepout"),
+            ("nav2-static", "a map for a StaticLayer of Nav2", "_nav2:nav2_static"),
         )
     ),
     Format("nav2-speed", "a mask for Nav2's SpeedFilter", write_speed, SpeedOptions),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from locplan.costs import Costmap, Path as Route, about_costs, costs_caption
 from locplan.errors import ConfigError
 from locplan.export import _charges as charges
 from locplan.export._charges import Conversion
-from locplan.export._costmap import AT_WALLS, CostmapInflation, PlannedPath
+from locplan.export._costmap import AT_WALLS, CostmapInflation
 from locplan.export._parameters import (
     Robot,
     Server,
@@ -31,9 +31,9 @@ from locplan.export._parameters import (
     with_planner,
     write_servers,
 )
-from locplan.export._planned import costmap_costs, judged
+from locplan.export._planned import checked_paths
 from locplan.export._registry import check_has_field, export_folder
-from locplan.export._selected import edited_tree, smoothing, tree_parameters
+from locplan.export._selected import with_tree
 from locplan.robots import GLOBAL_COSTMAP, Nav2Parameters
 
 
@@ -265,57 +265,26 @@ def _write_charged(
     if inflation:
         steep = inflation.below_a_mask.inflation.cost_scaling_factor
         merged = merged.changed(GLOBAL_COSTMAP, {f"{inflation.layer}.cost_scaling_factor": steep})
-    tree = None
-    if robot.tree:
-        tree = edited_tree(robot.tree, called, smooth=conversion.planner.any_angle)
-        own = tree_parameters(tree, Path(folder).resolve() / "tree.xml")
-        merged = merged.changed("bt_navigator", own)
-        if conversion.planner.any_angle and not merged.of("smoother_server"):
-            merged = merged.changed("smoother_server", smoothing())
+    merged, tree = with_tree(robot, merged, called, conversion.planner, Path(folder))
     robot.warn(robot.of_planner(called))
     if caveat:
         robot.warn(iter([f"{planner} does not follow a mask: {caveat}"]))
-    checks = tuple(_checked(costs, values, robot, conversion, paths))
-    conversion = dataclasses.replace(conversion, paths=checks)
+    conversion = dataclasses.replace(
+        conversion, paths=tuple(checked_paths(costs, values, robot, conversion, paths))
+    )
+    own = conversion.planner.name
+    robot.warn(
+        f"{own} would not take {each.name} ({each.text}); its route is followed as a graph: --to"
+        " nav2-routes"
+        for each in conversion.paths
+        if each.planner == own and not each.follows
+    )
     what = "layer" if kind == "static" else "mask"
     title = f"Localizability {what} for {conversion.planner.plugin} ({called})"
     about = {"planner_id": called, "conversion": conversion.summary()}
     planning = _Planning(conversion, called, tree, bool(inflation))
     _write(folder, kind, title, costs, values, robot, merged, about, planning)
     return conversion
-
-
-def _checked(
-    costs: Costmap,
-    values: NDArray[np.int8],
-    robot: Robot,
-    conversion: Conversion,
-    paths: Mapping[str, Route],
-) -> Iterator[PlannedPath]:
-    """The paths of the mask's planner, and of the robot's first, between the ends of others."""
-    if not paths:
-        return
-    inflation = CostmapInflation.of(robot.file)
-    below = None if inflation is None else inflation.below_a_mask
-    runs = {conversion.planner.name: conversion.param}
-    for plugin in robot.planners.values():
-        runs |= {n: p.default for n, p in charges.PLANNERS.items() if p.plugin == plugin} | runs
-    for name, param in runs.items():
-        planner = charges.PLANNERS[name]
-        layer = inflation if conversion.planner.caveat else below
-        cost = costmap_costs(costs.grid, values, layer)
-        for title, path in paths.items():
-            found = judged(costs, cost, planner, param, title, path)
-            if planner is conversion.planner and not found.follows:
-                robot.warn(
-                    iter(
-                        [
-                            f"{name} would not take {title} ({found.text}); its route is"
-                            " followed as a graph: --to nav2-routes"
-                        ]
-                    )
-                )
-            yield found
 
 
 @dataclass(frozen=True)

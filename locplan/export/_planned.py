@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,9 @@ from locplan._kernels.arrays import Floats
 from locplan._kernels.navfn import FAR, OBSTACLE, navfn_potential
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import PoseError
-from locplan.export._charges import NavPlanner
+from locplan.export._charges import PLANNERS, Conversion, NavPlanner
 from locplan.export._costmap import INSCRIBED, LETHAL, CostmapInflation, PlannedPath
+from locplan.export._parameters import Robot
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.planners import plan
 
@@ -62,6 +64,30 @@ def planned(
     if planner.any_angle:
         return plan(costs, start, goal, planner="any-angle").path
     return plan(costs, start, goal, planner="grid", allow_corner_cutting=True).path
+
+
+def checked_paths(
+    costs: Costmap,
+    values: NDArray[np.int8],
+    robot: Robot,
+    conversion: Conversion,
+    paths: Mapping[str, Path],
+) -> Iterator[PlannedPath]:
+    """The paths of a mask's planner, and of the robot's own ones, between the ends of others.
+
+    The robot's own planners have Nav2's default of the parameter that scales costs.
+    """
+    if not paths:
+        return
+    inflation, chosen = CostmapInflation.of(robot.file), conversion.planner
+    if inflation and not chosen.caveat:
+        inflation = inflation.below_a_mask
+    cost = costmap_costs(costs.grid, values, inflation)
+    own = [each for each in PLANNERS.values() if each.plugin in robot.planners.values()]
+    for planner in (chosen, *(each for each in own if each is not chosen)):
+        param = conversion.param if planner is chosen else planner.default
+        for name, path in paths.items():
+            yield judged(costs, cost, planner, param, name, path)
 
 
 def judged(

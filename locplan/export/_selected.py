@@ -8,6 +8,9 @@ from typing import Any
 
 from locplan._util.reading import read_text
 from locplan.errors import LocplanError
+from locplan.export._charges import NavPlanner
+from locplan.export._parameters import Robot
+from locplan.robots import Nav2Parameters
 
 MAX_BYTES = 2**20
 """Maximum size of a behaviour tree."""
@@ -55,18 +58,27 @@ def edited_tree(path: str | Path, called: str, *, smooth: bool) -> str:
     return SELECTS.sub(rf"\g<1>{called}\g<2>", made)
 
 
-def tree_parameters(text: str, file: Path) -> dict[str, Any]:
-    """The parameters of bt_navigator by which Nav2 takes a tree, which lies in that file."""
+def with_tree(
+    robot: Robot, merged: Nav2Parameters, called: str, planner: NavPlanner, folder: Path
+) -> tuple[Nav2Parameters, str | None]:
+    """Parameters by which Nav2 takes a robot's tree from a folder, and the tree; None without one.
+
+    Paths at any angle are smoothed, by a smoother as nav2_bringup has it where there is none.
+    """
+    if robot.tree is None:
+        return merged, None
+    text = edited_tree(robot.tree, called, smooth=planner.any_angle)
+    file = str(folder.resolve() / "tree.xml")
     kinds = {"ToPose": "to_pose", "ThroughPoses": "through_poses"}
-    return {
-        f"default_nav_{name}_bt_xml": str(file)
+    own = {
+        f"default_nav_{name}_bt_xml": file
         for kind, name in kinds.items()
         if f"<ComputePath{kind}" in text
     }
-
-
-def smoothing() -> dict[str, Any]:
-    """The parameters of smoother_server that the edited tree needs, as nav2_bringup has them."""
-    own = {"plugin": "nav2_smoother::SimpleSmoother", "tolerance": 1e-10, "max_its": 1000}
-    own["do_refinement"] = True
-    return {"smoother_plugins": [SMOOTHER]} | {f"{SMOOTHER}.{k}": v for k, v in own.items()}
+    merged = merged.changed("bt_navigator", own)
+    if planner.any_angle and not merged.of("smoother_server"):
+        smoother: dict[str, Any] = {"plugin": "nav2_smoother::SimpleSmoother", "tolerance": 1e-10}
+        smoother |= {"max_its": 1000, "do_refinement": True}
+        settings = {f"{SMOOTHER}.{name}": value for name, value in smoother.items()}
+        merged = merged.changed("smoother_server", {"smoother_plugins": [SMOOTHER], **settings})
+    return merged, text

@@ -99,8 +99,7 @@ def parts_of(path: str | os.PathLike[str]) -> dict[str, Any]:
 def nav2_inflation(path: str | os.PathLike[str]) -> tuple[str, Inflation, float] | None:
     """Inflation layer of a global costmap by name, and the inscribed radius that it reads [m].
 
-    As in Nav2, the radius is that of the padded footprint, in which a circle has 16 corners; it is
-    None where no layer inflates.
+    None where no layer inflates. The radius is that of the padded corners, 16 of a circle.
 
     Parameters
     ----------
