@@ -27,7 +27,7 @@ def from_neighbours(potential: Array, cost: Array, cell: int, columns: int) -> f
 
 @njit(nogil=True, cache=True)
 def push(
-    buffer: Array,
+    into: Array,
     count: int,
     potential: Array,
     cost: Array,
@@ -41,7 +41,7 @@ def push(
         if pending[other] or cost[other] >= OBSTACLE or count >= BUFFER:
             continue
         if potential[other] > potential[cell] + np.float32(0.707106781) * cost[other]:
-            buffer[count], pending[other] = other, True
+            into[count], pending[other] = other, True
             count += 1
     return count
 
