@@ -221,7 +221,7 @@ def test_a_static_layer_stays_below_the_values_that_mean_walls(tmp_path, costs):
 
 
 def test_a_speed_mask_slows_down_by_degeneracy_and_never_stops(tmp_path, costs):
-    export.nav2_speed(tmp_path / "speed", costs, slowest=0.25)
+    export.nav2_speed(tmp_path / "speed", costs, slowest=0.25, lead=0.0)
     read = stacks.load(tmp_path / "speed" / "mask.yaml", "main")
     servers = yaml.safe_load((tmp_path / "speed" / "servers.yaml").read_text())
     info = servers["localizability_speed_info_server"]["ros__parameters"]
@@ -234,6 +234,17 @@ def test_a_speed_mask_slows_down_by_degeneracy_and_never_stops(tmp_path, costs):
     export.nav2_speed(tmp_path / "slow", costs, slowest=0.01)
     slow = stacks.load(tmp_path / "slow" / "mask.yaml", "main").data
     assert slow.max() <= 99
+
+
+def test_a_speed_limit_holds_before_its_place(tmp_path):
+    grid = OccupancyGrid(np.full((21, 40), FREE), 0.1)
+    u = np.zeros(grid.shape)
+    u[10, 20] = 1.0
+    costs = Costmap.from_layers(grid, u=u)
+    export.nav2_speed(tmp_path / "speed", costs, lead=0.4)
+    values = stacks.load(tmp_path / "speed" / "mask.yaml", "main").data
+    away = np.hypot(*(np.indices(grid.shape) - np.array([10, 20])[:, None, None]))
+    np.testing.assert_array_equal(values, np.where(away <= 4, 70, 0))
 
 
 YAW = 0.6

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._kernels.arrays import Floats, Ints
-from locplan._util.checks import one_of
+from locplan._util.checks import number, one_of
 from locplan._util.reading import dumped
 from locplan._util.tables import finite
 from locplan.costs import Costmap, about_costs, costs_caption
@@ -281,6 +281,26 @@ def percent(costs: Costmap) -> NDArray[np.int8]:
     check_has_field(costs)
     values = np.floor(100 * np.nan_to_num(costs.u) + 0.5)
     return np.where(np.isnan(costs.u), -1, values).astype(np.int8)
+
+
+def speed_mask(costs: Costmap, slowest: float, lead: float) -> NDArray[np.int8]:
+    """The per cent of its speed that a robot gives up, 0..99 (H, W), or -1 where u is not known.
+
+    Arguments and errors are those of `nav2_speed`.
+    """
+    import cv2
+
+    number("slowest", slowest, 0.01, 1)
+    number("lead", lead, 0)
+    check_has_field(costs)
+    known = ~np.isnan(costs.u)
+    if not known.any():
+        raise ConfigError("u is not known in any cell of the map, so a mask would be empty")
+    given_up = np.floor(100 * (1 - slowest) * np.nan_to_num(costs.u) + 0.5)
+    reach = min(round(lead / costs.grid.resolution), max(costs.grid.shape))
+    around = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach
+    widened = cv2.dilate(given_up.astype(np.uint8), around.astype(np.uint8))
+    return np.where(known, np.minimum(widened, 99), -1).astype(np.int8)  # 100 means full speed
 
 
 def ros_map(folder: str | Path, costs: Costmap) -> None:

@@ -11,11 +11,16 @@ from typing import Literal
 from locplan._util.checks import number, positive, whole
 from locplan._util.public import called
 from locplan.errors import ConfigError
-from locplan.export._registry import ExportJob, ExportSummary, Format, NoOptions
+from locplan.export._registry import (
+    ExportJob,
+    ExportSummary,
+    Format,
+    InDistro,
+    InFrame,
+    NoOptions,
+)
 from locplan.robots import read_parameters
 
-Distro = Literal["humble", "jazzy", "kilted", "lyrical", "rolling"]
-"""A distribution of ROS 2."""
 NavPlannerName = Literal["smac2d", "smac-hybrid", "navfn", "thetastar"]
 """A planner of Nav2."""
 
@@ -36,22 +41,6 @@ class MaskOptions(NoOptions):
         super().__post_init__()
         if self.planner:
             checked_planner(self.planner, self.planner_param)
-
-
-@dataclass(frozen=True, kw_only=True)
-class InFrame(NoOptions):
-    """The frame of what is written."""
-
-    frame: str = "map"
-    """Frame of the coordinates; map by default."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class InDistro(NoOptions):
-    """The robot's distribution of ROS 2."""
-
-    distro: Distro = "jazzy"
-    """Distribution of ROS 2; jazzy by default."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,10 +69,14 @@ class SpeedOptions(Nav2Options):
 
     slowest: float = 0.3
     """Share of the speed that is left where u is 1; 0.3 by default."""
+    speed_lead: float | None = None
+    """Distance before a place at which its speed holds already, in metres; 1 s of driving by
+    default, for Nav2's limits come as late."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         number("slowest", self.slowest, 0.01, 1)
+        number("speed_lead", self.speed_lead or 0.0, 0)
 
 
 def by(
@@ -104,9 +97,14 @@ def write_speed(target: Path, job: ExportJob, options: SpeedOptions) -> ExportSu
     """Write a mask for the speed filter."""
     from locplan.export._nav2 import nav2_speed
 
-    least = nav2_speed(target, job.costs, **vars(options))
+    own = dict(vars(options))
+    lead = own.pop("speed_lead")
+    if lead is None:  # of 1 s
+        lead = job.robot.kinematics.speed if job.robot else 0.5
+    least = nav2_speed(target, job.costs, lead=lead, **own)
     row = "in the most degenerate place", f"{least} % of the robot's speed"
-    return ExportSummary({"slowest": options.slowest, "min_percent": least}, (row,))
+    values = {"slowest": options.slowest, "lead": lead, "min_percent": least}
+    return ExportSummary(values, (row,))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -300,14 +298,17 @@ def write_areas(target: Path, job: ExportJob, options: AreaOptions) -> ExportSum
     return summary_of(areas, job.costs, job.field, options.threshold)
 
 
+write_keepout = by("_nav2:nav2_keepout", paths=True)
+write_static = by("_nav2:nav2_static", paths=True)
 write_map, write_field = by("_charges:ros_map"), by("_plain_files:field", "field")
 FORMATS = (
-    *(
-        Format(name, about, by(function, paths=True), ChargedOptions, paths="several")
-        for name, about, function in (
-            ("nav2-keepout", "a mask for Nav2's KeepoutFilter", "_nav2:nav2_keepout"),
-            ("nav2-static", "a map for a StaticLayer of Nav2", "_nav2:nav2_static"),
-        )
+    Format(
+        *("nav2-keepout", "a mask for Nav2's KeepoutFilter", write_keepout, ChargedOptions),
+        paths="several",
+    ),
+    Format(
+        *("nav2-static", "a map for a StaticLayer of Nav2", write_static, ChargedOptions),
+        paths="several",
     ),
     Format("nav2-speed", "a mask for Nav2's SpeedFilter", write_speed, SpeedOptions),
     Format(

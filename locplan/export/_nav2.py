@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import number
 from locplan.costs import Costmap, Path as Route, about_costs, costs_caption
 from locplan.errors import ConfigError
 from locplan.export import _charges as charges
@@ -32,7 +31,7 @@ from locplan.export._parameters import (
     write_servers,
 )
 from locplan.export._planned import checked_paths
-from locplan.export._registry import check_has_field, export_folder
+from locplan.export._registry import export_folder
 from locplan.export._selected import with_tree
 from locplan.robots import GLOBAL_COSTMAP, Nav2Parameters
 
@@ -135,6 +134,7 @@ def nav2_speed(
     costs: Costmap,
     *,
     slowest: float = 0.3,
+    lead: float = 0.5,
     distro: str = "jazzy",
     params: str | Path | None = None,
 ) -> int:
@@ -149,6 +149,9 @@ def nav2_speed(
     slowest : float, default 0.3
         Share of the robot's speed left where u is 1, 0.01 to 1; linear in u up to full speed. A
         lower share gives the filter more scans a metre there.
+    lead : float, default 0.5
+        Distance before a place at which its limit holds already [m]: limits come up to a second
+        late, at the rate of the global costmap.
     distro : str, default "jazzy"
         The distribution of ROS 2, as for `nav2_keepout`.
     params : path, optional
@@ -162,13 +165,13 @@ def nav2_speed(
     Raises
     ------
     LocplanError
-        If the folder cannot be written, `slowest` is out of its range, or there is no field.
+        If the folder cannot be written, a setting is out of its range, or there is no field.
     """
-    values = speed_mask(costs, slowest)
+    values = charges.speed_mask(costs, slowest, lead)
     robot = Robot.of(params, distro)
     least = 100 - int(values.max())
     title = f"Speed mask: the robot keeps {least} % of its speed or more"
-    about = {"slowest": slowest, "min_percent": least}
+    about = {"slowest": slowest, "lead": lead, "min_percent": least}
     robot.warn(robot.of_speed("localizability_speed_filter"))
     _write(folder, "speed", title, costs, values, robot, with_costmap(robot, "speed"), about)
     return least
@@ -228,20 +231,6 @@ def keepout_mask(
     near = costs.grid.closer_than(costs.robot_radius - 1e-9)
     values[~passable & costs.grid.free & ~near] = 100  # lethal
     return values, conversion
-
-
-def speed_mask(costs: Costmap, slowest: float) -> NDArray[np.int8]:
-    """The per cent of its speed that a robot gives up, 0..99 (H, W), or -1 where u is not known.
-
-    Arguments and errors are those of `nav2_speed`.
-    """
-    number("slowest", slowest, 0.01, 1)
-    check_has_field(costs)
-    known = ~np.isnan(costs.u)
-    if not known.any():
-        raise ConfigError("u is not known in any cell of the map, so a mask would be empty")
-    given_up = np.floor(100 * (1 - slowest) * np.nan_to_num(costs.u) + 0.5)
-    return np.where(known, np.minimum(given_up, 99), -1).astype(np.int8)  # 100 means full speed
 
 
 def _write_charged(
