@@ -165,3 +165,37 @@ def test_a_path_that_the_planner_does_not_take_is_said(tmp_path, costs):
     with pytest.warns(RobotWarning, match="smac2d would not take around .* --to nav2-routes"):
         found = export.nav2_keepout(tmp_path / "m", costs, **settings)
     assert not found.paths[0].follows
+
+
+DECLARED = {
+    "allow_unknown": bool,
+    "cost_penalty": float,
+    "cost_travel_multiplier": float,
+    "max_iterations": int,
+    "max_planning_time": float,
+    "plugin": str,
+    "retrospective_penalty": float,
+    "use_quadratic_cost_penalty": bool,
+    "w_euc_cost": float,
+    "w_traversal_cost": float,
+}
+"""Parameters of Smac and Theta* with the types that Nav2 declares, in humble, jazzy and kilted;
+humble has no use_quadratic_cost_penalty."""
+
+
+@pytest.mark.parametrize("distro", ["humble", "jazzy"])
+@pytest.mark.parametrize("planner", ["smac2d", "smac-hybrid", "thetastar"])
+def test_parameters_have_the_types_that_nav2_declares(tmp_path, costs, planner, distro):
+    """Another type ends a node when it starts."""
+    slashes = PARAMS.replace("planner::Nav", "planner/Nav") if distro == "humble" else PARAMS
+    exported(tmp_path, costs, slashes, planner=planner, distro=distro)
+    own = yaml.safe_load((tmp_path / "m" / "nav2.yaml").read_text())
+    ours = own["planner_server"]["ros__parameters"]["Localizability"]
+    declared = {**DECLARED}
+    if distro == "humble":
+        del declared["use_quadratic_cost_penalty"]
+    assert {name: type(value) for name, value in ours.items()} == {
+        name: declared[name] for name in ours
+    }
+    layer = own["global_costmap"]["global_costmap"]["ros__parameters"]["inflation_layer"]
+    assert type(layer["cost_scaling_factor"]) is float

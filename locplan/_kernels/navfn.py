@@ -16,7 +16,7 @@ OBSTACLE = 254
 
 
 @njit(nogil=True, cache=True)
-def from_neighbours(potential: Array, cost: Array, cell: int, columns: int) -> float:
+def from_neighbours(potential: Array, cost: Array, cell: int, columns: int) -> np.float32:
     """Potential of a cell by a plane wave from the lower neighbour of each axis."""
     across = min(potential[cell - 1], potential[cell + 1])
     along = min(potential[cell - columns], potential[cell + columns])
