@@ -1734,3 +1734,41 @@ def costs_between_states(edges, starts):
                 cost[other] = here + step
                 heapq.heappush(waiting, (here + step, other))
     return cost
+def navfn_potential(costs, start, goal, bucket, buffer):
+    """NavFn's wave: lists of cells as buffers, the first of which is worked off in its order."""
+    shape, far = costs.shape, np.float32(1e10)
+    potential = dict.fromkeys(np.ndindex(shape), far)
+    potential[start] = np.float32(0)
+
+    def around(cell):
+        return [(cell[0] + r, cell[1] + c) for r, c in ((0, -1), (0, 1), (-1, 0), (1, 0))]
+
+    first = [around(start)[n] for n in (1, 0, 2, 3)]
+    now, after, over = [cell for cell in first if costs[cell] < 254], [], []
+    waiting, threshold = set(now), 254.0
+    for _ in range(max(costs.size // 20, sum(shape))):
+        if not now or potential[goal] < far:
+            break
+        waiting -= set(now)
+        for cell in now:
+            left, right, down, up = (potential[each] for each in around(cell))
+            p, q = sorted((min(left, right), min(down, up)))
+            h = np.float32(costs[cell])
+            d = (q - p) / h
+            v = np.float32(1.0 if d >= 1 else -0.2301 * d * d + 0.5307 * d + 0.7040)
+            reached = np.float32(p + h * v)
+            if reached >= potential[cell]:
+                continue
+            potential[cell] = reached
+            into = after if reached < threshold else over
+            for other in around(cell):
+                entry = np.float32(0.707106781) * np.float32(costs[other])
+                is_far = potential[other] > reached + entry
+                if is_far and other not in waiting and costs[other] < 254 and len(into) < buffer:
+                    into.append(other)
+                    waiting.add(other)
+        now, after = after, []
+        if not now:
+            threshold += bucket
+            now, over = over, []
+    return np.array([potential[cell] for cell in np.ndindex(shape)]).reshape(shape)

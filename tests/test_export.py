@@ -32,7 +32,7 @@ from locplan.maps import FREE, OccupancyGrid, environments
 from locplan.planners import plan
 
 STACKS = ("main", "humble", "ros1")
-PLANNERS = ("smac2d", "smac-hybrid", "navfn", "thetastar")
+PLANNERS = ("smac2d", "smac-hybrid", "thetastar")
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +110,6 @@ def test_each_planner_charges_the_density_but_for_rounding(tmp_path, costs, name
             stacks.smac_hybrid_multiplier(master, own["cost_penalty"])
             / stacks.smac_hybrid_multiplier(np.zeros(1, np.uint8), 0.0)
         ),
-        "navfn": lambda: stacks.navfn_costs(master).astype(float) / 50,
         "thetastar": lambda: (
             (own["w_euc_cost"] + stacks.theta_star_traversal(master, own["w_traversal_cost"]))
             / (
@@ -119,9 +118,7 @@ def test_each_planner_charges_the_density_but_for_rounding(tmp_path, costs, name
             )
         ),
     }[name]()
-    inner = np.zeros_like(passable)
-    inner[1:-1, 1:-1] = passable[1:-1, 1:-1]  # NavFn blocks the outermost ring
-    error = np.abs(charged - costs.density)[inner]
+    error = np.abs(charged - costs.density)[passable]
     assert conversion.saturated_share == 0
     assert error.max() <= conversion.quantisation + 1e-5
     assert conversion.quantisation < 0.05
@@ -141,7 +138,8 @@ def test_where_a_planner_saturates_is_said(tmp_path, costs):
     assert (values[10.0 * np.nan_to_num(heavy.u) > k] == 99).all()
     about = json.loads((tmp_path / "mask" / "export.json").read_text())
     assert about["conversion"]["saturates_at_weight_u"] == conversion.greatest
-    assert export.nav2_keepout(tmp_path / "n", heavy, planner="navfn").greatest == 4.0
+    with pytest.warns(RobotWarning, match=r"navfn does not follow a mask: .* 2\.98 times the best"):
+        assert export.nav2_keepout(tmp_path / "n", heavy, planner="navfn").greatest == 4.0
 
 
 @pytest.mark.parametrize("write", [export.nav2_keepout, export.nav2_static, export.nav2_speed])
@@ -223,7 +221,7 @@ def test_a_static_layer_stays_below_the_values_that_mean_walls(tmp_path, costs):
 
 
 def test_a_speed_mask_slows_down_by_degeneracy_and_never_stops(tmp_path, costs):
-    export.nav2_speed(tmp_path / "speed", costs, slowest=0.25)
+    export.nav2_speed(tmp_path / "speed", costs, slowest=0.25, lead=0.0)
     read = stacks.load(tmp_path / "speed" / "mask.yaml", "main")
     servers = yaml.safe_load((tmp_path / "speed" / "servers.yaml").read_text())
     info = servers["localizability_speed_info_server"]["ros__parameters"]
@@ -236,6 +234,17 @@ def test_a_speed_mask_slows_down_by_degeneracy_and_never_stops(tmp_path, costs):
     export.nav2_speed(tmp_path / "slow", costs, slowest=0.01)
     slow = stacks.load(tmp_path / "slow" / "mask.yaml", "main").data
     assert slow.max() <= 99
+
+
+def test_a_speed_limit_holds_before_its_place(tmp_path):
+    grid = OccupancyGrid(np.full((21, 40), FREE), 0.1)
+    u = np.zeros(grid.shape)
+    u[10, 20] = 1.0
+    costs = Costmap.from_layers(grid, u=u)
+    export.nav2_speed(tmp_path / "speed", costs, lead=0.4)
+    values = stacks.load(tmp_path / "speed" / "mask.yaml", "main").data
+    away = np.hypot(*(np.indices(grid.shape) - np.array([10, 20])[:, None, None]))
+    np.testing.assert_array_equal(values, np.where(away <= 4, 70, 0))
 
 
 YAW = 0.6
@@ -255,13 +264,12 @@ def test_masks_and_routes_lie_where_stacks_that_ignore_the_yaw_have_the_map(tmp_
     assert (mask.data[rows, cols] >= 0).all()
 
 
-@pytest.mark.parametrize("name", ["navfn", "thetastar"])
 @pytest.mark.parametrize("write", [export.nav2_keepout, export.nav2_static])
-def test_other_planners_realise_j_too(tmp_path, name, write):
+def test_thetastar_realises_j_too(tmp_path, write):
     grid = environments.make("two_corridors", resolution=0.1)
     costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot=0.25)
     at = environments.landmarks("two_corridors")
-    write(tmp_path / "out", costs, planner=name)
+    write(tmp_path / "out", costs, planner="thetastar")
     if write is export.nav2_keepout:
         master = with_mask(tmp_path / "out", costs)
     else:
@@ -274,12 +282,8 @@ def test_other_planners_realise_j_too(tmp_path, name, write):
         master[raised] = np.maximum(master, layer)[raised]  # use_maximum
     nav2 = yaml.safe_load((tmp_path / "out" / "nav2.yaml").read_text())
     own = nav2["planner_server"]["ros__parameters"]["GridBased"]
-    if name == "navfn":
-        array = stacks.navfn_costs(master, own["allow_unknown"])
-        step, fixed, blocked = array / 50, 0.0, array >= 254
-    else:
-        fixed = stacks.theta_star_traversal(master, own["w_traversal_cost"])
-        step, blocked = own["w_euc_cost"], stacks.theta_star_blocked(master, own["allow_unknown"])
+    fixed = stacks.theta_star_traversal(master, own["w_traversal_cost"])
+    step, blocked = own["w_euc_cost"], stacks.theta_star_blocked(master, own["allow_unknown"])
     ends = [costs.cell_of(at[end]) for end in ("start", "goal")]
     cells, _ = stacks.grid_path(step, blocked, *ends, fixed)
     path = Path(np.array([grid.cell_to_world(*cell) for cell in cells]))
@@ -450,7 +454,6 @@ def readme_of(folder):
         ("smac2d", ("`cost_travel_multiplier: 4.016` (Nav2's own default is 1)", "iterations: -1")),
         ("smac-hybrid", ("`cost_penalty: 3.956`", "`max_planning_time: 25` [s]")),
         ("thetastar", ("`w_traversal_cost: ",)),
-        ("navfn", ("only `GridBased` so that J comes out",)),
     ],
 )
 def test_a_folder_says_what_the_mask_needs(tmp_path, costs, planner, words):
@@ -652,7 +655,8 @@ def test_the_robots_other_planners_stay(tmp_path, costs):
     humble = PARAMS.replace("::", "/").replace("costmap_2d/", "costmap_2d::")
     (tmp_path / "own.yaml").write_text(humble)
     settings = {"params": tmp_path / "own.yaml", "distro": "humble"}
-    export.nav2_keepout(tmp_path / "n", costs, planner="navfn", **settings)
+    with pytest.warns(RobotWarning, match="does not follow a mask"):
+        export.nav2_keepout(tmp_path / "n", costs, planner="navfn", **settings)
     server = yaml.safe_load((tmp_path / "n" / "nav2.yaml").read_text())["planner_server"]
     fast = server["ros__parameters"]["Fast"]  # as the robot's distribution spells it
     assert (fast["plugin"], fast["allow_unknown"]) == ("nav2_navfn_planner/NavfnPlanner", False)
@@ -662,14 +666,13 @@ def test_the_robots_other_planners_stay(tmp_path, costs):
 @pytest.mark.parametrize(
     ("change", "planner", "called"),
     [
-        (("Fast", "Good"), "navfn", "Fast"),
+        (('["Fast", "Good"]', "[Fast]"), "smac2d", "Localizability"),
         (("nav2_navfn_planner::NavfnPlanner", "mine::Own"), "smac2d", "Good"),
         (("nav2_navfn_planner::NavfnPlanner", THETA), "thetastar", "Fast"),
     ],
 )
 def test_a_mask_is_for_the_robots_own_planner(tmp_path, costs, change, planner, called):
-    text = PARAMS if change == ("Fast", "Good") else PARAMS.replace(*change)
-    (tmp_path / "own.yaml").write_text(text)
+    (tmp_path / "own.yaml").write_text(PARAMS.replace(*change))
     with warnings.catch_warnings(record=True, action="always"):
         found = export.nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml")
     assert found.planner.name == planner
@@ -692,11 +695,15 @@ def test_planners_of_another_distribution_are_noticed(tmp_path, costs, distro, p
 
 
 def test_texts_stay_texts_and_numbers_numbers_to_ros(tmp_path, costs):
-    (tmp_path / "own.yaml").write_text(
-        'amcl: {ros__parameters: {a: "1e3", b: 1e3, c: "y", d: y, e: N, f: "no", g: x}}'
-    )
+    own = 'amcl: {ros__parameters: {a: "1e3", b: 1e3, c: "y", d: y, e: N, f: "no", g: x}}\n'
+    (tmp_path / "own.yaml").write_text(own)
     export.nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml")
-    text = (tmp_path / "m" / "nav2.yaml").read_text()
+    assert own in (tmp_path / "m" / "nav2.yaml").read_text()
+    shared = "planner_server: &p {ros__parameters: {b: 1}}\nmine: *p\n"  # not to be changed alone
+    (tmp_path / "own.yaml").write_text(own + shared)
+    export.nav2_keepout(tmp_path / "n", costs, params=tmp_path / "own.yaml")
+    assert "(but its comments)" in readme_of(tmp_path / "n")
+    text = (tmp_path / "n" / "nav2.yaml").read_text()
     for line in ('a: "1e3"', "b: 1000.0", 'c: "y"', "d: true", "e: false", "f: 'no'", "g: x"):
         assert f"    {line}\n" in text
 

@@ -208,6 +208,15 @@ def scalar_text(value: float | str | bool) -> str:
     return text
 
 
+def flow_text(value: Any) -> str:
+    """Text of a value, a list or a mapping in a line, which YAML and ROS read as the same."""
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key}: {flow_text(each)}' for key, each in value.items())}}}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(flow_text, value))}]"
+    return scalar_text(value)
+
+
 STAMP = ("locplan", "kind", "version")
 """Names of the entries."""
 

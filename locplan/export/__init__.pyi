@@ -16,6 +16,7 @@ from ._charges import (
     percent as percent,
     ros_map as ros_map,
 )
+from ._costmap import CostmapInflation as CostmapInflation, PlannedPath as PlannedPath
 from ._figures import routes_figure as routes_figure, values_figure as values_figure
 from ._filter_map import write_filter_map as write_filter_map
 from ._graph_files import (

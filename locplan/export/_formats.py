@@ -11,11 +11,16 @@ from typing import Literal
 from locplan._util.checks import number, positive, whole
 from locplan._util.public import called
 from locplan.errors import ConfigError
-from locplan.export._registry import ExportJob, ExportSummary, Format, NoOptions
+from locplan.export._registry import (
+    ExportJob,
+    ExportSummary,
+    Format,
+    InDistro,
+    InFrame,
+    NoOptions,
+)
 from locplan.robots import read_parameters
 
-Distro = Literal["humble", "jazzy", "kilted", "lyrical", "rolling"]
-"""A distribution of ROS 2."""
 NavPlannerName = Literal["smac2d", "smac-hybrid", "navfn", "thetastar"]
 """A planner of Nav2."""
 
@@ -39,22 +44,6 @@ class MaskOptions(NoOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class InFrame(NoOptions):
-    """The frame of what is written."""
-
-    frame: str = "map"
-    """Frame of the coordinates; map by default."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class InDistro(NoOptions):
-    """The robot's distribution of ROS 2."""
-
-    distro: Distro = "jazzy"
-    """Distribution of ROS 2; jazzy by default."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Nav2Options(InDistro):
     """The robot's own Nav2."""
 
@@ -70,6 +59,9 @@ class Nav2Options(InDistro):
 class ChargedOptions(MaskOptions, Nav2Options):
     """The options of masks that a planner's costs are made of."""
 
+    tree: Path | None = None
+    """Behaviour tree of the robot (XML), a copy of which plans with the mask's planner."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedOptions(Nav2Options):
@@ -77,20 +69,25 @@ class SpeedOptions(Nav2Options):
 
     slowest: float = 0.3
     """Share of the speed that is left where u is 1; 0.3 by default."""
+    speed_lead: float | None = None
+    """Distance before a place at which its speed holds already, in metres; 1 s of driving by
+    default, for Nav2's limits come as late."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         number("slowest", self.slowest, 0.01, 1)
+        number("speed_lead", self.speed_lead or 0.0, 0)
 
 
 def by(
-    function: str, given: str = "costs"
+    function: str, given: str = "costs", *, paths: bool = False
 ) -> Callable[[Path, ExportJob, NoOptions], ExportSummary]:
-    """The writer of a format by a public function of a target, a part of the job, and options."""
+    """The writer of a format by a public function of a target, parts of the job, and options."""
 
     def write(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary:
         home = f"locplan.export.{function}"
-        found = called(home, target, getattr(job, given), **vars(options))
+        own = vars(options) | ({"paths": job.paths} if paths else {})
+        found = called(home, target, getattr(job, given), **own)
         return ExportSummary() if found is None else ExportSummary(found.summary(), found.rows())
 
     return write
@@ -100,9 +97,14 @@ def write_speed(target: Path, job: ExportJob, options: SpeedOptions) -> ExportSu
     """Write a mask for the speed filter."""
     from locplan.export._nav2 import nav2_speed
 
-    least = nav2_speed(target, job.costs, **vars(options))
+    own = dict(vars(options))
+    lead = own.pop("speed_lead")
+    if lead is None:  # of 1 s
+        lead = job.robot.kinematics.speed if job.robot else 0.5
+    least = nav2_speed(target, job.costs, lead=lead, **own)
     row = "in the most degenerate place", f"{least} % of the robot's speed"
-    return ExportSummary({"slowest": options.slowest, "min_percent": least}, (row,))
+    values = {"slowest": options.slowest, "lead": lead, "min_percent": least}
+    return ExportSummary(values, (row,))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -296,11 +298,18 @@ def write_areas(target: Path, job: ExportJob, options: AreaOptions) -> ExportSum
     return summary_of(areas, job.costs, job.field, options.threshold)
 
 
-write_keepout, write_static = by("_nav2:nav2_keepout"), by("_nav2:nav2_static")
+write_keepout = by("_nav2:nav2_keepout", paths=True)
+write_static = by("_nav2:nav2_static", paths=True)
 write_map, write_field = by("_charges:ros_map"), by("_plain_files:field", "field")
 FORMATS = (
-    Format("nav2-keepout", "a mask for Nav2's KeepoutFilter", write_keepout, ChargedOptions),
-    Format("nav2-static", "a map for a StaticLayer of Nav2", write_static, ChargedOptions),
+    Format(
+        *("nav2-keepout", "a mask for Nav2's KeepoutFilter", write_keepout, ChargedOptions),
+        paths="several",
+    ),
+    Format(
+        *("nav2-static", "a map for a StaticLayer of Nav2", write_static, ChargedOptions),
+        paths="several",
+    ),
     Format("nav2-speed", "a mask for Nav2's SpeedFilter", write_speed, SpeedOptions),
     Format(
         *("route-graph", "a GeoJSON graph for Nav2's route server", write_graph, GraphOptions),

@@ -6,29 +6,34 @@ speed_filter.cpp, static_layer.cpp and the documentation of their servers.
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import number
-from locplan.costs import Costmap, about_costs, costs_caption
+from locplan.costs import Costmap, Path as Route, about_costs, costs_caption
 from locplan.errors import ConfigError
 from locplan.export import _charges as charges
 from locplan.export._charges import Conversion
+from locplan.export._costmap import AT_WALLS, CostmapInflation
 from locplan.export._parameters import (
     Robot,
     Server,
     differences,
+    merged_text,
     with_costmap,
     with_planner,
     write_servers,
-    write_yaml,
 )
-from locplan.export._registry import check_has_field, export_folder
-from locplan.robots import Nav2Parameters
+from locplan.export._planned import checked_paths
+from locplan.export._registry import export_folder
+from locplan.export._selected import with_tree
+from locplan.robots import GLOBAL_COSTMAP, Nav2Parameters
 
 
 class ParametersChanged(UserWarning):
@@ -43,6 +48,8 @@ def nav2_keepout(
     planner_param: float | None = None,
     distro: str = "jazzy",
     params: str | Path | None = None,
+    tree: str | Path | None = None,
+    paths: Mapping[str, Route] | None = None,
 ) -> Conversion:
     """Write a mask for Nav2's KeepoutFilter that makes a planner's costs the costmap's J.
 
@@ -56,8 +63,9 @@ def nav2_keepout(
         fit where this costmap's does not. Nav2 ignores a map's yaw, so that the mask has none
         either.
     planner : str, optional
-        "smac2d", "smac-hybrid", "navfn" or "thetastar": the one that the robot runs. By default
-        the first of these that `params` has, or "smac2d".
+        "smac2d", "smac-hybrid", "navfn" or "thetastar": the one that plans. By default the first
+        of these that `params` has, except "navfn", which does not follow masks; else "smac2d" up
+        to a million cells, and "thetastar" on larger maps.
     planner_param : float, optional
         The planner's own parameter, above 0: cost_travel_multiplier, cost_penalty or
         w_traversal_cost. Give it where the robot's must stay. By default it is such that u = 1
@@ -65,10 +73,17 @@ def nav2_keepout(
     distro : str, default "jazzy"
         The robot's distribution of ROS 2: "humble", "jazzy", "kilted", "lyrical" or "rolling".
     params : path, optional
-        A Nav2 parameter file to merge ours into; by default nav2.yaml holds ours alone. Where a
-        value of the file has to be another one, a `ParametersChanged` warning and the folder's
-        README.md name it. The planner gets ``allow_unknown: false``, since J knows no way through
-        unknown space.
+        A Nav2 parameter file to merge ours into; by default nav2.yaml holds ours alone. The mask
+        carries the inflation of its global costmap, too, whose own layer gets a steeper decay: Nav2
+        takes the larger one of mask and costmap, not their sum. Where a value of the file has to be
+        another one, a `ParametersChanged` warning and the folder's README.md name it. The planner
+        gets ``allow_unknown: false``, since J knows no way through unknown space.
+    tree : path, optional
+        The robot's behaviour tree, which the folder then holds with our planner's name in it, and
+        which the parameters name; paths of Theta* are smoothed in it, since they zigzag.
+    paths : dict of Path, optional
+        Recommended paths by name, with which those that Nav2's planners take between their ends are
+        compared, by the planners' formulas.
 
     Returns
     -------
@@ -80,8 +95,10 @@ def nav2_keepout(
     LocplanError
         If the folder cannot be written, or a setting is out of its range.
     """
-    robot = Robot.of(params, distro)
-    return _write_charged(folder, "keepout", costs, robot, planner, planner_param=planner_param)
+    robot = Robot.of(params, distro, tree)
+    return _write_charged(
+        folder, "keepout", costs, robot, planner, paths, planner_param=planner_param
+    )
 
 
 def nav2_static(
@@ -92,6 +109,8 @@ def nav2_static(
     planner_param: float | None = None,
     distro: str = "jazzy",
     params: str | Path | None = None,
+    tree: str | Path | None = None,
+    paths: Mapping[str, Route] | None = None,
 ) -> Conversion:
     """Write a map for a second StaticLayer that makes a planner's costs the costmap's J.
 
@@ -101,11 +120,13 @@ def nav2_static(
 
     Parameters
     ----------
-    folder, costs, planner, planner_param, distro, params
+    folder, costs, planner, planner_param, distro, params, tree, paths
         See `nav2_keepout`.
     """
-    robot = Robot.of(params, distro)
-    return _write_charged(folder, "static", costs, robot, planner, planner_param=planner_param)
+    robot = Robot.of(params, distro, tree)
+    return _write_charged(
+        folder, "static", costs, robot, planner, paths, planner_param=planner_param
+    )
 
 
 def nav2_speed(
@@ -113,6 +134,7 @@ def nav2_speed(
     costs: Costmap,
     *,
     slowest: float = 0.3,
+    lead: float = 0.5,
     distro: str = "jazzy",
     params: str | Path | None = None,
 ) -> int:
@@ -127,6 +149,9 @@ def nav2_speed(
     slowest : float, default 0.3
         Share of the robot's speed left where u is 1, 0.01 to 1; linear in u up to full speed. A
         lower share gives the filter more scans a metre there.
+    lead : float, default 0.5
+        Distance before a place at which its limit holds already [m]: limits come up to a second
+        late, at the rate of the global costmap.
     distro : str, default "jazzy"
         The distribution of ROS 2, as for `nav2_keepout`.
     params : path, optional
@@ -140,13 +165,13 @@ def nav2_speed(
     Raises
     ------
     LocplanError
-        If the folder cannot be written, `slowest` is out of its range, or there is no field.
+        If the folder cannot be written, a setting is out of its range, or there is no field.
     """
-    values = speed_mask(costs, slowest)
+    values = charges.speed_mask(costs, slowest, lead)
     robot = Robot.of(params, distro)
     least = 100 - int(values.max())
     title = f"Speed mask: the robot keeps {least} % of its speed or more"
-    about = {"slowest": slowest, "min_percent": least}
+    about = {"slowest": slowest, "lead": lead, "min_percent": least}
     robot.warn(robot.of_speed("localizability_speed_filter"))
     _write(folder, "speed", title, costs, values, robot, with_costmap(robot, "speed"), about)
     return least
@@ -158,6 +183,7 @@ def keepout_mask(
     planner: str = "smac2d",
     planner_param: float | None = None,
     static: bool = False,
+    inflation: CostmapInflation | None = None,
 ) -> tuple[NDArray[np.int8], Conversion]:
     """The values of a mask that make a planner's costs J, (H, W): 0..99, or -1 to change nothing.
 
@@ -173,6 +199,8 @@ def keepout_mask(
         "smac2d", "smac-hybrid", "navfn" or "thetastar".
     static : bool, default False
         Whether the values are for a StaticLayer, up to 98.
+    inflation : CostmapInflation, optional
+        The costmap's inflation, which the values carry, too, with an excess of 2.5 at walls.
 
     Returns
     -------
@@ -196,39 +224,66 @@ def keepout_mask(
     if np.isnan(greatest):
         greatest = float(costs.density[passable].max()) - 1
     runs = charges.checked_planner(planner, planner_param)
+    if inflation:
+        greatest += AT_WALLS
+        density = density + AT_WALLS * np.minimum(inflation.costs(costs.grid) / 252, 1)
     values, conversion = charges.values_for(density, runs, greatest, planner_param, static)
     near = costs.grid.closer_than(costs.robot_radius - 1e-9)
     values[~passable & costs.grid.free & ~near] = 100  # lethal
     return values, conversion
 
 
-def speed_mask(costs: Costmap, slowest: float) -> NDArray[np.int8]:
-    """The per cent of its speed that a robot gives up, 0..99 (H, W), or -1 where u is not known.
-
-    Arguments and errors are those of `nav2_speed`.
-    """
-    number("slowest", slowest, 0.01, 1)
-    check_has_field(costs)
-    known = ~np.isnan(costs.u)
-    if not known.any():
-        raise ConfigError("u is not known in any cell of the map, so a mask would be empty")
-    given_up = np.floor(100 * (1 - slowest) * np.nan_to_num(costs.u) + 0.5)
-    return np.where(known, np.minimum(given_up, 99), -1).astype(np.int8)  # 100 means full speed
-
-
 def _write_charged(
-    folder: str | Path, kind: str, costs: Costmap, robot: Robot, planner: str | None, **param: Any
+    folder: str | Path,
+    kind: str,
+    costs: Costmap,
+    robot: Robot,
+    planner: str | None,
+    paths: Mapping[str, Route] | None,
+    **param: Any,
 ) -> Conversion:
     """Write the mask of a filter or a layer that makes a planner's costs J."""
-    planner, static = planner or robot.planner, kind == "static"
-    values, conversion = keepout_mask(costs, planner=planner, static=static, **param)
+    paths = paths or {}
+    planner, static = planner or robot.planner(costs.grid.free.size), kind == "static"
+    caveat = charges.checked_planner(planner, None).caveat
+    inflation = None if caveat else CostmapInflation.of(robot.file)
+    values, conversion = keepout_mask(
+        costs, planner=planner, static=static, inflation=inflation, **param
+    )
     merged, called = with_planner(robot, with_costmap(robot, kind), conversion)
+    if inflation:
+        steep = inflation.below_a_mask.inflation.cost_scaling_factor
+        merged = merged.changed(GLOBAL_COSTMAP, {f"{inflation.layer}.cost_scaling_factor": steep})
+    merged, tree = with_tree(robot, merged, called, conversion.planner, Path(folder))
     robot.warn(robot.of_planner(called))
+    if caveat:
+        robot.warn(iter([f"{planner} does not follow a mask: {caveat}"]))
+    conversion = dataclasses.replace(
+        conversion, paths=tuple(checked_paths(costs, values, robot, conversion, paths))
+    )
+    own = conversion.planner.name
+    robot.warn(
+        f"{own} would not take {each.name} ({each.text}); its route is followed as a graph: --to"
+        " nav2-routes"
+        for each in conversion.paths
+        if each.planner == own and not each.follows
+    )
     what = "layer" if kind == "static" else "mask"
     title = f"Localizability {what} for {conversion.planner.plugin} ({called})"
     about = {"planner_id": called, "conversion": conversion.summary()}
-    _write(folder, kind, title, costs, values, robot, merged, about, conversion, called)
+    planning = _Planning(conversion, called, tree, bool(inflation))
+    _write(folder, kind, title, costs, values, robot, merged, about, planning)
     return conversion
+
+
+@dataclass(frozen=True)
+class _Planning:
+    """What an export says of the planner of a mask."""
+
+    conversion: Conversion
+    called: str
+    tree: str | None
+    inflated: bool
 
 
 def _write(
@@ -240,15 +295,16 @@ def _write(
     robot: Robot,
     merged: Nav2Parameters,
     about: dict[str, Any],
-    conversion: Conversion | None = None,
-    called: str = "",
+    planning: _Planning | None = None,
 ) -> None:
-    """Write the folder of a mask, for a planner that is called so, or for the speed filter."""
+    """Write the folder of a mask, for a planner or for the speed filter."""
     from locplan.export import _figures
 
     changed, added = differences(robot.parameters.content, merged.content)
     if robot.file and changed:
-        text = f"nav2.yaml has other values than {robot.file.name}: {'; '.join(changed)}"
+        text = (
+            f"the exported nav2.yaml has other values than {robot.file.name}: {'; '.join(changed)}"
+        )
         warnings.warn(ParametersChanged(text), stacklevel=4)
     base = f"localizability_{kind}"
     parameters = {"topic_name": f"/{base}_mask", "frame_id": "map"}
@@ -264,10 +320,14 @@ def _write(
     about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
     grid, file = charges.without_yaw(costs.grid), robot.file and robot.file.name
-    known = {"title": title, "costs": costs, "kind": kind, "called": called, "file": file}
-    known |= {"changed": changed, "added": added, "conversion": conversion}
+    content, comments = merged_text(robot, merged)
+    known = {"title": title, "costs": costs, "kind": kind, "file": file, "planning": planning}
+    known |= {"changed": changed, "added": added, "comments": comments}
+    known |= {"distro": robot.distribution.name, "before": next(iter(robot.planners), "")}
     with export_folder(folder, "nav2-mask.md", about, **known) as temporary:
-        write_yaml(temporary / "nav2.yaml", merged.content)
+        (temporary / "nav2.yaml").write_bytes(content)
+        if planning and planning.tree is not None:
+            (temporary / "tree.xml").write_text(planning.tree, "utf-8")
         charges.write_values(temporary / "mask", values, grid)
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
         is_speed = kind == "speed"

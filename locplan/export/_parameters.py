@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from locplan._util.checks import one_of
 from locplan._util.reading import ROS_BOOLEANS, ROS_NUMBER, scalar_text
+from locplan.errors import LocplanError
 from locplan.export._charges import PLANNERS, Conversion
 from locplan.export._registry import rendered
 from locplan.robots import (
@@ -19,7 +20,11 @@ from locplan.robots import (
     PLANNER_SERVER,
     Nav2Parameters,
     read_parameters,
+    rewritten_parameters,
 )
+
+MAX_SMAC_CELLS = 1_000_000
+"""Cells of the largest map for which Smac 2D is added to a robot's planners."""
 
 
 class DistroWarning(UserWarning):
@@ -118,13 +123,13 @@ def write_servers(folder: Path, servers: Sequence[Server], manager_name: str) ->
     )
     nodes = [*servers, manager]
     parameters = {node.name: {"ros__parameters": dict(node.parameters)} for node in nodes}
-    write_yaml(folder / "servers.yaml", parameters)
+    (folder / "servers.yaml").write_text(_yaml_text(parameters), "utf-8")
     launch = folder / "localizability.launch.xml"
     launch.write_text(rendered("servers.launch.xml", nodes=nodes), "utf-8")
 
 
-def write_yaml(path: Path, content: Mapping[str, Any]) -> None:
-    """Write parameters so that ROS reads each text as a text."""
+def _yaml_text(content: Mapping[str, Any]) -> str:
+    """Parameters as YAML, in which ROS reads each text as a text."""
     import yaml
 
     class Dumper(yaml.SafeDumper):
@@ -135,8 +140,21 @@ def write_yaml(path: Path, content: Mapping[str, Any]) -> None:
         return dumper.represent_scalar("tag:yaml.org,2002:str", text, '"' if plain else None)
 
     Dumper.add_representer(str, represent)
-    text = yaml.dump(dict(content), Dumper=Dumper, sort_keys=False, allow_unicode=True)
-    path.write_text(text, "utf-8")
+    text: str = yaml.dump(dict(content), Dumper=Dumper, sort_keys=False, allow_unicode=True)
+    return text
+
+
+def merged_text(robot: Robot, merged: Nav2Parameters) -> tuple[bytes, bool]:
+    """The text of a robot's parameters with ours, and whether its file's comments are in it.
+
+    They are, except where anchors and aliases stand for what has to be changed.
+    """
+    if robot.file:
+        try:
+            return rewritten_parameters(robot.file, merged), True
+        except LocplanError:
+            pass
+    return _yaml_text(merged.content).encode(), False
 
 
 class RobotWarning(UserWarning):
@@ -153,11 +171,14 @@ class Robot:
     """The file of its parameters, if there is one."""
     parameters: Nav2Parameters
     """The parameters in the file; none without a file."""
+    tree: Path | None = None
+    """The file of its behaviour tree, if it is given."""
 
     @classmethod
-    def of(cls, params: str | Path | None, distro: str) -> Robot:
+    def of(cls, params: str | Path | None, distro: str, tree: str | Path | None = None) -> Robot:
         """Read the file and warn of the distribution's faults; a LocplanError where it cannot."""
-        robot = cls(distribution(distro), Path(params) if params else None, read_parameters(params))
+        file, own = (Path(path) if path else None for path in (params, tree))
+        robot = cls(distribution(distro), file, read_parameters(params), own)
         robot.distribution.warn()
         robot.warn(robot._misspelt())
         return robot
@@ -167,25 +188,30 @@ class Robot:
         """The plugin of each of its planners by name, as it is written from Jazzy on."""
         return {name: plugin.replace("/", "::") for name, plugin in self._plugins().items()}
 
-    @property
-    def planner(self) -> str:
-        """Its first planner of those that a mask can be for, as `PLANNERS` names it, or smac2d."""
-        known = {each.plugin: name for name, each in PLANNERS.items()}
-        return next((known[each] for each in self.planners.values() if each in known), "smac2d")
+    def planner(self, cells: int) -> str:
+        """Its first planner that follows masks, as `PLANNERS` names it, or one for that many cells.
+
+        Nav2 plans once a second, which Smac 2D does on small maps only.
+        """
+        known = {each.plugin: name for name, each in PLANNERS.items() if not each.caveat}
+        added = "smac2d" if cells <= MAX_SMAC_CELLS else "thetastar"
+        return next((known[each] for each in self.planners.values() if each in known), added)
 
     def warn(self, notes: Iterator[str]) -> None:
         """Warn of what does not go together."""
         for note in notes:
-            name = self.file.name if self.file else ""
-            warnings.warn(RobotWarning(f"{name}: {note}"), stacklevel=4)
+            name = f"{self.file.name}: " if self.file else ""
+            warnings.warn(RobotWarning(f"{name}{note}"), stacklevel=4)
 
     def of_planner(self, called: str) -> Iterator[str]:
-        """That ours stands beside its own planners."""
+        """That ours stands beside its own planners, and why."""
+        caveats = {each.plugin: each.caveat for each in PLANNERS.values()}
         others = [f"{name} ({plugin})" for name, plugin in self.planners.items() if name != called]
         if others and called not in self.planners:
+            why = next((f": {caveats[p]}" for p in self.planners.values() if caveats.get(p)), "")
             yield (
-                f"its planners are {', '.join(others)}; {called} is added for the mask, and plans"
-                " only where the behaviour tree names it (planner_id), or take another --planner"
+                f"its planners are {', '.join(others)}{why}; {called} is added for the mask, and"
+                " plans only where it is selected, as the folder's README.md says"
             )
 
     def of_speed(self, own: str) -> Iterator[str]:

@@ -28,6 +28,8 @@ MODULES = ["locplan.export._formats"]
 """Modules that have FORMATS, a tuple of `Format`, and import heavy libraries when they write."""
 ABOUT = "export.json"
 """The file of a folder that says what it was made of."""
+Distro = Literal["humble", "jazzy", "kilted", "lyrical", "rolling"]
+"""A distribution of ROS 2."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,22 @@ class NoOptions:
 
     def __post_init__(self) -> None:
         """Raise a LocplanError where an option is wrong; each kind of options checks its own."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class InFrame(NoOptions):
+    """The frame of what is written."""
+
+    frame: str = "map"
+    """Frame of the coordinates; map by default."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class InDistro(NoOptions):
+    """The robot's distribution of ROS 2."""
+
+    distro: Distro = "jazzy"
+    """Distribution of ROS 2; jazzy by default."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,9 @@ from ._nav2 import (
     NOT_SIMULATED as NOT_SIMULATED,
     ParameterWarning as ParameterWarning,
     edited_parameters as edited_parameters,
+    nav2_inflation as nav2_inflation,
     read_amcl as read_amcl,
+    rewritten_parameters as rewritten_parameters,
 )
 from ._parameters import (
     GLOBAL_COSTMAP as GLOBAL_COSTMAP,

@@ -10,8 +10,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
+
 from locplan._util.checks import number, positive
-from locplan._util.reading import compose, read_content, scalar_text
+from locplan._util.reading import compose, flow_text, read_content
 from locplan.errors import ConfigError, LocplanError, one_line
 from locplan.robots._amcl import DIFFERENTIAL, OMNIDIRECTIONAL, Amcl
 from locplan.robots._parameters import (
@@ -88,10 +90,38 @@ def parts_of(path: str | os.PathLike[str]) -> dict[str, Any]:
     found = {
         "filter": filter_of(path, parameters),
         **_outline(path, parameters),
-        "inflation": _inflation(path, parameters),
+        "inflation": (_inflation(path, parameters) or (None, None))[1],
         "kinematics": _kinematics(path, parameters),
     }
     return {name: part for name, part in found.items() if part is not None}
+
+
+def nav2_inflation(path: str | os.PathLike[str]) -> tuple[str, Inflation, float] | None:
+    """Inflation layer of a global costmap by name, and the inscribed radius that it reads [m].
+
+    None where no layer inflates. The radius is that of the padded corners, 16 of a circle.
+
+    Parameters
+    ----------
+    path : path
+        A parameter file of Nav2.
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be read, or a value is out of its range.
+    """
+    parameters = read_parameters(path)
+    found = _inflation(path, parameters)
+    if found is None:
+        return None
+    parts = {"footprint": 0.1, "margin": 0.01} | _outline(path, parameters)  # as Nav2 has them
+    outline, padding = parts["footprint"], parts["margin"]
+    if not isinstance(outline, Footprint):
+        angles = np.arange(16) * 2 * np.pi / 16
+        outline = Footprint(outline * np.column_stack([np.cos(angles), np.sin(angles)]))
+    padded = outline.vertices + np.sign(outline.vertices) * padding
+    return (*found, Footprint(padded).inscribed_radius)
 
 
 def filter_of(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Amcl | None:
@@ -136,15 +166,17 @@ def _outline(path: str | os.PathLike[str], parameters: Nav2Parameters) -> dict[s
     return {}
 
 
-def _inflation(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Inflation | None:
-    """Inflation of the global costmap, or None where it has no such layer."""
+def _inflation(
+    path: str | os.PathLike[str], parameters: Nav2Parameters
+) -> tuple[str, Inflation] | None:
+    """Inflation layer of the global costmap by name, or None where it has no such layer."""
     own = parameters.of(GLOBAL_COSTMAP)
     for layer in parameters.names(GLOBAL_COSTMAP, "plugins"):
         if own.get(f"{layer}.plugin") == "nav2_costmap_2d::InflationLayer":
             names = [each.name for each in dataclasses.fields(Inflation)]
             given = {name: own[f"{layer}.{name}"] for name in names if f"{layer}.{name}" in own}
             with errors_at(path, f"global_costmap: {layer}"):
-                return Inflation(**given)
+                return layer, Inflation(**given)
     return None
 
 
@@ -186,10 +218,6 @@ def _not_simulated(given: Mapping[str, object]) -> Iterator[str]:
         yield "do_beamskip"
 
 
-Values = dict[str, float | str | bool]
-"""Values by the names of their parameters."""
-
-
 def edited_parameters(
     path: str | os.PathLike[str], node: str, values: Mapping[str, float | str | bool]
 ) -> bytes:
@@ -213,21 +241,38 @@ def edited_parameters(
         If the file cannot be read, or if anchors, aliases or tags make one value stand for
         several, so that it cannot be changed alone.
     """
+    return rewritten_parameters(path, read_parameters(path).changed(node, values))
+
+
+def rewritten_parameters(path: str | os.PathLike[str], changed: Nav2Parameters) -> bytes:
+    """Content of a parameter file that has become another one, as `edited_parameters` writes it.
+
+    Parameters
+    ----------
+    path : path
+        The file, which `read_parameters` reads, and the robot in it.
+    changed : Nav2Parameters
+        Its parameters with other values, or with more.
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be read, or one value stands for several.
+    """
     before = read_parameters(path)
     file, robot = file_and_robot(path)
     content = read_content(file, MAX_BYTES, REMEDY)
     text = content.decode("utf-8-sig")
     root = compose(file, content, REMEDY)
     fault = LocplanError(
-        f"{path}: {node}: its values cannot be changed alone; write out its anchors and aliases"
+        f"{path}: its values cannot be changed alone; write out its anchors and aliases"
     )
     edits = []
-    missing: dict[tuple[str, ...], Values] = {}
-    for name, value in values.items():
-        place = before.place(node, name)
-        found = _found(root, place)
+    missing: dict[tuple[str, ...], Any] = {}
+    for keys, value in _changes(before.content, changed.content):
+        found = _found(root, keys)
         if found is None:
-            missing.setdefault(place[:-1], {})[place[-1]] = value
+            missing.setdefault(keys[:-1], {})[keys[-1]] = value
         else:
             edits.append(_replacement(text, *found, value))
     for keys, new in missing.items():
@@ -239,9 +284,21 @@ def edited_parameters(
         read = parameters_of(file, made, robot)
     except LocplanError:
         raise fault from None
-    if read != before.changed(node, values):
+    if read != changed:
         raise fault
     return made
+
+
+def _changes(
+    before: Mapping[str, Any], after: Mapping[str, Any], above: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Keys and value of what is another, or new, in a mapping of mappings."""
+    for key, value in after.items():
+        own, keys = before.get(key), (*above, key)
+        if isinstance(own, dict) and isinstance(value, dict):
+            yield from _changes(own, value, keys)
+        elif key not in before or own != value:
+            yield keys, value
 
 
 def _found(mapping: Any, keys: Sequence[str]) -> tuple[Any, Any] | None:
@@ -257,26 +314,31 @@ def _found(mapping: Any, keys: Sequence[str]) -> tuple[Any, Any] | None:
     return None
 
 
-def _replacement(text: str, key: Any, value: Any, new: float | str | bool) -> tuple[int, int, str]:
+def _replacement(text: str, key: Any, value: Any, new: Any) -> tuple[int, int, str]:
     """Beginning, end and new text of a value."""
     start, end = value.start_mark.index, value.end_mark.index
+    if value.id == "sequence" and not value.flow_style:  # which ends where the next thing begins
+        return (
+            text.index(":", key.end_mark.index) + 1,
+            value.value[-1].end_mark.index,
+            (f" {flow_text(new)}"),
+        )
     if start < key.end_mark.index:  # an alias, whose node stands where its anchor is
         alias = re.compile(r"\s*:\s*(\*[^\s,\[\]{}]+)").match(text, key.end_mark.index)
         assert alias is not None
-        return alias.start(1), alias.end(1), scalar_text(new)
+        return alias.start(1), alias.end(1), flow_text(new)
     anchor = re.compile(r"&[^\s,\[\]{}]+\s*").match(text, start)
     quote = text[start] if text[start : start + 1] in ("'", '"') else ""
     quote = quote if isinstance(new, str) else ""
-    written = f"{quote}{scalar_text(new)}{quote}"
+    written = f"{quote}{flow_text(new)}{quote}"
     return (anchor.end() if anchor else start), end, written
 
 
-def _insertion(text: str, root: Any, keys: Sequence[str], values: Values) -> tuple[int, int, str]:
+def _insertion(
+    text: str, root: Any, keys: Sequence[str], values: Mapping[str, Any]
+) -> tuple[int, int, str]:
     """Where missing parameters are inserted, twice, and their text."""
-    entries = [f"{name}: {scalar_text(value)}" for name, value in values.items()]
-    while keys and _found(root, keys) is None:  # the mapping is missing, too
-        *keys, key = keys
-        entries = [f"{key}: {{{', '.join(entries)}}}"]
+    entries = [f"{name}: {flow_text(value)}" for name, value in values.items()]
     found = _found(root, keys)
     mapping: Any = found[1] if found else root
     if mapping.flow_style:

@@ -1,0 +1,201 @@
+"""Exports in force: the robot's own parameters and tree, with the planner that a mask is for."""
+
+import json
+import warnings
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import yaml
+
+from locplan import export, plan
+from locplan.costs import Costmap
+from locplan.errors import LocplanError
+from locplan.export import RobotWarning
+from locplan.maps import OccupancyGrid, environments
+
+PARAMS = """# The robot of hall 3.
+bt_navigator:
+  ros__parameters:
+    global_frame: map  # not odom
+global_costmap:
+  global_costmap:
+    ros__parameters:
+      robot_radius: 0.22  # measured
+      plugins: ["static_layer", "inflation_layer"]
+      filters:
+        - mine   # the yard
+      mine: {plugin: "nav2_costmap_2d::KeepoutFilter"}
+      inflation_layer:
+        plugin: "nav2_costmap_2d::InflationLayer"
+        cost_scaling_factor: 3.0  # wide
+        inflation_radius: 0.7
+planner_server:
+  ros__parameters:
+    planner_plugins: ["GridBased"]
+    # The old one.
+    GridBased:
+      plugin: "nav2_navfn_planner::NavfnPlanner"
+"""
+SELECTING = """<root BTCPP_format="4"><!-- ours -->
+  <PlannerSelector selected_planner="{selected_planner}" default_planner="GridBased"/>
+  <ComputePathToPose goal="{goal}" path="{path}" planner_id="{selected_planner}"/>
+</root>
+"""
+NAMING = """<root><BehaviorTree ID="Main">
+  <ComputePathToPose goal="{goal}" path="{path}" planner_id="GridBased"/>
+  <ComputePathThroughPoses goals="{goals}" path="{path}"/>
+</BehaviorTree></root>
+"""
+
+
+@pytest.fixture(scope="module")
+def costs():
+    grid = environments.make("two_corridors", resolution=0.1)
+    y = np.indices(grid.shape)[0] * 0.1
+    u = np.where((y > 1) & (y < 5), 1.0, 0.05)  # the straight corridor
+    return Costmap.from_layers(grid, u=u, weight=8.0, robot=0.25)
+
+
+def exported(folder, costs, params=PARAMS, **settings):
+    (folder / "own.yaml").write_text(params)
+    with warnings.catch_warnings(record=True, action="always"):  # what is added and changed
+        return export.nav2_keepout(folder / "m", costs, params=folder / "own.yaml", **settings)
+
+
+def test_a_robots_comments_stay(tmp_path, costs):
+    exported(tmp_path, costs)
+    text = (tmp_path / "m" / "nav2.yaml").read_text()
+    for line in ("# The robot of hall 3.", "global_frame: map  # not odom", "# The old one."):
+        assert line in text
+    assert "robot_radius: 0.22  # measured" in text
+    assert "cost_scaling_factor: 10.0  # wide" in text
+    own = yaml.safe_load(text)
+    costmap = own["global_costmap"]["global_costmap"]["ros__parameters"]
+    assert costmap["filters"] == ["mine", "localizability_keepout_filter"]
+    assert costmap["localizability_keepout_filter"]["enabled"] is True
+    server = own["planner_server"]["ros__parameters"]
+    assert server["planner_plugins"] == ["GridBased", "Localizability"]
+    assert server["Localizability"]["cost_travel_multiplier"] == pytest.approx(10.542, abs=1e-3)
+    assert "but its comments" not in (tmp_path / "m" / "README.md").read_text()
+
+
+def test_navfn_is_not_chosen_and_it_is_said_why(tmp_path, costs):
+    (tmp_path / "own.yaml").write_text(PARAMS.replace("factor: 3.0", "factor: 12.0"))
+    with pytest.warns(RobotWarning, match=r"NavfnPlanner\): its wave stops early .* 2\.98 times"):
+        found = export.nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml")
+    assert found.planner.name == "smac2d"
+    large = OccupancyGrid(np.full((1001, 1000), 254, np.uint8), 0.1)
+    wide = Costmap.from_layers(large, u=np.zeros(large.shape), robot=0.1)
+    assert exported(tmp_path, wide).planner.name == "thetastar"
+    assert "Its paths zigzag" in (tmp_path / "m" / "README.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("distro", "words"),
+    [
+        ("jazzy", "topic pub --qos-durability transient_local --qos-reliability reliable"),
+        ("humble", "export again with `--tree TREE.xml`"),
+    ],
+)
+def test_the_folder_says_how_the_planner_is_selected(tmp_path, costs, distro, words):
+    slashes = PARAMS.replace("planner::Nav", "planner/Nav") if distro == "humble" else PARAMS
+    exported(tmp_path, costs, slashes, distro=distro)
+    text = (tmp_path / "m" / "README.md").read_text()
+    assert words in text
+    assert ('/planner_selector std_msgs/msg/String "{data: Localizability}"' in text) == (
+        distro == "jazzy"
+    )
+
+
+@pytest.mark.parametrize("planner", ["smac2d", "thetastar"])
+@pytest.mark.parametrize("tree", [SELECTING, NAMING])
+def test_the_robots_own_tree_plans_with_our_planner(tmp_path, costs, tree, planner):
+    (tmp_path / "own.xml").write_text(tree)
+    exported(tmp_path, costs, planner=planner, tree=tmp_path / "own.xml")
+    text = (tmp_path / "m" / "tree.xml").read_text()
+    root = ElementTree.fromstring(text)
+    if tree is SELECTING:
+        assert "<!-- ours -->" in text
+        assert root.find(".//PlannerSelector").get("default_planner") == "Localizability"
+        assert root.find(".//ComputePathToPose").get("planner_id") == "{selected_planner}"
+    else:
+        ids = [node.get("planner_id") for node in root.iter() if "Compute" in node.tag]
+        assert ids == ["Localizability", "Localizability"]
+    own = yaml.safe_load((tmp_path / "m" / "nav2.yaml").read_text())
+    navigator = own["bt_navigator"]["ros__parameters"]
+    assert navigator["default_nav_to_pose_bt_xml"] == str(tmp_path / "m" / "tree.xml")
+    assert ("default_nav_through_poses_bt_xml" in navigator) == (tree is NAMING)
+    smoothed = [node.get("smoothed_path") for node in root.iter("SmoothPath")]
+    assert set(smoothed) == ({"{path}"} if planner == "thetastar" else set())
+    assert ("smoother_server" in own) == (planner == "thetastar")
+    assert "topic pub" not in (tmp_path / "m" / "README.md").read_text()
+    # The tree of an export is one's own, too.
+    (tmp_path / "own.xml").write_text(text)
+    exported(tmp_path, costs, planner=planner, tree=tmp_path / "own.xml")
+    assert (tmp_path / "m" / "tree.xml").read_text() == text
+
+
+def test_a_tree_that_plans_nothing_is_refused(tmp_path, costs):
+    (tmp_path / "own.xml").write_text("<root/>")
+    with pytest.raises(LocplanError, match=r"own\.xml: has no ComputePathToPose"):
+        export.nav2_keepout(tmp_path / "m", costs, tree=tmp_path / "own.xml")
+    assert not (tmp_path / "m").exists()
+
+
+def test_what_each_planner_takes_is_said(tmp_path, costs):
+    aware = plan(costs, (2, 3), (38, 3)).path
+    found = exported(tmp_path, costs, paths={"aware": aware})
+    smac, navfn = found.paths
+    assert (smac.planner, smac.name, navfn.planner) == ("smac2d", "aware", "navfn")
+    assert smac.follows
+    assert smac.ratio < 1.12
+    assert 0.25 < smac.least_clearance <= smac.clearance
+    assert navfn.ratio > 1
+    text = (tmp_path / "m" / "README.md").read_text()
+    assert f"smac2d for aware: {smac.text}" in text
+    about = json.loads((tmp_path / "m" / "export.json").read_text())
+    assert about["conversion"]["paths"][0]["ratio"] == smac.ratio
+
+
+def test_a_path_that_the_planner_does_not_take_is_said(tmp_path, costs):
+    around = plan(costs, (2, 3), (38, 3)).path
+    assert export.nav2_keepout(tmp_path / "m", costs, paths={"around": around}).paths[0].follows
+    settings = {"planner_param": 0.5, "paths": {"around": around}}  # far too little
+    with pytest.warns(RobotWarning, match="smac2d would not take around .* --to nav2-routes"):
+        found = export.nav2_keepout(tmp_path / "m", costs, **settings)
+    assert not found.paths[0].follows
+
+
+DECLARED = {
+    "allow_unknown": bool,
+    "cost_penalty": float,
+    "cost_travel_multiplier": float,
+    "max_iterations": int,
+    "max_planning_time": float,
+    "plugin": str,
+    "retrospective_penalty": float,
+    "use_quadratic_cost_penalty": bool,
+    "w_euc_cost": float,
+    "w_traversal_cost": float,
+}
+"""Parameters of Smac and Theta* with the types that Nav2 declares, in humble, jazzy and kilted;
+humble has no use_quadratic_cost_penalty."""
+
+
+@pytest.mark.parametrize("distro", ["humble", "jazzy"])
+@pytest.mark.parametrize("planner", ["smac2d", "smac-hybrid", "thetastar"])
+def test_parameters_have_the_types_that_nav2_declares(tmp_path, costs, planner, distro):
+    """Another type ends a node when it starts."""
+    slashes = PARAMS.replace("planner::Nav", "planner/Nav") if distro == "humble" else PARAMS
+    exported(tmp_path, costs, slashes, planner=planner, distro=distro)
+    own = yaml.safe_load((tmp_path / "m" / "nav2.yaml").read_text())
+    ours = own["planner_server"]["ros__parameters"]["Localizability"]
+    declared = {**DECLARED}
+    if distro == "humble":
+        del declared["use_quadratic_cost_penalty"]
+    assert {name: type(value) for name, value in ours.items()} == {
+        name: declared[name] for name in ours
+    }
+    layer = own["global_costmap"]["global_costmap"]["ros__parameters"]["inflation_layer"]
+    assert type(layer["cost_scaling_factor"]) is float
