@@ -69,7 +69,7 @@ def found_by(bench, own=None):
     left = BeamsLeft(60, 60.0)
     own = Robot(LIDAR, filter=own or Amcl())
     about = {"left": left, "others": None, "seed": 1, "progress": None}
-    return search_settings(lambda *_: bench, own, 20, 8, **about)
+    return search_settings(lambda *_: bench, own, 8, **about)
 
 
 def tried(own):

@@ -191,8 +191,10 @@ class tune(typed.OneMap, FilterMap, shared.DriveOptions, shared.Seeded, shared.O
     values differ that gain, or none if nothing is clearly better; those of --set;
     and do_beamskip, which is not simulated and is off where the laser model changes.
 
-    With --drive, they are replayed on stretches of a recorded drive instead. Half
-    of these are kept for the judgement; recorded poses should be better than AMCL's.
+    With --drive, they are replayed on a recorded drive instead: chosen on its first
+    half, judged on the second, and on the whole of it from its beginning. Where they
+    do not hold there, your file stays as it is. Recorded poses should be better than
+    AMCL's.
 
     This takes some three minutes on two cores, and more with more particles.
     """

@@ -18,4 +18,4 @@ from ._read import read_drive as read_drive, record_drive as record_drive
 from ._recording import Recording as Recording
 from ._replay import Consistency as Consistency, Replay as Replay, replay as replay
 from ._scan_noise import ScanNoise as ScanNoise, scan_noise as scan_noise
-from ._tracks import tune_on_drive as tune_on_drive
+from ._tuning import tune_on_drive as tune_on_drive

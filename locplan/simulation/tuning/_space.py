@@ -109,6 +109,17 @@ def nav2_defaults(own: Amcl) -> Amcl:
     return dataclasses.replace(own, **values)  # type: ignore[arg-type]
 
 
+def is_untuned(amcl: Amcl) -> bool:
+    """True if all that tuning searches has the values of Nav2's defaults.
+
+    Parameters
+    ----------
+    amcl : Amcl
+        The settings.
+    """
+    return not changed_axes(nav2_defaults(amcl), amcl)
+
+
 def changed_axes(own: Amcl, amcl: Amcl) -> list[Axis]:
     """What differs between two settings."""
     return [axis for axis in axes_of(own) if axis.of(own) != axis.of(amcl)]

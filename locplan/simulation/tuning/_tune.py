@@ -12,15 +12,17 @@ from typing import Any
 import numpy as np
 
 from locplan._util.checks import whole
-from locplan._util.intervals import of_geometric_mean, of_mean, random_of, wilson
+from locplan._util.intervals import random_of
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Amcl, Robot
 from locplan.simulation._drives import check_drives
 from locplan.simulation._simulator import Simulator
-from locplan.simulation.tuning._bench import SimulatedBench, TuningBench
-from locplan.simulation.tuning._results import OWN, AtLevel, Judged, Tuning
+from locplan.simulation.tuning._bench import TuningBench
+from locplan.simulation.tuning._judged import judged_beside
+from locplan.simulation.tuning._results import OWN, Tuning
+from locplan.simulation.tuning._simulated_bench import SimulatedBench
 from locplan.simulation.tuning._space import (
     BeamsLeft,
     candidates,
@@ -115,13 +117,12 @@ def tune(
 
     left = BeamsLeft.on_map(about)
     own: Any = {"left": left, "others": others, "seed": seed, "progress": progress}
-    return search_settings(bench_of, about.robot, paths, drives, **own)
+    return search_settings(bench_of, about.robot, drives, **own)
 
 
 def search_settings(
     bench_of: Callable[[int, bool], TuningBench],
     robot: Robot,
-    paths: int,
     drives: int,
     *,
     left: BeamsLeft,
@@ -139,8 +140,8 @@ def search_settings(
         Makes a bench of a seed, and of whether settings are judged on it.
     robot : Robot
         The robot, with the user's own settings of the filter.
-    paths, drives : int
-        Number of paths of each bench, and of drives along each.
+    drives : int
+        Number of drives along each path of a bench.
     left : BeamsLeft
         Number of the beams compared that return.
     others : mapping of str to object or None
@@ -168,35 +169,38 @@ def search_settings(
     # Shares of the time that the three rungs, what is put back, and the judgement take.
     shares = 170, 200, 230, 130, 270
     steps = iter([scaled(*step) for step in zip(parts(progress, shares), shares, strict=True)])
-    search = Search(bench(SEARCH), own, paths, drives)
+    search = Search(bench(SEARCH), own, drives)
     kept, frugal, best, without = search.run(candidates(own, random_of(seed, DRAW)), steps)
     defaults = nav2_defaults(own)
     names = {own: OWN, defaults: "Nav2's defaults"}  # the latter's name if they are the same
     for each in (kept, frugal, best):
         names.setdefault(each, described(own, each))
     order = dict.fromkeys([own, kept, frugal, best, defaults])
+    warned: tuple[str, ...] = ()
     if kept.multiplies and not own.multiplies and (others or {}).get("do_beamskip"):
         skips = "do_beamskip becomes false with the laser model, since only this one reads it"
-        notes = (*notes, f"{skips}, and it was not simulated")
+        warned = (f"{skips}, and it was not simulated",)
     rungs = tuple(search.rungs)
     del search
     judge = bench(JUDGE)
-    judge.drive([*order], paths, drives, progress=next(steps))
+    wholes = {each: judge.whole(each) for each in order}
+    judge.drive([*order], len(judge.lines), drives, progress=next(steps))
     return Tuning(
         judge.grid,
         robot,
         kept,
-        tuple(_judged(judge, names[each], each, own) for each in order),
+        tuple(judged_beside(judge, names[each], each, own, wholes) for each in order),
         without,
         left,
-        (*notes, *filter_warnings(own, judge.lidar, others), *left.warnings()),
+        (*warned, *filter_warnings(own, judge.lidar, others), *left.warnings()),
         rungs,
-        paths,
+        len(judge.lines),
         drives,
         seed,
         judge.seed,
         drive,
         None if judge.filter_map is judge.grid else judge.filter_map,
+        tuple(notes),
     )
 
 
@@ -209,12 +213,12 @@ class Search:
         What drives them.
     own : Amcl
         The user's own settings.
-    paths, drives : int
-        Numbers of the last rung.
+    drives : int
+        Number of drives along each path of the last rung.
     """
 
-    def __init__(self, bench: TuningBench, own: Amcl, paths: int, drives: int) -> None:
-        self.bench, self.own = bench, own
+    def __init__(self, bench: TuningBench, own: Amcl, drives: int) -> None:
+        self.bench, self.own, paths = bench, own, len(bench.lines)
         # Nearly every setting is worst there; other levels are driven where they can matter.
         self.strongest = [len(bench.levels) - 1]
         # A quarter, then half of the paths and of the drives, and how many settings stay.
@@ -300,33 +304,3 @@ class Search:
             if self._known(amcl, *self.last) > bound:
                 return False
         return True
-
-
-def _judged(bench: TuningBench, name: str, amcl: Amcl, own: Amcl) -> Judged:
-    """Errors of a setting, all of whose drives the bench has, beside the user's own."""
-    driven, others = bench.driven[amcl], bench.driven[own]
-    ratios = np.sqrt(driven.squares.mean(axis=2) / others.squares.mean(axis=2))
-    differences = driven.lost.mean(axis=2) - others.lost.mean(axis=2)
-    _, paths, drives = driven.squares.shape
-    means = bench.means(amcl, paths, drives)
-    levels = []
-    for n, level in enumerate(bench.levels):
-        squares, lost = driven.squares[n], driven.lost[n].astype(bool)
-        errors = np.concatenate([each for key, each in driven.errors.items() if key[0] == n])
-        levels.append(
-            AtLevel(
-                level,
-                float(means[n]),
-                of_geometric_mean(np.sqrt(squares.mean(axis=1))),
-                math.nan if lost.all() else float(np.sqrt(squares[~lost].mean())),
-                float(np.median(errors)),
-                wilson(float(lost.mean()), lost.size),
-                wilson(float(driven.off[n].mean()), lost.size),
-                of_geometric_mean(ratios[n]),
-                of_mean(differences[n]),
-            )
-        )
-    ratio = of_geometric_mean(np.exp(np.log(ratios).mean(axis=0)))
-    ms = 1e3 * float(driven.seconds.sum()) / (len(bench.levels) * drives)
-    metres = float(bench.lengths.sum())
-    return Judged(name, amcl, tuple(levels), ratio, ms / bench.updates(amcl), ms / metres)
