@@ -105,7 +105,7 @@ def test_a_stretch_is_tracked_as_a_drive_of_its_own(grid, drive):
 def test_poor_settings_are_bettered_on_stretches_that_nothing_was_chosen_on(tuned):
     assert tuned.own == POOR
     assert tuned.changes
-    assert tuned.winner.alpha1 < 1.0
+    assert tuned.winner.alpha2 < 1.0
     assert tuned.found.rmse_ratio.high < 1
     assert [level.name for level in tuned.levels] == ["recorded"]
     assert tuned.paths == 5

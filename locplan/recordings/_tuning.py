@@ -17,9 +17,10 @@ from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.matching import in_batches
+from locplan.recordings._odometry_noise import odometry_noise
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
-from locplan.robots import Amcl, Robot
+from locplan.robots import MODELS, Amcl, Robot
 from locplan.simulation import (
     BeamsLeft,
     DisturbanceLevel,
@@ -158,7 +159,25 @@ def tune_on_drive(
 
     name, notes = recording.source.file or "the drive", sparse_notes(recording, robot.amcl)
     own: Any = {"left": left, "others": others, "seed": seed, "progress": progress}
-    return search_settings(bench_of, robot, drives, drive=name, notes=notes, **own)
+    like = _calibrated(recording, robot.amcl)
+    return search_settings(bench_of, robot, drives, drive=name, notes=notes, like=like, **own)
+
+
+def _calibrated(recording: Recording, own: Amcl) -> list[Amcl]:
+    """The user's settings with the odometry's own alphas, which small ones are raised to."""
+    noise = odometry_noise(recording, own)
+    if noise is None:
+        return []
+    names = "alpha1", "alpha2", "alpha3", "alpha4"
+    fitted: dict[str, Any] = {
+        name: round(min(max(getattr(noise, name).value, 0.01), 5.0), 3) for name in names
+    }
+    often: dict[str, Any] = {"update_min_d": 0.1, "update_min_a": 0.1}
+    return [
+        replace(own, **fitted, laser_model_type=model, **more)
+        for model in MODELS
+        for more in ({}, often)
+    ]
 
 
 def _stretches(recording: Recording) -> list[slice]:

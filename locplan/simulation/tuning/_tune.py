@@ -1,6 +1,7 @@
 """AMCL's settings tuned by simulated drives along random shortest paths of a map.
 
-The search is successive halving; what of the best hardly matters is put back.
+The search is successive halving of settings drawn at random, then steps from the best ones along
+each axis; what of the best hardly matters is put back.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from locplan.simulation.tuning._results import OWN, Tuning
 from locplan.simulation.tuning._simulated_bench import SimulatedBench
 from locplan.simulation.tuning._space import (
     BeamsLeft,
+    beside,
     candidates,
     changed_axes,
     described,
@@ -35,6 +37,8 @@ from locplan.simulation.tuning._space import (
 WORSE, WORSE_AT_A_COST = math.log(1.02), math.log(1.1)
 """Increase of the logarithm of the error up to which a change is put back, and one that makes the
 filter compare more beams a metre."""
+STEPS = 3
+"""Maximum number of steps from the best two settings, each along every axis."""
 SEARCH, JUDGE, DRAW = 11, 12, 13
 """Streams of random numbers, from which the seeds of both sets of drives are drawn."""
 
@@ -131,6 +135,7 @@ def search_settings(
     progress: ProgressCallback | None,
     drive: str = "",
     notes: Sequence[str] = (),
+    like: Sequence[Amcl] = (),
 ) -> Tuning:
     """Search settings on one bench, and judge what was found on another.
 
@@ -155,6 +160,9 @@ def search_settings(
     notes : sequence of str, default ()
         What limits the result, beside the warnings.
 
+    like : sequence of Amcl, default ()
+        Settings that are tried besides those drawn at random.
+
     Returns
     -------
     Tuning
@@ -170,7 +178,8 @@ def search_settings(
     shares = 170, 200, 230, 130, 270
     steps = iter([scaled(*step) for step in zip(parts(progress, shares), shares, strict=True)])
     search = Search(bench(SEARCH), own, drives)
-    kept, frugal, best, without = search.run(candidates(own, random_of(seed, DRAW)), steps)
+    tried = candidates(own, random_of(seed, DRAW), like)
+    kept, frugal, best, without = search.run(tried, steps)
     defaults = nav2_defaults(own)
     names = {own: OWN, defaults: "Nav2's defaults"}  # the latter's name if they are the same
     for each in (kept, frugal, best):
@@ -224,7 +233,7 @@ class Search:
         # A quarter, then half of the paths and of the drives, and how many settings stay.
         self.parts = [
             (max(1, paths // part), max(1, drives // part), stay)
-            for part, stay in ((4, 24), (2, 5))
+            for part, stay in ((4, 16), (2, 5))
         ]
         self.last = paths, drives
         self.rungs: list[tuple[int, int, int]] = []
@@ -247,20 +256,38 @@ class Search:
         without : dict of str to float
             Error without each change of the best setting, relative to that with it, by axis.
         """
-        allowed = [amcl for amcl in settings if self.beams(amcl) <= self.beams(self.own)]
         staying = list(settings)
         for paths, drives, stay in self.parts:
             self.bench.drive(staying, paths, drives, self.strongest, next(progress))
             self.rungs.append((len(staying), paths, drives))
-            ranked = sorted(staying, key=lambda amcl: self._known(amcl, paths, drives))
-            few = [amcl for amcl in ranked if amcl in set(allowed)][:2]
-            staying = [*dict.fromkeys([*ranked[:stay], *few])]
+            ranked = self._ranked(staying, paths, drives)
+            staying = self._first(ranked, stay)
+        for _ in range(STEPS):
+            near = [each for amcl in staying[:2] for each in beside(self.own, amcl)]
+            self.bench.drive(near, paths, drives, self.strongest)
+            ranked = self._ranked([*ranked, *near], paths, drives)
+            if self._first(ranked, stay) == staying:
+                break
+            staying = self._first(ranked, stay)
         self.bench.drive(staying, *self.last, self.strongest, next(progress))
         self.rungs.append((len(staying), *self.last))
         best = self._least(staying)
-        frugal = self._least([amcl for amcl in staying if amcl in set(allowed)])
+        frugal = self._least([amcl for amcl in staying if self._is_frugal(amcl)])
         kept, without = self._put_back(best, next(progress))
         return kept, frugal, best, without
+
+    def _ranked(self, settings: Sequence[Amcl], paths: int, drives: int) -> list[Amcl]:
+        """The settings, the best first."""
+        every = dict.fromkeys(settings)
+        return sorted(every, key=lambda amcl: self._known(amcl, paths, drives))
+
+    def _first(self, ranked: Sequence[Amcl], count: int) -> list[Amcl]:
+        """The best, and the best two that compare no more beams than the user's own."""
+        frugal = [amcl for amcl in ranked if self._is_frugal(amcl)]
+        return [*dict.fromkeys([*ranked[:count], *frugal[:2]])]
+
+    def _is_frugal(self, amcl: Amcl) -> bool:
+        return self.beams(amcl) <= self.beams(self.own)
 
     def beams(self, amcl: Amcl) -> int:
         """Beams that a setting compares on one drive along every path."""
