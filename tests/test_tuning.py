@@ -154,6 +154,25 @@ def test_levels_scale_odometry_and_clutter_only():
     assert strong.start_sigma == robot.disturbances.start_sigma
 
 
+def test_what_happens_at_ten_times_the_errors_of_odometry_is_said(tuning):
+    assert [level.name for level in tuning.levels] == ["x1/3", "x1", "x3"]
+    beyond = tuning.found.beyond
+    assert beyond.level.name == "x10"
+    assert (beyond.level.odometry, beyond.level.clutter) == (10.0, 1.0)
+    assert beyond.rmse.value > tuning.found.levels[0].rmse.value
+    said = tuning.report().splitlines()[-2:]
+    assert f"at ten times: {beyond.rmse.value:.2g} m" in " ".join(said)
+
+
+def test_settings_for_poor_odometry_are_searched_at_ten_times_its_errors():
+    few = {"paths": 5, "drives": 2, "threads": 2}
+    own = Robot(LIDAR, filter=Amcl(min_particles=20, max_particles=20))
+    poor = tune(hall(), own, odometry="poor", **few)
+    assert [level.name for level in poor.levels] == ["x1", "x3", "x10"]
+    assert poor.found.beyond is None
+    assert "up to 10 times as bad" in poor.report()
+
+
 def test_random_paths_are_of_the_map_and_cut_to_length():
     cells = np.full((12, 500), FREE, np.uint8)
     cells[[0, -1]] = OCCUPIED
@@ -452,6 +471,7 @@ def test_results_are_written_and_drawn(tuning, tmp_path):
         ({"paths": 4}, "paths"),
         ({"drives": 1}, "drives"),
         ({"seed": -1}, "seed"),
+        ({"odometry": "good"}, "odometry must be one of usual, poor"),
         ({"robot": 3}, "robot must be a Robot"),
         ({"robot": Robot(footprint=30.0)}, "no cell where the robot fits"),
     ],

@@ -105,6 +105,8 @@ class Judged:
     """CPU time of the simulation a metre that is driven [ms]."""
     whole: WholeDrive | None = None
     """What it does on the whole of a recorded drive; None where paths were simulated."""
+    beyond: AtLevel | None = None
+    """Its errors at a level that is beyond those of the search, and decides nothing."""
 
     @property
     def worst(self) -> float:
@@ -134,10 +136,11 @@ def judged_beside(
     amcl: Amcl,
     own: Amcl,
     wholes: Mapping[Amcl, Drives | None],
+    searched: int,
 ) -> Judged:
     """Errors of a setting, all of whose drives the bench has, beside the user's own.
 
-    `wholes` are the replays of the whole of a recorded drive.
+    `wholes` are the replays of the whole of a recorded drive; the first `searched` levels decide.
     """
     whole, whole_of_own = wholes[amcl], wholes[own]
     driven, others = bench.driven[amcl], bench.driven[own]
@@ -162,9 +165,10 @@ def judged_beside(
                 of_mean(differences[n]),
             )
         )
-    ratio = of_geometric_mean(np.exp(np.log(ratios).mean(axis=0)))
+    ratio = of_geometric_mean(np.exp(np.log(ratios[:searched]).mean(axis=0)))
+    beyond = levels[searched] if levels[searched:] else None
     ms = 1e3 * float(driven.seconds.sum()) / (len(bench.levels) * drives)
     metres = float(bench.lengths.sum())
     on_whole = WholeDrive.of(whole, whole_of_own) if whole and whole_of_own else None
     costs = ms / bench.updates(amcl), ms / metres
-    return Judged(name, amcl, tuple(levels), ratio, *costs, on_whole)
+    return Judged(name, amcl, tuple(levels[:searched]), ratio, *costs, on_whole, beyond)

@@ -124,8 +124,9 @@ class Tuning(Result):
             where = "better at every level of disturbance"
         elif levels:
             where = f"clearly better at the levels {' and '.join(levels)} of disturbance"
-        middle = len(own.levels) // 2  # the one that was asked for
-        before, after = own.levels[middle], found.levels[middle]
+        # The level that was asked for, or the strongest one for poor odometry.
+        asked = 1 if own.levels[-1].level.odometry < 10 else -1
+        before, after = own.levels[asked], found.levels[asked]
         return (
             f"{changes}: RMSE {before.rmse.value:.2g} -> {after.rmse.value:.2g} m, off by"
             f" more than 1 m in {100 * before.lost.value:.0f} -> {after.lost.value:.0%}; {where};"
@@ -238,6 +239,7 @@ def tuning_report(tuning: Tuning) -> str:
         f"{tuning.robot.known_lidar.title}: {tuning.beams_left}",
         *(f"warning: {each}" for each in tuning.lints),
         tuning.conclusion,
+        *_holds_for(tuning),
     ]
     return "\n".join(lines)
 
@@ -262,11 +264,26 @@ def _explained(tuning: Tuning) -> str:
         )
     return (
         "RMSE of the position, and shares of the drives off by > 1 m at some time and by > 0.5 m"
-        " at the\ngoal, with a third of, once and three times odometry's errors, on"
+        " at the\ngoal, at multiples of odometry's errors, on"
         f" {tuning.paths} random paths, {tuning.drives} drives each, on which\nnothing was chosen;"
         " RMSE to A's over all levels [95 %]; ms: CPU time,"
         " with that of the simulated scan"
     )
+
+
+def _holds_for(tuning: Tuning) -> list[str]:
+    """For which odometry the settings hold, and what they do beyond it."""
+    if tuning.drive:
+        return []
+    judged = next(each for each in tuning.judged if each.amcl == tuning.winner)
+    most = f"{tuning.levels[-1].odometry:.0f}"
+    chosen = f"They were chosen for odometry up to {most} times as bad as that of this robot"
+    if (at := judged.beyond) is None:
+        return [f"{chosen}."]
+    return [
+        f"{chosen}; at ten times: {at.rmse.value:.2g} m, off by more than 1 m in"
+        f" {at.lost.value:.0%} (--odometry poor searches for that)."
+    ]
 
 
 def _gains(tuning: Tuning) -> list[str]:

@@ -19,16 +19,18 @@ from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import poses_along
 from locplan.simulation.tuning._bench import DisturbanceLevel, TuningBench
 
-LEVELS = (
-    DisturbanceLevel("x1/3", 1 / 3, 0.5),
-    DisturbanceLevel("x1", 1.0, 1.0),
-    DisturbanceLevel("x3", 3.0, 2.0),
-)
-"""The levels of disturbance; their names are those of the factor on odometry's errors."""
+ONCE, THRICE = DisturbanceLevel("x1", 1.0, 1.0), DisturbanceLevel("x3", 3.0, 2.0)
+TEN_TIMES = DisturbanceLevel("x10", 10.0, 1.0)
+LEVELS = {
+    "usual": (DisturbanceLevel("x1/3", 1 / 3, 0.5), ONCE, THRICE),
+    "poor": (ONCE, THRICE, TEN_TIMES),
+}
+"""The levels of disturbance, by the odometry that settings are to hold for; the names of levels are
+those of the factor on odometry's errors."""
 
 
 class SimulatedBench(TuningBench):
-    """Drives of settings in simulated worlds, at a third of, once and three times the disturbances.
+    """Drives of settings in simulated worlds, at some levels of disturbance.
 
     Parameters
     ----------
@@ -38,9 +40,11 @@ class SimulatedBench(TuningBench):
         The paths that are driven.
     drives : int
         Maximum number of drives along each path, at each level.
+    levels : sequence of DisturbanceLevel, optional
+        By default a third of, once and three times what was asked for.
     threads : int
         Number of threads.
-    lidar, levels, lines
+    lidar, lines
         See `TuningBench`; they follow from these.
     """
 
@@ -51,17 +55,18 @@ class SimulatedBench(TuningBench):
         paths: Sequence[Path],
         drives: int,
         *,
+        levels: Sequence[DisturbanceLevel] = LEVELS["usual"],
         filter_map: OccupancyGrid | None = None,
         seed: int,
         threads: int | None,
     ) -> None:
         own: Any = {"filter_map": filter_map, "seed": seed, "threads": threads}
-        self.simulators = [Simulator(grid, level.of(robot), **own) for level in LEVELS]
+        self.simulators = [Simulator(grid, level.of(robot), **own) for level in levels]
         first = self.simulators[0]
         self._lines = [first.line(poses_along(path, grid)) for path in paths]
         self._stages = [[each.stage([line]) for line in self._lines] for each in self.simulators]
         lines, lidar = [each.truth for each in self._lines], first.robot.known_lidar
-        super().__init__(grid, first.filter_map, lidar, LEVELS, lines, drives, seed, first.threads)
+        super().__init__(grid, first.filter_map, lidar, levels, lines, drives, seed, first.threads)
         self.lengths = np.array([path.length for path in paths])
 
     @staticmethod

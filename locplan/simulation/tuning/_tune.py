@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from locplan._util.checks import whole
+from locplan._util.checks import one_of, whole
 from locplan._util.intervals import random_of
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap
@@ -23,7 +23,7 @@ from locplan.simulation._simulator import Simulator
 from locplan.simulation.tuning._bench import TuningBench
 from locplan.simulation.tuning._judged import judged_beside
 from locplan.simulation.tuning._results import OWN, Tuning
-from locplan.simulation.tuning._simulated_bench import SimulatedBench
+from locplan.simulation.tuning._simulated_bench import LEVELS, TEN_TIMES, SimulatedBench
 from locplan.simulation.tuning._space import (
     BeamsLeft,
     beside,
@@ -49,6 +49,7 @@ def tune(
     *,
     paths: int = 20,
     drives: int = 8,
+    odometry: str = "usual",
     filter_map: OccupancyGrid | None = None,
     others: Mapping[str, object] | None = None,
     seed: int = 1,
@@ -77,6 +78,9 @@ def tune(
         them narrow the intervals.
     drives : int, default 8
         Number of drives along each path at each level, 2 to 100,000.
+    odometry : {"usual", "poor"}, default "usual"
+        "poor" searches for a robot whose odometry drifts up to ten times as much as that of
+        `robot`: at once, three and ten times its errors.
     filter_map : OccupancyGrid, optional
         The filter's map in the same frame, where it differs from `grid`; see `simulate`.
     others : mapping of str to object, optional
@@ -111,12 +115,21 @@ def tune(
     check_grid(grid)
     whole("paths", paths, TuningBench.fewest_paths, 1000)
     check_drives(drives)
+    one_of("odometry", odometry, LEVELS)
     about = Simulator(grid, robot, filter_map=filter_map, seed=seed, threads=threads)
     costs = Costmap.blank(grid, robot=about.robot)
 
     def bench_of(own_seed: int, judging: bool) -> SimulatedBench:
         lines = SimulatedBench.paths(costs, paths, own_seed)
-        own: Any = {"filter_map": filter_map, "seed": own_seed, "threads": threads}
+        levels = LEVELS[odometry]
+        if judging and TEN_TIMES not in levels:  # where they may no longer hold
+            levels = (*levels, TEN_TIMES)
+        own: Any = {
+            "levels": levels,
+            "filter_map": filter_map,
+            "seed": own_seed,
+            "threads": threads,
+        }
         return SimulatedBench(grid, about.robot, lines, drives, **own)
 
     left = BeamsLeft.on_map(about)
@@ -189,7 +202,7 @@ def search_settings(
     if kept.multiplies and not own.multiplies and (others or {}).get("do_beamskip"):
         skips = "do_beamskip becomes false with the laser model, since only this one reads it"
         warned = (f"{skips}, and it was not simulated",)
-    rungs = tuple(search.rungs)
+    rungs, searched = tuple(search.rungs), len(search.bench.levels)
     del search
     judge = bench(JUDGE)
     wholes = {each: judge.whole(each) for each in order}
@@ -198,7 +211,7 @@ def search_settings(
         judge.grid,
         robot,
         kept,
-        tuple(judged_beside(judge, names[each], each, own, wholes) for each in order),
+        tuple(judged_beside(judge, names[each], each, own, wholes, searched) for each in order),
         without,
         left,
         (*warned, *filter_warnings(own, judge.lidar, others), *left.warnings()),
