@@ -197,7 +197,7 @@ class tune(typed.OneMap, FilterMap, shared.DriveOptions, shared.Seeded, shared.O
     do not hold there, your file stays as it is. Recorded poses should be better than
     AMCL's.
 
-    This takes some three minutes on two cores, and more with more particles.
+    This takes some four minutes on two cores, and more with more particles.
     """
 
     paths: Annotated[int | None, Parameter(validator=Number(gte=5, lte=1000))] = None

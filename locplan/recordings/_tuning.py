@@ -173,11 +173,8 @@ def _calibrated(recording: Recording, own: Amcl) -> list[Amcl]:
         name: round(min(max(getattr(noise, name).value, 0.01), 5.0), 3) for name in names
     }
     often: dict[str, Any] = {"update_min_d": 0.1, "update_min_a": 0.1}
-    return [
-        replace(own, **fitted, laser_model_type=model, **more)
-        for model in MODELS
-        for more in ({}, often)
-    ]
+    models: list[dict[str, Any]] = [{"laser_model_type": model} for model in MODELS]
+    return [replace(own, **fitted, **model, **more) for model in models for more in ({}, often)]
 
 
 def _stretches(recording: Recording) -> list[slice]:

@@ -20,7 +20,7 @@ from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Amcl, Robot
 from locplan.simulation._drives import check_drives
 from locplan.simulation._simulator import Simulator
-from locplan.simulation.tuning._bench import TuningBench
+from locplan.simulation.tuning._bench import DisturbanceLevel, TuningBench
 from locplan.simulation.tuning._judged import judged_beside
 from locplan.simulation.tuning._results import OWN, Tuning
 from locplan.simulation.tuning._simulated_bench import LEVELS, TEN_TIMES, SimulatedBench
@@ -121,7 +121,7 @@ def tune(
 
     def bench_of(own_seed: int, judging: bool) -> SimulatedBench:
         lines = SimulatedBench.paths(costs, paths, own_seed)
-        levels = LEVELS[odometry]
+        levels: tuple[DisturbanceLevel, ...] = LEVELS[odometry]
         if judging and TEN_TIMES not in levels:  # where they may no longer hold
             levels = (*levels, TEN_TIMES)
         own: Any = {
@@ -187,8 +187,9 @@ def search_settings(
         return bench_of(own_seed, stream == JUDGE)
 
     own = robot.amcl
-    # Shares of the time that the three rungs, what is put back, and the judgement take.
-    shares = 170, 200, 230, 130, 270
+    # Shares of the time that the rungs, with the steps before the last one, what is put back, and
+    # the judgement take.
+    shares = 130, 120, *[50] * STEPS, 180, 130, 290
     steps = iter([scaled(*step) for step in zip(parts(progress, shares), shares, strict=True)])
     search = Search(bench(SEARCH), own, drives)
     tried = candidates(own, random_of(seed, DRAW), like)
@@ -205,8 +206,8 @@ def search_settings(
     rungs, searched = tuple(search.rungs), len(search.bench.levels)
     del search
     judge = bench(JUDGE)
-    wholes = {each: judge.whole(each) for each in order}
     judge.drive([*order], len(judge.lines), drives, progress=next(steps))
+    wholes = {each: judge.whole(each) for each in order}
     return Tuning(
         judge.grid,
         robot,
@@ -256,7 +257,7 @@ class Search:
     ) -> tuple[Amcl, Amcl, Amcl, dict[str, float]]:
         """Find the best of the settings, the first of which is the user's own.
 
-        `progress` has a callback for each rung and one for what is put back.
+        `progress` has a callback for each rung and step, and one for what is put back.
 
         Returns
         -------
@@ -275,9 +276,10 @@ class Search:
             self.rungs.append((len(staying), paths, drives))
             ranked = self._ranked(staying, paths, drives)
             staying = self._first(ranked, stay)
-        for _ in range(STEPS):
+        for each_step in [next(progress) for _ in range(STEPS)]:
             near = [each for amcl in staying[:2] for each in beside(self.own, amcl)]
-            self.bench.drive(near, paths, drives, self.strongest)
+            self.bench.drive(near, paths, drives, self.strongest, each_step)
+            self.rungs.append((len(near), paths, drives))
             ranked = self._ranked([*ranked, *near], paths, drives)
             if self._first(ranked, stay) == staying:
                 break
