@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 
 import numpy as np
 import pytest
@@ -62,8 +63,10 @@ def benches(grid, drive):
 
 def test_stretches_are_the_whole_drive_in_equal_parts(benches, grid, drive):
     (_, search), (_, judge) = benches
-    stretches = [each for pair in zip(search, judge, strict=True) for each in pair]
-    assert len(stretches) == 10  # every other one to search on, the others to judge by
+    *early, first_half = search  # all of the half that is searched on is one path more
+    np.testing.assert_array_equal(np.concatenate(early), first_half)
+    stretches = [*early, *judge]
+    assert len(stretches) == 10  # the first half to search on, the other to judge by
     np.testing.assert_allclose(np.concatenate(stretches), own_axes(grid, drive.poses))
     lengths = [float(np.hypot(*np.diff(each[:, :2], axis=0).T).sum()) for each in stretches]
     assert {round(each, 1) for each in lengths} <= {3.3, 3.4}
@@ -73,7 +76,7 @@ def test_a_drive_on_the_bench_is_the_replay_of_its_stretch(benches, grid, drive)
     bench, lines = benches[1]
     # Without noise all particles are one, whatever the random numbers.
     robot = Robot(filter=STILL, disturbances=Disturbances(start_sigma=0.0, start_sigma_deg=0.0))
-    begin = len(benches[0][1][0])
+    begin = len(benches[0][1][-1])
     stretch = drive[begin : begin + len(lines[0])]
     expected = replay(stretch, grid, robot, runs=2).drives.mean_squares[0]
     bench.drive([STILL], 1, 2)
@@ -102,7 +105,7 @@ def test_a_stretch_is_tracked_as_a_drive_of_its_own(grid, drive):
 def test_poor_settings_are_bettered_on_stretches_that_nothing_was_chosen_on(tuned):
     assert tuned.own == POOR
     assert tuned.changes
-    assert tuned.winner.alpha1 < 1.0
+    assert tuned.winner.alpha2 < 1.0
     assert tuned.found.rmse_ratio.high < 1
     assert [level.name for level in tuned.levels] == ["recorded"]
     assert tuned.paths == 5
@@ -112,13 +115,39 @@ def test_reports_speak_of_the_drive(tuned):
     text = tuned.report()
     assert "on 5 stretches of the drive, 2 replays each" in text
     assert "random paths" not in text
-    assert "it was not chosen on" in tuned.conclusion
+    assert "on the whole drive" in tuned.conclusion
+    assert "lost on 0% of the way; your settings: " in tuned.conclusion
     about = tuned.summary()
     assert (about["drive"], about["levels"]) == ("the drive", None)
     json.dumps(about, allow_nan=False)
     figure = tuning_figure(tuned)
     check_looks(figure, "tuning on a drive")
     assert "5 stretches of the drive, 2 replays each" in figure.get_suptitle().replace("\n", " ")
+
+
+def test_the_whole_drive_is_replayed_from_its_beginning(tuned, grid, drive):
+    whole, own = tuned.found.whole, tuned.judged[0].whole
+    assert whole.rmse.value < 0.2 < own.rmse.value
+    assert (whole.lost_way.value, whole.first_loss) == (0.0, math.inf)
+    runs = replay(drive, grid, Robot(filter=POOR), runs=8).drives
+    assert own.lost_way.value > 0.1
+    assert own.first_loss == pytest.approx(runs.first_loss, rel=1.0)
+    assert own.rmse_ratio.value == 1
+
+
+def test_what_fails_on_the_whole_drive_is_refused(tuned, tmp_path):
+    """However well it does on the stretches."""
+    interval = type(tuned.found.rmse_ratio)
+    worse = {"rmse_ratio": interval(1.2, 0.9, 1.5)}, {"lost_way_difference": 0.02}
+    for change in worse:
+        whole = dataclasses.replace(tuned.found.whole, **change)
+        found = dataclasses.replace(tuned.found, whole=whole)
+        judged = tuple(found if each is tuned.found else each for each in tuned.judged)
+        refused = dataclasses.replace(tuned, judged=judged)
+        assert refused.changes == {}
+        assert refused.conclusion.startswith("nothing that was tried holds on your drive: keep ")
+        refused.save(tmp_path / "out")
+        assert read_amcl(tmp_path / "out" / "nav2_params.yaml") == POOR
 
 
 def test_drives_that_nothing_can_be_tuned_on_are_refused(grid, drive):
@@ -133,7 +162,8 @@ def test_drives_that_nothing_can_be_tuned_on_are_refused(grid, drive):
 def test_sparse_scans_are_a_warning(grid, drive):
     own = Amcl(min_particles=20, max_particles=20)
     tuned = tune_on_drive(drive.every(5), grid, robot=Robot(filter=own), drives=2)
-    assert "every 0.5 m for lack of scans" in tuned.lints[0]
+    assert "every 0.5 m for lack of scans" in tuned.notes[0]
+    assert tuned.report().startswith("note: the filter updated every 0.5 m")
 
 
 def test_the_command_writes_tuned_parameters(tmp_path, grid, drive, monkeypatch, capsys):

@@ -186,8 +186,12 @@ def test_a_verdict_begins_with_lost_runs(replayed):
     assert replayed.verdict == replayed.consistency.sentence
     lost = dataclasses.replace(replayed, errors=replayed.errors + np.array([3.0, 0.0, 0.0]))
     assert lost.verdict.startswith(
-        "The filter is off by more than 1 m at some time in 100% of the runs;"
+        "The filter is off by more than 1 m at some time in 100% of the runs"
     )
+    assert "lost first after 0 m, near " in lost.verdict
+    assert "tune" not in lost.verdict  # these settings are not Nav2's, so they may be what it found
+    untuned = dataclasses.replace(lost, robot=dataclasses.replace(lost.robot, filter=Amcl()))
+    assert untuned.verdict.endswith("locplan tune --drive looks for settings that hold.")
 
 
 def test_a_filter_that_hardly_resamples_is_not_judged(grid, drive):
@@ -210,6 +214,11 @@ def test_sparse_scans_are_noted(grid, drive, replayed):
     assert replayed.notes == ()
     sparse = replay(drive.every(8), grid, robot=Robot(filter=SHARP), runs=2)
     assert "every 0.8 m for lack of scans, in place of every 0.25 m" in sparse.notes[0]
+    # They come first, and nothing is said of losses, which are the log's own.
+    first, *rest = sparse.report().splitlines()
+    assert first.startswith("This log has too few scans to tell how often the filter is lost")
+    assert "at some time" not in "".join(rest)
+    assert "overconfident" not in sparse.report()
 
 
 def test_drives_that_cannot_be_replayed_are_refused(grid, drive):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -186,15 +186,18 @@ class tune(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, sha
 
     Your own settings (--robot, or Nav2's defaults) and others drive along random
     shortest paths of the map in simulation, with a third of, once and three times
-    the errors of odometry. The best at its worst level is judged against yours on
-    other paths in other worlds. A copy of your file is written in which only those
-    values differ that gain, or none if nothing is clearly better; those of --set;
-    and do_beamskip, which is not simulated and is off where the laser model changes.
+    the errors of odometry, or up to ten times with --odometry poor. The best at its
+    worst level is judged against yours on other paths in other worlds. A copy of your
+    file is written in which only those values differ that gain, or none if nothing is
+    clearly better; those of --set; and do_beamskip, which is not simulated and is off
+    where the laser model changes.
 
-    With --drive, they are replayed on stretches of a recorded drive instead. Half
-    of these are kept for the judgement; recorded poses should be better than AMCL's.
+    With --drive, they are replayed on a recorded drive instead: chosen on its first
+    half, judged on the second, and on the whole of it from its beginning. Where they
+    do not hold there, your file stays as it is. Recorded poses should be better than
+    AMCL's.
 
-    This takes some three minutes on two cores, and more with more particles.
+    This takes some four minutes on two cores, and more with more particles.
     """
 
     paths: Annotated[int | None, Parameter(validator=Number(gte=5, lte=1000))] = None
@@ -202,6 +205,9 @@ class tune(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, sha
     default. The time grows with it."""
     drives: typed.Pair = 8
     """Number of drives along each path, at each level of disturbance; 8 by default."""
+    odometry: Literal["usual", "poor"] | None = None
+    """Odometry that the settings are to hold for: "poor" drifts up to ten times as much as the
+    robot's own, and "usual", the default, up to three times."""
 
     def __call__(self) -> None:
         self.check_drive()
@@ -211,9 +217,9 @@ class tune(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, sha
             locplan.simulation.check_tunable(params)
         # The table says what works badly, which other commands warn of.
         others = locplan.robots.read_parameters(params).of("amcl")
-        every = self.given("paths", "drives", shared.Seeded) | {"others": others}
+        every = self.given("paths", "drives", "odometry", shared.Seeded) | {"others": others}
         if self.drive:
-            self.refuse("with --drive", "paths")
+            self.refuse("with --drive", "paths", "odometry")
             grid, recording = self.on_map([self.map_file])
             robot = self.robot_on(recording)
         else:

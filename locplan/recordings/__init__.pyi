@@ -25,5 +25,5 @@ from ._reference import referenced as referenced, trajectory_of as trajectory_of
 from ._replay import Consistency as Consistency, Replay as Replay, replay as replay
 from ._scan_noise import ScanNoise as ScanNoise, scan_noise as scan_noise
 from ._smoothing import smooth as smooth
-from ._tracks import tune_on_drive as tune_on_drive
 from ._trajectory import Jump as Jump, Trajectory as Trajectory
+from ._tuning import tune_on_drive as tune_on_drive

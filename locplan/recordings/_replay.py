@@ -31,7 +31,15 @@ from locplan.matching import in_batches
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
 from locplan.robots import Robot
-from locplan.simulation import DRIVEN, PROFILE, Drives, about_filter, check_filter_map
+from locplan.simulation import (
+    DRIVEN,
+    PROFILE,
+    RATES,
+    Drives,
+    about_filter,
+    check_filter_map,
+    is_untuned,
+)
 
 
 @dataclass(frozen=True)
@@ -157,13 +165,33 @@ class Replay(Result):
     @property
     def verdict(self) -> str:
         """What this means for the filter's user: whether it is lost, and if it knows its errors."""
-        lost = self.drives.lost_rate.value
+        drives, lost = self.drives, self.drives.lost_rate.value
+        if self.is_sparse:
+            return (
+                f"This log has too few scans to tell how often the filter is lost: {self.notes[0]}."
+                " Record every scan."
+            )
         if lost < 0.05:
             return self.consistency.sentence
-        return (
-            f"The filter is off by more than 1 m at some time in {lost:.0%} of the runs; locplan"
-            f" tune --drive looks for settings that hold. {self.consistency.sentence}"
+        said = (
+            f"The filter is off by more than 1 m at some time in {lost:.0%} of the runs, and on"
+            f" {drives.lost_way.value:.0%} of the way."
         )
+        if math.isfinite(drives.first_loss):
+            at = int(np.searchsorted(drives.distance, drives.first_loss))
+            x, y, _ = self.recording.poses[at].tolist()
+            said += f" It is lost first after {drives.first_loss:.0f} m, near {x:.1f},{y:.1f}."
+        if is_untuned(self.robot.amcl):
+            return f"{said} locplan tune --drive looks for settings that hold."
+        return (
+            f"{said} Look there: whether the map is right, how few scans fit it (locplan evaluate"
+            " --drive), and how far odometry drifts (locplan calibrate --drive)."
+        )
+
+    @property
+    def is_sparse(self) -> bool:
+        """True if the log has so few scans that losses of the filter are the log's own."""
+        return bool(sparse_notes(self.recording, self.robot.amcl))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -285,6 +313,8 @@ def replay_report(replay: Replay) -> str:
     """Table of the errors against the recorded poses, and of the filter's consistency."""
     found, within = replay.consistency, replay.consistency.within
     share = f"{within.value:.0%}" if np.isnan(within.low) else in_percent(within)
+    # A rate of losses would be that of the log's lack of scans, not of the filter.
+    shown = [each for each in DRIVEN if each not in RATES or not replay.is_sparse]
     of_filter = [
         ("within the 95% ellipse", share),
         ("rms deviation by the filter", in_metres(found.filter_std)),
@@ -293,8 +323,8 @@ def replay_report(replay: Replay) -> str:
         ("map", replay.grid.name),
         ("drive", repr(replay.recording)),
         ("runs", f"{len(replay.errors)}, each of {found.updates} updates"),
-        *Table.of(DRIVEN, [replay.drives]).turned(),
-        *(of_filter if found.updates else ()),
+        *Table.of(shown, [replay.drives]).turned(),
+        *(of_filter if found.updates and not replay.is_sparse else ()),
         *(("note", note) for note in replay.notes),
     ]
     about = (
@@ -302,4 +332,5 @@ def replay_report(replay: Replay) -> str:
         f" stretches of\n10 m]; with {replay.robot.title}"
     )
     said = textwrap.fill(replay.verdict, REPORT_WIDTH, break_on_hyphens=False)
-    return "\n".join([table([], rows), about, said])
+    lines = [said, table([], rows), about] if replay.is_sparse else [table([], rows), about, said]
+    return "\n".join(lines)

@@ -69,13 +69,14 @@ from .choice._driven import Candidate as Candidate, Driven as Driven
 from .choice._race import Judgement as Judgement, Scores as Scores, judged as judged
 from .tuning._bench import (
     DisturbanceLevel as DisturbanceLevel,
-    SimulatedBench as SimulatedBench,
     TuningBench as TuningBench,
 )
 from .tuning._results import Tuning as Tuning
+from .tuning._simulated_bench import SimulatedBench as SimulatedBench
 from .tuning._space import (
     BeamsLeft as BeamsLeft,
     check_tunable as check_tunable,
     filter_warnings as filter_warnings,
+    is_untuned as is_untuned,
 )
 from .tuning._tune import search_settings as search_settings, tune as tune

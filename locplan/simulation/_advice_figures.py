@@ -171,45 +171,54 @@ def tuning_figure(tuning: Tuning) -> Figure:
     figure.key(errors.get_legend_handles_labels()[0], ncols=2)
     what = f"stretches of {tuning.drive}" if tuning.drive else "random paths"
     runs = "replays" if tuning.drive else "drives"
-    verdict = "" if tuning.changes else f"; nothing is clearly better than {tuning.judged[0].name}"
-    figure.title(
+    about = (
         f"{tuning.grid.name or 'map'}, {tuning.robot.known_lidar.title}: {tuning.paths} {what},"
-        f" {tuning.drives} {runs} each, that nothing was chosen on{verdict}"
+        f" {tuning.drives} {runs} each, that nothing was chosen on"
     )
+    verdict = "" if tuning.changes else f"; nothing is clearly better than {tuning.judged[0].name}"
+    if tuning.drive:  # the answer first
+        verdict = tuning.conclusion
+    figure.title(". ".join(filter(None, [verdict, about])) if tuning.drive else about + verdict)
     return figure
 
 
 def _draw_judged(errors: Axes, lost: Axes, tuning: Tuning) -> None:
     """The error and the share of lost drives at each level, beside each other by setting."""
-    at = np.arange(len(tuning.levels))
+    names = [level.name for level in tuning.levels]
+    if tuning.drive:
+        names = ["whole drive", "stretches"]
+    at = np.arange(len(names))
     count = len(tuning.judged)
     for n, (each, (colour, marker)) in enumerate(zip(tuning.judged, itertools.cycle(MAP_MARKS))):
         aside = at + 0.14 * (n - (count - 1) / 2)
         cpu = each.cpu_ms_per_metre / tuning.judged[0].cpu_ms_per_metre
         label = f"{each.name}, CPU x{cpu:.2g}" if n else each.name
-        label = textwrap.fill(label, 46, break_on_hyphens=False)
+        label, whole = textwrap.fill(label, 46, break_on_hyphens=False), each.whole
         for axes, intervals, factor in (
-            (errors, [level.rmse for level in each.levels], 1.0),
-            (lost, [level.lost for level in each.levels], 100.0),
+            (errors, [*([whole.rmse] if whole else []), *(n.rmse for n in each.levels)], 1.0),
+            (lost, [*([whole.lost_way] if whole else []), *(n.lost for n in each.levels)], 100.0),
         ):
             value, low, high = factor * np.array(intervals).T
-            axes.plot(aside, value, linewidth=0.8, alpha=0.5, color=colour)
+            if not tuning.drive:
+                axes.plot(aside, value, linewidth=0.8, alpha=0.5, color=colour)
             below, above = np.nan_to_num(value - low), np.nan_to_num(high - value)
             bars = np.maximum([below, above], 0)
             axes.errorbar(aside, value, bars, fmt="none", ecolor=colour, elinewidth=1.5)
             axes.plot(aside, value, marker, color=colour, label=label)
     for axes in (errors, lost):
-        axes.set_xticks(at, [level.name for level in tuning.levels])
+        axes.set_xticks(at, names)
         if not tuning.drive:
             axes.set_xlabel("odometry's errors, relative to those asked")
         axes.grid(axis="y", color="0.92")
         axes.margins(x=0.1)
-    parts, runs = ("stretches", "replays") if tuning.drive else ("paths", "drives")
-    errors.set_title(f"geometric mean over the {parts}, 95 %", fontsize="medium")
-    lost.set_title(f"share of all {runs}, 95 %", fontsize="medium")
+    parts, share, runs = "the paths", "all drives", "drives off by > 1 m at some time [%]"
+    if tuning.drive:
+        parts, share, runs = "replays or stretches", "the way, or of replays", "off by > 1 m [%]"
+    errors.set_title(f"geometric mean over {parts}, 95 %", fontsize="medium")
+    lost.set_title(f"share of {share}, 95 %", fontsize="medium")
     plotting.make_logarithmic(errors.yaxis)
     errors.set_ylabel("RMSE of the position [m]")
-    lost.set_ylabel(f"{runs} off by > 1 m at some time [%]")
+    lost.set_ylabel(runs)
     lost.set_ylim(bottom=-0.04 * lost.get_ylim()[1])
 
 

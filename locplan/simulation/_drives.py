@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import whole
-from locplan._util.intervals import Interval, of_geometric_mean, of_median, of_rms, wilson
+from locplan._util.intervals import Interval, of_geometric_mean, of_mean, of_median, of_rms, wilson
 from locplan._util.poses import Numbers, Poses, way_along
 from locplan._util.records import POSE, Column, Table
 from locplan._util.tables import finite
@@ -172,6 +172,18 @@ class Drives:
     def off_at_goal(self) -> Interval:
         """Share of the drives that are off by more than 0.5 m where they end, 0..1."""
         return wilson(float(self.off.mean()), len(self.off))
+
+    @property
+    def lost_way(self) -> Interval:
+        """Share of the poses at which the robot was off by more than 1 m, 0..1."""
+        return of_mean((self.position_error > LOST).mean(axis=1))
+
+    @property
+    def first_loss(self) -> float:
+        """Median distance [m] when first off by more than 1 m; infinite if half never were."""
+        away = self.position_error > LOST
+        at = self.distance[away.argmax(axis=1)]
+        return float(np.median(np.where(away.any(axis=1), at, np.inf)))
 
     @property
     def final_rmse(self) -> Interval:

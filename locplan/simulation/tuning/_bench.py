@@ -17,14 +17,9 @@ from numpy.typing import NDArray
 from locplan._util.checks import FARTHEST
 from locplan._util.poses import Numbers, Poses, way_length
 from locplan._util.progress import ProgressCallback
-from locplan.costs import Costmap, Path
-from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid
-from locplan.planners import plan, random_queries
 from locplan.robots import Amcl, Lidar, Robot, score_values
-from locplan.simulation._drives import FLOOR, LOST, OFF, DriveArguments, drive_arguments
-from locplan.simulation._simulator import Simulator
-from locplan.simulation._worlds import poses_along
+from locplan.simulation._drives import FLOOR, LOST, OFF, Drives
 
 
 @dataclass(frozen=True)
@@ -57,14 +52,6 @@ class DisturbanceLevel:
     def to_json(self) -> str:
         """The name, which files have for it."""
         return self.name
-
-
-LEVELS = (
-    DisturbanceLevel("x1/3", 1 / 3, 0.5),
-    DisturbanceLevel("x1", 1.0, 1.0),
-    DisturbanceLevel("x3", 3.0, 2.0),
-)
-"""The levels of disturbance; their names are those of the factor on odometry's errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +128,16 @@ class TuningBench(ABC):
         arguments : object
             What `arguments` gave for the level.
         """
+
+    def whole(self, amcl: Amcl) -> Drives | None:
+        """Replays of all of a recorded drive from its beginning; None of simulated paths.
+
+        Parameters
+        ----------
+        amcl : Amcl
+            The setting.
+        """
+        return None
 
     def scores(self, amcl: Amcl) -> NDArray[np.float32]:
         """Scores of beams on the map, which many settings share, for `drive_arguments`.
@@ -249,93 +246,3 @@ class TuningBench(ABC):
             into.squares[level, path, n] = (position**2).mean()
             into.errors[level, path, n] = position[::8].astype(np.float32)
         return len(drives)
-
-
-class SimulatedBench(TuningBench):
-    """Drives of settings in simulated worlds, at a third of, once and three times the disturbances.
-
-    Parameters
-    ----------
-    grid, robot, filter_map, seed
-        See `Simulator`; all settings have the same worlds and seeds.
-    paths : sequence of Path
-        The paths that are driven.
-    drives : int
-        Maximum number of drives along each path, at each level.
-    threads : int
-        Number of threads.
-    lidar, levels, lines
-        See `TuningBench`; they follow from these.
-    """
-
-    def __init__(
-        self,
-        grid: OccupancyGrid,
-        robot: Robot,
-        paths: Sequence[Path],
-        drives: int,
-        *,
-        filter_map: OccupancyGrid | None = None,
-        seed: int,
-        threads: int | None,
-    ) -> None:
-        own: Any = {"filter_map": filter_map, "seed": seed, "threads": threads}
-        self.simulators = [Simulator(grid, level.of(robot), **own) for level in LEVELS]
-        first = self.simulators[0]
-        self._lines = [first.line(poses_along(path, grid)) for path in paths]
-        self._stages = [[each.stage([line]) for line in self._lines] for each in self.simulators]
-        lines, lidar = [each.truth for each in self._lines], first.robot.known_lidar
-        super().__init__(grid, first.filter_map, lidar, LEVELS, lines, drives, seed, first.threads)
-        self.lengths = np.array([path.length for path in paths])
-
-    @staticmethod
-    def paths(costs: Costmap, count: int, seed: int) -> list[Path]:
-        """Shortest paths of random queries, or parts of them, of 8 to 16 m where the map allows.
-
-        Parameters
-        ----------
-        costs : Costmap
-            Costmap that is blocked where the robot does not fit.
-        count : int
-            Number of paths.
-        seed : int
-            Seed of the random numbers.
-
-        Raises
-        ------
-        ConfigError
-            If no two positions of the map that are joined lie 2 m apart.
-        """
-        for least in (8.0, 4.0, 2.0):  # the first that the map is large enough for
-            try:
-                queries = random_queries(costs, count, seed, min_distance=least)
-                break
-            except ConfigError as error:
-                fault = str(error).split(";")[0]
-        else:
-            raise ConfigError(f"{fault}; give a larger map, or a smaller robot")
-        random = np.random.default_rng(seed)
-        found = (plan(costs, each.start, each.goal).path for each in queries)
-        return [_cut(path, random.random()) for path in found if path is not None]
-
-    def arguments(self, amcl: Amcl) -> list[DriveArguments]:
-        scores = self.scores(amcl)
-        return [
-            drive_arguments(each.filter_map, replace(each.robot, filter=amcl), scores=scores)
-            for each in self.simulators
-        ]
-
-    def errors(self, level: int, path: int, drive: int, arguments: DriveArguments) -> Numbers:
-        stage = self._stages[level][path]
-        return stage.drive(self._lines[path], stage.world(path, drive), path, drive, arguments)
-
-
-def _cut(path: Path, where: float) -> Path:
-    """Part of a path as long as a bench drives; `where` it begins is a number in 0..1."""
-    spare = path.length - TuningBench.longest
-    if spare <= 0:
-        return path
-    first, last = where * spare, where * spare + TuningBench.longest
-    inner = path.distance[(path.distance > first) & (path.distance < last)]
-    at = np.concatenate([[first], inner, [last]])
-    return Path(np.column_stack([np.interp(at, path.distance, v) for v in path.xy.T]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from locplan.robots import Amcl, Robot
 from locplan.simulation._drives import RATES
 from locplan.simulation._worlds import about_filter
 from locplan.simulation.tuning._bench import DisturbanceLevel
+from locplan.simulation.tuning._judged import Judged, WholeDrive
 from locplan.simulation.tuning._space import (
     Axis,
     BeamsLeft,
@@ -30,66 +32,6 @@ from locplan.simulation.tuning._space import (
 
 OWN = "your settings"
 """Name of the user's settings, which may be Nav2's defaults."""
-
-
-@dataclass(frozen=True)
-class AtLevel:
-    """Errors of one setting at one level of disturbance; intervals are over the paths."""
-
-    level: DisturbanceLevel
-    """The level, as factors on the disturbances that were asked for."""
-    m: float
-    """Mean over the drives of 0.5 ln(mean square position error [m^2] + 1e-6)."""
-    rmse: Interval
-    """RMSE of the position along a path: geometric mean over the paths [m]."""
-    kept_rmse: float
-    """Root mean square position error of the drives never off by more than 1 m [m]."""
-    median_error: float
-    """Median of the position error on the way [m]."""
-    lost: Interval
-    """Share of the drives that were off by more than 1 m at some time."""
-    off_at_goal: Interval
-    """Share of the drives that were off by more than 0.5 m at the end."""
-    rmse_ratio: Interval
-    """Ratio of the RMSE to that of the user's settings: geometric mean over the paths."""
-    lost_difference: Interval
-    """Share of lost drives minus that of the user's settings: mean over the paths."""
-
-
-@dataclass(frozen=True)
-class Judged:
-    """One setting, judged at every level of disturbance."""
-
-    derived: ClassVar[tuple[str, ...]] = ("worst", "better", "better_at_every_level")
-
-    name: str
-    """Name in tables: whose settings they are, or what differs from the user's own."""
-    amcl: Amcl
-    """The setting."""
-    levels: tuple[AtLevel, ...]
-    """Its errors at each level of disturbance."""
-    rmse_ratio: Interval
-    """Ratio of the RMSE to that of the user's settings: geometric mean over levels and paths."""
-    cpu_ms_per_update: float
-    """CPU time of the simulation an update of the filter, the scan included [ms]."""
-    cpu_ms_per_metre: float
-    """CPU time of the simulation a metre that is driven [ms]."""
-
-    @property
-    def worst(self) -> float:
-        """The greatest m of all levels, which tuning minimises."""
-        return max(each.m for each in self.levels)
-
-    @property
-    def better(self) -> bool:
-        """True if it is better than the user's settings over all levels, and harms at none."""
-        harm = any(each.rmse_ratio.low > 1 or each.lost_difference.low > 0 for each in self.levels)
-        return self.rmse_ratio.high < 1 and not harm
-
-    @property
-    def better_at_every_level(self) -> bool:
-        """True if it is better than the user's settings at every level of disturbance."""
-        return self.better and all(each.rmse_ratio.high < 1 for each in self.levels)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -129,6 +71,8 @@ class Tuning(Result):
     """Name of the recorded drive, whose stretches are the paths; empty if they were simulated."""
     filter_map: OccupancyGrid | None = None
     """The filter's map, where it is not `grid`."""
+    notes: tuple[str, ...] = ()
+    """What limits the result, in sentences without a full stop."""
 
     def __repr__(self) -> str:
         changes = described(self.own, self.winner)
@@ -167,6 +111,8 @@ class Tuning(Result):
         if found is own:
             return f"nothing found is better than {own.name}: keep them"
         changes = described(self.own, found.amcl)
+        if found.whole and own.whole:
+            return self._of_drive(changes, found.whole, own.whole)
         if not found.better:
             return (
                 f"nothing is clearly better than {own.name}: keep them (the best found, {changes},"
@@ -174,19 +120,29 @@ class Tuning(Result):
             )
         levels = [each.level.name for each in found.levels if each.rmse_ratio.high < 1]
         where = "better over all levels of disturbance together"
-        if self.drive:
-            where = "better on stretches of the drive that it was not chosen on"
-        elif found.better_at_every_level:
+        if found.better_at_every_level:
             where = "better at every level of disturbance"
         elif levels:
             where = f"clearly better at the levels {' and '.join(levels)} of disturbance"
-        middle = len(own.levels) // 2  # the one that was asked for
-        before, after = own.levels[middle], found.levels[middle]
+        # The level that was asked for, or the strongest one for poor odometry.
+        asked = 1 if own.levels[-1].level.odometry < 10 else -1
+        before, after = own.levels[asked], found.levels[asked]
         return (
             f"{changes}: RMSE {before.rmse.value:.2g} -> {after.rmse.value:.2g} m, off by"
             f" more than 1 m in {100 * before.lost.value:.0f} -> {after.lost.value:.0%}; {where};"
             f" {found.cpu_ms_per_metre / own.cpu_ms_per_metre:.1f} times the CPU"
         )
+
+    def _of_drive(self, changes: str, found: WholeDrive, own: WholeDrive) -> str:
+        """The conclusion of a recorded drive."""
+        said = f"on the whole drive {found.sentence}; {OWN}: {own.sentence}"
+        if self.found.better:
+            cpu = self.found.cpu_ms_per_metre / self.judged[0].cpu_ms_per_metre
+            return f"{changes}: {said}; {cpu:.1f} times the CPU"
+        kept = f"keep {self.judged[0].name} (the best found, {changes}, {said})"
+        if found.better:
+            return f"nothing is clearly better on the half that nothing was chosen on: {kept}"
+        return f"nothing that was tried holds on your drive: {kept}"
 
     def changed_axes(self) -> list[Axis]:
         """What the search changed."""
@@ -239,6 +195,7 @@ class Tuning(Result):
             "changes": self.changes,
             "judged": tree_of(self.judged),
             "rmse_ratio_without": dict(self.contributions),
+            "notes": list(self.notes),
             "warnings": list(self.lints),
             "beams_compared": self.beams_left.compared,
             "beams_returned": self.beams_left.returned,
@@ -254,23 +211,27 @@ class Tuning(Result):
 
 def tuning_report(tuning: Tuning) -> str:
     """Table of the settings that were judged, the warnings, and the conclusion."""
-    head = ["", *(level.name for level in tuning.levels), "RMSE to A's", "ms/update", "ms/m"]
+    levels = [level.name for level in tuning.levels]
+    at = ["whole drive", "first off", "stretches"] if tuning.drive else levels
+    head = ["", *at, "RMSE to A's", "ms/update", "ms/m"]
     rows, names = [], []
     for letter, each in zip(ascii_uppercase, tuning.judged, strict=False):
         rows.append(
             [
                 letter,
+                *_of_whole(each.whole),
                 *(
                     f"{at.rmse.value:.2g} m {at.lost.value:.0%} {at.off_at_goal.value:.0%}"
                     for at in each.levels
                 ),
-                "1" if each is tuning.judged[0] else _short(each.rmse_ratio),
+                "1" if each is tuning.judged[0] else _short((each.whole or each).rmse_ratio),
                 f"{each.cpu_ms_per_update:.2f}",
                 f"{each.cpu_ms_per_metre:.2f}",
             ]
         )
         names.append(f"{letter}: {_name(tuning, each)}")
     lines = [
+        *(f"note: {each}" for each in tuning.notes),
         table(head, rows),
         *names,
         _explained(tuning),
@@ -278,26 +239,51 @@ def tuning_report(tuning: Tuning) -> str:
         f"{tuning.robot.known_lidar.title}: {tuning.beams_left}",
         *(f"warning: {each}" for each in tuning.lints),
         tuning.conclusion,
+        *_holds_for(tuning),
     ]
     return "\n".join(lines)
+
+
+def _of_whole(whole: WholeDrive | None) -> list[str]:
+    """Cells of the whole drive, or none."""
+    if whole is None:
+        return []
+    first = f"{whole.first_loss:.0f} m" if math.isfinite(whole.first_loss) else "never"
+    return [f"{whole.rmse.value:.2g} m {whole.lost_way.value:.0%}", first]
 
 
 def _explained(tuning: Tuning) -> str:
     """What the table's numbers are."""
     if tuning.drive:
         return (
-            "RMSE of the position, and shares of the replays off by > 1 m at some time and by"
-            " > 0.5 m at the end,\nagainst the recorded poses, on"
-            f" {tuning.paths} stretches of {tuning.drive}, {tuning.drives} replays each, on which"
-            " nothing was chosen;\nRMSE to A's [95 % over the stretches]; ms: CPU time"
+            "RMSE of the position against the recorded poses, on the whole drive with the share of"
+            " the way\noff by > 1 m and where it began, and with the shares of replays off by > 1 m"
+            f" and by > 0.5 m at the\nend, on {tuning.paths} stretches of {tuning.drive},"
+            f" {tuning.drives} replays each, on which nothing was chosen;\nRMSE to A's on the whole"
+            " drive [95 % over the replays]; ms: CPU time"
         )
     return (
         "RMSE of the position, and shares of the drives off by > 1 m at some time and by > 0.5 m"
-        " at the\ngoal, with a third of, once and three times odometry's errors, on"
+        " at the\ngoal, at multiples of odometry's errors, on"
         f" {tuning.paths} random paths, {tuning.drives} drives each, on which\nnothing was chosen;"
         " RMSE to A's over all levels [95 %]; ms: CPU time,"
         " with that of the simulated scan"
     )
+
+
+def _holds_for(tuning: Tuning) -> list[str]:
+    """For which odometry the settings hold, and what they do beyond it."""
+    if tuning.drive:
+        return []
+    judged = next(each for each in tuning.judged if each.amcl == tuning.winner)
+    most = f"{tuning.levels[-1].odometry:.0f}"
+    chosen = f"They were chosen for odometry up to {most} times as bad as that of this robot"
+    if (at := judged.beyond) is None:
+        return [f"{chosen}."]
+    return [
+        f"{chosen}; at ten times: {at.rmse.value:.2g} m, off by more than 1 m in"
+        f" {at.lost.value:.0%} (--odometry poor searches for that)."
+    ]
 
 
 def _gains(tuning: Tuning) -> list[str]:

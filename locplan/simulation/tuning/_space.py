@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +33,8 @@ from locplan.simulation._simulator import BEAMS, Simulator
 Value = float | str
 """A value of a parameter."""
 OURS = ("half_cell", "robot_model_type")
+ALPHAS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+"""Noise of odometry that is tried."""
 NAMES = tuple(each.name for each in dataclasses.fields(Amcl) if each.name not in OURS)
 """Parameters that are both Nav2's and simulated."""
 
@@ -45,8 +47,9 @@ class Axis:
     """Name in tables."""
     fields: tuple[str, ...]
     """Names of the parameters."""
-    values: tuple[Value, ...]
-    """Values that are tried besides the user's own."""
+    values: tuple[Value | tuple[Value, ...], ...]
+    """Values that are tried besides the user's own, in order: one for all of the parameters, or
+    one for each."""
 
     def of(self, amcl: Amcl) -> tuple[Value, ...]:
         """Values of these parameters."""
@@ -55,8 +58,19 @@ class Axis:
     def choices(self, own: Amcl) -> list[tuple[Value, ...]]:
         """Values to try: the user's own first, which take the place of listed ones near them."""
         mine = self.of(own)
-        listed = [(value,) * len(self.fields) for value in self.values]
+        listed = [self._each(value) for value in self.values]
         return [mine, *(each for each in listed if not all(map(_near, each, mine)))]
+
+    def beside(self, amcl: Amcl, own: Amcl) -> list[tuple[Value, ...]]:
+        """Values to try beside those of a setting: the next ones, and the user's own."""
+        at, mine = self.of(amcl), self.of(own)
+        choices: list[Any] = sorted({at, *self.choices(own)})
+        n = choices.index(at)
+        near = dict.fromkeys([*choices[max(0, n - 1) : n + 2], mine])
+        return [each for each in near if each != at]
+
+    def _each(self, value: Value | tuple[Value, ...]) -> tuple[Value, ...]:
+        return value if isinstance(value, tuple) else (value,) * len(self.fields)
 
     def put(self, amcl: Amcl, values: tuple[Value, ...]) -> Amcl:
         """Copy of the settings with these values."""
@@ -79,34 +93,56 @@ def _near(one: Value, other: Value) -> bool:
 
 def axes_of(own: Amcl) -> tuple[Axis, ...]:
     """What is searched for a robot: the omnidirectional motion model has one alpha more."""
-    count = 5 if own.robot_model_type == OMNIDIRECTIONAL else 4
-    alphas = tuple(f"alpha{n + 1}" for n in range(count))
+    sideways = ("alpha5",) * (own.robot_model_type == OMNIDIRECTIONAL)
     return (
-        Axis("alphas", alphas, (0.2, 0.1, 0.05, 0.02)),
+        Axis("turn alphas", ("alpha1", "alpha4"), ALPHAS),
+        Axis("way alphas", ("alpha2", "alpha3", *sideways), ALPHAS),
         Axis("laser_model_type", ("laser_model_type",), MODELS),
-        Axis("update_min_d", ("update_min_d",), (0.25, 0.1)),
+        Axis("update_min_d", ("update_min_d",), (0.1, 0.25)),
+        Axis("update_min_a", ("update_min_a",), (0.1, 0.2)),
         Axis("max_beams", ("max_beams",), (30, 60, 120, 180)),
-        Axis("sigma_hit", ("sigma_hit",), (0.1, 0.2)),
+        Axis("sigma_hit", ("sigma_hit",), (0.05, 0.1, 0.2)),
+        Axis("z_hit and z_rand", ("z_hit", "z_rand"), ((0.5, 0.5), (0.8, 0.2), (0.95, 0.05))),
     )
 
 
-def candidates(own: Amcl, random: np.random.Generator, most: int = 128) -> list[Amcl]:
-    """Settings to try, the user's own first; of more than `most`, some are drawn at random."""
-    every = [own]
-    for axis in axes_of(own):
-        every = [
-            axis.put(amcl, values) for amcl, values in itertools.product(every, axis.choices(own))
-        ]
-    if len(every) > most:
-        drawn = 1 + random.choice(len(every) - 1, most - 1, replace=False)
-        every = [own, *(every[n] for n in np.sort(drawn))]
-    return every
+def candidates(
+    own: Amcl, random: np.random.Generator, like: Sequence[Amcl] = (), most: int = 128
+) -> list[Amcl]:
+    """Settings to try: the user's own, those that are given, and others drawn at random."""
+    axes = axes_of(own)
+    choices = [axis.choices(own) for axis in axes]
+    every = dict.fromkeys([own, *like])
+    for _ in range(10 * most):
+        drawn = own
+        for axis, values in zip(axes, choices, strict=True):
+            drawn = axis.put(drawn, values[int(random.integers(len(values)))])
+        every[drawn] = None
+        if len(every) == most:
+            break
+    return [*every]
+
+
+def beside(own: Amcl, amcl: Amcl) -> list[Amcl]:
+    """Settings that differ from one by a step along one axis."""
+    return [axis.put(amcl, values) for axis in axes_of(own) for values in axis.beside(amcl, own)]
 
 
 def nav2_defaults(own: Amcl) -> Amcl:
     """Nav2's defaults, with what is no parameter of Nav2 as in the user's own settings."""
     values: dict[str, object] = {name: getattr(Amcl(), name) for name in NAMES}
     return dataclasses.replace(own, **values)  # type: ignore[arg-type]
+
+
+def is_untuned(amcl: Amcl) -> bool:
+    """True if all that tuning searches has the values of Nav2's defaults.
+
+    Parameters
+    ----------
+    amcl : Amcl
+        The settings.
+    """
+    return not changed_axes(nav2_defaults(amcl), amcl)
 
 
 def changed_axes(own: Amcl, amcl: Amcl) -> list[Axis]:

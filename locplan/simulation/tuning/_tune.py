@@ -1,6 +1,7 @@
 """AMCL's settings tuned by simulated drives along random shortest paths of a map.
 
-The search is successive halving; what of the best hardly matters is put back.
+The search is successive halving of settings drawn at random, then steps from the best ones along
+each axis; what of the best hardly matters is put back.
 """
 
 from __future__ import annotations
@@ -11,18 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from locplan._util.checks import whole
-from locplan._util.intervals import of_geometric_mean, of_mean, random_of, wilson
+from locplan._util.checks import one_of, whole
+from locplan._util.intervals import random_of
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Amcl, Robot
 from locplan.simulation._drives import check_drives
 from locplan.simulation._simulator import Simulator
-from locplan.simulation.tuning._bench import SimulatedBench, TuningBench
-from locplan.simulation.tuning._results import OWN, AtLevel, Judged, Tuning
+from locplan.simulation.tuning._bench import DisturbanceLevel, TuningBench
+from locplan.simulation.tuning._judged import judged_beside
+from locplan.simulation.tuning._results import OWN, Tuning
+from locplan.simulation.tuning._simulated_bench import LEVELS, TEN_TIMES, SimulatedBench
 from locplan.simulation.tuning._space import (
     BeamsLeft,
+    beside,
     candidates,
     changed_axes,
     described,
@@ -33,6 +37,8 @@ from locplan.simulation.tuning._space import (
 WORSE, WORSE_AT_A_COST = math.log(1.02), math.log(1.1)
 """Increase of the logarithm of the error up to which a change is put back, and one that makes the
 filter compare more beams a metre."""
+STEPS = 3
+"""Maximum number of steps from the best two settings, each along every axis."""
 SEARCH, JUDGE, DRAW = 11, 12, 13
 """Streams of random numbers, from which the seeds of both sets of drives are drawn."""
 
@@ -43,6 +49,7 @@ def tune(
     *,
     paths: int = 20,
     drives: int = 8,
+    odometry: str = "usual",
     filter_map: OccupancyGrid | None = None,
     others: Mapping[str, object] | None = None,
     seed: int = 1,
@@ -71,6 +78,9 @@ def tune(
         them narrow the intervals.
     drives : int, default 8
         Number of drives along each path at each level, 2 to 100,000.
+    odometry : {"usual", "poor"}, default "usual"
+        "poor" searches for a robot whose odometry drifts up to ten times as much as that of
+        `robot`: at once, three and ten times its errors.
     filter_map : OccupancyGrid, optional
         The filter's map in the same frame, where it differs from `grid`; see `simulate`.
     others : mapping of str to object, optional
@@ -105,23 +115,31 @@ def tune(
     check_grid(grid)
     whole("paths", paths, TuningBench.fewest_paths, 1000)
     check_drives(drives)
+    one_of("odometry", odometry, LEVELS)
     about = Simulator(grid, robot, filter_map=filter_map, seed=seed, threads=threads)
     costs = Costmap.blank(grid, robot=about.robot)
 
     def bench_of(own_seed: int, judging: bool) -> SimulatedBench:
         lines = SimulatedBench.paths(costs, paths, own_seed)
-        own: Any = {"filter_map": filter_map, "seed": own_seed, "threads": threads}
+        levels: tuple[DisturbanceLevel, ...] = LEVELS[odometry]
+        if judging and TEN_TIMES not in levels:  # where they may no longer hold
+            levels = (*levels, TEN_TIMES)
+        own: Any = {
+            "levels": levels,
+            "filter_map": filter_map,
+            "seed": own_seed,
+            "threads": threads,
+        }
         return SimulatedBench(grid, about.robot, lines, drives, **own)
 
     left = BeamsLeft.on_map(about)
     own: Any = {"left": left, "others": others, "seed": seed, "progress": progress}
-    return search_settings(bench_of, about.robot, paths, drives, **own)
+    return search_settings(bench_of, about.robot, drives, **own)
 
 
 def search_settings(
     bench_of: Callable[[int, bool], TuningBench],
     robot: Robot,
-    paths: int,
     drives: int,
     *,
     left: BeamsLeft,
@@ -130,6 +148,7 @@ def search_settings(
     progress: ProgressCallback | None,
     drive: str = "",
     notes: Sequence[str] = (),
+    like: Sequence[Amcl] = (),
 ) -> Tuning:
     """Search settings on one bench, and judge what was found on another.
 
@@ -139,8 +158,8 @@ def search_settings(
         Makes a bench of a seed, and of whether settings are judged on it.
     robot : Robot
         The robot, with the user's own settings of the filter.
-    paths, drives : int
-        Number of paths of each bench, and of drives along each.
+    drives : int
+        Number of drives along each path of a bench.
     left : BeamsLeft
         Number of the beams compared that return.
     others : mapping of str to object or None
@@ -154,6 +173,9 @@ def search_settings(
     notes : sequence of str, default ()
         What limits the result, beside the warnings.
 
+    like : sequence of Amcl, default ()
+        Settings that are tried besides those drawn at random.
+
     Returns
     -------
     Tuning
@@ -165,38 +187,43 @@ def search_settings(
         return bench_of(own_seed, stream == JUDGE)
 
     own = robot.amcl
-    # Shares of the time that the three rungs, what is put back, and the judgement take.
-    shares = 170, 200, 230, 130, 270
+    # Shares of the time that the rungs, with the steps before the last one, what is put back, and
+    # the judgement take.
+    shares = 130, 120, *[50] * STEPS, 180, 130, 290
     steps = iter([scaled(*step) for step in zip(parts(progress, shares), shares, strict=True)])
-    search = Search(bench(SEARCH), own, paths, drives)
-    kept, frugal, best, without = search.run(candidates(own, random_of(seed, DRAW)), steps)
+    search = Search(bench(SEARCH), own, drives)
+    tried = candidates(own, random_of(seed, DRAW), like)
+    kept, frugal, best, without = search.run(tried, steps)
     defaults = nav2_defaults(own)
     names = {own: OWN, defaults: "Nav2's defaults"}  # the latter's name if they are the same
     for each in (kept, frugal, best):
         names.setdefault(each, described(own, each))
     order = dict.fromkeys([own, kept, frugal, best, defaults])
+    warned: tuple[str, ...] = ()
     if kept.multiplies and not own.multiplies and (others or {}).get("do_beamskip"):
         skips = "do_beamskip becomes false with the laser model, since only this one reads it"
-        notes = (*notes, f"{skips}, and it was not simulated")
-    rungs = tuple(search.rungs)
+        warned = (f"{skips}, and it was not simulated",)
+    rungs, searched = tuple(search.rungs), len(search.bench.levels)
     del search
     judge = bench(JUDGE)
-    judge.drive([*order], paths, drives, progress=next(steps))
+    judge.drive([*order], len(judge.lines), drives, progress=next(steps))
+    wholes = {each: judge.whole(each) for each in order}
     return Tuning(
         judge.grid,
         robot,
         kept,
-        tuple(_judged(judge, names[each], each, own) for each in order),
+        tuple(judged_beside(judge, names[each], each, own, wholes, searched) for each in order),
         without,
         left,
-        (*notes, *filter_warnings(own, judge.lidar, others), *left.warnings()),
+        (*warned, *filter_warnings(own, judge.lidar, others), *left.warnings()),
         rungs,
-        paths,
+        len(judge.lines),
         drives,
         seed,
         judge.seed,
         drive,
         None if judge.filter_map is judge.grid else judge.filter_map,
+        tuple(notes),
     )
 
 
@@ -209,18 +236,18 @@ class Search:
         What drives them.
     own : Amcl
         The user's own settings.
-    paths, drives : int
-        Numbers of the last rung.
+    drives : int
+        Number of drives along each path of the last rung.
     """
 
-    def __init__(self, bench: TuningBench, own: Amcl, paths: int, drives: int) -> None:
-        self.bench, self.own = bench, own
+    def __init__(self, bench: TuningBench, own: Amcl, drives: int) -> None:
+        self.bench, self.own, paths = bench, own, len(bench.lines)
         # Nearly every setting is worst there; other levels are driven where they can matter.
         self.strongest = [len(bench.levels) - 1]
         # A quarter, then half of the paths and of the drives, and how many settings stay.
         self.parts = [
             (max(1, paths // part), max(1, drives // part), stay)
-            for part, stay in ((4, 24), (2, 5))
+            for part, stay in ((4, 16), (2, 5))
         ]
         self.last = paths, drives
         self.rungs: list[tuple[int, int, int]] = []
@@ -230,7 +257,7 @@ class Search:
     ) -> tuple[Amcl, Amcl, Amcl, dict[str, float]]:
         """Find the best of the settings, the first of which is the user's own.
 
-        `progress` has a callback for each rung and one for what is put back.
+        `progress` has a callback for each rung and step, and one for what is put back.
 
         Returns
         -------
@@ -243,20 +270,39 @@ class Search:
         without : dict of str to float
             Error without each change of the best setting, relative to that with it, by axis.
         """
-        allowed = [amcl for amcl in settings if self.beams(amcl) <= self.beams(self.own)]
         staying = list(settings)
         for paths, drives, stay in self.parts:
             self.bench.drive(staying, paths, drives, self.strongest, next(progress))
             self.rungs.append((len(staying), paths, drives))
-            ranked = sorted(staying, key=lambda amcl: self._known(amcl, paths, drives))
-            few = [amcl for amcl in ranked if amcl in set(allowed)][:2]
-            staying = [*dict.fromkeys([*ranked[:stay], *few])]
+            ranked = self._ranked(staying, paths, drives)
+            staying = self._first(ranked, stay)
+        for each_step in [next(progress) for _ in range(STEPS)]:
+            near = [each for amcl in staying[:2] for each in beside(self.own, amcl)]
+            self.bench.drive(near, paths, drives, self.strongest, each_step)
+            self.rungs.append((len(near), paths, drives))
+            ranked = self._ranked([*ranked, *near], paths, drives)
+            if self._first(ranked, stay) == staying:
+                break
+            staying = self._first(ranked, stay)
         self.bench.drive(staying, *self.last, self.strongest, next(progress))
         self.rungs.append((len(staying), *self.last))
         best = self._least(staying)
-        frugal = self._least([amcl for amcl in staying if amcl in set(allowed)])
+        frugal = self._least([amcl for amcl in staying if self._is_frugal(amcl)])
         kept, without = self._put_back(best, next(progress))
         return kept, frugal, best, without
+
+    def _ranked(self, settings: Sequence[Amcl], paths: int, drives: int) -> list[Amcl]:
+        """The settings, the best first."""
+        every = dict.fromkeys(settings)
+        return sorted(every, key=lambda amcl: self._known(amcl, paths, drives))
+
+    def _first(self, ranked: Sequence[Amcl], count: int) -> list[Amcl]:
+        """The best, and the best two that compare no more beams than the user's own."""
+        frugal = [amcl for amcl in ranked if self._is_frugal(amcl)]
+        return [*dict.fromkeys([*ranked[:count], *frugal[:2]])]
+
+    def _is_frugal(self, amcl: Amcl) -> bool:
+        return self.beams(amcl) <= self.beams(self.own)
 
     def beams(self, amcl: Amcl) -> int:
         """Beams that a setting compares on one drive along every path."""
@@ -300,33 +346,3 @@ class Search:
             if self._known(amcl, *self.last) > bound:
                 return False
         return True
-
-
-def _judged(bench: TuningBench, name: str, amcl: Amcl, own: Amcl) -> Judged:
-    """Errors of a setting, all of whose drives the bench has, beside the user's own."""
-    driven, others = bench.driven[amcl], bench.driven[own]
-    ratios = np.sqrt(driven.squares.mean(axis=2) / others.squares.mean(axis=2))
-    differences = driven.lost.mean(axis=2) - others.lost.mean(axis=2)
-    _, paths, drives = driven.squares.shape
-    means = bench.means(amcl, paths, drives)
-    levels = []
-    for n, level in enumerate(bench.levels):
-        squares, lost = driven.squares[n], driven.lost[n].astype(bool)
-        errors = np.concatenate([each for key, each in driven.errors.items() if key[0] == n])
-        levels.append(
-            AtLevel(
-                level,
-                float(means[n]),
-                of_geometric_mean(np.sqrt(squares.mean(axis=1))),
-                math.nan if lost.all() else float(np.sqrt(squares[~lost].mean())),
-                float(np.median(errors)),
-                wilson(float(lost.mean()), lost.size),
-                wilson(float(driven.off[n].mean()), lost.size),
-                of_geometric_mean(ratios[n]),
-                of_mean(differences[n]),
-            )
-        )
-    ratio = of_geometric_mean(np.exp(np.log(ratios).mean(axis=0)))
-    ms = 1e3 * float(driven.seconds.sum()) / (len(bench.levels) * drives)
-    metres = float(bench.lengths.sum())
-    return Judged(name, amcl, tuple(levels), ratio, ms / bench.updates(amcl), ms / metres)

@@ -1,0 +1,174 @@
+"""How settings were judged: at each level of disturbance, and on the whole of a recorded drive."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from locplan._util.intervals import Interval, of_geometric_mean, of_mean, wilson
+from locplan.robots import Amcl
+from locplan.simulation._drives import Drives, rmse_ratio
+from locplan.simulation.tuning._bench import DisturbanceLevel, TuningBench
+
+
+@dataclass(frozen=True)
+class AtLevel:
+    """Errors of one setting at one level of disturbance; intervals are over the paths."""
+
+    level: DisturbanceLevel
+    """The level, as factors on the disturbances that were asked for."""
+    m: float
+    """Mean over the drives of 0.5 ln(mean square position error [m^2] + 1e-6)."""
+    rmse: Interval
+    """RMSE of the position along a path: geometric mean over the paths [m]."""
+    kept_rmse: float
+    """Root mean square position error of the drives never off by more than 1 m [m]."""
+    median_error: float
+    """Median of the position error on the way [m]."""
+    lost: Interval
+    """Share of the drives that were off by more than 1 m at some time."""
+    off_at_goal: Interval
+    """Share of the drives that were off by more than 0.5 m at the end."""
+    rmse_ratio: Interval
+    """Ratio of the RMSE to that of the user's settings: geometric mean over the paths."""
+    lost_difference: Interval
+    """Share of lost drives minus that of the user's settings: mean over the paths."""
+
+
+@dataclass(frozen=True)
+class WholeDrive:
+    """One setting on the whole of a recorded drive from its beginning; intervals over replays."""
+
+    derived: ClassVar[tuple[str, ...]] = ("better",)
+
+    rmse: Interval
+    """RMSE of the position: geometric mean over the replays [m]."""
+    lost_way: Interval
+    """Share of the scans at which it was off by more than 1 m."""
+    first_loss: float
+    """Distance driven when first off by more than 1 m, the median over the replays [m]; infinite
+    if half of them never were."""
+    rmse_ratio: Interval
+    """Ratio of the RMSE to that of the user's settings: geometric mean over the replays."""
+    lost_way_difference: float
+    """`lost_way` minus that of the user's settings."""
+
+    @classmethod
+    def of(cls, drives: Drives, own: Drives) -> WholeDrive:
+        """What replays of a setting show, beside those of the user's settings.
+
+        Parameters
+        ----------
+        drives, own : Drives
+            Equally many replays of both.
+        """
+        lost_way, ratio = drives.lost_way, rmse_ratio(drives, own)
+        more = lost_way.value - own.lost_way.value
+        return cls(drives.typical_rmse, lost_way, drives.first_loss, ratio, more)
+
+    @property
+    def better(self) -> bool:
+        """True if it errs less than the user's settings, and is not lost on more of the way."""
+        ratio = self.rmse_ratio
+        highest = ratio.value if math.isnan(ratio.high) else ratio.high
+        # A scan more of many hundred is no harm.
+        return highest < 1 and self.lost_way_difference < 0.005
+
+    @property
+    def sentence(self) -> str:
+        """The error, the share of the way lost and the first loss in words."""
+        first = f", first after {self.first_loss:.0f} m" if math.isfinite(self.first_loss) else ""
+        return f"{self.rmse.value:.2g} m, lost on {self.lost_way.value:.0%} of the way{first}"
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One setting, judged at every level of disturbance."""
+
+    derived: ClassVar[tuple[str, ...]] = ("worst", "better", "better_at_every_level")
+
+    name: str
+    """Name in tables: whose settings they are, or what differs from the user's own."""
+    amcl: Amcl
+    """The setting."""
+    levels: tuple[AtLevel, ...]
+    """Its errors at each level of disturbance."""
+    rmse_ratio: Interval
+    """Ratio of the RMSE to that of the user's settings: geometric mean over levels and paths."""
+    cpu_ms_per_update: float
+    """CPU time of the simulation an update of the filter, the scan included [ms]."""
+    cpu_ms_per_metre: float
+    """CPU time of the simulation a metre that is driven [ms]."""
+    whole: WholeDrive | None = None
+    """What it does on the whole of a recorded drive; None where paths were simulated."""
+    beyond: AtLevel | None = None
+    """Its errors at a level that is beyond those of the search, and decides nothing."""
+
+    @property
+    def worst(self) -> float:
+        """The greatest m of all levels, which tuning minimises."""
+        return max(each.m for each in self.levels)
+
+    @property
+    def better(self) -> bool:
+        """True if it is better than the user's settings over all levels, and harms at none.
+
+        On a recorded drive the whole of it decides, and the stretches must not contradict.
+        """
+        harm = any(each.rmse_ratio.low > 1 or each.lost_difference.low > 0 for each in self.levels)
+        if self.whole:
+            return self.whole.better and self.rmse_ratio.value < 1 and not harm
+        return self.rmse_ratio.high < 1 and not harm
+
+    @property
+    def better_at_every_level(self) -> bool:
+        """True if it is better than the user's settings at every level of disturbance."""
+        return self.better and all(each.rmse_ratio.high < 1 for each in self.levels)
+
+
+def judged_beside(
+    bench: TuningBench,
+    name: str,
+    amcl: Amcl,
+    own: Amcl,
+    wholes: Mapping[Amcl, Drives | None],
+    searched: int,
+) -> Judged:
+    """Errors of a setting, all of whose drives the bench has, beside the user's own.
+
+    `wholes` are the replays of the whole of a recorded drive; the first `searched` levels decide.
+    """
+    whole, whole_of_own = wholes[amcl], wholes[own]
+    driven, others = bench.driven[amcl], bench.driven[own]
+    ratios = np.sqrt(driven.squares.mean(axis=2) / others.squares.mean(axis=2))
+    differences = driven.lost.mean(axis=2) - others.lost.mean(axis=2)
+    _, paths, drives = driven.squares.shape
+    means = bench.means(amcl, paths, drives)
+    levels = []
+    for n, level in enumerate(bench.levels):
+        squares, lost = driven.squares[n], driven.lost[n].astype(bool)
+        errors = np.concatenate([each for key, each in driven.errors.items() if key[0] == n])
+        levels.append(
+            AtLevel(
+                level,
+                float(means[n]),
+                of_geometric_mean(np.sqrt(squares.mean(axis=1))),
+                math.nan if lost.all() else float(np.sqrt(squares[~lost].mean())),
+                float(np.median(errors)),
+                wilson(float(lost.mean()), lost.size),
+                wilson(float(driven.off[n].mean()), lost.size),
+                of_geometric_mean(ratios[n]),
+                of_mean(differences[n]),
+            )
+        )
+    ratio = of_geometric_mean(np.exp(np.log(ratios[:searched]).mean(axis=0)))
+    beyond = levels[searched] if levels[searched:] else None
+    ms = 1e3 * float(driven.seconds.sum()) / (len(bench.levels) * drives)
+    metres = float(bench.lengths.sum())
+    on_whole = WholeDrive.of(whole, whole_of_own) if whole and whole_of_own else None
+    costs = ms / bench.updates(amcl), ms / metres
+    return Judged(name, amcl, tuple(levels[:searched]), ratio, *costs, on_whole, beyond)
