@@ -1629,7 +1629,9 @@ def whole_matrix(diagonal, beside):
             before = slice(3 * n - 3, 3 * n)
             matrix[here, before], matrix[before, here] = beside[n], beside[n].T
     return matrix
-def fit_of(scores, beyond, ends, pose):
+
+
+def score_of(scores, beyond, ends, pose):
     """Sum of the scores of the cells where the beams of a scan end at a pose."""
     fit = 0.0
     for ahead, left in ends:
@@ -1643,8 +1645,8 @@ def fit_of(scores, beyond, ends, pose):
 
 def wrong_pose_wins(scores, beyond, ends, pose, moves):
     """Whether a scan fits better after one of the moves."""
-    best = fit_of(scores, beyond, ends, pose)
-    return any(fit_of(scores, beyond, ends, pose + move) > best for move in moves)
+    best = score_of(scores, beyond, ends, pose)
+    return any(score_of(scores, beyond, ends, pose + move) > best for move in moves)
 
 
 def surface_depths(cells, free, occupied, deep):
@@ -1669,6 +1671,8 @@ def hollowed(cells):
             if (cells[row - 1 : row + 2, col - 1 : col + 2] == 0).all():
                 result[row, col] = 127
     return result
+
+
 def polygon_meets(polygon, row, col):
     """Whether a convex polygon (n, 2) of (col, row) meets a cell, by separating axes."""
     square = np.array([(col, row), (col + 1, row), (col + 1, row + 1), (col, row + 1)], float)
@@ -1734,6 +1738,8 @@ def costs_between_states(edges, starts):
                 cost[other] = here + step
                 heapq.heappush(waiting, (here + step, other))
     return cost
+
+
 def navfn_potential(costs, start, goal, bucket, buffer):
     """NavFn's wave: lists of cells as buffers, the first of which is worked off in its order."""
     shape, far = costs.shape, np.float32(1e10)

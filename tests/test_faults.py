@@ -8,7 +8,7 @@ import pytest
 from conftest import drawn, random_rooms
 from PIL import Image
 
-from locplan._kernels.solids import fit_of, surface_depths, wrong_pose_wins
+from locplan._kernels.solids import score_of, surface_depths, wrong_pose_wins
 from locplan.maps import (
     FREE,
     OCCUPIED,
@@ -60,8 +60,8 @@ def test_kernels_are_those_of_plain_loops(seed):
     ends[3] = np.nan
     moves = random.normal(0, 3, (10, 3))
     for pose in random.uniform(0, 24, (20, 3)):
-        assert fit_of(scores, 0.1, ends, pose) == pytest.approx(
-            naive.fit_of(scores, 0.1, ends, pose)
+        assert score_of(scores, 0.1, ends, pose) == pytest.approx(
+            naive.score_of(scores, 0.1, ends, pose)
         )
         assert wrong_pose_wins(scores, 0.1, ends, pose, moves[:2]) == naive.wrong_pose_wins(
             scores, 0.1, ends, pose, moves[:2]

@@ -12,7 +12,7 @@ from locplan._kernels.arrays import Floats, Octets, Singles
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def fit_of(scores: Singles, beyond: float, ends: Floats, pose: Floats) -> float:
+def score_of(scores: Singles, beyond: float, ends: Floats, pose: Floats) -> float:
     """Sum of the scores of the cells where the beams of a scan end at a pose.
 
     Parameters
@@ -44,14 +44,14 @@ def wrong_pose_wins(
 ) -> bool:
     """Whether a scan fits better after one of the moves (n, 3) than at its true pose.
 
-    The other arguments are those of `fit_of`; moves are along rows and columns [cells] and turns
+    The other arguments are those of `score_of`; moves are along rows and columns [cells] and turns
     [rad].
     """
-    best, other = fit_of(scores, beyond, ends, pose), np.empty(3)
+    best, other = score_of(scores, beyond, ends, pose), np.empty(3)
     for n in range(len(moves)):
         for axis in range(3):
             other[axis] = pose[axis] + moves[n, axis]
-        if fit_of(scores, beyond, ends, other) > best:
+        if score_of(scores, beyond, ends, other) > best:
             return True
     return False
 
