@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from locplan.export._parameters import Server, write_servers, write_yaml
+from locplan.export._parameters import Server, write_servers, yaml_text
 from locplan.export._registry import rendered
 from locplan.maps import OccupancyGrid, save_map
 
@@ -31,6 +31,7 @@ def write_filter_map(folder: Path, grid: OccupancyGrid) -> None:
     files = {"yaml_filename": "map_amcl.yaml"}
     server = Server("nav2_map_server", "map_server", "map_amcl_server", parameters, files)
     write_servers(folder, [server], "lifecycle_manager_map_amcl")
-    write_yaml(folder / "amcl.yaml", {"amcl": {"ros__parameters": {"map_topic": TOPIC}}})
+    amcl = {"amcl": {"ros__parameters": {"map_topic": TOPIC}}}
+    (folder / "amcl.yaml").write_text(yaml_text(amcl), "utf-8")
     about = rendered("filter-map.md", map=grid.name, topic=TOPIC)
     (folder / "README.md").write_text(about, "utf-8")

@@ -123,12 +123,12 @@ def write_servers(folder: Path, servers: Sequence[Server], manager_name: str) ->
     )
     nodes = [*servers, manager]
     parameters = {node.name: {"ros__parameters": dict(node.parameters)} for node in nodes}
-    (folder / "servers.yaml").write_text(_yaml_text(parameters), "utf-8")
+    (folder / "servers.yaml").write_text(yaml_text(parameters), "utf-8")
     launch = folder / "localizability.launch.xml"
     launch.write_text(rendered("servers.launch.xml", nodes=nodes), "utf-8")
 
 
-def _yaml_text(content: Mapping[str, Any]) -> str:
+def yaml_text(content: Mapping[str, Any]) -> str:
     """Parameters as YAML, in which ROS reads each text as a text."""
     import yaml
 
@@ -154,7 +154,7 @@ def merged_text(robot: Robot, merged: Nav2Parameters) -> tuple[bytes, bool]:
             return rewritten_parameters(robot.file, merged), True
         except LocplanError:
             pass
-    return _yaml_text(merged.content).encode(), False
+    return yaml_text(merged.content).encode(), False
 
 
 class RobotWarning(UserWarning):
