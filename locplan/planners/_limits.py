@@ -86,7 +86,7 @@ class Limited(Wrapper):
                 return without
             note = f"not even the footprint's inner circle (radius {inner:.3g} m) fits through"
             return Found(status="infeasible", note=note)
-        if self.space == "R2":
+        if self.space == "R2" and gave_up is None:
             limit = getattr(self.planner, "time_limit", None)
             found = self._exactly(costs, stops, Lattice(time_limit=limit))
             if found.path is not None:
