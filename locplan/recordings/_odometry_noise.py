@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from locplan._kernels.particles import STILL
 from locplan._util.intervals import Interval, blocks_along, intervals
-from locplan._util.poses import Numbers, way_along, way_between, wrapped
+from locplan._util.poses import Numbers, updates_of, way_along, way_between, wrapped
 from locplan.recordings._recording import Recording
-from locplan.recordings._tracks import updates_of, without_jumps
+from locplan.recordings._tracks import without_jumps
 from locplan.robots import Amcl
 
 SPANS = (0.5, 1.0, 2.0, 4.0)
@@ -96,7 +96,7 @@ def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
     """
     if recording.odometry is None:
         return None
-    updates = updates_of(recording.odometry, amcl)
+    updates = updates_of(recording.odometry, amcl.update_min_d, amcl.update_min_a)
     if len(updates) - 1 < MIN_UPDATES:
         return None
     poses, odometry, jumps = without_jumps(recording.poses, recording.odometry)

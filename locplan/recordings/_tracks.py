@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import check_threads, instance, whole
 from locplan._util.intervals import random_of
-from locplan._util.poses import Numbers, turning, way_along, way_between, way_length, wrapped
+from locplan._util.poses import (
+    Numbers,
+    turning,
+    updates_of,
+    way_along,
+    way_between,
+    way_length,
+    wrapped,
+)
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.maps import OccupancyGrid, check_grid, own_axes
@@ -34,21 +42,11 @@ REPLAY = 14
 """Stream of random numbers of replays."""
 
 
-def updates_of(odometry: Numbers, amcl: Amcl) -> NDArray[np.int64]:
-    """Indices of the poses by odometry (n, 3) at which the filter updates."""
-    chosen = [0]
-    for n, (x, y, heading) in enumerate(odometry):
-        at = odometry[chosen[-1]]
-        far = max(abs(x - at[0]), abs(y - at[1])) > amcl.update_min_d
-        if far or abs(wrapped(heading - at[2])) > amcl.update_min_a:
-            chosen.append(n)
-    return np.array(chosen)
-
-
 def sparse_notes(recording: Recording, amcl: Amcl) -> tuple[str, ...]:
     """A note if the filter updates less often than it would with more scans."""
     assert recording.odometry is not None
-    at = recording.odometry[updates_of(recording.odometry, amcl), :2]
+    updates = updates_of(recording.odometry, amcl.update_min_d, amcl.update_min_a)
+    at = recording.odometry[updates, :2]
     steps = np.hypot(*np.diff(at, axis=0).T)
     spacing = float(np.median(steps)) if len(steps) else 0.0
     if spacing <= 1.5 * amcl.update_min_d:
