@@ -407,7 +407,7 @@ def test_a_smoothed_reference_has_trusted_poses_only(drive, found, tmp_path):
     smoothed = referenced(drive, GRID, "smoothed", cache_dir=tmp_path)
     assert np.array_equal(smoothed.poses, found.poses[found.trusted])
     assert referenced(smoothed, GRID, "smoothed") is smoothed
-    as_bag = replace(drive, source=replace(drive.source, file="monday.mcap"))
+    as_bag = replace(drive, source=replace(drive.source, file="monday", lidar_frame="laser"))
     assert len(referenced(as_bag, GRID, cache_dir=tmp_path)) == len(smoothed)
     with pytest.raises(ConfigError, match="reference must be one of"):
         referenced(drive, GRID, "truth")

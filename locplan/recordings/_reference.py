@@ -14,7 +14,6 @@ from locplan._util.progress import ProgressCallback
 from locplan.errors import LocplanError
 from locplan.field import kept
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.recordings._bag_files import SUFFIXES
 from locplan.recordings._recording import Recording
 from locplan.recordings._smoothing import smooth
 from locplan.recordings._trajectory import SMOOTHED, Trajectory
@@ -102,7 +101,7 @@ def referenced(
     """
     if reference is not None:
         one_of("reference", reference, REFERENCES)
-    of_bag = recording.source.file.lower().endswith(SUFFIXES)
+    of_bag = bool(recording.source.lidar_frame)  # other files name none
     if recording.source.poses == SMOOTHED or (reference or ("log", SMOOTHED)[of_bag]) == "log":
         return recording
     found = trajectory_of(recording, grid, robot, cache_dir=cache_dir, progress=progress)
