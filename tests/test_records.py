@@ -131,6 +131,12 @@ def test_a_frame_needs_pandas(monkeypatch):
         TABLE.to_frame()
 
 
+def test_a_tables_text_is_plain_on_a_terminal(monkeypatch):
+    for name, value in {"FORCE_COLOR": "1", "TERM": "xterm-256color"}.items():
+        monkeypatch.setenv(name, value)
+    assert "\x1b" not in TABLE.text()
+
+
 class Drawn:
     def savefig(self, to, **options):
         to.write_bytes(b"PNG")

@@ -303,6 +303,11 @@ def test_options_of_drives_are_refused_without_one(files, monkeypatch, capsys):
     assert "--every is not read without --drive" in run(monkeypatch, capsys, *command)[2]
 
 
+def test_a_drive_is_replayed_twenty_times_by_default(files, monkeypatch, capsys, coarse_fit):
+    command = ["simulate", files / "map.yaml", "--drive", files / "drive.npz", "--json"]
+    assert json.loads(run(monkeypatch, capsys, *command)[1])["runs"] == 20
+
+
 def test_a_map_that_does_not_fit_is_told_before_the_replay(files, monkeypatch, capsys, coarse_fit):
     command = ["simulate", files / "map.yaml", "--drive", files / "drive.npz", "--drives", "2"]
     code, _, err = run(monkeypatch, capsys, *command, "--align", "0.0,0.0,0.0")

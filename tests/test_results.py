@@ -321,6 +321,16 @@ def test_a_file_of_the_users_is_in_the_way(run, room, tmp_path, command, name):
     assert (tmp_path / "OUT" / name).read_text() == "mine"
 
 
+def test_landmarks_are_not_placed_where_a_file_is_in_the_way(run, room, tmp_path, monkeypatch):
+    placed = []
+    monkeypatch.setattr("locplan.place_landmarks", lambda *_, **__: placed.append(1))
+    (tmp_path / "landmarks.csv").write_text("mine")
+    command = "landmarks", room, *ENDS, "--object", "pole", "--lidar", "turtlebot4", "-o", tmp_path
+    code, _, err = run(*command)
+    assert (code, placed) == (2, [])
+    assert "landmarks.csv: is in the way" in err
+
+
 def test_other_files_in_a_field_are_in_the_way(run, room, tmp_path):
     field = tmp_path / "f.zarr"
     assert [run("field", room, "-o", field)[0] for _ in range(2)] == [0, 0]

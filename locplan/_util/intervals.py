@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.poses import Numbers, way_along
+from locplan._kernels.arrays import Floats
+from locplan._util.poses import way_along
 
 MIN_SAMPLES = 5
 """Minimum number of values that have an interval; fewer values have only a mean."""
@@ -138,12 +139,12 @@ def _with_ends(interval: Interval, text: Callable[[float], str]) -> str:
 RESAMPLES = 1000
 
 
-def blocks_along(poses: Numbers, length: float = 10.0) -> NDArray[np.int64]:
+def blocks_along(poses: Floats, length: float = 10.0) -> NDArray[np.int64]:
     """The block of the way, of some length [m], that each of n poses belongs to, (n,)."""
     return np.asarray((way_along(poses) / length).astype(np.int64))
 
 
-def draws_of(blocks: NDArray[np.int64], resamples: int = RESAMPLES) -> Numbers:
+def draws_of(blocks: NDArray[np.int64], resamples: int = RESAMPLES) -> Floats:
     """Number of times that the block of each of n values is drawn, (resamples, n).
 
     There are no resamples of fewer than five blocks.
@@ -155,7 +156,7 @@ def draws_of(blocks: NDArray[np.int64], resamples: int = RESAMPLES) -> Numbers:
 
 
 def mean_interval(
-    values: Numbers, blocks: NDArray[np.int64], counted: Numbers | None = None
+    values: Floats, blocks: NDArray[np.int64], counted: Floats | None = None
 ) -> Interval:
     """Mean of values (n,), with a 95 % interval over their blocks; NaN where it has none.
 
@@ -171,7 +172,7 @@ def mean_interval(
 
 
 def intervals(
-    statistic: Callable[[Numbers], Numbers], blocks: NDArray[np.int64], resamples: int
+    statistic: Callable[[Floats], Floats], blocks: NDArray[np.int64], resamples: int
 ) -> list[Interval]:
     """Some statistics (k,) of weighted values, with 95 % intervals over the values' blocks.
 
@@ -204,9 +205,9 @@ class Rank:
 class Resamples:
     """Numbers of times that places and maps are drawn in each of `RESAMPLES` bootstraps."""
 
-    places: Sequence[Numbers]
+    places: Sequence[Floats]
     """Draws of the places within each map, (RESAMPLES, n) a map."""
-    maps: Numbers
+    maps: Floats
     """Draws of the maps, (RESAMPLES, maps)."""
 
     @classmethod
@@ -218,7 +219,7 @@ class Resamples:
         return cls(places, maps)
 
 
-def rank(values: Sequence[Numbers], errors: Sequence[Numbers], drawn: Resamples) -> Rank:
+def rank(values: Sequence[Floats], errors: Sequence[Floats], drawn: Resamples) -> Rank:
     """Statistics of how well values rank errors.
 
     Parameters
@@ -245,12 +246,12 @@ def rank(values: Sequence[Numbers], errors: Sequence[Numbers], drawn: Resamples)
     )
 
 
-def spearman(values: Numbers, errors: Numbers) -> float:
+def spearman(values: Floats, errors: Floats) -> float:
     """Spearman's rank correlation, 0 if either is constant."""
     return float(_spearmans(values, errors, np.ones((1, len(values))))[0])
 
 
-def auc(values: Numbers, errors: Numbers) -> float:
+def auc(values: Floats, errors: Floats) -> float:
     """Area under the ROC curve of finding the worst fifth, by Mann and Whitney; ties count half.
 
     Examples
@@ -262,7 +263,7 @@ def auc(values: Numbers, errors: Numbers) -> float:
     return float(_aucs(values, errors, np.ones((1, len(values))))[0])
 
 
-def _ranks(values: Numbers, weights: Numbers) -> Numbers:
+def _ranks(values: Floats, weights: Floats) -> Floats:
     """Mean ranks, (m, n), of values that each occur as often as `weights` (m, n) say."""
     _, group = np.unique(values, return_inverse=True)
     order = np.argsort(group, kind="stable")
@@ -271,7 +272,7 @@ def _ranks(values: Numbers, weights: Numbers) -> Numbers:
     return (np.cumsum(sizes, axis=1) - (sizes - 1) / 2)[:, group]
 
 
-def _spearmans(values: Numbers, errors: Numbers, weights: Numbers) -> Numbers:
+def _spearmans(values: Floats, errors: Floats, weights: Floats) -> Floats:
     """Spearman's coefficient for each row of weights (m, n), (m,)."""
     total = weights.sum(axis=1, keepdims=True)
     a, b = (_ranks(v, weights) - (total + 1) / 2 for v in (values, errors))
@@ -281,7 +282,7 @@ def _spearmans(values: Numbers, errors: Numbers, weights: Numbers) -> Numbers:
     )
 
 
-def _aucs(values: Numbers, errors: Numbers, weights: Numbers) -> Numbers:
+def _aucs(values: Floats, errors: Floats, weights: Floats) -> Floats:
     """AUC for each row of weights (m, n), (m,); the worst places are the same in all rows."""
     bad = errors >= np.quantile(errors, 0.8, method="higher")
     ranks = (weights * _ranks(values, weights))[:, bad].sum(axis=1)
@@ -291,7 +292,7 @@ def _aucs(values: Numbers, errors: Numbers, weights: Numbers) -> Numbers:
     return np.asarray(np.divide(above, pairs, out=np.full(len(pairs), 0.5), where=pairs > 0))
 
 
-def _draws(random: np.random.Generator, count: int, resamples: int = RESAMPLES) -> Numbers:
+def _draws(random: np.random.Generator, count: int, resamples: int = RESAMPLES) -> Floats:
     """Number of times that each of `count` items is drawn, (resamples, count)."""
     return random.multinomial(count, np.full(count, 1 / count), resamples).astype(float)
 

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import FARTHEST
 
-Numbers = NDArray[np.float64]
 Poses = NDArray[np.float64]
 """Array of poses (x, y, heading) in the world, (n, 3) [m, m, rad]."""
 
 
-def ends_in_map(ends: Numbers, poses: Numbers) -> Numbers:
+def ends_in_map(ends: Floats, poses: Floats) -> Floats:
     """Ends (n, beams, 2) on robots at poses (n, 3), in the frame of the poses [m]."""
     cos, sin = (part(poses[:, 2])[:, None] for part in (np.cos, np.sin))
     x = poses[:, 0, None] + cos * ends[..., 0] - sin * ends[..., 1]
@@ -26,7 +26,7 @@ def ends_in_map(ends: Numbers, poses: Numbers) -> Numbers:
     return np.stack([x, y], axis=-1)
 
 
-def moved(poses: Numbers, move: tuple[float, float, float]) -> Numbers:
+def moved(poses: Floats, move: tuple[float, float, float]) -> Floats:
     """Poses (n, 3) after a rigid move: a turn about the origin, then a shift [m, m, rad]."""
     dx, dy, turn = move
     cos, sin = math.cos(turn), math.sin(turn)
@@ -34,14 +34,28 @@ def moved(poses: Numbers, move: tuple[float, float, float]) -> Numbers:
     return np.column_stack([dx + cos * x - sin * y, dy + sin * x + cos * y, heading + turn])
 
 
-def way_between(one: Numbers, other: Numbers) -> Numbers:
+def updates_of(poses: Floats, far: float, turned: float) -> list[int]:
+    """Indices of the poses (n, 3) at which AMCL updates: the first, and after so much motion.
+
+    That is more than `far` along x or y [m], or more than `turned` [rad], since the one before.
+    """
+    found, (at_x, at_y, at_heading) = [0], poses[0].tolist()
+    for n, (x, y, heading) in enumerate(poses.tolist()):
+        way = max(abs(x - at_x), abs(y - at_y))
+        if way > far or abs(math.remainder(heading - at_heading, 2 * math.pi)) > turned:
+            found.append(n)
+            at_x, at_y, at_heading = x, y, heading
+    return found
+
+
+def way_between(one: Floats, other: Floats) -> Floats:
     """Poses `other` as they are seen from `one`, (..., 3) [m, m, rad]."""
     dx, dy, turn = np.moveaxis(other - one, -1, 0)
     cos, sin = np.cos(one[..., 2]), np.sin(one[..., 2])
     return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, turn], axis=-1)
 
 
-def after_way(poses: Numbers, ways: Numbers) -> Numbers:
+def after_way(poses: Floats, ways: Floats) -> Floats:
     """The poses to which ways lead from others, (..., 3) [m, m, rad]."""
     ahead, left, turn = np.moveaxis(ways, -1, 0)
     cos, sin = np.cos(poses[..., 2]), np.sin(poses[..., 2])
@@ -50,23 +64,23 @@ def after_way(poses: Numbers, ways: Numbers) -> Numbers:
     return np.stack([x, y, poses[..., 2] + turn], axis=-1)
 
 
-def wrapped(angles: Any) -> Numbers:
+def wrapped(angles: Any) -> Floats:
     """Angles within -pi to pi [rad]."""
     return np.asarray((np.asarray(angles, np.float64) + np.pi) % (2 * np.pi) - np.pi)
 
 
-def way_length(poses: Numbers) -> float:
+def way_length(poses: Floats) -> float:
     """Length of the way over poses (n, 3) [m]."""
     return float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
 
 
-def turning(yaw: float) -> Numbers:
+def turning(yaw: float) -> Floats:
     """The turn of x, y, heading by an angle [rad], (3, 3)."""
     cos, sin = math.cos(yaw), math.sin(yaw)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
-def way_along(poses: Numbers) -> Numbers:
+def way_along(poses: Floats) -> Floats:
     """Length of the way from the first of the poses (n, 2) or (n, 3) to each, (n,) [m]."""
     steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     return np.concatenate([[0.0], np.cumsum(steps)])
@@ -114,7 +128,7 @@ class Track:
         """True if no sample could be used."""
         return self._first is None
 
-    def at_times(self) -> Numbers:
+    def at_times(self) -> Floats:
         """Transforms at all times, (n, 7); NaN where no samples are near enough."""
         if self._first is None:
             return np.full((len(self._times), 7), np.nan)
@@ -122,18 +136,18 @@ class Track:
             return np.tile(np.array(self._first), (len(self._times), 1))
         return interpolated(np.asarray(self._times, np.float64), *self.samples())
 
-    def samples(self) -> tuple[Numbers, Numbers]:
+    def samples(self) -> tuple[Floats, Floats]:
         """The samples before and after each time: its time and transform, (n, 8) each, or NaN."""
         return _filled(self._before), _filled(self._after[::-1])[::-1].copy()
 
 
-def _filled(samples: Numbers) -> Numbers:
+def _filled(samples: Floats) -> Floats:
     """Samples with those before them where there are none, (n, 8)."""
     known = np.where(np.isfinite(samples[:, 0]), np.arange(len(samples)), 0)
     return np.asarray(samples[np.maximum.accumulate(known)])
 
 
-def interpolated(times: Numbers, before: Numbers, after: Numbers) -> Numbers:
+def interpolated(times: Floats, before: Floats, after: Floats) -> Floats:
     """Transforms between samples (n, 8) of time and transform before and after; NaN if too far."""
     exact = before[:, 0] == times
     after = np.where(exact[:, None], before, after)
@@ -151,7 +165,7 @@ def interpolated(times: Numbers, before: Numbers, after: Numbers) -> Numbers:
     return found
 
 
-def _between(one: Numbers, other: Numbers, share: Numbers) -> Numbers:
+def _between(one: Floats, other: Floats, share: Floats) -> Floats:
     """Unit quaternions at a share of the turn from one to the other, (n, 4)."""
     one, other = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in (one, other))
     angle = np.arccos(np.clip((one * other).sum(1), -1.0, 1.0))
@@ -220,7 +234,7 @@ class FrameTree:
         """Return whether a chain of transforms leads from one frame to the other."""
         return self._chain(target, source) is not None
 
-    def pose(self, target: str, source: str) -> Numbers | None:
+    def pose(self, target: str, source: str) -> Floats | None:
         """Pose of the source frame in the target frame at all times, (n, 7); None if unconnected.
 
         NaN at times at which a transform on the way is not known.
@@ -271,19 +285,19 @@ def frame_name(name: object) -> str:
     return str(name).lstrip("/")
 
 
-def composed(one: Numbers, other: Numbers) -> Numbers:
+def composed(one: Floats, other: Floats) -> Floats:
     """The transform `one` followed by `other`, (n, 7)."""
     place = one[:, :3] + rotated(one[:, 3:], other[:, :3])
     return np.concatenate([place, _product(one[:, 3:], other[:, 3:])], axis=1)
 
 
-def inverse(pose: Numbers) -> Numbers:
+def inverse(pose: Floats) -> Floats:
     """The transform the other way, (n, 7)."""
     back = pose[:, 3:] * (-1.0, -1.0, -1.0, 1.0) / (pose[:, 3:] ** 2).sum(1, keepdims=True)
     return np.concatenate([-rotated(back, pose[:, :3]), back], axis=1)
 
 
-def rotated(turn: Numbers, vector: Numbers) -> Numbers:
+def rotated(turn: Floats, vector: Floats) -> Floats:
     """Vectors (n, 3) turned by quaternions (n, 4), which need not have length 1."""
     turn = turn / np.linalg.norm(turn, axis=1, keepdims=True)
     axis, w = turn[:, :3], turn[:, 3:]
@@ -291,10 +305,10 @@ def rotated(turn: Numbers, vector: Numbers) -> Numbers:
     return np.asarray(vector + w * half + np.cross(axis, half))
 
 
-def _product(one: Numbers, other: Numbers) -> Numbers:
+def _product(one: Floats, other: Floats) -> Floats:
     x, y, z, w = one.T
     a, b, c, d = other.T
-    parts: Iterable[Numbers] = (
+    parts: Iterable[Floats] = (
         w * a + x * d + y * c - z * b,
         w * b - x * c + y * d + z * a,
         w * c + x * b - y * a + z * d,
@@ -303,13 +317,13 @@ def _product(one: Numbers, other: Numbers) -> Numbers:
     return np.stack(np.broadcast_arrays(*parts), axis=1)
 
 
-def in_plane(pose: Numbers) -> Numbers:
+def in_plane(pose: Floats) -> Floats:
     """Transforms (n, 7) seen from above: x, y and the direction of the x axis, (n, 3)."""
     ahead = rotated(pose[:, 3:], np.array([[1.0, 0.0, 0.0]]))
     return np.column_stack([pose[:, :2], np.arctan2(ahead[:, 1], ahead[:, 0])])
 
 
-def upward(pose: Numbers) -> Numbers:
+def upward(pose: Floats) -> Floats:
     """Height of the tip of each transform's z axis: 1 upright, -1 upside down, (n,)."""
     return rotated(pose[:, 3:], np.array([[0.0, 0.0, 1.0]]))[:, 2]
 

@@ -258,7 +258,6 @@ class Result(Pictured):
             self._write(new, *about)
 
     def _write(self, folder: Path, *about: Any) -> None:
-        """Write what there is beside the summary and the figure: the table, if files name a CSV."""
-        for name in self.files.names:
-            if name.endswith(".csv"):
-                self.table().write_csv(folder / name)
+        """Write what there is beside the summary and the figure: the table, in the one CSV."""
+        (name,) = (each for each in self.files.names if each.endswith(".csv"))
+        self.table().write_csv(folder / name)

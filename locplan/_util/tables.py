@@ -98,7 +98,8 @@ def table(
     grid = Table(*heads, box=box.SIMPLE if columns else None, show_header=bool(columns))
     for row in rows:
         grid.add_row(*(Text(text) for text in row))  # a map's name may hold brackets
-    console = Console(width=width, force_jupyter=False)  # text, in a notebook, too
+    # Plain text in a notebook and on a terminal, too: it may be written to a file.
+    console = Console(width=width, force_jupyter=False, color_system=None)
     with console.capture() as capture:
         console.print(grid)
     return "\n".join(line.rstrip() for line in capture.get().splitlines() if line.strip())

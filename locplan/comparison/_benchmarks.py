@@ -48,7 +48,7 @@ def read_movingai_map(path: str | os.PathLike[str], resolution: float = 1.0) -> 
     """
     path = file_path("a map file", path)
     lines = read_text(path).splitlines()
-    if "map" not in lines[:8] or not lines[0].startswith("type"):
+    if "map" not in lines or not lines[0].startswith("type"):
         raise MapError(f"{path}: is no MovingAI map; its first line must be 'type octile'")
     rows = [row for row in lines[lines.index("map") + 1 :] if row]
     if len({len(row) for row in rows}) != 1:

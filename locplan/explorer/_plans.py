@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from locplan._kernels.arrays import Bools, Ints
+from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._util.checks import RESOLUTIONS
-from locplan._util.poses import Numbers, way_along
+from locplan._util.poses import way_along
 from locplan.costs import Costmap, Path, crossed_cells
 from locplan.errors import ConfigError
 from locplan.explorer._scene import FACTOR, Scene, rounded, stops_of
@@ -218,7 +218,7 @@ def _fronts_of(view: View, seconds: float, work: Work) -> list[ParetoFront]:
     return legs
 
 
-def _summed(legs: Sequence[ParetoFront]) -> tuple[Numbers, Numbers, Ints, bool]:
+def _summed(legs: Sequence[ParetoFront]) -> tuple[Floats, Floats, Ints, bool]:
     """Lengths and integrals (n,) of the best sums of legs, the path of each leg, (n, legs).
 
     The last value says whether points were left out, since there were too many pairs.
@@ -241,7 +241,7 @@ def _summed(legs: Sequence[ParetoFront]) -> tuple[Numbers, Numbers, Ints, bool]:
     return length, integral, chosen, thinned
 
 
-def _undominated(length: Numbers, integral: Numbers) -> Ints:
+def _undominated(length: Floats, integral: Floats) -> Ints:
     """Indices of the pairs that no other one is at most as long and degenerate as, by length."""
     order = np.lexsort((integral, length))
     least = np.minimum.accumulate(integral[order])
@@ -250,7 +250,7 @@ def _undominated(length: Numbers, integral: Numbers) -> Ints:
     return kept
 
 
-def _weights_of(length: Numbers, integral: Numbers) -> Numbers:
+def _weights_of(length: Floats, integral: Floats) -> Floats:
     """A weight at which each point is the cheapest, (n,); NaN if there is none.
 
     Points are given by rising length and falling integral; those on the lower hull have weights.
@@ -273,12 +273,12 @@ def _weights_of(length: Numbers, integral: Numbers) -> Numbers:
     return weights
 
 
-def _slope(length: Numbers, integral: Numbers, one: int, other: int) -> float:
+def _slope(length: Floats, integral: Floats, one: int, other: int) -> float:
     """Metres of detour for a degenerate metre less, from one point to a longer one."""
     return float((length[other] - length[one]) / (integral[one] - integral[other]))
 
 
-def _thinned(length: Numbers, integral: Numbers, preferred: Bools, knee: int) -> Ints:
+def _thinned(length: Floats, integral: Floats, preferred: Bools, knee: int) -> Ints:
     """Indices of at most `SHOWN` points, evenly along the front: both ends and the knee always.
 
     One that is preferred is taken where it is not much farther from its place than others.

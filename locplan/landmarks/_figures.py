@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +31,7 @@ from locplan.plotting import (
     draw_path,
     drawn_size,
     label_plainly,
+    lines_within,
     make_logarithmic,
     map_around,
     style,
@@ -49,9 +49,6 @@ BAR, LABELS = 1.6, 0.7
 """Width of a colour bar, and the space of a map's labels on each axis [inch]."""
 PLOT_HEIGHT, PLOT_WIDTH = 2.9, 4.6
 """Size of the plots, where they stand below the maps or beside them [inch]."""
-LETTERS = 11
-"""Letters of the title to an inch."""
-
 
 LOSS_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.08, 0.85, 256)))
 """Colours of the losses: the darker, the more; none as light as the floor."""
@@ -78,7 +75,7 @@ def panels(
         wide, high = scale * wide, scale * high
     width, height = columns * (wide + LABELS) + BAR, rows * (high + LABELS)
     width = width + PLOT_WIDTH if tall else max(width, MIN_WIDTH)
-    lines = [part for line in said for part in textwrap.wrap(line, int(LETTERS * width))]
+    lines = [part for line in said for part in lines_within(line, width)]
     # Height of a line of the title [inch].
     top = 0.24 * (len(lines) + 1)
     height = max(height, plots * PLOT_HEIGHT) if tall else height + PLOT_HEIGHT

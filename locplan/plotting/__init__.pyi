@@ -35,6 +35,7 @@ from ._picture import (
     Picture as Picture,
     draw_number as draw_number,
     label_plainly as label_plainly,
+    lines_within as lines_within,
     make_logarithmic as make_logarithmic,
 )
 from ._plans import (

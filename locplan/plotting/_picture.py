@@ -115,9 +115,7 @@ class Picture(Figure):
         *lines : str
             Its lines.
         """
-        # Number of letters that fit within an inch.
-        width = int(11.5 * self.get_figwidth())
-        filled = (textwrap.fill(each, width, break_on_hyphens=False) for each in lines)
+        filled = (part for each in lines for part in lines_within(each, self.get_figwidth()))
         self.suptitle("\n".join(filled), fontsize="medium")
 
     def _show_texts_as_they_are(self) -> None:
@@ -129,6 +127,20 @@ class Picture(Figure):
 
     def _repr_png_(self) -> bytes:
         return png_of(self)
+
+
+def lines_within(text: str, width: float) -> list[str]:
+    """The lines of a text in a figure.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    width : float
+        Maximum width of a line [inch].
+    """
+    # Number of letters that fit within an inch.
+    return textwrap.wrap(text, int(11.5 * width), break_on_hyphens=False)
 
 
 @contextmanager

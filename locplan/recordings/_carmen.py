@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import MAX_AMOUNT, MAX_RANGE
-from locplan._util.poses import Numbers, after_way, way_between, wrapped
+from locplan._util.poses import after_way, way_between, wrapped
 from locplan._util.reading import numbered_lines
 from locplan.errors import RecordingError
 from locplan.recordings._logs import Options, ScanRows, Source
@@ -114,8 +115,8 @@ def _limit(ranges: NDArray[np.float32]) -> float:
 
 
 def _poses(
-    scans: Numbers, before: Sequence[int], log: _Log
-) -> tuple[Numbers, Numbers | None, tuple[float, float, float]]:
+    scans: Floats, before: Sequence[int], log: _Log
+) -> tuple[Floats, Floats | None, tuple[float, float, float]]:
     """Poses of the robot, its odometry, and the lidar's mount on it [m, m, rad].
 
     A line has two poses: the lidar's and the robot's. Where they are not a rigid body, the first
@@ -196,8 +197,8 @@ def _finite(words: Sequence[str]) -> tuple[float, ...]:
 
 
 def odometry_at(
-    poses: Numbers, stamps: Numbers, before: Sequence[int], lines: Numbers
-) -> Numbers | None:
+    poses: Floats, stamps: Floats, before: Sequence[int], lines: Floats
+) -> Floats | None:
     """Odometry at n scans; None if the log has none of its own.
 
     Mapping programs write the corrected pose after each scan as a line of odometry, too, and let

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.poses import Numbers, after_way, way_between, wrapped
+from locplan._kernels.arrays import Floats
+from locplan._util.poses import after_way, way_between, wrapped
 from locplan.recordings._odometry_model import Moves, OdometryModel, ways_of
 from locplan.recordings._passes import BEAMS, UNEXPLAINED, Walls, scoring
 from locplan.recordings._trajectory import CARRIED
@@ -28,7 +29,7 @@ class Chain:
     """Some scans of a drive one after the other, and the least squares of their poses."""
 
     walls: Walls
-    ends: Numbers
+    ends: Floats
     moves: Moves
     model: OdometryModel
     jumps: tuple[int, ...] = ()
@@ -46,7 +47,7 @@ class Chain:
         deviations[list(self.jumps)] = np.inf
         return Drive(self.ends, shares, self.model.expected(self.moves), deviations)
 
-    def refined(self, poses: Numbers, rounds: int) -> Numbers:
+    def refined(self, poses: Floats, rounds: int) -> Floats:
         """Poses of less loss."""
         from locplan._kernels.least_squares import refine_poses
 
@@ -55,7 +56,7 @@ class Chain:
         refine_poses(self.walls.distances, beams, self._drive, poses, rounds)
         return poses
 
-    def fits(self, candidates: Numbers) -> Numbers:
+    def fits(self, candidates: Floats) -> Floats:
         """Log-likelihoods a beam of the scans at poses (c, n, 3), (c, n); NaN without returns."""
         from locplan._kernels.least_squares import fits_along
 
@@ -63,7 +64,7 @@ class Chain:
         fits_along(self.walls.distances, scoring(0.15, BEAMS), self.ends, candidates, fits)
         return fits
 
-    def best_way(self, candidates: Numbers) -> Numbers:
+    def best_way(self, candidates: Floats) -> Floats:
         """The likeliest way over the poses of some candidates (c, n, 3), (n, 3)."""
         from locplan._kernels.trajectory import best_way
 
@@ -72,7 +73,7 @@ class Chain:
         way = best_way(candidates, gains, moves, deviations, self.walls.kidnapped)
         return np.asarray(candidates[way, np.arange(len(way))])
 
-    def covariances(self, poses: Numbers, beams: float) -> tuple[Numbers, Numbers]:
+    def covariances(self, poses: Floats, beams: float) -> tuple[Floats, Floats]:
         """Covariance of each pose, and with the one before, of so many independent beams."""
         from locplan._kernels.least_squares import Equations, covariances_of, normal_equations
 
@@ -83,21 +84,21 @@ class Chain:
         covariances_of(equations, blocks[2], blocks[3])
         return blocks[2], blocks[3]
 
-    def errors(self, poses: Numbers) -> Numbers:
+    def errors(self, poses: Floats) -> Floats:
         """How odometry errs from one pose to the next, (n, 3) [m, m, rad]."""
         errors = np.zeros((len(poses), 3))
         errors[1:] = way_between(poses[:-1], poses[1:]) - self.model.expected(self.moves)[1:]
         errors[:, 2] = wrapped(errors[:, 2])
         return errors
 
-    def jumped(self, poses: Numbers) -> tuple[int, ...]:
+    def jumped(self, poses: Floats) -> tuple[int, ...]:
         """The scans to which odometry does not lead: far off, and far beyond its errors."""
         errors = self.errors(poses)
         square = ((errors / self.model.deviations(self.moves)) ** 2).sum(axis=1)
         far = (np.hypot(errors[:, 0], errors[:, 1]) > 0.5) | (np.abs(errors[:, 2]) > 0.5)
         return tuple(map(int, np.flatnonzero(far & (square > 40.0))))
 
-    def bridged(self, poses: Numbers) -> tuple[Numbers, NDArray[np.bool_]]:
+    def bridged(self, poses: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         """Poses that follow odometry between two jumps which undo each other, and where they do.
 
         A robot that is carried away and back to where its odometry leads was not away: a stretch
@@ -118,11 +119,11 @@ class Chain:
                 away[begin:end] = True
         return found, away
 
-    def of_samples(self, samples: Numbers) -> Numbers:
+    def of_samples(self, samples: Floats) -> Floats:
         """Some samples of a filter, refined, (16, n, 3)."""
         return np.array([self.refined(each, 3) for each in samples[:REFINED]])
 
-    def learning(self, poses: Numbers) -> Chain:
+    def learning(self, poses: Floats) -> Chain:
         """The same scans with what poses tell of odometry."""
         own, across = self.covariances(poses, FINE_BEAMS)
         used = np.ones(len(poses))

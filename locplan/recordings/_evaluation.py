@@ -12,9 +12,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import instance
 from locplan._util.intervals import blocks_along, plain, short
-from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import POSE, Column, Result, Table
 from locplan._util.results import Results
@@ -55,7 +55,7 @@ class DriveEvaluation(Result):
 
     matches: Matches
     """The measured ones: posteriors of the scans."""
-    predicted: Mapping[str, Numbers]
+    predicted: Mapping[str, Floats]
     """Covariances at the poses and headings of the scans by the estimators' names, (n, d, d) in the
     world [m, m, rad]; d is 2 or 3, and NaN where there is no field."""
     criteria: Mapping[str, str]

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from locplan import plotting
-from locplan._util.poses import Numbers, way_along
+from locplan._kernels.arrays import Floats
+from locplan._util.poses import way_along
 from locplan.costs import Path
 from locplan.field import position_axes
 from locplan.maps import OccupancyGrid
@@ -77,7 +78,7 @@ def _over_profile_of(
 
 
 def _map_over_profile(
-    grid: OccupancyGrid, poses: Numbers, file: str, about: str
+    grid: OccupancyGrid, poses: Floats, file: str, about: str
 ) -> tuple[plotting.Picture, Axes, Axes]:
     """A figure with the map around a drive's poses, and axes for what changes along it."""
     shown = [Path(poses[:, :2])]
@@ -103,7 +104,7 @@ def _said(figure: Figure, *sentences: str) -> Figure:
 
 
 def _draw_line(
-    axes: Axes, found: DriveEvaluation, values: Numbers, width: float, norm: LogNorm | None
+    axes: Axes, found: DriveEvaluation, values: Floats, width: float, norm: LogNorm | None
 ) -> LineCollection:
     """Draw the drive from scan to scan, coloured by the mean of both ends' values, or white.
 
@@ -162,7 +163,7 @@ def _draw_ellipses(axes: Axes, found: DriveEvaluation, name: str) -> str:
     return "" if magnify == 1 else f", {magnify:g} times as large"
 
 
-def _draw_profile(axes: Axes, found: DriveEvaluation, values: dict[str, Numbers]) -> None:
+def _draw_profile(axes: Axes, found: DriveEvaluation, values: dict[str, Floats]) -> None:
     """Draw deviations along the way, and where scans are unlike the map."""
     way = way_along(found.matches.recording.poses)
     for (label, each), colour, line in zip(

@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import instance
-from locplan._util.poses import Numbers, ends_in_map, moved, wrapped
+from locplan._util.poses import ends_in_map, moved, wrapped
 from locplan._util.progress import ProgressCallback, parts
 from locplan.errors import RecordingError
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
@@ -84,10 +85,10 @@ class MapFit:
 class _Sample(NamedTuple):
     """Some beams of some scans."""
 
-    on_robot: Numbers  # (n, beams, 2), NaN without return [m]
-    poses: Numbers  # (n, 3)
+    on_robot: Floats  # (n, beams, 2), NaN without return [m]
+    poses: Floats  # (n, 3)
 
-    def ends(self) -> Numbers:
+    def ends(self) -> Floats:
         """Ends of the returns in the map's frame, (k, 2) [m]."""
         ends = ends_in_map(self.on_robot, self.poses).reshape(-1, 2)
         return ends[np.isfinite(ends[:, 0])]
@@ -162,7 +163,7 @@ def _sample(recording: Recording) -> _Sample:
     return _Sample(ends, recording.poses[scans])
 
 
-def _share(grid: OccupancyGrid, near: NDArray[np.bool_], ends: Numbers) -> float:
+def _share(grid: OccupancyGrid, near: NDArray[np.bool_], ends: Floats) -> float:
     """Share of points that lie in the cells of a mask."""
     return float(looked_up(grid, near, ends, False).mean())
 
@@ -197,7 +198,7 @@ class _Search:
     Ends of beams and places of the robot, (k, 2) and (n, 2), are in the map's frame [m].
     """
 
-    def __init__(self, grid: OccupancyGrid, ends: Numbers, places: Numbers) -> None:
+    def __init__(self, grid: OccupancyGrid, ends: Floats, places: Floats) -> None:
         self.grid, self.middle = grid, places.mean(0)
         self.out, self.stood = ends - self.middle, places - self.middle
         self.radius = math.sqrt(float((self.out**2).sum(1).mean()))
@@ -309,7 +310,7 @@ class _Search:
         return math.hypot(x - u, y - v) + (math.inf if between > 0.1 else 0.0)
 
 
-def _raster(xy: Numbers, cell: float, half: int) -> NDArray[np.float32]:
+def _raster(xy: Floats, cell: float, half: int) -> NDArray[np.float32]:
     """Number of points in each cell around the middle, (2 half + 1, 2 half + 1)."""
     size = 2 * half + 1
     col, row = (np.floor(part / cell + 0.5).astype(np.int64) + half for part in xy.T)
@@ -317,6 +318,6 @@ def _raster(xy: Numbers, cell: float, half: int) -> NDArray[np.float32]:
     return counts.reshape(size, size).astype(np.float32)
 
 
-def _rotated(xy: Numbers, turn: float) -> Numbers:
+def _rotated(xy: Floats, turn: float) -> Floats:
     cos, sin = math.cos(turn), math.sin(turn)
     return np.column_stack([cos * xy[:, 0] - sin * xy[:, 1], sin * xy[:, 0] + cos * xy[:, 1]])

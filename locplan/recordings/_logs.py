@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import (
     FARTHEST,
     MAX_RANGE,
@@ -19,7 +20,7 @@ from locplan._util.checks import (
     shown,
     whole,
 )
-from locplan._util.poses import Numbers, wrapped
+from locplan._util.poses import wrapped
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.robots import MAX_BEAMS, Lidar
 
@@ -280,7 +281,7 @@ def _plain(value: float) -> float:
     return float(f"{value:.7g}")
 
 
-def poses_of(name: str, values: object) -> Numbers:
+def poses_of(name: str, values: object) -> Floats:
     """Rows of finite x, y and heading, the last within +-pi; see `array_of`."""
     poses = array_of(f"{name}s", values, np.dtype(np.float64), 2)
     if poses.shape[1] != 3:

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import check_threads, instance
 from locplan._util.intervals import Interval, Rank, Resamples, draws_of, mean_interval, rank, short
-from locplan._util.poses import Numbers, ends_in_map
+from locplan._util.poses import ends_in_map
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.field import Scan, position_axes, scalar
@@ -55,17 +56,17 @@ class Matches:
     """The map that they were matched with."""
     settings: Scan
     """The search window, and how a beam's end is scored."""
-    mean: Numbers
+    mean: Floats
     """Mean offset from the recorded pose, (n, 3) [m, m, rad]."""
-    best: Numbers
+    best: Floats
     """Most probable offset, (n, 3) [m, m, rad]."""
-    covariance: Numbers
+    covariance: Floats
     """Covariance about the mean, (n, 3, 3) [m, m, rad]; NaN where a scan tells too little."""
-    ambiguity: Numbers
+    ambiguity: Floats
     """Probability outside the central mode, (n,), 0..1."""
-    entropy: Numbers
+    entropy: Floats
     """Entropy of the posterior, (n,) [nat]."""
-    score: Numbers
+    score: Floats
     """Log-likelihood a return at the most probable offset, (n,): 0 where all ends lie on walls."""
     returns: NDArray[np.int64]
     """Number of returns among the beams that were compared, (n,)."""
@@ -83,7 +84,7 @@ class Matches:
         return np.asarray(np.isfinite(self.covariance[:, 0, 0]))
 
     @cached_property
-    def stray(self) -> Numbers:
+    def stray(self) -> Floats:
         """Share of the returns that end away from all walls at the most probable offset, (n,).
 
         Away is beyond three cells, at least 0.25 m, and a fiftieth of the beam's length: so far
@@ -108,12 +109,12 @@ class Matches:
         return share
 
     @property
-    def position_std(self) -> Numbers:
+    def position_std(self) -> Floats:
         """Largest standard deviation of the position, (n,) [m]."""
         return scalar(self.covariance, "position_std")
 
     @property
-    def direction(self) -> Numbers:
+    def direction(self) -> Floats:
         """Direction of that deviation in the world, (n,) [rad]."""
         return position_axes(self.covariance)[2]
 
@@ -226,7 +227,7 @@ def at_walls(grid: OccupancyGrid) -> tuple[float, NDArray[np.bool_]]:
     return distance, grid.closer_than(distance)
 
 
-def looked_up(grid: OccupancyGrid, values: NDArray[Any], xy: Numbers, beyond: float) -> Numbers:
+def looked_up(grid: OccupancyGrid, values: NDArray[Any], xy: Floats, beyond: float) -> Floats:
     """Values of the cells at points (..., 2), and off the map, or where a point is NaN, another."""
     row, col = (np.floor(each) for each in grid.world_to_grid(xy[..., 0], xy[..., 1]))
     inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
@@ -257,7 +258,7 @@ class Agreement:
 
 
 def agreement(
-    values: Numbers, predicted: Numbers, measured: Numbers, blocks: NDArray[np.int64]
+    values: Floats, predicted: Floats, measured: Floats, blocks: NDArray[np.int64]
 ) -> Agreement:
     """Agreement of predicted with measured covariances at n scans.
 

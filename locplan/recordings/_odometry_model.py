@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.poses import Numbers, after_way, way_between, wrapped
+from locplan._kernels.arrays import Floats
+from locplan._util.poses import after_way, way_between, wrapped
 from locplan._util.saved import Valued
 from locplan.robots import Odometry
 
@@ -22,15 +23,15 @@ TINY = 1e-12
 class Moves:
     """What odometry says of the ways between n scans; the first one stands for none."""
 
-    ways: Numbers
+    ways: Floats
     """Each scan as seen from the one before, (n, 3) [m, m, rad]."""
-    lengths: Numbers
+    lengths: Floats
     """Length of the way [m], (n,)."""
-    turned: Numbers
+    turned: Floats
     """Sum of the turns [rad], (n,)."""
 
     @classmethod
-    def of(cls, odometry: Numbers, scans: NDArray[np.int64]) -> Moves:
+    def of(cls, odometry: Floats, scans: NDArray[np.int64]) -> Moves:
         """Moves between some scans of a drive."""
         steps = way_between(odometry[:-1], odometry[1:])
         sums = np.zeros((len(odometry), 2))
@@ -42,7 +43,7 @@ class Moves:
         return cls(ways, *np.diff(sums[scans], axis=0, prepend=sums[scans[:1]]).T)
 
     @property
-    def features(self) -> Numbers:
+    def features(self) -> Floats:
         """What variances are made of, (n, 3)."""
         return np.column_stack([self.lengths, self.turned, np.ones(len(self.lengths))])
 
@@ -62,7 +63,7 @@ class OdometryModel(Valued):
     """True turns over reported ones, minus 1."""
     mount: tuple[float, float, float]
     """Pose of the lidar from where it is said to be, as the drive shows it [m, m, rad]."""
-    variances: Numbers
+    variances: Floats
     """Squared scales of the errors ahead, to the left, and of the turn, a metre of way, a radian
     turned, and a scan, (3, 3) [m^2, m^2, rad^2]."""
 
@@ -84,7 +85,7 @@ class OdometryModel(Valued):
         ]
         return cls(0.0, 0.0, 0.0, (0.0, 0.0, 0.0), np.square(deviations))
 
-    def expected(self, moves: Moves) -> Numbers:
+    def expected(self, moves: Moves) -> Floats:
         """The corrected ways, (n, 3), of a robot whose lidar is where it is said to be.
 
         Parameters
@@ -98,7 +99,7 @@ class OdometryModel(Valued):
         lidar = np.broadcast_to(np.array(self.mount), robot.shape)
         return way_between(lidar, after_way(robot, lidar))
 
-    def deviations(self, moves: Moves) -> Numbers:
+    def deviations(self, moves: Moves) -> Floats:
         """Scales of the errors, (n, 3) [m, m, rad].
 
         Parameters
@@ -108,7 +109,7 @@ class OdometryModel(Valued):
         """
         return np.asarray(np.sqrt(moves.features @ self.variances.T))
 
-    def learned(self, moves: Moves, true: Numbers, known: Numbers, used: Numbers) -> OdometryModel:
+    def learned(self, moves: Moves, true: Floats, known: Floats, used: Floats) -> OdometryModel:
         """The model that explains the true ways best: a step of expectation and maximisation.
 
         Parameters
@@ -139,7 +140,7 @@ class OdometryModel(Valued):
             model = replace(model, variances=variances)
         return model
 
-    def _unbiased(self, moves: Moves, true: Numbers, used: Numbers) -> OdometryModel:
+    def _unbiased(self, moves: Moves, true: Floats, used: Floats) -> OdometryModel:
         """The model with the biases, by robust regression towards none."""
         ahead, left, turn = moves.ways.T
         cos, sin = np.cos(turn) - 1, np.sin(turn)
@@ -160,12 +161,10 @@ class OdometryModel(Valued):
         return OdometryModel(scale, bend, turn_scale, (x, y, yaw), self.variances)
 
 
-def _robust(
-    features: Numbers, values: Numbers, used: Numbers, near: tuple[float, ...]
-) -> list[float]:
+def _robust(features: Floats, values: Floats, used: Floats, near: tuple[float, ...]) -> list[float]:
     """Coefficients by least squares with Student's weights, and a prior about zero."""
     prior = np.diag(1 / np.square(near))
-    found: Numbers = np.zeros(len(near))
+    found: Floats = np.zeros(len(near))
     for _ in range(6):
         weights = used * (FREEDOM + 1) / (FREEDOM + (values - features @ found) ** 2)
         weighed = (features * weights[:, None]).T
@@ -173,7 +172,7 @@ def _robust(
     return list(map(float, found))
 
 
-def ways_of(poses: Numbers, own: Numbers, across: Numbers) -> tuple[Numbers, Numbers]:
+def ways_of(poses: Floats, own: Floats, across: Floats) -> tuple[Floats, Floats]:
     """Ways between n poses, the first one none, and the variances with which they are known.
 
     Parameters
@@ -199,12 +198,12 @@ def ways_of(poses: Numbers, own: Numbers, across: Numbers) -> tuple[Numbers, Num
 
 
 def likeliest_variances(
-    squares: Numbers,
-    features: Numbers,
-    fixed: Numbers,
-    weights: Numbers,
-    start: Numbers | None = None,
-) -> Numbers:
+    squares: Floats,
+    features: Floats,
+    fixed: Floats,
+    weights: Floats,
+    start: Floats | None = None,
+) -> Floats:
     """Coefficients of the variance of Gaussian values that are likeliest, none below 0.
 
     The variance of a value is ``features @ coefficients + fixed``. Each round is a step of Fisher's
@@ -221,7 +220,7 @@ def likeliest_variances(
     return np.asarray(found)
 
 
-def _not_negative(matrix: Numbers, vector: Numbers) -> Numbers:
+def _not_negative(matrix: Floats, vector: Floats) -> Floats:
     """Least squares by their normal equations, without the coefficients that would be negative."""
     some = np.diag(matrix) > TINY
     found = np.zeros(len(vector))

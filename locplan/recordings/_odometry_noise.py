@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._kernels.particles import STILL
 from locplan._util.intervals import Interval, blocks_along, intervals
-from locplan._util.poses import Numbers, way_along, way_between, wrapped
+from locplan._util.poses import updates_of, way_along, way_between, wrapped
 from locplan.recordings._odometry_model import TINY, likeliest_variances
 from locplan.recordings._recording import Recording
-from locplan.recordings._tracks import updates_of, without_jumps
+from locplan.recordings._tracks import without_jumps
 from locplan.recordings._trajectory import SMOOTHED
 from locplan.robots import Amcl
 
@@ -99,7 +100,7 @@ def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
     """
     if recording.odometry is None:
         return None
-    updates = updates_of(recording.odometry, amcl)
+    updates = updates_of(recording.odometry, amcl.update_min_d, amcl.update_min_a)
     if len(updates) - 1 < MIN_UPDATES:
         return None
     poses, odometry, jumps = without_jumps(recording.poses, recording.odometry)
@@ -129,7 +130,7 @@ def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
 
 
 def _notes(
-    increments: _Increments, alphas: Numbers, sure: tuple[float, float], turned: float
+    increments: _Increments, alphas: Floats, sure: tuple[float, float], turned: float
 ) -> list[str]:
     notes = []
     if increments.outweighed(alphas, *sure):
@@ -151,7 +152,7 @@ def _notes(
     return notes
 
 
-def _ways(poses: Numbers, begin: NDArray[np.int64], end: NDArray[np.int64]) -> Numbers:
+def _ways(poses: Floats, begin: NDArray[np.int64], end: NDArray[np.int64]) -> Floats:
     """Poses at the end as seen from those at the begin, (n, 3) [m, m, rad]."""
     ways = way_between(poses[begin], poses[end])
     return np.column_stack([ways[:, :2], wrapped(ways[:, 2])])
@@ -162,21 +163,21 @@ class _Stretches:
     """Stretches of a drive of some lengths, and what odometry says of them."""
 
     begin: NDArray[np.int64]
-    way: Numbers
+    way: Floats
     """Length of the way [m]."""
-    turned: Numbers
+    turned: Floats
     """Sum of turns [rad]."""
-    chord: Numbers
+    chord: Floats
     """Distance from the begin to the end [m]."""
-    turn: Numbers
+    turn: Floats
     """Turn from the begin to the end [rad]."""
-    ahead: Numbers
+    ahead: Floats
     """Reported chord minus the true one, along it [m]; NaN where the way is not straight."""
-    aside: Numbers
+    aside: Floats
     """Reported turn minus the true one [rad]."""
 
     @classmethod
-    def of(cls, poses: Numbers, odometry: Numbers, spans: tuple[float, ...]) -> _Stretches:
+    def of(cls, poses: Floats, odometry: Floats, spans: tuple[float, ...]) -> _Stretches:
         """Stretches of each length [m], one after the other."""
         turns = np.abs(wrapped(np.diff(odometry[:, 2])))
         way, turned = way_along(odometry), np.concatenate([[0.0], np.cumsum(turns)])
@@ -204,7 +205,7 @@ class _Stretches:
             np.asarray(wrapped(reported[:, 2] - true[:, 2])),
         )
 
-    def fitted(self, weights: Numbers) -> Numbers:
+    def fitted(self, weights: Floats) -> Floats:
         """Drifts, biases, and the noise of the poses, in the order of `OdometryNoise`, (8,)."""
         some = np.isfinite(self.ahead)
         one = np.ones(len(self.way))
@@ -242,15 +243,15 @@ class _Increments:
     direction of ways of a few centimetres, which no poses tell.
     """
 
-    features: Numbers
+    features: Floats
     """What the variances of turns and of distances are made of, (2, n, 4)."""
-    poses: Numbers
+    poses: Floats
     """What the variances of positions and headings add to those, (2, n, 2)."""
-    residuals: Numbers
+    residuals: Floats
     """Reported minus true ones, (2, n) [rad, m]."""
 
     @classmethod
-    def of(cls, poses: Numbers, odometry: Numbers) -> _Increments:
+    def of(cls, poses: Floats, odometry: Floats) -> _Increments:
         """Increments from each pose to the next."""
         begin = np.arange(len(poses) - 1)
         true, reported = (_ways(each, begin, begin + 1) for each in (poses, odometry))
@@ -274,30 +275,30 @@ class _Increments:
             np.array([turn, ahead - way]),
         )
 
-    def fitted(self, weights: Numbers, position: float, heading: float) -> Numbers:
+    def fitted(self, weights: Floats, position: float, heading: float) -> Floats:
         """The alphas, (4,), with poses that have noise of their own [m, rad]."""
         fixed = (self.poses @ np.array([position**2, heading**2])).ravel()
         features, every = self.features.reshape(-1, 4), np.tile(weights, 2)
         return likeliest_variances(self.residuals.ravel() ** 2, features, fixed, every)
 
-    def outweighed(self, alphas: Numbers, position: float, heading: float) -> bool:
+    def outweighed(self, alphas: Floats, position: float, heading: float) -> bool:
         """Whether the poses' noise is more than odometry's, of the turns or of the distances."""
         of_poses = self.poses @ np.array([position**2, heading**2])
         of_odometry = self.features @ alphas
         return bool((of_poses.mean(axis=1) > of_odometry.mean(axis=1)).any())
 
-    def jumps(self, alphas: Numbers, position: float, heading: float) -> float:
+    def jumps(self, alphas: Floats, position: float, heading: float) -> float:
         """Share of the increments that are far off what the fit expects."""
         variance = self.features @ alphas + self.poses @ np.array([position**2, heading**2])
         return float((self.residuals**2 > 25 * (variance + TINY)).any(axis=0).mean())
 
 
 def _regressed(
-    values: Numbers, means: Numbers, features: Numbers, weights: Numbers
-) -> tuple[Numbers, Numbers]:
+    values: Floats, means: Floats, features: Floats, weights: Floats
+) -> tuple[Floats, Floats]:
     """Coefficients of the mean and of the variance of Gaussian values that are likeliest."""
-    coefficients: Numbers = np.zeros(means.shape[1])
-    parts: Numbers | None = None
+    coefficients: Floats = np.zeros(means.shape[1])
+    parts: Floats | None = None
     for _ in range(4):
         squares = (values - means @ coefficients) ** 2
         parts = likeliest_variances(squares, features, np.zeros(len(values)), weights, parts)

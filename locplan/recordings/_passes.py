@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.files import make_folder, replacing
 from locplan._util.intervals import random_of
-from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.field import wall_cells
 from locplan.maps import OCCUPIED, OccupancyGrid
@@ -92,19 +92,19 @@ class Pass:
     """What finds a scan's pose on the whole map."""
     ranges: NDArray[np.float32]
     """The scans, (k, beams) [m]; infinite without a return."""
-    ends: Numbers
+    ends: Floats
     """Ends of some beams on the robot, (k, b, 2) [m]; NaN without a return."""
-    ways: Numbers
+    ways: Floats
     """The way to each scan by odometry, (k, 3) [m, m, rad]."""
-    deviations: Numbers
+    deviations: Floats
     """Scales of its errors, (k, 3) [m, m, rad]."""
-    start: Numbers | None
+    start: Floats | None
     """The first pose on the map [m, m, rad]; None if it is not known."""
     seed: int
     number: int
     """Number of the pass, for its random numbers and files."""
 
-    def trajectories(self, folder: Path | None, progress: ProgressCallback) -> Numbers:
+    def trajectories(self, folder: Path | None, progress: ProgressCallback) -> Floats:
         """Trajectories that the filter holds for likely, (40, k, 3).
 
         What a folder holds of an interrupted pass is taken from there, and what is done is added.
@@ -128,7 +128,7 @@ class Pass:
         sample_backwards(random, clouds, self.ways, self.deviations, kidnapped, samples)
         return samples
 
-    def _step(self, k: int, clouds: Any, best: Numbers, poor: int) -> None:
+    def _step(self, k: int, clouds: Any, best: Floats, poor: int) -> None:
         """Move the particles to scan `k`, and draw them by it.
 
         Where they fit badly, they become more; and where they still do, the whole map is searched.
@@ -158,12 +158,12 @@ class Pass:
         best[k] = fits.max()
         draw_evenly(random, poses, weights, clouds[k])
 
-    def _usual(self, best: Numbers) -> float:
+    def _usual(self, best: Floats) -> float:
         """The best fit of a scan below which it is poor."""
         known = best[np.isfinite(best)]
         return max(-0.8, float(np.median(known)) - 0.35) if len(known) > 10 else -0.8
 
-    def _fits(self, k: int, poses: Numbers) -> Numbers:
+    def _fits(self, k: int, poses: Floats) -> Floats:
         """Log-likelihoods a beam of a scan at poses (3, m), (m,); 0 without enough returns."""
         from locplan._kernels.particles import add_scores
 
@@ -173,14 +173,14 @@ class Pass:
             add_scores(self.walls.scores, ends, poses, poses.shape[1], sums)
         return sums / max(returns, 1)
 
-    def _first(self, random: np.random.Generator) -> Numbers:
+    def _first(self, random: np.random.Generator) -> Floats:
         """Particles about the first pose, or where its scan may have been taken, (3, m)."""
         if self.start is None:
             return self._anywhere(random, 0, 2 * PARTICLES)
         off = random.standard_normal((2 * PARTICLES, 3)) * (0.5, 0.5, math.radians(10))
         return np.ascontiguousarray((self.start + off).T)
 
-    def _anywhere(self, random: np.random.Generator, k: int, size: int) -> Numbers:
+    def _anywhere(self, random: np.random.Generator, k: int, size: int) -> Floats:
         """Poses of the whole map that explain a scan, or any where it says too little, (3, m)."""
         places, resolution = self.database.everywhere, self.walls.grid.resolution
         ranges = places.matching.compared(self.ranges[[k]].astype(np.float64))[0]
@@ -195,13 +195,13 @@ class Pass:
             poses = np.column_stack([xy, random.uniform(-math.pi, math.pi, size)])
         return np.ascontiguousarray(poses.T)
 
-    def _write(self, folder: Path, done: int, clouds: Any, best: Numbers) -> None:
+    def _write(self, folder: Path, done: int, clouds: Any, best: Floats) -> None:
         make_folder(folder)
         with replacing(self._file(folder, done)) as file:
             some = slice(done - BLOCK, done)
             np.savez(file, clouds=clouds[some], best=best[some])
 
-    def _read(self, folder: Path | None, clouds: Any, best: Numbers) -> int:
+    def _read(self, folder: Path | None, clouds: Any, best: Floats) -> int:
         """Read what an interrupted pass has put down; return the number of its scans."""
         done = 0
         while folder and (file := self._file(folder, done + BLOCK)).is_file():

@@ -14,16 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.poses import (
-    FrameTree,
-    Numbers,
-    Track,
-    after_way,
-    in_plane,
-    upward,
-    way_between,
-    wrapped,
-)
+from locplan._kernels.arrays import Floats
+from locplan._util.poses import FrameTree, Track, after_way, in_plane, upward, way_between, wrapped
 from locplan.errors import RecordingError
 from locplan.recordings._bag_files import Kind
 from locplan.recordings._logs import Options, Source
@@ -45,9 +37,9 @@ class PoseTopic(NamedTuple):
 class Place:
     """Poses of the robot at the scans, and the mount of its lidar."""
 
-    poses: Numbers
+    poses: Floats
     """(n, 3) in the map's frame; NaN where unknown [m, m, rad]."""
-    odometry: Numbers | None
+    odometry: Floats | None
     mount: tuple[float, float, float]
     upside_down: bool
     source: Source
@@ -200,7 +192,7 @@ class Heard:
         x, y, yaw = flat[0].tolist()
         return (x, y, yaw), bool(up[0] < 0)
 
-    def _poses(self, base: str, reported: Numbers | None) -> tuple[Numbers, str, str]:
+    def _poses(self, base: str, reported: Floats | None) -> tuple[Floats, str, str]:
         """Poses of the robot at the scans, where they come from, and the frame they are in."""
         tree, frame, topic = self.tree, self.map_frame, self.options.pose_topic
         if topic is None:
@@ -252,7 +244,7 @@ class Heard:
             f" {self.tree.described()}; name others with map_frame=, base_frame={other}"
         )
 
-    def _odometry(self, base: str) -> tuple[Numbers | None, str]:
+    def _odometry(self, base: str) -> tuple[Floats | None, str]:
         """Odometry at all times of the tree, if there is some that is not the poses themselves."""
         named, of_poses = self.options.odom_topic, self.options.pose_topic
         topics = [
@@ -278,8 +270,8 @@ class Heard:
 
 
 def carried_poses(
-    times: Sequence[float], track: Track, reported_at: Sequence[float], reported: Numbers
-) -> Numbers:
+    times: Sequence[float], track: Track, reported_at: Sequence[float], reported: Floats
+) -> Floats:
     """Poses at n times that odometry carries there from the samples before and after.
 
     AMCL tells a pose only once the robot has moved on; between two of them it may have turned back.
@@ -317,5 +309,5 @@ def carried_poses(
     share = np.divide(second, total, out=np.full(len(at), np.nan), where=total > 0)
     step = other - one
     step[:, 2] = wrapped(step[:, 2])
-    found: Numbers = one + share[:, None] * step
+    found: Floats = one + share[:, None] * step
     return found

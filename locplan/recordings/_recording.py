@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import instance, keep, number, printable, shown, whole
-from locplan._util.poses import Numbers, ends_in_map, moved, way_between, way_length, wrapped
+from locplan._util.poses import ends_in_map, moved, way_between, way_length, wrapped
 from locplan._util.public import called
 from locplan._util.tables import finite, table
 from locplan.errors import RecordingError
@@ -49,11 +50,11 @@ class Recording:
     its range."""
     lidar: Lidar
     """The lidar, with its mount on the robot."""
-    poses: Numbers
+    poses: Floats
     """Poses x, y, heading of the robot in the map's frame at the scans, (n, 3) [m, m, rad]."""
-    times: Numbers | None = None
+    times: Floats | None = None
     """Times of the scans, (n,) [s]; None where the log has none that can be relied on."""
-    odometry: Numbers | None = None
+    odometry: Floats | None = None
     """Poses by odometry at the scans, (n, 3) [m, m, rad], in a frame of its own; or None."""
     source: Source = field(default_factory=Source)
     """The file, topics and frames that it was read from."""
@@ -192,11 +193,11 @@ class Recording:
         """Length of the way from scan to scan [m]."""
         return way_length(self.poses)
 
-    def ends_on_robot(self) -> Numbers:
+    def ends_on_robot(self) -> Floats:
         """Ends of the beams ahead and to the left of the robot, (n, beams, 2) [m]; NaN for none."""
         return self.lidar.ends_on_robot(self.ranges)
 
-    def ends(self) -> Numbers:
+    def ends(self) -> Floats:
         """Ends of the beams in the map's frame, (n, beams, 2) [m]; NaN for those without return."""
         return ends_in_map(self.ends_on_robot(), self.poses)
 

@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import check_memory, check_threads, instance, whole
 from locplan._util.intervals import (
     Interval,
@@ -20,7 +21,6 @@ from locplan._util.intervals import (
     mean_interval,
     random_of,
 )
-from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
@@ -100,9 +100,9 @@ class Replay(Result):
     """The robot, with the recording's lidar."""
     seed: int
     """Seed of all random numbers."""
-    errors: Numbers
+    errors: Floats
     """The filter's pose minus the recorded one, (runs, n, 3), in the world [m, m, rad]."""
-    covariances: Numbers
+    covariances: Floats
     """Covariance of the particles as AMCL publishes it, (runs, n, 3, 3), in the world; NaN where
     they were not resampled."""
     filter_map: OccupancyGrid | None = None
@@ -117,7 +117,7 @@ class Replay(Result):
         return Drives(self.recording.poses, self.errors)
 
     @property
-    def poses(self) -> Numbers:
+    def poses(self) -> Floats:
         """The filter's poses, (runs, n, 3), in the world [m, m, rad]."""
         return np.asarray(self.recording.poses + self.errors)
 
@@ -127,7 +127,7 @@ class Replay(Result):
         return np.isfinite(self.covariances[0, :, 0, 0])
 
     @property
-    def squares(self) -> Numbers:
+    def squares(self) -> Floats:
         """Squared distance of the recorded position from the filter's, in its own standard
         deviations (NEES), (runs, n); NaN where it did not resample. Right covariances have 2 on
         average."""
@@ -139,7 +139,7 @@ class Replay(Result):
         return np.asarray((c * x**2 - 2 * b * x * y + a * y**2) / (a * c - b**2))
 
     @property
-    def filter_std(self) -> Numbers:
+    def filter_std(self) -> Floats:
         """Rms deviation of the position by the filter itself, the median over runs, (n,) [m]."""
         return np.asarray(np.median(scalar(self.covariances, "position_rms"), axis=0))
 

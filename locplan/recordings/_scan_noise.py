@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import check_threads
 from locplan._util.intervals import Interval, blocks_along, intervals
-from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.matching import in_batches
@@ -82,7 +82,7 @@ def scan_noise(
     chosen = np.unique(np.linspace(0, len(recording) - 1, 300).round().astype(int))
     walls = _Walls(grid, recording)
 
-    def compared(some: NDArray[np.int64]) -> list[tuple[float, Numbers]]:
+    def compared(some: NDArray[np.int64]) -> list[tuple[float, Floats]]:
         return [walls.compared(scan) for scan in chosen[some].tolist()]
 
     results = in_batches(compared, len(chosen), check_threads(threads), progress, batch=1)
@@ -110,30 +110,30 @@ def scan_noise(
 class _Scans:
     """What is summed up of n scans."""
 
-    deviations: Numbers
+    deviations: Floats
     """Distances of ranges from the map's, in ascending order [m]."""
     of_scan: NDArray[np.int64]
     """The scan of each."""
-    through: Numbers
+    through: Floats
     """Number of beams that go through walls, (n,)."""
-    room: Numbers
+    room: Floats
     """Number of outliers that would go through walls, if all beams were outliers, (n,)."""
-    short: Numbers
+    short: Floats
     """Number of beams that end before the wall, (n,)."""
-    before: Numbers
+    before: Floats
     """Number of outliers that would, if all beams were outliers, (n,)."""
     beams: int
-    open: Numbers
+    open: Floats
     """Chance that an object 0.5 to 2 m away stands before the wall, (n,)."""
-    angle: Numbers
+    angle: Floats
     """Angle of the runs of beams that are blocked within 2 m, (n,) [deg]; a wall that differs a
     little from the map shadows others further away, too."""
 
     @classmethod
     def of(
         cls,
-        residual: Numbers,
-        walls: Numbers,
+        residual: Floats,
+        walls: Floats,
         near: NDArray[np.bool_],
         returned: NDArray[np.bool_],
         lidar: Lidar,
@@ -159,7 +159,7 @@ class _Scans:
             spacing * np.array([_in_runs(each) for each in short & (measured < farthest)], float),
         )
 
-    def statistics(self, weights: Numbers) -> Numbers:
+    def statistics(self, weights: Floats) -> Floats:
         """The values of `ScanNoise` that have intervals, with weights of the scans."""
         shares = np.cumsum(weights[self.of_scan])
         middle = self.deviations[np.searchsorted(shares, shares[-1] / 2)]
@@ -193,13 +193,13 @@ class _Walls:
         some = np.ascontiguousarray(lidar.angles[:: self.every])
         self.some = self.beams._replace(angles=some)
 
-    def compared(self, scan: int) -> tuple[float, Numbers]:
+    def compared(self, scan: int) -> tuple[float, Floats]:
         """How far a scan was moved to fit best [m], and the map's ranges from there (beams,)."""
         start = self.recording.poses[scan]
         pose = self._settled(start, self.recording.ranges[scan, :: self.every])
         return math.dist(pose[:2], start[:2]), self._ranges(pose, self.beams)
 
-    def _settled(self, pose: Numbers, measured: NDArray[np.float32]) -> Numbers:
+    def _settled(self, pose: Floats, measured: NDArray[np.float32]) -> Floats:
         """The pose near the recorded one from which the map's ranges are most like a scan's.
 
         It moves along x, y and the heading as long as that lessens the mean difference.
@@ -207,7 +207,7 @@ class _Walls:
         seen = np.isfinite(measured)
         measured = measured[seen].astype(np.float64)
 
-        def loss(trial: Numbers) -> float:
+        def loss(trial: Floats) -> float:
             difference = np.abs(self._ranges(trial, self.some)[seen] - measured)
             return float(np.minimum(difference, FAR).mean()) if len(difference) else 0.0
 
@@ -225,7 +225,7 @@ class _Walls:
                     break
         return pose
 
-    def _ranges(self, pose: Numbers, beams: Any) -> Numbers:
+    def _ranges(self, pose: Floats, beams: Any) -> Floats:
         """Ranges by the map at a pose in the world, (beams,) [m]; inf where no wall is met."""
         from locplan._kernels.lidar import lever, scan_ends
 

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import instance, shown, whole
-from locplan._util.poses import Numbers, after_way, turning, way_between, wrapped
+from locplan._util.poses import after_way, turning, way_between, wrapped
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.errors import ConfigError, RecordingError
 from locplan.field import position_axes
@@ -131,7 +132,7 @@ def smooth(
 
 def _first(
     grid: OccupancyGrid, recording: Recording, start: ArrayLike | str | None
-) -> Numbers | None:
+) -> Floats | None:
     """The pose of the first scan on the map; None if it is not known."""
     if start is None:
         return None
@@ -170,7 +171,7 @@ class _Drive:
         self.key_moves = Moves.of(self.odometry, self.keys)
         self.ends = self._ends(180)
 
-    def _ends(self, most: int) -> Numbers:
+    def _ends(self, most: int) -> Floats:
         """Ends of up to so many beams on the robot, (n, b, 2) [m]."""
         lidar, ranges = self.recording.lidar, self.recording.ranges
         beams = np.unique(np.linspace(0, lidar.beams - 1, most).astype(np.int64))
@@ -182,14 +183,14 @@ class _Drive:
         self,
         chain: Chain,
         database: Any,
-        first: Numbers | None,
+        first: Floats | None,
         seed: int,
         folder: Path | None,
         progress: ProgressCallback,
         *,
         number: int = 0,
         backwards: bool = False,
-    ) -> Numbers:
+    ) -> Floats:
         """Trajectories (40, k, 3) of a filter's way forth or back along the key scans."""
         ends, ranges = chain.ends[:, ::3], self.recording.ranges[self.keys]
         ways, deviations = chain.model.expected(chain.moves), chain.model.deviations(chain.moves)
@@ -201,9 +202,7 @@ class _Drive:
         samples = one.trajectories(folder, progress)
         return np.ascontiguousarray(samples[:, ::-1]) if backwards else samples
 
-    def put_together(
-        self, keys: Chain, samples: list[Numbers], refined: list[Numbers]
-    ) -> Trajectory:
+    def put_together(self, keys: Chain, samples: list[Floats], refined: list[Floats]) -> Trajectory:
         """The trajectory that both ways' samples lead to, of which some are refined."""
         candidates = np.concatenate(refined)
         best, absurd = keys.bridged(keys.best_way(candidates))
@@ -229,8 +228,8 @@ class _Drive:
         return self._finished(chain, poses, own, doubts, fits)
 
     def _between(
-        self, chain: Chain, best: Numbers, jumps: tuple[int, ...]
-    ) -> tuple[Numbers, NDArray[np.int64], tuple[int, ...]]:
+        self, chain: Chain, best: Floats, jumps: tuple[int, ...]
+    ) -> tuple[Floats, NDArray[np.int64], tuple[int, ...]]:
         """Poses of all scans by those of the key scans, the key of each, and where they jump.
 
         They follow odometry from the key scan before, but for those after a jump, which lead to the
@@ -251,7 +250,7 @@ class _Drive:
             forth[found[-1] : end], near[found[-1] : end] = back[found[-1] : end], jump
         return forth, near, tuple(found)
 
-    def _widened(self, covariances: Numbers, fits: Numbers) -> Numbers:
+    def _widened(self, covariances: Floats, fits: Floats) -> Floats:
         """Covariances with what a map's cells and faults add, the more where it fits badly."""
         badly = np.nan_to_num(np.maximum(np.nanmedian(fits) - fits, 0.0))
         least = (0.2 * self.grid.resolution) ** 2 + 0.01**2 + (0.1 * badly) ** 2
@@ -259,7 +258,7 @@ class _Drive:
         return covariances + np.stack([least, least, turn], axis=1)[:, :, None] * np.eye(3)
 
     def _finished(
-        self, chain: Chain, poses: Numbers, own: Numbers, doubts: Any, fits: Numbers
+        self, chain: Chain, poses: Floats, own: Floats, doubts: Any, fits: Floats
     ) -> Trajectory:
         """The trajectory in the world."""
         grid, recording = self.grid, self.recording
@@ -282,6 +281,6 @@ class _Drive:
         )
 
 
-def _distances(some: Numbers, other: Numbers) -> Numbers:
+def _distances(some: Floats, other: Floats) -> Floats:
     """Distances of positions [m]."""
     return np.asarray(np.hypot(*np.moveaxis(some[..., :2] - other[..., :2], -1, 0)))

@@ -26,9 +26,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import file_path, shown
 from locplan._util.files import replacing
-from locplan._util.poses import Numbers
 from locplan._util.reading import numbered_lines, opened, parsed_json
 from locplan._util.saved import made
 from locplan.errors import LocplanError, RecordingError
@@ -212,9 +212,9 @@ def _header(lines: Iterator[tuple[int, str]]) -> tuple[dict[str, Any], list[str]
 
 def _rows(
     lines: Iterator[tuple[int, str]], before: int, beams: int, every: int
-) -> tuple[Numbers, NDArray[np.float32]]:
+) -> tuple[Floats, NDArray[np.float32]]:
     """Every n-th row: the columns before the ranges, and the ranges."""
-    places, rows = list[Numbers](), list[NDArray[np.float32]]()
+    places, rows = list[Floats](), list[NDArray[np.float32]]()
     filled = ((number, line) for number, line in lines if line and not line.startswith("#"))
     for count, (number, line) in enumerate(filled):
         if (columns := line.count(",") + 1) != before + beams:

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.poses import Numbers, turning, way_between, way_length, wrapped
+from locplan._kernels.arrays import Floats
+from locplan._util.poses import turning, updates_of, way_between, way_length, wrapped
 from locplan.errors import RecordingError
 from locplan.maps import OccupancyGrid, own_axes
 from locplan.recordings._recording import Recording
@@ -18,21 +19,11 @@ REPLAY = 14
 """Stream of random numbers of replays."""
 
 
-def updates_of(odometry: Numbers, amcl: Amcl) -> NDArray[np.int64]:
-    """Indices of the poses by odometry (n, 3) at which the filter updates."""
-    chosen = [0]
-    for n, (x, y, heading) in enumerate(odometry):
-        at = odometry[chosen[-1]]
-        far = max(abs(x - at[0]), abs(y - at[1])) > amcl.update_min_d
-        if far or abs(wrapped(heading - at[2])) > amcl.update_min_a:
-            chosen.append(n)
-    return np.array(chosen)
-
-
 def sparse_notes(recording: Recording, amcl: Amcl) -> tuple[str, ...]:
     """A note if the filter updates less often than it would with more scans."""
     assert recording.odometry is not None
-    at = recording.odometry[updates_of(recording.odometry, amcl), :2]
+    updates = updates_of(recording.odometry, amcl.update_min_d, amcl.update_min_a)
+    at = recording.odometry[updates, :2]
     steps = np.hypot(*np.diff(at, axis=0).T)
     spacing = float(np.median(steps)) if len(steps) else 0.0
     if spacing <= 1.5 * amcl.update_min_d:
@@ -71,7 +62,7 @@ class Tracks:
                 f"the drive begins at {x:.2f},{y:.2f}, off {grid.name or 'the map'}; is it the"
                 " right one? See locplan.recordings.fit_to_map"
             )
-        self.odometry: Numbers = recording.odometry
+        self.odometry: Floats = recording.odometry
         self.truth = own_axes(grid, recording.poses)
         self._turn = turning(grid.origin[2])
 
@@ -80,7 +71,7 @@ class Tracks:
         robot = replace(robot, lidar=self.recording.lidar)
         return drive_arguments(self.grid, robot, scores=scores)
 
-    def ends(self, amcl: Amcl) -> Numbers:
+    def ends(self, amcl: Amcl) -> Floats:
         """Ends of the beams that AMCL compares, (n, beams, 2) [cells]; NaN without a return."""
         ends = compared_ends(amcl, self.recording.lidar, self.recording.ranges)
         return ends / self.grid.resolution
@@ -88,10 +79,10 @@ class Tracks:
     def track(
         self,
         random: np.random.Generator,
-        ends: Numbers,
+        ends: Floats,
         arguments: DriveArguments,
         part: slice = slice(None),
-    ) -> tuple[Numbers, Numbers]:
+    ) -> tuple[Floats, Floats]:
         """Errors (n, 3) and covariances (n, 3, 3) of one run on a part of the drive, in the world.
 
         `ends` are those of the whole drive.
@@ -108,7 +99,7 @@ class Tracks:
         return errors @ self._turn.T, self._turn @ covariances @ self._turn.T
 
 
-def without_jumps(poses: Numbers, odometry: Numbers) -> tuple[Numbers, Numbers, int]:
+def without_jumps(poses: Floats, odometry: Floats) -> tuple[Floats, Floats, int]:
     """Poses and odometry that both stand still where they jump apart, and the number of jumps.
 
     One jump would count for more than all the noise of a drive.
@@ -137,7 +128,7 @@ def without_jumps(poses: Numbers, odometry: Numbers) -> tuple[Numbers, Numbers, 
     return *joined, int(far.sum())
 
 
-def _joined(first: Numbers, ways: Numbers, left_out: NDArray[np.bool_]) -> Numbers:
+def _joined(first: Floats, ways: Floats, left_out: NDArray[np.bool_]) -> Floats:
     """The poses to which ways lead from the first one, but for those that are left out."""
     ahead, left, turn = np.where(left_out[:, None], 0.0, ways).T
     heading = first[2] + np.append(0.0, np.cumsum(turn))

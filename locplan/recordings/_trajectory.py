@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.poses import Numbers
+from locplan._kernels.arrays import Floats
 from locplan._util.records import POSE, Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.saved import Stored
@@ -57,7 +57,7 @@ class Jump:
     """By how much its heading is off [rad]."""
 
 
-def jump_at(scan: int, pose: Numbers, error: Numbers, times: Numbers | None) -> Jump:
+def jump_at(scan: int, pose: Floats, error: Floats, times: Floats | None) -> Jump:
     """The jump to a scan's pose, where odometry errs so."""
     away, kind = float(np.hypot(error[0], error[1])), "slip"
     steps = np.zeros(1) if times is None else np.diff(times)
@@ -80,21 +80,21 @@ class Trajectory(Result, Stored):
     _reported_by: ClassVar[str] = "locplan.recordings._trajectory:trajectory_report"
     _drawn_by: ClassVar[str] = "locplan.recordings:trajectory_figure"
 
-    poses: Numbers
+    poses: Floats
     """Poses x, y, heading of the robot in the map's frame, (n, 3) [m, m, rad]."""
-    covariances: Numbers
+    covariances: Floats
     """Their covariances, (n, 3, 3) [m, m, rad]."""
     doubts: NDArray[np.int64]
     """Why each is not to be trusted, (n,): a place in `DOUBTS`, or 0 where it is."""
-    fits: Numbers
+    fits: Floats
     """Log-likelihood a return of each scan, (n,): 0 where all ends lie on walls; NaN without."""
     jumps: tuple[Jump, ...]
     """The places to which odometry does not lead."""
     odometry: OdometryModel | None
     """How odometry errs; None where the log has none."""
-    recorded: Numbers
+    recorded: Floats
     """The poses of the log, (n, 3) [m, m, rad]."""
-    times: Numbers | None
+    times: Floats | None
     """Times of the scans, (n,) [s]; None where the log has none."""
     drive: str
     """Name of the drive's file."""
@@ -120,7 +120,7 @@ class Trajectory(Result, Stored):
         return np.asarray(self.doubts == 0)
 
     @cached_property
-    def deviation(self) -> Numbers:
+    def deviation(self) -> Floats:
         """Largest standard deviation of each position, (n,) [m]."""
         return position_axes(self.covariances)[0]
 
@@ -129,7 +129,7 @@ class Trajectory(Result, Stored):
         return float(np.median(self.deviation))
 
     @cached_property
-    def off(self) -> Numbers:
+    def off(self) -> Floats:
         """Distance of the log's own poses from these, (n,) [m]."""
         return np.asarray(np.hypot(*(self.recorded - self.poses)[:, :2].T))
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from numpy.random import Generator as Random
     from numpy.typing import NDArray
 
-    from locplan._util.poses import Numbers
+    from locplan._kernels.arrays import Floats
     from locplan.maps import OccupancyGrid
     from locplan.robots._lidar import Lidar
 
@@ -36,7 +36,7 @@ class Filter(Protocol):
         """The filter in one short line for people."""
 
     def start(
-        self, grid: OccupancyGrid, lidar: Lidar, pose: Numbers, deviation: Deviation, random: Random
+        self, grid: OccupancyGrid, lidar: Lidar, pose: Floats, deviation: Deviation, random: Random
     ) -> Tracker:
         """Begin to track a robot.
 
@@ -58,7 +58,7 @@ class Filter(Protocol):
 class Tracker(Protocol):
     """A filter that runs: at every pose `motion`, `scan` and `estimate` are called in turn."""
 
-    def motion(self, odometry: Numbers) -> None:
+    def motion(self, odometry: Floats) -> None:
         """Take what odometry reports.
 
         Parameters
@@ -78,10 +78,10 @@ class Tracker(Protocol):
             return.
         """
 
-    def estimate(self) -> Numbers:
+    def estimate(self) -> Floats:
         """The robot's pose x, y, heading in the world, (3,) [m, m, rad]."""
 
-    def covariance(self) -> Numbers:
+    def covariance(self) -> Floats:
         """Covariance of the estimate in the world, (3, 3) [m, m, rad]; NaN while not known."""
 
 
@@ -216,7 +216,7 @@ class Amcl(Settings):
         return self.robot_model_type == OMNIDIRECTIONAL
 
     def start(
-        self, grid: OccupancyGrid, lidar: Lidar, pose: Numbers, deviation: Deviation, random: Random
+        self, grid: OccupancyGrid, lidar: Lidar, pose: Floats, deviation: Deviation, random: Random
     ) -> Tracker:
         """Begin to track a robot with particles about a pose; see `Filter.start`.
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.poses import Numbers, turning
+from locplan._kernels.arrays import Floats
+from locplan._util.poses import turning
 from locplan.maps import OCCUPIED, OccupancyGrid, own_axes
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ class Particles:
         amcl: Amcl,
         grid: OccupancyGrid,
         lidar: Lidar,
-        pose: Numbers,
+        pose: Floats,
         deviation: Deviation,
         random: np.random.Generator,
     ) -> None:
@@ -51,7 +52,7 @@ class Particles:
         self._begun = False
         self._covariance = np.full((3, 3), np.nan)
 
-    def motion(self, odometry: Numbers) -> None:
+    def motion(self, odometry: Floats) -> None:
         """Take the pose that odometry has added up; see `Tracker.motion`."""
         self._odometry[NOW] = odometry
         if not self._begun:
@@ -76,7 +77,7 @@ class Particles:
             self._odometry[RESAMPLED], state[drives.AT] = self._odometry[NOW], RESAMPLED
         self._odometry[UPDATED], state[drives.UPDATED] = self._odometry[NOW], UPDATED
 
-    def estimate(self) -> Numbers:
+    def estimate(self) -> Floats:
         """Mean of the heaviest cluster, moved on with odometry; see `Tracker.estimate`."""
         from locplan._kernels.drives import estimate
 
@@ -85,7 +86,7 @@ class Particles:
         at = self._grid.grid_to_world(np.float64(y / resolution), np.float64(x / resolution))
         return np.array([*map(float, at), heading + self._grid.origin[2]])
 
-    def covariance(self) -> Numbers:
+    def covariance(self) -> Floats:
         """Covariance of all particles, as AMCL publishes it where it has just resampled them."""
         turn = turning(self._grid.origin[2])
         return np.asarray(turn @ self._covariance @ turn.T)
@@ -106,7 +107,7 @@ def filter_settings(amcl: Amcl) -> Filter:
     return Filter(**own, omnidirectional=amcl.is_omnidirectional)
 
 
-def compared_ends(amcl: Amcl, lidar: Lidar, ranges: NDArray[Any]) -> Numbers:
+def compared_ends(amcl: Amcl, lidar: Lidar, ranges: NDArray[Any]) -> Floats:
     """Ends of the beams of scans that AMCL compares, (n, some beams, 2) on the robot [m].
 
     Parameters

@@ -73,9 +73,7 @@ def choice_figure(choice: Choice) -> Figure:
     marks = place_handles(each.arrivals for each in choice.candidates)
     figure.key([*_handles(choice), *marks, *plotting.end_handles()], ncols=3)
     name = choice.map["name"] or "map"
-    texts = [f"{name}: {choice.said[0]}", *choice.said[1:], choice.driven]
-    lines = [line for text in texts for line in textwrap.wrap(text, int(12.5 * width))]
-    figure.suptitle("\n".join(lines), fontsize="medium")
+    figure.title(f"{name}: {choice.said[0]}", *choice.said[1:], choice.driven)
     return figure
 
 

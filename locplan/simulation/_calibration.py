@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import file_path
 from locplan._util.files import check_target, replacing
 from locplan._util.intervals import Interval
-from locplan._util.poses import Numbers
 from locplan._util.public import Pictured
 from locplan._util.reading import parsed_json, read_text
 from locplan._util.records import IN_FILES
@@ -56,9 +56,9 @@ class Calibration(Pictured):
     nor too large."""
     floor_share: float
     """Share of the places whose errors are below Q alone, which no k can reach, 0..1."""
-    predicted: Numbers
+    predicted: Floats
     """Rms position deviation of each place by the calibrated Sigma, (n,) [m]."""
-    measured: Numbers
+    measured: Floats
     """Rms position error that was measured at each place, (n,) [m]."""
     maps: Sequence[str]
     """Names of the maps of the places."""

@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import whole
 from locplan._util.intervals import Interval, of_geometric_mean, of_mean, of_median, of_rms, wilson
-from locplan._util.poses import Numbers, Poses, way_along
+from locplan._util.poses import Poses, way_along
 from locplan._util.records import POSE, Column, Table
 from locplan._util.tables import finite
 from locplan.maps import OccupancyGrid
@@ -94,9 +95,9 @@ class Drives:
     pairs. Intervals are over the drives.
     """
 
-    poses: Numbers
+    poses: Floats
     """The true poses x, y, heading, (n, 3), in the world [m, m, rad]."""
-    errors: Numbers
+    errors: Floats
     """The filter's pose minus the true one, (drives, n, 3), in the world [m, m, rad]."""
 
     def __repr__(self) -> str:
@@ -106,7 +107,7 @@ class Drives:
         )
 
     @property
-    def distance(self) -> Numbers:
+    def distance(self) -> Floats:
         """Distance driven up to each pose, (n,) [m]."""
         return way_along(self.poses)
 
@@ -116,7 +117,7 @@ class Drives:
         return float(self.distance[-1])
 
     @property
-    def position_error(self) -> Numbers:
+    def position_error(self) -> Floats:
         """Distance of the filter's position from the true one, (drives, n) [m]."""
         return np.hypot(self.errors[..., 0], self.errors[..., 1])
 
@@ -149,7 +150,7 @@ class Drives:
         return of_rms((self.errors[..., 2] ** 2).mean(axis=1))
 
     @property
-    def mean_squares(self) -> Numbers:
+    def mean_squares(self) -> Floats:
         """Mean square of each drive's position error, (drives,) [m^2]."""
         return np.asarray((self.position_error**2).mean(axis=1))
 
@@ -196,7 +197,7 @@ class Drives:
         listed = {name: list(v) if isinstance(v, tuple) else v for name, v in about.items()}
         return finite({"drives": len(self.errors), **listed})
 
-    def profile(self) -> Numbers:
+    def profile(self) -> Floats:
         """Poses and errors along the way, (n, 9), in the columns of `PROFILE`."""
         error = self.position_error
         low, median, high = np.quantile(error, (0.1, 0.5, 0.9), axis=0)

@@ -11,9 +11,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import whole
 from locplan._util.intervals import Interval, Rank, Resamples, digits_of, plain, rank, short
-from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import POSITION, Column, Result, Table
 from locplan._util.results import Results
@@ -39,7 +39,7 @@ class Evaluation(Result):
 
     places: Sequence[Places]
     """Places and errors of each map."""
-    predictions: Sequence[dict[Predictor, Numbers]]
+    predictions: Sequence[dict[Predictor, Floats]]
     """Values of each predictor at the places of each map, (n,); a predictor names a field and its
     scalar, or a baseline, and greater values foresee greater errors."""
     robot: Robot
@@ -76,7 +76,7 @@ class Evaluation(Result):
         }
 
     @staticmethod
-    def _errors(places: Places, predictor: Predictor, kind: ErrorKind) -> Numbers:
+    def _errors(places: Places, predictor: Predictor, kind: ErrorKind) -> Floats:
         return places.heading_rmse(kind) if predictor.of_heading else places.position_rmse(kind)
 
     def of_map(self, number: int) -> Evaluation:

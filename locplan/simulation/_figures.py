@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import textwrap
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -15,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from locplan import plotting
+from locplan._kernels.arrays import Floats
 from locplan._util.intervals import Interval, in_metres, short
-from locplan._util.poses import Numbers
 from locplan.robots import Robot
 from locplan.simulation._arrivals import ENDS, LEAVES, STOPS, Arrivals, faults_of
 from locplan.simulation._drives import LOST, contrasts, rates_of
@@ -29,8 +28,6 @@ if TYPE_CHECKING:
     from locplan.simulation._routes import Routes
     from locplan.simulation._simulate import Simulation
 
-LETTERS = 11.5
-"""Number of letters of a legend or a title that fit within an inch."""
 POOLED, WITHIN = "#0072b2", "#d55e00"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 MAP_MARKS = (*zip(COLOURS, "o^sDvP", strict=True),)
@@ -82,8 +79,8 @@ def simulation_figure(simulation: Simulation) -> Figure:
             found = simulation.arrivals[name]
             draw_places(upper, found, colour)
             text += f"; steered by the filter, {found.words} arrive{faults_of(found)}"
-        text = textwrap.fill(text, int(LETTERS * (width - 1)), break_on_hyphens=False)
-        handles.append(Line2D([], [], linewidth=2, label=text, **style))
+        label = "\n".join(plotting.lines_within(text, width - 1))
+        handles.append(Line2D([], [], linewidth=2, label=label, **style))
         plotting.draw_ends(upper, xy[0], xy[-1])
     bar = figure.colorbar(coloured, ax=upper, label="mean position error [m]", shrink=0.9)
     plotting.label_plainly(bar.ax.yaxis)
@@ -286,7 +283,7 @@ def calibration_figure(calibration: Calibration) -> Figure:
     return figure
 
 
-def _equal_ends(axes: Any, values: Numbers) -> Numbers:
+def _equal_ends(axes: Any, values: Floats) -> Floats:
     """Make both axes logarithmic and alike, a bit wider than the values; return their ends."""
     ends = np.array([values.min() * 0.8, values.max() * 1.25])
     for axis in (axes.xaxis, axes.yaxis):
@@ -295,7 +292,7 @@ def _equal_ends(axes: Any, values: Numbers) -> Numbers:
     return ends
 
 
-def _beside(points: Numbers) -> list[tuple[float, float]]:
+def _beside(points: Floats) -> list[tuple[float, float]]:
     """Where the number of each point stands from it, away from the others [points]."""
     sides = 6.0 * np.array([(1, 1), (-1, 1), (1, -1), (-1, -1)])
     extent = float(np.ptp(points, axis=0).max()) or 1.0

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import one_of
 from locplan._util.intervals import Interval, intervals, of_resamples, spearman
-from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.errors import CalibrationError, ConfigError
 from locplan.field import Estimator, Exponential, FieldConfig, config_of, covariances_at
@@ -103,10 +103,10 @@ def calibrate(
 def _judged(
     config: FieldConfig,
     level: Interval,
-    bare: Numbers,
-    q: Numbers,
-    errors: Numbers,
-    before: Numbers,
+    bare: Floats,
+    q: Floats,
+    errors: Floats,
+    before: Floats,
     maps: Sequence[str],
 ) -> Calibration:
     """How well a noise level fits second moments of errors, and how the config's own did.
@@ -142,7 +142,7 @@ def changed(config: FieldConfig, **settings: object) -> FieldConfig:
     return dataclasses.replace(config, estimator=dataclasses.replace(estimator, **settings))
 
 
-def _errors(places: Sequence[Places], error: ErrorKind) -> Numbers:
+def _errors(places: Sequence[Places], error: ErrorKind) -> Floats:
     """Second moments of the position errors of all places, (n, 2, 2) [m^2]."""
     found = [each.moments(error)[:, :2, :2] for each in places]
     moments = np.concatenate([np.empty((0, 2, 2)), *found])
@@ -155,7 +155,7 @@ def _errors(places: Sequence[Places], error: ErrorKind) -> Numbers:
     return moments + SMALL
 
 
-def _bare(places: Sequence[Places], config: FieldConfig, threads: int | None) -> Numbers:
+def _bare(places: Sequence[Places], config: FieldConfig, threads: int | None) -> Floats:
     """Positional covariances with k = 1 and without Q, (n, 2, 2) [m^2]."""
     # Places lie on the lattice of the default stride.
     plain = dataclasses.replace(changed(config, noise_level=1.0), stride=FieldConfig.stride)
@@ -167,7 +167,7 @@ def _bare(places: Sequence[Places], config: FieldConfig, threads: int | None) ->
     return np.concatenate(found)
 
 
-def _q(grid: OccupancyGrid, config: FieldConfig) -> Numbers:
+def _q(grid: OccupancyGrid, config: FieldConfig) -> Floats:
     """Covariance Q that the estimator adds to the positions of a map's places, (2, 2) [m^2]."""
     estimator = config.estimator
     q = estimator.q(estimator.lattice(grid.resolution))
@@ -177,8 +177,8 @@ def _q(grid: OccupancyGrid, config: FieldConfig) -> Numbers:
 def calibrate_moments(
     config: FieldConfig,
     grid: OccupancyGrid,
-    covariances: Numbers,
-    moments: Numbers,
+    covariances: Floats,
+    moments: Floats,
     blocks: NDArray[np.int64],
 ) -> Calibration:
     """Fit the noise level to errors that were not simulated, such as those of recorded scans.
@@ -210,20 +210,20 @@ def calibrate_moments(
     bare, q = covariances - added, np.tile(added + SMALL, (len(covariances), 1, 1))
     measured = rms_of(moments)
 
-    def log_level(weights: Numbers) -> Numbers:
+    def log_level(weights: Floats) -> Floats:
         return np.log([fit_level(bare, q, measured, weights)[0]])
 
     level = Interval(*np.exp(intervals(log_level, blocks, 100)[0]).tolist())
     return _judged(config, level, bare, q, moments, bare, [grid.name])
 
 
-def rms_of(covariance: Numbers) -> Numbers:
+def rms_of(covariance: Floats) -> Floats:
     """Rms deviation of positions, (n,) [m]."""
     return np.asarray(np.sqrt(np.trace(covariance, axis1=1, axis2=2)))
 
 
 def fit_level(
-    bare: Numbers, q: Numbers, measured: Numbers, weights: Numbers | None = None
+    bare: Floats, q: Floats, measured: Floats, weights: Floats | None = None
 ) -> tuple[float, float]:
     """Noise level of least loss, and the loss: the mean squared difference of logarithms."""
     from scipy.optimize import minimize_scalar
@@ -258,6 +258,6 @@ def _check_determined(level: float) -> None:
         )
 
 
-def _factor_of(predicted: Numbers, measured: Numbers) -> float:
+def _factor_of(predicted: Floats, measured: Floats) -> float:
     """Factor by which predicted and measured deviations (n,) typically differ."""
     return float(np.exp(np.sqrt(np.mean(np.log(predicted / measured) ** 2))))

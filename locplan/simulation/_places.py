@@ -9,9 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import whole
 from locplan._util.intervals import random_of
-from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
@@ -44,33 +44,33 @@ class Places:
     """The map."""
     points: NDArray[np.int64]
     """Rows and columns of the places on the lattice of a field's default stride, (n, 2)."""
-    tracking: Numbers
+    tracking: Floats
     """Second moments of the particle filter's errors, (n, 3, 3), in the world [m, m, rad]."""
-    match: Numbers
+    match: Floats
     """Second moments of the matches' errors, (n, 3, 3), in the world [m, m, rad]."""
-    tracking_median: Numbers
+    tracking_median: Floats
     """Median of the particle filter's position error, (n,) [m]."""
-    match_median: Numbers
+    match_median: Floats
     """Median of the matches' position error, (n,) [m]."""
-    lost: Numbers
+    lost: Floats
     """Share of the drives to each place that were off by more than 1 m at some time, (n,), 0..1."""
-    off_at_goal: Numbers
+    off_at_goal: Floats
     """Share of those that were off by more than 0.5 m at the place, (n,), 0..1."""
-    kept_rmse: Numbers
+    kept_rmse: Floats
     """RMSE of the position of those never off by more than 1 m, (n,) [m]; NaN where all were."""
-    halves: Numbers
+    halves: Floats
     """RMSE of the position of every second drive and of the others, (n, 2) [m]."""
 
     def __repr__(self) -> str:
         return f"Places({len(self.points)} of {self.grid.name or 'map'})"
 
     @property
-    def xy(self) -> Numbers:
+    def xy(self) -> Floats:
         """Positions of the places in the world, (n, 2) [m]."""
         rows, cols = (_cells(self.grid, self.points) + 0.5).T
         return np.column_stack(self.grid.grid_to_world(rows, cols))
 
-    def moments(self, kind: ErrorKind) -> Numbers:
+    def moments(self, kind: ErrorKind) -> Floats:
         """Second moments of one kind of error, (n, 3, 3), in the world [m, m, rad].
 
         Parameters
@@ -80,7 +80,7 @@ class Places:
         """
         return self.tracking if kind == "tracking" else self.match
 
-    def position_rmse(self, kind: ErrorKind) -> Numbers:
+    def position_rmse(self, kind: ErrorKind) -> Floats:
         """RMSE of the position at each place, (n,) [m].
 
         Parameters
@@ -90,7 +90,7 @@ class Places:
         """
         return np.sqrt(self.moments(kind)[:, 0, 0] + self.moments(kind)[:, 1, 1])
 
-    def position_median(self, kind: ErrorKind) -> Numbers:
+    def position_median(self, kind: ErrorKind) -> Floats:
         """Median error of the position at each place, (n,) [m].
 
         Parameters
@@ -100,7 +100,7 @@ class Places:
         """
         return self.tracking_median if kind == "tracking" else self.match_median
 
-    def heading_rmse(self, kind: ErrorKind) -> Numbers:
+    def heading_rmse(self, kind: ErrorKind) -> Floats:
         """RMSE of the heading at each place, (n,) [rad].
 
         Parameters
@@ -111,7 +111,7 @@ class Places:
         return np.sqrt(self.moments(kind)[:, 2, 2])
 
     @property
-    def sizes(self) -> dict[str, Numbers]:
+    def sizes(self) -> dict[str, Floats]:
         """Sizes of the errors at each place by name, (n,) [m]; those of `RATES` are shares."""
         return {
             "tracking_median": self.tracking_median,
@@ -292,12 +292,12 @@ def _cells(grid: OccupancyGrid, points: NDArray[np.int64]) -> NDArray[np.int64]:
     return points * _stride(grid)
 
 
-def _distances(errors: Numbers) -> Numbers:
+def _distances(errors: Floats) -> Floats:
     """Position errors, (...), of errors (..., 3) [m]."""
     return np.asarray(np.hypot(errors[..., 0], errors[..., 1]))
 
 
-def _lost_and_kept(driven: Numbers, last: Numbers) -> tuple[Numbers, Numbers]:
+def _lost_and_kept(driven: Floats, last: Floats) -> tuple[Floats, Floats]:
     """Share of lost drives, and RMSE [m] of the others, (n,), of errors (n, drives, k, 3).
 
     A drive may be lost at any time of `driven`; the RMSE is over `last`, its end.
@@ -311,7 +311,7 @@ def _lost_and_kept(driven: Numbers, last: Numbers) -> tuple[Numbers, Numbers]:
     return np.where(np.isnan(farthest), np.nan, lost).mean(axis=1), kept
 
 
-def _halves(last: Numbers) -> Numbers:
+def _halves(last: Floats) -> Floats:
     """RMSE of the position of every second drive and of the others, (n, 2) [m].
 
     They are NaN unless there are two drives (n, drives, k, 3) or more.
@@ -322,6 +322,6 @@ def _halves(last: Numbers) -> Numbers:
     return np.sqrt([squares[:, n::2].mean(axis=1) for n in (0, 1)]).T
 
 
-def _moments(errors: Numbers) -> Numbers:
+def _moments(errors: Floats) -> Floats:
     """Second moments, (n, 3, 3), of errors (n, k, 3)."""
     return np.asarray(np.einsum("nki,nkj->nij", errors, errors) / errors.shape[1])

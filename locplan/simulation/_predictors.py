@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.intervals import Interval, Rank, in_metres, short
-from locplan._util.poses import Numbers
 from locplan.field import FieldConfig, Fisher, Fused, Sad, Scan, covariances_at, scalar
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.robots import Lidar
@@ -68,7 +68,7 @@ def predictions(
     points: NDArray[np.int64],
     *,
     threads: int | None = None,
-) -> dict[Predictor, Numbers]:
+) -> dict[Predictor, Floats]:
     """Values of each predictor at points of the lattice of the default stride, (n,).
 
     The configs' own strides are ignored. Several headings give the value of their mean
@@ -85,7 +85,7 @@ def predictions(
     threads : int, optional
         Number of threads, at least 1; all cores by default.
     """
-    found: dict[Predictor, Numbers] = {}
+    found: dict[Predictor, Floats] = {}
     for name, config in fields.items():
         config = dataclasses.replace(config, stride=FieldConfig.stride)
         covariance = covariances_at(grid, config, points, threads=threads)
@@ -100,7 +100,7 @@ def predictions(
     return found
 
 
-def _occupied_about(grid: OccupancyGrid, cells: NDArray[np.int64], radius: float) -> Numbers:
+def _occupied_about(grid: OccupancyGrid, cells: NDArray[np.int64], radius: float) -> Floats:
     """Number of occupied cells within a radius [cells] of each cell, also behind walls, (n,)."""
     from scipy.spatial import cKDTree
 

@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from locplan._kernels.arrays import Floats
 from locplan._util.intervals import Interval, digits_of, of_geometric_mean, of_mean, plain, short
-from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.public import Pictured
 from locplan._util.records import Column, Result, Table
@@ -144,7 +144,7 @@ class Routes(Pictured):
             return "helps"
         return "harms" if ratio.low > 1 else "unclear"
 
-    def pairs(self, name: str) -> Numbers:
+    def pairs(self, name: str) -> Floats:
         """Values of the shortest and of the aware path of each query, (n, 2).
 
         Parameters
@@ -332,7 +332,7 @@ def simulate_queries(
     return Routes(costs.grid, routes, about)
 
 
-def _pair_of(both: Numbers) -> tuple[float, float]:
+def _pair_of(both: Floats) -> tuple[float, float]:
     return float(both[0]), float(both[1])
 
 

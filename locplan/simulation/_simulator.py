@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import check_memory, check_threads, whole
 from locplan._util.intervals import random_of
-from locplan._util.poses import Numbers, Poses
+from locplan._util.poses import Poses
 from locplan._util.progress import ProgressCallback
 from locplan.field import equipped
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid, own_axes
@@ -120,7 +121,7 @@ class Simulator:
 
     def drive(
         self, lines: Sequence[Poses], *, stream: int = 0, progress: ProgressCallback | None = None
-    ) -> Numbers:
+    ) -> Floats:
         """Drive each line once, in a world of its own; all have the same number of poses.
 
         Parameters
@@ -156,7 +157,7 @@ class Simulator:
         *,
         stream: int = 0,
         progress: ProgressCallback | None = None,
-    ) -> list[Numbers]:
+    ) -> list[Floats]:
         """Drive each line several times; the n-th drives of all have one world and one seed.
 
         Parameters
@@ -247,7 +248,7 @@ class Simulator:
 
     def match(
         self, cells: NDArray[np.int64], scans: int, *, progress: ProgressCallback | None = None
-    ) -> Numbers:
+    ) -> Floats:
         """Match single scans on the map, by correlation over a window of +-2 m and +-60 deg.
 
         AMCL's number of beams of each scan is compared, on a likelihood field for matching alone.

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.intervals import random_of
-from locplan._util.poses import Numbers, Poses, window_around
+from locplan._util.poses import Poses, window_around
 from locplan.costs import Costmap, Path, divided_poses
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import OccupancyGrid, check_grid
@@ -100,7 +101,7 @@ def approaches(
     return drives
 
 
-def _facing_ahead(path: Path, at: Numbers) -> Poses:
+def _facing_ahead(path: Path, at: Floats) -> Poses:
     """Poses at distances along a path, each facing the point `AHEAD` of it."""
     here, ahead = (
         np.column_stack([np.interp(where, path.distance, v) for v in path.xy.T])
@@ -138,7 +139,7 @@ MARGIN = 2.0
 Window = tuple[slice, slice]
 
 
-def window_about(grid: OccupancyGrid, cells: Numbers, margin: float) -> Window:
+def window_about(grid: OccupancyGrid, cells: Floats, margin: float) -> Window:
     """Rows and columns of a map around positions.
 
     Parameters
@@ -196,7 +197,7 @@ class Stage:
         stream: int,
         number: int,
         arguments: DriveArguments,
-    ) -> Numbers:
+    ) -> Floats:
         """The filter's errors on a drive, (n, 3) in the own axes of its map [m, m, rad].
 
         Parameters
@@ -231,7 +232,7 @@ def inflation_of(robot: Robot) -> Inflation:
     return robot.inflation or Inflation(inflation_radius=0.7, cost_scaling_factor=3.0)
 
 
-def inflated(clearance: Numbers, robot: Robot) -> Numbers:
+def inflated(clearance: Floats, robot: Robot) -> Floats:
     """Density that Nav2's planners see in an inflated costmap: 50 to 252, over 50.
 
     Parameters
@@ -246,7 +247,7 @@ def inflated(clearance: Numbers, robot: Robot) -> Numbers:
     return 1 + np.where(clearance <= inflation.inflation_radius, np.minimum(cost, 4), 0)
 
 
-def turned(errors: Numbers, yaw: float) -> Numbers:
+def turned(errors: Floats, yaw: float) -> Floats:
     """Errors turned from the map's own axes into the world's, (..., 3)."""
     if not yaw:
         return errors

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +31,6 @@ from locplan.plotting import (
     style,
     zoomed_to,
 )
-from locplan.robots import Lidar
 from locplan.twins._location import LocatedDrive, Location
 from locplan.twins._places import THRESHOLD, GlobalMatches, Start
 from locplan.twins._twins import SHOWN, Twins
@@ -119,7 +117,7 @@ def place_figure(twins: Twins, place: int) -> Figure:
     return figure
 
 
-def _on_map(grid: OccupancyGrid, more: float = 0.0) -> tuple[Figure, Axes]:
+def _on_map(grid: OccupancyGrid, more: float = 0.0) -> tuple[Picture, Axes]:
     """A figure with Axes on which the map is drawn, so much higher than it [inch]."""
     width, height = map_size(grid)
     figure = Picture(figsize=(width, height + more), layout="constrained")
@@ -274,15 +272,7 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
             for n, mode in enumerate(location.modes, 1)
         ]
         lines.append(f"share of each place:  {',  '.join(weights)}")
-    return _titled(figure, grid, location.lidar, lines)
-
-
-def _titled(figure: Figure, grid: OccupancyGrid, lidar: Lidar, sentences: list[str]) -> Figure:
-    """The figure with the names of the map and the lidar above it, and sentences."""
-    lines = [f"{grid.name or 'map'}; {lidar.title}"]
-    for each in sentences:
-        lines += textwrap.wrap(each, int(11 * figure.get_figwidth()), break_on_hyphens=False)
-    figure.suptitle("\n".join(lines), fontsize="medium")
+    figure.title(f"{grid.name or 'map'}; {location.lidar.title}", *lines)
     return figure
 
 
@@ -345,4 +335,5 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
     if wrong.any():
         axes.plot([], [], "+", color=style.VERMILION, label="where they were found")
     figure.legend(loc="outside lower center", ncols=2, frameon=False)
-    return _titled(figure, grid, found.recording.lidar, [found.sentence])
+    figure.title(f"{grid.name or 'map'}; {found.recording.lidar.title}", found.sentence)
+    return figure

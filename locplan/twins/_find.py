@@ -8,9 +8,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from locplan._kernels.arrays import Ints
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import check_threads, position, positive, shown
-from locplan._util.poses import Numbers, wrapped
+from locplan._util.poses import wrapped
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import Table
 from locplan.costs import Costmap
@@ -195,7 +195,7 @@ def _seen_everywhere(
 
 def _checked(
     grid: OccupancyGrid, places: Iterable[Sequence[float]], robot_radius: float
-) -> tuple[list[tuple[int, int]], Numbers]:
+) -> tuple[list[tuple[int, int]], Floats]:
     """Cells (row, col) of places in the world, and their positions, (n, 2) [m]."""
     cells, xy = [], []
     if not isinstance(places, Iterable):
@@ -212,7 +212,7 @@ def _checked(
     return cells, np.array(xy)
 
 
-def _listed(database: Database, looks: Sequence[Looks]) -> Numbers:
+def _listed(database: Database, looks: Sequence[Looks]) -> Floats:
     """World x, y, heading and excess of the twins of each pose, (n, LISTED, 4)."""
     twins = np.full((len(looks), LISTED, 4), np.nan)
     for n, look in enumerate(looks):

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import check_threads, instance, number, shown, whole
-from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Path
 from locplan.errors import ConfigError, RecordingError
@@ -138,7 +138,7 @@ def places_of(database: ScanDatabase, near: Path | ArrayLike | None, within: flo
 
 
 def located(
-    database: ScanDatabase, ranges: Numbers, places: Database, count: int, *, restricted: bool
+    database: ScanDatabase, ranges: Floats, places: Database, count: int, *, restricted: bool
 ) -> Location:
     """Find the modes of a scan, inf without a return, among places of a database."""
     from locplan._kernels.scan_losses import TOP, fits, settle, unlike
@@ -193,7 +193,7 @@ def located(
     )
 
 
-def _explained(places: Database, ends: NDArray[np.float32], pose: Numbers) -> float:
+def _explained(places: Database, ends: NDArray[np.float32], pose: Floats) -> float:
     """Share of the ends that lie within two deviations of a wall at a pose on the map."""
     from locplan._kernels.scan_losses import TOP, loss_at
 
@@ -204,7 +204,7 @@ def _explained(places: Database, ends: NDArray[np.float32], pose: Numbers) -> fl
     return float(np.mean(np.array(losses) <= most))
 
 
-def _checked(scan: ArrayLike | Recording, lidar: Lidar | None) -> tuple[Numbers, Lidar]:
+def _checked(scan: ArrayLike | Recording, lidar: Lidar | None) -> tuple[Floats, Lidar]:
     """The ranges of a scan, inf without a return, and the lidar that took it."""
     if isinstance(scan, Recording):
         if lidar is not None and lidar != scan.lidar:

@@ -11,9 +11,9 @@ from pathlib import Path as FilePath
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._util.poses import Numbers, wrapped
+from locplan._kernels.arrays import Bools, Floats
+from locplan._util.poses import wrapped
 from locplan._util.public import Pictured
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
@@ -42,7 +42,7 @@ class Mode:
     """Share of the posterior, of exp(-loss) over all modes, 0..1."""
     excess: float
     """How much worse it explains the scan than the best mode does, >= 0 [nats]."""
-    covariance: Numbers
+    covariance: Floats
     """Covariance of the pose in the world, (3, 3) [m, m, rad], as that of `match_scans`: the
     posterior over +-1.5 m and +-4 deg about the pose."""
 
@@ -99,7 +99,7 @@ class Location(Pictured):
     """The map."""
     lidar: Lidar
     """The lidar that took the scan."""
-    ranges: Numbers
+    ranges: Floats
     """The scan: distances along the lidar's beams, (beams,) [m], inf without a return."""
     modes: tuple[Mode, ...]
     """The poses that explain it, the best first."""
@@ -225,33 +225,33 @@ class LocatedDrive(Result):
         return self.locations[0] if len(self) == 1 else None
 
     @property
-    def poses(self) -> Numbers:
+    def poses(self) -> Floats:
         """The best pose of each scan in the world, (n, 3) [m, m, rad]; NaN where there is none."""
         none = (np.nan,) * 3
         return np.array([none if each is None else each.best.pose for each in self.locations])
 
     @property
-    def distance(self) -> Numbers:
+    def distance(self) -> Floats:
         """Distance of each best pose from the recorded one, (n,) [m]."""
         return np.asarray(np.hypot(*(self.poses - self.recording.poses)[:, :2].T))
 
     @property
-    def turn(self) -> Numbers:
+    def turn(self) -> Floats:
         """Angle of each best pose from the recorded one, (n,) [rad]."""
         return np.abs(wrapped(self.poses[:, 2] - self.recording.poses[:, 2]))
 
     @property
-    def right(self) -> NDArray[np.bool_]:
+    def right(self) -> Bools:
         """Mask of the scans located within 0.3 m and 3 deg of the recorded pose, (n,)."""
         return np.asarray((self.distance <= NEAR) & (self.turn <= TURNED))
 
     @property
-    def certain(self) -> NDArray[np.bool_]:
+    def certain(self) -> Bools:
         """Mask of the scans that no second place explains within 3 nats, (n,)."""
         return np.array([each is not None and each.certain for each in self.locations])
 
     @property
-    def fits(self) -> NDArray[np.bool_]:
+    def fits(self) -> Bools:
         """Mask of the scans of which three of five returns end at walls of the map, (n,)."""
         return np.array([each is not None and each.fits for each in self.locations])
 

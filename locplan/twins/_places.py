@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from locplan._kernels.arrays import Bools
+from locplan._kernels.arrays import Bools, Floats
 from locplan._util.intervals import Interval, wilson
-from locplan._util.poses import Numbers, wrapped
+from locplan._util.poses import wrapped
 from locplan._util.records import POSE, POSITION, Column
 from locplan._util.tables import finite
 from locplan.maps import OCCUPIED, OccupancyGrid
@@ -93,7 +93,7 @@ class Looks:
     """Number of modes within 2 m, turned by more than 60 deg, with such an excess."""
     stretch: float
     """Distance up to which the pose may slide without a rise of the loss [m]."""
-    twins: Numbers
+    twins: Floats
     """x, y [cells], heading on the map and excess of the best twins, (k, 4)."""
 
 
@@ -101,7 +101,7 @@ NOTHING_SEEN = Looks(0.0, 1.0, 0, 0, 0.0, np.empty((0, 4)))
 """Where too few beams return."""
 
 
-def look_around(database: Database, ranges: Numbers, home: Numbers) -> Looks:
+def look_around(database: Database, ranges: Floats, home: Floats) -> Looks:
     """Match the scan of a pose, x, y [cells] and heading on the map, with the whole map."""
     scan = ScanOnMap(database, ranges)
     found = scan.modes(home)
@@ -146,7 +146,7 @@ class Start:
 
 
 def best_starts(
-    places: Numbers, excess: Numbers, elsewhere: Numbers, count: int, spacing: float, apart: float
+    places: Floats, excess: Floats, elsewhere: Floats, count: int, spacing: float, apart: float
 ) -> Sequence[Start]:
     """See `Twins.best_starts`; a robot never stands quite where it should."""
     from scipy.spatial import cKDTree
@@ -175,14 +175,14 @@ BINS = (0.0, 0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 class GlobalMatches:
     """Noisy scans from n random poses, each matched with the whole map."""
 
-    poses: Numbers
+    poses: Floats
     """World x, y and heading of the robot, (n, 3) [m, m, rad]."""
-    matched: Numbers
+    matched: Floats
     """World x, y and heading of the best match, (n, 3) [m, m, rad]; NaN where too few beams
     returned."""
-    excess: Numbers
+    excess: Floats
     """Excess of the nearest place, (n,) [nats]."""
-    elsewhere: Numbers
+    elsewhere: Floats
     """Share of the posterior elsewhere of the nearest place, (n,), 0..1."""
     named: Bools
     """True where the match lies within 1.5 m of a twin of the nearest place, or of its stretch,
@@ -244,11 +244,11 @@ class GlobalMatches:
 def noisy_scans(
     grid: OccupancyGrid,
     matching: Matching,
-    poses: Numbers,
+    poses: Floats,
     disturbances: Disturbances,
     random: np.random.Generator,
     seed: int,
-) -> Numbers:
+) -> Floats:
     """Ranges that are measured at poses x, y [cells] and heading on the map, (n, 96) [m].
 
     The worlds that differ from the map are taken in turn.

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from locplan._kernels.arrays import Bools
-from locplan._util.poses import Numbers, wrapped
+from locplan._kernels.arrays import Bools, Floats
+from locplan._util.poses import wrapped
 from locplan._util.progress import ProgressCallback
 from locplan.matching import Database, ScanOnMap, in_batches
 from locplan.twins._places import THRESHOLD, Looks
@@ -61,8 +61,8 @@ class Symmetry:
 
 def find_symmetries(
     database: Database,
-    homes: Numbers,
-    ranges: Numbers,
+    homes: Floats,
+    ranges: Floats,
     looks: Sequence[Looks],
     threads: int = 1,
     progress: ProgressCallback | None = None,
@@ -95,7 +95,7 @@ def find_symmetries(
     """
     resolution = database.grid.resolution
     middle = (homes[:, :2].min(axis=0) + homes[:, :2].max(axis=0)) / 2
-    found: list[tuple[Bools, float, Numbers]] = []
+    found: list[tuple[Bools, float, Floats]] = []
     moves = _proposed(middle, homes, looks, resolution)
     trials = in_batches(
         lambda some: [_tried(database, homes, ranges, middle, *moves[n]) for n in some],
@@ -124,8 +124,8 @@ def find_symmetries(
 
 
 def _proposed(
-    middle: Numbers, homes: Numbers, looks: Sequence[Looks], resolution: float
-) -> list[tuple[float, Numbers]]:
+    middle: Floats, homes: Floats, looks: Sequence[Looks], resolution: float
+) -> list[tuple[float, Floats]]:
     """Moves that most twins propose: their turn, and where they take the middle."""
     from scipy.spatial import cKDTree
 
@@ -145,7 +145,7 @@ def _proposed(
     # Only the numbers: where everything repeats, the neighbours of all points take gigabytes.
     votes = tree.query_ball_point(points, 1.0, return_length=True).tolist()
     left = np.ones(len(points), bool)
-    proposed: list[tuple[float, Numbers]] = []
+    proposed: list[tuple[float, Floats]] = []
     for n in sorted(range(len(points)), key=lambda n: (-votes[n], n)):
         # Number of moves that are tried on all places.
         if votes[n] < MIN_VOTES or len(proposed) == 24:
@@ -160,8 +160,8 @@ def _proposed(
 
 
 def _tried(
-    database: Database, homes: Numbers, ranges: Numbers, middle: Numbers, turn: float, to: Numbers
-) -> tuple[Bools, Numbers]:
+    database: Database, homes: Floats, ranges: Floats, middle: Floats, turn: float, to: Floats
+) -> tuple[Bools, Floats]:
     """Which poses a move takes to a twin, (n,), and the twins, (n, 3)."""
     moved = np.column_stack(
         [to + _rotated(homes[:, :2] - middle, np.full(len(homes), turn)), homes[:, 2] + turn]
@@ -183,7 +183,7 @@ def _tried(
     return covered, twins
 
 
-def _fitted(middle: Numbers, homes: Numbers, twins: Numbers) -> tuple[float, Numbers]:
+def _fitted(middle: Floats, homes: Floats, twins: Floats) -> tuple[float, Floats]:
     """The move that takes poses closest to their twins: its turn, and where it takes the middle."""
     a, b = homes[:, :2] - homes[:, :2].mean(axis=0), twins[:, :2] - twins[:, :2].mean(axis=0)
     across = float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
@@ -194,12 +194,12 @@ def _fitted(middle: Numbers, homes: Numbers, twins: Numbers) -> tuple[float, Num
     return turn, to[0]
 
 
-def _alike(turn: float, apart: Numbers, resolution: float) -> bool:
+def _alike(turn: float, apart: Floats, resolution: float) -> bool:
     """Whether two moves are one, that differ by a turn, and by this at the middle [cells]."""
     near = math.hypot(*apart) * resolution <= 2 * ALIKE
     return near and abs(math.remainder(turn, 2 * math.pi)) <= 2 * ALIKE_TURN
 
 
-def _rotated(xy: Numbers, turns: Numbers) -> Numbers:
+def _rotated(xy: Floats, turns: Floats) -> Floats:
     cos, sin = np.cos(turns), np.sin(turns)
     return np.column_stack([cos * xy[:, 0] - sin * xy[:, 1], sin * xy[:, 0] + cos * xy[:, 1]])

@@ -11,9 +11,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from locplan._kernels.arrays import Bools, Ints
+from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._util.checks import instance, number, one_of, position, positive, whole
-from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan._util.public import called
 from locplan._util.records import Result, Table
@@ -61,13 +60,13 @@ class Twins(Result):
     """The lidar, and how scans are matched."""
     spacing: float
     """Distance between neighbouring places [m]."""
-    places: Numbers
+    places: Floats
     """World x and y of the places, (n, 2) [m]."""
-    headings: Numbers
+    headings: Floats
     """Headings of the robot at each place, (h,) [rad]; one where the lidar sees all round."""
-    values: dict[str, Numbers]
+    values: dict[str, Floats]
     """Arrays of `LAYERS` by name, (n, h)."""
-    twins: Numbers
+    twins: Floats
     """x, y, heading and excess of the best twins, (n, h, k, 4) [m, m, rad, nat]; else NaN."""
     symmetries: tuple[Symmetry, ...]
     """Rigid moves of the map after which places look the same, the greatest share first."""
@@ -84,7 +83,7 @@ class Twins(Result):
         return len(self.places)
 
     @property
-    def excess(self) -> Numbers:
+    def excess(self) -> Floats:
         """Minimum excess of any pose more than 2 m away, (n,) [nats]; infinite if there is none.
 
         It is that of the worst heading, and 0 where hardly a beam returns.
@@ -92,22 +91,22 @@ class Twins(Result):
         return np.asarray(self.values["excess"].min(axis=1))
 
     @property
-    def elsewhere(self) -> Numbers:
+    def elsewhere(self) -> Floats:
         """Share of the posterior more than 2 m away, the mean of the headings, (n,)."""
         return np.asarray(self.values["elsewhere"].mean(axis=1))
 
     @property
-    def modes(self) -> Numbers:
+    def modes(self) -> Floats:
         """Number of modes more than 2 m away with an excess up to 3 nats, worst heading, (n,)."""
         return np.asarray(self.values["modes"].max(axis=1))
 
     @property
-    def turned(self) -> Numbers:
+    def turned(self) -> Floats:
         """Number of such modes in place, turned by more than 60 deg, worst heading, (n,)."""
         return np.asarray(self.values["turned"].max(axis=1))
 
     @property
-    def stretch(self) -> Numbers:
+    def stretch(self) -> Floats:
         """Distance that a match can slide without a rise of the loss, worst heading, (n,) [m]."""
         return np.asarray(self.values["stretch"].max(axis=1))
 
@@ -155,7 +154,7 @@ class Twins(Result):
         at = np.array(position(x, y))
         return int(np.hypot(*(self.places - at).T).argmin())
 
-    def layer(self, name: str, *, stride: int = 1) -> Numbers:
+    def layer(self, name: str, *, stride: int = 1) -> Floats:
         """Values of `LAYERS` on the map's cells, (H, W): those of the nearest place, else NaN.
 
         Cells where the robot may not stand, or far from all places, have none.
@@ -181,7 +180,7 @@ class Twins(Result):
         values[rows, cols] = getattr(self, name)[place]
         return values
 
-    def density(self, weight: float) -> Numbers:
+    def density(self, weight: float) -> Floats:
         """Cost per metre ``1 + weight * elsewhere``, (H, W), for `Costmap.from_density`.
 
         It is infinite where the robot may not stand. Other cells without a place count as places

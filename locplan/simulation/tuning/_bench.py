@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -14,8 +13,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import FARTHEST
-from locplan._util.poses import Numbers, Poses, way_length
+from locplan._util.poses import Poses, updates_of, way_length
 from locplan._util.progress import ProgressCallback
 from locplan.maps import OccupancyGrid
 from locplan.robots import Amcl, Lidar, Robot, score_values
@@ -58,13 +58,13 @@ class DisturbanceLevel:
 class Driven:
     """What came of the drives of one setting: (levels, paths, drives), NaN where not driven."""
 
-    squares: Numbers
+    squares: Floats
     """Mean square of each drive's position error [m^2]."""
-    lost: Numbers
+    lost: Floats
     """1 for each drive that was off by more than 1 m at some time, else 0."""
-    off: Numbers
+    off: Floats
     """1 for each drive that was off by more than 0.5 m at the end, else 0."""
-    seconds: Numbers
+    seconds: Floats
     """CPU time of each drive [s]."""
     errors: dict[tuple[int, int, int], NDArray[np.float32]]
     """Position error [m] at every eighth pose, by level, path and drive."""
@@ -118,7 +118,7 @@ class TuningBench(ABC):
         """
 
     @abstractmethod
-    def errors(self, level: int, path: int, drive: int, arguments: Any) -> Numbers:
+    def errors(self, level: int, path: int, drive: int, arguments: Any) -> Floats:
         """Errors (n, 3) of one drive along a path [m, m, rad].
 
         Parameters
@@ -200,7 +200,7 @@ class TuningBench(ABC):
         finally:
             pool.shutdown(cancel_futures=True)
 
-    def means(self, amcl: Amcl, paths: int, drives: int) -> Numbers:
+    def means(self, amcl: Amcl, paths: int, drives: int) -> Floats:
         """Mean over drives of the logarithm of the root mean square error, (levels,).
 
         It is NaN at levels that were not driven.
@@ -223,15 +223,8 @@ class TuningBench(ABC):
         amcl : Amcl
             The setting.
         """
-        count = 0
-        for line in self.lines:
-            count, (x, y, heading) = count + 1, line[0].tolist()  # the first pose, too
-            for at_x, at_y, at_heading in line[1:].tolist():
-                way = max(abs(at_x - x), abs(at_y - y))
-                turn = abs(math.remainder(at_heading - heading, 2 * math.pi))
-                if way > amcl.update_min_d or turn > amcl.update_min_a:
-                    count, (x, y, heading) = count + 1, (at_x, at_y, at_heading)
-        return count
+        least = amcl.update_min_d, amcl.update_min_a
+        return sum(len(updates_of(line, *least)) for line in self.lines)
 
     def _run(
         self, into: Driven, level: int, path: int, drives: Sequence[int], arguments: Any

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from locplan._util.poses import Numbers
+from locplan._kernels.arrays import Floats
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid
@@ -106,7 +106,7 @@ class SimulatedBench(TuningBench):
             for each in self.simulators
         ]
 
-    def errors(self, level: int, path: int, drive: int, arguments: DriveArguments) -> Numbers:
+    def errors(self, level: int, path: int, drive: int, arguments: DriveArguments) -> Floats:
         stage = self._stages[level][path]
         return stage.drive(self._lines[path], stage.world(path, drive), path, drive, arguments)
 
