@@ -12,6 +12,7 @@ import naive
 import numpy as np
 import pytest
 from conftest import SHARED_DATA
+from drive_bags import read_with, write_drive
 from figure_looks import check_looks
 
 import locplan
@@ -459,3 +460,24 @@ def test_the_command_tells_where_the_robot_was(drive, tmp_path, run):
     code, _, err = run(*asked, "--start", "1,2")
     assert code == 2
     assert "needs a heading" in err
+
+
+def test_the_command_adds_the_poses_to_a_copy_of_a_bag(drive, tmp_path, run):
+    locplan.save_map(GRID, tmp_path / "places.yaml")
+    bag = write_drive(tmp_path, drive[:40], "mcap")
+    asked = "trajectory", tmp_path / "places.yaml", "--drive", bag
+    (tmp_path / "out" / "with_poses").mkdir(parents=True)
+    mine = tmp_path / "out" / "with_poses" / "metadata.yaml"
+    mine.write_text("mine")
+    code, _, err = run(*asked, "-o", tmp_path / "out")
+    assert (code, mine.read_text()) == (2, "mine")
+    assert "is in the way" in err
+    mine.unlink()
+    code, out, _ = run(*asked, "-o", tmp_path / "out")
+    assert code == 0
+    assert "with_poses has the trusted poses on /locplan/pose" in out
+    assert json.loads((tmp_path / "out" / "trajectory.json").read_text())["bag"] == "with_poses"
+    named = read_with(mine.parent, pose_topic="/locplan/pose")
+    assert np.median(np.hypot(*(named.poses - drive.poses[:40])[:, :2].T)) < 0.03
+    code, out, _ = run(*asked)
+    assert "with_poses" not in out

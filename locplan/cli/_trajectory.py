@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import locplan
 from locplan._util.progress import progress_bar
 from locplan.cli import _types as typed
@@ -17,8 +19,8 @@ from locplan.errors import ConfigError
 class trajectory(typed.OneMap, RobotOptions, DriveOptions, Cached, Output):
     """Find where a robot was along a recorded drive, of its scans, its odometry and the map.
 
-    The log's own poses are not read, but compared. What was interrupted goes on when it is called
-    again.
+    The log's own poses are not read, but compared. Of a bag the folder gets a copy with the poses
+    on topics of their own. What was interrupted goes on when it is called again.
     """
 
     start: typed.Pose = None
@@ -31,8 +33,13 @@ class trajectory(typed.OneMap, RobotOptions, DriveOptions, Cached, Output):
             raise ConfigError("--start needs a heading: x,y,deg")
         self.check_output(locplan.Trajectory.files)
         drive, grid = self.read(), locplan.load_map(self.map_file)
+        copy = None
+        if self.output and self.drive:
+            topics = locplan.recordings.Topics(**self.given(locplan.recordings.Topics))
+            copy = locplan.recordings.BagCopy.of(self.drive, topics)
+            self.check_output(locplan.Trajectory.files, *copy.files if copy else ())
         robot = self.robot_on(drive, replayed=False)
         every = self.given("start", "seed", Cached)
         with progress_bar("smoothing", "") as progress:
             found = locplan.recordings.trajectory_of(drive, grid, robot, progress=progress, **every)
-        self.finish(found)
+        self.finish(replace(found, bag=copy))

@@ -1,3 +1,4 @@
+from ._bag_copies import BagCopy as BagCopy
 from ._calibration import DriveCalibration as DriveCalibration, calibrate_drive as calibrate_drive
 from ._evaluation import (
     DriveEvaluation as DriveEvaluation,

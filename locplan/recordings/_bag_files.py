@@ -1,4 +1,4 @@
-"""Bags of ROS 1 and ROS 2: opened, their topics by type, and their messages decoded.
+"""Bags of ROS 1 and ROS 2: opened, their topics by type, their messages decoded, and copied.
 
 What rosbags unpacks is bounded: a packed megabyte may hold gigabytes.
 """
@@ -6,9 +6,10 @@ What rosbags unpacks is bounded: a packed megabyte may hold gigabytes.
 from __future__ import annotations
 
 import os
+import sqlite3
 import warnings
 from bz2 import BZ2Decompressor
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import closing, contextmanager
 from enum import StrEnum
 from functools import cache, partial
@@ -18,6 +19,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from locplan._util import reading
+from locplan._util.files import errors_in_one_line
 from locplan._util.progress import ProgressCallback
 from locplan._util.public import needed
 from locplan.errors import LocplanError, RecordingError
@@ -84,23 +86,122 @@ class Bag:
         chosen = [each for each in self._reader.connections if each.topic in topics]
         if not chosen:
             return
-        decode = self._typestore.deserialize_ros1 if self._ros1 else None
-        decode = decode or self._typestore.deserialize_cdr
         total = self.count(topics)
         stream = self._reader.messages(connections=chosen, start=start, stop=stop)
         for number, (connection, logged, raw) in enumerate(stream):
             if progress and number % 1000 == 0:
                 progress(min(number, total), total)
             if number % every == 0:
-                yield Message(connection.topic, logged, decode(raw, _type(connection)))
+                yield self._decoded(connection, logged, raw)
         if progress:
             progress(total, total)
+
+    def _decoded(self, connection: Any, logged: int, raw: bytes) -> Message:
+        """A message that was read."""
+        store = self._typestore
+        decode = store.deserialize_ros1 if self._ros1 else store.deserialize_cdr
+        return Message(connection.topic, logged, decode(raw, _type(connection)))
 
     def listed(self) -> str:
         """The topics and their types, for an error message."""
         every = self._reader.connections
         names = {f"{each.topic} ({_type(each).replace('/msg/', '/')})" for each in every}
         return ", ".join(sorted(names)) or "none"
+
+    @property
+    def types(self) -> Mapping[str, Any]:
+        """The classes of messages by the names of their types."""
+        types: Mapping[str, Any] = self._typestore.types
+        return types
+
+    def copy(
+        self,
+        target: Path,
+        kind: Kind,
+        topics: Collection[str],
+        beside: str,
+        made: Callable[[Message], tuple[str, Any] | None],
+    ) -> None:
+        """Write a copy that has topics of ours, in place of those of the same names.
+
+        Parameters
+        ----------
+        target : path
+            The new bag, a file of ROS 1 or a folder of ROS 2, which must not exist.
+        kind, topics
+            Type and names of our topics.
+        beside : str
+            Topic after whose messages ours are written.
+        made : callable
+            Gives one of our topics and what is written there, or None, for a message of `beside`.
+
+        Raises
+        ------
+        LocplanError
+            If the copy cannot be written.
+        """
+        theirs = [each for each in self._reader.connections if each.topic not in topics]
+        store = self._typestore
+        encode = store.serialize_ros1 if self._ros1 else store.serialize_cdr
+        with _writing(target), self._writer(target) as writer:
+            known: dict[int, Any] = {}
+            alike: dict[str, Any] = {}  # of bags that were joined
+            for each in theirs:
+                about = each.topic, each.msgtype, each.ext
+                if str(about) not in alike:
+                    alike[str(about)] = writer.add_connection(*about[:2], **self._like(each))
+                known[each.id] = alike[str(about)]
+            own = {each: writer.add_connection(each, str(kind), typestore=store) for each in topics}
+            for connection, logged, raw in self._reader.messages(connections=theirs):
+                writer.write(known[connection.id], logged, raw)
+                if connection.topic == beside:
+                    found = made(self._decoded(connection, logged, raw))
+                    if found is not None:
+                        writer.write(own[found[0]], logged, encode(found[1], str(kind)))
+
+    def _writer(self, target: Path) -> Any:
+        """The writer of a bag of the same kind, which packs it as all readers can unpack it."""
+        from rosbags.rosbag1 import Writer as Writer1
+        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+        if self._ros1:
+            writer = Writer1(target)
+            writer.set_compression(Writer1.CompressionFormat.LZ4)
+            return writer
+        path, plugin = self._reader.path, StoragePlugin.SQLITE3
+        packed = self._reader.compression_mode or "none"
+        if any(".mcap" in each.suffixes for each in (path.iterdir() if path.is_dir() else [path])):
+            packed, plugin = "storage", StoragePlugin.MCAP
+        # ROS 2 Humble reads version 8, but not the qualities of service of the next one.
+        writer2 = Writer(target, version=8, storage_plugin=plugin)
+        writer2.set_compression(CompressionMode[packed.upper()], CompressionFormat.ZSTD)
+        return writer2
+
+    def _like(self, each: Any) -> dict[str, Any]:
+        """What a writer is told of a topic, for it to be as in this bag."""
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+        text, digest, about = each.msgdef.data, each.digest, each.ext._asdict()
+        if self._ros1:
+            return {"msgdef": text, "md5sum": digest, **about}
+        if not (text and digest):  # older bags lack one or both
+            store = self._typestore
+            if each.msgtype in store.types:
+                return {"typestore": store, **about}
+            store = get_typestore(Stores.EMPTY)
+            store.register(get_types_from_msg(text, each.msgtype))
+            digest = store.hash_rihs01(each.msgtype)
+        return {"msgdef": text, "rihs01": digest, **about}
+
+
+@contextmanager
+def _writing(target: Path) -> Iterator[None]:
+    """Have errors of writing named as such, which `opened` takes for those of reading."""
+    with errors_in_one_line(target):
+        try:
+            yield
+        except sqlite3.Error as error:  # such as of a full disk
+            raise LocplanError(f"{target}: cannot be written ({error})") from None
 
 
 def _type(connection: Any) -> str:
@@ -127,7 +228,7 @@ def opened(path: Path) -> Iterator[Bag]:
     from rosbags.rosbag2 import Reader as Reader2, reader as reader2, storage_mcap
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    file = _storage(path)
+    file = storage_of(path)
     ros1 = file.suffix == ".bag"
     try:
         for each in file.iterdir() if file.is_dir() else (file,):
@@ -154,7 +255,7 @@ def opened(path: Path) -> Iterator[Bag]:
         raise RecordingError(f"cannot be read as a bag ({reason}); {remedy}") from None
 
 
-def _storage(path: Path) -> Path:
+def storage_of(path: Path) -> Path:
     """The file or folder that is read: a folder without metadata.yaml stands for its only file."""
     if not path.is_dir() or (path / "metadata.yaml").exists():
         return path

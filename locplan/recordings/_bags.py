@@ -17,6 +17,9 @@ from locplan.recordings._logs import Options, ScanRows
 from locplan.recordings._places import Heard, PoseTopic
 from locplan.recordings._recording import Recording
 
+OURS = "/locplan/"
+"""Beginning of the topics that were added to a bag, which are read only where they are named."""
+
 
 def read_bag(path: Path, options: Options, progress: ProgressCallback | None = None) -> Recording:
     """Read a drive from a bag; only the topics that are needed are decoded.
@@ -194,7 +197,8 @@ def _wanted(topic: str, kind: str, options: Options) -> bool:
     if kind == Kind.ODOMETRY:
         return options.odom_topic is None
     not_the_robots = ("initialpose", "goal_pose", "goal", "move_base_simple/goal")
-    return options.pose_topic is None and not topic.endswith(not_the_robots)
+    robots = not (topic.endswith(not_the_robots) or topic.startswith(OURS))
+    return options.pose_topic is None and robots
 
 
 def near_namespace(topics: Sequence[str], scan: str) -> list[str]:

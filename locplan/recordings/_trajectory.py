@@ -19,6 +19,7 @@ from locplan._util.tables import finite, table
 from locplan.errors import RecordingError
 from locplan.field import position_axes
 from locplan.maps import OccupancyGrid
+from locplan.recordings._bag_copies import BagCopy
 from locplan.recordings._odometry_model import OdometryModel
 from locplan.recordings._recording import Recording
 
@@ -102,6 +103,8 @@ class Trajectory(Result, Stored):
     """Name of the map."""
     grid: OccupancyGrid | None = field(default=None, compare=False)
     """The map, for the figure; None in what was loaded."""
+    bag: BagCopy | None = field(default=None, compare=False)
+    """The copy of the drive's bag that `save` writes with these poses, if it is to."""
 
     def __repr__(self) -> str:
         return f"Trajectory({len(self)} scans, median deviation {100 * self._median:.1f} cm)"
@@ -213,6 +216,7 @@ class Trajectory(Result, Stored):
                 "stretches": [[each.start, each.stop] for each in self.stretches],
                 "jumps": [vars(each) for each in self.jumps],
                 "log_off": float(np.median(off)) if len(off) else math.nan,
+                "bag": self.bag and self.bag.name,
                 "odometry": of_odometry,
             }
         )
@@ -246,6 +250,8 @@ class Trajectory(Result, Stored):
         self.write(folder / "trajectory.npz")
         self.table().write_csv(folder / "poses.csv")
         self._write_tum(folder / "poses.tum")
+        if self.bag is not None and self.times is not None:
+            self.bag.write(folder, self.times, self.poses, self.covariances, self.trusted)
 
     def _write_tum(self, file: Path) -> None:
         """Write the trusted poses as evo and others read them: time, x, y, z, quaternion."""
@@ -257,7 +263,7 @@ class Trajectory(Result, Stored):
 
 
 def trajectory_report(found: Trajectory) -> str:
-    """What was found, and how odometry errs."""
+    """What was found, how odometry errs, and where a bag has the poses."""
     rows = [("map", found.map), ("drive", found.drive or "a recording")]
     for n, stretch in enumerate(found.stretches[:20], 1):
         at, most = found.poses[stretch.start], np.bincount(found.doubts[stretch]).argmax()
@@ -270,4 +276,6 @@ def trajectory_report(found: Trajectory) -> str:
             ("odometry", f"ways {100 * model.scale:+.1f}%, turns {turns:+.1f}%, {bend:+.2f} deg/m"),
             ("lidar's mount", f"off by {x:+.2f},{y:+.2f} m, {math.degrees(yaw):+.1f} deg"),
         ]
+    if found.bag is not None:
+        rows.append(("bag", found.bag.sentence))
     return "\n".join([" ".join(found.sentences), table([], rows)])
