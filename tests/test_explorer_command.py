@@ -124,6 +124,7 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
         (("--criterion", "x"), "criterion must be"),
         (("--lidar", "x"), "--lidar must be one of"),
         (("--drive", "nowhere.csv"), "nowhere.csv"),
+        (("--reference", "log"), "--reference is not read without --drive"),
     ],
 )
 def test_wrong_options_are_refused_in_one_line(run, map_file, arguments, fault):

@@ -153,6 +153,7 @@ def test_a_drive_is_read_from_its_file(tmp_path):
     assert RecordedDrive.of(tmp_path / "tour.npz").name == "tour.npz"
     assert RecordedDrive.of(drive) is drive
     assert RecordedDrive.of(drive_in(hall(), 12)).name == "recorded drive"
+    assert drive.on(hall()).recording is drive.recording  # it is no bag
     with pytest.raises(ConfigError, match="recording or its file"):
         RecordedDrive.of(3)
     with pytest.raises(LocplanError, match="is not there"):

@@ -12,7 +12,7 @@ import locplan
 from locplan._util.progress import progress_bar, working
 from locplan._util.supervision import end_if_supervised
 from locplan.cli import _types as typed
-from locplan.cli._options import Cached, CostOptions, Ends, Force, Threads
+from locplan.cli._options import Cached, CostOptions, Ends, Force, Reference, Threads
 from locplan.cli._robot_options import FieldOptions
 
 
@@ -20,7 +20,7 @@ from locplan.cli._robot_options import FieldOptions
     "explore lab.yaml --lidar turtlebot4",
     "explore lab.yaml --lidar turtlebot4 --start 2,3 --goal 38,3 --drive drive.mcap -o edited",
 )
-class explore(typed.OneMap, FieldOptions, Ends, CostOptions, Cached, Threads):
+class explore(typed.OneMap, FieldOptions, Ends, CostOptions, Reference, Cached, Threads):
     """Explore a map in the browser: drag start and goal, change the lidar, draw walls.
 
     The page is for this machine alone, at the address that is printed. Ctrl-C ends it,
@@ -51,11 +51,16 @@ class explore(typed.OneMap, FieldOptions, Ends, CostOptions, Cached, Threads):
         locplan.explorer.check_installed()
         robot, config = self.robot_and_field()
         self.check_costs(config)
+        if not self.drive:
+            self.refuse("without --drive", Reference)
         grid = locplan.load_map(self.map_file)
         drives = []
         for file in self.drive:
             with progress_bar(f"reading {file.name}", "messages") as progress:
-                drives.append(locplan.explorer.RecordedDrive.of(file, progress))
+                drive = locplan.explorer.RecordedDrive.of(file, progress)
+            with progress_bar(f"smoothing {file.name}", "") as progress:
+                where = self.given(Reference, "cache_dir")
+                drives.append(drive.on(grid, **where, progress=progress))
         opening = locplan.explorer.Opening(
             config,
             robot,

@@ -218,12 +218,17 @@ class DriveOptions(typed.Options):
 
 
 @typed.option_group("Recorded drive")
-class ReferencedOptions(DriveOptions):
-    """A recorded drive, and what counts as true of it."""
+class Reference(typed.Options):
+    """What counts as true of a recorded drive."""
 
     reference: Literal["log", "smoothed"] | None = None
     """Poses that count as true: the log's own, or those that trajectory finds; by default these of
     a bag."""
+
+
+@typed.option_group("Recorded drive")
+class ReferencedOptions(Reference, DriveOptions):
+    """A recorded drive, and what counts as true of it."""
 
     def on_map(self, maps: Sequence[Path]) -> tuple[OccupancyGrid, Recording]:
         """The map, and the drive on it; a LocplanError unless it is one map that fits.

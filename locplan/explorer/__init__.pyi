@@ -1,9 +1,9 @@
 from ._explore import (
     Explorer as Explorer,
-    RecordedDrive as RecordedDrive,
     check_installed as check_installed,
     explore as explore,
     opened as opened,
 )
+from ._recorded import RecordedDrive as RecordedDrive
 from ._scene import Limits as Limits, Opening as Opening
 from ._session import Session as Session
