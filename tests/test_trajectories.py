@@ -438,7 +438,11 @@ def test_the_figure_marks_what_is_not_to_be_trusted(drive, found):
 def test_a_short_drive_does_not_tell_the_drifts_of_odometry(drive, found):
     noise = odometry_noise(found.of(drive), ROBOT.amcl)
     assert any("too short to tell the drifts" in note for note in noise.notes)
-    assert not any("too short" in note for note in odometry_noise(drive, ROBOT.amcl).notes)
+    assert not any("drift" in name for name in noise.settings())
+    assert "distance_bias" in noise.settings()
+    true = odometry_noise(drive, ROBOT.amcl)
+    assert not any("too short" in note for note in true.notes)
+    assert "distance_drift" in true.settings()
 
 
 @pytest.mark.long

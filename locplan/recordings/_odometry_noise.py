@@ -26,8 +26,9 @@ from locplan.robots import Amcl
 SPANS, SMOOTHED_SPANS = (0.5, 1.0, 2.0, 4.0), (4.0, 8.0)
 """Lengths of the stretches over which odometry is compared with the poses [m]. Errors of the poses
 do not grow with them, those of odometry do. Smoothed poses follow odometry over short ones."""
-MIN_STRETCHES = 30
-"""Number of stretches below which the drifts are hardly known."""
+MIN_STRETCHES, SMOOTHED_MIN_STRETCHES = 30, 60
+"""Numbers of stretches below which the drifts are hardly known: drives of some 10 m, and of some
+150 m with smoothed poses, where that of the distance may vanish in 100 m."""
 MIN_UPDATES = 40
 """Number of the filter's updates below which odometry is not calibrated."""
 RESAMPLES = 100
@@ -70,17 +71,22 @@ class OdometryNoise:
     """Sum of the robot's turns [rad]."""
     updates: int
     """Number of the filter's updates, between which the increments were compared."""
+    long_enough: bool
+    """Whether the drive tells the drifts."""
     notes: tuple[str, ...]
     """What limits the fit, in sentences without a full stop."""
 
     def settings(self) -> dict[str, float]:
         """The drifts, and the sizes of the biases, by their names in `locplan.robots.Odometry`.
 
-        Where the robot turned little, the drifts of heading and turns are hardly known.
+        Where the robot turned little, the drifts of heading and turns are hardly known, and where
+        it drove little, no drifts are.
         """
-        names = ["distance_drift", "distance_bias", "heading_bias_deg"]
+        names = ["distance_bias", "heading_bias_deg"]
+        names += ["distance_drift"] if self.long_enough else []
         if self.turned >= 2 * math.pi:
-            names += ["heading_drift_deg", "turn_drift_deg", "turn_bias"]
+            names += ["turn_bias"]
+            names += ["heading_drift_deg", "turn_drift_deg"] if self.long_enough else []
         return {name: abs(getattr(self, name).value) for name in names}
 
 
@@ -106,6 +112,7 @@ def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
     poses, odometry, jumps = without_jumps(recording.poses, recording.odometry)
     smoothed = recording.source.poses == SMOOTHED
     spans = SMOOTHED_SPANS if smoothed else SPANS
+    needed = SMOOTHED_MIN_STRETCHES if smoothed else MIN_STRETCHES
     stretches = _Stretches.of(poses, odometry, spans)
     blocks = blocks_along(poses, spans[-1])
     increments = _Increments.of(poses[updates], odometry[updates])
@@ -120,12 +127,14 @@ def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
         notes.append(f"jumps of odometry against the recorded poses, which are left out: {jumps}")
     if smoothed:
         notes.append("smoothed poses follow odometry between two updates: the alphas are too low")
-    if len(stretches.way) < MIN_STRETCHES:
+    long_enough = len(stretches.way) >= needed
+    if not long_enough:
+        each = " and ".join(f"{span:g}" for span in spans)
         notes.append(
-            f"the drive is too short to tell the drifts: it has {len(stretches.way)} stretches of"
-            f" {' and '.join(f'{span:g}' for span in spans)} m, not {MIN_STRETCHES}"
+            "the drive is too short to tell the drifts, which are not written: it has"
+            f" {len(stretches.way)} stretches of {each} m, not {needed}"
         )
-    values: list[Any] = [*alphas, *drifts, turned, len(updates), tuple(notes)]
+    values: list[Any] = [*alphas, *drifts, turned, len(updates), long_enough, tuple(notes)]
     return OdometryNoise(*values)
 
 
