@@ -281,6 +281,7 @@ def test_a_robot_that_was_carried_away_is_found_again(drive):
 def test_a_robot_whose_log_has_no_odometry_follows_its_poses(drive, found):
     alone = smooth(GRID, replace(drive, odometry=None))
     assert alone.odometry is None
+    assert "no odometry: its own poses stand for it" in alone.report()
     assert off(alone, drive).max() < 0.1
 
 
@@ -433,6 +434,21 @@ def test_the_figure_marks_what_is_not_to_be_trusted(drive, found):
     jump = Jump(30, "slip", *map(float, found.poses[30, :2]), 2.0, 0.1)
     doubtful = replace(found, doubts=doubts, jumps=(jump,))
     check_looks(trajectory_figure(doubtful), "trajectory")
+
+
+def test_the_report_names_what_is_not_to_be_trusted_and_how_odometry_errs(found):
+    doubts = np.zeros(len(found), np.int64)
+    doubts[3], doubts[30:34] = 1, 2
+    model = replace(found.odometry, scale=-0.02, turn_scale=0.03, bend=0.01)
+    text = " ".join(replace(found, doubts=doubts, odometry=model).report().split())
+    assert "2 stretches with 5 scans" in text
+    assert f"scan 3 at {found.poses[3, 0]:.1f},{found.poses[3, 1]:.1f}: the deviation" in text
+    assert "scans 30 to 33 at" in text
+    assert "ways 2.0% too long and turns 3.0% too small" in text
+    assert "bend by 0.57 deg/m to the left" in text
+    doubts[:52:2] = 1
+    many = replace(found, doubts=doubts)
+    assert f"and {len(many.stretches) - 20} more" in many.report()
 
 
 def test_a_short_drive_does_not_tell_the_drifts_of_odometry(drive, found):

@@ -36,6 +36,8 @@ CARRIED = 3.0
 """Distance up to which a jump of odometry may be a slip of wheels [m]."""
 SMOOTHED = "smoothed"
 """The source of the poses of a recording that has a trajectory's."""
+SHOWN = 20
+"""Number of the stretches not to be trusted that the report shows."""
 LOST = 1.0
 """Distance from where the robot was from which on recorded poses are lost [m]."""
 
@@ -171,9 +173,10 @@ class Trajectory(Result, Stored):
         if not self.trusted.any():
             return [f"None of {len(self):,} scans is to be trusted: is it the right map?"]
         count = len(self.stretches)
+        some = int((~self.trusted).sum())
         doubtful = (
-            f"{count} stretch{'es' * (count > 1)} with {int((~self.trusted).sum())} scans not to be"
-            " trusted"
+            f"{count} stretch{'es' * (count > 1)} with {some} scans ({some / len(self):.0%}) not to"
+            " be trusted"
             if count
             else "all are to be trusted"
         )
@@ -184,14 +187,15 @@ class Trajectory(Result, Stored):
             f" {each.distance:.2g} m, {math.degrees(each.turn):.0f} deg."
             for each in self.jumps
         ]
+        if self.odometry is None:
+            found.append("The log has no odometry: its own poses stand for it.")
         off = self.off[self.trusted]
-        if len(off):
-            lost = float((off > LOST).mean())
-            found.append(
-                f"The log's own poses are off by {100 * float(np.median(off)):.0f} cm in the"
-                f" median, 95 %: {100 * float(np.quantile(off, 0.95)):.0f} cm"
-                + (f"; they are lost, over 1 m off, at {lost:.0%} of the scans." if lost else ".")
-            )
+        lost = float((off > LOST).mean())
+        found.append(
+            f"The log's own poses are off by {100 * float(np.median(off)):.0f} cm in the"
+            f" median, 95 %: {100 * float(np.quantile(off, 0.95)):.0f} cm"
+            + (f"; they are lost, over 1 m off, at {lost:.0%} of the scans." if lost else ".")
+        )
         return found
 
     def summary(self) -> dict[str, object]:
@@ -265,17 +269,23 @@ class Trajectory(Result, Stored):
 def trajectory_report(found: Trajectory) -> str:
     """What was found, how odometry errs, and where a bag has the poses."""
     rows = [("map", found.map), ("drive", found.drive or "a recording")]
-    for n, stretch in enumerate(found.stretches[:20], 1):
+    for n, stretch in enumerate(found.stretches[:SHOWN]):
         at, most = found.poses[stretch.start], np.bincount(found.doubts[stretch]).argmax()
-        scans = f"scans {stretch.start} to {stretch.stop - 1}, from {at[0]:.1f},{at[1]:.1f}"
-        rows.append((f"not trusted {n}", f"{scans}: {DOUBTS[most]}"))
+        first, last = stretch.start, stretch.stop - 1
+        which = f"scan {first}" if first == last else f"scans {first} to {last}"
+        place = f"{which} at {at[0]:.1f},{at[1]:.1f}"
+        rows.append(("" if n else "not trusted", f"{place}: {DOUBTS[most]}"))
+    if (more := len(found.stretches) - SHOWN) > 0:
+        rows.append(("", f"and {more} more, which -o writes into poses.csv"))
     if (model := found.odometry) is not None:
         x, y, yaw = model.mount
-        bend, turns = math.degrees(model.bend), 100 * model.turn_scale
-        rows += [
-            ("odometry", f"ways {100 * model.scale:+.1f}%, turns {turns:+.1f}%, {bend:+.2f} deg/m"),
-            ("lidar's mount", f"off by {x:+.2f},{y:+.2f} m, {math.degrees(yaw):+.1f} deg"),
-        ]
+        ways = f"{abs(model.scale):.1%} too {'short' if model.scale > 0 else 'long'}"
+        turns = f"{abs(model.turn_scale):.1%} too {'small' if model.turn_scale > 0 else 'large'}"
+        side = "left" if model.bend > 0 else "right"
+        bend = f"{math.degrees(abs(model.bend)):.2f} deg/m to the {side}"
+        said = f"reports ways {ways} and turns {turns}; its straight ways bend by {bend}"
+        mount = f"off by {x:+.2f},{y:+.2f} m, {math.degrees(yaw):+.1f} deg"
+        rows += [("odometry", said), ("lidar's mount", mount)]
     if found.bag is not None:
         rows.append(("bag", found.bag.sentence))
     return "\n".join([" ".join(found.sentences), table([], rows)])
