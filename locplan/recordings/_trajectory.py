@@ -228,27 +228,19 @@ class Trajectory(Result, Stored):
     def table(self) -> Table:
         """A row per scan: its pose, how sure it is, and how far off the log's own is."""
         major, minor, direction = position_axes(self.covariances)
-        columns = (
-            Column("scan"),
-            Column("time", "s"),
-            *POSE,
-            Column("major_std", "m"),
-            Column("minor_std", "m"),
-            Column("major_axis", "rad"),
-            Column("heading_std", "rad"),
-            Column("fit"),
-            Column("off", "m"),
-            Column("doubt"),
-        )
-        times = np.full(len(self), np.nan) if self.times is None else self.times
-        heading_std = np.sqrt(self.covariances[:, 2, 2])
-        rows = zip(
-            *(range(len(self)), times.tolist(), *self.poses.T.tolist()),
-            *(major.tolist(), minor.tolist(), direction.tolist(), heading_std.tolist()),
-            *(self.fits.tolist(), self.off.tolist(), [DOUBTS[n] for n in self.doubts]),
-            strict=True,
-        )
-        return Table(columns, tuple(rows))
+        values: dict[Column, NDArray[Any]] = {
+            Column("scan"): np.arange(len(self)),
+            Column("time", "s"): np.full(len(self), np.nan) if self.times is None else self.times,
+            **dict(zip(POSE, self.poses.T, strict=True)),
+            Column("major_std", "m"): major,
+            Column("minor_std", "m"): minor,
+            Column("major_axis", "rad"): direction,
+            Column("heading_std", "rad"): np.sqrt(self.covariances[:, 2, 2]),
+            Column("fit"): self.fits,
+            Column("off", "m"): self.off,
+            Column("doubt"): np.array(DOUBTS)[self.doubts],
+        }
+        return Table(tuple(values), tuple(zip(*(v.tolist() for v in values.values()), strict=True)))
 
     def _write(self, folder: Path, *about: Any) -> None:
         self.write(folder / "trajectory.npz")
