@@ -510,6 +510,8 @@ def test_the_command_adds_the_poses_to_a_copy_of_a_bag(drive, tmp_path, run):
     assert code == 0
     assert "with_poses has the trusted poses on /locplan/pose" in out
     assert json.loads((tmp_path / "out" / "trajectory.json").read_text())["bag"] == "with_poses"
+    code, _, err = run(*asked[:3], mine.parent, "-o", tmp_path / "out")
+    assert (code, "replaces metadata.yaml" in err) == (2, True)
     named = read_with(mine.parent, pose_topic="/locplan/pose")
     assert np.median(np.hypot(*(named.poses - drive.poses[:40])[:, :2].T)) < 0.03
     code, out, _ = run(*asked)

@@ -19,7 +19,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from locplan._util import reading
-from locplan._util.files import errors_in_one_line
+from locplan._util.files import errors_in_one_line, keep_input
 from locplan._util.progress import ProgressCallback
 from locplan._util.public import needed
 from locplan.errors import LocplanError, RecordingError
@@ -234,6 +234,7 @@ def opened(path: Path) -> Iterator[Bag]:
         for each in file.iterdir() if file.is_dir() else (file,):
             if not each.is_dir():
                 reading.opened(each).close()  # rosbags would wait for a pipe
+                keep_input(each)
         bound_unpacking(reader1, reader2, storage_mcap)
         with warnings.catch_warnings(action="ignore"):  # ruamel has some for odd metadata.yaml
             reader: Any = Reader1(file) if ros1 else Reader2(file)
