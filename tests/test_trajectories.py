@@ -278,6 +278,21 @@ def test_a_robot_that_was_carried_away_is_found_again(drive):
     assert off(found, carried, found.trusted).max() < 0.2
 
 
+def test_a_displaced_stretch_of_the_map_is_named(drive, found):
+    assert "the map is displaced" not in found.report()
+    row, col = GRID.world_to_cell(*drive.poses[35, :2])
+    box = slice(row - 40, row + 40), slice(col - 40, col + 40)
+    cells = GRID.cells.copy()
+    cells[box] = np.roll(cells[box], 4, axis=1)
+    moved = smooth(replace(GRID, cells=cells), drive)
+    away = off(moved, drive) > 0.2
+    assert away.sum() > 20
+    named = np.array(["the map is displaced" in row[-1] for row in moved.table().rows])
+    assert named[away].mean() > 0.8
+    assert not named[~away].any()
+    assert "the map is displaced" in moved.report()
+
+
 def test_a_robot_whose_log_has_no_odometry_follows_its_poses(drive, found):
     alone = smooth(GRID, replace(drive, odometry=None))
     assert alone.odometry is None

@@ -23,6 +23,9 @@ REFINED = 16
 APART = 0.5
 """Way from which on scans are independent of each other [m]."""
 
+DISPLACED, FAR_AWAY = 0.2, 40.0
+"""Least distance, and largest length, of a stretch of the map that is said to be displaced [m]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Chain:
@@ -118,6 +121,33 @@ class Chain:
                 found[begin:end] = across[1:-1] + share[:, None] * closing
                 away[begin:end] = True
         return found, away
+
+    def displaced(self, poses: Floats) -> NDArray[np.bool_]:
+        """Where the map seems displaced: between errors of odometry to one side and to the other.
+
+        A filter that follows such a stretch of the map is shifted when it enters it, and back again
+        when it leaves it.
+        """
+        before = np.zeros((len(poses), 3))
+        before[1:, 2] = poses[:-1, 2]
+        errors = after_way(before, self.errors(poses))[:, :2]
+        errors[list(self.jumps)] = 0.0
+        squares = self.model.deviations(self.moves)[:, :2] ** 2
+        sums, variances = np.cumsum(errors, axis=0), np.cumsum(squares.mean(axis=1))
+        way, found = np.cumsum(self.moves.lengths), np.zeros(len(poses), np.bool_)
+        marks = np.unique(np.searchsorted(way, np.arange(0.0, way[-1], 1.0)))
+        spans = [each for n in range(1, 5) for each in zip(marks, marks[n:], strict=False)]
+        shifts = []
+        for begin, end in sorted(spans):
+            off = sums[end] - sums[begin]
+            size = float(np.hypot(*off))
+            if size > DISPLACED and size**2 > 25 * (variances[end] - variances[begin]):
+                shifts.append((begin, end, off, size))
+        for (_, begin, there, size), (end, _, back, other) in itertools.combinations(shifts, 2):
+            near, left = way[end] - way[begin] < FAR_AWAY, np.hypot(*(there + back))
+            if begin <= end and near and 2 * left < min(size, other):
+                found[begin : end + 1] = True
+        return found
 
     def of_samples(self, samples: Floats) -> Floats:
         """Some samples of a filter, refined, (16, n, 3)."""

@@ -26,6 +26,7 @@ from locplan.recordings._trajectory import (
     AMBIGUOUS,
     BAD_FIT,
     JUMPED,
+    MAP_MOVED,
     UNCERTAIN,
     Trajectory,
     jump_at,
@@ -219,6 +220,7 @@ class _Drive:
         doubts = np.zeros(len(poses), np.int64)
         fits = chain.fits(poses[None])[0]
         own = self._widened(chain.covariances(poses, SURE_BEAMS)[0], fits)
+        doubts[chain.displaced(poses)] = MAP_MOVED
         doubts[other[near]] = AMBIGUOUS
         doubts[(fits < UNLIKE) | absurd[near]] = BAD_FIT
         sure = (position_axes(own)[0] <= 0.15) & (np.sqrt(own[:, 2, 2]) <= math.radians(4))

@@ -23,13 +23,14 @@ from locplan.recordings._bag_copies import BagCopy
 from locplan.recordings._odometry_model import OdometryModel
 from locplan.recordings._recording import Recording
 
-UNCERTAIN, AMBIGUOUS, BAD_FIT, JUMPED = range(1, 5)
+UNCERTAIN, AMBIGUOUS, BAD_FIT, JUMPED, MAP_MOVED = range(1, 6)
 DOUBTS = (
     "",
     "the deviation is over 15 cm or 4 deg",
     "other places explain the scans as well",
     "the scan does not fit the map",
     "odometry jumps",
+    "the map is displaced, by odometry before and after",
 )
 """Why a pose is not to be trusted, by its number; 0 where it is."""
 CARRIED = 3.0
