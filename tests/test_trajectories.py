@@ -334,7 +334,7 @@ def test_the_start_may_be_known(drive):
 
 def test_a_trajectory_of_which_nothing_is_to_be_trusted_says_so(found):
     (said,) = replace(found, doubts=np.ones(len(found), np.int64)).sentences
-    assert said == f"None of {len(found)} scans is to be trusted: is it the right map?"
+    assert said.startswith(f"None of {len(found)} scans is to be trusted: is it the right map,")
 
 
 def test_what_cannot_be_smoothed_is_refused(drive):
@@ -529,5 +529,6 @@ def test_the_command_adds_the_poses_to_a_copy_of_a_bag(drive, tmp_path, run):
     assert (code, "replaces metadata.yaml" in err) == (2, True)
     named = read_with(mine.parent, pose_topic="/locplan/pose")
     assert np.median(np.hypot(*(named.poses - drive.poses[:40])[:, :2].T)) < 0.03
-    code, out, _ = run(*asked)
+    code, out, _ = run(*asked, "--no-bag", "-o", tmp_path / "plain")
     assert "with_poses" not in out
+    assert not (tmp_path / "plain" / "with_poses").exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Annotated
 
 import locplan
 from locplan._util.progress import progress_bar
@@ -28,13 +29,16 @@ class trajectory(typed.OneMap, RobotOptions, DriveOptions, Cached, Output):
     seed: typed.Seed = 1
     """Seed of all random numbers; 1 by default."""
 
+    no_bag: Annotated[bool, typed.under("Output")] = False
+    """Write no copy of the drive's bag with the poses."""
+
     def __call__(self) -> None:
         if self.start is not None and len(self.start) != 3:
             raise ConfigError("--start needs a heading: x,y,deg")
         self.check_output(locplan.Trajectory.files)
         drive, grid = self.read(), locplan.load_map(self.map_file)
         copy = None
-        if self.output and self.drive:
+        if self.output and self.drive and not self.no_bag:
             topics = locplan.recordings.Topics(**self.given(locplan.recordings.Topics))
             copy = locplan.recordings.BagCopy.of(self.drive, topics)
             self.check_output(locplan.Trajectory.files, *copy.files if copy else ())

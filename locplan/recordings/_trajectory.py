@@ -172,7 +172,10 @@ class Trajectory(Result, Stored):
     def sentences(self) -> list[str]:
         """What was found, in plain words."""
         if not self.trusted.any():
-            return [f"None of {len(self):,} scans is to be trusted: is it the right map?"]
+            return [
+                f"None of {len(self):,} scans is to be trusted: is it the right map, and odometry"
+                " that of the wheels?"
+            ]
         count = len(self.stretches)
         some = int((~self.trusted).sum())
         doubtful = (
