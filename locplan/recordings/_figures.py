@@ -254,6 +254,7 @@ def trajectory_figure(found: Trajectory) -> Figure:
     lower.plot(way, deviation, color=PREDICTED, linewidth=1.8)
     lower.plot(way[doubtful], deviation[doubtful], "x", color=FILTER, markersize=4)
     lower.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), ylabel="position [cm]")
+    lower.set_ylim(bottom=deviation.min() / 5)  # by chance some poses are the log's own
     plotting.label_plainly(lower.yaxis)
     crosses: dict[str, Any] = {"color": FILTER, "linestyle": ""}
     handles = [
