@@ -22,10 +22,8 @@ from locplan._util.files import replacing
 
 T = TypeVar("T")
 
-TEXT_WIDTH = 105
-"""Maximum width of text beside tables [characters]."""
-REPORT_WIDTH = 100
-"""Width of running text in reports [characters]."""
+TEXT_WIDTH, REPORT_WIDTH = 105, 100
+"""Maximum width of text beside tables, and that of running text in reports [characters]."""
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """Beginning of a text that a spreadsheet takes for a formula, or that `csv_cell` has guarded."""
 

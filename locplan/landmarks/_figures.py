@@ -43,15 +43,11 @@ if TYPE_CHECKING:
 
 WIDTH, MIN_WIDTH = 11.0, 9.5
 """Width of a figure that its maps fill if they can, and minimum of all [inch]."""
-MAX_HEIGHT = 8.0
-"""Maximum height of a map [inch]."""
 BAR, LABELS = 1.6, 0.7
 """Width of a colour bar, and the space of a map's labels on each axis [inch]."""
 PLOT_HEIGHT, PLOT_WIDTH = 2.9, 4.6
 """Size of the plots, where they stand below the maps or beside them [inch]."""
 
-LOSS_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.08, 0.85, 256)))
-"""Colours of the losses: the darker, the more; none as light as the floor."""
 NUMBERED = 8
 """Maximum number of features with their number beside them."""
 
@@ -71,7 +67,8 @@ def panels(
     tall = high > 1.5 * columns * wide
     if not tall:
         scale = ((WIDTH - BAR) / columns - LABELS) / wide
-        scale = min(scale, max(MAX_HEIGHT / high, 1.0))
+        # Maximum height of a map [inch].
+        scale = min(scale, max(8.0 / high, 1.0))
         wide, high = scale * wide, scale * high
     width, height = columns * (wide + LABELS) + BAR, rows * (high + LABELS)
     width = width + PLOT_WIDTH if tall else max(width, MIN_WIDTH)
@@ -275,7 +272,9 @@ def key_features_figure(found: KeyFeatures, drives: FeatureDrives | None = None)
 def _draw_losses(figure: Any, axes: Axes, found: KeyFeatures, part: OccupancyGrid) -> None:
     """Draw the cells of each feature in the colour of its loss, and the numbers of the first."""
     most = 100 * max(found.features[0].loss, MATTERS_M)
-    shades: Any = {"cmap": LOSS_COLOURS, "norm": Normalize(0, most, clip=True)}
+    # Colours of the losses: the darker, the more; none as light as the floor.
+    colours = ListedColormap(colormaps["plasma_r"](np.linspace(0.08, 0.85, 256)))
+    shades: Any = {"cmap": colours, "norm": Normalize(0, most, clip=True)}
     features = found.features[::-1]  # the greatest losses on top
     cells = np.concatenate([each.cells for each in features])
     lost = [100 * each.loss for each in features]

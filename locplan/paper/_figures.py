@@ -28,7 +28,6 @@ MODEL_STYLES: dict[str, dict[str, Any]] = {
     "CC": {"color": "#56b4e9", "linestyle": (0, (6, 1, 1, 1))},
 }
 """Line styles of the models, which differ in dashes and colour; SAD, the paper's, is broad."""
-MISMATCH_COLOURS = "cividis"
 
 
 def place_figure(
@@ -155,7 +154,7 @@ def distribution_figure(
         part.suptitle(label + nothing, fontsize="large")
         # Up to 1 m^2 at least, so that a featureless place looks like one.
         norm = Normalize(0, max(mismatch.max(), 1.0))
-        look: dict[str, Any] = {"cmap": MISMATCH_COLOURS, "norm": norm}
+        look: dict[str, Any] = {"cmap": "cividis", "norm": norm}
         for column, plane in enumerate(planes):
             offsets = [axes[name][0] for name in plane]
             # The plane goes through the middle of the axis that it leaves out.

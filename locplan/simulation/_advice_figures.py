@@ -27,8 +27,6 @@ WIDTH = 8.6
 """Minimum width of the figure [inch]."""
 COLOURS, WIDTHS = ("0.72", "black", "#0072b2"), (1.0, 2.0, 3.6)
 """Styles of the other candidates, of the shortest path, and of the one to take."""
-BELOW = 2.4
-"""Height of what is drawn along the paths [inch]."""
 
 
 def choice_figure(choice: Choice) -> Figure:
@@ -49,7 +47,8 @@ def choice_figure(choice: Choice) -> Figure:
         part = plotting.map_around(choice.costs.grid, paths)
         width, height = plotting.map_size(part)
         width = max(width, WIDTH)
-    below = BELOW if choice.candidates else 0.0
+    # Height of what is drawn along the paths [inch].
+    below = 2.4 if choice.candidates else 0.0
     figure = plotting.Picture(figsize=(width, height + below + 0.8), layout="constrained")
     axes = figure.subplots(
         2 if below else 1, squeeze=False, height_ratios=[height, below][: 1 + bool(below)]

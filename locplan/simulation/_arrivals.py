@@ -22,8 +22,6 @@ ARRIVED, ELSEWHERE, STUCK, TIMED_OUT = "arrived", "elsewhere", "stuck", "timed o
 FOLLOWER, WORLD = "follower", "world"
 """What is at fault where a drive fails with perfect localization, too: the follower, or a world
 in which no way leads to the goal."""
-STANDS = 2.0
-"""Time from which on a robot that stands still has stopped [s]."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -48,9 +46,7 @@ class Closed(Settings):
             positive("replan", self.replan, "s")
 
 
-LEAVES: str = "leaves the path by 0.5 m"
-STOPS: str = "stops"
-ENDS: str = "ends"
+LEAVES, STOPS, ENDS = "leaves the path by 0.5 m", "stops", "ends"
 """What is at a place."""
 NOWHERE = np.empty((0, 3))
 Place = tuple[float, float, float]
@@ -98,7 +94,7 @@ class Arrival(Valued):
         from locplan._kernels.follower import TICK
 
         off = cKDTree(path.resampled(0.1).xy).query(truth[:, :2])[0] > OFF
-        wait = round(STANDS / TICK)
+        wait = round(2.0 / TICK)  # A robot that stands still for two seconds has stopped.
         stands = (truth[wait:] == truth[:-wait]).all(axis=1)
         stops: list[NDArray[np.float64]] = []
         for pose in truth[np.flatnonzero(stands)]:

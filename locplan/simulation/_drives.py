@@ -30,11 +30,10 @@ from locplan.robots import (
 
 MAX_DRIVES = 100_000
 """Maximum number of drives along a path, or to a place."""
-LOST = 1.0
-"""Position error above which, at any time of a drive, the robot counts as lost [m]."""
-OFF = 0.5
-"""Position error above which a robot is off at its goal [m]: of what open-loop drives show, that
-tells best whether a robot that is steered by its estimate arrives."""
+LOST, OFF = 1.0, 0.5
+"""Position errors above which the robot counts as lost, at any time of a drive, and as off at its
+goal [m]: of what open-loop drives show, that tells best whether a robot that is steered by its
+estimate arrives."""
 
 
 def rate_column(name: str, title: str, value: Callable[[Any], Interval] | None = None) -> Column:

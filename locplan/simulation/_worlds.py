@@ -21,12 +21,10 @@ from locplan.robots import Inflation, Robot
 from locplan.simulation._drives import DriveArguments, Line
 from locplan.simulation._own_filters import track
 
-POSE_SPACING = 0.05
-"""Maximum distance between two poses [m]."""
+POSE_SPACING, TURN = 0.05, 0.1
+"""Maximum distance [m] and turn [rad] between two poses."""
 AHEAD = 0.3
 """Distance ahead on the path to the point that a robot faces if the path has no headings [m]."""
-TURN = 0.1
-"""Maximum turn between two poses [rad]."""
 BAND = 0.5
 """Difference in length below which two paths count as equally long [m]."""
 

@@ -97,22 +97,19 @@ class Looks:
     """x, y [cells], heading on the map and excess of the best twins, (k, 4)."""
 
 
-NOTHING_SEEN = Looks(0.0, 1.0, 0, 0, 0.0, np.empty((0, 4)))
-"""Where too few beams return."""
-
-
 def look_around(database: Database, ranges: Floats, home: Floats) -> Looks:
     """Match the scan of a pose, x, y [cells] and heading on the map, with the whole map."""
     scan = ScanOnMap(database, ranges)
     found = scan.modes(home)
+    unseen = Looks(0.0, 1.0, 0, 0, 0.0, np.empty((0, 4)))
     if found.returns < MIN_RETURNS:
-        return NOTHING_SEEN
+        return unseen
     resolution = database.grid.resolution
     away = np.hypot(*(found.poses[:, :2] - home[:2]).T) * resolution
     turn = np.abs(wrapped(found.poses[:, 2] - home[2]))
     own = np.flatnonzero((away < APART) & (turn < TURNED))
     if not own.size:  # the robot does not fit quite there
-        return NOTHING_SEEN
+        return unseen
     excess = found.losses - found.losses[own[0]]
     weights = np.exp(-(found.losses - found.losses.min()))
     far = away > AWAY
