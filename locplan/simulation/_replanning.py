@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.poses import Poses, after_way, way_between
+from locplan._util.poses import Poses, after_way, way_along, way_between
 from locplan.costs import Path
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import Robot
@@ -73,7 +73,7 @@ class Replanner:
 
         half, columns = bordered_half(density, 1), density.shape[1] + 2
         costs = shortest_costs(half, columns, (start[0] + 1) * columns + start[1] + 1, -1, False)
-        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
+        along = way_along(way)
         points = np.floor(way[:, ::-1] / resolution).astype(int) - low
         able = _within(points, density.shape) & (along >= min(JOIN[0], along[-1]))
         flat = (points[able] + 1) @ (columns, 1)

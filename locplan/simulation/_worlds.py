@@ -29,7 +29,7 @@ BAND = 0.5
 """Difference in length below which two paths count as equally long [m]."""
 
 
-def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
+def poses_along(path: Path, grid: OccupancyGrid, name: str = "") -> Poses:
     """Poses every 0.05 m along a path, in its own headings or facing the point 0.3 m ahead.
 
     Parameters
@@ -38,6 +38,8 @@ def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
         The path in the world.
     grid : OccupancyGrid
         The map.
+    name : str, default ""
+        What an error calls the path.
 
     Returns
     -------
@@ -49,8 +51,9 @@ def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
     LocplanError
         If the path has no length, leaves the map, or crosses cells that are not free.
     """
+    called = f"{name}: " if name else ""
     if path.length <= 0:
-        raise LocplanError("has no length; a path to drive must lead somewhere")
+        raise LocplanError(f"{called}has no length; a path to drive must lead somewhere")
     fine = path.resampled(POSE_SPACING, even=True)
     rows, cols = (np.floor(v).astype(np.int64) for v in grid.world_to_grid(*fine.xy.T))
     inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
@@ -58,7 +61,7 @@ def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
     if not free.all():
         x, y = fine.xy[np.argmin(free)]
         raise LocplanError(
-            f"leaves the free cells of {grid.name or 'the map'} at {x:.2f},{y:.2f};"
+            f"{called}leaves the free cells of {grid.name or 'the map'} at {x:.2f},{y:.2f};"
             " drive a path that was planned on this map"
         )
     if fine.heading is not None:

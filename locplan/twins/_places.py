@@ -27,7 +27,7 @@ from locplan.matching import (
     Matching,
     ScanOnMap,
 )
-from locplan.robots import FARTHEST_OBJECT, NEAREST_OBJECT, Disturbances
+from locplan.robots import Disturbances
 
 LAYERS = ("excess", "elsewhere", "modes", "turned", "stretch")
 """Names of what is known of each place, see the properties of `Twins`."""
@@ -250,18 +250,12 @@ def noisy_scans(
 
     The worlds that differ from the map are taken in turn.
     """
-    from locplan._kernels.lidar import BeamDisturbances, measured_ends
+    from locplan._kernels.lidar import measured_ends
     from locplan._kernels.rays import empty_squares
 
     lidar = matching.lidar
     beams = matching.beams(lidar.mount_x, lidar.mount_y)
-    disturbed = BeamDisturbances(
-        outliers=disturbances.outliers,
-        occlusion=disturbances.occlusion,
-        width=math.radians(disturbances.occlusion_deg),
-        nearest=NEAREST_OBJECT,
-        farthest=FARTHEST_OBJECT,
-    )
+    disturbed = disturbances.for_kernels()
     ranges, ends = np.empty((len(poses), len(beams.angles))), np.empty((len(beams.angles), 2))
     lever = np.array([lidar.mount_x, lidar.mount_y]) / grid.resolution
     for first in range(disturbances.worlds):

@@ -17,7 +17,6 @@ from locplan._util.progress import ProgressCallback
 from locplan._util.records import Column
 from locplan._util.saved import Valued
 from locplan.costs import Path, PathMetrics
-from locplan.errors import LocplanError
 from locplan.maps import OccupancyGrid
 from locplan.simulation._arrivals import ARRIVING, Arrivals
 from locplan.simulation._closed_loop import drive_closed
@@ -214,13 +213,7 @@ RIVAL_DRIVES = 8
 
 def lines_along(paths: Mapping[str, Path], grid: OccupancyGrid) -> dict[str, Poses]:
     """Poses along each path; a LocplanError names the candidate that cannot be driven."""
-    lines = {}
-    for name, path in paths.items():
-        try:
-            lines[name] = poses_along(path, grid)
-        except LocplanError as error:
-            raise LocplanError(f"candidate {name}: {error}") from None
-    return lines
+    return {name: poses_along(path, grid, f"candidate {name}") for name, path in paths.items()}
 
 
 class Driver:
