@@ -14,8 +14,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.markers import MarkerStyle
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import printable
 from locplan.comparison._statistics import Convergence, Run
 from locplan.plotting import Picture
@@ -130,7 +130,7 @@ def title_of(setting: Sequence[Any]) -> str:
     return ", ".join([name, config, *(f"weight {each:g}" for each in weight)])
 
 
-def medians_of(points: NDArray[np.float64]) -> dict[float, NDArray[np.float64]]:
+def medians_of(points: Floats) -> dict[float, Floats]:
     """The median of (weight, x, y), (n, 3), at each weight."""
     weights = np.unique(points[:, 0]).tolist()
     return {each: np.median(points[points[:, 0] == each, 1:], axis=0) for each in weights}

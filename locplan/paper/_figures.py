@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan.field import OffsetLattice, Sad
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.paper import template_matching
@@ -76,9 +76,7 @@ def slides_figure(slides: Sequence[Slide]) -> Figure:
     return figure
 
 
-def models_figure(
-    offsets: NDArray[np.float64], curves: Mapping[str, NDArray[np.float64]], axis: str, title: str
-) -> Figure:
+def models_figure(offsets: Floats, curves: Mapping[str, Floats], axis: str, title: str) -> Figure:
     """Draw the seven models along one axis of the search window at a place.
 
     Parameters
@@ -103,9 +101,7 @@ def models_figure(
     return figure
 
 
-def draw_models(
-    axes: Axes, offsets: NDArray[np.float64], curves: Mapping[str, NDArray[np.float64]]
-) -> None:
+def draw_models(axes: Axes, offsets: Floats, curves: Mapping[str, Floats]) -> None:
     """Draw the seven models over offsets, each divided by its own greatest magnitude.
 
     Parameters
@@ -132,9 +128,7 @@ def draw_models(
     axes.margins(x=0.01)
 
 
-def distribution_figure(
-    distributions: Mapping[str, NDArray[np.float64]], window: OffsetLattice
-) -> Figure:
+def distribution_figure(distributions: Mapping[str, Floats], window: OffsetLattice) -> Figure:
     """Draw mismatch over the window's planes, as surfaces and as heat maps (Figs. 18-28).
 
     Parameters

@@ -18,8 +18,8 @@ from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.ticker import FuncFormatter, NullFormatter
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Octets
 from locplan._util.files import PICTURES, check_target, replacing
 from locplan.field import CovarianceField
 from locplan.maps import UNKNOWN, MapFaults, OccupancyGrid
@@ -47,7 +47,7 @@ def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", **cells.limits_of(grid))
 
 
-def shades(grid: OccupancyGrid) -> NDArray[np.uint8]:
+def shades(grid: OccupancyGrid) -> Octets:
     """What `MAP_COLOURS` has a colour for, of each cell or block: 0 is a wall, or a solid's rim."""
     import cv2
 
@@ -64,7 +64,7 @@ def draw_field(
     name: str | None = None,
     part: OccupancyGrid | None = None,
     *,
-    read: NDArray[np.float64] | None = None,
+    read: Floats | None = None,
 ) -> AxesImage:
     """Draw a scalar of the field over its map on a logarithmic scale, or a layer on a linear one.
 
@@ -99,7 +99,7 @@ def draw_field(
     return cells.draw_cells(axes, drawn, values, cmap=styles.FIELD_COLOURS, norm=norm)
 
 
-def field_norm(field: CovarianceField, name: str, values: NDArray[np.float64]) -> Normalize:
+def field_norm(field: CovarianceField, name: str, values: Floats) -> Normalize:
     """The scale of colours of a scalar or layer of a field, as `draw_field` draws it.
 
     It ends at the greatest value, but is never so short that harmless values would look weak.
@@ -271,9 +271,7 @@ def _size(axes: Axes, grid: OccupancyGrid) -> tuple[float, float]:
     return across, along
 
 
-def _free_corner(
-    axes: Axes, xy: NDArray[np.float64], size: tuple[float, float]
-) -> tuple[float, float]:
+def _free_corner(axes: Axes, xy: Floats, size: tuple[float, float]) -> tuple[float, float]:
     """Lower left end, in shares of the Axes, of the inset in the corner with fewest points."""
     low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
     at = (xy - low) / (high - low)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import Settings, positive
 from locplan._util.intervals import Interval, wilson
 from locplan._util.poses import Poses
@@ -96,7 +96,7 @@ class Arrival(Valued):
         off = cKDTree(path.resampled(0.1).xy).query(truth[:, :2])[0] > OFF
         wait = round(2.0 / TICK)  # A robot that stands still for two seconds has stopped.
         stands = (truth[wait:] == truth[:-wait]).all(axis=1)
-        stops: list[NDArray[np.float64]] = []
+        stops: list[Floats] = []
         for pose in truth[np.flatnonzero(stands)]:
             if all(np.hypot(*(pose - each)[:2]) > OFF for each in stops):
                 stops.append(pose)

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan import robots
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Bools, Floats, Singles
 from locplan._util.checks import whole
 from locplan._util.intervals import Interval, of_geometric_mean, of_mean, of_median, of_rms, wilson
 from locplan._util.poses import Poses, way_along
@@ -159,12 +158,12 @@ class Drives(Rated):
         return np.asarray((self.position_error**2).mean(axis=1))
 
     @property
-    def lost(self) -> NDArray[np.bool_]:
+    def lost(self) -> Bools:
         """True for each drive that was lost, off by more than 1 m, at any time, (drives,)."""
         return np.asarray(self.position_error.max(axis=1) > LOST)
 
     @property
-    def off(self) -> NDArray[np.bool_]:
+    def off(self) -> Bools:
         """True for each drive that is off by more than 0.5 m where it ends, (drives,)."""
         return np.asarray(self.position_error[:, -1] > OFF)
 
@@ -287,7 +286,7 @@ class DriveArguments(NamedTuple):
 
 
 def drive_arguments(
-    grid: OccupancyGrid, robot: robots.Robot, *, scores: NDArray[np.float32] | None = None
+    grid: OccupancyGrid, robot: robots.Robot, *, scores: Singles | None = None
 ) -> DriveArguments:
     """Arguments of the kernels of drives for a map and a robot.
 

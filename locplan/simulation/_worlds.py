@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Bools, Floats, Octets
 from locplan._util.intervals import random_of
 from locplan._util.poses import Poses, window_around
 from locplan.costs import Costmap, Path, divided_poses
@@ -167,23 +166,23 @@ class Stage:
     """Edge of a cell [m]."""
     window: Window
     """Rows and columns of the part."""
-    stops: NDArray[np.bool_]
+    stops: Bools
     """Cells that are occupied in the part."""
-    boundary: NDArray[np.bool_]
+    boundary: Bools
     """Cells of the part in which worlds may differ from the map."""
     noise: float
     """Share of these cells in which they do."""
     seed: int
     """Seed of all random numbers."""
 
-    def world(self, stream: int, number: int) -> NDArray[np.uint8]:
+    def world(self, stream: int, number: int) -> Octets:
         """Empty squares of the world of a drive, see `locplan._kernels.rays.empty_squares`."""
         from locplan._kernels.rays import empty_squares
 
-        squares: NDArray[np.uint8] = empty_squares(self.stops_of(stream, number))
+        squares: Octets = empty_squares(self.stops_of(stream, number))
         return squares
 
-    def stops_of(self, stream: int, number: int) -> NDArray[np.bool_]:
+    def stops_of(self, stream: int, number: int) -> Bools:
         """Cells that are occupied in the world of a drive, in the part."""
         if not self.noise:
             return self.stops
@@ -192,12 +191,7 @@ class Stage:
         return np.asarray(self.stops ^ (flips & self.boundary))
 
     def drive(
-        self,
-        line: Line,
-        world: NDArray[np.uint8],
-        stream: int,
-        number: int,
-        arguments: DriveArguments,
+        self, line: Line, world: Octets, stream: int, number: int, arguments: DriveArguments
     ) -> Floats:
         """The filter's errors on a drive, (n, 3) in the own axes of its map [m, m, rad].
 
