@@ -46,7 +46,9 @@ class Closed(Settings):
             positive("replan", self.replan, "s")
 
 
-LEAVES, STOPS, ENDS = "leaves the path by 0.5 m", "stops", "ends"
+LEAVES: str = "leaves the path by 0.5 m"
+STOPS: str = "stops"
+ENDS: str = "ends"
 """What is at a place."""
 NOWHERE = np.empty((0, 3))
 Place = tuple[float, float, float]
