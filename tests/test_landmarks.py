@@ -451,6 +451,12 @@ def test_far_beams_count_less_the_more_the_filters_heading_errs():
     assert seen_by(Robot(SHORT, filter=Amcl(alpha2=0.0))).rays.swing == 0
 
 
+def test_two_rays_meet_an_object_at_the_lidars_full_range():
+    rays = seen_by(Robot(Lidar(range=25.0))).rays
+    assert rays.beams > 360
+    assert 25.0 * rays.step <= 0.2 / 2  # a pole of 0.2 m
+
+
 def test_the_motion_is_the_filters():
     slow = Robot(SHORT).changed({"alpha3": 0.1, "update_min_d": 0.5, "distance_drift": 0.0})
     assert seen_by(slow).motion.along == pytest.approx(0.05)

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from conftest import drawn, few_of
 
-from locplan._util.reading import MAX_BYTES
 from locplan.comparison import Journal
 from locplan.costs import Costmap, Path, path_cost, path_metrics
 from locplan.errors import LocplanError
@@ -102,6 +101,6 @@ def test_what_can_be_no_file_name_is_refused(name):
 
 def test_files_that_are_too_large_are_refused(tmp_path):
     with (tmp_path / "p.csv").open("wb") as file:
-        file.truncate(MAX_BYTES + 1)
+        file.truncate(2**24 + 1)
     with pytest.raises(LocplanError, match=r"over 16\.8 MB"):
         Path.load(tmp_path / "p.csv")

@@ -20,7 +20,6 @@ from locplan import Lidar, Scan, load_map
 from locplan._kernels import likelihood, posterior
 from locplan._kernels.likelihood import TOP, make_lattice
 from locplan._kernels.matches import recorded_posteriors
-from locplan._util.poses import way_along
 from locplan.errors import ConfigError, RecordingError
 from locplan.field import FieldConfig, SearchWindow
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
@@ -157,7 +156,8 @@ def test_scans_that_saw_what_is_not_on_the_map_are_set_apart(office, drive):
         for axes in drive_figure(other).axes[:2]
     )
     np.testing.assert_allclose(on_map[: crowd.sum()], some.poses[crowd, :2])
-    np.testing.assert_allclose(on_way[:, 0], way_along(some.poses)[crowd], atol=1e-6)
+    along = np.cumsum(np.hypot(*np.diff(some.poses[:, :2], axis=0, prepend=some.poses[:1, :2]).T))
+    np.testing.assert_allclose(on_way[:, 0], along[crowd], atol=1e-6)
 
 
 def test_returns_that_scatter_about_walls_are_no_people(office, drive):

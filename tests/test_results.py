@@ -10,13 +10,6 @@ from conftest import drawn
 
 from locplan import plotting
 from locplan._util import results
-from locplan._util.results import (
-    MANIFEST,
-    ResultFolder,
-    Results,
-    digest_of,
-    interrupts_put_off,
-)
 from locplan._util.tables import rounded_up
 from locplan.errors import LocplanError
 from locplan.maps import find_maps, load_map, save_map
@@ -27,14 +20,14 @@ PLAN = ("plan", *ENDS, "--stride", "0.5")
 
 
 def write(folder, files, kind="plan", **options):
-    with ResultFolder(folder, kind, **options).writing() as new:
+    with results.ResultFolder(folder, kind, **options).writing() as new:
         for name, text in files.items():
             (new / name).parent.mkdir(exist_ok=True)
             (new / name).write_text(text)
 
 
 def content(folder):
-    files = (each for each in folder.rglob("*") if each.is_file() and each.name != MANIFEST)
+    files = (each for each in folder.rglob("*") if each.is_file() and each.name != results.MANIFEST)
     return {each.relative_to(folder).as_posix(): each.read_text() for each in files}
 
 
@@ -53,7 +46,7 @@ def test_a_file_that_is_not_as_locplan_wrote_it_is_in_the_way(tmp_path, earlier)
     write(tmp_path, earlier | {"z": "1"})
     (tmp_path / "a").write_text("mine")
     with pytest.raises(LocplanError, match=r"a: is in the way.*--force"):
-        Results("plan", ("a",)).into(tmp_path)
+        results.Results("plan", ("a",)).into(tmp_path)
     with pytest.raises(LocplanError, match="a: is in the way"):
         write(tmp_path, {"a": "2", "z": "2"})
     assert content(tmp_path) == {"a": "mine", "z": "1"}
@@ -76,7 +69,7 @@ def test_a_file_with_the_same_content_is_not_in_the_way(tmp_path):
 
 def test_others_stay_where_wanted(tmp_path):
     for name in "ab":
-        with ResultFolder(tmp_path, "maps").writing(others_stay=True) as new:
+        with results.ResultFolder(tmp_path, "maps").writing(others_stay=True) as new:
             (new / name).write_text("1")
     assert set(content(tmp_path)) == {"a", "b"}
     write(tmp_path, {"a": "2"}, kind="maps")  # the manifest knows b still
@@ -104,30 +97,30 @@ def test_a_folder_in_the_way_is_never_replaced(tmp_path):
     ],
 )
 def test_a_manifest_that_is_none_of_ours_is_in_the_way(tmp_path, manifest):
-    (tmp_path / MANIFEST).write_text(manifest, encoding="latin-1")
-    with pytest.raises(LocplanError, match=f"{MANIFEST}: is in the way, and no list"):
-        Results("plan", ("a",)).into(tmp_path)
-    with pytest.raises(LocplanError, match=f"{MANIFEST}: is in the way, and no list"):
+    (tmp_path / results.MANIFEST).write_text(manifest, encoding="latin-1")
+    with pytest.raises(LocplanError, match=f"{results.MANIFEST}: is in the way, and no list"):
+        results.Results("plan", ("a",)).into(tmp_path)
+    with pytest.raises(LocplanError, match=f"{results.MANIFEST}: is in the way, and no list"):
         write(tmp_path, {"a": "1"})
-    assert (tmp_path / MANIFEST).read_text(encoding="latin-1") == manifest
+    assert (tmp_path / results.MANIFEST).read_text(encoding="latin-1") == manifest
     write(tmp_path, {"a": "1"}, force=True)
     write(tmp_path, {"a": "2"})
     assert content(tmp_path) == {"a": "2"}
 
 
 def test_a_folder_of_the_manifests_name_is_never_replaced(tmp_path):
-    (tmp_path / MANIFEST).mkdir()
+    (tmp_path / results.MANIFEST).mkdir()
     with pytest.raises(LocplanError, match="is in the way"):
         write(tmp_path, {"a": "1"}, force=True)
-    assert (tmp_path / MANIFEST).is_dir()
+    assert (tmp_path / results.MANIFEST).is_dir()
 
 
 def test_a_manifest_removes_nothing_outside_of_its_folder(tmp_path):
     (tmp_path / "mine").write_text("1")
     write(tmp_path / "out", {"a": "1"})
-    known = json.loads((tmp_path / "out" / MANIFEST).read_text())
+    known = json.loads((tmp_path / "out" / results.MANIFEST).read_text())
     known["plan"]["../mine"] = known["plan"]["a"]
-    (tmp_path / "out" / MANIFEST).write_text(json.dumps(known))
+    (tmp_path / "out" / results.MANIFEST).write_text(json.dumps(known))
     write(tmp_path / "out", {"b": "1"})
     assert (tmp_path / "mine").exists()
 
@@ -141,7 +134,7 @@ def test_an_interrupted_block_leaves_the_folder_as_it_was(tmp_path, error, there
     before = sorted(tmp_path.rglob("*")), content(tmp_path)
 
     def interrupted():
-        with ResultFolder(folder, "plan").writing() as new:
+        with results.ResultFolder(folder, "plan").writing() as new:
             (new / "a").write_text("2")
             raise error
 
@@ -203,7 +196,7 @@ def _moving_fails(monkeypatch, name):
 def test_errors_name_the_last_place_of_a_file(tmp_path):
     with (
         pytest.raises(LocplanError, match=f"^{tmp_path}/out/a.png: no$"),
-        ResultFolder(tmp_path / "out", "plan").writing() as new,
+        results.ResultFolder(tmp_path / "out", "plan").writing() as new,
     ):
         raise LocplanError(f"{new / 'a.png'}: no")
 
@@ -246,7 +239,7 @@ def test_interrupts_are_put_off_until_the_block_ends(number):
     done, before = [], signal.getsignal(number)
     signal.signal(number, lambda *_: done.append("signal"))
     try:
-        with interrupts_put_off():
+        with results.interrupts_put_off():
             os.kill(os.getpid(), number)
             done.append("block")
         assert done == ["block", "signal"]
@@ -286,7 +279,7 @@ def test_a_plan_that_is_interrupted_while_it_draws_leaves_its_folder_as_it_was(
     plan, out = [*PLAN, room, "-o", tmp_path / "out"], tmp_path / "out"
     assert run(*plan)[0] == 0
     before = {each: each.read_bytes() for each in out.iterdir()}
-    assert {each.name for each in before} > {"choice.png", "chosen.csv", MANIFEST}
+    assert {each.name for each in before} > {"choice.png", "chosen.csv", results.MANIFEST}
 
     def interrupted(*_, **__):
         raise KeyboardInterrupt
@@ -366,7 +359,7 @@ def test_only_a_picture_that_calibrate_drew_is_replaced(run, room, tmp_path):
     (tmp_path / "mine.json").write_text(json.dumps(settings))
     with pytest.raises(LocplanError, match="in the way of the picture"):
         check_calibration(tmp_path / "mine.json")
-    settings["picture"] = digest_of(tmp_path / "mine_calibration.png")
+    settings["picture"] = results.digest_of(tmp_path / "mine_calibration.png")
     (tmp_path / "mine.json").write_text(json.dumps(settings))
     assert check_calibration(tmp_path / "mine.json") == tmp_path / "mine_calibration.png"
 

@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 
-from locplan.cli._application import NOT_IN_METRES
 from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map, save_map
@@ -185,7 +184,7 @@ def test_the_ways_of_queries_are_driven_by_the_robot(run, hall, monkeypatch):
 def test_calibrate_writes_the_robot(run, hall):
     given = "--robot", hall / "nav2.yaml", "--set", "range=1", "--places", "10", "--drives", "2"
     code, _, err = run("calibrate", hall / "m.yaml", *given, "-o", hall / "own.json")
-    assert code in (0, NOT_IN_METRES), err
+    assert code in (0, 3), err  # 3 where the drive is far too short for a verdict
     robot = Robot.load(hall / "nav2.yaml").changed({"range": 1})
     assert Robot.load(hall / "own.json") == robot
 

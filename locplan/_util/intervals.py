@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.poses import way_along
 
 MIN_SAMPLES = 5
@@ -41,7 +40,7 @@ def wilson(share: float, trials: int) -> Interval:
     return Interval(share, max(0.0, float(middle - half)), min(1.0, float(middle + half)))
 
 
-def of_mean(values: NDArray[np.float64]) -> Interval:
+def of_mean(values: Floats) -> Interval:
     """Student's 95 % interval of the mean of independent values; NaN if they are too few."""
     from scipy.special import stdtrit
 
@@ -53,12 +52,12 @@ def of_mean(values: NDArray[np.float64]) -> Interval:
     return Interval(middle, middle - float(half), middle + float(half))
 
 
-def of_geometric_mean(values: NDArray[np.float64]) -> Interval:
+def of_geometric_mean(values: Floats) -> Interval:
     """Student's 95 % interval of the geometric mean of positive values, from their logarithms."""
     return Interval(*np.exp(of_mean(np.log(values))).tolist())
 
 
-def of_median(values: NDArray[np.float64]) -> Interval:
+def of_median(values: Floats) -> Interval:
     """95 % interval of the median of all values (trials, k), whose rows are independent trials.
 
     It is Woodruff's: Student's interval of the share of values that are at most the median, read
@@ -75,7 +74,7 @@ def of_median(values: NDArray[np.float64]) -> Interval:
     return Interval(middle, low, high)
 
 
-def of_rms(squares: NDArray[np.float64]) -> Interval:
+def of_rms(squares: Floats) -> Interval:
     """95 % interval of a root mean square, of the mean squares of the trials.
 
     It is Student's interval of the jackknife's pseudo-values of the logarithm.
@@ -92,7 +91,7 @@ def of_rms(squares: NDArray[np.float64]) -> Interval:
     return Interval(float(np.exp(whole / 2)), float(low), float(high))
 
 
-def of_resamples(value: float, samples: NDArray[np.float64]) -> Interval:
+def of_resamples(value: float, samples: Floats) -> Interval:
     """A value with the 2.5 and 97.5 % quantiles of its resamples; NaN where none is finite."""
     known = samples[np.isfinite(samples)]
     if not len(known):
@@ -139,12 +138,12 @@ def _with_ends(interval: Interval, text: Callable[[float], str]) -> str:
 RESAMPLES = 1000
 
 
-def blocks_along(poses: Floats, length: float = 10.0) -> NDArray[np.int64]:
+def blocks_along(poses: Floats, length: float = 10.0) -> Ints:
     """The block of the way, of some length [m], that each of n poses belongs to, (n,)."""
     return np.asarray((way_along(poses) / length).astype(np.int64))
 
 
-def draws_of(blocks: NDArray[np.int64], resamples: int = RESAMPLES) -> Floats:
+def draws_of(blocks: Ints, resamples: int = RESAMPLES) -> Floats:
     """Number of times that the block of each of n values is drawn, (resamples, n).
 
     There are no resamples of fewer than five blocks.
@@ -155,9 +154,7 @@ def draws_of(blocks: NDArray[np.int64], resamples: int = RESAMPLES) -> Floats:
     return _draws(np.random.default_rng(0), len(known), resamples)[:, number]
 
 
-def mean_interval(
-    values: Floats, blocks: NDArray[np.int64], counted: Floats | None = None
-) -> Interval:
+def mean_interval(values: Floats, blocks: Ints, counted: Floats | None = None) -> Interval:
     """Mean of values (n,), with a 95 % interval over their blocks; NaN where it has none.
 
     Of the values those count that are 1 in `counted` (n,), not 0; by default all do.
@@ -172,7 +169,7 @@ def mean_interval(
 
 
 def intervals(
-    statistic: Callable[[Floats], Floats], blocks: NDArray[np.int64], resamples: int
+    statistic: Callable[[Floats], Floats], blocks: Ints, resamples: int
 ) -> list[Interval]:
     """Some statistics (k,) of weighted values, with 95 % intervals over the values' blocks.
 

@@ -9,6 +9,7 @@ import io
 import re
 import textwrap
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, ClassVar, SupportsIndex
@@ -19,13 +20,6 @@ from locplan.errors import LocplanError
 
 if TYPE_CHECKING:
     from jinja2 import Environment
-
-WRAPPED: dict[str, Any] = {
-    "width": 96,
-    "initial_indent": "    ",
-    "subsequent_indent": "    ",
-    "break_on_hyphens": False,
-}
 
 
 def attach(
@@ -82,9 +76,16 @@ class WithFields(str):
         if re.search(r"^Parameters\n---", text, re.MULTILINE):
             return text
         docs, lines = field_docs(kind), []
+        wrapped = partial(
+            textwrap.wrap,
+            width=96,
+            initial_indent="    ",
+            subsequent_indent="    ",
+            break_on_hyphens=False,
+        )
         for name, type_ in _types_of(kind).items():
             if docs[name]:
-                lines += [f"{name} : {type_}", *textwrap.wrap(docs[name], **WRAPPED)]
+                lines += [f"{name} : {type_}", *wrapped(docs[name])]
         if not lines:
             return text
         about, *sections = re.split(r"\n\n(?=[A-Z][\w ]+\n---)", text, maxsplit=1)

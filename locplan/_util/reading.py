@@ -19,14 +19,11 @@ from locplan import __version__
 from locplan._util.checks import shown
 from locplan.errors import LocplanError, MapError
 
-MAX_BYTES = 2**24
-"""Maximum size of a text that is read at once: its numbers may take fifty times as much."""
-MAX_LOG_BYTES = 2**32
-"""Maximum size, unpacked, of a log that is read line by line."""
+MAX_BYTES, MAX_JSON_BYTES, MAX_LOG_BYTES = 2**24, 2**20, 2**32
+"""Maximum size of a text that is read at once, whose numbers may take fifty times as much; of a
+file of settings, or of a description in JSON; and, unpacked, of a log that is read line by line."""
 MAX_LINE, MAX_LINES = 2**22, 2**22
 """Maximum length of a log's line [characters], and greatest number of lines."""
-MAX_JSON_BYTES = 2**20
-"""Maximum size of a file of settings, or of a description in JSON."""
 
 
 def opened(file: str | os.PathLike[str], limit: float = float("inf")) -> BufferedReader:

@@ -21,8 +21,6 @@ from locplan._util.saved import Stored
 if TYPE_CHECKING:
     import pandas
 
-SCALES = {"": 1.0, "cm": 100.0, "deg": math.degrees(1.0), "%": 100.0}
-"""Factors from the units of files, metres, radians and shares, to those that people see."""
 FILE_DPI = 130
 """Pixels an inch of pictures in files."""
 IN_FILES: dict[str, Any] = {"dpi": FILE_DPI, "bbox_inches": "tight", "pad_inches": 0.1}
@@ -78,9 +76,8 @@ class Column:
         # z: no minus before what rounds to 0
         form = f"{'+' if self.signed else ''}z.{self.digits + exact}f"
         percent = "%" if self.people == "%" else ""
-        middle, *ends = (
-            f"{SCALES[self.people] * each:{form}}{percent}" for each in (middle, *ends)
-        )
+        scale = {"": 1.0, "cm": 100.0, "deg": math.degrees(1.0), "%": 100.0}[self.people]
+        middle, *ends = (f"{scale * each:{form}}{percent}" for each in (middle, *ends))
         known = self.interval and math.isfinite(value[1])
         return f"{middle} [{', '.join(ends)}]" if known else str(middle)
 

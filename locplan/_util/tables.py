@@ -15,22 +15,21 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from locplan import __version__
+from locplan._kernels.arrays import Floats
 from locplan._util.files import replacing
 
 T = TypeVar("T")
 
-TEXT_WIDTH = 105
-"""Maximum width of text beside tables [characters]."""
-REPORT_WIDTH = 100
-"""Width of running text in reports [characters]."""
+TEXT_WIDTH, REPORT_WIDTH = 105, 100
+"""Maximum width of text beside tables, and that of running text in reports [characters]."""
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """Beginning of a text that a spreadsheet takes for a formula, or that `csv_cell` has guarded."""
 
 
-def write_csv(target: Path, values: NDArray[np.float64], header: str, number: str = "%.6f") -> None:
+def write_csv(target: Path, values: Floats, header: str, number: str = "%.6f") -> None:
     """Write columns of numbers with a header as CSV, whole or not at all."""
     with replacing(target) as temporary:
         np.savetxt(temporary, values, number, delimiter=",", header=header, comments="")

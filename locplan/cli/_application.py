@@ -23,11 +23,6 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
 
 SYSTEM_ERROR, WRONG_INPUT, NOT_IN_METRES = 1, 2, 3
-EXPLAINED = (
-    f"The exit code is 0 for a result, {SYSTEM_ERROR} where the system fails, {WRONG_INPUT} for a"
-    f" wrong input, {NOT_IN_METRES} where calibrate finds that deviations cannot be in metres, and"
-    f" {INTERRUPTED} after Ctrl-C."
-)
 COMMANDS = {
     "explore": ("Start", "_explore"),
     "info": ("Start", "_upkeep"),
@@ -37,13 +32,13 @@ COMMANDS = {
     "tune": ("Localize", "_simulate"),
     "simulate": ("Localize", "_simulate"),
     "trajectory": ("Localize", "_trajectory"),
-    "evaluate": ("Localize", "_calibrate"),
-    "calibrate": ("Localize", "_calibrate"),
-    "locate": ("Localize", "_places"),
+    "evaluate": ("Localize", "_localize"),
+    "calibrate": ("Localize", "_localize"),
+    "locate": ("Localize", "_localize"),
     "mend": ("The site", "_landmarks"),
     "landmarks": ("The site", "_landmarks"),
     "features": ("The site", "_landmarks"),
-    "twins": ("The site", "_places"),
+    "twins": ("The site", "_localize"),
     "export": ("Hand over", "_export"),
     "plot": ("Hand over", "_export"),
     "field": ("Upkeep", "_upkeep"),
@@ -65,7 +60,11 @@ def application(*names: str) -> App:
         version_flags="--version",
         help_format="plaintext",
         help_formatter=Filling(),
-        help_epilogue=EXPLAINED,
+        help_epilogue=(
+            f"The exit code is 0 for a result, {SYSTEM_ERROR} where the system fails, {WRONG_INPUT}"
+            f" for a wrong input, {NOT_IN_METRES} where calibrate finds that deviations cannot be"
+            f" in metres, and {INTERRUPTED} after Ctrl-C."
+        ),
         group_parameters=heading("Options"),
         default_parameter=Parameter(
             negative=(), show_default=False, json_list=False, json_dict=False

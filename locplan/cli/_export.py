@@ -154,7 +154,6 @@ READ = {
     "models": ("at", "axis"),
 }
 """The options that each figure reads."""
-OF_FIGURES = [name for names in READ.values() for name in names]
 
 
 @typed.command(
@@ -187,7 +186,7 @@ class plot(typed.OneMap, FieldOptions, shared.Computing):
 
     def __call__(self) -> None:
         _, configs = self.robot_and_fields(self.ranges)
-        name, given = self.figure, self.given(*OF_FIGURES)
+        name, given = self.figure, self.given(*(name for names in READ.values() for name in names))
         typed.check_read(given, "--figure", name, READ)
         of_place = "at" in READ[name]
         if of_place and "at" not in given:

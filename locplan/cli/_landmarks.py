@@ -26,6 +26,8 @@ class RouteOptions(Ends):
     """Start of a shortest path, x,y in metres."""
     places: Annotated[Path | None, typed.INPUT, Parameter(metavar="CSV")] = None
     """Places (name,x,y) between all of which the robot drives."""
+    drives: int = 100
+    """Number of drives of the verification; 100 by default, 0 leaves it out."""
 
     def ways(self, *others: str) -> dict[str, Any]:
         """The paths or places, or nothing with one of the others; it must be one of them all."""
@@ -39,6 +41,13 @@ class RouteOptions(Ends):
             return {"places": {each.name: (each.x, each.y) for each in stations}}
         ends = self.ends()
         return {"places": dict(zip(("start", "goal"), ends, strict=True))} if ends else {}
+
+    def verified(self, found: Any) -> Any:
+        """The drives that verify what was found; None without."""
+        if not self.drives:
+            return None
+        with progress_bar("verifying by drives", "drives") as progress:
+            return found.verify(self.drives, **self.given(Seeded), progress=progress)
 
 
 @typed.command(
@@ -59,8 +68,6 @@ class features(typed.OneMap, RobotOptions, RouteOptions, Seeded, Output):
     """Maximum extent of an object, in metres; 4 by default."""
     shift: float = 0.3
     """Distance by which features are moved to see the error, in metres; 0.3 by default."""
-    drives: int = 100
-    """Number of drives of the verification; 100 by default, 0 leaves it out."""
 
     def __call__(self) -> None:
         ways = self.ways()
@@ -71,11 +78,7 @@ class features(typed.OneMap, RobotOptions, RouteOptions, Seeded, Output):
         taken = self.given("count", "piece", "largest", "shift")
         with progress_bar("taking features away", "features") as progress:
             found = locplan.key_features(grid, **ways, robot=robot, **taken, progress=progress)
-        driven = None
-        if self.drives and found.together:
-            with progress_bar("verifying by drives", "drives") as progress:
-                driven = found.verify(self.drives, **self.given(Seeded), progress=progress)
-        self.finish(found, driven)
+        self.finish(found, self.verified(found) if found.together else None)
 
 
 def region(name: str, text: str) -> tuple[float, ...] | str:
@@ -113,8 +116,6 @@ class landmarks(typed.OneMap, RobotOptions, RouteOptions, Seeded, Output):
     """Rectangle in which no object may stand, in metres; repeatable."""
     existing: typed.Poses = ()
     """Object of this kind in the map, which may be moved, x,y in metres; repeatable."""
-    drives: int = 100
-    """Number of drives of the verification; 100 by default, 0 leaves it out."""
     trials: typed.Count | None = None
     """Number of placements that are driven first, of which the best is taken; 4 by default, and 1
     without drives. Along routes the first two are by the two objectives."""
@@ -137,14 +138,10 @@ class landmarks(typed.OneMap, RobotOptions, RouteOptions, Seeded, Output):
                 grid, kind, self.count, **ways, robot=robot, sites=sites, **every, progress=progress
             )
         tried = ({} if self.drives else {"trials": 1}) | self.given("trials")
-        every = self.given(Seeded)
+        tried |= self.given(Seeded)
         with progress_bar("driving placements", "drives") as progress:
-            made = locplan.landmarks.best_of_trials(made, **tried, **every, progress=progress)
-        verification = None
-        if self.drives:
-            with progress_bar("verifying by drives", "drives") as progress:
-                verification = made.verify(self.drives, **every, progress=progress)
-        self.finish(made, verification)
+            made = locplan.landmarks.best_of_trials(made, **tried, progress=progress)
+        self.finish(made, self.verified(made))
 
 
 @typed.command("mend lab.yaml --robot nav2_params.yaml -o mended")

@@ -58,8 +58,9 @@ class Seeded(Threads):
     """Seed of all random numbers; 1 by default."""
 
 
-ABOUT_CACHE = Parameter(help="Folder of the computed fields; LOCPLAN_CACHE names it, too.")
-CacheDir = Annotated[Path | None, ABOUT_CACHE]
+CacheDir = Annotated[
+    Path | None, Parameter(help="Folder of the computed fields; LOCPLAN_CACHE names it, too.")
+]
 
 
 @typed.option_group("Computing")

@@ -198,20 +198,18 @@ def compare(
             orders += orders_of(case, costs, home, specs, _weights(asked, case, costs), seeds)
             cases.append(case)
         runs = runs_of(orders, specs, workers.run, journal, execution.progress)
-    about = _about(execution, specs, began) | {
+    about = _about(execution, specs, queries, began) | {
         "weights": list(dict.fromkeys(run.task.weight for run in runs)),
         "seeds": seeds,
-        "random_queries": (
-            dataclasses.asdict(queries) if isinstance(queries, RandomQueries) else None
-        ),
         "robot": robot and robot.summary(),
     }
     return Comparison(tuple(runs), baseline, {case.key: case for case in cases}, about)
 
 
-def _about(execution: Execution, specs: Sequence[PlannerSpec], began: datetime) -> dict[str, Any]:
-    """Versions, the machine, the planners and the limits, fit for JSON."""
-    limits = {name: getattr(execution, name) for name in ("time_limit", "memory", "patience")}
+def _about(
+    execution: Execution, specs: Sequence[PlannerSpec], queries: Any, began: datetime
+) -> dict[str, Any]:
+    """Versions, the machine, the planners, random queries and the limits, fit for JSON."""
     return {
         "locplan": __version__,
         "python": platform.python_version(),
@@ -220,7 +218,10 @@ def _about(execution: Execution, specs: Sequence[PlannerSpec], began: datetime) 
         "workers": execution.workers or usable_cores(),
         "began": began.isoformat(timespec="seconds"),
         "planners": {spec.label: spec.identity() for spec in specs},
-        **limits,
+        **{name: getattr(execution, name) for name in ("time_limit", "memory", "patience")},
+        "random_queries": dataclasses.asdict(queries)
+        if isinstance(queries, RandomQueries)
+        else None,
     }
 
 

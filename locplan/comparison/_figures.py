@@ -14,8 +14,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.markers import MarkerStyle
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import printable
 from locplan.comparison._statistics import Convergence, Run
 from locplan.plotting import Picture
@@ -31,7 +31,6 @@ THEME = {"ink": "#010203", "muted": "#040506", "rule": "#070809"} | {
 """Colours that the page's own of these names replace: placeholders, and those of planners, which
 are the page's in its light scheme."""
 DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1.6, 1.4, 1.6)), (0, (2, 1)))
-MARKERS = "osD^vPX"
 SETTINGS: dict[Any, Any] = {
     **dict.fromkeys(("font.size", "axes.labelsize", "xtick.labelsize", "ytick.labelsize"), 8.5),
     **dict.fromkeys(("text.color", "axes.labelcolor"), THEME["ink"]),
@@ -65,20 +64,17 @@ def marks_of(runs: Iterable[Run]) -> dict[str, Mark]:
     """The mark of each planner in the order of the runs; no two of the first 280 are alike."""
     planners = dict.fromkeys(run.task.planner for run in runs)
     return {
-        planner: Mark(f"p{n % len(COLOURS)}", n % len(DASHES), MARKERS[n % len(MARKERS)])
+        planner: Mark(f"p{n % len(COLOURS)}", n % len(DASHES), "osD^vPX"[n % 7])
         for n, planner in enumerate(planners)
     }
-
-
-LETTERS = {1: "M", 2: "L", 4: "C"}
-"""Commands of SVG paths by the codes of matplotlib's."""
 
 
 def shape(marker: str) -> str:
     """A marker of matplotlib, eight pixels wide, as an SVG path around 0."""
     drawn: Any = MarkerStyle(marker)
     parts = drawn.get_path().transformed(drawn.get_transform().scale(8, -8)).iter_segments()
-    letters = ((LETTERS.get(code), np.round(at, 2).tolist()) for at, code in parts)
+    # Commands of SVG paths by the codes of matplotlib's.
+    letters = (({1: "M", 2: "L", 4: "C"}.get(code), np.round(at, 2).tolist()) for at, code in parts)
     return "".join(f"{letter}{' '.join(map(str, at))}" for letter, at in letters if letter) + "Z"
 
 
@@ -134,7 +130,7 @@ def title_of(setting: Sequence[Any]) -> str:
     return ", ".join([name, config, *(f"weight {each:g}" for each in weight)])
 
 
-def medians_of(points: NDArray[np.float64]) -> dict[float, NDArray[np.float64]]:
+def medians_of(points: Floats) -> dict[float, Floats]:
     """The median of (weight, x, y), (n, 3), at each weight."""
     weights = np.unique(points[:, 0]).tolist()
     return {each: np.median(points[points[:, 0] == each, 1:], axis=0) for each in weights}

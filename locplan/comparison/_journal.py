@@ -22,7 +22,7 @@ import numpy as np
 
 from locplan import __version__
 from locplan._util.checks import file_path, shown
-from locplan._util.files import make_folder
+from locplan._util.files import errors_in_one_line, make_folder
 from locplan._util.progress import ProgressCallback
 from locplan._util.reading import opened, parsed_json
 from locplan._util.saved import made
@@ -68,12 +68,10 @@ class Journal:
         self.path = file_path("a journal", file)
         self._made_folder = not self.path.parent.exists()
         make_folder(self.path.parent)
-        try:
+        with errors_in_one_line(self.path):
             if self.path.exists():
                 opened(self.path, 2**28).close()
             self._file = self.path.open("a+", encoding="ascii")
-        except OSError as error:
-            raise self._unwritten(error) from None
         try:
             self._lock()
             self.runs = self._read()
@@ -94,11 +92,9 @@ class Journal:
         return self
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
-        try:
+        # Closing writes what could not be written before.
+        with errors_in_one_line(self.path) if error is None else suppress(OSError):
             self._file.close()
-        except OSError as failed:  # closing writes what could not be written before
-            if error is None:
-                raise self._unwritten(failed) from None
         if error is not None and not self.runs:  # nothing was run: leave nothing behind
             self.path.unlink(missing_ok=True)
             if self._made_folder:
@@ -150,14 +146,9 @@ class Journal:
             ) from None
 
     def _append(self, about: Mapping[str, Any]) -> None:
-        try:
+        with errors_in_one_line(self.path):
             self._file.write(json.dumps(about, allow_nan=False) + "\n")
             self._file.flush()
-        except OSError as error:
-            raise self._unwritten(error) from None
-
-    def _unwritten(self, error: OSError) -> LocplanError:
-        return LocplanError(f"{self.path}: cannot be written ({error.strerror or error})")
 
     def _lock(self) -> None:
         try:

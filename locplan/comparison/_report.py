@@ -16,9 +16,9 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from markupsafe import Markup, escape
-from numpy.typing import NDArray
 from PIL import Image
 
+from locplan._kernels.arrays import Floats, Singles
 from locplan._util.files import replacing
 from locplan._util.public import templates_of
 from locplan.comparison import _figures as figures
@@ -55,7 +55,7 @@ class Scale:
 class Backdrop:
     """The image of a map with its field, and where it lies in the world."""
 
-    low: NDArray[np.float64]
+    low: Floats
     """x and y of the lower left corner [m]."""
     scale: float
     """Pixels per metre."""
@@ -82,7 +82,7 @@ class Backdrop:
         data = f"data:image/png;base64,{base64.b64encode(small.getvalue()).decode()}"
         return cls(np.array([left, bottom]), float(side / spans.max()), (width, height), data)
 
-    def pixels(self, xy: Sequence[Sequence[float]]) -> NDArray[np.float32]:
+    def pixels(self, xy: Sequence[Sequence[float]]) -> Singles:
         """Positions in the image, (n, 2); rows go down."""
         points = (np.array(xy, float).reshape(-1, 2) - self.low) * self.scale
         points[:, 1] = self.size[1] - points[:, 1]

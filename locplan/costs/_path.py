@@ -14,6 +14,7 @@ from numpy.typing import DTypeLike
 from locplan._kernels.arrays import Floats
 from locplan._util.checks import FARTHEST, file_path, positive
 from locplan._util.files import check_target
+from locplan._util.poses import way_along
 from locplan._util.reading import read_text
 from locplan._util.saved import Valued
 from locplan._util.tables import write_csv
@@ -160,8 +161,7 @@ class Path(Valued):
     @cached_property
     def distance(self) -> Floats:
         """Distance travelled at each position, (n,) [m]."""
-        steps = np.hypot(*np.diff(self.xy, axis=0).T)
-        return np.concatenate([[0.0], np.cumsum(steps)])
+        return way_along(self.xy)
 
     @property
     def length(self) -> float:

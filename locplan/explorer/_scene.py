@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats, Octets
+from locplan._kernels.arrays import Floats, Octets, Shorts
 from locplan._util.poses import window_around
 from locplan._util.tables import finite
 from locplan.costs import Costmap
@@ -40,7 +40,7 @@ class Parts:
 
     grid: OccupancyGrid
     """The map."""
-    labels: NDArray[np.int32] | NDArray[np.uint16]
+    labels: NDArray[np.int32] | Shorts
     """Number of the connected part that a cell belongs to, (H, W); 0 where it is blocked."""
 
     @classmethod

@@ -1,20 +1,19 @@
-"""The folder of cached results: its entries, its size limit, its locks, and its table.
-
-Most are fields; others, such as trajectories, have a folder `KEY.kept` (`locplan.field._kept`).
-"""
+"""The folder of cached results, most of them fields: its entries, limit, locks, and table."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import file_path, shown
+from locplan._util.files import errors_in_one_line, make_folder
 from locplan._util.reading import parsed_json, read_text
 from locplan._util.supervision import remove_abandoned, temporary_folder
 from locplan._util.tables import age, in_bytes, table
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
 
 _UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _UNITS |= {f"{unit}I": 1024**power for power, unit in enumerate("KMGT", 1)}
-_DAY = 86400.0
 KEPT = ".kept"
 _FIELD = re.compile("[0-9a-f]{32}" + re.escape(field_files.FIELD_SUFFIX))
 _ENTRY = re.compile(f"{_FIELD.pattern}|[0-9a-f]{{32}}{re.escape(KEPT)}")
@@ -133,16 +131,14 @@ def fields(folder: Path) -> list[Path]:
 
 
 def _named(folder: Path, pattern: re.Pattern[str]) -> list[Path]:
-    try:
-        names = os.listdir(folder)
-    except OSError:
-        return []  # the folder does not exist
-    found = [folder / name for name in names if pattern.fullmatch(name)]
-    return sorted(found, key=lambda path: _status(note_of(path))[1], reverse=True)
+    with suppress(OSError):  # the folder does not exist
+        found = [folder / name for name in os.listdir(folder) if pattern.fullmatch(name)]
+        return sorted(found, key=lambda path: _status(note_of(path))[1], reverse=True)
+    return []
 
 
 def note_of(entry: Path) -> Path:
-    """The file that describes an entry, and whose time is that of its last use."""
+    """The file that says what an entry is, and whose time is that of its last use."""
     return entry / ("about.json" if entry.suffix == KEPT else "zarr.json")
 
 
@@ -193,7 +189,7 @@ def clear_cache(folder: Path, days: float = 0.0) -> tuple[list[CacheEntry], list
     removed: list[CacheEntry] = []
     busy: list[CacheEntry] = []
     for entry in entries(folder):
-        if time.time() - entry.used >= days * _DAY:
+        if time.time() - entry.used >= days * 86400.0:
             (removed if remove(entry.folder) else busy).append(entry)
     remove_abandoned(folder)
     return removed, busy
@@ -222,6 +218,36 @@ def _status(path: Path) -> tuple[int, float]:
     except OSError:
         return 0, 0.0
     return status.st_size, status.st_mtime
+
+
+@contextmanager
+def kept(
+    key: str, what: str, map_name: str, cache_dir: str | os.PathLike[str] | None = None
+) -> Iterator[Path]:
+    """Folder in the cache for a result that is no field; another process with this key waits.
+
+    Parameters
+    ----------
+    key : str
+        Digest of all that the result depends on, 32 hexadecimal digits.
+    what, map_name : str
+        What it is, and its map, for the list of the cache.
+    cache_dir : path, optional
+        See `cache_folder`.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be written.
+    """
+    entry = cache_folder(cache_dir) / f"{key}{KEPT}"
+    make_folder(entry.parent)
+    with errors_in_one_line(entry), lock_of(entry):
+        entry.mkdir(exist_ok=True)
+        note_of(entry).write_text(json.dumps([what, map_name, False]))
+        yield entry
+        note_of(entry).write_text(json.dumps([what, map_name, True]))
+    evict(entry.parent, cache_limit(), entry)
 
 
 @dataclass(frozen=True)
@@ -280,10 +306,8 @@ class FieldCache:
         if other := len(self.entries) - fields:
             count += f" and {other} trajector{'y' if other == 1 else 'ies'}"
         last = f"{count}, {in_bytes(total)} of at most {in_bytes(self.limit)}, in {self.folder}"
-        if not rows:
-            return last
         columns = ["map", "config", "size", "finished", "last used"]
-        return f"{table(columns, rows)}\n{last}"
+        return f"{table(columns, rows)}\n{last}" if rows else last
 
 
 def _unusual(config: Mapping[str, Any]) -> str:
@@ -291,8 +315,7 @@ def _unusual(config: Mapping[str, Any]) -> str:
     settings = dict(_leaves(config))
     # Each part of an estimator has a lidar.
     models = [key for key in settings if f".{key}".endswith(".lidar.model")] or ["lidar.model"]
-    texts = [settings.pop(key, "") for key in ("name", *models)]
-    names = [text if isinstance(text, str) else shown(text) for text in texts]
+    names = [_short(settings.pop(key, "")) for key in ("name", *models)]
     usual = _usual(*names[:2])
     changed = [
         f"{key.removesuffix('.name').rpartition('.')[2]} {_short(v)}"

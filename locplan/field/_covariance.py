@@ -186,10 +186,9 @@ def quantity_of(estimator: Estimator, e_unit: str, name: str | None) -> Quantity
     return Quantity(layers[name].label, layers[name].unit) if name in layers else SCALARS[name]
 
 
-TOLERANCE = 1e-6
-"""Rounding that is let pass, of the greatest value beside it."""
-MIN_ROUNDING = 1e-9
-"""Rounding that is let pass in any case, of the variances of a featureless place."""
+TOLERANCE, MIN_ROUNDING = 1e-6, 1e-9
+"""Rounding that is let pass: of the greatest value beside it, and in any case, of the variances of
+a featureless place."""
 
 
 def check_values(values: object, estimator: Estimator, part: MapPart) -> None:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from locplan import plotting
 from locplan._kernels.arrays import Floats
 from locplan._util.poses import way_along
 from locplan.costs import Path
@@ -21,21 +22,7 @@ from locplan.landmarks._landmarks import PAYING_SHARE, Landmarks
 from locplan.landmarks._objects import outline_of
 from locplan.landmarks._outcomes import BeforeAndAfter, FeatureDrives, Verification
 from locplan.maps import OccupancyGrid
-from locplan.plotting import (
-    DRAWN_CELLS,
-    Picture,
-    draw_cells,
-    draw_ends,
-    draw_map,
-    draw_number,
-    draw_path,
-    drawn_size,
-    label_plainly,
-    lines_within,
-    make_logarithmic,
-    map_around,
-    style,
-)
+from locplan.plotting import style
 from locplan.simulation import LOST, Drives
 
 if TYPE_CHECKING:
@@ -43,15 +30,11 @@ if TYPE_CHECKING:
 
 WIDTH, MIN_WIDTH = 11.0, 9.5
 """Width of a figure that its maps fill if they can, and minimum of all [inch]."""
-MAX_HEIGHT = 8.0
-"""Maximum height of a map [inch]."""
 BAR, LABELS = 1.6, 0.7
 """Width of a colour bar, and the space of a map's labels on each axis [inch]."""
 PLOT_HEIGHT, PLOT_WIDTH = 2.9, 4.6
 """Size of the plots, where they stand below the maps or beside them [inch]."""
 
-LOSS_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.08, 0.85, 256)))
-"""Colours of the losses: the darker, the more; none as light as the floor."""
 NUMBERED = 8
 """Maximum number of features with their number beside them."""
 
@@ -63,7 +46,7 @@ def panels(
 
     The lines of its title, `said`, are broken where they are too wide.
     """
-    wide, high = drawn_size(grid)
+    wide, high = plotting.drawn_size(grid)
     # Ratio of a map's height to its width up to which two maps stand above each other.
     columns = 1 if high <= 0.9 * wide else maps
     rows = maps // columns
@@ -71,15 +54,16 @@ def panels(
     tall = high > 1.5 * columns * wide
     if not tall:
         scale = ((WIDTH - BAR) / columns - LABELS) / wide
-        scale = min(scale, max(MAX_HEIGHT / high, 1.0))
+        # Maximum height of a map [inch].
+        scale = min(scale, max(8.0 / high, 1.0))
         wide, high = scale * wide, scale * high
     width, height = columns * (wide + LABELS) + BAR, rows * (high + LABELS)
     width = width + PLOT_WIDTH if tall else max(width, MIN_WIDTH)
-    lines = [part for line in said for part in lines_within(line, width)]
+    lines = [part for line in said for part in plotting.lines_within(line, width)]
     # Height of a line of the title [inch].
     top = 0.24 * (len(lines) + 1)
     height = max(height, plots * PLOT_HEIGHT) if tall else height + PLOT_HEIGHT
-    figure: Any = Picture(figsize=(width, height + top), layout="constrained")
+    figure: Any = plotting.Picture(figsize=(width, height + top), layout="constrained")
     if tall:
         parts = figure.subfigures(1, 2, width_ratios=(width - PLOT_WIDTH, PLOT_WIDTH))
     else:
@@ -101,7 +85,8 @@ def landmarks_figure(made: Landmarks, verification: Verification | None = None) 
         Drives of `Landmarks.verify`; with them the routes are coloured by the mean position error.
     """
     grids = [
-        map_around(grid, list(made.setting.routes.values())) for grid in (made.before, made.grid)
+        plotting.map_around(grid, list(made.setting.routes.values()))
+        for grid in (made.before, made.grid)
     ]
     title = f"{made.before.name or 'map'}: {len(made)} x {made.setting.kind.title}"
     said = [title, verification.verdict if verification else "not verified by drives"]
@@ -130,7 +115,7 @@ def _draw_maps(
     norm = LogNorm(low, max(float(np.concatenate(errors).max()), 2 * low), clip=True)
     image = None
     for n, (own, grid) in enumerate(zip(axes, grids, strict=True)):
-        draw_map(own, grid)
+        plotting.draw_map(own, grid)
         if made.setting.region is not None:
             _draw_region(own, made)
         own.set_title(("before", "after")[n], fontsize="medium", loc="left")
@@ -143,11 +128,11 @@ def _draw_maps(
                 shown: Any = {"cmap": style.ERROR_COLOURS, "norm": norm, "linewidths": 3.5}
                 image = own.add_collection(LineCollection(pieces, array=error, zorder=3, **shown))
             else:
-                draw_path(own, path, color="black", linewidth=1.5)
-            draw_ends(own, path.xy[0], path.xy[-1])
+                plotting.draw_path(own, path, color="black", linewidth=1.5)
+            plotting.draw_ends(own, path.xy[0], path.xy[-1])
     if image is not None:
         bar = figure.colorbar(image, ax=list(axes), label="mean position error [m]", shrink=0.9)
-        label_plainly(bar.ax.yaxis)
+        plotting.label_plainly(bar.ax.yaxis)
     shapes = [outline_of(made.setting.kind.shape, pose) for pose in made.poses]
     faces = PolyCollection(shapes, facecolor=style.VERMILION, edgecolor="black", zorder=4)
     axes[1].add_collection(faces)
@@ -178,7 +163,7 @@ def draw_numbers(
     for number, at in places.items():
         away = at - points[near.query(at)[1]]
         aside = 17 * away / (float(np.hypot(*away)) or 1.0)
-        draw_number(
+        plotting.draw_number(
             axes, number, tuple(at.tolist()), tuple(aside.tolist()), colour, fontweight=weight
         )
 
@@ -188,7 +173,7 @@ def _draw_gains(axes: Axes, made: Landmarks) -> None:
     numbers: NDArray[Any] = np.arange(len(made.curve))
     axes.plot(numbers, made.expected, "o-", color=style.VERMILION, markersize=4)
     if made.expected[-1] > 0 and made.expected[0] > 10 * made.expected[-1]:
-        make_logarithmic(axes.yaxis)
+        plotting.make_logarithmic(axes.yaxis)
     else:
         axes.set_ylim(0, 1.05 * float(made.expected.max()) or 1.0)
     if 0 < made.paying < len(made):
@@ -216,7 +201,7 @@ def draw_errors(
         right: dict[str, Any] = {"ha": "right", "va": "top", "fontsize": 8}
         at = (1, LOST), (-5, -2), ("axes fraction", "data"), "offset points"
         axes.annotate("off by > 1 m", *at, **right)
-    make_logarithmic(axes.yaxis)
+    plotting.make_logarithmic(axes.yaxis)
     axes.set_ylim(bottom=max(style.MIN_ERROR / 2, axes.get_ylim()[0]))
     axes.set(xlabel=along_first(driven.profiles), ylabel="position error of drives [m]")
     axes.set_title("mean, and where 80 % of the drives are", fontsize="small", loc="left")
@@ -250,16 +235,16 @@ def key_features_figure(found: KeyFeatures, drives: FeatureDrives | None = None)
     drives : FeatureDrives, optional
         Drives of `KeyFeatures.verify`; with them their mean error along the first route is drawn.
     """
-    grid = map_around(found.grid, list(found.routes.values()))
+    grid = plotting.map_around(found.grid, list(found.routes.values()))
     said = [f"{found.grid.name or 'map'}: {found.verdict}"]
     said.append(drives.verdict if drives else "not verified by drives")
     said.append(f"with {found.robot.title}")
     figure, part, (axes,), plots = panels(grid, said, 1, 2)
-    draw_map(axes, grid)
+    plotting.draw_map(axes, grid)
     axes.images[0].set_cmap(style.PALE_MAP_COLOURS)
     for path in found.routes.values():
-        draw_path(axes, path, color="0.35", linewidth=1.5)
-        draw_ends(axes, path.xy[0], path.xy[-1])
+        plotting.draw_path(axes, path, color="0.35", linewidth=1.5)
+        plotting.draw_ends(axes, path.xy[0], path.xy[-1])
     if found.features:
         axes.set_autoscale_on(False)  # features may lie beyond what is drawn
         _draw_losses(part, axes, found, grid)
@@ -275,18 +260,20 @@ def key_features_figure(found: KeyFeatures, drives: FeatureDrives | None = None)
 def _draw_losses(figure: Any, axes: Axes, found: KeyFeatures, part: OccupancyGrid) -> None:
     """Draw the cells of each feature in the colour of its loss, and the numbers of the first."""
     most = 100 * max(found.features[0].loss, MATTERS_M)
-    shades: Any = {"cmap": LOSS_COLOURS, "norm": Normalize(0, most, clip=True)}
+    # Colours of the losses: the darker, the more; none as light as the floor.
+    colours = ListedColormap(colormaps["plasma_r"](np.linspace(0.08, 0.85, 256)))
+    shades: Any = {"cmap": colours, "norm": Normalize(0, most, clip=True)}
     features = found.features[::-1]  # the greatest losses on top
     cells = np.concatenate([each.cells for each in features])
     lost = [100 * each.loss for each in features]
     losses = np.repeat(lost, [len(each.cells) for each in features])
-    if max(part.shape) <= DRAWN_CELLS:  # marks are smaller than the cells of small maps
+    if max(part.shape) <= plotting.DRAWN_CELLS:  # marks are smaller than the cells of small maps
         of_cells = np.full(found.grid.shape, np.nan)
         of_cells[tuple(cells.T)] = losses
         x, y = part.grid_to_world(0.5, 0.5)
         row, col = found.grid.world_to_cell(float(x), float(y))
         of_part = of_cells[row : row + part.shape[0], col : col + part.shape[1]]
-        draw_cells(axes, part, of_part, **shades)
+        plotting.draw_cells(axes, part, of_part, **shades)
     # The less is lost, the smaller the mark of a cell [points^2].
     sizes = 9.0 * (0.3 + 0.7 * np.clip(losses / most, 0.0, 1.0))
     at = found.grid.grid_to_world(*(cells.T + 0.5))

@@ -9,11 +9,10 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 
 from locplan._kernels.arrays import Bools, Floats
-from locplan._util.intervals import Interval, of_rms, wilson
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import Column, Table
 from locplan.costs import Path
-from locplan.simulation import RATES, Drives, Simulator, drive_paths, rates_of
+from locplan.simulation import RATES, Drives, Rated, Simulator, drive_paths, rates_of
 
 DRIVES = 100
 """Number of drives along each route by default."""
@@ -28,7 +27,7 @@ Profile: TypeAlias = Floats
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Outcome:
+class Outcome(Rated):
     """Drives along some routes with one set of objects, or several."""
 
     drives: tuple[Drives, ...]
@@ -50,24 +49,9 @@ class Outcome:
         return np.concatenate([each.mean_squares for each in self.drives])
 
     @property
-    def lost_rate(self) -> Interval:
-        """Share of the drives that were lost, off by more than 1 m, at any time, 0..1."""
-        return wilson(float(self.lost.mean()), self.number)
-
-    @property
-    def off_at_goal(self) -> Interval:
-        """Share of the drives that were off by more than 0.5 m where they end, 0..1."""
-        return wilson(float(np.concatenate([each.off for each in self.drives]).mean()), self.number)
-
-    @property
-    def rmse(self) -> Interval:
-        """Root mean square of the position error along the way [m]."""
-        return of_rms(self.mean_squares)
-
-    @property
-    def kept_rmse(self) -> Interval:
-        """RMSE of the drives that were not lost at any time [m]; NaN if all of them were."""
-        return of_rms(self.mean_squares[~self.lost])
+    def off(self) -> Bools:
+        """True for each drive that is off by more than 0.5 m where it ends, (number,)."""
+        return np.concatenate([each.off for each in self.drives])
 
     def __repr__(self) -> str:
         return f"Outcome({self.number} drives, {rates_of(self)})"

@@ -33,9 +33,6 @@ from locplan.landmarks._sight import Sight, lines_along, surroundings
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, check_grid
 from locplan.robots import Robot
 
-MAX_COUNT = 200
-"""Maximum number of landmarks."""
-
 
 def place_landmarks(
     grid: OccupancyGrid,
@@ -118,7 +115,7 @@ def place_landmarks(
     sites = Sites() if sites is None else sites
     instance("sites", sites, Sites, 'such as locplan.landmarks.Sites(where="walls")')
     existing = np.array(sites.existing, dtype=np.float64).reshape(-1, 3)
-    whole("count", count, 0 if len(existing) else 1, MAX_COUNT)
+    whole("count", count, 0 if len(existing) else 1, 200)
     robot = equipped(robot)
     threads = check_threads(threads)
     if sum(each is not None for each in (paths, places, region)) != 1:

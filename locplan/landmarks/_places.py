@@ -91,12 +91,10 @@ class Passages:
         return any(owners.count(each) > 1 for each in np.unique(joined[before & ~after]).tolist())
 
 
-WALL_GAP = 0.05
-"""Minimum distance of an object from a wall [m]."""
 FREE_CLEARANCE = 1.2
 """Clearance of a place from which on an object may stand free [m]."""
-APART = 0.05
-"""Minimum distance between two objects [m]."""
+WALL_GAP, APART = 0.05, 0.05
+"""Minimum distance of an object from a wall, and between two objects [m]."""
 
 
 class Rejected(NamedTuple):

@@ -14,7 +14,6 @@ from locplan._kernels.arrays import Bools, Floats, Ints, Singles
 from locplan._util.checks import check_memory
 from locplan._util.poses import Poses, way_along
 from locplan.costs import Path
-from locplan.errors import LocplanError
 from locplan.field import surface_normals
 from locplan.landmarks._objects import Shape
 from locplan.maps import OCCUPIED, OccupancyGrid, own_axes
@@ -95,10 +94,7 @@ def lines_along(grid: OccupancyGrid, paths: Mapping[str, Path], robot: Robot) ->
     """
     lines, step = [], step_of(robot)
     for name, path in paths.items():
-        try:
-            poses = poses_along(path, grid)
-        except LocplanError as error:
-            raise LocplanError(f"path {name}: {error}") from None
+        poses = poses_along(path, grid, f"path {name}")
         way = way_along(poses)
         at = np.searchsorted(way, np.arange(0.0, way[-1] + step / 2, step) - 1e-9)
         lines.append(poses[np.unique(at.clip(0, len(poses) - 1))])

@@ -129,7 +129,7 @@ class ScanOnMap:
         """
         from locplan._kernels.scan_losses import modes
 
-        matching, resolution = self.database.matching, self.database.grid.resolution
+        resolution = self.database.grid.resolution
         count = int(self.returns.sum())
         if count < MIN_RETURNS:
             return Modes(np.empty((0, 3)), np.empty(0), count)
@@ -145,12 +145,9 @@ class ScanOnMap:
             APART / resolution,
             TURNED,
         )
-        losses = losses * self._nats
-        if matching.count_missing and len(poses):
-            losses = losses + self._missing(poses)
-            order = np.argsort(losses, kind="stable")
-            poses, losses = poses[order], losses[order]
-        return Modes(poses, losses, count)
+        losses = losses * self._nats + self._missing(poses)
+        order = np.argsort(losses, kind="stable")
+        return Modes(poses[order], losses[order], count)
 
     def joined_to(self, found: Modes, first: int) -> Bools:
         """Mask of the modes that a pose can slide to from the first one without a rise of the loss.
@@ -218,7 +215,7 @@ class ScanOnMap:
     def _missing(self, poses: Floats) -> Floats:
         """What beams without a return cost where they would meet a wall, if they count, (n,)."""
         matching = self.database.matching
-        if not matching.count_missing:
+        if not (matching.count_missing and len(poses)):
             return np.zeros(len(poses))
         there = np.isfinite(self.database.scans_at(poses))
         count: Floats = (there & np.isposinf(self.ranges)).sum(axis=1).astype(np.float64)

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats, Ints, Octets
 from locplan.field import MapPart, Sad, position_axes, scalar
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments
 from locplan.paper.template_matching import DIFFERENCES, mismatch, slid_along_x
@@ -40,13 +40,13 @@ class Slide:
 
     title: str
     """Levels of the template and of the strip in words."""
-    template: NDArray[np.uint8]
+    template: Octets
     """Levels of the template's cells, 6 m x 6 m, (h, w)."""
-    strip: NDArray[np.uint8]
+    strip: Octets
     """Levels of the strip's cells, 15 m x 6 m, (h, W)."""
-    shift: NDArray[np.float64]
+    shift: Floats
     """Distance of the template's left edge from the strip's, (n,) [m]."""
-    curves: Mapping[str, NDArray[np.float64]]
+    curves: Mapping[str, Floats]
     """Values of each of the seven models by its name, (n,); NaN where a model is undefined."""
 
     def __repr__(self) -> str:
@@ -65,7 +65,7 @@ class Slide:
         values = self.curves[model][self.shift <= shift + 1e-9]
         return bool((values == values[0]).all())
 
-    def peaks(self, model: str) -> NDArray[np.float64]:
+    def peaks(self, model: str) -> Floats:
         """Shifts at which a model has its best value, (k,) [m]; none if all its values are alike.
 
         Parameters
@@ -104,29 +104,29 @@ def one_dimensional(resolution: float = 0.05) -> tuple[Slide, ...]:
     return tuple(slides)
 
 
-def _side_by_side(parts: tuple[tuple[int, float], ...], resolution: float) -> NDArray[np.uint8]:
+def _side_by_side(parts: tuple[tuple[int, float], ...], resolution: float) -> Octets:
     levels = [np.full(round(width / resolution), level, np.uint8) for level, width in parts]
     return np.tile(np.concatenate(levels), (round(_HEIGHT / resolution), 1))
 
 
-Covariances = Mapping[str, NDArray[np.float64]]
+Covariances = Mapping[str, Floats]
 """Covariances by place, at the same offsets from each, (n, 3, 3)."""
 
 
-Test = Callable[[Covariances], NDArray[np.bool_]]
+Test = Callable[[Covariances], Bools]
 
 
 def _above(lower: str, upper: str, name: str = "e") -> Test:
     """Test that a scalar is lower at each of the places `lower` than at any of `upper`."""
 
-    def holds(found: Covariances) -> NDArray[np.bool_]:
+    def holds(found: Covariances) -> Bools:
         low, high = (np.array([scalar(found[k], name) for k in ks]) for ks in (lower, upper))
         return np.asarray(1.01 * low.max(axis=0) < high.min(axis=0))
 
     return holds
 
 
-def _lies_along_x(found: Covariances) -> NDArray[np.bool_]:
+def _lies_along_x(found: Covariances) -> Bools:
     major, minor, direction = position_axes(found["B"])
     return np.asarray((abs(direction) < np.radians(5)) & (major > 2 * minor))
 
@@ -163,9 +163,7 @@ def maps_of_places(
     return {name: make(name, seed=seed) for name in dict.fromkeys(PLACES.values())}
 
 
-def mismatch_at(
-    maps: Mapping[str, OccupancyGrid], place: str, estimator: Sad
-) -> NDArray[np.float64]:
+def mismatch_at(maps: Mapping[str, OccupancyGrid], place: str, estimator: Sad) -> Floats:
     """Mismatch at one of the places at every offset of the window, (dx, dy, theta) [m^2].
 
     Parameters
@@ -250,8 +248,6 @@ def share_smaller_with_range(
     return float(np.mean(further <= shorter * (1 + 1e-9)))
 
 
-def _covariances(
-    grid: OccupancyGrid, rows: NDArray[np.int64], cols: NDArray[np.int64], estimator: Sad
-) -> NDArray[np.float64]:
+def _covariances(grid: OccupancyGrid, rows: Ints, cols: Ints, estimator: Sad) -> Floats:
     part = MapPart.whole(grid.cells, rows, cols, grid.resolution)
     return estimator.covariances(part)["covariance"]

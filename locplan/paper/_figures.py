@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan.field import OffsetLattice, Sad
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.paper import template_matching
@@ -28,7 +28,6 @@ MODEL_STYLES: dict[str, dict[str, Any]] = {
     "CC": {"color": "#56b4e9", "linestyle": (0, (6, 1, 1, 1))},
 }
 """Line styles of the models, which differ in dashes and colour; SAD, the paper's, is broad."""
-MISMATCH_COLOURS = "cividis"
 
 
 def place_figure(
@@ -77,9 +76,7 @@ def slides_figure(slides: Sequence[Slide]) -> Figure:
     return figure
 
 
-def models_figure(
-    offsets: NDArray[np.float64], curves: Mapping[str, NDArray[np.float64]], axis: str, title: str
-) -> Figure:
+def models_figure(offsets: Floats, curves: Mapping[str, Floats], axis: str, title: str) -> Figure:
     """Draw the seven models along one axis of the search window at a place.
 
     Parameters
@@ -104,9 +101,7 @@ def models_figure(
     return figure
 
 
-def draw_models(
-    axes: Axes, offsets: NDArray[np.float64], curves: Mapping[str, NDArray[np.float64]]
-) -> None:
+def draw_models(axes: Axes, offsets: Floats, curves: Mapping[str, Floats]) -> None:
     """Draw the seven models over offsets, each divided by its own greatest magnitude.
 
     Parameters
@@ -133,9 +128,7 @@ def draw_models(
     axes.margins(x=0.01)
 
 
-def distribution_figure(
-    distributions: Mapping[str, NDArray[np.float64]], window: OffsetLattice
-) -> Figure:
+def distribution_figure(distributions: Mapping[str, Floats], window: OffsetLattice) -> Figure:
     """Draw mismatch over the window's planes, as surfaces and as heat maps (Figs. 18-28).
 
     Parameters
@@ -155,7 +148,7 @@ def distribution_figure(
         part.suptitle(label + nothing, fontsize="large")
         # Up to 1 m^2 at least, so that a featureless place looks like one.
         norm = Normalize(0, max(mismatch.max(), 1.0))
-        look: dict[str, Any] = {"cmap": MISMATCH_COLOURS, "norm": norm}
+        look: dict[str, Any] = {"cmap": "cividis", "norm": norm}
         for column, plane in enumerate(planes):
             offsets = [axes[name][0] for name in plane]
             # The plane goes through the middle of the axis that it leaves out.

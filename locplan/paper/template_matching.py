@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._kernels.arrays import Floats, Ints, Octets
 from locplan._util.checks import shown
 from locplan.errors import ConfigError, MapError, PoseError
 from locplan.field import OffsetLattice, Sad
@@ -147,9 +148,7 @@ def similarities(template: ArrayLike, levels: ArrayLike) -> dict[str, float]:
     return {name: model(t, m) for name, model in MODELS.items()}
 
 
-def slid_along_x(
-    template: NDArray[np.uint8], cells: NDArray[np.uint8]
-) -> dict[str, NDArray[np.float64]]:
+def slid_along_x(template: Octets, cells: Octets) -> dict[str, Floats]:
     """Compute the seven models for a template slid along a strip of map.
 
     Parameters
@@ -177,7 +176,7 @@ def slid_along_x(
 
 def along_axis(
     grid: OccupancyGrid, x: float, y: float, axis: str, estimator: Sad
-) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+) -> tuple[Floats, dict[str, Floats]]:
     """Compute the seven models for the disc around a position, moved along one axis of the map.
 
     Parameters
@@ -227,7 +226,7 @@ def along_axis(
     )
 
 
-def _curves(pairs: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> dict[str, NDArray[np.float64]]:
+def _curves(pairs: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> dict[str, Floats]:
     rows = [similarities(template, levels) for template, levels in pairs]
     return {name: np.array([row[name] for row in rows]) for name in MODELS}
 
@@ -238,14 +237,8 @@ def _normalised(value: float, template: NDArray[Any], levels: NDArray[Any]) -> f
 
 
 def sad_distribution(
-    cells: NDArray[np.uint8],
-    row: int,
-    col: int,
-    radius: int,
-    window: OffsetLattice,
-    *,
-    visible: bool = False,
-) -> NDArray[np.int64]:
+    cells: Octets, row: int, col: int, radius: int, window: OffsetLattice, *, visible: bool = False
+) -> Ints:
     """Compute the sums of absolute differences over the search window at one cell (Eq. 2).
 
     S(c; dx, dy, theta) = sum over the disc of ``|T_theta(u) - M(c + d + u)|``, where T_theta is
@@ -298,7 +291,7 @@ def sad_distribution(
     return mismatch
 
 
-def mismatch(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> NDArray[np.float64]:
+def mismatch(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> Floats:
     """Compute the mismatch area of a position at every offset of the search window.
 
     Parameters

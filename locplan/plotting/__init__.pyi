@@ -40,6 +40,8 @@ from ._picture import (
 )
 from ._plans import (
     costmap_figure as costmap_figure,
+    draw_degeneracy as draw_degeneracy,
+    draw_u_along as draw_u_along,
     front_figure as front_figure,
     history_figure as history_figure,
     path_figure as path_figure,

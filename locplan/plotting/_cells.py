@@ -14,7 +14,7 @@ from matplotlib.image import AxesImage
 from matplotlib.transforms import Affine2D, Bbox, IdentityTransform
 from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Floats, Octets
 from locplan.field import CovarianceField, values_at
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
 from locplan.plotting._picture import Picture
@@ -80,7 +80,7 @@ class CellImage(AxesImage):
             drawn[..., :3] = np.minimum(mixed, drawn)[..., :3]
         return drawn, left / magnification, bottom / magnification, IdentityTransform()
 
-    def _colours(self) -> NDArray[np.uint8] | None:
+    def _colours(self) -> Octets | None:
         """Colours of the cells, (h, w, 4); None where matplotlib is to find them itself."""
         values, (low, high) = self.get_array(), self.get_clim()
         if values is None or values.ndim != 2 or low is None or high is None:

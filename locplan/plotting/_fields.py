@@ -31,19 +31,10 @@ from locplan.field import (
     scalar,
 )
 from locplan.maps import OCCUPIED, OccupancyGrid
+from locplan.plotting import style as styles
 from locplan.plotting._cells import draw_cells, field_cells, limits_of, map_axes, map_size, shrunk
 from locplan.plotting._maps import draw_field, draw_map, field_bar
 from locplan.plotting._picture import HARMLESS, Picture, weak_spots
-from locplan.plotting.style import (
-    BLUE,
-    END_STYLE,
-    ERROR_COLOURS,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    SKY,
-    YELLOW,
-)
 
 if TYPE_CHECKING:
     from locplan.planners import MapInfo
@@ -196,7 +187,7 @@ def ellipses_figure(
         axes.set_title(title, fontsize="medium")
     factor = "" if magnify == 1 else f", {magnify:g} times as large"
     handles = [
-        Line2D([], [], color=BLUE, label=f"position, one std. deviation{factor}"),
+        Line2D([], [], color=styles.BLUE, label=f"position, one std. deviation{factor}"),
         Line2D([], [], color="black", label="first eigenvector"),
         Line2D([], [], color=TURN, linewidth=6, alpha=0.6, label="heading ± one std. deviation"),
     ]
@@ -230,7 +221,7 @@ def draw_ellipses(
     axes.set(**dict(zip(("xlim", "ylim"), np.transpose([every.min(0), every.max(0)]), strict=True)))
     along = (magnify * major)[:, None] * np.stack([np.cos(direction), np.sin(direction)], axis=1)
     where: dict[str, Any] = {"units": "xy", "offsets": xy, "offset_transform": axes.transData}
-    style: dict[str, Any] = {"facecolors": "none", "edgecolors": BLUE, "linewidths": 1.4}
+    style: dict[str, Any] = {"facecolors": "none", "edgecolors": styles.BLUE, "linewidths": 1.4}
     width, height, angle = 2 * magnify * major, 2 * magnify * minor, np.degrees(direction)
     ellipses = EllipseCollection(width, height, angle, zorder=4, **where, **style)
     if covariance.shape[-1] == 3:
@@ -269,7 +260,9 @@ def e_figure(
     for axes, (title, field), e in zip(grid_of_axes, fields.items(), maps, strict=True):
         draw_map(axes, field.grid)  # sets the axes; the values cover the map
         shown = np.nan_to_num(e, nan=0.0)
-        image = draw_cells(axes, field.grid, shown, cmap=ERROR_COLOURS, norm=Normalize(*limits))
+        image = draw_cells(
+            axes, field.grid, shown, cmap=styles.ERROR_COLOURS, norm=Normalize(*limits)
+        )
         cells = shrunk(field.grid.cells)  # half white over e = 0 shows walls
         walls = np.where(cells == OCCUPIED, 150, 0).astype(np.uint8)
         white = np.full((*walls.shape, 3), 255, np.uint8)
@@ -299,7 +292,15 @@ def info_figure(info: MapInfo) -> Figure:
     """
     figure, axes = map_axes(info.grid)
     draw_map(axes, info.grid)
-    colours = (SKY, ORANGE, GREEN, PURPLE, YELLOW, BLUE, "#b08d57")  # the last one of all others
+    colours = (
+        styles.SKY,
+        styles.ORANGE,
+        styles.GREEN,
+        styles.PURPLE,
+        styles.YELLOW,
+        styles.BLUE,
+        "#b08d57",
+    )  # the last one of all others
     shades = [to_rgba_array("black", 0.0), to_rgba_array(colours, 0.45)]
     tints = np.round(255 * np.concatenate(shades)).astype(np.uint8)
     kind = np.minimum(info.room_of_cell, len(tints) - 1).astype(np.uint8)
@@ -313,7 +314,7 @@ def info_figure(info: MapInfo) -> Figure:
     axes.tick_params(labeltop=True, labelright=True, top=True, right=True, labelsize="small")
     centred: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontsize": 9}
     for place in info.places:
-        axes.plot(place.x, place.y, "o", markersize=13, **END_STYLE)
+        axes.plot(place.x, place.y, "o", markersize=13, **styles.END_STYLE)
         axes.text(place.x, place.y, place.name, fontweight="bold", zorder=5, **centred)
     (width, height), turned = info.size, math.degrees(info.grid.origin[2])
     yaw = f", yaw {turned:.4g} deg" if turned else ""

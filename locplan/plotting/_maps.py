@@ -18,21 +18,12 @@ from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.ticker import FuncFormatter, NullFormatter
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Octets
 from locplan._util.files import PICTURES, check_target, replacing
 from locplan.field import CovarianceField
 from locplan.maps import UNKNOWN, MapFaults, OccupancyGrid
-from locplan.plotting import style as styles
-from locplan.plotting._cells import (
-    coarse,
-    draw_cells,
-    field_cells,
-    is_small,
-    limits_of,
-    map_axes,
-    shrunk,
-)
+from locplan.plotting import _cells as cells, style as styles
 from locplan.plotting._picture import HARMLESS, label_plainly
 from locplan.plotting.style import FILE_DPI
 
@@ -52,15 +43,15 @@ def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
     grid : OccupancyGrid
         The map.
     """
-    draw_cells(axes, grid, shades(grid), cmap=styles.MAP_COLOURS, vmin=0, vmax=3)
-    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", **limits_of(grid))
+    cells.draw_cells(axes, grid, shades(grid), cmap=styles.MAP_COLOURS, vmin=0, vmax=3)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", **cells.limits_of(grid))
 
 
-def shades(grid: OccupancyGrid) -> NDArray[np.uint8]:
+def shades(grid: OccupancyGrid) -> Octets:
     """What `MAP_COLOURS` has a colour for, of each cell or block: 0 is a wall, or a solid's rim."""
     import cv2
 
-    levels = np.asarray(shrunk(grid.cells) // UNKNOWN)
+    levels = np.asarray(cells.shrunk(grid.cells) // UNKNOWN)
     deep = max(3, round(0.006 * max(levels.shape)))
     around = np.ones((2 * deep + 1, 2 * deep + 1), np.uint8)
     levels[cv2.erode((levels == 0).astype(np.uint8), around) == 1] = 3
@@ -73,7 +64,7 @@ def draw_field(
     name: str | None = None,
     part: OccupancyGrid | None = None,
     *,
-    read: NDArray[np.float64] | None = None,
+    read: Floats | None = None,
 ) -> AxesImage:
     """Draw a scalar of the field over its map on a logarithmic scale, or a layer on a linear one.
 
@@ -101,14 +92,14 @@ def draw_field(
     name, drawn = name or field.config.estimator.criterion, part or field.grid
     if read is None:
         values = field.scalar(name, headings="mean")
-        read = field_cells(field, values, logarithmic=name not in field.layers, part=part)
+        read = cells.field_cells(field, values, logarithmic=name not in field.layers, part=part)
     draw_map(axes, drawn)
     values = field.quantity(name).factor * read
     norm = field_norm(field, name, values)
-    return draw_cells(axes, drawn, values, cmap=styles.FIELD_COLOURS, norm=norm)
+    return cells.draw_cells(axes, drawn, values, cmap=styles.FIELD_COLOURS, norm=norm)
 
 
-def field_norm(field: CovarianceField, name: str, values: NDArray[np.float64]) -> Normalize:
+def field_norm(field: CovarianceField, name: str, values: Floats) -> Normalize:
     """The scale of colours of a scalar or layer of a field, as `draw_field` draws it.
 
     It ends at the greatest value, but is never so short that harmless values would look weak.
@@ -254,15 +245,15 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
         The paths that the inset must not cover, one at least.
     """
     if part.shape != grid.shape:
-        axes.set(**limits_of(part, share=0.0))
-    if not is_small(grid, part):
+        axes.set(**cells.limits_of(part, share=0.0))
+    if not cells.is_small(grid, part):
         return
     points = [path.resampled(0.5, even=True).xy for path in paths]
     size = _size(axes, grid)
     inset = axes.inset_axes((*_free_corner(axes, np.concatenate(points), size), *size))
-    draw_map(inset, coarse(grid, 300))
+    draw_map(inset, cells.coarse(grid, 300))
     inset.images[0].set_cmap(styles.LIGHT_MAP_COLOURS)
-    inset.set(xlabel="", ylabel="", xticks=(), yticks=(), zorder=6, **limits_of(grid))
+    inset.set(xlabel="", ylabel="", xticks=(), yticks=(), zorder=6, **cells.limits_of(grid))
     height, width = part.shape
     x, y = part.grid_to_world(np.array([0, 0, height, height]), np.array([0, width, width, 0]))
     corners = np.stack([x, y], axis=1)
@@ -274,15 +265,13 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
 
 def _size(axes: Axes, grid: OccupancyGrid) -> tuple[float, float]:
     """Width and height of an inset that shows a map, as shares of those of the Axes."""
-    shares = np.ptp([*limits_of(grid).values()], axis=1)
+    shares = np.ptp([*cells.limits_of(grid).values()], axis=1)
     shares /= np.ptp([axes.get_xlim(), axes.get_ylim()], axis=1)
     across, along = (shares * (0.3 / shares.max())).tolist()
     return across, along
 
 
-def _free_corner(
-    axes: Axes, xy: NDArray[np.float64], size: tuple[float, float]
-) -> tuple[float, float]:
+def _free_corner(axes: Axes, xy: Floats, size: tuple[float, float]) -> tuple[float, float]:
     """Lower left end, in shares of the Axes, of the inset in the corner with fewest points."""
     low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
     at = (xy - low) / (high - low)
@@ -304,11 +293,11 @@ def faults_figure(faults: MapFaults) -> Figure:
     faults : MapFaults
         What `locplan.maps.faults` has found.
     """
-    figure, axes = map_axes(faults.grid)
+    figure, axes = cells.map_axes(faults.grid)
     draw_map(axes, faults.grid)
     tints = to_rgba_array(["black", styles.VERMILION], [0.0, 0.8])
     colours = np.round(255 * tints).astype(np.uint8)
-    draw_cells(axes, faults.grid, colours[shrunk(faults.cells.astype(np.uint8))])
+    cells.draw_cells(axes, faults.grid, colours[cells.shrunk(faults.cells.astype(np.uint8))])
     kinds = ", ".join(dict.fromkeys(each.kind for each in faults)) or "no fault"
     axes.set_title(f"{faults.grid.name or 'map'}: {kinds}", fontsize="medium")
     return figure

@@ -21,8 +21,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, Locator, MaxNLocator, NullFormatter
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import printable
 from locplan._util.public import png_of
 from locplan.costs import DEGENERATE, Costmap
@@ -212,7 +212,7 @@ class RoundNumbers(Locator):
         return round_numbers(min(vmin, vmax), max(vmin, vmax), self.most)
 
 
-def round_numbers(low: float, high: float, most: int = MAX_TICKS) -> NDArray[np.float64]:
+def round_numbers(low: float, high: float, most: int = MAX_TICKS) -> Floats:
     """Round numbers from `low` to `high` for a logarithmic scale, at most `most` of them."""
     if not (0 < low < high and math.isfinite(high)):
         return np.array([low])

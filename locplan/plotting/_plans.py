@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -98,15 +98,30 @@ def _draw_stops(axes: Axes, plans: Mapping[str, Plan]) -> None:
             axes.plot(*stops.T, "s", markersize=6, zorder=4, **END_STYLE)
 
 
-def _draw_profiles(axes: Axes, costs: Costmap, found: Sequence[Drawn]) -> None:
-    """Draw u along each path."""
-    for _, _, path, style in found:
+def draw_u_along(axes: Axes, costs: Costmap, paths: Iterable[tuple[Path, dict[str, Any]]]) -> None:
+    """Draw the degeneracy u along some paths.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on.
+    costs : Costmap
+        The costmap.
+    paths : iterable of (Path, dict)
+        The paths, with the styles of their lines, as matplotlib has them.
+    """
+    for path, style in paths:
         headed = None if path.heading is None else costs.u_of_heading
         distance, u = profile(costs, path, costs.u if headed is None else headed)
         axes.step(distance, [*u, u[-1]], where="post", linewidth=1.8, **style)
-    axes.axhline(DEGENERATE, color="0.6", linewidth=0.8, zorder=0)
     axes.set(xlabel="distance along the path [m]", ylabel="degeneracy u", ylim=(-0.03, 1.03))
     axes.margins(x=0.01)
+
+
+def _draw_profiles(axes: Axes, costs: Costmap, found: Sequence[Drawn]) -> None:
+    """Draw u along each path."""
+    draw_u_along(axes, costs, [(path, style) for _, _, path, style in found])
+    axes.axhline(DEGENERATE, color="0.6", linewidth=0.8, zorder=0)
     ways = [path.xy for _, _, path, _ in found]
     if len(ways) > 1 and all(w.shape == ways[0].shape and np.allclose(w, ways[0]) for w in ways):
         both = "both" if len(found) == 2 else "all"
@@ -179,17 +194,39 @@ def path_figure(plan: Plan) -> Figure:
 def _u_figure(costs: Costmap, title: str, part: OccupancyGrid) -> tuple[Figure, Axes]:
     figure, axes = map_axes(part)
     draw_map(axes, part)
+    greatest = draw_degeneracy(figure, axes, costs, part)
+    weak = "" if greatest >= HARMLESS else f"\nno weak spot: u is {greatest:.2f} at most"
+    axes.set_title(f"{costs.grid.name or 'map'}: {title}{weak}", fontsize="medium")
+    return figure, axes
+
+
+def draw_degeneracy(figure: Figure, axes: Axes, costs: Costmap, part: OccupancyGrid) -> float:
+    """Draw the degeneracy u of a part of a map, where the robot can be, with its bar.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure, for the bar.
+    axes : matplotlib.axes.Axes
+        The Axes to draw on.
+    costs : Costmap
+        The costmap of the whole map.
+    part : OccupancyGrid
+        The part of the map that is drawn.
+
+    Returns
+    -------
+    float
+        The greatest u there, 0..1.
+    """
     top, left = np.round(costs.grid.world_to_grid(*part.origin[:2])).astype(int).tolist()
     shown = slice(top, top + part.shape[0]), slice(left, left + part.shape[1])
     u, density = (shrunk(each[shown], maximum=True) for each in (costs.u, costs.density))
     u = np.where(np.isfinite(density), u, np.nan)
-    greatest = float(np.nanmax(u, initial=0.0))
-    weak = "" if greatest >= HARMLESS else f"\nno weak spot: u is {greatest:.2f} at most"
-    axes.set_title(f"{costs.grid.name or 'map'}: {title}{weak}", fontsize="medium")
     if np.isfinite(u).any():
         image = draw_cells(axes, part, u, cmap=FIELD_COLOURS, vmin=0, vmax=1)
         figure.colorbar(image, ax=axes, label="degeneracy u", shrink=0.9)
-    return figure, axes
+    return float(np.nanmax(u, initial=0.0))
 
 
 def front_figure(front: ParetoFront) -> Figure:

@@ -24,8 +24,9 @@ from locplan._util.public import called
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
+
+    from locplan._kernels.arrays import Bools, Floats, Singles
 
 MAX_BEAMS = 100_000
 
@@ -257,7 +258,7 @@ class Lidar(Settings):
         return f"{self.model or 'lidar'}, {self.range:g} m, {self.field_of_view_deg:g}°"
 
     @property
-    def angles(self) -> NDArray[np.float64]:
+    def angles(self) -> Floats:
         """Angles of the beams from the middle one, counter-clockwise, (beams,) [rad]."""
         import numpy as np
 
@@ -293,7 +294,7 @@ class Lidar(Settings):
         """
         return self.sees_all_round and self.mount_x == self.mount_y == 0.0
 
-    def has_return(self, ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
+    def has_return(self, ranges: Singles) -> Bools:
         """Mask of the beams with a return: within the lidar's range, and above 0.
 
         Parameters
@@ -308,9 +309,7 @@ class Lidar(Settings):
             within = (ranges >= least) & (ranges > 0) & (ranges < np.float32(self.range))
         return np.asarray(within)
 
-    def ends_on_robot(
-        self, ranges: NDArray[Any], beams: slice | None = None
-    ) -> NDArray[np.float64]:
+    def ends_on_robot(self, ranges: NDArray[Any], beams: slice | None = None) -> Floats:
         """Ends of beams ahead and to the left of the robot, (n, beams, 2) [m]; NaN for none.
 
         Parameters

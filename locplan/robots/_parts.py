@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -145,6 +146,15 @@ class Disturbances(Settings):
     """Standard deviation of the filter's first position in x and y, >= 0 [m]."""
     start_sigma_deg: float = setting(3.0, 0.0)
     """Standard deviation of the filter's first heading, >= 0 [deg]."""
+
+    def for_kernels(self) -> Any:
+        """The disturbances of scans in the form that the kernels take."""
+        from locplan._kernels.lidar import BeamDisturbances
+
+        width = math.radians(self.occlusion_deg)
+        return BeamDisturbances(
+            self.outliers, self.occlusion, width, NEAREST_OBJECT, FARTHEST_OBJECT
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)

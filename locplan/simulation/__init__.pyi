@@ -13,6 +13,7 @@ from ._drives import (
     RATES as RATES,
     DriveArguments as DriveArguments,
     Drives as Drives,
+    Rated as Rated,
     check_drives as check_drives,
     drive_arguments as drive_arguments,
     rates_of as rates_of,

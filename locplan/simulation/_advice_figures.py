@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from locplan import plotting
-from locplan.costs import Costmap, Path, profile
-from locplan.maps import OccupancyGrid
+from locplan.costs import Path
 from locplan.simulation._drives import LOST, rates_of
 from locplan.simulation._figures import MAP_MARKS, draw_places, place_handles
 from locplan.simulation.choice._choice import Choice
@@ -27,8 +26,6 @@ WIDTH = 8.6
 """Minimum width of the figure [inch]."""
 COLOURS, WIDTHS = ("0.72", "black", "#0072b2"), (1.0, 2.0, 3.6)
 """Styles of the other candidates, of the shortest path, and of the one to take."""
-BELOW = 2.4
-"""Height of what is drawn along the paths [inch]."""
 
 
 def choice_figure(choice: Choice) -> Figure:
@@ -49,7 +46,8 @@ def choice_figure(choice: Choice) -> Figure:
         part = plotting.map_around(choice.costs.grid, paths)
         width, height = plotting.map_size(part)
         width = max(width, WIDTH)
-    below = BELOW if choice.candidates else 0.0
+    # Height of what is drawn along the paths [inch].
+    below = 2.4 if choice.candidates else 0.0
     figure = plotting.Picture(figsize=(width, height + below + 0.8), layout="constrained")
     axes = figure.subplots(
         2 if below else 1, squeeze=False, height_ratios=[height, below][: 1 + bool(below)]
@@ -59,7 +57,7 @@ def choice_figure(choice: Choice) -> Figure:
         plotting.draw_map(upper, part)
         plotting.draw_inset(upper, choice.costs.grid, part, paths)
         if choice.judgement is None:
-            _draw_field(figure, upper, choice.costs, part)
+            plotting.draw_degeneracy(figure, upper, choice.costs, part)
     else:
         upper.set_aspect("equal")
     # The path to take is drawn last.
@@ -75,16 +73,6 @@ def choice_figure(choice: Choice) -> Figure:
     name = choice.map["name"] or "map"
     figure.title(f"{name}: {choice.said[0]}", *choice.said[1:], choice.driven)
     return figure
-
-
-def _draw_field(figure: Figure, axes: Axes, costs: Costmap, part: OccupancyGrid) -> None:
-    """Draw the degeneracy u, by which the aware path was planned."""
-    top, left = np.round(costs.grid.world_to_grid(*part.origin[:2])).astype(int).tolist()
-    window = slice(top, top + part.shape[0]), slice(left, left + part.shape[1])
-    u = np.where(np.isfinite(costs.density[window]), costs.u[window], np.nan)
-    if np.isfinite(u).any():
-        image = plotting.draw_cells(axes, part, u, cmap=plotting.FIELD_COLOURS, vmin=0, vmax=1)
-        figure.colorbar(image, ax=axes, label="degeneracy u", shrink=0.9)
 
 
 def _rank(choice: Choice, each: Candidate) -> int:
@@ -135,17 +123,14 @@ def _draw_errors(axes: Axes, choice: Choice) -> None:
 
 
 def _draw_degeneracy(axes: Axes, choice: Choice) -> None:
-    """Degeneracy u along each path."""
-    for each in choice.candidates:
-        if choice.costs is None or not np.isfinite(each.metrics.integrated_u):
-            continue
-        of_heading = choice.costs.u_of_heading if each.path.heading is not None else None
-        layer = choice.costs.u if of_heading is None else of_heading
-        distance, u = profile(choice.costs, each.path, layer)
-        colour = COLOURS[_rank(choice, each)]
-        axes.step(distance, [*u, u[-1]], where="post", color=colour, linewidth=1.8)
-    axes.set(xlabel="distance along the path [m]", ylabel="degeneracy u", ylim=(-0.03, 1.03))
-    axes.margins(x=0.01)
+    """The degeneracy along each path of which it is known."""
+    costs: Any = choice.costs
+    paths = [
+        (each.path, {"color": COLOURS[_rank(choice, each)]})
+        for each in (choice.candidates if costs else ())
+        if np.isfinite(each.metrics.integrated_u)
+    ]
+    plotting.draw_u_along(axes, costs, paths)
 
 
 def tuning_figure(tuning: Tuning) -> Figure:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import Settings, positive
 from locplan._util.intervals import Interval, wilson
 from locplan._util.poses import Poses
@@ -22,8 +22,6 @@ ARRIVED, ELSEWHERE, STUCK, TIMED_OUT = "arrived", "elsewhere", "stuck", "timed o
 FOLLOWER, WORLD = "follower", "world"
 """What is at fault where a drive fails with perfect localization, too: the follower, or a world
 in which no way leads to the goal."""
-STANDS = 2.0
-"""Time from which on a robot that stands still has stopped [s]."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -98,9 +96,9 @@ class Arrival(Valued):
         from locplan._kernels.follower import TICK
 
         off = cKDTree(path.resampled(0.1).xy).query(truth[:, :2])[0] > OFF
-        wait = round(STANDS / TICK)
+        wait = round(2.0 / TICK)  # A robot that stands still for two seconds has stopped.
         stands = (truth[wait:] == truth[:-wait]).all(axis=1)
-        stops: list[NDArray[np.float64]] = []
+        stops: list[Floats] = []
         for pose in truth[np.flatnonzero(stands)]:
             if all(np.hypot(*(pose - each)[:2]) > OFF for each in stops):
                 stops.append(pose)

@@ -13,8 +13,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats
 from locplan._util.intervals import random_of
 from locplan._util.poses import Poses, after_way, way_between
 from locplan._util.progress import ProgressCallback
@@ -94,9 +94,7 @@ def drive_closed(
     return {name: Arrivals(tuple(each)) for name, each in found.items()}
 
 
-def seen_on(
-    simulator: Simulator, path: Path, number: int, poses: Poses
-) -> list[NDArray[np.float64]]:
+def seen_on(simulator: Simulator, path: Path, number: int, poses: Poses) -> list[Floats]:
     """What the lidar sees on a closed-loop drive along one path.
 
     Parameters
@@ -150,7 +148,7 @@ class ClosedLoop:
         return self.simulator.grid.part(*self.stage.window)
 
     @cached_property
-    def frame(self) -> NDArray[np.float64]:
+    def frame(self) -> Floats:
         """Pose of the filter map's own axes [m, m, rad]."""
         return np.asarray(own_axes(self.part, np.array([self.simulator.filter_map.origin]))[0])
 
@@ -274,7 +272,7 @@ class ClosedLoop:
         )
 
 
-def _discs(robot: Robot) -> NDArray[np.float64]:
+def _discs(robot: Robot) -> Floats:
     """The robot's outline as discs: x, y and radius, (n, 3) [m]."""
     if robot.outline is None:
         return np.array([[0.0, 0.0, robot.footprint]])

@@ -8,33 +8,22 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats
+from locplan import robots
+from locplan._kernels.arrays import Bools, Floats, Singles
 from locplan._util.checks import whole
 from locplan._util.intervals import Interval, of_geometric_mean, of_mean, of_median, of_rms, wilson
 from locplan._util.poses import Poses, way_along
 from locplan._util.records import POSE, Column, Table
 from locplan._util.tables import finite
 from locplan.maps import OccupancyGrid
-from locplan.robots import (
-    FARTHEST_OBJECT,
-    NEAREST_OBJECT,
-    Amcl,
-    Filter,
-    Lidar,
-    Robot,
-    beam_scores,
-    filter_settings,
-)
 
 MAX_DRIVES = 100_000
 """Maximum number of drives along a path, or to a place."""
-LOST = 1.0
-"""Position error above which, at any time of a drive, the robot counts as lost [m]."""
-OFF = 0.5
-"""Position error above which a robot is off at its goal [m]: of what open-loop drives show, that
-tells best whether a robot that is steered by its estimate arrives."""
+LOST, OFF = 1.0, 0.5
+"""Position errors above which the robot counts as lost, at any time of a drive, and as off at its
+goal [m]: of what open-loop drives show, that tells best whether a robot that is steered by its
+estimate arrives."""
 
 
 def rate_column(name: str, title: str, value: Callable[[Any], Interval] | None = None) -> Column:
@@ -87,8 +76,35 @@ def check_drives(drives: int, *, or_none: bool = False) -> None:
         whole("drives (0 leaves them out)" if or_none else "drives", drives, 2, MAX_DRIVES)
 
 
+class Rated:
+    """Figures of drives that know which were lost, which were off at the goal, and how far."""
+
+    @property
+    def lost_rate(self: Any) -> Interval:
+        """Share of the drives that were lost, off by more than 1 m, at any time, 0..1."""
+        return wilson(float(self.lost.mean()), len(self.lost))
+
+    @property
+    def off_at_goal(self: Any) -> Interval:
+        """Share of the drives that were off by more than 0.5 m where they end, 0..1."""
+        return wilson(float(self.off.mean()), len(self.off))
+
+    @property
+    def rmse(self: Any) -> Interval:
+        """Root mean square of the position error along the way [m].
+
+        The drives that were lost make most of it; see `kept_rmse`.
+        """
+        return of_rms(self.mean_squares)
+
+    @property
+    def kept_rmse(self: Any) -> Interval:
+        """RMSE of the drives that were not lost at any time [m]; NaN if all of them were."""
+        return of_rms(self.mean_squares[~self.lost])
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Drives:
+class Drives(Rated):
     """Simulated drives along one line.
 
     The n-th drives of two lines have the same world and seed, so that they can be compared in
@@ -127,22 +143,9 @@ class Drives:
         return of_median(self.position_error)
 
     @property
-    def rmse(self) -> Interval:
-        """Root mean square of the position error along the way [m].
-
-        The drives that were lost make most of it; see `kept_rmse`.
-        """
-        return of_rms(self.mean_squares)
-
-    @property
     def typical_rmse(self) -> Interval:
         """RMSE of a typical drive [m], at least 1 mm: the geometric mean over the drives."""
         return of_geometric_mean(np.sqrt(self.mean_squares + FLOOR))
-
-    @property
-    def kept_rmse(self) -> Interval:
-        """RMSE of the drives that were not lost at any time [m]; NaN if all of them were."""
-        return of_rms(self.mean_squares[~self.lost])
 
     @property
     def heading_rmse(self) -> Interval:
@@ -155,24 +158,14 @@ class Drives:
         return np.asarray((self.position_error**2).mean(axis=1))
 
     @property
-    def lost(self) -> NDArray[np.bool_]:
+    def lost(self) -> Bools:
         """True for each drive that was lost, off by more than 1 m, at any time, (drives,)."""
         return np.asarray(self.position_error.max(axis=1) > LOST)
 
     @property
-    def lost_rate(self) -> Interval:
-        """Share of the drives that were lost, off by more than 1 m, at any time, 0..1."""
-        return wilson(float(self.lost.mean()), len(self.lost))
-
-    @property
-    def off(self) -> NDArray[np.bool_]:
+    def off(self) -> Bools:
         """True for each drive that is off by more than 0.5 m where it ends, (drives,)."""
         return np.asarray(self.position_error[:, -1] > OFF)
-
-    @property
-    def off_at_goal(self) -> Interval:
-        """Share of the drives that are off by more than 0.5 m where they end, 0..1."""
-        return wilson(float(self.off.mean()), len(self.off))
 
     @property
     def lost_way(self) -> Interval:
@@ -269,10 +262,10 @@ class Line(NamedTuple):
 class OwnFilter(NamedTuple):
     """A filter that is not AMCL, with what it is started with."""
 
-    settings: Filter
+    settings: robots.Filter
     grid: OccupancyGrid
     """The filter's map."""
-    lidar: Lidar
+    lidar: robots.Lidar
 
 
 class DriveArguments(NamedTuple):
@@ -293,7 +286,7 @@ class DriveArguments(NamedTuple):
 
 
 def drive_arguments(
-    grid: OccupancyGrid, robot: Robot, *, scores: NDArray[np.float32] | None = None
+    grid: OccupancyGrid, robot: robots.Robot, *, scores: Singles | None = None
 ) -> DriveArguments:
     """Arguments of the kernels of drives for a map and a robot.
 
@@ -313,15 +306,17 @@ def drive_arguments(
         The arguments in the kernels' order.
     """
     from locplan._kernels.drives import Odometry, Start
-    from locplan._kernels.lidar import BeamDisturbances
 
     lidar, odometry, disturbances = robot.known_lidar, robot.odometry, robot.disturbances
     start = Start(disturbances.start_sigma, math.radians(disturbances.start_sigma_deg))
     known: Any = None
     settings: Any
-    if isinstance(amcl := robot.filter, Amcl):
-        known = beam_scores(grid, amcl, lidar, scores)
-        angles, settings = lidar.angles[:: amcl.beam_step(lidar.beams)], filter_settings(amcl)
+    if isinstance(amcl := robot.filter, robots.Amcl):
+        known = robots.beam_scores(grid, amcl, lidar, scores)
+        angles, settings = (
+            lidar.angles[:: amcl.beam_step(lidar.beams)],
+            robots.filter_settings(amcl),
+        )
         nearest, farthest = max(lidar.min_range, amcl.laser_min_range), amcl.reach(lidar)
     else:
         angles, nearest, farthest = lidar.angles, lidar.min_range, lidar.range
@@ -331,13 +326,7 @@ def drive_arguments(
         lidar.for_kernels()._replace(
             angles=np.ascontiguousarray(angles), min_range=nearest, max_range=farthest
         ),
-        BeamDisturbances(
-            outliers=disturbances.outliers,
-            occlusion=disturbances.occlusion,
-            width=math.radians(disturbances.occlusion_deg),
-            nearest=NEAREST_OBJECT,
-            farthest=FARTHEST_OBJECT,
-        ),
+        disturbances.for_kernels(),
         Odometry(
             distance_drift=odometry.distance_drift,
             heading_drift=math.radians(odometry.heading_drift_deg),

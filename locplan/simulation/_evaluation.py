@@ -207,10 +207,6 @@ class Evaluation(Result):
         return Table(columns, tuple(rows))
 
 
-RATED = tuple(each.name for each in RATES)
-"""Names of the shares of drives that go wrong."""
-
-
 def evaluation_report(evaluation: Evaluation) -> str:
     """Tables of how well each predictor ranks places, and of how large the errors were."""
     several = len(evaluation.places) > 1
@@ -224,14 +220,14 @@ def evaluation_report(evaluation: Evaluation) -> str:
             name = f"{predictor}{' *' if predictor.of_heading else ''}"
             rows.append([name, short(found.spearman), *within, short(found.auc)])
         parts += [f"{label}:", table(columns, rows)]
-    sizes = []
+    sizes, rated = [], [each.name for each in RATES]
     for n, places in enumerate(evaluation.places):
         cells = [places.grid.name]
         for size in places.sizes:
-            if size not in RATED:
+            if size not in rated:
                 some = evaluation.quantiles(n, size)[1:]
                 cells.append("/".join(plain(each, digits_of(each)) for each in some))
-            elif size == RATED[0]:
+            elif size == rated[0]:
                 cells.append("/".join(f"{each:.0%}" for each in evaluation.rates(n).values()))
         sizes.append(cells)
     columns = ["map", "median", "off", "RMSE,\nkept", "RMSE", "scan\nmedian", "scan\nRMSE"]

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import one_of
 from locplan._util.intervals import Interval, intervals, of_resamples, spearman
 from locplan._util.progress import ProgressCallback
@@ -175,11 +174,7 @@ def _q(grid: OccupancyGrid, config: FieldConfig) -> Floats:
 
 
 def calibrate_moments(
-    config: FieldConfig,
-    grid: OccupancyGrid,
-    covariances: Floats,
-    moments: Floats,
-    blocks: NDArray[np.int64],
+    config: FieldConfig, grid: OccupancyGrid, covariances: Floats, moments: Floats, blocks: Ints
 ) -> Calibration:
     """Fit the noise level to errors that were not simulated, such as those of recorded scans.
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Floats, Octets, Singles
 from locplan._util.poses import Poses
 from locplan.errors import LocplanError
 from locplan.maps import own_axes
@@ -24,7 +24,7 @@ def track(
     odometry: Any,
     start: Any,
     own: OwnFilter,
-    errors: NDArray[np.float64],
+    errors: Floats,
 ) -> None:
     """Drive once with a filter that is not AMCL, as the kernel `drives.drive` does with AMCL.
 
@@ -54,12 +54,12 @@ def started(random: np.random.Generator, own: OwnFilter, first: Any, start: Any)
 
 def ranges_at(
     random: np.random.Generator,
-    squares: NDArray[np.uint8],
+    squares: Octets,
     resolution: float,
-    pose: NDArray[np.float64],
+    pose: Floats,
     lidar: Any,
     disturbances: Any,
-) -> NDArray[np.float32]:
+) -> Singles:
     """A measured scan at a pose (row, col, heading) of a world, inf without a return [m]."""
     from locplan._kernels.lidar import measured_ends
 
@@ -70,9 +70,7 @@ def ranges_at(
     return np.asarray(ranges, np.float32)
 
 
-def updated(
-    tracker: Tracker, own: OwnFilter, odometry: NDArray[np.float64], scan: NDArray[np.float32]
-) -> NDArray[np.float64]:
+def updated(tracker: Tracker, own: OwnFilter, odometry: Floats, scan: Singles) -> Floats:
     """The filter's pose (3,) in its map's own axes, after a motion and a scan."""
     tracker.motion(odometry)
     tracker.scan(scan)

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import whole
 from locplan._util.intervals import random_of
 from locplan._util.progress import ProgressCallback, parts
@@ -42,7 +41,7 @@ class Places:
 
     grid: OccupancyGrid
     """The map."""
-    points: NDArray[np.int64]
+    points: Ints
     """Rows and columns of the places on the lattice of a field's default stride, (n, 2)."""
     tracking: Floats
     """Second moments of the particle filter's errors, (n, 3, 3), in the world [m, m, rad]."""
@@ -124,9 +123,7 @@ class Places:
         }
 
 
-def choose_points(
-    grid: OccupancyGrid, count: int, *, robot: Robot | float, seed: int
-) -> NDArray[np.int64]:
+def choose_points(grid: OccupancyGrid, count: int, *, robot: Robot | float, seed: int) -> Ints:
     """Random lattice points where a robot can stand, at least 1 m apart.
 
     They lie in the largest part of the map that is connected for a robot of this radius.
@@ -173,7 +170,7 @@ def choose_points(
 
 def measure(
     simulator: Simulator,
-    points: NDArray[np.int64],
+    points: Ints,
     *,
     drives: int = 16,
     scans: int = 16,
@@ -287,7 +284,7 @@ def _stride(grid: OccupancyGrid) -> int:
     return FieldConfig().stride_cells(grid.resolution)
 
 
-def _cells(grid: OccupancyGrid, points: NDArray[np.int64]) -> NDArray[np.int64]:
+def _cells(grid: OccupancyGrid, points: Ints) -> Ints:
     """Cells (row, col) of lattice points, (n, 2)."""
     return points * _stride(grid)
 

@@ -8,9 +8,8 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.intervals import Interval, Rank, in_metres, short
 from locplan.field import FieldConfig, Fisher, Fused, Sad, Scan, covariances_at, scalar
 from locplan.maps import OCCUPIED, OccupancyGrid
@@ -65,7 +64,7 @@ def configs(lidar: Lidar, disc: float | None = None) -> dict[str, FieldConfig]:
 def predictions(
     grid: OccupancyGrid,
     fields: Mapping[str, FieldConfig],
-    points: NDArray[np.int64],
+    points: Ints,
     *,
     threads: int | None = None,
 ) -> dict[Predictor, Floats]:
@@ -100,7 +99,7 @@ def predictions(
     return found
 
 
-def _occupied_about(grid: OccupancyGrid, cells: NDArray[np.int64], radius: float) -> Floats:
+def _occupied_about(grid: OccupancyGrid, cells: Ints, radius: float) -> Floats:
     """Number of occupied cells within a radius [cells] of each cell, also behind walls, (n,)."""
     from scipy.spatial import cKDTree
 

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.poses import Poses, after_way, way_between
+from locplan._kernels.arrays import Bools, Floats, Ints
+from locplan._util.poses import Poses, after_way, way_along, way_between
 from locplan.costs import Path
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import Robot
@@ -36,11 +37,11 @@ class Replanner:
     """The robot."""
 
     @cached_property
-    def density(self) -> NDArray[np.float64]:
+    def density(self) -> Floats:
         """Cost per metre of each cell on the inflated map, (H, W)."""
         return self._inflated(self.part.clearance)
 
-    def way(self, way: Any, truth: Any, believed: Any, world: Any) -> NDArray[np.float64]:
+    def way(self, way: Any, truth: Any, believed: Any, world: Any) -> Floats:
         """A way (n, 2) from the believed pose back to the path, on the map and what is seen.
 
         It joins the path within some metres where that is shortest, or else later. The path stays
@@ -73,7 +74,7 @@ class Replanner:
 
         half, columns = bordered_half(density, 1), density.shape[1] + 2
         costs = shortest_costs(half, columns, (start[0] + 1) * columns + start[1] + 1, -1, False)
-        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
+        along = way_along(way)
         points = np.floor(way[:, ::-1] / resolution).astype(int) - low
         able = _within(points, density.shape) & (along >= min(JOIN[0], along[-1]))
         flat = (points[able] + 1) @ (columns, 1)
@@ -90,7 +91,7 @@ class Replanner:
             centres = Path(centres).resampled(POINTS).xy
         return np.concatenate([centres, way[best + 1 :]])
 
-    def _add(self, walls: NDArray[np.int64], density: NDArray[np.float64]) -> None:
+    def _add(self, walls: Ints, density: Floats) -> None:
         """Raise a density about further walls, cells (n, 2)."""
         if not len(walls):
             return
@@ -104,12 +105,12 @@ class Replanner:
         more = self._inflated(OccupancyGrid(cells, self.part.resolution).clearance)
         density[window] = np.maximum(density[window], more)
 
-    def _inflated(self, clearance: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _inflated(self, clearance: Floats) -> Floats:
         """Density at a clearance, which is infinite where the robot does not fit."""
         density = inflated(clearance, self.robot)
         return np.where(clearance < self.robot.radius - 1e-9, np.inf, density)
 
-    def _seen(self, truth: NDArray[np.float64], world: Any) -> Poses:
+    def _seen(self, truth: Floats, world: Any) -> Poses:
         """Centres of the true walls near the robot, with heading 0 [m, m, rad]."""
         resolution = world.resolution
         low = np.maximum((truth[1::-1] - SIGHT) / resolution, 0).astype(int)
@@ -120,10 +121,10 @@ class Replanner:
         return at_heading_0(xy[np.hypot(*(xy - truth[:2]).T) <= SIGHT])
 
 
-def at_heading_0(xy: NDArray[np.float64]) -> Poses:
+def at_heading_0(xy: Floats) -> Poses:
     """Poses at positions, with heading 0."""
     return np.column_stack([xy, np.zeros(len(xy))])
 
 
-def _within(cells: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+def _within(cells: NDArray[Any], shape: tuple[int, ...]) -> Bools:
     return np.asarray(((cells >= 0) & (cells < shape)).all(axis=1))

@@ -18,7 +18,7 @@ from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite, table
 from locplan.costs import Costmap, Path, about_costs
-from locplan.errors import ConfigError, LocplanError
+from locplan.errors import ConfigError
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import prepared_beside
 from locplan.robots import Lidar, Robot
@@ -224,12 +224,9 @@ def drive_paths(
     LocplanError
         If a path leaves the free cells.
     """
-    lines = {}
-    for name, path in paths.items():
-        try:
-            lines[name] = poses_along(path, simulator.grid)
-        except LocplanError as error:
-            raise LocplanError(f"path {name}: {error}") from None
+    lines = {
+        name: poses_along(path, simulator.grid, f"path {name}") for name, path in paths.items()
+    }
     callbacks = parts(progress, [drives] * len(lines))
     return {
         name: simulator.drive_along(poses, drives, stream=stream, progress=part)

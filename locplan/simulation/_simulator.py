@@ -9,9 +9,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Bools, Floats, Ints, Octets
 from locplan._util.checks import check_memory, check_threads, whole
 from locplan._util.intervals import random_of
 from locplan._util.poses import Poses
@@ -99,7 +98,7 @@ class Simulator:
         return Simulator(part(self.grid), robot or self.robot, **own)
 
     @cached_property
-    def worlds(self) -> list[NDArray[np.uint8]]:
+    def worlds(self) -> list[Octets]:
         """Empty squares of each world for the rays of single scans, which share some worlds.
 
         See `locplan._kernels.rays.empty_squares`.
@@ -110,10 +109,10 @@ class Simulator:
         count = self.robot.disturbances.worlds if noise else 1
         check_memory(f"{count} worlds", 2 * count * self.grid.cells.size, "set fewer worlds")
 
-        def make(number: int) -> NDArray[np.uint8]:
+        def make(number: int) -> Octets:
             seed = int(random_of(self.seed, WORLD, number).integers(2**63))
             world = with_boundary_noise(self.grid, noise, seed=seed)
-            squares: NDArray[np.uint8] = empty_squares(world.cells == OCCUPIED)
+            squares: Octets = empty_squares(world.cells == OCCUPIED)
             return squares
 
         with ThreadPoolExecutor(self.threads) as pool:
@@ -246,9 +245,7 @@ class Simulator:
         errors = self.drive_together([poses], drives, stream=stream, progress=progress)
         return Drives(poses, errors[0])
 
-    def match(
-        self, cells: NDArray[np.int64], scans: int, *, progress: ProgressCallback | None = None
-    ) -> Floats:
+    def match(self, cells: Ints, scans: int, *, progress: ProgressCallback | None = None) -> Floats:
         """Match single scans on the map, by correlation over a window of +-2 m and +-60 deg.
 
         AMCL's number of beams of each scan is compared, on a likelihood field for matching alone.
@@ -298,7 +295,7 @@ class Simulator:
         return turned(errors, self.grid.origin[2])
 
     @cached_property
-    def boundary(self) -> NDArray[np.bool_]:
+    def boundary(self) -> Bools:
         """Cells in which worlds may differ from the map, (H, W)."""
         return boundary_cells(self.grid)
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Bools, Floats, Octets
 from locplan._util.intervals import random_of
 from locplan._util.poses import Poses, window_around
 from locplan.costs import Costmap, Path, divided_poses
@@ -21,17 +20,15 @@ from locplan.robots import Inflation, Robot
 from locplan.simulation._drives import DriveArguments, Line
 from locplan.simulation._own_filters import track
 
-POSE_SPACING = 0.05
-"""Maximum distance between two poses [m]."""
+POSE_SPACING, TURN = 0.05, 0.1
+"""Maximum distance [m] and turn [rad] between two poses."""
 AHEAD = 0.3
 """Distance ahead on the path to the point that a robot faces if the path has no headings [m]."""
-TURN = 0.1
-"""Maximum turn between two poses [rad]."""
 BAND = 0.5
 """Difference in length below which two paths count as equally long [m]."""
 
 
-def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
+def poses_along(path: Path, grid: OccupancyGrid, name: str = "") -> Poses:
     """Poses every 0.05 m along a path, in its own headings or facing the point 0.3 m ahead.
 
     Parameters
@@ -40,6 +37,8 @@ def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
         The path in the world.
     grid : OccupancyGrid
         The map.
+    name : str, default ""
+        What an error calls the path.
 
     Returns
     -------
@@ -51,8 +50,9 @@ def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
     LocplanError
         If the path has no length, leaves the map, or crosses cells that are not free.
     """
+    called = f"{name}: " if name else ""
     if path.length <= 0:
-        raise LocplanError("has no length; a path to drive must lead somewhere")
+        raise LocplanError(f"{called}has no length; a path to drive must lead somewhere")
     fine = path.resampled(POSE_SPACING, even=True)
     rows, cols = (np.floor(v).astype(np.int64) for v in grid.world_to_grid(*fine.xy.T))
     inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
@@ -60,7 +60,7 @@ def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
     if not free.all():
         x, y = fine.xy[np.argmin(free)]
         raise LocplanError(
-            f"leaves the free cells of {grid.name or 'the map'} at {x:.2f},{y:.2f};"
+            f"{called}leaves the free cells of {grid.name or 'the map'} at {x:.2f},{y:.2f};"
             " drive a path that was planned on this map"
         )
     if fine.heading is not None:
@@ -166,23 +166,23 @@ class Stage:
     """Edge of a cell [m]."""
     window: Window
     """Rows and columns of the part."""
-    stops: NDArray[np.bool_]
+    stops: Bools
     """Cells that are occupied in the part."""
-    boundary: NDArray[np.bool_]
+    boundary: Bools
     """Cells of the part in which worlds may differ from the map."""
     noise: float
     """Share of these cells in which they do."""
     seed: int
     """Seed of all random numbers."""
 
-    def world(self, stream: int, number: int) -> NDArray[np.uint8]:
+    def world(self, stream: int, number: int) -> Octets:
         """Empty squares of the world of a drive, see `locplan._kernels.rays.empty_squares`."""
         from locplan._kernels.rays import empty_squares
 
-        squares: NDArray[np.uint8] = empty_squares(self.stops_of(stream, number))
+        squares: Octets = empty_squares(self.stops_of(stream, number))
         return squares
 
-    def stops_of(self, stream: int, number: int) -> NDArray[np.bool_]:
+    def stops_of(self, stream: int, number: int) -> Bools:
         """Cells that are occupied in the world of a drive, in the part."""
         if not self.noise:
             return self.stops
@@ -191,12 +191,7 @@ class Stage:
         return np.asarray(self.stops ^ (flips & self.boundary))
 
     def drive(
-        self,
-        line: Line,
-        world: NDArray[np.uint8],
-        stream: int,
-        number: int,
-        arguments: DriveArguments,
+        self, line: Line, world: Octets, stream: int, number: int, arguments: DriveArguments
     ) -> Floats:
         """The filter's errors on a drive, (n, 3) in the own axes of its map [m, m, rad].
 

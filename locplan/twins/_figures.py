@@ -16,21 +16,13 @@ from matplotlib.patches import Ellipse
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import ArrayLike
 
+from locplan import plotting
 from locplan._kernels.arrays import Bools, Floats
 from locplan._util.poses import ends_in_map
 from locplan.costs import Path
 from locplan.field import position_axes
 from locplan.maps import OccupancyGrid
-from locplan.plotting import (
-    Picture,
-    draw_cells,
-    draw_inset,
-    draw_map,
-    draw_number,
-    map_size,
-    style,
-    zoomed_to,
-)
+from locplan.plotting import style
 from locplan.twins._location import LocatedDrive, Location
 from locplan.twins._places import THRESHOLD, GlobalMatches, Start
 from locplan.twins._twins import SHOWN, Twins
@@ -72,7 +64,9 @@ def twins_figure(
     starts = twins.best_starts() if starts is None else starts
     named = twins.symmetries[:5]
     figure, axes = _on_map(twins.grid, 0.5 + 0.16 * len(named))
-    image = draw_cells(axes, twins.grid, twins.layer("elsewhere"), cmap=COLOURS, vmin=0.0, vmax=1.0)
+    image = plotting.draw_cells(
+        axes, twins.grid, twins.layer("elsewhere"), cmap=COLOURS, vmin=0.0, vmax=1.0
+    )
     bar = figure.colorbar(image, ax=axes, shrink=0.8, label="chance that a match lands elsewhere")
     bar.ax.yaxis.set_major_formatter(PercentFormatter(1.0))
     handles = _draw_twins(axes, twins)
@@ -117,12 +111,12 @@ def place_figure(twins: Twins, place: int) -> Figure:
     return figure
 
 
-def _on_map(grid: OccupancyGrid, more: float = 0.0) -> tuple[Picture, Axes]:
+def _on_map(grid: OccupancyGrid, more: float = 0.0) -> tuple[plotting.Picture, Axes]:
     """A figure with Axes on which the map is drawn, so much higher than it [inch]."""
-    width, height = map_size(grid)
-    figure = Picture(figsize=(width, height + more), layout="constrained")
+    width, height = plotting.map_size(grid)
+    figure = plotting.Picture(figsize=(width, height + more), layout="constrained")
     axes = figure.add_subplot()
-    draw_map(axes, grid)
+    plotting.draw_map(axes, grid)
     return figure, axes
 
 
@@ -211,7 +205,7 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
         Another pose x, y, heading to show, such as the recorded one [m, m, rad]; none by default.
     """
     grid, best = location.grid, location.best
-    width, height = map_size(grid)
+    width, height = plotting.map_size(grid)
     on_robot = location.lidar.ends_on_robot(location.ranges[None].astype(np.float32))
     ends = ends_in_map(on_robot, np.array([best.pose]))[0]
     away = np.hypot(*(ends - np.array(best.pose[:2])).T)
@@ -219,12 +213,12 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
     reach = max(4.0, 1.1 * float(np.nanquantile(away, 0.95)))
     # Share of the map's width from which on the surroundings of the robot get no map of their own.
     columns = 2 if 2 * reach < 0.6 * max(grid.shape) * grid.resolution else 1
-    figure = Picture(
+    figure = plotting.Picture(
         figsize=(width + (columns - 1) * CLOSE, max(height, CLOSE) + 1.2), layout="constrained"
     )
     axes = figure.subplots(1, columns, squeeze=False, width_ratios=(width, CLOSE)[:columns])[0]
     for own in axes:
-        draw_map(own, grid)
+        plotting.draw_map(own, grid)
         own.plot(*ends.T, ".", color=style.VERMILION, markersize=3, zorder=4)
     _draw_modes(axes[0], location)
     close = axes[-1]
@@ -283,7 +277,7 @@ def _draw_modes(axes: Axes, location: Location) -> None:
         _draw_arrow(axes, mode.pose, colour)
         heading, side = mode.pose[2], (1, -1)[n % 2]
         aside = -15 * side * math.sin(heading), 15 * side * math.cos(heading)
-        draw_number(axes, n, mode.pose[:2], aside, colour, zorder=8 if n == 1 else 7)
+        plotting.draw_number(axes, n, mode.pose[:2], aside, colour, zorder=8 if n == 1 else 7)
 
 
 def _draw_arrow(axes: Axes, pose: tuple[float, float, float], colour: str) -> None:
@@ -312,9 +306,9 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
     poses, right, certain = found.poses[:, :2], found.right, found.certain
     known = np.isfinite(poses[:, 0])
     shown = [Path(np.concatenate([drive, poses[known]]))]
-    part = zoomed_to(grid, shown)
+    part = plotting.zoomed_to(grid, shown)
     figure, axes = _on_map(part, 1.4)
-    draw_inset(axes, grid, part, shown)
+    plotting.draw_inset(axes, grid, part, shown)
     wrong = known & ~right
     kinds: list[tuple[str, Bools, str, str]] = [
         ("right, certain", right & certain, "o", style.BLUE),

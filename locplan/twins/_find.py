@@ -260,12 +260,6 @@ def global_matches(
     return GlobalMatches(world, matched, twins.excess[near], twins.elsewhere[near], named)
 
 
-CLAIM = (
-    "about matches of single scans with the whole map; AMCL's own global localization, which"
-    " scatters particles and drives, is not foreseen well"
-)
-
-
 def twins_report(
     twins: Twins, starts: Sequence[Start] | None = None, matches: GlobalMatches | None = None
 ) -> str:
@@ -301,7 +295,10 @@ def _of_all(twins: Twins, starts: Sequence[Start]) -> list[str]:
     ]
     if twins.unseen > 0:
         said.append(f"on {twins.unseen:.0%} too few beams return to say anything")
-    said.append(f"with {twins.matching.lidar.title}; {CLAIM}")
+    said.append(
+        f"with {twins.matching.lidar.title}; about matches of single scans with the whole map;"
+        " AMCL's own global localization, which scatters particles and drives, is not foreseen well"
+    )
     if twins.symmetries:
         said.append(Table.of(SYMMETRIES, twins.symmetries, number="symmetry").text(SHOWN))
         more = len(twins.symmetries) - SHOWN

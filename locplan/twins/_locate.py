@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Floats, Ints, Singles
 from locplan._util.checks import check_threads, instance, number, shown, whole
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Path
@@ -193,7 +193,7 @@ def located(
     )
 
 
-def _explained(places: Database, ends: NDArray[np.float32], pose: Floats) -> float:
+def _explained(places: Database, ends: Singles, pose: Floats) -> float:
     """Share of the ends that lie within two deviations of a wall at a pose on the map."""
     from locplan._kernels.scan_losses import TOP, loss_at
 
@@ -289,7 +289,7 @@ def locate_drive(
     places = places_of(database, near, within)
     _ = database.matcher.prepared  # now, once for all threads
 
-    def find(some: NDArray[np.int64]) -> list[Location | None]:
+    def find(some: Ints) -> list[Location | None]:
         found: list[Location | None] = []
         for n in some:
             ranges = recording.ranges[n].astype(np.float64)

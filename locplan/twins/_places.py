@@ -27,7 +27,7 @@ from locplan.matching import (
     Matching,
     ScanOnMap,
 )
-from locplan.robots import FARTHEST_OBJECT, NEAREST_OBJECT, Disturbances
+from locplan.robots import Disturbances
 
 LAYERS = ("excess", "elsewhere", "modes", "turned", "stretch")
 """Names of what is known of each place, see the properties of `Twins`."""
@@ -97,22 +97,19 @@ class Looks:
     """x, y [cells], heading on the map and excess of the best twins, (k, 4)."""
 
 
-NOTHING_SEEN = Looks(0.0, 1.0, 0, 0, 0.0, np.empty((0, 4)))
-"""Where too few beams return."""
-
-
 def look_around(database: Database, ranges: Floats, home: Floats) -> Looks:
     """Match the scan of a pose, x, y [cells] and heading on the map, with the whole map."""
     scan = ScanOnMap(database, ranges)
     found = scan.modes(home)
+    unseen = Looks(0.0, 1.0, 0, 0, 0.0, np.empty((0, 4)))
     if found.returns < MIN_RETURNS:
-        return NOTHING_SEEN
+        return unseen
     resolution = database.grid.resolution
     away = np.hypot(*(found.poses[:, :2] - home[:2]).T) * resolution
     turn = np.abs(wrapped(found.poses[:, 2] - home[2]))
     own = np.flatnonzero((away < APART) & (turn < TURNED))
     if not own.size:  # the robot does not fit quite there
-        return NOTHING_SEEN
+        return unseen
     excess = found.losses - found.losses[own[0]]
     weights = np.exp(-(found.losses - found.losses.min()))
     far = away > AWAY
@@ -253,18 +250,12 @@ def noisy_scans(
 
     The worlds that differ from the map are taken in turn.
     """
-    from locplan._kernels.lidar import BeamDisturbances, measured_ends
+    from locplan._kernels.lidar import measured_ends
     from locplan._kernels.rays import empty_squares
 
     lidar = matching.lidar
     beams = matching.beams(lidar.mount_x, lidar.mount_y)
-    disturbed = BeamDisturbances(
-        outliers=disturbances.outliers,
-        occlusion=disturbances.occlusion,
-        width=math.radians(disturbances.occlusion_deg),
-        nearest=NEAREST_OBJECT,
-        farthest=FARTHEST_OBJECT,
-    )
+    disturbed = disturbances.for_kernels()
     ranges, ends = np.empty((len(poses), len(beams.angles))), np.empty((len(beams.angles), 2))
     lever = np.array([lidar.mount_x, lidar.mount_y]) / grid.resolution
     for first in range(disturbances.worlds):

@@ -14,10 +14,9 @@ from locplan._util.progress import ProgressCallback
 from locplan.matching import Database, ScanOnMap, in_batches
 from locplan.twins._places import THRESHOLD, Looks
 
-ALIKE = 1.0
-"""Distance up to which two moves take the middle of the map to one place [m]."""
-ALIKE_TURN = 0.1
-"""Turn by which such moves may differ [rad]."""
+ALIKE, ALIKE_TURN = 1.0, 0.1
+"""Distance up to which two moves take the middle of the map to one place [m], and turn by which
+such moves may differ [rad]."""
 DRIFT, DRIFT_TURN = 0.8, 0.2
 """Distance [m] and angle [rad] that a place's twin may have from where the move takes it."""
 MIN_VOTES = 4

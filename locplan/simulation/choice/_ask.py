@@ -10,8 +10,8 @@ from functools import cached_property
 from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats
 from locplan._util.checks import Settings, instance, keep, number, one_of, positive, shown, whole
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError
@@ -165,9 +165,7 @@ NEAR = 0.5
 class Compute(Protocol):
     """A function that gives the field of a map, or its values at some lattice points."""
 
-    def __call__(
-        self, grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
-    ) -> CovarianceField: ...
+    def __call__(self, grid: OccupancyGrid, points: Bools | None = None, /) -> CovarianceField: ...
 
 
 @dataclass(frozen=True)
@@ -250,7 +248,7 @@ class Ask:
             field = self.compute(self.grid)
             return costs_of(field), field
 
-        def computed(points: NDArray[np.bool_]) -> CovarianceField:
+        def computed(points: Bools) -> CovarianceField:
             return self.compute(self.grid, points)
 
         field, costs = planned_near_paths(self.grid, self.config, computed, costs_of, paths_on)
@@ -303,7 +301,7 @@ class Ask:
         return ""
 
 
-def distances_to(points: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
+def distances_to(points: Floats, path: Path) -> Floats:
     """Distance of each point to a path, to a few centimetres [m]."""
     from scipy.spatial import cKDTree
 

@@ -27,9 +27,6 @@ from locplan.simulation.choice._race import (
     Judgement,
 )
 
-FAILS_MORE = 1 / 8
-"""Share of the closed-loop drives by which a path may fail more often than the shortest."""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Choice(Result, Stored):
@@ -111,7 +108,8 @@ class Choice(Result, Stored):
         if not self._arrivals:
             return False
         shortest, leader = self._arrivals
-        return shortest.count - leader.count > FAILS_MORE * len(leader.drives)
+        # It may fail in an eighth of the drives more than the shortest.
+        return shortest.count - leader.count > len(leader.drives) / 8
 
     @property
     def shortest(self) -> Candidate | None:

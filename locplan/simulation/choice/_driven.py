@@ -9,15 +9,14 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats
 from locplan._util.intervals import Interval, of_geometric_mean, of_mean, wilson
 from locplan._util.poses import Poses
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import Column
 from locplan._util.saved import Valued
 from locplan.costs import Path, PathMetrics
-from locplan.errors import LocplanError
 from locplan.maps import OccupancyGrid
 from locplan.simulation._arrivals import ARRIVING, Arrivals
 from locplan.simulation._closed_loop import drive_closed
@@ -28,9 +27,7 @@ from locplan.simulation.choice._ask import ChoiceSettings, Minimise
 from locplan.simulation.choice._race import FINALISTS, KEPT, ROUNDS, Judgement, Scores
 
 
-def log_errors(
-    distance: NDArray[np.float64], errors: NDArray[np.float64], minimise: Minimise, worst: float
-) -> NDArray[np.float64]:
+def log_errors(distance: Floats, errors: Floats, minimise: Minimise, worst: float) -> Floats:
     """Logarithm of the root mean square error of each drive, (drives,).
 
     Parameters
@@ -67,22 +64,20 @@ class Driven(Valued):
 
     numbers: range
     """Numbers of the drives; those of the same number have one world and one seed."""
-    log_error: NDArray[np.float64]
+    log_error: Floats
     """Logarithm of the error of each drive, (drives,) [ln m, or ln rad]."""
-    lost: NDArray[np.bool_]
+    lost: Bools
     """True for each drive that was off by more than 1 m at some time, (drives,)."""
     ratio: Interval
     """Ratio of the error to the shortest path's."""
-    profile: NDArray[np.float64]
+    profile: Floats
     """Distance along the path, and the median, the 10 % and the 90 % quantile over the drives of
     the error of the position there, (n, 4) [m]."""
-    off: NDArray[np.bool_] = dataclasses.field(default_factory=lambda: np.zeros(0, bool))
+    off: Bools = dataclasses.field(default_factory=lambda: np.zeros(0, bool))
     """True for each drive that was off by more than 0.5 m at the goal, (drives,)."""
 
     @classmethod
-    def of(
-        cls, drives: Drives, numbers: range, log_error: NDArray[np.float64], ratio: Interval
-    ) -> Driven:
+    def of(cls, drives: Drives, numbers: range, log_error: Floats, ratio: Interval) -> Driven:
         """What is kept of some drives.
 
         Parameters
@@ -214,13 +209,7 @@ RIVAL_DRIVES = 8
 
 def lines_along(paths: Mapping[str, Path], grid: OccupancyGrid) -> dict[str, Poses]:
     """Poses along each path; a LocplanError names the candidate that cannot be driven."""
-    lines = {}
-    for name, path in paths.items():
-        try:
-            lines[name] = poses_along(path, grid)
-        except LocplanError as error:
-            raise LocplanError(f"candidate {name}: {error}") from None
-    return lines
+    return {name: poses_along(path, grid, f"candidate {name}") for name, path in paths.items()}
 
 
 class Driver:
@@ -305,9 +294,7 @@ class Driver:
             self._progress(self._total, self._total)
         return Driven.of(drives, numbers, errors, ratio)
 
-    def _drive(
-        self, simulator: Simulator, paths: Sequence[int], numbers: range
-    ) -> list[NDArray[np.float64]]:
+    def _drive(self, simulator: Simulator, paths: Sequence[int], numbers: range) -> list[Floats]:
         lines = [self._lines[path] for path in paths]
         errors = simulator.drive_together(lines, numbers, stream=STREAM, progress=self._step)
         self._done += len(paths) * len(numbers)
@@ -320,8 +307,8 @@ class Driver:
     def _drives(self, path: int, numbers: range) -> Drives:
         return Drives(self._lines[path], self._errors[path][numbers.start : numbers.stop])
 
-    def _log_errors(self, path: int, numbers: range) -> NDArray[np.float64]:
+    def _log_errors(self, path: int, numbers: range) -> Floats:
         return self._scored(self._drives(path, numbers))
 
-    def _scored(self, drives: Drives) -> NDArray[np.float64]:
+    def _scored(self, drives: Drives) -> Floats:
         return log_errors(drives.distance, drives.errors, self._settings.minimise, self._worst)

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._util.intervals import Interval
 from locplan._util.saved import Valued
 
@@ -60,9 +60,9 @@ would save only time, and so it keeps more for the last look."""
 class Scores(NamedTuple):
     """What drives are judged by."""
 
-    log_error: NDArray[np.float64]
+    log_error: Floats
     """Logarithm of the error of each drive, (paths, drives)."""
-    lost: NDArray[np.bool_]
+    lost: Bools
     """True for the drives that were lost, (paths, drives)."""
 
     def joined(self, later: Scores) -> Scores:
@@ -120,7 +120,7 @@ class Judgement(Valued):
 
 def judged(
     drive: Drive,
-    handicaps: NDArray[np.float64],
+    handicaps: Floats,
     price_of_loss: float,
     drives: int,
     enough: Callable[[], bool] | None = None,
@@ -147,12 +147,10 @@ def judged(
     return confirmed(drive, finalists, lost, drives, enough)
 
 
-def race(
-    drive: Drive, handicaps: NDArray[np.float64], price_of_loss: float
-) -> tuple[list[int], NDArray[np.int64]]:
+def race(drive: Drive, handicaps: Floats, price_of_loss: float) -> tuple[list[int], Ints]:
     """The paths that may be best and lead the shortest, and how many drives each path lost."""
 
-    def scored(paths: list[int], done: Scores) -> NDArray[np.float64]:
+    def scored(paths: list[int], done: Scores) -> Floats:
         return done.log_error + price_of_loss * done.lost + handicaps[paths][:, None]
 
     def in_the_race(paths: list[int], done: Scores) -> list[int]:
@@ -170,7 +168,7 @@ def race(
     return leading[:FINALISTS], lost
 
 
-def _not_surely_worse(scores: NDArray[np.float64]) -> list[int]:
+def _not_surely_worse(scores: Floats) -> list[int]:
     """Rows of the scores of paths that may be as good as the leader, the best first."""
     from scipy.special import stdtrit
 
@@ -186,7 +184,7 @@ def _not_surely_worse(scores: NDArray[np.float64]) -> list[int]:
 def confirmed(
     drive: Drive,
     finalists: list[int],
-    lost: NDArray[np.int64],
+    lost: Ints,
     drives: int,
     enough: Callable[[], bool] | None = None,
 ) -> Judgement:
@@ -237,9 +235,7 @@ def _level(critical: float, exponent: float, left: int) -> float:
     return float(ndtr(-critical * 2 ** (exponent * left)))
 
 
-def interval_of(
-    differences: NDArray[np.float64], below: float, above: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def interval_of(differences: Floats, below: float, above: float) -> tuple[Floats, Floats, Floats]:
     """Mean of each row with both ends of Student's interval, at one-sided levels."""
     from scipy.special import stdtrit
 
