@@ -162,9 +162,12 @@ def test_a_path_that_the_planner_does_not_take_is_said(tmp_path, costs):
     around = plan(costs, (2, 3), (38, 3)).path
     assert export.nav2_keepout(tmp_path / "m", costs, paths={"around": around}).paths[0].follows
     settings = {"planner_param": 0.5, "paths": {"around": around}}  # far too little
-    with pytest.warns(RobotWarning, match="smac2d would not take around .* --to nav2-routes"):
+    with pytest.warns(
+        RobotWarning, match="smac2d would not take around .*m-routes has it as a route"
+    ):
         found = export.nav2_keepout(tmp_path / "m", costs, **settings)
     assert not found.paths[0].follows
+    assert (tmp_path / "m-routes" / "graph.geojson").is_file()
 
 
 DECLARED = {

@@ -12,9 +12,7 @@ from ._batch import (
 )
 from ._charges import (
     Conversion as Conversion,
-    YawWarning as YawWarning,
-    percent as percent,
-    ros_map as ros_map,
+    keepout_mask as keepout_mask,
 )
 from ._costmap import CostmapInflation as CostmapInflation, PlannedPath as PlannedPath
 from ._figures import routes_figure as routes_figure, values_figure as values_figure
@@ -27,7 +25,6 @@ from ._graph_files import (
 )
 from ._nav2 import (
     ParametersChanged as ParametersChanged,
-    keepout_mask as keepout_mask,
     nav2_keepout as nav2_keepout,
     nav2_speed as nav2_speed,
     nav2_static as nav2_static,
@@ -57,3 +54,4 @@ from ._roadmap import (
     roadmap as roadmap,
     with_stations as with_stations,
 )
+from ._values import YawWarning as YawWarning, percent as percent, ros_map as ros_map

@@ -87,7 +87,7 @@ def by(
     def write(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary:
         home = f"locplan.export.{function}"
         own = vars(options) | ({"paths": job.paths} if paths else {})
-        found = called(home, target, getattr(job, given), **own)
+        found = called(home, target, (job.choice if paths else None) or getattr(job, given), **own)
         return ExportSummary() if found is None else ExportSummary(found.summary(), found.rows())
 
     return write
@@ -236,7 +236,7 @@ class BagOptions(MaskOptions, InFrame):
 def write_bag(target: Path, job: ExportJob, options: BagOptions) -> ExportSummary:
     """Write the map, a mask, the field and the paths as messages."""
     from locplan.export._bags import bag
-    from locplan.export._nav2 import keepout_mask
+    from locplan.export._charges import keepout_mask
 
     own = dict(vars(options))
     planner, param = own.pop("planner") or "smac2d", own.pop("planner_param")
@@ -300,7 +300,7 @@ def write_areas(target: Path, job: ExportJob, options: AreaOptions) -> ExportSum
 
 write_keepout = by("_nav2:nav2_keepout", paths=True)
 write_static = by("_nav2:nav2_static", paths=True)
-write_map, write_field = by("_charges:ros_map"), by("_plain_files:field", "field")
+write_map, write_field = by("_values:ros_map"), by("_plain_files:field", "field")
 FORMATS = (
     Format(
         *("nav2-keepout", "a mask for Nav2's KeepoutFilter", write_keepout, ChargedOptions),

@@ -24,10 +24,10 @@ from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan._util.tables import collection, feature, write_geojson
 from locplan.costs import Costmap, about_costs
 from locplan.errors import ConfigError
-from locplan.export._charges import where_unturned, without_yaw
 from locplan.export._parameters import Server, distribution, write_servers
 from locplan.export._registry import export_folder
 from locplan.export._roadmap import RouteGraph, roadmap, with_stations
+from locplan.export._values import where_unturned, without_yaw
 from locplan.planners import Station
 
 VEHICLE = "locplan.robot"

@@ -16,12 +16,12 @@ from locplan._util.records import Column, Table
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError
 from locplan.export._bags import bag, topics_of
-from locplan.export._charges import where_unturned, without_yaw
 from locplan.export._graph_files import write_graph
 from locplan.export._joined_ways import SAME, Lines, divided, followed_costs, joined, straightened
 from locplan.export._parameters import distribution
 from locplan.export._registry import ExportJob, ExportSummary, export_folder
 from locplan.export._roadmap import FINENESS, RouteGraph, check_precision
+from locplan.export._values import where_unturned, without_yaw
 from locplan.maps import OccupancyGrid
 
 ONE_PLACE = 2 * SAME
