@@ -15,6 +15,7 @@ from ._charges import (
     keepout_mask as keepout_mask,
 )
 from ._costmap import CostmapInflation as CostmapInflation, PlannedPath as PlannedPath
+from ._entries import with_stations as with_stations
 from ._figures import routes_figure as routes_figure, values_figure as values_figure
 from ._filter_map import write_filter_map as write_filter_map
 from ._graph_files import (
@@ -24,7 +25,6 @@ from ._graph_files import (
     to_lif as to_lif,
 )
 from ._nav2 import (
-    ParametersChanged as ParametersChanged,
     nav2_keepout as nav2_keepout,
     nav2_speed as nav2_speed,
     nav2_static as nav2_static,
@@ -34,6 +34,7 @@ from ._parameters import (
     DISTRIBUTIONS as DISTRIBUTIONS,
     Distribution as Distribution,
     DistroWarning as DistroWarning,
+    ParametersChanged as ParametersChanged,
     RobotWarning as RobotWarning,
     distribution as distribution,
 )
@@ -49,9 +50,5 @@ from ._registry import (
     Format as Format,
     formats as formats,
 )
-from ._roadmap import (
-    RouteGraph as RouteGraph,
-    roadmap as roadmap,
-    with_stations as with_stations,
-)
+from ._roadmap import RouteGraph as RouteGraph, roadmap as roadmap
 from ._values import YawWarning as YawWarning, percent as percent, ros_map as ros_map

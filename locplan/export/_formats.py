@@ -121,7 +121,7 @@ class LaneOptions(NoOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GraphOptions(InDistro, InFrame, LaneOptions):
+class GraphOptions(Nav2Options, InFrame, LaneOptions):
     """The options of a route graph."""
 
 
@@ -174,7 +174,7 @@ def write_lif(target: Path, job: ExportJob, options: LifOptions) -> ExportSummar
 
 
 @dataclass(frozen=True, kw_only=True)
-class RoutesOptions(InDistro, InFrame):
+class RoutesOptions(Nav2Options, InFrame):
     """The options of recommended routes."""
 
     queries: Path | None = None
@@ -183,15 +183,12 @@ class RoutesOptions(InDistro, InFrame):
     one."""
     drives: int = 8
     """Number of drives of each candidate, or fewer where that settles the choice; 8 by default."""
-    params: Path | None = None
-    """Parameter file of Nav2, which is checked against the ways."""
 
     def __post_init__(self) -> None:
         from locplan.planners import read_queries
 
         super().__post_init__()
         whole("drives", self.drives, 2)
-        read_parameters(self.params)
         if self.queries is not None:
             read_queries(self.queries)
 
@@ -215,8 +212,9 @@ def write_routes(target: Path, job: ExportJob, options: RoutesOptions) -> Export
     if options.queries is not None:
         chosen, summary = chosen_ways(job, options.queries, options.drives)
         paths |= chosen
+    own = {name: getattr(options, name) for name in ("frame", "distro", "params")}
     with working(f"writing {target.name}"):
-        ways = nav2_routes(target, job.costs, paths, frame=options.frame, distro=options.distro)
+        ways = nav2_routes(target, job.costs, paths, **own)
     rows = *summary.rows, *ways.rows()
     return ExportSummary({**summary.values, **ways.summary()}, rows)
 

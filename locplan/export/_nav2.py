@@ -7,7 +7,6 @@ speed_filter.cpp, static_layer.cpp and the documentation of their servers.
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,27 +18,16 @@ from numpy.typing import NDArray
 from locplan.costs import Costmap, Path as Route, about_costs, costs_caption
 from locplan.export._charges import Conversion, checked_planner, keepout_mask
 from locplan.export._costmap import CostmapInflation, PlannedPath
-from locplan.export._parameters import (
-    Robot,
-    Server,
-    differences,
-    merged_text,
-    with_costmap,
-    with_planner,
-    write_servers,
-)
+from locplan.export._parameters import Robot, differences, merged_text, with_costmap, with_planner
 from locplan.export._planned import checked_paths
 from locplan.export._registry import export_folder
 from locplan.export._selected import with_tree
+from locplan.export._servers import Server, write_servers
 from locplan.export._values import speed_mask, without_yaw, write_values
 from locplan.robots import GLOBAL_COSTMAP, Nav2Parameters
 
 if TYPE_CHECKING:
     from locplan.simulation import Choice
-
-
-class ParametersChanged(UserWarning):
-    """Values of a robot's own parameters are others in an export."""
 
 
 def nav2_keepout(
@@ -237,6 +225,7 @@ def _write_left(
         costs,
         {each.name: paths[each.name] for each in planning.left},
         distro=robot.distribution.name,
+        params=robot.file,
     )
     robot.warn(
         f"{each.planner} would not take {each.name} ({each.text}); {routes} has it as a route graph"
@@ -276,11 +265,7 @@ def _write(
     from locplan.export import _figures
 
     changed, added = differences(robot.parameters.content, merged.content)
-    if robot.file and changed:
-        text = (
-            f"the exported nav2.yaml has other values than {robot.file.name}: {'; '.join(changed)}"
-        )
-        warnings.warn(ParametersChanged(text), stacklevel=4)
+    robot.warn_changed(merged)
     base = f"localizability_{kind}"
     parameters = {"topic_name": f"/{base}_mask", "frame_id": "map"}
     files = {"yaml_filename": "mask.yaml"}
