@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from locplan._kernels.arrays import Ints
+from locplan._kernels.arrays import Floats, Ints
 from locplan._kernels.route import cover, line_costs
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
+from locplan.export._net import Space
 from locplan.export._roadmap import RouteGraph, space_of
 from locplan.planners import Station
 
@@ -27,29 +28,37 @@ def with_entries(costs: Costmap, graph: RouteGraph) -> RouteGraph:
     Nav2's server enters and leaves a graph at the nodes nearest to start and goal. New nodes are
     joined to two that were there; cells that see none are left out.
     """
+    space = space_of(costs)
     for _ in range(3):  # nodes of one round are seen from the next ones
         cells = _far_cells(costs, graph)
-        if not cells.size:
-            break
         row, col = np.divmod(cells, costs.grid.shape[1] + 2)
         xy = np.column_stack(costs.grid.grid_to_world(row - 0.5, col - 0.5))
-        nodes = np.vstack([graph.nodes, xy])
         near = cKDTree(graph.nodes).query(xy, min(LOOKED_AT, len(graph.nodes)))[1]
-        near = near.reshape(len(xy), -1)
-        own = np.broadcast_to(len(graph.nodes) + np.arange(len(xy))[:, None], near.shape)
-        lines = np.stack([near, own], axis=-1)
-        cost = line_costs(*space_of(costs), nodes, lines.reshape(-1, 2)).reshape(near.shape)
-        two = np.argsort(cost, axis=1, kind="stable")[:, :2]
-        joined = np.take_along_axis(lines, two[..., None], axis=1)
-        seen = np.isfinite(np.take_along_axis(cost, two, axis=1))
-        kept = seen.any(axis=1)
-        if not kept.any():
+        among = zip(xy, near.reshape(len(xy), -1) if len(xy) else (), strict=True)
+        seen = ((at, _seen(space, graph, at, nodes)) for at, nodes in among)
+        entries = [(at, nodes) for at, nodes in seen if nodes]
+        if not entries:
             break
-        edges = joined[seen]
-        edges[:, 1] = (len(graph.nodes) - 1 + np.cumsum(kept))[edges[:, 1] - len(graph.nodes)]
-        nodes = np.vstack([graph.nodes, xy[kept]])
-        graph = RouteGraph.over(costs, nodes, np.vstack([graph.edges, edges]))
+        graph = _joined(costs, graph, entries)
     return graph
+
+
+def _seen(space: Space, graph: RouteGraph, xy: Floats, among: Ints) -> list[int]:
+    """Up to two of some nodes, those to which a straight line from a position costs least."""
+    lines = np.column_stack([among, np.full(len(among), len(graph.nodes))])
+    cost = line_costs(*space, np.vstack([graph.nodes, xy]), lines)
+    two = np.argsort(cost, kind="stable")[:2]
+    return [int(among[n]) for n in two if np.isfinite(cost[n])]
+
+
+def _joined(
+    costs: Costmap, graph: RouteGraph, entries: Sequence[tuple[Floats, list[int]]]
+) -> RouteGraph:
+    """A graph with a node at each position, joined to nodes that were there."""
+    own = [(n, len(graph.nodes) + k) for k, (_, nodes) in enumerate(entries) for n in nodes]
+    own += [way[::-1] for way in own if graph.directed]
+    nodes, edges = [*graph.nodes, *(xy for xy, _ in entries)], [*graph.edges.tolist(), *own]
+    return RouteGraph.over(costs, nodes, edges, directed=graph.directed)
 
 
 def _far_cells(costs: Costmap, graph: RouteGraph) -> Ints:
@@ -96,24 +105,18 @@ def with_stations(
         If the robot cannot stand at a station, or no node is seen from it.
     """
     space, resolution = space_of(costs), costs.grid.resolution
-    nodes, edges = [*graph.nodes], graph.edges.tolist()
+    every, entries = np.arange(len(graph.nodes)), []
     at = []
     for station in stations:
         costs.cell_of((station.x, station.y), f"station {station.name}")
         xy = np.array((station.x, station.y), np.float32).astype(np.float64)
-        away = np.hypot(*(graph.nodes - xy).T)
-        lines = np.column_stack([np.arange(len(away)), np.full(len(away), len(away))])
-        cost = line_costs(*space, np.vstack([graph.nodes, xy]), lines)
-        seen = np.argsort(cost, kind="stable")[:2]
-        seen = seen[np.isfinite(cost[seen])]
-        if len(seen) == 0:
+        seen = _seen(space, graph, xy, every)
+        if not seen:
             text = f"no node is seen from station {station.name}"
             raise ConfigError(f"{text}; take a smaller spacing")
-        if away[seen[0]] < resolution:
-            at.append(int(seen[0]))
+        if np.hypot(*(graph.nodes[seen[0]] - xy)) < resolution:
+            at.append(seen[0])
             continue
-        own = [(node, len(nodes)) for node in seen.tolist()]
-        edges += own + [way[::-1] for way in own if graph.directed]
-        at.append(len(nodes))
-        nodes.append(xy)
-    return RouteGraph.over(costs, nodes, edges, directed=graph.directed), at
+        at.append(len(graph.nodes) + len(entries))
+        entries.append((xy, seen))
+    return _joined(costs, graph, entries), at

@@ -12,16 +12,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats, Ints
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import number
 from locplan._util.reading import dumped
 from locplan.costs import Costmap, about_costs, costs_caption
 from locplan.errors import ConfigError
 from locplan.export._registry import check_has_field, export_folder
 from locplan.maps import OccupancyGrid
-
-_LOW, _HIGH = 20, 216
-"""Greys, counted from white, between which the 1..99 of "scale-ros1" lie."""
 
 
 class YawWarning(UserWarning):
@@ -44,36 +41,23 @@ def where_unturned(grid: OccupancyGrid, xy: Floats) -> Floats:
     return np.column_stack(unturned.grid_to_world(*grid.world_to_grid(*xy.T)))
 
 
-def write_values(
-    stem: Path, values: NDArray[np.int8], grid: OccupancyGrid, mode: str = "raw"
-) -> None:
-    """Write values 0..100, or -1 for unknown, that map servers read back unchanged.
+def write_values(stem: Path, values: NDArray[np.int8], grid: OccupancyGrid) -> None:
+    """Write values 0..100, or -1 for unknown, that Nav2's and ROS 1's map servers read unchanged.
 
-    The YAML is `stem` with its suffix. The image is a .pgm in mode "raw", with grey n for n and
-    255 for unknown, which Nav2 and ROS 1 read alike. It is a .png in the modes "scale" for Nav2
-    and "scale-ros1" for ROS 1, whose scale has other steps.
+    The YAML is `stem` with its suffix, the image a .pgm, with grey n for n and 255 for unknown.
     """
     from PIL import Image
 
-    if mode == "raw":
-        picture = Image.fromarray(values[::-1].view(np.uint8))
-        image = stem.with_suffix(".pgm")
-        free, occupied = 0.196, 0.65
-    else:
-        greys, (free, occupied) = _greys(mode)
-        known = values >= 0  # ROS 1 looks at the opacity between its thresholds only
-        shown = np.dstack([greys[np.where(known, values, 50)], np.where(known, 255, 0)])
-        picture = Image.fromarray(shown[::-1].astype(np.uint8))
-        image = stem.with_suffix(".png")
-    picture.save(image)
+    image = stem.with_suffix(".pgm")
+    Image.fromarray(values[::-1].view(np.uint8)).save(image)
     entries = {
         "image": image.name,
-        "mode": mode.partition("-")[0],
+        "mode": "raw",
         "resolution": grid.resolution,
         "origin": list(grid.origin),
         "negate": 0,
-        "occupied_thresh": occupied,
-        "free_thresh": free,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
     }
     stem.with_suffix(".yaml").write_text(dumped(entries, default_flow_style=None), "utf-8")
 
@@ -117,7 +101,7 @@ def speed_mask(costs: Costmap, slowest: float, lead: float) -> NDArray[np.int8]:
 
 
 def ros_map(folder: str | Path, costs: Costmap) -> None:
-    """Write u in per cent as maps in the modes raw and scale.
+    """Write u in per cent as a map in the mode raw.
 
     Parameters
     ----------
@@ -137,20 +121,7 @@ def ros_map(folder: str | Path, costs: Costmap) -> None:
     about = {"kind": "ros-map"} | about_costs(costs)
     grid = without_yaw(costs.grid)
     with export_folder(folder, "ros-map.md", about, map=grid.name or "a map") as temporary:
-        for mode in ("raw", "scale", "scale-ros1"):
-            write_values(temporary / mode.replace("-", "_"), values, grid, mode)
+        write_values(temporary / "raw", values, grid)
         title = f"{grid.name or 'map'}: as it is published{costs_caption(costs)}"
         figure = _figures.values_figure(costs.grid, values, "degeneracy u [%]", title)
         _figures.save_preview(temporary, figure, dpi=90)
-
-
-def _greys(mode: str) -> tuple[Ints, tuple[float, float]]:
-    """The grey of each value 0..100, and free_thresh and occupied_thresh."""
-    n = np.arange(101)
-    if mode == "scale":
-        return np.floor(255 * (1 - n / 100) + 0.5).astype(np.int64), (0.0, 1.0)
-    # ROS 1 truncates 1 + 98 r, r the share of the way between the thresholds: n lies in the
-    # middle of its step of two greys, and 99 on the threshold itself.
-    from_white = np.clip(_LOW + 2 * n - 1, _LOW, _HIGH)
-    from_white[[0, 99, 100]] = 0, _HIGH, 255
-    return 255 - from_white, (_LOW / 255, _HIGH / 255)
