@@ -136,6 +136,13 @@ def test_the_robots_own_tree_plans_with_our_planner(tmp_path, costs, tree, plann
     assert (tmp_path / "m" / "tree.xml").read_text() == text
 
 
+def test_a_planner_that_no_selector_names_is_replaced(tmp_path, costs):
+    """Some trees take the planner's name from the blackboard, where nothing of ours puts it."""
+    (tmp_path / "own.xml").write_text(NAMING.replace("GridBased", "{planner_id}"))
+    exported(tmp_path, costs, planner="smac2d", tree=tmp_path / "own.xml")
+    assert "{planner_id}" not in (tmp_path / "m" / "tree.xml").read_text()
+
+
 def test_a_tree_that_plans_nothing_is_refused(tmp_path, costs):
     (tmp_path / "own.xml").write_text("<root/>")
     with pytest.raises(LocplanError, match=r"own\.xml: has no ComputePathToPose"):
@@ -162,9 +169,12 @@ def test_a_path_that_the_planner_does_not_take_is_said(tmp_path, costs):
     around = plan(costs, (2, 3), (38, 3)).path
     assert export.nav2_keepout(tmp_path / "m", costs, paths={"around": around}).paths[0].follows
     settings = {"planner_param": 0.5, "paths": {"around": around}}  # far too little
-    with pytest.warns(RobotWarning, match="smac2d would not take around .* --to nav2-routes"):
+    with pytest.warns(
+        RobotWarning, match="smac2d would not take around .*m-routes has it as a route"
+    ):
         found = export.nav2_keepout(tmp_path / "m", costs, **settings)
     assert not found.paths[0].follows
+    assert (tmp_path / "m-routes" / "graph.geojson").is_file()
 
 
 DECLARED = {

@@ -91,7 +91,7 @@ SAID = "robot: tim571, 25 m, 270°; radius 0.5 m, margin 0.01 m; AMCL's alpha1 0
         ("compare", ("-o", "compared"), "locplan.compare"),
         ("explore", ("--no-browser",), "locplan.explorer.opened"),
         ("export", ("--to", "nav2-keepout"), "locplan.export._nav2.keepout_mask"),
-        ("export", ("--to", "nav2-speed"), "locplan.export._charges.speed_mask"),
+        ("export", ("--to", "nav2-speed"), "locplan.export._nav2.speed_mask"),
         ("export", ("--to", "nav2-routes", *ENDS), "locplan.export._recommended.check_ways"),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_type_hints
@@ -15,7 +16,7 @@ from locplan._util.files import PICTURES, check_target
 from locplan._util.progress import working
 from locplan._util.public import field_docs
 from locplan.cli import _options as shared, _types as typed
-from locplan.cli._robot_options import FieldOptions
+from locplan.cli._robot_options import FIELD, FieldOptions
 from locplan.errors import ConfigError
 from locplan.export import formats
 
@@ -61,6 +62,8 @@ def _joint_options() -> type:
 
 
 if TYPE_CHECKING:
+    from locplan import CovarianceField, FieldConfig
+    from locplan.export import ExportJob
 
     class FormatOptions(typed.Options):
         pass
@@ -95,37 +98,64 @@ class export(
             f" ({', '.join(PATHS)})."
         ),
     ] = None
+    choice: Annotated[
+        Path | None,
+        typed.INPUT,
+        Parameter(
+            metavar="FOLDER",
+            help="Choice whose path is exported, and masks by the density of this path: the folder"
+            f" that plan -o wrote, or its choice.json ({', '.join(PATHS)}).",
+        ),
+    ] = None
     output: Annotated[Path | None, typed.Target, typed.under("Output")] = None
     """File or folder; MAP-FORMAT here by default."""
 
     def __call__(self) -> None:
         from locplan._util.tables import table
 
-        to, format, named = self.to, FORMATS[self.to], ("path", "start", "goal")
+        to, format, named = self.to, FORMATS[self.to], ("path", "start", "goal", "choice")
         typed.check_read(self.given(*named), "--to", to, dict.fromkeys(PATHS, named))
-        ends = self.ends()
-        robot, config = self.robot_and_field()
-        chosen = self._chosen()
-        self.check_costs(config)
+        chosen, making = self._chosen(), self._of_choice() if self.choice else self._of_options()
         grid = locplan.load_map(self.map_file)
         target = self.output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
         format.check_target(target, force=self.force)
-        paths = shared.read_paths(self.path)
-        count = len(paths) + bool(ends)
+        count = len(self.path) + bool(self.start or self.choice)
         if format.paths == "one" and count != 1:
-            raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal")
+            raise ConfigError(f"--to {to} needs one --path CSV, --start and --goal, or --choice")
         format.check(chosen, count)
-        field = self.field_of(grid, config)
-        costmap = self.costmap(grid, field, robot)
-        if ends:
-            paths["aware"] = _planned(costmap, *ends)
-        job = locplan.export.ExportJob(costmap, field, paths, robot=robot)
+        config, job_of = making
+        job = job_of(self.field_of(grid, config))
         with nullcontext() if format.shows_progress else working(f"writing {target.name}"):
             summary = format.write(target, job, chosen)
         about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
         rows = [("map", grid.name), ("format", to), ("field", config.estimator.summary)]
+        rows += [("first", each) for each in (job.choice.advice if job.choice else [])]
         rows += summary.rows
         dataclasses.replace(self, output=target).show(about, table([], rows), target)
+
+    def _of_options(self) -> tuple[FieldConfig, Callable[[CovarianceField], ExportJob]]:
+        """Settings of the field, and the objects on it by the options of costs and paths."""
+        ends, paths = self.ends(), shared.read_paths(self.path)
+        robot, config = self.robot_and_field()
+        self.check_costs(config)
+
+        def made(field: CovarianceField) -> ExportJob:
+            costs = self.costmap(field.grid, field, robot)
+            own = {"aware": _planned(costs, *ends)} if ends else {}
+            return locplan.export.ExportJob(costs, field, {**paths, **own}, robot=robot)
+
+        return config, made
+
+    def _of_choice(self) -> tuple[FieldConfig, Callable[[CovarianceField], ExportJob]]:
+        """Settings of the field of a choice, and its objects on it."""
+        others = "lidar", "set", "path", "start", "goal", *FIELD, shared.CostOptions
+        self.refuse("with --choice, which has its own", *others)
+        choice = locplan.Choice.load(self.choice)
+
+        def made(field: CovarianceField) -> ExportJob:
+            return locplan.export.ExportJob.of_choice(choice, field)
+
+        return choice.config, made
 
     def _chosen(self) -> Any:
         """The options of the format from those given; a ConfigError if one is not for it."""

@@ -12,11 +12,10 @@ from ._batch import (
 )
 from ._charges import (
     Conversion as Conversion,
-    YawWarning as YawWarning,
-    percent as percent,
-    ros_map as ros_map,
+    keepout_mask as keepout_mask,
 )
 from ._costmap import CostmapInflation as CostmapInflation, PlannedPath as PlannedPath
+from ._entries import with_stations as with_stations
 from ._figures import routes_figure as routes_figure, values_figure as values_figure
 from ._filter_map import write_filter_map as write_filter_map
 from ._graph_files import (
@@ -26,8 +25,6 @@ from ._graph_files import (
     to_lif as to_lif,
 )
 from ._nav2 import (
-    ParametersChanged as ParametersChanged,
-    keepout_mask as keepout_mask,
     nav2_keepout as nav2_keepout,
     nav2_speed as nav2_speed,
     nav2_static as nav2_static,
@@ -37,6 +34,7 @@ from ._parameters import (
     DISTRIBUTIONS as DISTRIBUTIONS,
     Distribution as Distribution,
     DistroWarning as DistroWarning,
+    ParametersChanged as ParametersChanged,
     RobotWarning as RobotWarning,
     distribution as distribution,
 )
@@ -52,8 +50,5 @@ from ._registry import (
     Format as Format,
     formats as formats,
 )
-from ._roadmap import (
-    RouteGraph as RouteGraph,
-    roadmap as roadmap,
-    with_stations as with_stations,
-)
+from ._roadmap import RouteGraph as RouteGraph, roadmap as roadmap
+from ._values import YawWarning as YawWarning, percent as percent, ros_map as ros_map

@@ -1,32 +1,26 @@
-"""Values 0..100 of masks and maps: by what Nav2's planners charge for costs, or u in per cent.
+"""What Nav2's planners charge for costs, and the values 0..100 of masks by which it is J.
 
 Formulas read from ros-navigation/navigation2, branches humble to main (2026-08): node_2d.cpp,
-node_hybrid.cpp, navfn.cpp, theta_star.hpp and nav2_map_server's map_io.cpp; and from ROS 1's
-image_loader.cpp.
+node_hybrid.cpp, navfn.cpp and theta_star.hpp.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats, Ints
-from locplan._util.checks import number, one_of
-from locplan._util.reading import dumped
+from locplan._kernels.arrays import Floats
+from locplan._util.checks import one_of
 from locplan._util.tables import finite
-from locplan.costs import Costmap, about_costs, costs_caption
+from locplan.costs import Costmap
 from locplan.errors import ConfigError
-from locplan.export._costmap import PlannedPath
-from locplan.export._registry import check_has_field, export_folder
-from locplan.maps import OccupancyGrid
+from locplan.export._costmap import AT_WALLS, CostmapInflation, PlannedPath
 
 
 @dataclass(frozen=True)
@@ -207,137 +201,57 @@ def values_for(
     return values, Conversion(planner, param, *charges, largest, mean)
 
 
-_LOW, _HIGH = 20, 216
-"""Greys, counted from white, between which the 1..99 of "scale-ros1" lie."""
+def keepout_mask(
+    costs: Costmap,
+    *,
+    planner: str = "smac2d",
+    planner_param: float | None = None,
+    static: bool = False,
+    inflation: CostmapInflation | None = None,
+) -> tuple[NDArray[np.int8], Conversion]:
+    """The values of a mask that make a planner's costs J, (H, W): 0..99, or -1 to change nothing.
 
-
-class YawWarning(UserWarning):
-    """A map's yaw was left out."""
-
-
-def without_yaw(grid: OccupancyGrid) -> OccupancyGrid:
-    """The map without its yaw, which Nav2's and ROS 1's planners ignore; warns if there is one."""
-    x, y, yaw = grid.origin
-    if not yaw:
-        return grid
-    text = f"{grid.name or 'the map'} has a yaw of {yaw:g} rad, which the stacks ignore:"
-    warnings.warn(YawWarning(f"{text} written as they have it, unturned"), stacklevel=2)
-    return dataclasses.replace(grid, origin=(x, y, 0.0))
-
-
-def where_unturned(grid: OccupancyGrid, xy: Floats) -> Floats:
-    """World positions (n, 2) as they are on the map without its yaw [m]."""
-    unturned = dataclasses.replace(grid, origin=(*grid.origin[:2], 0.0))
-    return np.column_stack(unturned.grid_to_world(*grid.world_to_grid(*xy.T)))
-
-
-def write_values(
-    stem: Path, values: NDArray[np.int8], grid: OccupancyGrid, mode: str = "raw"
-) -> None:
-    """Write values 0..100, or -1 for unknown, that map servers read back unchanged.
-
-    The YAML is `stem` with its suffix. The image is a .pgm in mode "raw", with grey n for n and
-    255 for unknown, which Nav2 and ROS 1 read alike. It is a .png in the modes "scale" for Nav2
-    and "scale-ros1" for ROS 1, whose scale has other steps.
-    """
-    from PIL import Image
-
-    if mode == "raw":
-        picture = Image.fromarray(values[::-1].view(np.uint8))
-        image = stem.with_suffix(".pgm")
-        free, occupied = 0.196, 0.65
-    else:
-        greys, (free, occupied) = _greys(mode)
-        known = values >= 0  # ROS 1 looks at the opacity between its thresholds only
-        shown = np.dstack([greys[np.where(known, values, 50)], np.where(known, 255, 0)])
-        picture = Image.fromarray(shown[::-1].astype(np.uint8))
-        image = stem.with_suffix(".png")
-    picture.save(image)
-    entries = {
-        "image": image.name,
-        "mode": mode.partition("-")[0],
-        "resolution": grid.resolution,
-        "origin": list(grid.origin),
-        "negate": 0,
-        "occupied_thresh": occupied,
-        "free_thresh": free,
-    }
-    stem.with_suffix(".yaml").write_text(dumped(entries, default_flow_style=None), "utf-8")
-
-
-def percent(costs: Costmap) -> NDArray[np.int8]:
-    """u in per cent, 0..100, and -1 where it is not known, (H, W).
+    Every free cell whose u is known has a value, or where a density of one's own is finite. Free
+    cells that are blocked farther from walls than the robot's radius, as by `blocked_where`, have
+    100, which is lethal.
 
     Parameters
     ----------
-    costs : Costmap
-        A costmap that was made of a field.
+    costs, planner_param
+        See `nav2_keepout`.
+    planner : str, default "smac2d"
+        "smac2d", "smac-hybrid", "navfn" or "thetastar".
+    static : bool, default False
+        Whether the values are for a StaticLayer, up to 98.
+    inflation : CostmapInflation, optional
+        The costmap's inflation, which the values carry, too, with an excess of 2.5 at walls.
+
+    Returns
+    -------
+    values : (H, W) array of int8
+        The values, row 0 at the lowest y.
+    conversion : Conversion
+        Where the planner saturates, and how exact the mask is.
 
     Raises
     ------
     ConfigError
-        If the costmap was made without a field.
+        If no cell is passable, or the planner is unknown or cannot charge as much.
     """
-    check_has_field(costs)
-    values = np.floor(100 * np.nan_to_num(costs.u) + 0.5)
-    return np.where(np.isnan(costs.u), -1, values).astype(np.int8)
-
-
-def speed_mask(costs: Costmap, slowest: float, lead: float) -> NDArray[np.int8]:
-    """The per cent of its speed that a robot gives up, 0..99 (H, W), or -1 where u is not known.
-
-    Arguments and errors are those of `nav2_speed`.
-    """
-    import cv2
-
-    number("slowest", slowest, 0.01, 1)
-    number("lead", lead, 0)
-    check_has_field(costs)
-    known = ~np.isnan(costs.u)
-    if not known.any():
-        raise ConfigError("u is not known in any cell of the map, so a mask would be empty")
-    given_up = np.floor(100 * (1 - slowest) * np.nan_to_num(costs.u) + 0.5)
-    reach = min(round(lead / costs.grid.resolution), max(costs.grid.shape))
-    around = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach
-    widened = cv2.dilate(given_up.astype(np.uint8), around.astype(np.uint8))
-    return np.where(known, np.minimum(widened, 99), -1).astype(np.int8)  # 100 means full speed
-
-
-def ros_map(folder: str | Path, costs: Costmap) -> None:
-    """Write u in per cent as maps in the modes raw and scale.
-
-    Parameters
-    ----------
-    folder : path
-        The folder; one that holds such an export without changes is replaced.
-    costs : Costmap
-        A costmap that was made of a field.
-
-    Raises
-    ------
-    LocplanError
-        If the folder cannot be written, or there is no field.
-    """
-    from locplan.export import _figures
-
-    values = percent(costs)
-    about = {"kind": "ros-map"} | about_costs(costs)
-    grid = without_yaw(costs.grid)
-    with export_folder(folder, "ros-map.md", about, map=grid.name or "a map") as temporary:
-        for mode in ("raw", "scale", "scale-ros1"):
-            write_values(temporary / mode.replace("-", "_"), values, grid, mode)
-        title = f"{grid.name or 'map'}: as it is published{costs_caption(costs)}"
-        figure = _figures.values_figure(costs.grid, values, "degeneracy u [%]", title)
-        _figures.save_preview(temporary, figure, dpi=90)
-
-
-def _greys(mode: str) -> tuple[Ints, tuple[float, float]]:
-    """The grey of each value 0..100, and free_thresh and occupied_thresh."""
-    n = np.arange(101)
-    if mode == "scale":
-        return np.floor(255 * (1 - n / 100) + 0.5).astype(np.int64), (0.0, 1.0)
-    # ROS 1 truncates 1 + 98 r, r the share of the way between the thresholds: n lies in the
-    # middle of its step of two greys, and 99 on the threshold itself.
-    from_white = np.clip(_LOW + 2 * n - 1, _LOW, _HIGH)
-    from_white[[0, 99, 100]] = 0, _HIGH, 255
-    return 255 - from_white, (_LOW / 255, _HIGH / 255)
+    passable = np.isfinite(costs.density)
+    if not passable.any():
+        raise ConfigError(
+            "no cell of the costmap is passable, so a mask would be empty; check the"
+            " robot's radius [m]"
+        )
+    greatest, density = costs.weight, costs.unblocked_density
+    if np.isnan(greatest):
+        greatest = float(costs.density[passable].max()) - 1
+    runs = checked_planner(planner, planner_param)
+    if inflation:
+        greatest += AT_WALLS
+        density = density + AT_WALLS * np.minimum(inflation.costs(costs.grid) / 252, 1)
+    values, conversion = values_for(density, runs, greatest, planner_param, static)
+    near = costs.grid.closer_than(costs.robot_radius - 1e-9)
+    values[~passable & costs.grid.free & ~near] = 100  # lethal
+    return values, conversion

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from locplan.export._parameters import Server, write_servers, yaml_text
+from locplan.export._parameters import yaml_text
 from locplan.export._registry import rendered
+from locplan.export._servers import Server, write_servers
 from locplan.maps import OccupancyGrid, save_map
 
 TOPIC = "/map_amcl"

@@ -87,7 +87,7 @@ def by(
     def write(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary:
         home = f"locplan.export.{function}"
         own = vars(options) | ({"paths": job.paths} if paths else {})
-        found = called(home, target, getattr(job, given), **own)
+        found = called(home, target, (job.choice if paths else None) or getattr(job, given), **own)
         return ExportSummary() if found is None else ExportSummary(found.summary(), found.rows())
 
     return write
@@ -121,7 +121,7 @@ class LaneOptions(NoOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GraphOptions(InDistro, InFrame, LaneOptions):
+class GraphOptions(Nav2Options, InFrame, LaneOptions):
     """The options of a route graph."""
 
 
@@ -174,7 +174,7 @@ def write_lif(target: Path, job: ExportJob, options: LifOptions) -> ExportSummar
 
 
 @dataclass(frozen=True, kw_only=True)
-class RoutesOptions(InDistro, InFrame):
+class RoutesOptions(Nav2Options, InFrame):
     """The options of recommended routes."""
 
     queries: Path | None = None
@@ -183,15 +183,12 @@ class RoutesOptions(InDistro, InFrame):
     one."""
     drives: int = 8
     """Number of drives of each candidate, or fewer where that settles the choice; 8 by default."""
-    params: Path | None = None
-    """Parameter file of Nav2, which is checked against the ways."""
 
     def __post_init__(self) -> None:
         from locplan.planners import read_queries
 
         super().__post_init__()
         whole("drives", self.drives, 2)
-        read_parameters(self.params)
         if self.queries is not None:
             read_queries(self.queries)
 
@@ -215,8 +212,9 @@ def write_routes(target: Path, job: ExportJob, options: RoutesOptions) -> Export
     if options.queries is not None:
         chosen, summary = chosen_ways(job, options.queries, options.drives)
         paths |= chosen
+    own = {name: getattr(options, name) for name in ("frame", "distro", "params")}
     with working(f"writing {target.name}"):
-        ways = nav2_routes(target, job.costs, paths, frame=options.frame, distro=options.distro)
+        ways = nav2_routes(target, job.costs, paths, **own)
     rows = *summary.rows, *ways.rows()
     return ExportSummary({**summary.values, **ways.summary()}, rows)
 
@@ -236,7 +234,7 @@ class BagOptions(MaskOptions, InFrame):
 def write_bag(target: Path, job: ExportJob, options: BagOptions) -> ExportSummary:
     """Write the map, a mask, the field and the paths as messages."""
     from locplan.export._bags import bag
-    from locplan.export._nav2 import keepout_mask
+    from locplan.export._charges import keepout_mask
 
     own = dict(vars(options))
     planner, param = own.pop("planner") or "smac2d", own.pop("planner_param")
@@ -300,7 +298,7 @@ def write_areas(target: Path, job: ExportJob, options: AreaOptions) -> ExportSum
 
 write_keepout = by("_nav2:nav2_keepout", paths=True)
 write_static = by("_nav2:nav2_static", paths=True)
-write_map, write_field = by("_charges:ros_map"), by("_plain_files:field", "field")
+write_map, write_field = by("_values:ros_map"), by("_plain_files:field", "field")
 FORMATS = (
     Format(
         *("nav2-keepout", "a mask for Nav2's KeepoutFilter", write_keepout, ChargedOptions),

@@ -24,11 +24,14 @@ from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan._util.tables import collection, feature, write_geojson
 from locplan.costs import Costmap, about_costs
 from locplan.errors import ConfigError
-from locplan.export._charges import where_unturned, without_yaw
-from locplan.export._parameters import Server, distribution, write_servers
+from locplan.export._entries import with_entries, with_stations
+from locplan.export._parameters import Robot, merged_text
 from locplan.export._registry import export_folder
-from locplan.export._roadmap import RouteGraph, roadmap, with_stations
+from locplan.export._roadmap import RouteGraph, roadmap
+from locplan.export._servers import Server, write_servers
+from locplan.export._values import where_unturned, without_yaw
 from locplan.planners import Station
+from locplan.robots import Nav2Parameters
 
 VEHICLE = "locplan.robot"
 """Type of vehicle unless another is named, as MANUFACTURER.SERIES."""
@@ -88,9 +91,13 @@ def route_graph(
     spacing: float = 2.0,
     frame: str = "map",
     distro: str = "jazzy",
+    params: str | Path | None = None,
     progress: ProgressCallback | None = None,
 ) -> RouteGraph:
     """Write lanes for Nav2's route server, with the scorers that make its costs J.
+
+    The server enters a graph at the node nearest to the start, so that nodes are added where free
+    space would be more than two metres from all of them.
 
     Parameters
     ----------
@@ -106,6 +113,9 @@ def route_graph(
         Frame of the nodes.
     distro : str, default "jazzy"
         The distribution of ROS 2, as for `nav2_keepout`.
+    params : path, optional
+        A Nav2 parameter file to merge the server's into, as for `nav2_keepout`: its operations
+        stay, its scorers give way to ours.
     progress : callable, optional
         Called with (done, total) steps; what it raises ends the work, and nothing is written.
 
@@ -119,28 +129,36 @@ def route_graph(
     LocplanError
         If the folder cannot be written, or no graph can be made, see `roadmap` and `to_geojson`.
     """
-    runs = distribution(distro)
-    runs.warn()
+    robot = Robot.of(params, distro)
     given, costs = costs, dataclasses.replace(costs, grid=without_yaw(costs.grid))
     laying, writing = parts(progress, (90, 10))
     graph = roadmap(costs, spacing=spacing, progress=scaled(laying, 90))
+    graph = with_entries(costs, graph)
     name = costs.grid.name or "a map"
     about = {"kind": "route-graph", "spacing": spacing, "distro": distro} | about_costs(costs)
     title = f"{name}: {len(graph.nodes)} nodes, {len(graph.edges)} edges each way"
-    known = {"map": name, "graph": graph, "runs": runs, "costs": given}
+    known = {"map": name, "graph": graph, "robot": robot, "costs": given}
     with export_folder(folder, "route-graph.md", about, **known) as temporary:
         weight = None if np.isnan(costs.weight) else costs.weight
-        write_graph(temporary, costs, graph, frame, title, weight)
+        write_graph(temporary, costs, graph, robot, Path(folder), frame, title, weight)
         writing(9, 10)
     return graph
 
 
 def write_graph(
-    folder: Path, costs: Costmap, graph: RouteGraph, frame: str, title: str, weight: float | None
+    folder: Path,
+    costs: Costmap,
+    graph: RouteGraph,
+    robot: Robot,
+    target: Path,
+    frame: str,
+    title: str,
+    weight: float | None,
 ) -> None:
     """Write a graph with its picture and its server, whose costs are those of the edges.
 
-    With a weight they are made of `integrated_u`, so that the weight can be changed later.
+    With a weight they are made of `integrated_u`, so that the weight can be changed later. A
+    robot's own parameters name the graph by its place in `target`, which the folder will become.
     """
     from locplan.export import _figures
 
@@ -148,19 +166,25 @@ def write_graph(
     _figures.save_preview(folder, _figures.routes_figure(costs, graph, title))
     scorers = "DistanceScorer", "PenaltyScorer", "DynamicEdgesScorer"
     loader = "GeoJsonGraphFileLoader"
-    plugins: dict[str, Any] = {name: {"plugin": f"nav2_route::{name}"} for name in scorers}
     tag, factor = ("penalty", 1.0) if weight is None else ("integrated_u", weight)
-    plugins["PenaltyScorer"] |= {"penalty_tag": tag, "weight": factor}
-    parameters = {
+    own: dict[str, Any] = {
         "graph_file_loader": loader,
-        loader: {"plugin": f"nav2_route::{loader}"},
         "edge_cost_functions": list(scorers),
-        **plugins,
+        **{f"{name}.plugin": f"nav2_route::{name}" for name in (loader, *scorers)},
+        "PenaltyScorer.penalty_tag": tag,
+        "PenaltyScorer.weight": float(factor),
         "smooth_corners": False,  # arcs would leave the edges, which were checked
     }
-    files = {"graph_filepath": "graph.geojson"}
-    server = Server("nav2_route", "route_server", "route_server", parameters, files)
+    theirs, file = robot.parameters.of(node := "route_server"), "graph.geojson"
+    theirs.pop("graph_filepath", None)
+    alone = Nav2Parameters({}).changed(node, theirs | own).content[node]["ros__parameters"]
+    server = Server("nav2_route", node, node, alone, {"graph_filepath": file})
     write_servers(folder, [server], "lifecycle_manager_localizability_routes")
+    if robot.file:
+        place = {"graph_filepath": str(target.resolve() / file)}
+        merged = robot.parameters.changed(node, own | place)
+        robot.warn_changed(merged)
+        (folder / "nav2.yaml").write_bytes(merged_text(robot, merged)[0])
 
 
 def to_lif(

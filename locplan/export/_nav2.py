@@ -7,42 +7,32 @@ speed_filter.cpp, static_layer.cpp and the documentation of their servers.
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path as Route, about_costs, costs_caption
-from locplan.errors import ConfigError
-from locplan.export import _charges as charges
-from locplan.export._charges import Conversion
-from locplan.export._costmap import AT_WALLS, CostmapInflation
-from locplan.export._parameters import (
-    Robot,
-    Server,
-    differences,
-    merged_text,
-    with_costmap,
-    with_planner,
-    write_servers,
-)
+from locplan.export._charges import Conversion, checked_planner, keepout_mask
+from locplan.export._costmap import CostmapInflation, PlannedPath
+from locplan.export._parameters import Robot, differences, merged_text, with_costmap, with_planner
 from locplan.export._planned import checked_paths
 from locplan.export._registry import export_folder
 from locplan.export._selected import with_tree
+from locplan.export._servers import Server, write_servers
+from locplan.export._values import speed_mask, without_yaw, write_values
 from locplan.robots import GLOBAL_COSTMAP, Nav2Parameters
 
-
-class ParametersChanged(UserWarning):
-    """Values of a robot's own parameters are others in an export."""
+if TYPE_CHECKING:
+    from locplan.simulation import Choice
 
 
 def nav2_keepout(
     folder: str | Path,
-    costs: Costmap,
+    costs: Costmap | Choice,
     *,
     planner: str | None = None,
     planner_param: float | None = None,
@@ -57,11 +47,12 @@ def nav2_keepout(
     ----------
     folder : path
         The folder; one that holds such an export without changes is replaced.
-    costs : Costmap
+    costs : Costmap or Choice
         The mask's 0..99 stand for weight u in every free cell, whether or not the robot fits
         there: what is too close to a wall is for Nav2's own inflation to say, and its robot may
         fit where this costmap's does not. Nav2 ignores a map's yaw, so that the mask has none
-        either.
+        either. Of a choice it is the density of the path to take (`Choice.costmap`), which is
+        one of `paths`; the folder's README.md begins with the choice's advice to tune first.
     planner : str, optional
         "smac2d", "smac-hybrid", "navfn" or "thetastar": the one that plans. By default the first
         of these that `params` has, except "navfn", which does not follow masks; else "smac2d" up
@@ -83,7 +74,8 @@ def nav2_keepout(
         which the parameters name; paths of Theta* are smoothed in it, since they zigzag.
     paths : dict of Path, optional
         Recommended paths by name, with which those that Nav2's planners take between their ends are
-        compared, by the planners' formulas.
+        compared, by the planners' formulas. Those that the mask's planner does not take are written
+        as a route graph beside the folder, see `nav2_routes`.
 
     Returns
     -------
@@ -103,7 +95,7 @@ def nav2_keepout(
 
 def nav2_static(
     folder: str | Path,
-    costs: Costmap,
+    costs: Costmap | Choice,
     *,
     planner: str | None = None,
     planner_param: float | None = None,
@@ -167,7 +159,7 @@ def nav2_speed(
     LocplanError
         If the folder cannot be written, a setting is out of its range, or there is no field.
     """
-    values = charges.speed_mask(costs, slowest, lead)
+    values = speed_mask(costs, slowest, lead)
     robot = Robot.of(params, distro)
     least = 100 - int(values.max())
     title = f"Speed mask: the robot keeps {least} % of its speed or more"
@@ -177,75 +169,22 @@ def nav2_speed(
     return least
 
 
-def keepout_mask(
-    costs: Costmap,
-    *,
-    planner: str = "smac2d",
-    planner_param: float | None = None,
-    static: bool = False,
-    inflation: CostmapInflation | None = None,
-) -> tuple[NDArray[np.int8], Conversion]:
-    """The values of a mask that make a planner's costs J, (H, W): 0..99, or -1 to change nothing.
-
-    Every free cell whose u is known has a value, or where a density of one's own is finite. Free
-    cells that are blocked farther from walls than the robot's radius, as by `blocked_where`, have
-    100, which is lethal.
-
-    Parameters
-    ----------
-    costs, planner_param
-        See `nav2_keepout`.
-    planner : str, default "smac2d"
-        "smac2d", "smac-hybrid", "navfn" or "thetastar".
-    static : bool, default False
-        Whether the values are for a StaticLayer, up to 98.
-    inflation : CostmapInflation, optional
-        The costmap's inflation, which the values carry, too, with an excess of 2.5 at walls.
-
-    Returns
-    -------
-    values : (H, W) array of int8
-        The values, row 0 at the lowest y.
-    conversion : Conversion
-        Where the planner saturates, and how exact the mask is.
-
-    Raises
-    ------
-    ConfigError
-        If no cell is passable, or the planner is unknown or cannot charge as much.
-    """
-    passable = np.isfinite(costs.density)
-    if not passable.any():
-        raise ConfigError(
-            "no cell of the costmap is passable, so a mask would be empty; check the"
-            " robot's radius [m]"
-        )
-    greatest, density = costs.weight, costs.unblocked_density
-    if np.isnan(greatest):
-        greatest = float(costs.density[passable].max()) - 1
-    runs = charges.checked_planner(planner, planner_param)
-    if inflation:
-        greatest += AT_WALLS
-        density = density + AT_WALLS * np.minimum(inflation.costs(costs.grid) / 252, 1)
-    values, conversion = charges.values_for(density, runs, greatest, planner_param, static)
-    near = costs.grid.closer_than(costs.robot_radius - 1e-9)
-    values[~passable & costs.grid.free & ~near] = 100  # lethal
-    return values, conversion
-
-
 def _write_charged(
     folder: str | Path,
     kind: str,
-    costs: Costmap,
+    costs: Costmap | Choice,
     robot: Robot,
     planner: str | None,
     paths: Mapping[str, Route] | None,
     **param: Any,
 ) -> Conversion:
     """Write the mask of a filter or a layer that makes a planner's costs J."""
-    paths = paths or {}
+    paths, choice = paths or {}, None
+    if not isinstance(costs, Costmap):
+        choice, costs = costs, costs.costmap()
+        paths = {each.name: each.path for each in [choice.chosen] if each} | {**paths}
     planner, static = planner or robot.planner(costs.grid.free.size), kind == "static"
-    caveat = charges.checked_planner(planner, None).caveat
+    caveat = checked_planner(planner, None).caveat
     inflation = None if caveat else CostmapInflation.of(robot.file)
     values, conversion = keepout_mask(
         costs, planner=planner, static=static, inflation=inflation, **param
@@ -261,19 +200,37 @@ def _write_charged(
     conversion = dataclasses.replace(
         conversion, paths=tuple(checked_paths(costs, values, robot, conversion, paths))
     )
-    own = conversion.planner.name
-    robot.warn(
-        f"{own} would not take {each.name} ({each.text}); its route is followed as a graph: --to"
-        " nav2-routes"
-        for each in conversion.paths
-        if each.planner == own and not each.follows
-    )
     what = "layer" if kind == "static" else "mask"
     title = f"Localizability {what} for {conversion.planner.plugin} ({called})"
     about = {"planner_id": called, "conversion": conversion.summary()}
-    planning = _Planning(conversion, called, tree, bool(inflation))
+    if choice:
+        about["choice"] = {"taken": choice.taken, "said": choice.said}
+    planning = _Planning(conversion, called, tree, bool(inflation), choice)
     _write(folder, kind, title, costs, values, robot, merged, about, planning)
+    _write_left(Path(folder), costs, robot, planning, paths)
     return conversion
+
+
+def _write_left(
+    folder: Path, costs: Costmap, robot: Robot, planning: _Planning, paths: Mapping[str, Route]
+) -> None:
+    """Write the paths that the mask's planner does not take as a route graph, and say so."""
+    from locplan.export._recommended import nav2_routes
+
+    if not planning.left:
+        return
+    routes = folder.with_name(f"{folder.name}-routes")
+    nav2_routes(
+        routes,
+        costs,
+        {each.name: paths[each.name] for each in planning.left},
+        distro=robot.distribution.name,
+        params=robot.file,
+    )
+    robot.warn(
+        f"{each.planner} would not take {each.name} ({each.text}); {routes} has it as a route graph"
+        for each in planning.left
+    )
 
 
 @dataclass(frozen=True)
@@ -284,6 +241,13 @@ class _Planning:
     called: str
     tree: str | None
     inflated: bool
+    choice: Choice | None = None
+
+    @property
+    def left(self) -> list[PlannedPath]:
+        """What the mask's planner takes in place of recommended paths."""
+        own = self.conversion.planner.name
+        return [each for each in self.conversion.paths if each.planner == own and not each.follows]
 
 
 def _write(
@@ -301,11 +265,7 @@ def _write(
     from locplan.export import _figures
 
     changed, added = differences(robot.parameters.content, merged.content)
-    if robot.file and changed:
-        text = (
-            f"the exported nav2.yaml has other values than {robot.file.name}: {'; '.join(changed)}"
-        )
-        warnings.warn(ParametersChanged(text), stacklevel=4)
+    robot.warn_changed(merged)
     base = f"localizability_{kind}"
     parameters = {"topic_name": f"/{base}_mask", "frame_id": "map"}
     files = {"yaml_filename": "mask.yaml"}
@@ -319,7 +279,7 @@ def _write(
         servers.append(Server("nav2_map_server", *node, law))
     about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
-    grid, file = charges.without_yaw(costs.grid), robot.file and robot.file.name
+    grid, file = without_yaw(costs.grid), robot.file and robot.file.name
     content, comments = merged_text(robot, merged)
     known = {"title": title, "costs": costs, "kind": kind, "file": file, "planning": planning}
     known |= {"changed": changed, "added": added, "comments": comments}
@@ -328,7 +288,7 @@ def _write(
         (temporary / "nav2.yaml").write_bytes(content)
         if planning and planning.tree is not None:
             (temporary / "tree.xml").write_text(planning.tree, "utf-8")
-        charges.write_values(temporary / "mask", values, grid)
+        write_values(temporary / "mask", values, grid)
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
         is_speed = kind == "speed"
         label = "speed limit [% of the robot's own]" if is_speed else f"{kind} mask [0-100]"

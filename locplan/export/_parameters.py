@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,7 +13,6 @@ from locplan._util.checks import one_of
 from locplan._util.reading import ROS_BOOLEANS, ROS_NUMBER, scalar_text
 from locplan.errors import LocplanError
 from locplan.export._charges import PLANNERS, Conversion
-from locplan.export._registry import rendered
 from locplan.robots import (
     GLOBAL_COSTMAP,
     LOCAL_COSTMAP,
@@ -96,38 +95,6 @@ def distribution(name: str) -> Distribution:
     return DISTRIBUTIONS[name]
 
 
-@dataclass(frozen=True)
-class Server:
-    """A lifecycle node of Nav2."""
-
-    package: str
-    executable: str
-    name: str
-    parameters: Mapping[str, Any]
-    files: Mapping[str, str] = field(default_factory=dict)
-    """Parameters that name a file in the folder; the launch file alone has them.
-
-    It writes them for all nodes, "/**". rclcpp would take a name in the parameter file, written
-    for this node, instead of it where a -p comes before the files (parameter_map.cpp), as
-    launch_ros's SetParameter puts it.
-    """
-
-
-def write_servers(folder: Path, servers: Sequence[Server], manager_name: str) -> None:
-    """Write the nodes' parameters, and a launch file that starts and activates them."""
-    manager = Server(
-        "nav2_lifecycle_manager",
-        "lifecycle_manager",
-        manager_name,
-        {"autostart": True, "node_names": [server.name for server in servers]},
-    )
-    nodes = [*servers, manager]
-    parameters = {node.name: {"ros__parameters": dict(node.parameters)} for node in nodes}
-    (folder / "servers.yaml").write_text(yaml_text(parameters), "utf-8")
-    launch = folder / "localizability.launch.xml"
-    launch.write_text(rendered("servers.launch.xml", nodes=nodes), "utf-8")
-
-
 def yaml_text(content: Mapping[str, Any]) -> str:
     """Parameters as YAML, in which ROS reads each text as a text."""
     import yaml
@@ -155,6 +122,10 @@ def merged_text(robot: Robot, merged: Nav2Parameters) -> tuple[bytes, bool]:
         except LocplanError:
             pass
     return yaml_text(merged.content).encode(), False
+
+
+class ParametersChanged(UserWarning):
+    """Values of a robot's own parameters are others in an export."""
 
 
 class RobotWarning(UserWarning):
@@ -202,6 +173,13 @@ class Robot:
         for note in notes:
             name = f"{self.file.name}: " if self.file else ""
             warnings.warn(RobotWarning(f"{name}{note}"), stacklevel=4)
+
+    def warn_changed(self, merged: Nav2Parameters) -> None:
+        """Warn of values of its file that are others in an export."""
+        changed, _ = differences(self.parameters.content, merged.content)
+        if self.file and changed:
+            found = f"the exported nav2.yaml has other values than {self.file.name}"
+            warnings.warn(ParametersChanged(f"{found}: {'; '.join(changed)}"), stacklevel=5)
 
     def of_planner(self, called: str) -> Iterator[str]:
         """That ours stands beside its own planners, and why."""
@@ -326,6 +304,8 @@ def differences(theirs: Any, merged: Any) -> tuple[list[str], list[str]]:
     for name, own, value in _values_of(theirs, merged):
         if isinstance(value, list):  # of names, to which ours are added
             new = [str(each) for each in value if each not in (own or [])]
+            if gone := [str(each) for each in own or [] if each not in value]:
+                changed.append(f"{name}: without {', '.join(gone)}")
             if new:
                 added.append(f"{name}: {', '.join(new)}")
         elif own is None:

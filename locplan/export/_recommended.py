@@ -16,12 +16,12 @@ from locplan._util.records import Column, Table
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError
 from locplan.export._bags import bag, topics_of
-from locplan.export._charges import where_unturned, without_yaw
 from locplan.export._graph_files import write_graph
 from locplan.export._joined_ways import SAME, Lines, divided, followed_costs, joined, straightened
-from locplan.export._parameters import distribution
+from locplan.export._parameters import Robot
 from locplan.export._registry import ExportJob, ExportSummary, export_folder
 from locplan.export._roadmap import FINENESS, RouteGraph, check_precision
+from locplan.export._values import where_unturned, without_yaw
 from locplan.maps import OccupancyGrid
 
 ONE_PLACE = 2 * SAME
@@ -172,6 +172,7 @@ def nav2_routes(
     *,
     frame: str = "map",
     distro: str = "jazzy",
+    params: str | FilePath | None = None,
 ) -> RecommendedWays:
     """Write recommended paths as a route graph that Nav2's server follows, and into a bag.
 
@@ -190,6 +191,8 @@ def nav2_routes(
         Frame of the nodes and of the paths.
     distro : str, default "jazzy"
         The distribution of ROS 2, as for `nav2_keepout`.
+    params : path, optional
+        A Nav2 parameter file to merge the server's into, as for `route_graph`.
 
     Returns
     -------
@@ -202,8 +205,7 @@ def nav2_routes(
         If the package mcap is missing, the folder cannot be written, or a path does not lie in the
         map's free space.
     """
-    runs = distribution(distro)
-    runs.warn()
+    robot = Robot.of(params, distro)
     grid = costs.grid
     unturned = dataclasses.replace(costs, grid=without_yaw(grid))
     if grid.origin[2]:
@@ -212,11 +214,11 @@ def nav2_routes(
     name = grid.name or "a map"
     about = {"kind": "nav2-routes", "distro": distro, "changed_edges": ways.changed}
     about |= {"queries": list(ways.ways), "followed": list(ways.followed)} | about_costs(costs)
-    known = {"map": name, "ways": ways, "runs": runs, "costs": costs}
+    known = {"map": name, "ways": ways, "robot": robot, "costs": costs}
     with export_folder(folder, "nav2-routes.md", about, **known) as temporary:
         count = len(ways.ways)
         title = f"{name}: recommended ways of {count} quer{'y' if count == 1 else 'ies'}"
-        write_graph(temporary, unturned, ways.graph, frame, title, None)
+        write_graph(temporary, unturned, ways.graph, robot, FilePath(folder), frame, title, None)
         bag(temporary / "routes.mcap", unturned.grid, paths=paths, frame=frame)
         _table(ways, topics_of(paths)).write_csv(temporary / "routes.csv")
     return ways

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from locplan.costs import Costmap, Path as Route
     from locplan.field import CovarianceField
     from locplan.robots import Robot
+    from locplan.simulation import Choice
 
 MODULES = ["locplan.export._formats"]
 """Modules that have FORMATS, a tuple of `Format`, and import heavy libraries when they write."""
@@ -47,6 +48,23 @@ class ExportJob:
     raises ends the work."""
     robot: Robot | None = None
     """The robot, for formats that simulate drives; None for one with the field's lidar."""
+    choice: Choice | None = None
+    """The choice that the costs and the path are of; None without one."""
+
+    @classmethod
+    def of_choice(cls, choice: Choice, field: CovarianceField) -> ExportJob:
+        """The objects of a choice.
+
+        Parameters
+        ----------
+        choice : Choice
+            A choice with a path.
+        field : CovarianceField
+            The field of its map, by the choice's `config`.
+        """
+        choice = choice.with_field(field)
+        paths = {each.name: each.path for each in [choice.chosen] if each}
+        return cls(choice.costmap(), field, paths, robot=choice.robot, choice=choice)
 
 
 @dataclass(frozen=True)

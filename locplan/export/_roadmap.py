@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -21,7 +20,6 @@ from locplan.errors import ConfigError
 from locplan.export._lanes import ROOMY, lanes
 from locplan.export._net import Net, Positions, Space, fine_net, symmetric
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.planners import Station
 
 FINENESS = 0.02
 """Coarsest step of single precision that is accepted [cells]."""
@@ -266,56 +264,3 @@ def _points(costs: Costmap, inside: Bools, reach: float, net: Net) -> Positions:
     first = step // 2 + 0.5
     lattice = costs.grid.grid_to_world(row * step + first, col * step + first)
     return np.vstack([np.column_stack(lattice), net.xy])
-
-
-def with_stations(
-    costs: Costmap, graph: RouteGraph, stations: Sequence[Station]
-) -> tuple[RouteGraph, list[int]]:
-    """A graph with a node at each station, and these nodes.
-
-    A station is joined to the two nodes that its straight lines to cost least; one that is nearly
-    at a node takes that one.
-
-    Parameters
-    ----------
-    costs : Costmap
-        The costmap that the graph was made of.
-    graph : RouteGraph
-        The graph, such as `roadmap` makes.
-    stations : sequence of Station
-        The stations in the world.
-
-    Returns
-    -------
-    graph : RouteGraph
-        The graph with more nodes and edges; the nodes that were there keep their numbers.
-    at : list of int
-        The node of each station.
-
-    Raises
-    ------
-    LocplanError
-        If the robot cannot stand at a station, or no node is seen from it.
-    """
-    space, resolution = space_of(costs), costs.grid.resolution
-    nodes, edges = [*graph.nodes], graph.edges.tolist()
-    at = []
-    for station in stations:
-        costs.cell_of((station.x, station.y), f"station {station.name}")
-        xy = np.array((station.x, station.y), np.float32).astype(np.float64)
-        away = np.hypot(*(graph.nodes - xy).T)
-        lines = np.column_stack([np.arange(len(away)), np.full(len(away), len(away))])
-        cost = line_costs(*space, np.vstack([graph.nodes, xy]), lines)
-        seen = np.argsort(cost, kind="stable")[:2]
-        seen = seen[np.isfinite(cost[seen])]
-        if len(seen) == 0:
-            text = f"no node is seen from station {station.name}"
-            raise ConfigError(f"{text}; take a smaller spacing")
-        if away[seen[0]] < resolution:
-            at.append(int(seen[0]))
-            continue
-        own = [(node, len(nodes)) for node in seen.tolist()]
-        edges += own + [way[::-1] for way in own if graph.directed]
-        at.append(len(nodes))
-        nodes.append(xy)
-    return RouteGraph.over(costs, nodes, edges, directed=graph.directed), at

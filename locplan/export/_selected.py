@@ -37,12 +37,14 @@ def edited_tree(path: str | Path, called: str, *, smooth: bool) -> str:
         If the file cannot be read, or computes no path.
     """
     text = read_text(Path(path), MAX_BYTES)
+    # A name between braces is that of a selector's choice, where the tree has one.
+    named = r'planner_id="(?!\{)[^"]*"' if "<PlannerSelector" in text else r'planner_id="[^"]*"'
 
     def planning(node: re.Match[str]) -> str:
         own = node[0]
         if "planner_id=" not in own:
             own = f'{own[:-2].rstrip()} planner_id="{called}"/>'
-        own = re.sub(r'planner_id="(?!\{)[^"]*"', f'planner_id="{called}"', own)
+        own = re.sub(named, f'planner_id="{called}"', own)
         out = re.search(r'\bpath="(\{[^"]*\})"', own)
         if not (smooth and out) or "<SmoothPath" in text:
             return own

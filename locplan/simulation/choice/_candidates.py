@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -15,10 +14,17 @@ from locplan._util.checks import shown
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, values_at
-from locplan.maps import OccupancyGrid
 from locplan.planners import SHORTEST, ParetoFront, Plan, Planner, pareto_front, planner_for
-from locplan.simulation._worlds import Window, inflated, window_about
+from locplan.simulation._worlds import Window, window_about
 from locplan.simulation.choice._ask import NEAR, Ask, distances_to
+from locplan.simulation.choice._densities import (
+    AWARE,
+    DENSITIES,
+    INFLATED,
+    Ground,
+    aware,
+    blocked_of,
+)
 from locplan.simulation.choice._driven import lines_along
 
 
@@ -37,26 +43,20 @@ def deviation_along(path: Path, field: CovarianceField) -> tuple[float, float]:
 
 MARGIN = 3.0
 """Margin of the part of the map that paths are planned on; clearance counts up to there [m]."""
-WEIGHTS = (4.0, 8.0, 12.0)
-"""Weights of the degeneracy u of the aware paths."""
 
 
 @dataclass(frozen=True)
-class Part:
+class Part(Ground):
     """The part of a map that paths between two places may take, and what is known there."""
 
     costs: Costmap
     """Costmap of the whole map, with a field or without one."""
     window: Window
     """Rows and columns of the part."""
-    grid: OccupancyGrid
-    """The part."""
     ask: Ask
     """What is asked."""
     longest: float
     """Maximum length of a candidate [m]."""
-    accepted: dict[str, Path]
-    """Candidates until now, the shortest first."""
 
     @classmethod
     def about(cls, costs: Costmap, shortest: Path, ask: Ask) -> Part:
@@ -73,41 +73,13 @@ class Part:
         xy = (start + goal) / 2 + np.column_stack([x, y])
         cells = np.column_stack(costs.grid.world_to_grid(*xy.T))
         window = window_about(costs.grid, cells, MARGIN / costs.grid.resolution)
-        return cls(costs, window, costs.grid.part(*window), ask, longest, {SHORTEST: shortest})
-
-    @property
-    def u(self) -> NDArray[np.float64]:
-        """Degeneracy of each cell."""
-        return self.costs.u[self.window]
-
-    @cached_property
-    def clear(self) -> NDArray[np.float64]:
-        """Density that keeps off the walls."""
-        return 1 + 3 * np.exp(-(self.grid.clearance - self.ask.robot.radius) / 0.4)
-
-    @property
-    def inflated(self) -> NDArray[np.float64]:
-        """Density that Nav2's planners see in an inflated costmap."""
-        return inflated(self.grid.clearance, self.ask.robot)
-
-    @property
-    def beside(self) -> NDArray[np.float64]:
-        """1 on the candidates until now, falling to 1/e at 1 m from them."""
-        return np.exp(-(self._distance_to(*self.accepted.values()) ** 2))
-
-    @property
-    def cut(self) -> NDArray[np.bool_]:
-        """Cells within 1.5 m of the middle of the shortest path."""
-        shortest = self.accepted[SHORTEST]
-        middle = [np.interp(shortest.length / 2, shortest.distance, v) for v in shortest.xy.T]
-        return self._distance_to(Path(np.array([middle]))) < 1.5
+        grid, u = costs.grid.part(*window), costs.u[window]
+        return cls(grid, u, ask.robot, {SHORTEST: shortest}, costs, window, ask, longest)
 
     def planned(self, density: NDArray[np.float64]) -> Path | None:
         """The path of least cost on a density of the part, if it keeps all limits."""
-        costs, asked = self.costs, self.ask.settings
-        blocked = ~np.isfinite(costs.density[self.window])
-        if asked.max_e is not None:
-            blocked |= costs.e[self.window] > asked.max_e
+        costs = self.costs
+        blocked = blocked_of(costs, self.ask.settings.max_e, self.window)
         layer = Costmap.from_density(self.grid, np.where(blocked, np.inf, density))
         path = self.ask.planned(layer, limited=False).path
         if path is None or path.length > self.longest or self.ask.fault_of(path, costs):
@@ -119,46 +91,6 @@ class Part:
         found = [self.planned(1 + weight * self.u) for weight in weights]
         return [self.accepted[SHORTEST], *(path for path in found if path is not None)]
 
-    def _distance_to(self, *paths: Path) -> NDArray[np.float64]:
-        import cv2
-
-        away = np.ones(self.grid.shape, np.uint8)
-        for path in paths:
-            fine = path.resampled(self.grid.resolution / 2) if path.length else path
-            cells = np.floor(self.grid.world_to_grid(*fine.xy.T)).astype(np.int64)
-            away[tuple(np.clip(cells, 0, np.array(away.shape)[:, None] - 1))] = 0
-        cells = cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        return np.asarray(cells * self.grid.resolution, np.float64)
-
-
-Density: TypeAlias = Callable[[Part], NDArray[np.float64]]
-"""Cost per metre of each cell of a part of a map."""
-
-
-def _aware(weight: float) -> dict[str, Density]:
-    return {f"aware, weight {weight:g}": lambda part: 1 + weight * part.u}
-
-
-INFLATED: dict[str, Density] = {"inflated": lambda part: part.inflated}
-"""That of the robot's own inflated costmap, on which its navigation would plan."""
-DENSITIES: dict[str, Density] = {
-    "clear of walls": lambda part: part.clear,
-    "along walls": lambda part: 1 + 3 * np.minimum(abs(part.grid.clearance - 0.6), 1.5),
-    "a metre off walls": lambda part: 1 + 2 * np.minimum(abs(part.grid.clearance - 1), 2),
-    "detour": lambda part: part.clear + 50 * part.cut,
-    "way around 1": lambda part: 1 + 1.2 * part.beside,
-    "way around 2": lambda part: 1 + 2.5 * part.beside,
-    "clear way around 1": lambda part: part.clear + 1.2 * part.beside,
-    "clear way around 2": lambda part: part.clear + 2.5 * part.beside,
-}
-"""Those that need no field, whose paths must be others than those before. They were found to lower
-the error of filters; the first is the best of them."""
-AWARE: dict[str, Density] = {
-    **{name: density for weight in WEIGHTS for name, density in _aware(weight).items()},
-    "aware and clear": lambda part: part.clear + 8 * part.u,
-}
-"""Those that need a field, whose paths are candidates however near another one they are."""
-
 
 def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]]:
     """All candidates by name, the shortest first, and why others are none."""
@@ -167,7 +99,7 @@ def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]
     if not math.isnan(part.costs.weight):
         densities |= AWARE
         if weight is not None:
-            densities |= _aware(weight)
+            densities |= aware(weight)
     for name, density in densities.items():
         path = part.planned(density(part))
         if path is None or not is_beside(path, found.values(), 0.1, 0.0):

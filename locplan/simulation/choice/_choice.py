@@ -14,10 +14,13 @@ from locplan._util.results import Results
 from locplan._util.saved import Stored, listed, tree_of
 from locplan._util.tables import file_name, wrapped, write_rows
 from locplan.costs import Costmap, Path
+from locplan.errors import ConfigError
+from locplan.field import CovarianceField, FieldConfig
 from locplan.planners import Plan, Position
 from locplan.robots import Amcl, Robot
 from locplan.simulation._arrivals import Arrivals, faults_of
 from locplan.simulation.choice._ask import TUNED, ChoiceSettings
+from locplan.simulation.choice._densities import config_of, costmap_of, costs_again
 from locplan.simulation.choice._driven import DRIVEN, PLANNED, Candidate, Driven
 from locplan.simulation.choice._race import (
     LOSES_MORE,
@@ -218,6 +221,46 @@ class Choice(Result, Stored):
         confirmed = " after the race, of it and of the shortest (others: 4 to 8, of the race)"
         after = confirmed if first else " in the race"
         return f"{count} drives{after}; seed {self.seed}; with {self.robot.title}"
+
+    @property
+    def config(self) -> FieldConfig:
+        """Settings of the field that the paths were measured on, or would be without one."""
+        return config_of(self.about, self.robot.lidar)
+
+    def with_field(self, field: CovarianceField) -> Choice:
+        """The same with a costmap of a field, which a choice that was loaded lacks.
+
+        Parameters
+        ----------
+        field : CovarianceField
+            The field of the map, of the settings `config`.
+
+        Raises
+        ------
+        ConfigError
+            If it is that of another map.
+        """
+        return dataclasses.replace(self, costs=costs_again(self.about, field))
+
+    def costmap(self) -> Costmap:
+        """The costmap on which the path to take costs least, such as for `locplan.export`.
+
+        A path that was given, or of a planner that was driven, costs 1 a metre, and 9 off it.
+
+        Raises
+        ------
+        ConfigError
+            If there is no path, or the choice was loaded; `with_field` gives it a costmap.
+        """
+        chosen, costs = self.chosen, self.costs
+        if chosen is None:
+            raise ConfigError(f"the choice has no path: {self.sentence}")
+        if costs is None:
+            raise ConfigError("a choice that was loaded has no costmap; give it with_field(field)")
+        if chosen.planner and chosen is not self.shortest:
+            return costs
+        paths = {each.name: each.path for each in self.candidates}
+        return costmap_of(costs, paths, chosen.name, self.robot, self.settings.max_e)
 
     def summary(self, *about: Any, **more: Any) -> dict[str, object]:
         """The answer, the candidates and the settings, fit for JSON and for `load`.

@@ -15,7 +15,7 @@ from locplan._util.checks import check_threads, instance, whole
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path, about_costs, check_costs, check_criterion, path_metrics
 from locplan.errors import ConfigError
-from locplan.field import CovarianceField, FieldConfig, Fused, Sad, equipped, load_or_compute
+from locplan.field import CovarianceField, FieldConfig, equipped, load_or_compute
 from locplan.maps import FREE, OccupancyGrid, check_grid
 from locplan.planners import SHORTEST, AnyAngle, Found, Plan, Planner, Position
 from locplan.robots import Robot
@@ -23,7 +23,6 @@ from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import about_filter, check_filter_map
 from locplan.simulation.choice._ask import Ask, ChoiceSettings, Compute, Minimise
 from locplan.simulation.choice._candidates import (
-    WEIGHTS,
     Candidates,
     Own,
     Part,
@@ -35,6 +34,7 @@ from locplan.simulation.choice._candidates import (
     why_without,
 )
 from locplan.simulation.choice._choice import Choice
+from locplan.simulation.choice._densities import WEIGHTS, config_of
 from locplan.simulation.choice._driven import Candidate, Driver
 from locplan.simulation.choice._race import judged
 
@@ -199,7 +199,7 @@ def _robot_and_field(
     if robot.lidar is None and isinstance(config, FieldConfig):
         robot = dataclasses.replace(robot, lidar=getattr(config.estimator, "lidar", None))
     if not isinstance(config, FieldConfig):
-        config = FieldConfig(Fused.of(robot.lidar) if robot.lidar else Sad())
+        config = config_of({}, robot.lidar)
     return robot, given, config
 
 

@@ -1,0 +1,165 @@
+"""Exports of a choice: what is recommended is what Nav2 is given."""
+
+import dataclasses
+import json
+import warnings
+
+import numpy as np
+import pytest
+import yaml
+from conftest import refused
+
+from locplan import Choice, FieldConfig, Fisher, Path, choose, covariance_field, export, save_map
+from locplan.costs import Costmap, path_metrics
+from locplan.errors import ConfigError
+from locplan.maps import environments
+from locplan.planners import plan
+from locplan.robots import Amcl, Lidar, Robot
+from locplan.simulation import ChoiceSettings
+
+START, GOAL = (2.0, 3.0), (38.0, 3.0)
+ROBOT = Robot(Lidar(range=6.0), filter=Amcl(min_particles=100, max_particles=100))
+
+
+@pytest.fixture(scope="module")
+def field():
+    grid = environments.make("two_corridors", resolution=0.1)
+    return covariance_field(grid, FieldConfig(Fisher(ROBOT.lidar), stride=0.5))
+
+
+@pytest.fixture(scope="module")
+def driven(field):
+    costs = Costmap.from_field(field.grid, field, robot=ROBOT)
+    own = {"around": plan(Costmap.blank(field.grid), START, GOAL, via=[(20.0, 12.0)]).path}
+    ends = field.grid, START, GOAL, ROBOT
+    settings = {"rival": None, "weight": 3.0}
+    return choose(*ends, costs=costs, candidates=own, drives=4, **settings)
+
+
+def taking(choice, name):
+    """The choice that takes the candidate of this name."""
+    leader = [each.name for each in choice.candidates].index(name)
+    judged = dataclasses.replace(choice.judgement, leader=leader, verdict="clearly better")
+    made = [dataclasses.replace(each, arrivals=None) for each in choice.candidates]
+    return dataclasses.replace(choice, judgement=judged, candidates=tuple(made))
+
+
+def tuned_better(choice):
+    """The choice whose rival, another filter, has a tenth of the error."""
+    ratio = choice.judgement.ratio._replace(value=0.1, low=0.05, high=0.2)
+    rival = dataclasses.replace(choice.shortest.driven, ratio=ratio)
+    settings = dataclasses.replace(choice.settings, rival=ChoiceSettings().rival)
+    return dataclasses.replace(choice, rival=rival, settings=settings)
+
+
+def test_each_candidate_is_the_cheapest_path_on_its_costmap(driven):
+    names = [each.name for each in driven.candidates]
+    assert {"shortest", "detour", "aware, weight 3", "aware, weight 8", "around"} <= {*names}
+    for each in driven.candidates:
+        costs = taking(driven, each.name).costmap() if each.name != "shortest" else None
+        costs = costs or dataclasses.replace(driven, judgement=None).costmap()
+        cheapest = plan(costs, START, GOAL).metrics.cost
+        assert path_metrics(costs, each.path).cost <= 1.03 * cheapest, each.name
+
+
+def test_limits_bind_the_mask_too(driven):
+    limit = float(np.nanquantile(driven.costs.e, 0.9))
+    settings = dataclasses.replace(driven.settings, max_e=limit)
+    costs = dataclasses.replace(taking(driven, "detour"), settings=settings).costmap()
+    passable = np.isfinite(costs.density)
+    assert costs.e[passable].max() <= limit < np.nanmax(driven.costs.e)
+
+
+def test_a_choice_without_drives_is_exported_by_its_field(field):
+    costs = Costmap.from_field(field.grid, field, robot=0.2)
+    planned = choose(field.grid, START, GOAL, ROBOT, costs=costs, drives=0)
+    assert planned.costmap() is planned.costs
+
+
+def exported(folder, *args, **settings):
+    with warnings.catch_warnings(record=True, action="always") as caught:
+        found = export.nav2_keepout(folder, *args, **settings)
+    return found, [str(each.message) for each in caught]
+
+
+def test_the_mask_of_a_choice_is_that_of_the_path_to_take(tmp_path, driven):
+    choice = taking(driven, "around")
+    found, said = exported(tmp_path / "m", choice)
+    values, _ = export.keepout_mask(choice.costmap())
+    image = (tmp_path / "m" / "mask.pgm").read_bytes()[-values.size :]
+    assert (np.frombuffer(image, np.int8).reshape(values.shape)[::-1] == values).all()
+    assert [(each.name, each.follows) for each in found.paths] == [("around", True)]
+    assert said == []
+    assert "Made of the path of a choice, around: take" in (tmp_path / "m/README.md").read_text()
+    about = json.loads((tmp_path / "m/export.json").read_text())
+    assert about["choice"]["taken"] == "around"
+    assert not (tmp_path / "m-routes").exists()
+
+
+def test_a_path_that_nav2_does_not_take_gets_a_route_graph(tmp_path, driven):
+    choice = taking(driven, "around")
+    found, said = exported(tmp_path / "m", choice, planner_param=0.01)
+    assert not found.paths[0].follows
+    assert said == [
+        f"smac2d would not take around ({found.paths[0].text}); {tmp_path / 'm-routes'} has it as"
+        " a route graph"
+    ]
+    assert "around,1," in (tmp_path / "m-routes/routes.csv").read_text()
+    assert "smac2d does not take around" in (tmp_path / "m/README.md").read_text()
+
+
+def test_tune_first_is_said_before_the_mask(tmp_path, driven):
+    choice = tuned_better(taking(driven, "around"))
+    (advice,) = choice.advice
+    assert advice.startswith("tune first")
+    exported(tmp_path / "m", choice)
+    lines = (tmp_path / "m/README.md").read_text().splitlines()
+    assert lines[2] == f"- First: {advice}"
+
+
+def test_a_loaded_choice_is_given_its_field(tmp_path, driven, field):
+    choice = taking(driven, "aware, weight 8")
+    choice.save(tmp_path / "planned")
+    loaded = Choice.load(tmp_path / "planned")
+    with pytest.raises(ConfigError, match="give it with_field"):
+        loaded.costmap()
+    assert loaded.config == field.config
+    np.testing.assert_array_equal(
+        loaded.with_field(field).costmap().density, choice.costmap().density
+    )
+    other = environments.make("hall", resolution=0.1)
+    with pytest.raises(ConfigError, match="the choice is of another map"):
+        loaded.with_field(covariance_field(other, field.config))
+
+
+def test_a_choice_without_a_path_is_refused(driven):
+    nothing = dataclasses.replace(driven, candidates=(), judgement=None, status="unreachable")
+    with pytest.raises(ConfigError, match="the choice has no path: unreachable"):
+        nothing.costmap()
+
+
+def test_the_command_exports_a_choice(run, tmp_path, driven):
+    grid = driven.costs.grid
+    save_map(grid, tmp_path / "lab.yaml")
+    tuned_better(taking(driven, "aware, weight 8")).save(tmp_path / "planned")
+    line = "export", tmp_path / "lab.yaml", "--cache-dir", tmp_path / "cache"
+    line += "--choice", tmp_path / "planned", "--to"
+    (tmp_path / "nav2.yaml").write_text(
+        "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.3}}}\n"
+    )
+    given = "--robot", tmp_path / "nav2.yaml"
+    code, shown, _ = run(*line, "nav2-keepout", *given, "-o", tmp_path / "m")
+    assert code == 0
+    assert shown.index("tune first") < shown.index("planner ")
+    own = yaml.safe_load((tmp_path / "m/nav2.yaml").read_text())
+    assert own["global_costmap"]["global_costmap"]["ros__parameters"]["robot_radius"] == 0.3
+    assert json.loads((tmp_path / "m/export.json").read_text())["choice"]["taken"] == (
+        "aware, weight 8"
+    )
+    run(*line, "path", "-o", tmp_path / "path.csv")
+    np.testing.assert_allclose(
+        Path.load(tmp_path / "path.csv").xy, taking(driven, "aware, weight 8").path.xy
+    )
+    words = "--lidar is not read with --choice"
+    assert words in refused(run(*line, "path", "--lidar", "turtlebot4"))
+    assert "--choice is for --to" in refused(run(*line, "nav2-speed"))
