@@ -91,6 +91,17 @@ def test_commands_that_drive_offer_the_mend_on_a_solid_map(tmp_path, run):
     assert (code, err.count("mend")) == (0, 0)
 
 
+def test_the_filters_that_are_concerned_are_named_and_a_beam_model_is_not(mended, tmp_path, run):
+    (line,) = (each for each in mended.report().splitlines() if "helps" in each)
+    assert "AMCL's, als_ros" in line
+    assert "als_ros" not in mend(ROOM).report()
+    save_map(blocks(), tmp_path / "blocks.yaml")
+    beam = tmp_path / "beam.yaml"
+    beam.write_text(yaml.safe_dump({"amcl": {"ros__parameters": {"laser_model_type": "beam"}}}))
+    words = "mend", tmp_path / "blocks.yaml", "--robot", beam, "--lidar", "turtlebot3"
+    assert "not concerned" in refused(run(*words))
+
+
 def test_wrong_numbers_are_refused(tmp_path, run):
     save_map(ROOM, tmp_path / "room.yaml")
     assert "drives" in refused(run("mend", tmp_path / "room.yaml", "--drives", "1"))

@@ -162,6 +162,7 @@ class mend(typed.OneMap, RobotOptions, Seeded, Output):
 
     def __call__(self) -> None:
         self.check_output(locplan.mending.Mended.files)
+        locplan.mending.check_concerned(self.nav2_file("amcl"))
         robot, grid = self.load_robot(), locplan.load_map(self.map_file)
         every = self.given("paths", "drives", Seeded)
         with progress_bar(f"mending {grid.name}", "drives") as progress:

@@ -28,6 +28,11 @@ DISTANCES = 10.0, 5.0, 2.0, 0.5
 FLOOR = 1e-6
 """Mean square error that is added, so that no drive without error decides alone [m^2]."""
 
+CONCERNED = (
+    "this helps likelihood fields: AMCL's, als_ros, MRPT and beluga before 2.1.1; SLAM Toolbox and"
+    " Cartographer need it not"
+)
+
 
 @dataclass(frozen=True)
 class MapVerdict:
@@ -108,10 +113,11 @@ def mended_report(mended: Mended) -> str:
     """What was mended, and what drives say."""
     if not mended.changed:
         return f"{mended.faults.report()}\nnothing to mend without a recorded drive"
+    concerned = f"{CONCERNED}\n" if mended.faults.is_solid else ""
     return (
-        f"{mended.faults.report()}\n{mended.changed:,} cells are other ones for the filter; plan on"
-        f" the map as it is\n{mended.table()}\nsimulated drives in the map as it is [95 %];"
-        " error ratio: mended over as is"
+        f"{mended.faults.report()}\n{concerned}{mended.changed:,} cells are other ones for the"
+        f" filter; plan on the map as it is\n{mended.table()}\n"
+        "simulated drives in the map as it is [95 %]; error ratio: mended over as is"
     )
 
 

@@ -4,13 +4,31 @@ from __future__ import annotations
 
 import os
 from contextlib import suppress
+from pathlib import Path
 
 from locplan._util.files import replacing
+from locplan.errors import ConfigError
 from locplan.field import cache_folder
 from locplan.maps import OccupancyGrid, faults
+from locplan.robots import read_parameters
 
 KEPT = {"solid": True, "fine": False}
 """What the file of a map in the cache says, and whether the map is solid."""
+
+
+def check_concerned(parameters: Path | None) -> None:
+    """Raise a ConfigError if Nav2's parameters have AMCL cast rays, which no black misleads.
+
+    Parameters
+    ----------
+    parameters : path, optional
+        File of Nav2's parameters; without it AMCL has its defaults, and is concerned.
+    """
+    if read_parameters(parameters).of("amcl").get("laser_model_type") == "beam":
+        raise ConfigError(
+            f"{parameters}: not concerned: AMCL's beam model casts rays, which end at the first"
+            " black cell, so that the inside of walls does not mislead it"
+        )
 
 
 def offer(grid: OccupancyGrid, cache_dir: str | os.PathLike[str] | None = None) -> str | None:
