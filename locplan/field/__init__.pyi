@@ -54,6 +54,7 @@ from ._summary import (
     well_spaced as well_spaced,
 )
 from ._tiles import untouched_points as untouched_points
+from ._wall_checks import kept_solidity as kept_solidity
 from ._zarr import FIELD_SUFFIX as FIELD_SUFFIX, check_field_target as check_field_target
 from .estimators import ESTIMATORS as ESTIMATORS, estimator_class as estimator_class
 from .estimators._beams import (

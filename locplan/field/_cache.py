@@ -1,6 +1,7 @@
 """The folder of cached results: its entries, its size limit, its locks, and its table.
 
-Most are fields; others, such as trajectories, have a folder `KEY.kept` (`locplan.field._kept`).
+Most are fields; others, such as trajectories and checks of walls, have a folder `KEY.kept`
+(`locplan.field._kept`).
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import time
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -31,6 +33,10 @@ _UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _UNITS |= {f"{unit}I": 1024**power for power, unit in enumerate("KMGT", 1)}
 _DAY = 86400.0
 KEPT = ".kept"
+CHECK = "check of walls"
+"""What the check of a map's walls is called in the list of the cache."""
+KINDS = {"field": "fields", "trajectory": "trajectories", CHECK: "checks of walls"}
+"""What entries are, one and several."""
 _FIELD = re.compile("[0-9a-f]{32}" + re.escape(field_files.FIELD_SUFFIX))
 _ENTRY = re.compile(f"{_FIELD.pattern}|[0-9a-f]{{32}}{re.escape(KEPT)}")
 """Patterns of the names of cached fields, and of all entries; nothing else is touched."""
@@ -275,15 +281,24 @@ class FieldCache:
             for entry in self.entries
         ]
         total = sum(entry.size for entry in self.entries)
-        fields = sum(entry.folder.suffix != KEPT for entry in self.entries)
-        count = f"{fields} field{'' if fields == 1 else 's'}"
-        if other := len(self.entries) - fields:
-            count += f" and {other} trajector{'y' if other == 1 else 'ies'}"
+        counts = Counter(map(_kind, self.entries))
+        count = " and ".join(
+            f"{counts[one]} {one if counts[one] == 1 else several}"
+            for one, several in KINDS.items()
+            if counts[one] or one == "field"
+        )
         last = f"{count}, {in_bytes(total)} of at most {in_bytes(self.limit)}, in {self.folder}"
         if not rows:
             return last
         columns = ["map", "config", "size", "finished", "last used"]
         return f"{table(columns, rows)}\n{last}"
+
+
+def _kind(entry: CacheEntry) -> str:
+    """What an entry is, of `KINDS`."""
+    if entry.folder.suffix != KEPT:
+        return "field"
+    return CHECK if entry.about.get("config") == {"name": CHECK} else "trajectory"
 
 
 def _unusual(config: Mapping[str, Any]) -> str:

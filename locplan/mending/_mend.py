@@ -17,7 +17,7 @@ from locplan._util.results import Results
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.export import write_filter_map
-from locplan.field import equipped
+from locplan.field import equipped, kept_solidity
 from locplan.maps import FREE, MapFaults, OccupancyGrid, faults, hollowed
 from locplan.mending._walls import WallUpdate, update_walls
 from locplan.planners import plan, random_queries
@@ -196,7 +196,7 @@ def mend(
     whole("paths", paths, 1, 1000)
     if recordings and (robot is None or robot.lidar is None):
         robot = recordings[0].robot(robot)
-    robot, found = equipped(robot), faults(grid)
+    robot, found = equipped(robot), faults(grid, check=kept_solidity)
     update = update_walls(grid, recordings) if recordings else None
     mended, world = _mended(found), grid
     if update is not None:
