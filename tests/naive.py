@@ -1778,3 +1778,46 @@ def navfn_potential(costs, start, goal, bucket, buffer):
             threshold += bucket
             now, over = over, []
     return np.array([potential[cell] for cell in np.ndindex(shape)]).reshape(shape)
+
+
+def passed_cells(origin, end, margin):
+    """Cells of a beam up to a margin before its end, as `cells_along` has them."""
+    origin, end = np.asarray(origin), np.asarray(end)
+    length = np.hypot(*(end - origin))
+    kept = max(0.0, 1 - margin / length) if length else 0.0
+    way = np.array([origin, origin + kept * (end - origin)])
+    return [(row, col) for row, col, _ in cells_along(way)]
+
+
+def count_scans(shape, origins, ends, margin):
+    """Numbers of the scans that pass each cell, and that end in it."""
+    passed, hit = np.zeros(shape, int), np.zeros(shape, int)
+    for origin, scan in zip(origins, ends, strict=True):
+        beams = [end for end in scan if not np.isnan(end[0])]
+        for cell in {each for end in beams for each in passed_cells(origin, end, margin)}:
+            if 0 <= cell[0] < shape[0] and 0 <= cell[1] < shape[1]:
+                passed[cell] += 1
+        for cell in {tuple(np.floor(end).astype(int).tolist()) for end in beams}:
+            if 0 <= cell[0] < shape[0] and 0 <= cell[1] < shape[1]:
+                hit[cell] += 1
+    return passed, hit
+
+
+def explained_beams(walls, near, origins, ends, margin):
+    """Numbers of the beams of each scan that end near a wall and pass none, and that return."""
+
+    def at(mask, cell):
+        row, col = cell
+        return 0 <= row < mask.shape[0] and 0 <= col < mask.shape[1] and bool(mask[row, col])
+
+    found, returns = [], []
+    for origin, scan in zip(origins, ends, strict=True):
+        beams = [end for end in scan if not np.isnan(end[0])]
+        good = [
+            at(near, np.floor(end).astype(int))
+            and not any(at(walls, cell) for cell in passed_cells(origin, end, margin))
+            for end in beams
+        ]
+        found.append(sum(good))
+        returns.append(len(beams))
+    return found, returns

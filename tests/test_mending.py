@@ -68,16 +68,32 @@ def test_nav2_gets_a_second_map_server_with_its_own_manager(mended, tmp_path):
     assert '<param name="yaml_filename" value="$(dirname)/map_amcl.yaml"/>' in launch
 
 
-def test_the_offer_is_kept_by_the_digest(tmp_path, monkeypatch):
-    assert "locplan mend" in mending.offer(blocks(), tmp_path)
-    assert mending.offer(ROOM, tmp_path) is None
-    monkeypatch.setattr("locplan.mending._offer.faults", None)  # it is not checked again
-    assert "locplan mend" in mending.offer(blocks(), tmp_path)
-    assert mending.offer(ROOM, tmp_path) is None
-    (kept,) = (tmp_path / "walls").glob(f"{ROOM.digest}*")
-    kept.write_text("damaged")
+def test_the_check_of_walls_is_paid_once_and_the_cache_lists_and_clears_it(
+    tmp_path, monkeypatch, run
+):
+    monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path / "cache"))
+    save_map(blocks(), tmp_path / "blocks.yaml")
+    assert "locplan mend" in mending.offer(blocks())
+    assert mending.offer(ROOM) is None
+    monkeypatch.setattr("locplan.field._wall_checks.solidity", None)  # not checked again
+    assert "locplan mend" in mending.offer(blocks())
+    assert mending.offer(ROOM) is None
+    code, out, _ = run("info", tmp_path / "blocks.yaml")
+    assert (code, "walls are black inside" in out) == (0, True)
+    _, out, _ = run("cache", "list")
+    assert out.count("check of walls") == 2
+    assert "0 fields and 2 checks of walls" in out
+    for kept in (tmp_path / "cache").glob("*.kept/walls.json"):
+        kept.write_text("[1, 2")  # damaged
     with pytest.raises(TypeError):
-        mending.offer(ROOM, tmp_path)
+        mending.offer(ROOM)
+    run("cache", "clear")
+    assert not [*(tmp_path / "cache").glob("*.kept")]
+
+
+def test_the_walls_are_checked_where_the_cache_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("")
+    assert "locplan mend" in mending.offer(blocks(), tmp_path / "file")
 
 
 def test_commands_that_drive_offer_the_mend_on_a_solid_map(tmp_path, run):
@@ -89,6 +105,17 @@ def test_commands_that_drive_offer_the_mend_on_a_solid_map(tmp_path, run):
     assert (code, err.count("run locplan mend first")) == (0, 1)
     code, _, err = run(*simulate, "--filter-map", tmp_path / "hollow.yaml")
     assert (code, err.count("mend")) == (0, 0)
+
+
+def test_the_filters_that_are_concerned_are_named_and_a_beam_model_is_not(mended, tmp_path, run):
+    (line,) = (each for each in mended.report().splitlines() if "helps" in each)
+    assert "AMCL's, als_ros" in line
+    assert "als_ros" not in mend(ROOM).report()
+    save_map(blocks(), tmp_path / "blocks.yaml")
+    beam = tmp_path / "beam.yaml"
+    beam.write_text(yaml.safe_dump({"amcl": {"ros__parameters": {"laser_model_type": "beam"}}}))
+    words = "mend", tmp_path / "blocks.yaml", "--robot", beam, "--lidar", "turtlebot3"
+    assert "not concerned" in refused(run(*words))
 
 
 def test_wrong_numbers_are_refused(tmp_path, run):

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 import locplan
 from locplan._util.progress import progress_bar
 from locplan.cli import _types as typed
-from locplan.cli._options import Ends, Output, Seeded, read_paths
+from locplan.cli._options import Ends, Output, ReferencedOptions, Seeded, read_paths
 from locplan.cli._robot_options import RobotOptions
 from locplan.errors import ConfigError
 
@@ -144,12 +144,17 @@ class landmarks(typed.OneMap, RobotOptions, RouteOptions, Seeded, Output):
         self.finish(made, self.verified(made))
 
 
-@typed.command("mend lab.yaml --robot nav2_params.yaml -o mended")
-class mend(typed.OneMap, RobotOptions, Seeded, Output):
+@typed.command(
+    "mend lab.yaml --robot nav2_params.yaml -o mended",
+    "mend lab.yaml --robot nav2_params.yaml --drive run.mcap -o mended",
+)
+class mend(typed.OneMap, RobotOptions, ReferencedOptions, Seeded, Output):
     """Mend a map for the robot's filter, and drive with it in simulation to see what it gains.
 
-    Walls that are black inside are hollowed, and specks erased. The map for planning stays; the
-    folder has the filter's, map_amcl.yaml, with what Nav2 needs to publish it to AMCL alone.
+    Walls that are black inside are hollowed, and specks erased. With a recorded drive, walls that
+    it sees through are erased, and missing ones drawn, if that explains more of the scans held out.
+    The map for planning stays; the folder has the filter's, map_amcl.yaml, with what Nav2 needs to
+    publish it to AMCL alone.
     """
 
     paths: typed.Count = 5
@@ -159,8 +164,11 @@ class mend(typed.OneMap, RobotOptions, Seeded, Output):
 
     def __call__(self) -> None:
         self.check_output(locplan.mending.Mended.files)
+        locplan.mending.check_concerned(self.nav2_file("amcl"))
         robot, grid = self.load_robot(), locplan.load_map(self.map_file)
         every = self.given("paths", "drives", Seeded)
+        self.check_drive()
+        recordings = [self.referenced(grid)] if self.drive else []
         with progress_bar(f"mending {grid.name}", "drives") as progress:
-            found = locplan.mend(grid, robot, progress=progress, **every)
+            found = locplan.mend(grid, robot, recordings=recordings, progress=progress, **every)
         self.finish(found)

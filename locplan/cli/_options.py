@@ -231,6 +231,12 @@ class Reference(typed.Options):
 class ReferencedOptions(Reference, DriveOptions):
     """A recorded drive, and what counts as true of it."""
 
+    def referenced(self, grid: OccupancyGrid) -> Recording:
+        """The drive, with the poses that count as true on a map, whether it fits or not."""
+        drive = self.read()
+        with progress_bar("smoothing", "") as progress:
+            return locplan.recordings.referenced(drive, grid, self.reference, progress=progress)
+
     def on_map(self, maps: Sequence[Path]) -> tuple[OccupancyGrid, Recording]:
         """The map, and the drive on it; a LocplanError unless it is one map that fits.
 
@@ -239,9 +245,8 @@ class ReferencedOptions(Reference, DriveOptions):
         files = locplan.maps.find_maps(*maps)
         if len(files) != 1:
             raise ConfigError(f"--drive is of one map, not of {len(files)}; name the one it was on")
-        grid, drive = locplan.load_map(files[0]), self.read()
-        with progress_bar("smoothing", "") as progress:
-            drive = locplan.recordings.referenced(drive, grid, self.reference, progress=progress)
+        grid = locplan.load_map(files[0])
+        drive = self.referenced(grid)
         with working("looking whether the map fits"):
             fit = locplan.recordings.fit_to_map(drive, grid)
         if not fit.fits:

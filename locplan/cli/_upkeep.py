@@ -79,21 +79,21 @@ class field(typed.ManyMaps, FieldOptions, shared.Computing, shared.Output):
 
 
 cache = typed.named("cache", "cache list", "cache clear --older-than 30")
-cache.help = "List, clear or find the fields and trajectories that were computed before."
+cache.help = "List, clear or find the fields, trajectories and checks of walls computed before."
 
 Days = Annotated[float, Parameter(metavar="DAYS", validator=Number(gte=0))]
 
 
 @cache.command(name="list")
 def list_(*, cache_dir: shared.CacheDir = None, json: shared.Json = False) -> None:
-    """List the cached fields and trajectories, the last used first."""
+    """List the cached fields, trajectories and checks of walls, the last used first."""
     found = locplan.field.FieldCache.of(cache_dir)
     shared.show(json, found.summary(), found.table())
 
 
 @cache.command
 def clear(*, older_than: Days = 0.0, cache_dir: shared.CacheDir = None) -> None:
-    """Remove cached fields and trajectories, but for those being computed.
+    """Remove cached fields, trajectories and checks of walls, but for those being computed.
 
     Parameters
     ----------

@@ -4,7 +4,6 @@ from ._cache import (
     FieldCache as FieldCache,
     cache_folder as cache_folder,
     clear_cache as clear_cache,
-    kept as kept,
 )
 from ._compute import (
     check_scheduler as check_scheduler,
@@ -31,6 +30,7 @@ from ._covariance import (
 )
 from ._estimator import Estimator as Estimator, Layer as Layer, MapPart as MapPart
 from ._field import CovarianceField as CovarianceField
+from ._kept import kept as kept, kept_solidity as kept_solidity
 from ._lattice import (
     every_second_point as every_second_point,
     points_near as points_near,

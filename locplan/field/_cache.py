@@ -1,19 +1,22 @@
-"""The folder of cached results, most of them fields: its entries, limit, locks, and table."""
+"""The folder of cached results: its entries, its size limit, its locks, and its table.
+
+Most are fields; others, such as trajectories and checks of walls, have a folder `KEY.kept`
+(`locplan.field._kept`).
+"""
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import time
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import file_path, shown
-from locplan._util.files import errors_in_one_line, make_folder
 from locplan._util.reading import parsed_json, read_text
 from locplan._util.supervision import remove_abandoned, temporary_folder
 from locplan._util.tables import age, in_bytes, table
@@ -29,6 +32,10 @@ if TYPE_CHECKING:
 _UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _UNITS |= {f"{unit}I": 1024**power for power, unit in enumerate("KMGT", 1)}
 KEPT = ".kept"
+CHECK = "check of walls"
+"""What the check of a map's walls is called in the list of the cache."""
+KINDS = {"field": "fields", "trajectory": "trajectories", CHECK: "checks of walls"}
+"""What entries are, one and several."""
 _FIELD = re.compile("[0-9a-f]{32}" + re.escape(field_files.FIELD_SUFFIX))
 _ENTRY = re.compile(f"{_FIELD.pattern}|[0-9a-f]{{32}}{re.escape(KEPT)}")
 """Patterns of the names of cached fields, and of all entries; nothing else is touched."""
@@ -220,36 +227,6 @@ def _status(path: Path) -> tuple[int, float]:
     return status.st_size, status.st_mtime
 
 
-@contextmanager
-def kept(
-    key: str, what: str, map_name: str, cache_dir: str | os.PathLike[str] | None = None
-) -> Iterator[Path]:
-    """Folder in the cache for a result that is no field; another process with this key waits.
-
-    Parameters
-    ----------
-    key : str
-        Digest of all that the result depends on, 32 hexadecimal digits.
-    what, map_name : str
-        What it is, and its map, for the list of the cache.
-    cache_dir : path, optional
-        See `cache_folder`.
-
-    Raises
-    ------
-    LocplanError
-        If the folder cannot be written.
-    """
-    entry = cache_folder(cache_dir) / f"{key}{KEPT}"
-    make_folder(entry.parent)
-    with errors_in_one_line(entry), lock_of(entry):
-        entry.mkdir(exist_ok=True)
-        note_of(entry).write_text(json.dumps([what, map_name, False]))
-        yield entry
-        note_of(entry).write_text(json.dumps([what, map_name, True]))
-    evict(entry.parent, cache_limit(), entry)
-
-
 @dataclass(frozen=True)
 class FieldCache:
     """The cached results in a folder, the last used first."""
@@ -301,13 +278,22 @@ class FieldCache:
             for entry in self.entries
         ]
         total = sum(entry.size for entry in self.entries)
-        fields = sum(entry.folder.suffix != KEPT for entry in self.entries)
-        count = f"{fields} field{'' if fields == 1 else 's'}"
-        if other := len(self.entries) - fields:
-            count += f" and {other} trajector{'y' if other == 1 else 'ies'}"
+        counts = Counter(map(_kind, self.entries))
+        count = " and ".join(
+            f"{counts[one]} {one if counts[one] == 1 else several}"
+            for one, several in KINDS.items()
+            if counts[one] or one == "field"
+        )
         last = f"{count}, {in_bytes(total)} of at most {in_bytes(self.limit)}, in {self.folder}"
         columns = ["map", "config", "size", "finished", "last used"]
         return f"{table(columns, rows)}\n{last}" if rows else last
+
+
+def _kind(entry: CacheEntry) -> str:
+    """What an entry is, of `KINDS`."""
+    if entry.folder.suffix != KEPT:
+        return "field"
+    return CHECK if entry.about.get("config") == {"name": CHECK} else "trajectory"
 
 
 def _unusual(config: Mapping[str, Any]) -> str:

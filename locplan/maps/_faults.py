@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -22,7 +22,7 @@ from locplan.maps._misleading import (
     of_walls,
     specks_of,
 )
-from locplan.maps._solid import inside_of_walls
+from locplan.maps._solid import Solidity, inside_of_walls, solidity
 from locplan.maps._source import MapSource
 
 
@@ -90,7 +90,12 @@ def faults_report(faults: MapFaults) -> str:
     return "\n".join(f"{each.kind}: {each.sentence}" for each in faults)
 
 
-def faults(grid: OccupancyGrid, source: MapSource | None = None) -> MapFaults:
+def faults(
+    grid: OccupancyGrid,
+    source: MapSource | None = None,
+    *,
+    check: Callable[[OccupancyGrid], Solidity] = solidity,
+) -> MapFaults:
     """Find what of a map misleads: solid walls, specks, thresholds, greys, open edges, masks.
 
     Solid walls are found by simulated scans, in some tenths of a second the first time that a map
@@ -102,6 +107,8 @@ def faults(grid: OccupancyGrid, source: MapSource | None = None) -> MapFaults:
         The map.
     source : MapSource, optional
         How its pixels were read, see `read_map`; without it only the cells are looked at.
+    check : callable, default solidity
+        Gives the check of the walls; `locplan.field.kept_solidity` keeps it in the cache.
 
     Returns
     -------
@@ -126,5 +133,5 @@ def faults(grid: OccupancyGrid, source: MapSource | None = None) -> MapFaults:
     masks = tuple(of_mask(grid, source)) if source else ()
     of_file = tuple(of_source(grid, source)) if source else ()
     # No filter has a mask for its map, whose areas are no walls.
-    walls = () if any(each.sure for each in masks) else tuple(of_walls(grid))
+    walls = () if any(each.sure for each in masks) else tuple(of_walls(grid, check(grid)))
     return MapFaults(grid, (*masks, *of_file, *walls, *of_cells(grid), *of_origin(grid)))

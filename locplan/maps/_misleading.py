@@ -13,7 +13,7 @@ import numpy as np
 from locplan._kernels.arrays import Bools, Octets
 from locplan.maps._grid import OccupancyGrid
 from locplan.maps._occupancy import FREE, OCCUPIED
-from locplan.maps._solid import DEPTH, solidity
+from locplan.maps._solid import DEPTH, Solidity
 from locplan.maps._source import DARK, ROWS, MapSource
 
 MIN_SHARE = 0.01
@@ -189,9 +189,8 @@ def _beside_unknown(cells: Octets) -> Bools:
     return np.asarray(cv2.dilate(unknown, np.ones((3, 3), np.uint8)).view(np.bool_))
 
 
-def of_walls(grid: OccupancyGrid) -> Iterator[MapFault]:
+def of_walls(grid: OccupancyGrid, found: Solidity) -> Iterator[MapFault]:
     """What the walls do to a particle filter."""
-    found = solidity(grid)
     if found.misleads:
         yield MapFault(
             "solid walls" if found.is_solid else "thick walls",

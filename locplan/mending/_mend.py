@@ -1,4 +1,4 @@
-"""The map for the filter, mended without a recorded drive: `mend`."""
+"""The map for the filter, mended by itself and by recorded drives: `mend`."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ from locplan._util.results import Results
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.export import write_filter_map
-from locplan.field import equipped
+from locplan.field import equipped, kept_solidity
 from locplan.maps import FREE, MapFaults, OccupancyGrid, faults, hollowed
+from locplan.mending._walls import WallUpdate, update_walls
 from locplan.planners import plan, random_queries
+from locplan.recordings import Recording
 from locplan.robots import Amcl, Robot
 from locplan.simulation import Drives, Simulator, check_drives, drive_paths
 
@@ -27,6 +29,11 @@ DISTANCES = 10.0, 5.0, 2.0, 0.5
 """Minimum distances from start to goal of the verdict's paths, the first that the map has [m]."""
 FLOOR = 1e-6
 """Mean square error that is added, so that no drive without error decides alone [m^2]."""
+
+CONCERNED = (
+    "this helps likelihood fields: AMCL's, als_ros, MRPT and beluga before 2.1.1; SLAM Toolbox and"
+    " Cartographer need it not"
+)
 
 
 @dataclass(frozen=True)
@@ -68,6 +75,8 @@ class Mended(Result):
     """What drives say, first of Nav2's defaults, then of the robot's filter if that is another."""
     seed: int
     """Seed of all random numbers."""
+    walls: WallUpdate | None = None
+    """What recorded drives say of the walls; None without any."""
 
     def __repr__(self) -> str:
         return f"Mended({self.grid.name or 'map'}, {self.changed:,} cells)"
@@ -84,6 +93,7 @@ class Mended(Result):
             "filter_map": {"name": self.filter_map.name, "digest": self.filter_map.digest},
             "changed_cells": self.changed,
             "verdicts": self.table().records(),
+            "walls": None if self.walls is None else self.walls.summary(),
             "seed": self.seed,
         }
 
@@ -106,19 +116,28 @@ class Mended(Result):
 
 def mended_report(mended: Mended) -> str:
     """What was mended, and what drives say."""
+    lines, update = [mended.faults.report()], mended.walls
+    if update is not None:
+        lines.append(f"recorded: {update.sentence}")
     if not mended.changed:
-        return f"{mended.faults.report()}\nnothing to mend without a recorded drive"
-    return (
-        f"{mended.faults.report()}\n{mended.changed:,} cells are other ones for the filter; plan on"
-        f" the map as it is\n{mended.table()}\nsimulated drives in the map as it is [95 %];"
-        " error ratio: mended over as is"
-    )
+        without = "" if update is not None else " without a recorded drive"
+        return "\n".join([*lines, f"nothing to mend{without}"])
+    if mended.faults.is_solid:
+        lines.append(CONCERNED)
+    world = "with the walls that were recorded" if update is not None else "as it is"
+    lines += [
+        f"{mended.changed:,} cells are other ones for the filter; plan on the map as it is",
+        str(mended.table()),
+        f"simulated drives in the map {world} [95 %]; error ratio: mended over as is",
+    ]
+    return "\n".join(lines)
 
 
 def mend(
     grid: OccupancyGrid,
     robot: Robot | None = None,
     *,
+    recordings: Sequence[Recording] = (),
     paths: int = 5,
     drives: int = 8,
     seed: int = 1,
@@ -127,15 +146,24 @@ def mend(
 ) -> Mended:
     """Mend a map for the filter: hollow solid walls, and erase specks; drives judge it.
 
-    The robot drives in the map as it is. Its filter has that map or the mended one, and so has
-    Nav2's AMCL with its defaults. The n-th drives of both have the same world and seed.
+    With recordings, walls that they see through are erased, and walls drawn that they end at, if
+    the map then explains more beams of scans that were held out.
+
+    The robot drives in the map as it is, or with the walls that were recorded. Its filter has the
+    map as it is or the mended one, and so has Nav2's AMCL with its defaults. The n-th drives of
+    both have the same world and seed.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map, which stays the one for planning.
     robot : Robot, optional
-        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round.
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round, or that
+        of the first recording.
+    recordings : sequence of Recording, default ()
+        Recorded drives on the map, whose poses count as true: those of
+        `locplan.recordings.referenced`. Poses that were found on a wrong map hide some of what is
+        wrong with it, such as a stretch that is displaced as a whole.
     paths : int, default 5
         Number of random shortest paths of the verdict, 1 to 1000.
     drives : int, default 8
@@ -155,7 +183,8 @@ def mend(
     Raises
     ------
     LocplanError
-        If a number is out of its range, or the robot can drive nowhere.
+        If a number is out of its range, the robot can drive nowhere, or the poses of a recording
+        are off by so much that walls would be drawn beside their places.
 
     Examples
     --------
@@ -165,15 +194,20 @@ def mend(
     """
     check_drives(drives)
     whole("paths", paths, 1, 1000)
-    robot, found = equipped(robot), faults(grid)
-    mended = _mended(found)
+    if recordings and (robot is None or robot.lidar is None):
+        robot = recordings[0].robot(robot)
+    robot, found = equipped(robot), faults(grid, check=kept_solidity)
+    update = update_walls(grid, recordings) if recordings else None
+    mended, world = _mended(found), grid
+    if update is not None:
+        mended, world = update.on(mended), update.on(grid)
     if mended == grid:
-        return Mended(grid, mended, found, (), seed)
+        return Mended(grid, mended, found, (), seed, update)
     default = Amcl()
     filters = {"Nav2's defaults": replace(robot, filter=default)}
     if robot.filter != default:
         filters["the robot's"] = robot
-    ways = _ways(grid, robot, paths, seed)
+    ways = _ways(world, robot, paths, seed)
     callbacks = parts(progress, [2 * paths * drives] * len(filters))
     verdicts = []
     for (name, each), part in zip(filters.items(), callbacks, strict=True):
@@ -181,7 +215,7 @@ def mend(
         as_is, hollow = (
             [
                 *drive_paths(
-                    Simulator(grid, each, filter_map=own, seed=seed, threads=threads),
+                    Simulator(world, each, filter_map=own, seed=seed, threads=threads),
                     ways,
                     drives,
                     progress=tell,
@@ -190,7 +224,7 @@ def mend(
             for own, tell in zip((grid, mended), both, strict=True)
         )
         verdicts.append(_verdict(name, as_is, hollow))
-    return Mended(grid, mended, found, tuple(verdicts), seed)
+    return Mended(grid, mended, found, tuple(verdicts), seed, update)
 
 
 def _mended(found: MapFaults) -> OccupancyGrid:

@@ -15,6 +15,7 @@ from locplan._util.public import Pictured
 from locplan._util.records import POSITION, Column, Table
 from locplan._util.tables import in_square_metres, table
 from locplan.costs import ROBOT_RADIUS
+from locplan.field import kept_solidity
 from locplan.maps import (
     FREE,
     OCCUPIED,
@@ -274,7 +275,7 @@ def describe_map(
         room_of_cell=room_of_cell,
         pairs=_pairs(grid, room_of_cell, rooms, radius),
         warnings=(
-            *(each.sentence for each in faults(grid, source)),
+            *(each.sentence for each in faults(grid, source, check=kept_solidity)),
             *_of_robot(grid, radius, bool(rooms)),
         ),
     )

@@ -1,0 +1,122 @@
+"""Why AMCL gets lost on a map whose walls are black inside: one scan, where it was taken and not.
+
+Run: python examples/solid_walls.py [FOLDER [MAP.yaml]]
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+import locplan
+from locplan.maps import FREE, OCCUPIED, hollowed
+from locplan.plotting import MAP_COLOURS, Picture, draw_cells, draw_map, save_figure, style
+
+LIDAR = locplan.Lidar(range=6.0, beams=60)
+ROBOT = locplan.Robot(LIDAR, disturbances=locplan.robots.Disturbances(outliers=0.1))
+SIGMA = 0.2
+"""AMCL's sigma_hit by default [m]."""
+AROUND = 4.0
+"""Half the side of the part of the map that is drawn [m]."""
+
+
+def main(folder: str = "solid_walls", map_file: str | Path = "") -> None:
+    solid = locplan.load_map(map_file) if map_file else racks()
+    check = locplan.maps.solidity(solid)
+    print(f"a wrong pose wins: {check.wins:.0%} of scans, hollowed {check.wins_hollowed:.0%}")
+    drive, field = scans(solid), Field(solid)
+    chosen, wrong = misleading(drive, field)
+    on_robot, true = drive.ends_on_robot()[chosen], drive.poses[chosen]
+    figure = Picture(figsize=(11, 4.2), layout="constrained")
+    panels = (
+        ("walls black inside,\nthe scan where it was taken", field, true),
+        ("walls black inside,\nthe same scan elsewhere", field, wrong),
+        ("hollowed,\nthe same scan elsewhere", Field(hollowed(solid)), wrong),
+    )
+    for axes, (title, each, pose) in zip(figure.subplots(1, 3), panels, strict=True):
+        share = each.weight(on_robot, pose) / each.weight(on_robot, true)
+        draw_map(axes, each.grid)
+        # All that is occupied is black here, which maps in other pictures show as a rim.
+        draw_cells(axes, each.grid, each.grid.cells // 127, cmap=MAP_COLOURS, vmin=0, vmax=3)
+        ends = on_map(on_robot, pose)
+        near = each.distances(ends) < 2 * SIGMA
+        axes.plot(*ends[near].T, "o", color=style.GREEN, markersize=5, markeredgecolor="white")
+        axes.plot(*ends[~near].T, "x", color=style.VERMILION, markersize=6, markeredgewidth=2)
+        axes.plot(*pose[:2], "*", color=style.BLUE, markersize=16, markeredgecolor="white")
+        axes.set_title(f"{title}: weight {share:.2f}", fontsize="medium")
+        for limits, middle in zip((axes.set_xlim, axes.set_ylim), true[:2], strict=True):
+            limits(middle - AROUND, middle + AROUND)
+        print(f"{title}: weight {share:.2f}, {near.mean():.0%} of the beams at black")
+    target = Path(folder) / "solid_walls.png"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    save_figure(figure, target)
+    print(f"wrote {target}")
+
+
+def racks() -> locplan.OccupancyGrid:
+    """Rows of racks that are black inside, between aisles of 1.5 m."""
+    cells = np.full((250, 330), FREE, np.uint8)
+    cells[:40] = cells[-40:] = cells[:, :40] = cells[:, -40:] = OCCUPIED
+    for row in range(70, 200, 60):
+        for col in range(70, 250, 65):
+            cells[row : row + 30, col : col + 35] = OCCUPIED
+    return locplan.OccupancyGrid(cells, 0.05, name="racks")
+
+
+def scans(grid: locplan.OccupancyGrid) -> locplan.recordings.Recording:
+    """Noisy scans along a path across the map."""
+    costs = locplan.Costmap.blank(grid, robot=ROBOT)
+    (query,) = locplan.planners.random_queries(costs, 1, 3, min_distance=8.0)
+    path = locplan.plan(costs, query.start, query.goal).path
+    assert path is not None
+    return locplan.recordings.record_drive(grid, path, ROBOT, spacing=0.2)
+
+
+class Field:
+    """AMCL's likelihood field of a map, with Nav2's defaults."""
+
+    def __init__(self, grid: locplan.OccupancyGrid) -> None:
+        self.grid, clear = grid, (grid.cells != OCCUPIED).astype(np.uint8)
+        far = cv2.distanceTransform(clear, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        self.far = np.minimum(grid.resolution * far, 2.0)
+
+    def distances(self, ends: NDArray[Any]) -> NDArray[Any]:
+        """Distances of points from the nearest black cell [m]."""
+        rows, cols = (np.floor(each).astype(int) for each in self.grid.world_to_grid(*ends.T))
+        inside = (rows >= 0) & (rows < len(self.far)) & (cols >= 0) & (cols < self.far.shape[1])
+        return np.where(inside, self.far[rows * inside, cols * inside], 2.0)
+
+    def weight(self, on_robot: NDArray[Any], pose: NDArray[Any]) -> float:
+        """Weight of a particle at a pose: the cubes of the beams' likelihoods, added up."""
+        distance = self.distances(on_map(on_robot, pose))
+        likelihood = 0.5 * np.exp(-(distance**2) / (2 * SIGMA**2)) + 0.5 / LIDAR.range
+        return 1 + float((likelihood**3).sum())
+
+
+def misleading(drive: locplan.recordings.Recording, field: Field) -> tuple[int, NDArray[Any]]:
+    """The scan that some wrong pose fits best, beside its true pose, and that wrong pose."""
+    random, count, found = np.random.default_rng(1), 300, []
+    for n, (ends, true) in enumerate(zip(drive.ends_on_robot(), drive.poses, strict=True)):
+        away, bearing = random.uniform(0.5, 2.5, count), random.uniform(-np.pi, np.pi, count)
+        moves = np.column_stack([away * np.cos(bearing), away * np.sin(bearing), np.zeros(count)])
+        weights = [field.weight(ends, true + move) for move in moves]
+        best = int(np.argmax(weights))
+        found.append((weights[best] / field.weight(ends, true), n, true + moves[best]))
+    _, chosen, wrong = max(found, key=lambda each: each[0])
+    return chosen, wrong
+
+
+def on_map(on_robot: NDArray[Any], pose: NDArray[Any]) -> NDArray[Any]:
+    """Ends of the returns on the map at a pose, (k, 2) [m]."""
+    ends = on_robot[np.isfinite(on_robot[:, 0])]
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    return np.asarray(pose[:2] + ends @ [[cos, sin], [-sin, cos]])
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,103 @@
+"""Where the beams of scans end on a map, and through which of its cells they pass."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from locplan._kernels.arrays import Array, Bools, Floats
+from locplan._kernels.rays import cells_along
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def passed_cells(origin: Floats, end: Floats, margin: float) -> tuple[Array, Array]:
+    """Cells that a beam passes up to a margin before its end; none where it is shorter.
+
+    Parameters
+    ----------
+    origin, end : (2,) array
+        Row and column of the lidar and of the beam's end [cells].
+    margin : float
+        The margin [cells].
+    """
+    way = np.empty((2, 2))
+    length = np.hypot(end[0] - origin[0], end[1] - origin[1])
+    kept = max(0.0, 1.0 - margin / length) if length > 0 else 0.0
+    for axis in range(2):
+        way[0, axis] = origin[axis]
+        way[1, axis] = origin[axis] + kept * (end[axis] - origin[axis])
+    rows, cols, _ = cells_along(way)
+    return rows, cols
+
+
+@njit(nogil=True, cache=True)
+def count_scans(
+    shape: tuple[int, int], origins: Floats, ends: Floats, margin: float
+) -> tuple[Array, Array]:
+    """Numbers of the scans that pass each cell, and that end in it, (H, W) each.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the map.
+    origins : (n, 2) array
+        Rows and columns of the lidar at the scans [cells].
+    ends : (n, beams, 2) array
+        Those of the ends of the beams; NaN without a return.
+    margin : float
+        Distance before its end from which on a beam does not pass a cell [cells].
+    """
+    rows, cols = shape
+    passed, hit = np.zeros((rows, cols), np.int32), np.zeros((rows, cols), np.int32)
+    # The last scan that passed each cell, or ended in it: each counts once.
+    last_passed, last_hit = np.full((rows, cols), -1), np.full((rows, cols), -1)
+    for n in range(len(ends)):
+        for b in range(ends.shape[1]):
+            if np.isnan(ends[n, b, 0]):
+                continue
+            on_way, beside = passed_cells(origins[n], ends[n, b], margin)
+            for k in range(len(on_way)):
+                row, col = on_way[k], beside[k]
+                if 0 <= row < rows and 0 <= col < cols and last_passed[row, col] != n:
+                    passed[row, col] += 1
+                    last_passed[row, col] = n
+            row, col = int(np.floor(ends[n, b, 0])), int(np.floor(ends[n, b, 1]))
+            if 0 <= row < rows and 0 <= col < cols and last_hit[row, col] != n:
+                hit[row, col] += 1
+                last_hit[row, col] = n
+    return passed, hit
+
+
+@njit(nogil=True, cache=True)
+def explained_beams(
+    walls: Bools, near: Bools, origins: Floats, ends: Floats, margin: float
+) -> tuple[Array, Array]:
+    """Numbers of the beams of each scan that a map explains, and that return, (n,) each.
+
+    A beam is explained if it ends near a wall, and passes none before.
+
+    Parameters
+    ----------
+    walls, near : (H, W) array of bool
+        The occupied cells, and those near one.
+    origins, ends, margin
+        See `count_scans`.
+    """
+    rows, cols = walls.shape
+    found, returns = np.zeros(len(ends), np.int64), np.zeros(len(ends), np.int64)
+    for n in range(len(ends)):
+        for b in range(ends.shape[1]):
+            if np.isnan(ends[n, b, 0]):
+                continue
+            returns[n] += 1
+            row, col = int(np.floor(ends[n, b, 0])), int(np.floor(ends[n, b, 1]))
+            good = 0 <= row < rows and 0 <= col < cols and near[row, col]
+            if good:
+                on_way, beside = passed_cells(origins[n], ends[n, b], margin)
+                for k in range(len(on_way)):
+                    i, j = on_way[k], beside[k]
+                    if 0 <= i < rows and 0 <= j < cols and walls[i, j]:
+                        good = False
+                        break
+            found[n] += good
+    return found, returns

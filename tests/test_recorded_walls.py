@@ -1,0 +1,157 @@
+"""Walls that recorded drives see through, or miss: erased and drawn where that explains more."""
+
+from dataclasses import replace
+
+import naive
+import numpy as np
+import pytest
+from conftest import SHARED_DATA, refused
+from small_drive import FILE, MAP
+
+from locplan import load_map, mend, save_map
+from locplan._kernels.walls import count_scans, explained_beams
+from locplan.errors import RecordingError
+from locplan.maps import FREE, OCCUPIED
+from locplan.mending import update_walls
+from locplan.recordings import read_drive
+
+
+@pytest.fixture(scope="module")
+def drive():
+    return read_drive(FILE)
+
+
+@pytest.fixture(scope="module")
+def office():
+    return load_map(MAP)
+
+
+def without(grid, share=0.5, size=20):
+    """The map without the walls in a share of its blocks of so many cells."""
+    random, cells = np.random.default_rng(0), grid.cells.copy()
+    for row in range(0, cells.shape[0], size):
+        for col in range(0, cells.shape[1], size):
+            block = cells[row : row + size, col : col + size]
+            block[(block == OCCUPIED) & (random.random() < share)] = FREE
+    return replace(grid, cells=cells)
+
+
+def with_ghosts(grid, shift=8):
+    """The map with its walls drawn again in free space, so many cells to the side."""
+    ghosts = (np.roll(grid.cells, shift, axis=1) == OCCUPIED) & (grid.cells == FREE)
+    ghosts[:, : grid.shape[1] // 2] = False
+    return replace(grid, cells=np.where(ghosts, np.uint8(OCCUPIED), grid.cells))
+
+
+def off(drive, far):
+    """The drive with poses that are off by a normal deviation [m]."""
+    random, poses = np.random.default_rng(0), drive.poses.copy()
+    poses[:, :2] += random.normal(0, far / np.sqrt(2), (len(poses), 2))
+    return replace(drive, poses=poses)
+
+
+def wrong(grid, true):
+    return np.count_nonzero((grid.cells == OCCUPIED) != (true.cells == OCCUPIED))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_kernels_are_those_of_plain_loops(seed):
+    random = np.random.default_rng(seed)
+    origins, ends = random.uniform(2, 18, (6, 2)), random.uniform(-4, 26, (6, 9, 2))
+    ends[1, 2:5] = np.nan
+    ends[2, 0] = origins[2]
+    for margin in (0.0, 2.0):
+        counts = count_scans((20, 22), origins, ends, margin)
+        assert np.array_equal(counts, naive.count_scans((20, 22), origins, ends, margin))
+        walls = random.random((20, 22)) < 0.05
+        near = walls | (random.random((20, 22)) < 0.5)
+        found = explained_beams(walls, near, origins, ends, margin)
+        assert np.array_equal(found, naive.explained_beams(walls, near, origins, ends, margin))
+
+
+def test_missing_walls_are_drawn_where_scans_end(office, drive):
+    half = without(office)
+    update = update_walls(half, [drive])
+    assert update.is_better
+    assert update.at_walls < 0.7
+    drawn = half.cells[update.added] == FREE
+    assert drawn.all()
+    # What is drawn lies at true walls, by up to a cell.
+    assert office.closer_than(2 * office.resolution)[update.added].mean() > 0.98
+    assert wrong(update.on(half), office) < wrong(half, office) - 500
+
+
+def test_false_walls_are_erased_that_scans_see_through(office, drive):
+    ghosts = with_ghosts(office)
+    update = update_walls(ghosts, [drive])
+    assert update.is_better
+    assert update.crossed > 0.02
+    assert (office.cells[update.removed] == FREE).mean() > 0.95
+    assert wrong(update.on(ghosts), office) < wrong(ghosts, office) - 500
+
+
+def test_a_map_that_is_true_stays_as_it_is(office, drive):
+    update = update_walls(office, [drive])
+    assert update.crossed < 0.01
+    assert update.on(office) == office
+    assert "stay" in update.sentence
+
+
+@pytest.mark.parametrize("far", [0.1, 0.2])
+def test_poses_that_are_off_are_refused(office, drive, far):
+    for grid in (office, without(office)):
+        with pytest.raises(RecordingError, match="too much to draw walls by"):
+            update_walls(grid, [off(drive, far)])
+    with pytest.raises(RecordingError, match="too much"):  # of several drives the worst counts
+        update_walls(office, [drive, off(drive, far)])
+
+
+def test_poses_that_are_off_by_little_are_good_enough(office, drive):
+    assert update_walls(without(office), [off(drive, 0.03)]).is_better
+
+
+def test_a_drive_that_is_too_short_mends_nothing(office, drive):
+    update = update_walls(without(office), [drive[:60]])
+    assert update.on(office) == office
+    assert "too short" in update.sentence
+
+
+def test_drives_are_judged_by_scans_that_were_held_out(office, drive, monkeypatch):
+    seen = []
+
+    def changed(grid, beams, changes=update_walls.__globals__["_changes"]):
+        seen.append(set(beams.blocks.tolist()))
+        return changes(grid, beams)
+
+    monkeypatch.setitem(update_walls.__globals__, "_changes", changed)
+    update_walls(without(office), [drive, drive])
+    whole, *halves = seen
+    assert halves[0] | halves[1] == whole
+    assert not halves[0] & halves[1]
+
+
+def test_mend_drives_in_the_map_with_the_walls_that_were_recorded(office, drive, tmp_path, run):
+    half = without(office)
+    mended = mend(half, recordings=[drive], paths=2, drives=2)
+    assert mended.filter_map == mended.walls.on(half)
+    assert mended.verdicts[0].rmse_ratio.value < 1
+    assert "walls that were recorded" in mended.report()
+    save_map(half, tmp_path / "half.yaml")
+    words = "--drive", FILE, "--reference", "log", "--paths", "2", "--drives", "2"
+    code, out, _ = run("mend", tmp_path / "half.yaml", *words)
+    assert (code, out.strip()) == (0, mended.report().replace(office.name, "half").strip())
+    assert "--drive" in refused(run("mend", tmp_path / "half.yaml", "--reference", "log"))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["fhw", "intel"])
+def test_faults_made_in_the_maps_of_real_logs_are_mended(name):
+    if not all((SHARED_DATA / each).is_dir() for each in ("carmen", "rosmaps_carmen")):
+        pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
+    log = read_drive(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz", every=3)
+    true = load_map(SHARED_DATA / "rosmaps_carmen" / f"{name}_even")
+    assert update_walls(true, [log]).on(true) == true
+    for grid in (without(true), with_ghosts(true)):
+        update = update_walls(grid, [log])
+        assert update.is_better
+        assert wrong(update.on(grid), true) < 0.95 * wrong(grid, true)
