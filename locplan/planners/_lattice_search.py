@@ -38,11 +38,11 @@ class LatticeSearch:
         kinematics = robot.kinematics if robot else Kinematics()
         radius = kinematics.turning_radius / grid.resolution
         self._primitives = primitives(headings, radius, kinematics.drive == "omnidirectional", span)
-        self._ground = masked_ground(self._primitives, robot.outline if robot else None, costs)
-        self._moves, self._made = moves_of(self._primitives, kinematics, prices, costs)
+        ground = masked_ground(self._primitives, robot.outline if robot else None, costs)
+        moves, self._made = moves_of(self._primitives, kinematics, prices, costs)
         change = prices.gear_change / grid.resolution if kinematics.reverse else 0.0
-        per_cost = 1.0 / self._ground.cheapest
-        self._terms = kernels.Terms(per_cost, change, 2 if change else 1, np.inf, 0)
+        terms = kernels.Terms(1.0 / ground.cheapest, change, 2 if change else 1, np.inf, 0)
+        self._graph = kernels.Graph(ground, moves, terms)
         self._size = grid.shape[0] * grid.shape[1]
 
     def found(self, start: Position, goal: Position) -> Found:
@@ -53,14 +53,15 @@ class LatticeSearch:
             if math.isinf(cap):
                 return self._none(start, goal, 0)
             goal_headings = sum(1 << heading for heading in self._headings(goal))
-            terms = self._terms._replace(cap=cap, goal_headings=goal_headings)
-            cost, last, expanded = self._costs_from(start, bound, terms)
+            terms = self._graph.terms._replace(cap=cap, goal_headings=goal_headings)
+            graph = self._graph._replace(terms=terms)
+            cost, last, expanded = self._costs_from(start, bound, graph)
         except OutOfTimeError as out:
             note = f"the time was up; every path of the lattice costs at least {out.args[0]:.2f} m"
             return Found(status="timeout", note=note)
         if last < 0:
             return self._none(start, goal, expanded)
-        moves = kernels.traced(self._ground, self._moves, terms, cost, last)
+        moves = kernels.traced(graph, cost, last)
         return Found(self._path(moves), expanded=expanded)
 
     def bound_to(self, goal: Position, source: int) -> Array:
@@ -71,18 +72,16 @@ class LatticeSearch:
         queue = kernels.new_queue(self._buckets(1.0), 0)
         kernels.put(queue, target, 0)
         self._run(
-            lambda queue, most: kernels.project(
-                queue, self._ground, self._moves, self._terms, bound, source, most
-            ),
-            queue,
+            lambda queue, most: kernels.project(queue, self._graph, bound, source, most), queue
         )
         return bound
 
     def _costs_from(
-        self, start: Position, bound: Array, terms: kernels.Terms
+        self, start: Position, bound: Array, graph: kernels.Graph
     ) -> tuple[Array, int, int]:
         """The costs of the search over states, the last state or -1, and the expansions."""
         size, source, count = self._size, self._cell(start), len(self._angles)
+        terms = graph.terms
         cost = np.zeros(terms.gears * count * size, np.float32)
         lowest = int(terms.cap * terms.per_cost)
         queue = kernels.new_queue(self._buckets(2.0), lowest)
@@ -92,10 +91,7 @@ class LatticeSearch:
                 cost[state] = 1.0
                 kernels.put(queue, state, lowest)
         queue = self._run(
-            lambda queue, most: kernels.explore(
-                queue, self._ground, self._moves, terms, bound, cost, most
-            ),
-            queue,
+            lambda queue, most: kernels.explore(queue, graph, bound, cost, most), queue
         )
         numbers = queue.state
         return cost, int(numbers[kernels.BEST]), int(numbers[kernels.EXPANDED])
@@ -108,22 +104,23 @@ class LatticeSearch:
             if status == kernels.OUT_OF_ROOM:
                 queue = kernels.grown(queue)
             elif time.perf_counter() > self._until:
-                reached = queue.state[kernels.LOWEST] / self._terms.per_cost
+                reached = queue.state[kernels.LOWEST] / self._graph.terms.per_cost
                 raise OutOfTimeError(reached * self._costs.grid.resolution)
         return queue
 
     def _buckets(self, factor: float) -> int:
         """Number of buckets that a motion's cost spans, a power of two."""
-        half = self._ground.half
+        ground, moves, terms = self._graph
+        half = ground.half
         costliest = 2 * half[np.isfinite(half)].max(initial=0.5)
-        longest = float((self._moves.lengths.sum(axis=1) / 2 * costliest + self._moves.extra).max())
-        spanned = factor * (longest + self._terms.gear_change) * self._terms.per_cost + 2
+        longest = float((moves.lengths.sum(axis=1) / 2 * costliest + moves.extra).max())
+        spanned = factor * (longest + terms.gear_change) * terms.per_cost + 2
         return int(min(MAX_BUCKETS, 2 ** math.ceil(math.log2(spanned))))
 
     def _cell(self, pose: Position) -> int:
         """The number of the cell of a pose."""
         row, col = self._costs.cell_of(pose[:2])
-        return row * self._ground.columns + col
+        return row * self._graph.ground.columns + col
 
     def _headings(self, pose: Position) -> list[int]:
         """The heading nearest to that of a pose; without one all headings."""
@@ -136,7 +133,7 @@ class LatticeSearch:
         """The path of motions after the state that begins it."""
         state, grid = int(moves[0]), self._costs.grid
         layer, cell = divmod(state, self._size)
-        row, col = divmod(cell, self._ground.columns)
+        row, col = divmod(cell, self._graph.ground.columns)
         heading = self._angles[layer % len(self._angles)]
         pieces: list[Floats] = [np.array([(col + 0.5, row + 0.5, heading)])]
         for move in moves[1:].tolist():

@@ -59,6 +59,11 @@ class Primitive:
             return 0.0
         return abs(math.remainder(self.poses[-1][2] - self.poses[0][2], 2 * math.pi))
 
+    @property
+    def neutral(self) -> bool:
+        """True if it leads neither ahead nor, driven from its end, in reverse."""
+        return self.sideways or self.turn > 0
+
 
 def angles_of(headings: int) -> Floats:
     """The headings of a lattice, rising from 0 [rad]."""
@@ -199,38 +204,46 @@ def moves_of(
     Beside the kernels' arrays it gives the primitive of each motion, and whether it is driven from
     its end.
     """
-    (layers, rows, columns), (_, _, yaw) = costs.density_of_heading.shape, costs.grid.origin
-    headings, turn = found[-1].source + 1, prices.turn / costs.grid.resolution
-    slots = _slots(found)
-    backward = [False, True] if kinematics.reverse else [False]
-    made = []
-    for number, each in enumerate(found):
-        for back in backward:
-            if back and (each.sideways or each.turn):
-                continue
-            made.append((each.target if back else each.source, number, back))
-    made.sort()
+    yaw, turn = costs.grid.origin[2], prices.turn / costs.grid.resolution
+    slots, made = _slots(found), _driven(found, kinematics.reverse)
     crossed, lengths, rest = [], [], []
-    for _, number, back in made:
+    for number, back in made:
         each = found[number]
-        row, col, layer, length = _crossed(each, layers, yaw)
-        end_row, end_col = each.end
-        if back:
-            row, col, end_row, end_col = row - end_row, col - end_col, -end_row, -end_col
+        cells, shares = _crossed_from(each, back, costs.density_of_heading.shape, yaw)
         factor = prices.reverse if back or each.sideways else 1.0
-        crossed.append((layer * rows + row) * columns + col)
-        lengths.append(2 * factor * length)
-        gear = EITHER if each.sideways or each.turn else BACKWARD if back else FORWARD
+        crossed.append(cells)
+        lengths.append(2 * factor * shares)
+        gear = EITHER if each.neutral else BACKWARD if back else FORWARD
         ends = (each.target, each.source) if back else (each.source, each.target)
-        rest.append((*ends, end_row, end_col, gear, int(back), each.source, slots[number]))
-    begin = np.searchsorted([source for source, _, _ in made], np.arange(headings + 1))
+        leads = (-each.end[0], -each.end[1]) if back else each.end
+        rest.append((*ends, *leads, gear, int(back), each.source, slots[number]))
+    begin = np.searchsorted([row[0] for row in rest], np.arange(found[-1].source + 2))
     table = np.array(rest, np.int64).T
     count = np.array([len(one) if one.sum() > 0 else 0 for one in lengths])
-    extra = np.array([turn * found[number].turn for _, number, _ in made])
+    extra = np.array([turn * found[number].turn for number, _ in made])
     least = np.array([one.sum() / 2 for one in lengths])
     arrays = _padded(crossed, np.int64), _padded(lengths, np.float64), count, extra, least
     moves = Moves._make([begin.astype(np.int64), *(row.copy() for row in table), *arrays])
-    return moves, [(number, back) for _, number, back in made]
+    return moves, made
+
+
+def _driven(found: tuple[Primitive, ...], reverse: bool) -> list[tuple[int, bool]]:
+    """The number of each primitive, and whether it is driven from its end, by the first heading."""
+    ahead = [(each.source, number, False) for number, each in enumerate(found)]
+    both = enumerate(found) if reverse else ()
+    back = [(each.target, number, True) for number, each in both if not each.neutral]
+    return [(number, backward) for _, number, backward in sorted(ahead + back)]
+
+
+def _crossed_from(
+    primitive: Primitive, back: bool, shape: tuple[int, ...], yaw: float
+) -> tuple[Array, Array]:
+    """Number of each cell crossed from the beginning's on, by layers (`shape`), and its length."""
+    layers, rows, columns = shape
+    row, col, layer, length = _crossed(primitive, layers, yaw)
+    if back:
+        row, col = row - primitive.end[0], col - primitive.end[1]
+    return (layer * rows + row) * columns + col, length
 
 
 def _slots(found: tuple[Primitive, ...]) -> list[int]:
