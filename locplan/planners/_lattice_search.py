@@ -42,7 +42,7 @@ class LatticeSearch:
         moves, self._made = moves_of(self._primitives, kinematics, prices, costs)
         change = prices.gear_change / grid.resolution if kinematics.reverse else 0.0
         terms = kernels.Terms(1.0 / ground.cheapest, change, 2 if change else 1, np.inf, 0)
-        self._graph = kernels.Graph(ground, moves, terms)
+        self.graph = kernels.Graph(ground, moves, terms)
         self._size = grid.shape[0] * grid.shape[1]
 
     def found(self, start: Position, goal: Position) -> Found:
@@ -53,9 +53,9 @@ class LatticeSearch:
             if math.isinf(cap):
                 return self._none(start, goal, 0)
             goal_headings = sum(1 << heading for heading in self._headings(goal))
-            terms = self._graph.terms._replace(cap=cap, goal_headings=goal_headings)
-            graph = self._graph._replace(terms=terms)
-            cost, last, expanded = self._costs_from(start, bound, graph)
+            terms = self.graph.terms._replace(cap=cap, goal_headings=goal_headings)
+            graph = self.graph._replace(terms=terms)
+            cost, last, expanded = self.costs_from(start, bound, graph)
         except OutOfTimeError as out:
             note = f"the time was up; every path of the lattice costs at least {out.args[0]:.2f} m"
             return Found(status="timeout", note=note)
@@ -72,11 +72,11 @@ class LatticeSearch:
         queue = kernels.new_queue(self._buckets(1.0), 0)
         kernels.put(queue, target, 0)
         self._run(
-            lambda queue, most: kernels.project(queue, self._graph, bound, source, most), queue
+            lambda queue, most: kernels.project(queue, self.graph, bound, source, most), queue
         )
         return bound
 
-    def _costs_from(
+    def costs_from(
         self, start: Position, bound: Array, graph: kernels.Graph
     ) -> tuple[Array, int, int]:
         """The costs of the search over states, the last state or -1, and the expansions."""
@@ -104,13 +104,13 @@ class LatticeSearch:
             if status == kernels.OUT_OF_ROOM:
                 queue = kernels.grown(queue)
             elif time.perf_counter() > self._until:
-                reached = queue.state[kernels.LOWEST] / self._graph.terms.per_cost
+                reached = queue.state[kernels.LOWEST] / self.graph.terms.per_cost
                 raise OutOfTimeError(reached * self._costs.grid.resolution)
         return queue
 
     def _buckets(self, factor: float) -> int:
         """Number of buckets that a motion's cost spans, a power of two."""
-        ground, moves, terms = self._graph
+        ground, moves, terms = self.graph
         half = ground.half
         costliest = 2 * half[np.isfinite(half)].max(initial=0.5)
         longest = float((moves.lengths.sum(axis=1) / 2 * costliest + moves.extra).max())
@@ -120,7 +120,7 @@ class LatticeSearch:
     def _cell(self, pose: Position) -> int:
         """The number of the cell of a pose."""
         row, col = self._costs.cell_of(pose[:2])
-        return row * self._graph.ground.columns + col
+        return row * self.graph.ground.columns + col
 
     def _headings(self, pose: Position) -> list[int]:
         """The heading nearest to that of a pose; without one all headings."""
@@ -133,7 +133,7 @@ class LatticeSearch:
         """The path of motions after the state that begins it."""
         state, grid = int(moves[0]), self._costs.grid
         layer, cell = divmod(state, self._size)
-        row, col = divmod(cell, self._graph.ground.columns)
+        row, col = divmod(cell, self.graph.ground.columns)
         heading = self._angles[layer % len(self._angles)]
         pieces: list[Floats] = [np.array([(col + 0.5, row + 0.5, heading)])]
         for move in moves[1:].tolist():
