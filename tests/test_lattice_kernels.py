@@ -82,7 +82,7 @@ def test_both_searches_are_those_of_dijkstra_over_all_cells_and_states(kinematic
     graph, size = search.graph, costs.grid.cells.size
     cells = np.random.default_rng(1).permutation(np.argwhere(np.isfinite(costs.density)))[:2]
     start, goal = map(tuple, cells.tolist())
-    bound = search.bound_to(costs.grid.cell_to_world(*goal), -1).reshape(costs.grid.shape)
+    bound = search.bound_to([goal[0] * costs.grid.shape[1] + goal[1]], -1).reshape(costs.grid.shape)
     projected = np.full(costs.grid.shape, np.inf)
     for cell, cost in naive.project(graph, goal).items():
         projected[cell] = cost

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
 from collections.abc import Callable
@@ -46,31 +47,55 @@ class LatticeSearch:
         self._size = grid.shape[0] * grid.shape[1]
 
     def found(self, start: Position, goal: Position) -> Found:
-        """The path from start to goal, or why there is none."""
+        """The path from start to goal, or else into the robot's tolerance of it, or why neither."""
+        robot, near = self._costs.robot, self._near(goal)
         try:
-            bound = self.bound_to(goal, self._cell(start))
-            cap = float(bound[self._cell(start)]) * (1 - kernels.ROUNDING)
-            if math.isinf(cap):
-                return self._none(start, goal, 0)
-            goal_headings = sum(1 << heading for heading in self._headings(goal))
-            terms = self.graph.terms._replace(cap=cap, goal_headings=goal_headings)
-            graph = self.graph._replace(terms=terms)
-            cost, last, expanded = self.costs_from(start, bound, graph)
+            found = self._found_to([self._cell(goal)], start, goal)
+            if found.status != "infeasible" or robot is None or len(near) < 2:
+                return found
+            nearly = self._found_to(near, start, goal)
         except OutOfTimeError as out:
             note = f"the time was up; every path of the lattice costs at least {out.args[0]:.2f} m"
             return Found(status="timeout", note=note)
+        tolerance = f"the robot's goal tolerance, {robot.goal_tolerance:g} m"
+        if nearly.path is None:
+            return dataclasses.replace(found, note=f"{found.note}, nor into {tolerance}")
+        away = math.dist(nearly.path.xy[-1], goal[:2])
+        note = f"ends {away:.2f} m from the goal, within {tolerance}: none leads into its cell"
+        return dataclasses.replace(nearly, note=note)
+
+    def _found_to(self, targets: list[int], start: Position, goal: Position) -> Found:
+        """The path from start to one of the cells `targets`, in the goal's heading, or why none."""
+        bound = self.bound_to(targets, self._cell(start))
+        cap = float(bound[self._cell(start)]) * (1 - kernels.ROUNDING)
+        if math.isinf(cap):
+            return self._none(start, goal, 0)
+        goal_headings = sum(1 << heading for heading in self._headings(goal))
+        terms = self.graph.terms._replace(cap=cap, goal_headings=goal_headings)
+        graph = self.graph._replace(terms=terms)
+        cost, last, expanded = self.costs_from(start, bound, graph)
         if last < 0:
             return self._none(start, goal, expanded)
         moves = kernels.traced(graph, cost, last)
         return Found(self._path(moves), expanded=expanded)
 
-    def bound_to(self, goal: Position, source: int) -> Array:
-        """Bound of the cost to the goal of each cell, final up to that of the cell `source`."""
-        target = self._cell(goal)
+    def _near(self, goal: Position) -> list[int]:
+        """The cells whose centres lie within the robot's goal tolerance of the goal."""
+        grid, robot = self._costs.grid, self._costs.robot
+        tolerance = (robot.goal_tolerance if robot else 0.0) / grid.resolution
+        row, col = (float(one) for one in grid.world_to_grid(*goal[:2]))
+        rows = np.arange(grid.shape[0])[:, None] + 0.5 - row
+        columns = np.arange(grid.shape[1]) + 0.5 - col
+        free = np.isfinite(self._costs.density)
+        return np.flatnonzero((np.hypot(rows, columns) <= tolerance) & free).tolist()
+
+    def bound_to(self, targets: list[int], source: int) -> Array:
+        """Bound of the cost to any target of each cell, final up to that of the cell `source`."""
         bound = np.full(self._size, np.inf, np.float32)
-        bound[target] = 0.0
         queue = kernels.new_queue(self._buckets(1.0), 0)
-        kernels.put(queue, target, 0)
+        for target in targets:
+            bound[target] = 0.0
+            kernels.put(queue, target, 0)
         self._run(
             lambda queue, most: kernels.project(queue, self.graph, bound, source, most), queue
         )

@@ -133,6 +133,7 @@ class Limited(Wrapper):
     def _over(self, costs: Costmap, stops: Sequence[Position]) -> Found:
         """Plan each leg from one stop to the next separately."""
         legs: list[Path] = []
+        notes: list[str] = []
         expanded: int | None = 0
         begin = stops[0]
         for number, end in enumerate(stops[1:], 1):
@@ -152,9 +153,11 @@ class Limited(Wrapper):
                 return dataclasses.replace(found, note=note, expanded=expanded)
             begin = end
             if self.space == LATTICE and found.path.heading is not None:
-                begin = (*end[:2], float(found.path.heading[-1]))  # goes on as this leg ends
+                x, y, heading = found.path.poses[-1].tolist()
+                begin = (x, y, heading)  # goes on as this leg ends
             legs.append(found.path)
-        return Found(Path.joined(legs), expanded=expanded)
+            notes += [f"leg {number} {found.note}"] if found.note else []
+        return Found(Path.joined(legs), note="; ".join(notes), expanded=expanded)
 
     def _thin(self, costs: Costmap) -> Costmap:
         """The costmap of a robot that fits wherever the outline does, for proofs.

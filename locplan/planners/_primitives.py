@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from locplan._kernels.arrays import Array, Floats, Ints
+from locplan._kernels.arrays import Array, Floats, Ints, Words
 from locplan._kernels.bit_masks import WORD, add_runs, widened
 from locplan._kernels.lattice import BACKWARD, EITHER, FORWARD, Ground, Moves
 from locplan._kernels.outlines import swept
@@ -205,7 +205,7 @@ def moves_of(
     its end.
     """
     yaw, turn = costs.grid.origin[2], prices.turn / costs.grid.resolution
-    slots, made = _slots(found), _driven(found, kinematics.reverse)
+    slots, made = slots_of(found), _driven(found, kinematics.reverse)
     crossed, lengths, rest = [], [], []
     for number, back in made:
         each = found[number]
@@ -246,7 +246,8 @@ def _crossed_from(
     return (layer * rows + row) * columns + col, length
 
 
-def _slots(found: tuple[Primitive, ...]) -> list[int]:
+@lru_cache(maxsize=32)
+def slots_of(found: tuple[Primitive, ...]) -> list[int]:
     """The number of each primitive among those of its heading."""
     slots: list[int] = []
     for each in found:
@@ -272,30 +273,44 @@ def masked_ground(
     A primitive is free where no cell that the outline sweeps is occupied, and the centre crosses
     and touches no cell of infinite density.
     """
-    grid, density = costs.grid, costs.density_of_heading
-    rows, columns = grid.shape
-    reach = reach_of(found, outline, grid.resolution)
-    margin = WORD * math.ceil(reach / WORD)
-    slots = _slots(found)
-    words = -(-columns // WORD)
-    masks = np.zeros((found[-1].source + 1, rows, words, max(slots) + 1), np.uint64)
-    planes = [(np.isinf(density[0]), True)]
-    if outline is not None:
-        planes.append((grid.cells == OCCUPIED, False))
-    for plane, outside in planes:
-        wide = widened(_packed(plane, margin, words, outside))
-        for each, slot in zip(found, slots, strict=True):
-            if outside:
-                runs = np.insert(centre_cells(each), 2, 1, axis=1)
-            else:
-                assert outline is not None
-                poses = np.array(each.poses) + np.array([0.5, 0.5, 0.0])
-                runs = _runs(swept(outline.vertices / grid.resolution, poses, reach), reach)
-            add_runs(masks, wide, runs, np.array([each.source, slot]), margin)
+    density = costs.density_of_heading
+    rows, columns = costs.grid.shape
+    masks = outline_masks(costs.grid, outline, found).copy()
+    centres = [np.insert(centre_cells(each), 2, 1, axis=1) for each in found]
+    _add_masks(masks, np.isinf(density[0]), centres, found, outside=True)
     half = np.array(density).reshape(-1) / 2
     free = half[np.isfinite(half)]
     cheapest = 2 * float(free.min()) if free.size else 1.0
     return Ground(half, masks, rows, columns, cheapest)
+
+
+@lru_cache(maxsize=4)
+def outline_masks(
+    grid: OccupancyGrid, outline: Footprint | None, found: tuple[Primitive, ...]
+) -> Words:
+    """Bits (headings, rows, words, slots) where a primitive's outline meets an occupied cell."""
+    rows, columns = grid.shape
+    slots = max(slots_of(found)) + 1
+    masks: Words = np.zeros((found[-1].source + 1, rows, -(-columns // WORD), slots), np.uint64)
+    if outline is not None:
+        reach, half = reach_of(found, outline, grid.resolution), np.array([0.5, 0.5, 0.0])
+        corners = outline.vertices / grid.resolution
+        cells = [swept(corners, np.array(each.poses) + half, reach) for each in found]
+        runs = [_runs(each, reach) for each in cells]
+        _add_masks(masks, grid.cells == OCCUPIED, runs, found, outside=False)
+    masks.setflags(write=False)
+    return masks
+
+
+def _add_masks(
+    masks: Words, plane: Array, runs: list[Ints], found: tuple[Primitive, ...], *, outside: bool
+) -> None:
+    """Set the bits where runs of cells, those of each primitive, meet a plane."""
+    farthest = max(int(np.abs(each).max()) + int(each[:, 2].max()) for each in runs)
+    margin = WORD * math.ceil(farthest / WORD)
+    wide = widened(_packed(plane, margin, masks.shape[2], outside))
+    for each, slot, of_each in zip(found, slots_of(found), runs, strict=True):
+        add_runs(masks, wide, of_each, np.array([each.source, slot]), margin)
 
 
 def _packed(plane: Array, margin: int, words: int, outside: bool) -> Array:
