@@ -1740,6 +1740,140 @@ def costs_between_states(edges, starts):
     return cost
 
 
+def widened(plane, level):
+    """Whether any of the next 2 ** level cells of the row is set, cell by cell."""
+    return np.array(
+        [[any(row[col : col + 2**level]) for col in range(len(row))] for row in plane.tolist()]
+    )
+
+
+def add_runs(plane, runs, shape):
+    """Cells of the map from which any cell of the runs (row, first column, number) is set."""
+    (rows, columns), margin = shape, (plane.shape[0] - shape[0]) // 2
+    met = np.zeros(shape, bool)
+    for row, col, (away, begin, count) in itertools.product(range(rows), range(columns), runs):
+        first = col + begin + margin
+        met[row, col] |= plane[row + away + margin, first : first + count].any()
+    return met
+
+
+def motions_between_cells(graph):
+    """All free motions of a graph: (row, col), the motion, the other cell, and the cost."""
+    ground, moves, _ = graph
+    size = ground.rows, ground.columns
+    for row, col, move in itertools.product(*map(range, size), range(len(moves.row))):
+        there = row + int(moves.row[move]), col + int(moves.col[move])
+        if not (0 <= there[0] < size[0] and 0 <= there[1] < size[1]):
+            continue
+        at = there if moves.at_end[move] else (row, col)
+        word = ground.masks[moves.mask_heading[move], at[0], at[1] // 64, moves.slot[move]]
+        if int(word) >> (at[1] % 64) & 1:
+            continue
+        cost = moves.extra[move]
+        for k in range(moves.cells[move]):
+            cell = row * ground.columns + col + moves.crossed[move, k]
+            cost += moves.lengths[move, k] * ground.half[cell]
+        yield (row, col), move, there, cost
+
+
+def project(graph, goal):
+    """Least cost from each cell to the goal's, of motions of any heading."""
+    backward = {}
+    for here, _, there, cost in motions_between_cells(graph):
+        backward.setdefault(there, []).append((here, cost))
+    return costs_between_states(backward, [goal])
+
+
+def explore(graph, starts):
+    """Least cost from any start to each state (row, col, heading, gear)."""
+    moves, terms, edges = graph.moves, graph.terms, {}
+    for here, move, there, cost in motions_between_cells(graph):
+        for gear in range(terms.gears):
+            keeps = moves.gear[move] == 2 or terms.gears == 1
+            to_gear = gear if keeps else moves.gear[move]
+            change = terms.gear_change if to_gear != gear else 0.0
+            state = (*here, moves.source[move], gear)
+            other = (*there, moves.target[move], to_gear)
+            edges.setdefault(state, []).append((other, cost + change))
+    return costs_between_states(edges, starts)
+
+
+def own_costs(density, drive, poses, step=1e-3):
+    """Cost of each line between poses in tiny steps; infinite where it cannot be driven."""
+    result, gear = [], 0
+    for pose, after in itertools.pairwise(poses.tolist()):
+        apart = after[0] - pose[0], after[1] - pose[1]
+        length, turn = math.hypot(*apart), math.remainder(after[2] - pose[2], 2 * math.pi)
+        if length < 1e-6:
+            result.append(drive.turn * abs(turn) if drive.turn > 0 or turn == 0 else math.inf)
+            continue
+        way = math.atan2(apart[1], apart[0])
+        aslant = math.remainder(way - pose[2] - turn / 2, 2 * math.pi)
+        now = 1 if abs(aslant) < 0.05 else -1 if math.pi - abs(aslant) < 0.05 else 0
+        tight = drive.turn == 0 and abs(turn) * drive.radius > length * 1.001
+        if tight or (now < 0 and drive.kind == 1) or (now == 0 and not drive.sideways):
+            result.append(math.inf)
+            continue
+        cost = motion_cost(density, [0.0], [length], 1.0, (pose[0], pose[1], way), step)
+        cost *= 1.0 if now > 0 else drive.reverse
+        result.append(cost + drive.gear_change * (gear * now < 0))
+        gear = now or gear
+    return np.array(result)
+
+
+def curve_cost(density, drive, turns, lengths, start, step=1e-3):
+    """Cost of a curve with its turns and lengths, piece by piece, in tiny steps."""
+    total, gear = 0.0, 0.0
+    (x, y, heading), radius = start, drive.radius
+    for turn, length in zip(turns, lengths, strict=True):
+        if length == 0:
+            continue
+        if turn and drive.turn > 0:
+            total += drive.turn * abs(length) / radius
+        else:
+            cost = motion_cost(density, [turn], [length], radius, (x, y, heading), step)
+            total += cost * (1.0 if length > 0 else drive.reverse)
+            total += drive.gear_change * (gear * length < 0)
+            gear = length
+        for _ in range(1000):
+            half = turn * length / radius / 2000
+            x += length / 1000 * math.cos(heading + half)
+            y += length / 1000 * math.sin(heading + half)
+            heading += 2 * half
+    return total
+
+
+def straightest(count, cost_of, own, lookahead):
+    """Least cost of a chain of curves (`cost_of` two knots) and own edges over knots in order."""
+    best = [0.0]
+    for j in range(1, count):
+        ways = [best[j - 1] + own[j - 1]]
+        ways += [best[i] + cost_of(i, j) for i in range(max(0, j - lookahead), j)]
+        best.append(min(ways))
+    return best[-1]
+
+
+def shift_knots(knots, own, cost_of, steps):
+    """Knots shifted in turn wherever both curves beside them cost less, and these costs."""
+    knots, own = [tuple(knot) for knot in knots.tolist()], list(own)
+    for _ in range(4):
+        before = list(knots)
+        for k in range(1, len(knots) - 1):
+            x, y, heading = knots[k]
+            for aside, turn in itertools.product((-1, 0, 1), repeat=2):
+                here = (
+                    x - aside * steps[0] * math.sin(heading),
+                    y + aside * steps[0] * math.cos(heading),
+                    heading + turn * steps[1],
+                )
+                costs = cost_of(knots[k - 1], here), cost_of(here, knots[k + 1])
+                if sum(costs) < (own[k - 1] + own[k]) * (1 - 1e-7):
+                    knots[k], (own[k - 1], own[k]) = here, costs
+        if knots == before:
+            break
+    return np.array(knots), np.array(own)
+
+
 def navfn_potential(costs, start, goal, bucket, buffer):
     """NavFn's wave: lists of cells as buffers, the first of which is worked off in its order."""
     shape, far = costs.shape, np.float32(1e10)

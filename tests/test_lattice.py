@@ -18,7 +18,7 @@ from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planners import Lattice, plan, smoothed
 from locplan.planners._lattice_search import LatticeSearch
-from locplan.planners._primitives import Prices, angles_of, primitives
+from locplan.planners._primitives import Prices, angles_of, outline_masks, primitives
 from locplan.planners.ompl._motions import Motions
 from locplan.robots import Footprint, Kinematics, Robot
 
@@ -35,7 +35,7 @@ def cluttered(seed: int, kinematics: Kinematics, shape=(10, 12)) -> Costmap:
     rng = np.random.default_rng(seed)
     cells = np.where(rng.random(shape) < 0.06, OCCUPIED, FREE).astype(np.uint8)
     grid = OccupancyGrid(cells, 0.1, (-1.0, 0.5, 0.4))
-    robot = Robot(footprint=LONG, margin=0.0, kinematics=kinematics)
+    robot = Robot(footprint=LONG, margin=0.0, kinematics=kinematics, goal_tolerance=0.0)
     return Costmap.from_density(grid, rng.uniform(1.0, 9.0, shape), robot=robot)
 
 
@@ -140,8 +140,8 @@ def test_the_bound_is_below_the_cost_everywhere(kinematics):
     reached = naive.costs_between_states(backward, ends)
     prices = Prices(planner.reverse, planner.gear_change, planner.turn_cost)
     search = LatticeSearch(costs, planner.headings, planner.span, prices, None)
-    xy = costs.grid.cell_to_world(*goal[:2])
-    bound = search.bound_to(xy, -1).reshape(costs.grid.shape) * costs.grid.resolution
+    target = goal[0] * costs.grid.shape[1] + goal[1]
+    bound = search.bound_to([target], -1).reshape(costs.grid.shape) * costs.grid.resolution
     of_cell = np.full(costs.grid.shape, np.inf)
     for (row, col, *_), cost in reached.items():
         of_cell[row, col] = min(of_cell[row, col], cost)
@@ -242,6 +242,39 @@ def test_a_footprint_of_the_query_counts_for_the_lattice():
     for half, status in ((0.2, "solved"), (0.3, "infeasible")):
         outline = [(0.4, half), (0.4, -half), (-0.4, -half), (-0.4, half)]
         assert plan(costs, *ends, planner="lattice", footprint=outline).status == status
+
+
+def corridor_with_a_dead_end(tolerance: float) -> Costmap:
+    """A corridor 0.6 m wide, at whose right end a robot 0.8 m long cannot stand."""
+    grid = drawn("#" * 40, *["." * 39 + "#"] * 6, "#" * 40, resolution=0.1)
+    outline = Footprint([(0.4, 0.2), (0.4, -0.2), (-0.4, -0.2), (-0.4, 0.2)])
+    return Costmap.blank(grid, robot=Robot(footprint=outline, goal_tolerance=tolerance))
+
+
+def test_where_the_goal_cannot_be_reached_the_path_ends_within_the_goal_tolerance():
+    start, goal = (0.95, 0.35), (3.62, 0.35)
+    made = plan(corridor_with_a_dead_end(0.25), start, goal, planner="lattice")
+    assert made.status == "solved"
+    assert 0.1 < math.dist(made.path.xy[-1], goal) <= 0.25
+    assert "goal tolerance" in made.note
+    exact = plan(corridor_with_a_dead_end(0.25), start, (2.0, 0.35), planner="lattice")
+    assert math.dist(exact.path.xy[-1], (2.0, 0.35)) < 1e-6
+    assert not exact.note
+    refused = plan(corridor_with_a_dead_end(0.05), start, goal, planner="lattice")
+    assert refused.status == "infeasible"
+
+
+def test_masks_are_kept_for_the_next_query_and_stay_as_they_are():
+    costs, planner = cluttered(0, CAR), Lattice()
+    found = primitives(16, CAR.turning_radius / costs.grid.resolution, False)
+    masks = outline_masks(costs.grid, LONG, found)
+    before = masks.copy()
+    cells = np.argwhere(np.isfinite(costs.density))[[0, -1]].tolist()
+    planner.solve(costs, *(costs.grid.cell_to_world(*cell) for cell in cells))
+    same = OccupancyGrid(costs.grid.cells.copy(), costs.grid.resolution, costs.grid.origin)
+    assert outline_masks(same, Footprint(LONG.vertices.copy()), found) is masks
+    assert np.array_equal(masks, before)
+    assert outline_masks(cluttered(1, CAR).grid, LONG, found) is not masks
 
 
 def test_ends_keep_their_headings_within_the_lattices():

@@ -21,7 +21,7 @@ from locplan._kernels.arrays import Array, Floats, Ints, Singles, Words
 
 FORWARD, BACKWARD, EITHER = 0, 1, 2
 """Gears of a motion; a turn on the spot and a motion sideways keep the one before."""
-FINISHED, OUT_OF_ROOM, PAUSED = range(3)
+FINISHED, OUT_OF_ROOM, PAUSED, READY = range(4)
 UNUSED, USED, WAITING, LOWEST, EXPANDED, BEST = range(6)
 """Places in a queue's state: first entry free again, number of entries ever used, number that
 wait, lowest bucket, number of expansions, and the best state at the goal, or -1."""
@@ -66,6 +66,14 @@ class Terms(NamedTuple):
     gears: int  # 2 where changes cost, else 1
     cap: float  # bound of all cells whose own is not known to be lower
     goal_headings: int  # bit 1 for each heading that the goal may have
+
+
+class Graph(NamedTuple):
+    """The states of a search, and what leads from one to another."""
+
+    ground: Ground
+    moves: Moves
+    terms: Terms
 
 
 class Queue(NamedTuple):
@@ -125,6 +133,24 @@ def take(queue: Queue, slot: int) -> int:
     return int(states[entry])
 
 
+@njit(nogil=True, cache=True, error_model="numpy")
+def settled(queue: Queue, furthest: float, room: int, pausing: int) -> int:
+    """Go on to the first bucket with a state in it: READY, or why the search stops here.
+
+    It is FINISHED beyond the bucket `furthest`, OUT_OF_ROOM without `room` for so many entries, and
+    PAUSED after so many expansions as `pausing`.
+    """
+    numbers, heads = queue.state, queue.heads
+    while numbers[WAITING] and not numbers[LOWEST] > furthest:
+        if heads[numbers[LOWEST] & (heads.size - 1)] < 0:
+            numbers[LOWEST] += 1
+        elif numbers[USED] + room > queue.states.size:
+            return OUT_OF_ROOM
+        else:
+            return PAUSED if numbers[EXPANDED] >= pausing else READY
+    return FINISHED
+
+
 @njit(inline="always")
 def is_free(ground: Ground, moves: Moves, move: int, row: int, col: int) -> bool:
     """Whether a motion from a cell is free; its other end must lie on the map, too."""
@@ -144,28 +170,22 @@ def cost_of(ground: Ground, moves: Moves, move: int, cell: int) -> float:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def project(
-    queue: Queue, ground: Ground, moves: Moves, terms: Terms, bound: Singles, cell: int, most: int
-) -> int:
+def project(queue: Queue, graph: Graph, bound: Singles, cell: int, most: int) -> int:
     """Go on with the backward search over cells until `cell` is settled (-1: never), or pause.
 
     `bound` holds the costs to the goal, infinite where nothing was seen. The caller has put in
     the goal's cells.
     """
+    ground, moves, terms = graph
     numbers, mask = queue.state, queue.heads.size - 1
     pausing = numbers[EXPANDED] + most
     rows, columns, per_cost = ground.rows, ground.columns, terms.per_cost
-    while numbers[WAITING]:
+    room = 2 * len(moves.row)
+    while True:
+        status = settled(queue, bound[cell] * per_cost if cell >= 0 else np.inf, room, pausing)
+        if status != READY:
+            return status
         lowest = numbers[LOWEST]
-        if cell >= 0 and lowest > bound[cell] * per_cost:
-            return FINISHED
-        if queue.heads[lowest & mask] < 0:
-            numbers[LOWEST] += 1
-            continue
-        if numbers[USED] + 2 * len(moves.row) > queue.states.size:
-            return OUT_OF_ROOM
-        if numbers[EXPANDED] >= pausing:
-            return PAUSED
         to = take(queue, lowest & mask)
         here = np.float64(bound[to])
         bucket = np.int64(here * per_cost)
@@ -189,78 +209,71 @@ def project(
             if reached < known:
                 bound[source] = reached
                 put(queue, source, np.int64(reached * per_cost))
-    return FINISHED
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def explore(
-    queue: Queue,
-    ground: Ground,
-    moves: Moves,
-    terms: Terms,
-    bound: Singles,
-    cost: Singles,
-    most: int,
-) -> int:
+def explore(queue: Queue, graph: Graph, bound: Singles, cost: Singles, most: int) -> int:
     """Go on with the search over states until the goal is settled, or pause.
 
     `cost` holds the costs from the start plus 1, negative where expanded, and 0 where nothing was
     seen, so that memory that is never written takes no room. The caller has put in the start's
     states.
     """
+    ground, moves, terms = graph
     numbers, mask = queue.state, queue.heads.size - 1
-    pausing = numbers[EXPANDED] + most
-    rows, columns, per_cost = ground.rows, ground.columns, terms.per_cost
-    size, headings = rows * columns, len(moves.begin) - 1
-    while numbers[WAITING]:
-        lowest, enough = numbers[LOWEST], np.inf
+    pausing, room = numbers[EXPANDED] + most, 2 * len(moves.row)
+    size, per_cost = ground.rows * ground.columns, terms.per_cost
+    while True:
+        enough = np.inf
         if numbers[BEST] >= 0:
             enough = abs(np.float64(cost[numbers[BEST]])) - 1.0
-        if lowest > enough * per_cost:
-            return FINISHED
-        if queue.heads[lowest & mask] < 0:
-            numbers[LOWEST] += 1
-            continue
-        if numbers[USED] + 2 * len(moves.row) > queue.states.size:
-            return OUT_OF_ROOM
-        if numbers[EXPANDED] >= pausing:
-            return PAUSED
-        state = take(queue, lowest & mask)
+        status = settled(queue, enough * per_cost, room, pausing)
+        if status != READY:
+            return status
+        state = take(queue, numbers[LOWEST] & mask)
         if cost[state] < 0:
             continue
-        here, cell, layer = np.float64(cost[state]) - 1.0, state % size, state // size
-        total = here + bound_of(bound, terms, cell)
+        total = np.float64(cost[state]) - 1.0 + bound_of(bound, terms, state % size)
         bucket = np.int64(total * per_cost)
-        if bucket > lowest:
+        if bucket > numbers[LOWEST]:
             put(queue, state, bucket)
+        elif total < enough:
+            expand(queue, graph, bound, cost, state, enough)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def expand(
+    queue: Queue, graph: Graph, bound: Singles, cost: Singles, state: int, enough: float
+) -> None:
+    """Expand a state: put in what its motions reach at less cost than before, below `enough`."""
+    ground, moves, terms = graph
+    numbers, rows, columns = queue.state, ground.rows, ground.columns
+    size, headings = rows * columns, len(moves.begin) - 1
+    here, cell, layer = np.float64(cost[state]) - 1.0, state % size, state // size
+    cost[state] = -cost[state]
+    numbers[EXPANDED] += 1
+    row, col = cell // columns, cell % columns
+    heading, gear = layer % headings, layer // headings
+    for move in range(moves.begin[heading], moves.begin[heading + 1]):
+        to_row, to_col = row + moves.row[move], col + moves.col[move]
+        if not (0 <= to_row < rows and 0 <= to_col < columns):
             continue
-        if total >= enough:
+        if not is_free(ground, moves, move, row, col):
             continue
-        cost[state] = -cost[state]
-        numbers[EXPANDED] += 1
-        row, col = cell // columns, cell % columns
-        heading, gear = layer % headings, layer // headings
-        for move in range(moves.begin[heading], moves.begin[heading + 1]):
-            to_row, to_col = row + moves.row[move], col + moves.col[move]
-            if not (0 <= to_row < rows and 0 <= to_col < columns):
-                continue
-            if not is_free(ground, moves, move, row, col):
-                continue
-            to_gear, change = shifted(moves.gear[move], gear, terms)
-            to_cell = to_row * columns + to_col
-            other = (to_gear * headings + moves.target[move]) * size + to_cell
-            known = abs(np.float64(cost[other]))
-            reached = here + change + cost_of(ground, moves, move, cell) + 1.0
-            if known != 0.0 and reached >= known * (1 - 1e-7):
-                continue
-            total = reached - 1.0 + bound_of(bound, terms, to_cell)
-            if not total < enough:
-                continue
-            cost[other] = reached
-            if bound[to_cell] == 0 and (terms.goal_headings >> moves.target[move]) & 1:
-                numbers[BEST], enough = other, reached - 1.0
-            put(queue, other, max(np.int64(total * per_cost), lowest))
-    return FINISHED
+        to_gear, change = shifted(moves.gear[move], gear, terms)
+        to_cell = to_row * columns + to_col
+        other = (to_gear * headings + moves.target[move]) * size + to_cell
+        known = abs(np.float64(cost[other]))
+        reached = here + change + cost_of(ground, moves, move, cell) + 1.0
+        if known != 0.0 and reached >= known * (1 - 1e-7):
+            continue
+        total = reached - 1.0 + bound_of(bound, terms, to_cell)
+        if not total < enough:
+            continue
+        cost[other] = reached
+        if bound[to_cell] == 0 and (terms.goal_headings >> moves.target[move]) & 1:
+            numbers[BEST], enough = other, reached - 1.0
+        put(queue, other, max(np.int64(total * terms.per_cost), numbers[LOWEST]))
 
 
 @njit(inline="always")
@@ -278,8 +291,9 @@ def shifted(gear_of_move: int, gear: int, terms: Terms) -> tuple[int, float]:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def traced(ground: Ground, moves: Moves, terms: Terms, cost: Singles, state: int) -> Array:
+def traced(graph: Graph, cost: Singles, state: int) -> Array:
     """The start's state, and the motions that lead from it to a state."""
+    ground, moves, terms = graph
     size, headings = ground.rows * ground.columns, len(moves.begin) - 1
     path = [state]
     while abs(cost[state]) > 1.0:

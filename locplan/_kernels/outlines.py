@@ -34,14 +34,11 @@ def first_hit(sums: Ints, outline: Floats, poses: Floats) -> int:
         The poses.
     """
     rows, columns = sums.shape[0], sums.shape[1] - 1
-    corners = np.empty((2 * len(outline), 2))
-    hull = np.empty((4 * len(outline) + 2, 2))
+    corners, hull = room_for(outline)
     for n in range(len(poses) - 1):
         parts = parts_of(poses, n)
         for part in range(parts):
-            place_ends(corners, outline, poses, n, part, parts)
-            size = hull_of(corners, hull)
-            top, bottom = rows_of(hull, size)
+            size, top, bottom = hull_between(corners, hull, outline, poses, n, part, parts)
             for row in range(max(0, top), min(rows, bottom + 1)):
                 left, right = columns_of(hull, size, row)
                 left, right = max(0, left), min(columns, right + 1)
@@ -65,19 +62,33 @@ def sums_of(occupied: Bools) -> Array:
 def swept(outline: Floats, poses: Floats, reach: int) -> Array:
     """Cells (2 reach + 1, 2 reach + 1) that the outline meets; the middle one is cell (0, 0)."""
     met = np.zeros((2 * reach + 1, 2 * reach + 1), np.bool_)
-    corners = np.empty((2 * len(outline), 2))
-    hull = np.empty((4 * len(outline) + 2, 2))
+    corners, hull = room_for(outline)
     for n in range(len(poses) - 1):
         parts = parts_of(poses, n)
         for part in range(parts):
-            place_ends(corners, outline, poses, n, part, parts)
-            size = hull_of(corners, hull)
-            top, bottom = rows_of(hull, size)
+            size, top, bottom = hull_between(corners, hull, outline, poses, n, part, parts)
             for row in range(top, bottom + 1):
                 left, right = columns_of(hull, size, row)
                 for col in range(left, right + 1):
                     met[row + reach, col + reach] = True
     return met
+
+
+@njit(inline="always")
+def room_for(outline: Floats) -> tuple[Array, Array]:
+    """Room for the corners of two outlines, and for their hull."""
+    return np.empty((2 * len(outline), 2)), np.empty((4 * len(outline) + 2, 2))
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def hull_between(
+    corners: Array, hull: Array, outline: Floats, poses: Floats, n: int, part: int, parts: int
+) -> tuple[int, int, int]:
+    """Write the hull of the outlines at both ends of a part; its size, first and last row."""
+    place_ends(corners, outline, poses, n, part, parts)
+    size = hull_of(corners, hull)
+    top, bottom = rows_of(hull, size)
+    return size, top, bottom
 
 
 @njit(inline="always")

@@ -169,6 +169,16 @@ class Path(Valued):
         return float(self.distance[-1])
 
     @property
+    def driven(self) -> Floats:
+        """Poses (n, 3) as a robot takes them: without `heading` along each line, and turned where
+        two lines meet [m, m, rad]."""
+        if self.heading is not None or len(self) == 1:
+            return np.column_stack([self.xy, self.facing])
+        heading = self.facing[:-1]
+        both = [np.column_stack([xy, heading]) for xy in (self.xy[:-1], self.xy[1:])]
+        return np.asarray(np.stack(both, axis=1).reshape(-1, 3))
+
+    @property
     def facing(self) -> Floats:
         """`heading`, or without it the direction of the line after each position, (n,) [rad]."""
         if self.heading is not None:

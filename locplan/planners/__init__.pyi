@@ -18,6 +18,7 @@ from ._grid import (
 from ._lattice import Lattice as Lattice
 from ._map_info import MapInfo as MapInfo, describe_map as describe_map
 from ._pareto import BudgetPlanner as BudgetPlanner, pareto_front as pareto_front
+from ._path_check import PathCheck as PathCheck, PathFault as PathFault, check_path as check_path
 from ._plan import (
     AWARE as AWARE,
     SHORTEST as SHORTEST,
@@ -62,6 +63,7 @@ from ._request import (
     with_options as with_options,
 )
 from ._result import ParetoFront as ParetoFront, Plan as Plan
+from ._smac import smac_lattice as smac_lattice
 from ._smoothing import smoothed as smoothed
 from ._trade_offs import check_front_limits as check_front_limits
 from .ompl._planner import Ompl as Ompl

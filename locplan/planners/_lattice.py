@@ -24,7 +24,9 @@ class Lattice:
     It searches over position and heading on the costmap's own robot: outline, drive, turning
     radius, and whether it drives in reverse. Its path has headings. It is the cheapest one of the
     motions of the lattice, which begin and end in the middle of cells, and then smoothed. Either
-    end may have a heading.
+    end may have a heading. Where no motions lead into the goal's cell, it ends within the robot's
+    goal tolerance, if it can. The outline itself keeps clear of walls, without the robot's margin,
+    which is that of the circle in it.
 
     Examples
     --------
@@ -84,4 +86,6 @@ class Lattice:
         if found.path is None or not self.smooth:
             return found
         smoother = Smoother(costs, costs.robot, self.reverse, self.gear_change, self.turn_cost)
-        return dataclasses.replace(found, path=smoother.smoothed(found.path, start, goal))
+        at_goal = costs.cell_of(found.path.xy[-1].tolist()) == costs.cell_of(goal[:2])
+        path = smoother.smoothed(found.path, start, goal if at_goal else None)
+        return dataclasses.replace(found, path=path)

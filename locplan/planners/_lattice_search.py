@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
 from collections.abc import Callable
@@ -38,51 +39,74 @@ class LatticeSearch:
         kinematics = robot.kinematics if robot else Kinematics()
         radius = kinematics.turning_radius / grid.resolution
         self._primitives = primitives(headings, radius, kinematics.drive == "omnidirectional", span)
-        self._ground = masked_ground(self._primitives, robot.outline if robot else None, costs)
-        self._moves, self._made = moves_of(self._primitives, kinematics, prices, costs)
+        ground = masked_ground(self._primitives, robot.outline if robot else None, costs)
+        moves, self._made = moves_of(self._primitives, kinematics, prices, costs)
         change = prices.gear_change / grid.resolution if kinematics.reverse else 0.0
-        per_cost = 1.0 / self._ground.cheapest
-        self._terms = kernels.Terms(per_cost, change, 2 if change else 1, np.inf, 0)
+        terms = kernels.Terms(1.0 / ground.cheapest, change, 2 if change else 1, np.inf, 0)
+        self.graph = kernels.Graph(ground, moves, terms)
         self._size = grid.shape[0] * grid.shape[1]
 
     def found(self, start: Position, goal: Position) -> Found:
-        """The path from start to goal, or why there is none."""
+        """The path from start to goal, or else into the robot's tolerance of it, or why neither."""
+        robot, near = self._costs.robot, self._near(goal)
         try:
-            bound = self.bound_to(goal, self._cell(start))
-            cap = float(bound[self._cell(start)]) * (1 - kernels.ROUNDING)
-            if math.isinf(cap):
-                return self._none(start, goal, 0)
-            goal_headings = sum(1 << heading for heading in self._headings(goal))
-            terms = self._terms._replace(cap=cap, goal_headings=goal_headings)
-            cost, last, expanded = self._costs_from(start, bound, terms)
+            found = self._found_to([self._cell(goal)], start, goal)
+            if found.status != "infeasible" or robot is None or len(near) < 2:
+                return found
+            nearly = self._found_to(near, start, goal)
         except OutOfTimeError as out:
             note = f"the time was up; every path of the lattice costs at least {out.args[0]:.2f} m"
             return Found(status="timeout", note=note)
+        tolerance = f"the robot's goal tolerance, {robot.goal_tolerance:g} m"
+        if nearly.path is None:
+            return dataclasses.replace(found, note=f"{found.note}, nor into {tolerance}")
+        away = math.dist(nearly.path.xy[-1], goal[:2])
+        note = f"ends {away:.2f} m from the goal, within {tolerance}: none leads into its cell"
+        return dataclasses.replace(nearly, note=note)
+
+    def _found_to(self, targets: list[int], start: Position, goal: Position) -> Found:
+        """The path from start to one of the cells `targets`, in the goal's heading, or why none."""
+        bound = self.bound_to(targets, self._cell(start))
+        cap = float(bound[self._cell(start)]) * (1 - kernels.ROUNDING)
+        if math.isinf(cap):
+            return self._none(start, goal, 0)
+        goal_headings = sum(1 << heading for heading in self._headings(goal))
+        terms = self.graph.terms._replace(cap=cap, goal_headings=goal_headings)
+        graph = self.graph._replace(terms=terms)
+        cost, last, expanded = self.costs_from(start, bound, graph)
         if last < 0:
             return self._none(start, goal, expanded)
-        moves = kernels.traced(self._ground, self._moves, terms, cost, last)
+        moves = kernels.traced(graph, cost, last)
         return Found(self._path(moves), expanded=expanded)
 
-    def bound_to(self, goal: Position, source: int) -> Array:
-        """Bound of the cost to the goal of each cell, final up to that of the cell `source`."""
-        target = self._cell(goal)
+    def _near(self, goal: Position) -> list[int]:
+        """The cells whose centres lie within the robot's goal tolerance of the goal."""
+        grid, robot = self._costs.grid, self._costs.robot
+        tolerance = (robot.goal_tolerance if robot else 0.0) / grid.resolution
+        row, col = (float(one) for one in grid.world_to_grid(*goal[:2]))
+        rows = np.arange(grid.shape[0])[:, None] + 0.5 - row
+        columns = np.arange(grid.shape[1]) + 0.5 - col
+        free = np.isfinite(self._costs.density)
+        return np.flatnonzero((np.hypot(rows, columns) <= tolerance) & free).tolist()
+
+    def bound_to(self, targets: list[int], source: int) -> Array:
+        """Bound of the cost to any target of each cell, final up to that of the cell `source`."""
         bound = np.full(self._size, np.inf, np.float32)
-        bound[target] = 0.0
         queue = kernels.new_queue(self._buckets(1.0), 0)
-        kernels.put(queue, target, 0)
+        for target in targets:
+            bound[target] = 0.0
+            kernels.put(queue, target, 0)
         self._run(
-            lambda queue, most: kernels.project(
-                queue, self._ground, self._moves, self._terms, bound, source, most
-            ),
-            queue,
+            lambda queue, most: kernels.project(queue, self.graph, bound, source, most), queue
         )
         return bound
 
-    def _costs_from(
-        self, start: Position, bound: Array, terms: kernels.Terms
+    def costs_from(
+        self, start: Position, bound: Array, graph: kernels.Graph
     ) -> tuple[Array, int, int]:
         """The costs of the search over states, the last state or -1, and the expansions."""
         size, source, count = self._size, self._cell(start), len(self._angles)
+        terms = graph.terms
         cost = np.zeros(terms.gears * count * size, np.float32)
         lowest = int(terms.cap * terms.per_cost)
         queue = kernels.new_queue(self._buckets(2.0), lowest)
@@ -92,10 +116,7 @@ class LatticeSearch:
                 cost[state] = 1.0
                 kernels.put(queue, state, lowest)
         queue = self._run(
-            lambda queue, most: kernels.explore(
-                queue, self._ground, self._moves, terms, bound, cost, most
-            ),
-            queue,
+            lambda queue, most: kernels.explore(queue, graph, bound, cost, most), queue
         )
         numbers = queue.state
         return cost, int(numbers[kernels.BEST]), int(numbers[kernels.EXPANDED])
@@ -108,22 +129,23 @@ class LatticeSearch:
             if status == kernels.OUT_OF_ROOM:
                 queue = kernels.grown(queue)
             elif time.perf_counter() > self._until:
-                reached = queue.state[kernels.LOWEST] / self._terms.per_cost
+                reached = queue.state[kernels.LOWEST] / self.graph.terms.per_cost
                 raise OutOfTimeError(reached * self._costs.grid.resolution)
         return queue
 
     def _buckets(self, factor: float) -> int:
         """Number of buckets that a motion's cost spans, a power of two."""
-        half = self._ground.half
+        ground, moves, terms = self.graph
+        half = ground.half
         costliest = 2 * half[np.isfinite(half)].max(initial=0.5)
-        longest = float((self._moves.lengths.sum(axis=1) / 2 * costliest + self._moves.extra).max())
-        spanned = factor * (longest + self._terms.gear_change) * self._terms.per_cost + 2
+        longest = float((moves.lengths.sum(axis=1) / 2 * costliest + moves.extra).max())
+        spanned = factor * (longest + terms.gear_change) * terms.per_cost + 2
         return int(min(MAX_BUCKETS, 2 ** math.ceil(math.log2(spanned))))
 
     def _cell(self, pose: Position) -> int:
         """The number of the cell of a pose."""
         row, col = self._costs.cell_of(pose[:2])
-        return row * self._ground.columns + col
+        return row * self.graph.ground.columns + col
 
     def _headings(self, pose: Position) -> list[int]:
         """The heading nearest to that of a pose; without one all headings."""
@@ -136,7 +158,7 @@ class LatticeSearch:
         """The path of motions after the state that begins it."""
         state, grid = int(moves[0]), self._costs.grid
         layer, cell = divmod(state, self._size)
-        row, col = divmod(cell, self._ground.columns)
+        row, col = divmod(cell, self.graph.ground.columns)
         heading = self._angles[layer % len(self._angles)]
         pieces: list[Floats] = [np.array([(col + 0.5, row + 0.5, heading)])]
         for move in moves[1:].tolist():

@@ -64,6 +64,30 @@ class Limited(Wrapper):
             return self._over(costs, stops)
         if self.space == LATTICE:
             return self._exactly(costs, stops, self.planner)
+        found, gave_up, meets = self._of_circles(costs, stops)
+        if found is not None:
+            return found
+        if not self._joins(self._thin(costs), stops):
+            without = self._over(costs, stops)
+            if without.path is None:
+                return without
+            inner = f"radius {self.outline.inscribed_radius:.3g} m"
+            note = f"not even the footprint's inner circle ({inner}) fits through"
+            return Found(status="infeasible", note=note)
+        if self.space == "R2" and gave_up is None:
+            limit = getattr(self.planner, "time_limit", None)
+            found = self._exactly(costs, stops, Lattice(time_limit=limit))
+            if found.path is not None:
+                note = "planned by the lattice for the footprint itself: no path of its inner or"
+                return dataclasses.replace(found, note=f"{note} outer circle is clear of walls")
+        return gave_up or self._not_searched(costs, meets)
+
+    def _of_circles(
+        self, costs: Costmap, stops: Sequence[Position]
+    ) -> tuple[Found | None, Found | None, tuple[float, float] | None]:
+        """A circle's path that is clear for the outline, if there is one; beside it the last search
+        that gave up, and where the outline meets a wall on the inner circle's path."""
+        assert self.outline is not None
         inner, outer = self.outline.inscribed_radius, self.outline.circumscribed_radius
         meets, gave_up = None, None
         wider = f"planned for the footprint's outer circle (radius {outer:.3g} m), since it meets a"
@@ -75,24 +99,14 @@ class Limited(Wrapper):
             found = self._over(wide, stops)
             if found.status in ("timeout", "not found"):
                 gave_up = found
-            if found.path is not None:
-                collision = self.outline.first_collision(costs.grid, found.path)
-                if collision is None:
-                    return dataclasses.replace(found, note=wider) if radius > inner else found
-                meets = meets or collision
-        if not self._joins(self._thin(costs), stops):
-            without = self._over(costs, stops)
-            if without.path is None:
-                return without
-            note = f"not even the footprint's inner circle (radius {inner:.3g} m) fits through"
-            return Found(status="infeasible", note=note)
-        if self.space == "R2" and gave_up is None:
-            limit = getattr(self.planner, "time_limit", None)
-            found = self._exactly(costs, stops, Lattice(time_limit=limit))
-            if found.path is not None:
-                note = "planned by the lattice for the footprint itself: no path of its inner or"
-                return dataclasses.replace(found, note=f"{note} outer circle is clear of walls")
-        return gave_up or self._not_searched(costs, meets)
+            if found.path is None:
+                continue
+            collision = self.outline.first_collision(costs.grid, found.path)
+            if collision is None:
+                clear = dataclasses.replace(found, note=wider) if radius > inner else found
+                return clear, None, None
+            meets = meets or collision
+        return None, gave_up, meets
 
     def _exactly(self, costs: Costmap, stops: Sequence[Position], planner: Planner) -> Found:
         """Plan for the outline itself, by a lattice."""
@@ -119,6 +133,7 @@ class Limited(Wrapper):
     def _over(self, costs: Costmap, stops: Sequence[Position]) -> Found:
         """Plan each leg from one stop to the next separately."""
         legs: list[Path] = []
+        notes: list[str] = []
         expanded: int | None = 0
         begin = stops[0]
         for number, end in enumerate(stops[1:], 1):
@@ -138,9 +153,11 @@ class Limited(Wrapper):
                 return dataclasses.replace(found, note=note, expanded=expanded)
             begin = end
             if self.space == LATTICE and found.path.heading is not None:
-                begin = (*end[:2], float(found.path.heading[-1]))  # goes on as this leg ends
+                x, y, heading = found.path.poses[-1].tolist()
+                begin = (x, y, heading)  # goes on as this leg ends
             legs.append(found.path)
-        return Found(Path.joined(legs), expanded=expanded)
+            notes += [f"leg {number} {found.note}"] if found.note else []
+        return Found(Path.joined(legs), note="; ".join(notes), expanded=expanded)
 
     def _thin(self, costs: Costmap) -> Costmap:
         """The costmap of a robot that fits wherever the outline does, for proofs.

@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from locplan._kernels.arrays import Array, Floats, Ints
+from locplan._kernels.arrays import Array, Floats, Ints, Words
 from locplan._kernels.bit_masks import WORD, add_runs, widened
 from locplan._kernels.lattice import BACKWARD, EITHER, FORWARD, Ground, Moves
 from locplan._kernels.outlines import swept
@@ -58,6 +58,11 @@ class Primitive:
         if self.end != (0, 0):
             return 0.0
         return abs(math.remainder(self.poses[-1][2] - self.poses[0][2], 2 * math.pi))
+
+    @property
+    def neutral(self) -> bool:
+        """True if it leads neither ahead nor, driven from its end, in reverse."""
+        return self.sideways or self.turn > 0
 
 
 def angles_of(headings: int) -> Floats:
@@ -199,41 +204,50 @@ def moves_of(
     Beside the kernels' arrays it gives the primitive of each motion, and whether it is driven from
     its end.
     """
-    (layers, rows, columns), (_, _, yaw) = costs.density_of_heading.shape, costs.grid.origin
-    headings, turn = found[-1].source + 1, prices.turn / costs.grid.resolution
-    slots = _slots(found)
-    backward = [False, True] if kinematics.reverse else [False]
-    made = []
-    for number, each in enumerate(found):
-        for back in backward:
-            if back and (each.sideways or each.turn):
-                continue
-            made.append((each.target if back else each.source, number, back))
-    made.sort()
+    yaw, turn = costs.grid.origin[2], prices.turn / costs.grid.resolution
+    slots, made = slots_of(found), _driven(found, kinematics.reverse)
     crossed, lengths, rest = [], [], []
-    for _, number, back in made:
+    for number, back in made:
         each = found[number]
-        row, col, layer, length = _crossed(each, layers, yaw)
-        end_row, end_col = each.end
-        if back:
-            row, col, end_row, end_col = row - end_row, col - end_col, -end_row, -end_col
+        cells, shares = _crossed_from(each, back, costs.density_of_heading.shape, yaw)
         factor = prices.reverse if back or each.sideways else 1.0
-        crossed.append((layer * rows + row) * columns + col)
-        lengths.append(2 * factor * length)
-        gear = EITHER if each.sideways or each.turn else BACKWARD if back else FORWARD
+        crossed.append(cells)
+        lengths.append(2 * factor * shares)
+        gear = EITHER if each.neutral else BACKWARD if back else FORWARD
         ends = (each.target, each.source) if back else (each.source, each.target)
-        rest.append((*ends, end_row, end_col, gear, int(back), each.source, slots[number]))
-    begin = np.searchsorted([source for source, _, _ in made], np.arange(headings + 1))
+        leads = (-each.end[0], -each.end[1]) if back else each.end
+        rest.append((*ends, *leads, gear, int(back), each.source, slots[number]))
+    begin = np.searchsorted([row[0] for row in rest], np.arange(found[-1].source + 2))
     table = np.array(rest, np.int64).T
     count = np.array([len(one) if one.sum() > 0 else 0 for one in lengths])
-    extra = np.array([turn * found[number].turn for _, number, _ in made])
+    extra = np.array([turn * found[number].turn for number, _ in made])
     least = np.array([one.sum() / 2 for one in lengths])
     arrays = _padded(crossed, np.int64), _padded(lengths, np.float64), count, extra, least
     moves = Moves._make([begin.astype(np.int64), *(row.copy() for row in table), *arrays])
-    return moves, [(number, back) for _, number, back in made]
+    return moves, made
 
 
-def _slots(found: tuple[Primitive, ...]) -> list[int]:
+def _driven(found: tuple[Primitive, ...], reverse: bool) -> list[tuple[int, bool]]:
+    """The number of each primitive, and whether it is driven from its end, by the first heading."""
+    ahead = [(each.source, number, False) for number, each in enumerate(found)]
+    both = enumerate(found) if reverse else ()
+    back = [(each.target, number, True) for number, each in both if not each.neutral]
+    return [(number, backward) for _, number, backward in sorted(ahead + back)]
+
+
+def _crossed_from(
+    primitive: Primitive, back: bool, shape: tuple[int, ...], yaw: float
+) -> tuple[Array, Array]:
+    """Number of each cell crossed from the beginning's on, by layers (`shape`), and its length."""
+    layers, rows, columns = shape
+    row, col, layer, length = _crossed(primitive, layers, yaw)
+    if back:
+        row, col = row - primitive.end[0], col - primitive.end[1]
+    return (layer * rows + row) * columns + col, length
+
+
+@lru_cache(maxsize=32)
+def slots_of(found: tuple[Primitive, ...]) -> list[int]:
     """The number of each primitive among those of its heading."""
     slots: list[int] = []
     for each in found:
@@ -259,30 +273,44 @@ def masked_ground(
     A primitive is free where no cell that the outline sweeps is occupied, and the centre crosses
     and touches no cell of infinite density.
     """
-    grid, density = costs.grid, costs.density_of_heading
-    rows, columns = grid.shape
-    reach = reach_of(found, outline, grid.resolution)
-    margin = WORD * math.ceil(reach / WORD)
-    slots = _slots(found)
-    words = -(-columns // WORD)
-    masks = np.zeros((found[-1].source + 1, rows, words, max(slots) + 1), np.uint64)
-    planes = [(np.isinf(density[0]), True)]
-    if outline is not None:
-        planes.append((grid.cells == OCCUPIED, False))
-    for plane, outside in planes:
-        wide = widened(_packed(plane, margin, words, outside))
-        for each, slot in zip(found, slots, strict=True):
-            if outside:
-                runs = np.insert(centre_cells(each), 2, 1, axis=1)
-            else:
-                assert outline is not None
-                poses = np.array(each.poses) + np.array([0.5, 0.5, 0.0])
-                runs = _runs(swept(outline.vertices / grid.resolution, poses, reach), reach)
-            add_runs(masks, wide, runs, np.array([each.source, slot]), margin)
+    density = costs.density_of_heading
+    rows, columns = costs.grid.shape
+    masks = outline_masks(costs.grid, outline, found).copy()
+    centres = [np.insert(centre_cells(each), 2, 1, axis=1) for each in found]
+    _add_masks(masks, np.isinf(density[0]), centres, found, outside=True)
     half = np.array(density).reshape(-1) / 2
     free = half[np.isfinite(half)]
     cheapest = 2 * float(free.min()) if free.size else 1.0
     return Ground(half, masks, rows, columns, cheapest)
+
+
+@lru_cache(maxsize=4)
+def outline_masks(
+    grid: OccupancyGrid, outline: Footprint | None, found: tuple[Primitive, ...]
+) -> Words:
+    """Bits (headings, rows, words, slots) where a primitive's outline meets an occupied cell."""
+    rows, columns = grid.shape
+    slots = max(slots_of(found)) + 1
+    masks: Words = np.zeros((found[-1].source + 1, rows, -(-columns // WORD), slots), np.uint64)
+    if outline is not None:
+        reach, half = reach_of(found, outline, grid.resolution), np.array([0.5, 0.5, 0.0])
+        corners = outline.vertices / grid.resolution
+        cells = [swept(corners, np.array(each.poses) + half, reach) for each in found]
+        runs = [_runs(each, reach) for each in cells]
+        _add_masks(masks, grid.cells == OCCUPIED, runs, found, outside=False)
+    masks.setflags(write=False)
+    return masks
+
+
+def _add_masks(
+    masks: Words, plane: Array, runs: list[Ints], found: tuple[Primitive, ...], *, outside: bool
+) -> None:
+    """Set the bits where runs of cells, those of each primitive, meet a plane."""
+    farthest = max(int(np.abs(each).max()) + int(each[:, 2].max()) for each in runs)
+    margin = WORD * math.ceil(farthest / WORD)
+    wide = widened(_packed(plane, margin, masks.shape[2], outside))
+    for each, slot, of_each in zip(found, slots_of(found), runs, strict=True):
+        add_runs(masks, wide, of_each, np.array([each.source, slot]), margin)
 
 
 def _packed(plane: Array, margin: int, words: int, outside: bool) -> Array:

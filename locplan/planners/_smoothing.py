@@ -207,14 +207,9 @@ class Smoother:
 
     def _on_grid(self, path: Path) -> Floats:
         """Poses on the bordered grid; without headings with turns where lines meet."""
-        row, col = self._costs.grid.world_to_grid(*path.xy.T)
-        xy = np.column_stack([col, row]) + 1
-        heading = path.facing - self._costs.grid.origin[2]
-        if path.heading is None and len(xy) > 1:
-            ends = np.column_stack([xy[1:], heading[:-1]])
-            both = np.stack([np.column_stack([xy, heading])[:-1], ends], axis=1)
-            return np.asarray(both.reshape(-1, 3))
-        return np.column_stack([xy, heading])
+        x, y, heading = path.driven.T
+        row, col = self._costs.grid.world_to_grid(x, y)
+        return np.column_stack([col + 1, row + 1, heading - self._costs.grid.origin[2]])
 
     def _in_world(self, poses: Floats) -> Path:
         grid = self._costs.grid

@@ -44,6 +44,7 @@ from ._plans import (
     draw_u_along as draw_u_along,
     front_figure as front_figure,
     history_figure as history_figure,
+    path_check_figure as path_check_figure,
     path_figure as path_figure,
     plan_figure as plan_figure,
 )

@@ -12,6 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from locplan._kernels.arrays import Floats
 from locplan.costs import DEGENERATE, Costmap, Path, costs_caption, profile
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
@@ -27,9 +28,10 @@ from locplan.plotting._maps import (
 )
 from locplan.plotting._picture import HARMLESS, Picture, make_logarithmic, request, weak_spots
 from locplan.plotting.style import END_STYLE, ERROR_COLOURS, FIELD_COLOURS, PATH_STYLES, outline
+from locplan.robots import Footprint
 
 if TYPE_CHECKING:
-    from locplan.planners import ParetoFront, Plan
+    from locplan.planners import ParetoFront, PathCheck, Plan
 
 
 def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan]) -> Figure:
@@ -189,6 +191,38 @@ def path_figure(plan: Plan) -> Figure:
         draw_path(axes, plan.path, **PATH_STYLES[1])
     draw_ends(axes, plan.start, plan.goal)
     return figure
+
+
+def path_check_figure(check: PathCheck) -> Figure:
+    """Draw the outline along a path over the map, and in red where the robot cannot drive it.
+
+    Parameters
+    ----------
+    check : PathCheck
+        The check of the path.
+    """
+    part = zoomed_to(check.grid, [check.path])
+    figure, axes = map_axes(part)
+    draw_map(axes, part)
+    draw_inset(axes, check.grid, part, [check.path])
+    size = check.outline.circumscribed_radius
+    for pose in check.path.resampled(max(size, check.length / 500)).poses:
+        _draw_outline(axes, check.outline, pose, color="0.4", linewidth=0.6)
+    draw_path(axes, check.path, **PATH_STYLES[1])
+    for each in check.faults:
+        pose = np.array([each.x, each.y, each.heading])
+        _draw_outline(axes, check.outline, pose, color="tab:red", linewidth=1.4)
+    name, count = check.grid.name or "map", len(check.faults)
+    found = f"cannot be driven at {count} place{'s' if count > 1 else ''}" if count else "drivable"
+    clear = f"clearance {check.clearance:.2f} m, least radius {check.least_radius:.2f} m"
+    axes.set_title(f"{name}: {found}\n{clear}", fontsize="medium")
+    return figure
+
+
+def _draw_outline(axes: Axes, outline: Footprint, pose: Floats, **style: Any) -> None:
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    corners = outline.vertices @ np.array([[cos, sin], [-sin, cos]]) + pose[:2]
+    axes.plot(*np.vstack([corners, corners[:1]]).T, **style)
 
 
 def _u_figure(costs: Costmap, title: str, part: OccupancyGrid) -> tuple[Figure, Axes]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import Settings, positive, setting, shown
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
@@ -252,16 +253,38 @@ class Footprint:
         (x, y) or None
             The position where the colliding line or turn begins [m].
         """
-        from locplan._kernels.outlines import first_hit, sums_of
-
-        given = np.asarray(getattr(poses, "poses", poses), np.float64)
-        moves = _moves(grid, given)
-        sums = sums_of(grid.cells == OCCUPIED)
-        hit = int(first_hit(sums, self.vertices / grid.resolution, moves))
+        moves = _moves(grid, np.asarray(getattr(poses, "poses", poses), np.float64))
+        hit = next(self._hits(grid, moves), -1)
         if hit < 0:
             return None
         x, y = grid.grid_to_world(moves[hit, 1], moves[hit, 0])
         return float(x), float(y)
+
+    def collisions(self, grid: OccupancyGrid, poses: Floats) -> Ints:
+        """Indices of all lines between poses along which the outline meets an occupied cell.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        poses : (n, 3) array
+            Poses of the robot's centre along the path in the world [m, m, rad].
+
+        Returns
+        -------
+        (k,) array
+            The colliding ones of the n - 1 lines.
+        """
+        return np.array([*self._hits(grid, _moves(grid, poses))], np.int64)
+
+    def _hits(self, grid: OccupancyGrid, moves: Floats) -> Iterator[int]:
+        """Indices of the colliding lines between poses (n, 3) of (col, row, heading)."""
+        from locplan._kernels.outlines import first_hit, sums_of
+
+        sums, corners, begin = sums_of(grid.cells == OCCUPIED), self.vertices / grid.resolution, 0
+        while (hit := int(first_hit(sums, corners, moves[begin:]))) >= 0:
+            yield begin + hit
+            begin += hit + 1
 
 
 def _moves(grid: OccupancyGrid, poses: Floats) -> Floats:
