@@ -69,7 +69,7 @@ def steer(session: Session, ask: Ask, work: Work) -> dict[str, object]:
         "t": (0.5 * np.arange(len(truth))).tolist(),
         **{"x": x, "y": y, "heading": heading},
         "believed": rounded(drive.believed[::5]),
-        "sees": [rounded(each) for each in seen_on(simulator, path, number, truth)],
+        "sees": [rounded(each) for each in seen_on(simulator, number, truth)],
     }
 
 

@@ -94,15 +94,13 @@ def drive_closed(
     return {name: Arrivals(tuple(each)) for name, each in found.items()}
 
 
-def seen_on(simulator: Simulator, path: Path, number: int, poses: Poses) -> list[Floats]:
-    """What the lidar sees on a closed-loop drive along one path.
+def seen_on(simulator: Simulator, number: int, poses: Poses) -> list[Floats]:
+    """What the lidar sees on a closed-loop drive along the first path.
 
     Parameters
     ----------
     simulator : Simulator
         The map and the robot.
-    path : Path
-        The only path of `drive_closed`.
     number : int
         Number of the drive.
     poses : (n, 3) array
@@ -115,10 +113,10 @@ def seen_on(simulator: Simulator, path: Path, number: int, poses: Poses) -> list
     """
     from locplan._kernels.lidar import measured_ends
 
-    loop = ClosedLoop(simulator, {"": path}, None, False)
+    loop = ClosedLoop(simulator, {}, None, False)
     world, arguments = loop.world(number), simulator.arguments
     random = random_of(simulator.seed, CLOSED, 0, number, 1)
-    cells = own_axes(loop.part, poses)[:, [1, 0, 2]] / (world.resolution, world.resolution, 1)
+    cells = own_axes(loop.grid, poses)[:, [1, 0, 2]] / (world.resolution, world.resolution, 1)
     found = []
     for cell in cells:
         ends = np.empty((arguments.lidar.angles.size, 2))
@@ -129,7 +127,7 @@ def seen_on(simulator: Simulator, path: Path, number: int, poses: Poses) -> list
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """Closed-loop drives on the part of a map about some paths, in whose own axes all poses are."""
+    """Closed-loop drives along some paths of a map, in whose own axes all poses are."""
 
     simulator: Simulator
     paths: Mapping[str, Path]
@@ -138,19 +136,18 @@ class ClosedLoop:
 
     @cached_property
     def stage(self) -> Stage:
-        """The part of the map in which worlds differ."""
-        xy = np.concatenate([path.xy for path in self.paths.values()])
-        return self.simulator.stage([self.simulator.line(at_heading_0(xy))])
+        """The whole map, for a lost robot may drive anywhere."""
+        return self.simulator.stage()
 
-    @cached_property
-    def part(self) -> OccupancyGrid:
-        """The part of the map."""
-        return self.simulator.grid.part(*self.stage.window)
+    @property
+    def grid(self) -> OccupancyGrid:
+        """The map."""
+        return self.simulator.grid
 
     @cached_property
     def frame(self) -> Floats:
         """Pose of the filter map's own axes [m, m, rad]."""
-        return np.asarray(own_axes(self.part, np.array([self.simulator.filter_map.origin]))[0])
+        return np.asarray(own_axes(self.grid, np.array([self.simulator.filter_map.origin]))[0])
 
     @cached_property
     def body(self) -> Any:
@@ -166,14 +163,14 @@ class ClosedLoop:
     @cached_property
     def planner(self) -> Replanner:
         """What leads a hindered robot back to its path."""
-        return Replanner(self.part, self.simulator.robot)
+        return Replanner(self.grid, self.simulator.robot)
 
     def world(self, number: int) -> Any:
-        """The world of a drive, that of the open-loop drive of this number."""
+        """The world of a drive."""
         from locplan._kernels.follower import Surroundings
 
         # Nobody knows what stands in unknown cells: they are no walls, as in the lidar's world.
-        return Surroundings(self.stage.world(0, number), self.part.resolution)
+        return Surroundings(self.stage.world(0, number), self.grid.resolution)
 
     def drive(self, name: str, world: Any, number: int) -> Arrival:
         """Drive once along a path; a drive that fails is repeated with perfect localization."""
@@ -198,7 +195,7 @@ class ClosedLoop:
         clearance, robot = OccupancyGrid(cells, resolution).clearance, self.simulator.robot
         radius = robot.outline.inscribed_radius if robot.outline else robot.footprint
         rooms, _ = label(clearance >= max(radius - resolution / 2, resolution / 2))
-        ends = own_axes(self.part, at_heading_0(self.paths[name].xy[[0, -1]]))[:, 1::-1]
+        ends = own_axes(self.grid, at_heading_0(self.paths[name].xy[[0, -1]]))[:, 1::-1]
         reach = self.body.tolerance
         low, high = (
             np.maximum(np.ceil((ends + each) / resolution), 0).astype(int)
@@ -211,7 +208,7 @@ class ClosedLoop:
         from locplan._kernels import follower
 
         random = random_of(self.simulator.seed, CLOSED, 0, number)
-        way = own_axes(self.part, at_heading_0(self.paths[name].resampled(POINTS, even=True).xy))
+        way = own_axes(self.grid, at_heading_0(self.paths[name].resampled(POINTS, even=True).xy))
         way = np.ascontiguousarray(way[:, :2])
         ahead = way[min(len(way) - 1, 6)] - way[0]
         first = np.array([*way[0], math.atan2(ahead[1], ahead[0])])
@@ -228,8 +225,8 @@ class ClosedLoop:
         near = max(OFF, 2 * self.body.tolerance)
         if outcome == ARRIVED and math.dist(trace.truth[n - 1, :2], way[-1]) > near:
             outcome = ELSEWHERE
-        of_part = np.array(self.part.origin)
-        truth, believed = (after_way(of_part, each[:n]) for each in (trace.truth, trace.believed))
+        origin = np.array(self.grid.origin)
+        truth, believed = (after_way(origin, each[:n]) for each in (trace.truth, trace.believed))
         return Arrival.of(outcome, truth, believed, self.paths[name])
 
     def _trace(self, random: np.random.Generator, first: Any, ticks: int) -> Any:

@@ -31,15 +31,15 @@ per metre."""
 class Replanner:
     """Plans on the inflated map and the walls that are seen, as Nav2's planners make them."""
 
-    part: OccupancyGrid
-    """The part of the map that is driven in; all poses are in its own axes."""
+    grid: OccupancyGrid
+    """The map that is driven in; all poses are in its own axes."""
     robot: Robot
     """The robot."""
 
     @cached_property
     def density(self) -> Floats:
         """Cost per metre of each cell on the inflated map, (H, W)."""
-        return self._inflated(self.part.clearance)
+        return self._inflated(self.grid.clearance)
 
     def way(self, way: Any, truth: Any, believed: Any, world: Any) -> Floats:
         """A way (n, 2) from the believed pose back to the path, on the map and what is seen.
@@ -50,7 +50,7 @@ class Replanner:
         from locplan._kernels.search import bordered_half, shortest_costs
         from locplan._kernels.ways import trace
 
-        resolution = self.part.resolution
+        resolution = self.grid.resolution
         here, reach = np.floor(believed[1::-1] / resolution).astype(int), AROUND / resolution
         low = np.maximum(here - math.ceil(reach), 0)
         window = tuple(
@@ -68,7 +68,7 @@ class Replanner:
         leave = int(LEAVE / resolution)
         about = tuple(slice(max(0, each - leave), each + leave + 1) for each in start)
         density[about] = np.minimum(density[about], LEAVING)
-        density[self.part.cells[window] != FREE] = np.inf
+        density[self.grid.cells[window] != FREE] = np.inf
         density[tuple(walls.T)] = np.inf
         density[tuple(start)] = LEAVING
 
@@ -97,12 +97,12 @@ class Replanner:
             return
         robot = self.robot
         reach = max(robot.radius, inflation_of(robot).inflation_radius)
-        margin = math.ceil(reach / self.part.resolution) + 1
+        margin = math.ceil(reach / self.grid.resolution) + 1
         low = np.maximum(walls.min(axis=0) - margin, 0)
         window = tuple(slice(a, b + margin) for a, b in zip(low, walls.max(axis=0), strict=True))
         cells = np.full(density[window].shape, FREE)
         cells[tuple((walls - low).T)] = OCCUPIED
-        more = self._inflated(OccupancyGrid(cells, self.part.resolution).clearance)
+        more = self._inflated(OccupancyGrid(cells, self.grid.resolution).clearance)
         density[window] = np.maximum(density[window], more)
 
     def _inflated(self, clearance: Floats) -> Floats:

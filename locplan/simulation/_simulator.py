@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from locplan.maps import OCCUPIED, OccupancyGrid, check_grid, own_axes
 from locplan.maps.environments import boundary_cells, with_boundary_noise
 from locplan.robots import Robot
 from locplan.simulation._drives import DriveArguments, Drives, Line, drive_arguments
-from locplan.simulation._worlds import MARGIN, Stage, check_filter_map, turned, window_about
+from locplan.simulation._worlds import MARGIN, Stage, Window, check_filter_map, turned, window_about
 
 MATCH_WINDOW, MATCH_STEP = 2.0, 0.05
 """Half width and spacing of the offsets at which single scans are matched [m]."""
@@ -46,7 +45,8 @@ class Simulator:
         matched on `grid`.
     seed : int, default 1
         Seed of all random numbers, >= 0. Drive n has the same ones on all lines that are driven
-        together; its world is that of the part of the map around these lines.
+        together in the open loop; its world is that of the part of the map around these lines. In the
+        closed loop it is that of the whole map, for a lost robot may drive anywhere.
     threads : int, optional
         Number of threads, at least 1; all cores by default. The results do not depend on it.
 
@@ -74,28 +74,6 @@ class Simulator:
 
     def __repr__(self) -> str:
         return f"Simulator({self.grid.name or 'map'}, {self.robot.title}, seed {self.seed})"
-
-    def about(self, lines: Sequence[Poses], robot: Robot | None = None) -> Simulator:
-        """Simulator with the same seed on the parts of both maps that drives along lines need.
-
-        Parameters
-        ----------
-        lines : sequence of (n, 3) arrays
-            Poses of each line in the world [m, m, rad].
-        robot : Robot, optional
-            The robot; by default the same.
-        """
-        xy = np.concatenate([line[:, :2] for line in lines])
-        reach = self.robot.known_lidar.range + MARGIN
-
-        def part(grid: OccupancyGrid) -> OccupancyGrid:
-            # The filter's map may end before the lines do.
-            cells = np.clip(np.column_stack(grid.world_to_grid(*xy.T)), 0, grid.shape)
-            return grid.part(*window_about(grid, cells, reach / grid.resolution))
-
-        filter_map = None if self.filter_map is self.grid else part(self.filter_map)
-        own: dict[str, Any] = {"filter_map": filter_map, "seed": self.seed, "threads": self.threads}
-        return Simulator(part(self.grid), robot or self.robot, **own)
 
     @cached_property
     def worlds(self) -> list[Octets]:
@@ -208,17 +186,19 @@ class Simulator:
         cells = np.column_stack([y / resolution, x / resolution, heading])
         return Line(own_axes(self.filter_map, poses), cells)
 
-    def stage(self, lines: Sequence[Line]) -> Stage:
-        """The part of the map that drives along some lines need.
+    def stage(self, lines: Sequence[Line] = ()) -> Stage:
+        """The part of the map that drives along some lines need; by default the whole map.
 
         Parameters
         ----------
-        lines : sequence of Line
+        lines : sequence of Line, optional
             The lines, as `line` gives them.
         """
-        reach = (self.robot.known_lidar.range + MARGIN) / self.grid.resolution
-        cells = np.concatenate([line.cells[:, :2] for line in lines])
-        window = window_about(self.grid, cells, reach)
+        window: Window = slice(0, self.grid.shape[0]), slice(0, self.grid.shape[1])
+        if lines:
+            reach = (self.robot.known_lidar.range + MARGIN) / self.grid.resolution
+            cells = np.concatenate([line.cells[:, :2] for line in lines])
+            window = window_about(self.grid, cells, reach)
         stops, boundary = self.grid.cells[window] == OCCUPIED, self.boundary[window]
         noise = self.robot.disturbances.boundary_noise
         return Stage(self.grid.resolution, window, stops, boundary, noise, self.seed)

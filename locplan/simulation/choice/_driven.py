@@ -237,7 +237,7 @@ class Driver:
         grid = simulator.grid
         self._paths = [*paths.values()]
         self._lines = [*lines_along(paths, grid).values()]
-        self._whole, self._simulator = simulator, simulator.about(self._lines)
+        self._simulator = simulator
         self._settings, self._progress = settings, progress
         self._errors = [np.empty((0, *line.shape)) for line in self._lines]
         self._worst = math.pi
@@ -285,8 +285,10 @@ class Driver:
         if rival is None:
             return None
         numbers = found.drives[:RIVAL_DRIVES]
-        robot = dataclasses.replace(self._simulator.robot, filter=rival)
-        simulator = self._whole.about(self._lines, robot)
+        one = self._simulator
+        robot = dataclasses.replace(one.robot, filter=rival)
+        same: Any = {"filter_map": one.filter_map, "seed": one.seed, "threads": one.threads}
+        simulator = Simulator(one.grid, robot, **same)
         drives = Drives(self._lines[0], self._drive(simulator, [0], numbers)[0])
         errors = self._scored(drives)
         ratio = of_geometric_mean(np.exp(errors - self._log_errors(0, numbers)))
