@@ -130,8 +130,7 @@ class export(
             summary = format.write(target, job, chosen)
         about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
         rows = [("map", grid.name), ("format", to), ("field", config.estimator.summary)]
-        rows += [("first", each) for each in (job.choice.advice if job.choice else [])]
-        rows += summary.rows
+        rows += [*job.rows, *summary.rows]
         dataclasses.replace(self, output=target).show(about, table([], rows), target)
 
     def _of_options(self) -> tuple[FieldConfig, Callable[[CovarianceField], ExportJob]]:
