@@ -108,6 +108,17 @@ def test_a_path_that_nav2_does_not_take_gets_a_route_graph(tmp_path, driven):
     assert "smac2d does not take around" in (tmp_path / "m/README.md").read_text()
 
 
+def test_a_path_that_has_no_route_graph_is_said_too(tmp_path, driven):
+    """It comes nearer to walls than the costmap's robot may."""
+    costs = driven.costs
+    near = plan(Costmap.blank(costs.grid, robot=0.05), START, GOAL, via=[(20.0, 12.0)]).path
+    settings = {"planner_param": 0.01, "paths": {"near": near}}
+    _, (line,) = exported(tmp_path / "m", costs, **settings)
+    assert "it has no route graph: path near leaves the map's free space" in line
+    assert (tmp_path / "m" / "mask.pgm").is_file()
+    assert not (tmp_path / "m-routes").exists()
+
+
 def test_tune_first_is_said_before_the_mask(tmp_path, driven):
     choice = tuned_better(taking(driven, "around"))
     (advice,) = choice.advice

@@ -115,13 +115,14 @@ class export(
 
         to, format, named = self.to, FORMATS[self.to], ("path", "start", "goal", "choice")
         typed.check_read(self.given(*named), "--to", to, dict.fromkeys(PATHS, named))
-        chosen, making = self._chosen(), self._of_choice() if self.choice else self._of_options()
+        file = self.choice
+        chosen, making = self._chosen(), self._of_choice(file) if file else self._of_options()
         grid = locplan.load_map(self.map_file)
         target = self.output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
         format.check_target(target, force=self.force)
         count = len(self.path) + bool(self.start or self.choice)
         if format.paths == "one" and count != 1:
-            raise ConfigError(f"--to {to} needs one --path CSV, --start and --goal, or --choice")
+            raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal, or --choice")
         format.check(chosen, count)
         config, job_of = making
         job = job_of(self.field_of(grid, config))
@@ -129,8 +130,7 @@ class export(
             summary = format.write(target, job, chosen)
         about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
         rows = [("map", grid.name), ("format", to), ("field", config.estimator.summary)]
-        rows += [("first", each) for each in (job.choice.advice if job.choice else [])]
-        rows += summary.rows
+        rows += [*job.rows, *summary.rows]
         dataclasses.replace(self, output=target).show(about, table([], rows), target)
 
     def _of_options(self) -> tuple[FieldConfig, Callable[[CovarianceField], ExportJob]]:
@@ -146,11 +146,11 @@ class export(
 
         return config, made
 
-    def _of_choice(self) -> tuple[FieldConfig, Callable[[CovarianceField], ExportJob]]:
+    def _of_choice(self, file: Path) -> tuple[FieldConfig, Callable[[CovarianceField], ExportJob]]:
         """Settings of the field of a choice, and its objects on it."""
-        others = "lidar", "set", "path", "start", "goal", *FIELD, shared.CostOptions
-        self.refuse("with --choice, which has its own", *others)
-        choice = locplan.Choice.load(self.choice)
+        others = "lidar", "set", "path", "start", "goal", *FIELD
+        self.refuse("with --choice, which has its own", *others, shared.CostOptions)
+        choice = locplan.Choice.load(file)
 
         def made(field: CovarianceField) -> ExportJob:
             return locplan.export.ExportJob.of_choice(choice, field)

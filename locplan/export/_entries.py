@@ -105,7 +105,8 @@ def with_stations(
         If the robot cannot stand at a station, or no node is seen from it.
     """
     space, resolution = space_of(costs), costs.grid.resolution
-    every, entries = np.arange(len(graph.nodes)), []
+    every = np.arange(len(graph.nodes))
+    entries: list[tuple[Floats, list[int]]] = []
     at = []
     for station in stations:
         costs.cell_of((station.x, station.y), f"station {station.name}")

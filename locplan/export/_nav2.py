@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path as Route, about_costs, costs_caption
+from locplan.errors import LocplanError
 from locplan.export._charges import Conversion, checked_planner, keepout_mask
 from locplan.export._costmap import CostmapInflation, PlannedPath
 from locplan.export._parameters import Robot, differences, merged_text, with_costmap, with_planner
@@ -87,23 +88,16 @@ def nav2_keepout(
     LocplanError
         If the folder cannot be written, or a setting is out of its range.
     """
-    robot = Robot.of(params, distro, tree)
-    return _write_charged(
-        folder, "keepout", costs, robot, planner, paths, planner_param=planner_param
-    )
+    own: Any = {
+        "planner": planner,
+        "planner_param": planner_param,
+        "distro": distro,
+        "params": params,
+    }
+    return _write_charged(folder, "keepout", costs, **own, tree=tree, paths=paths)
 
 
-def nav2_static(
-    folder: str | Path,
-    costs: Costmap | Choice,
-    *,
-    planner: str | None = None,
-    planner_param: float | None = None,
-    distro: str = "jazzy",
-    params: str | Path | None = None,
-    tree: str | Path | None = None,
-    paths: Mapping[str, Route] | None = None,
-) -> Conversion:
+def nav2_static(folder: str | Path, costs: Costmap | Choice, **settings: Any) -> Conversion:
     """Write a map for a second StaticLayer that makes a planner's costs the costmap's J.
 
     The result and the errors are those of `nav2_keepout`. In Nav2 `trinary_costmap` (false),
@@ -112,13 +106,10 @@ def nav2_static(
 
     Parameters
     ----------
-    folder, costs, planner, planner_param, distro, params, tree, paths
-        See `nav2_keepout`.
+    folder, costs, **settings
+        Those of `nav2_keepout`.
     """
-    robot = Robot.of(params, distro, tree)
-    return _write_charged(
-        folder, "static", costs, robot, planner, paths, planner_param=planner_param
-    )
+    return _write_charged(folder, "static", costs, **settings)
 
 
 def nav2_speed(
@@ -173,13 +164,16 @@ def _write_charged(
     folder: str | Path,
     kind: str,
     costs: Costmap | Choice,
-    robot: Robot,
-    planner: str | None,
-    paths: Mapping[str, Route] | None,
-    **param: Any,
+    *,
+    planner: str | None = None,
+    planner_param: float | None = None,
+    distro: str = "jazzy",
+    params: str | Path | None = None,
+    tree: str | Path | None = None,
+    paths: Mapping[str, Route] | None = None,
 ) -> Conversion:
     """Write the mask of a filter or a layer that makes a planner's costs J."""
-    paths, choice = paths or {}, None
+    robot, paths, choice = Robot.of(params, distro, tree), paths or {}, None
     if not isinstance(costs, Costmap):
         choice, costs = costs, costs.costmap()
         paths = {each.name: each.path for each in [choice.chosen] if each} | {**paths}
@@ -187,13 +181,13 @@ def _write_charged(
     caveat = checked_planner(planner, None).caveat
     inflation = None if caveat else CostmapInflation.of(robot.file)
     values, conversion = keepout_mask(
-        costs, planner=planner, static=static, inflation=inflation, **param
+        costs, planner=planner, static=static, inflation=inflation, planner_param=planner_param
     )
     merged, called = with_planner(robot, with_costmap(robot, kind), conversion)
     if inflation:
         steep = inflation.below_a_mask.inflation.cost_scaling_factor
         merged = merged.changed(GLOBAL_COSTMAP, {f"{inflation.layer}.cost_scaling_factor": steep})
-    merged, tree = with_tree(robot, merged, called, conversion.planner, Path(folder))
+    merged, edited = with_tree(robot, merged, called, conversion.planner, Path(folder))
     robot.warn(robot.of_planner(called))
     if caveat:
         robot.warn(iter([f"{planner} does not follow a mask: {caveat}"]))
@@ -205,7 +199,7 @@ def _write_charged(
     about = {"planner_id": called, "conversion": conversion.summary()}
     if choice:
         about["choice"] = {"taken": choice.taken, "said": choice.said}
-    planning = _Planning(conversion, called, tree, bool(inflation), choice)
+    planning = _Planning(conversion, called, edited, bool(inflation), choice)
     _write(folder, kind, title, costs, values, robot, merged, about, planning)
     _write_left(Path(folder), costs, robot, planning, paths)
     return conversion
@@ -220,16 +214,15 @@ def _write_left(
     if not planning.left:
         return
     routes = folder.with_name(f"{folder.name}-routes")
-    nav2_routes(
-        routes,
-        costs,
-        {each.name: paths[each.name] for each in planning.left},
-        distro=robot.distribution.name,
-        params=robot.file,
-    )
+    left = {each.name: paths[each.name] for each in planning.left}
+    own: Any = {"distro": robot.distribution.name, "params": robot.file}
+    try:
+        nav2_routes(routes, costs, left, **own)
+        then = f"{routes} has it as a route graph"
+    except LocplanError as error:  # the mask is there, and of use for other paths
+        then = f"it has no route graph: {error}"
     robot.warn(
-        f"{each.planner} would not take {each.name} ({each.text}); {routes} has it as a route graph"
-        for each in planning.left
+        f"{each.planner} would not take {each.name} ({each.text}); {then}" for each in planning.left
     )
 
 

@@ -51,6 +51,11 @@ class ExportJob:
     choice: Choice | None = None
     """The choice that the costs and the path are of; None without one."""
 
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """What people are to do before they use an export: a label and a text each."""
+        return [("first", each) for each in self.choice.advice] if self.choice else []
+
     @classmethod
     def of_choice(cls, choice: Choice, field: CovarianceField) -> ExportJob:
         """The objects of a choice.
