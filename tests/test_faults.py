@@ -123,6 +123,18 @@ def test_specks_are_the_same_in_bands(monkeypatch):
     assert np.array_equal(faults(grid).cells, whole)
 
 
+def test_unknown_space_that_is_painted_black_is_named():
+    cells = np.full((60, 60), OCCUPIED, np.uint8)
+    cells[20:40, 10:50] = FREE
+    painted = OccupancyGrid(cells, 0.05)
+    assert "painted unknown" in kinds(painted)
+    assert "painted unknown" not in kinds(hollowed(painted))
+    cells = cells.copy()
+    cells[2:58, 2:58] = FREE  # walls of two cells are no painted space
+    assert "painted unknown" not in kinds(OccupancyGrid(cells, 0.05))
+    assert "painted unknown" not in kinds(blocks())  # nor are a few racks
+
+
 def test_a_mask_is_not_searched_for_solid_walls(tmp_path):
     Image.fromarray(blocks().cells).save(tmp_path / "lab.png")
     entries = "resolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
@@ -144,5 +156,8 @@ def test_results_are_written_and_drawn(tmp_path):
 
 @pytest.mark.long
 def test_the_solid_ones_of_the_shared_maps_are_found_and_no_others(real_maps):
-    found = {file.parent.name for file in find_maps(real_maps) if faults(*read_map(file)).is_solid}
+    every = {file.parent.name: faults(*read_map(file)) for file in find_maps(real_maps)}
+    found = {name for name, each in every.items() if each.is_solid}
     assert found == SOLID
+    painted = {n for n, each in every.items() if "painted unknown" in {f.kind for f in each}}
+    assert painted == SOLID - {"navfn_willow_costmap"}

@@ -18,6 +18,7 @@ from locplan.maps._misleading import (
     of_cells,
     of_mask,
     of_origin,
+    of_painted,
     of_source,
     of_walls,
     specks_of,
@@ -96,7 +97,7 @@ def faults(
     *,
     check: Callable[[OccupancyGrid], Solidity] = solidity,
 ) -> MapFaults:
-    """Find what of a map misleads: solid walls, specks, thresholds, greys, open edges, masks.
+    """Find what misleads: solid walls, painted unknown, specks, thresholds, open edges, masks.
 
     Solid walls are found by simulated scans, in some tenths of a second the first time that a map
     is seen by a process; no drive is needed.
@@ -133,5 +134,6 @@ def faults(
     masks = tuple(of_mask(grid, source)) if source else ()
     of_file = tuple(of_source(grid, source)) if source else ()
     # No filter has a mask for its map, whose areas are no walls.
-    walls = () if any(each.sure for each in masks) else tuple(of_walls(grid, check(grid)))
+    is_mask = any(each.sure for each in masks)
+    walls = () if is_mask else (*of_walls(grid, check(grid)), *of_painted(grid))
     return MapFaults(grid, (*masks, *of_file, *walls, *of_cells(grid), *of_origin(grid)))

@@ -13,13 +13,17 @@ import numpy as np
 from locplan._kernels.arrays import Bools, Octets
 from locplan.maps._grid import OccupancyGrid
 from locplan.maps._occupancy import FREE, OCCUPIED
-from locplan.maps._solid import DEPTH, Solidity
+from locplan.maps._solid import DEPTH, Solidity, inside_of_walls
 from locplan.maps._source import DARK, ROWS, MapSource
 
 MIN_SHARE = 0.01
 """Minimum share of the pixels, or of the image's edge, that is worth a sentence."""
 SPECK, SPECKS = 3, 1.0
 """Maximum size of a speck [cells], and the number of specks a square metre that is too many."""
+
+PAINTED, NO_UNKNOWN = 0.3, 0.001
+"""Minimum share of the cells that are black inside, and maximum share of unknown ones, of a map
+whose unknown space seems painted black. Real ones have .54 to .85; of the others none has .14."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +32,7 @@ class MapFault:
 
     kind: str
     """What it is: "mask", "thresholds", "cells", "open boundary", "solid walls", "thick walls",
-    "specks" or "origin"."""
+    "painted unknown", "specks" or "origin"."""
     what: str
     """What is wrong, as a sentence without a full stop."""
     mend: str = ""
@@ -187,6 +191,19 @@ def _beside_unknown(cells: Octets) -> Bools:
 
     unknown = ((cells != OCCUPIED) & (cells != FREE)).view(np.uint8)
     return np.asarray(cv2.dilate(unknown, np.ones((3, 3), np.uint8)).view(np.bool_))
+
+
+def of_painted(grid: OccupancyGrid) -> Iterator[MapFault]:
+    """What tells of unknown space that was painted black."""
+    unknown = np.count_nonzero(~grid.free & (grid.cells != OCCUPIED)) / grid.cells.size
+    inside = float(inside_of_walls(grid).mean())
+    if unknown <= NO_UNKNOWN and inside >= PAINTED:
+        yield MapFault(
+            "painted unknown",
+            f"no cell is unknown, and {inside:.0%} of all are black inside of walls, as if unknown"
+            " space were painted black",
+            "save it as unknown, as map_saver does, or take the map that locplan mend makes",
+        )
 
 
 def of_walls(grid: OccupancyGrid, found: Solidity) -> Iterator[MapFault]:
