@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
@@ -251,7 +250,7 @@ def _stretches(
 ) -> list[PathFault]:
     """The faults of lines between poses, those that follow each other as one."""
     found = []
-    runs: list[Sequence[int]] = np.split(lines, np.flatnonzero(np.diff(lines) > 1) + 1)
+    runs = np.split(lines, np.flatnonzero(np.diff(lines) > 1) + 1)
     for run in runs if len(lines) else ():
         first, last = int(run[0]), int(run[-1]) + 1
         begin, end = path.distance[[first, last]].tolist()
