@@ -31,7 +31,7 @@ from locplan import (
 from locplan.errors import ConfigError, PoseError
 from locplan.field import SHORT_LIDAR
 from locplan.maps import FREE, OCCUPIED, environments
-from locplan.planners import AnyAngle, Found, plan_beside_shortest
+from locplan.planners import AnyAngle, Found, check_path, plan_beside_shortest
 from locplan.plotting import map_around
 from locplan.robots import Amcl, Footprint, Inflation, Kinematics, Lidar, Robot
 from locplan.simulation import (
@@ -498,9 +498,30 @@ def test_limits_need_a_field(grid, costs, robot, limit):
         choose(grid, START, GOAL, robot, costs=costs, **{limit: 1.0})
 
 
-def test_robots_that_cannot_turn_on_the_spot_are_not_driven(grid, fielded):
-    car = dataclasses.replace(ROBOT, kinematics=Kinematics(drive="car-like", turning_radius=0.5))
-    found = choose(grid, START, GOAL, car, costs=fielded)
+CAR = dataclasses.replace(ROBOT, kinematics=Kinematics(drive="car-like", turning_radius=0.5))
+
+
+def test_all_candidates_of_a_car_can_be_driven_by_it(grid, costs):
+    sharp = [START, (1.0, 4.6), (11.0, 4.6), GOAL]
+    found = choose(
+        *(grid, (*START, 1.5), GOAL, CAR),
+        costs=costs,
+        drives=4,
+        rival=None,
+        candidates={"sharp": sharp},
+    )
+    assert found.judgement is not None
+    assert len(found.candidates) > 1
+    for each in found.candidates:
+        assert check_path(grid, each.path, CAR).drivable
+        assert each.path.heading is not None
+        assert each.arrivals is None
+    assert "cannot be driven: tight turn" in found.left_out["sharp"]
+    assert "does not steer car-like robots" in found.arrives
+
+
+def test_paths_of_a_car_within_a_budget_are_not_driven(grid, fielded):
+    found = choose(grid, START, GOAL, CAR, costs=fielded, budget=50.0)
     assert found.judgement is None
     assert "turning radius" in found.sentence
 

@@ -45,7 +45,7 @@ class Moves(NamedTuple):
     lengths: Floats  # (m, k) twice its length in each, times its factor [cells]
     cells: Ints  # (m,) number of crossed cells
     extra: Floats  # (m,) further cost [cells]
-    least: Floats  # (m,) cost where the density is 1 [cells]
+    least: Floats  # (m,) cost without `extra` where the density is 1 [cells]
 
 
 class Ground(NamedTuple):
@@ -56,6 +56,7 @@ class Ground(NamedTuple):
     rows: int
     columns: int
     cheapest: float  # least density
+    nearby: Singles  # (rows * columns,) at most the density that motions to or from a cell meet
 
 
 class Terms(NamedTuple):
@@ -195,13 +196,14 @@ def project(queue: Queue, graph: Graph, bound: Singles, cell: int, most: int) ->
             continue
         numbers[EXPANDED] += 1
         to_row, to_col = to // columns, to % columns
+        nearby = np.float64(ground.nearby[to])
         for move in range(len(moves.row)):
             row, col = to_row - moves.row[move], to_col - moves.col[move]
             if not (0 <= row < rows and 0 <= col < columns):
                 continue
             source = row * columns + col
             known = np.float64(bound[source])
-            if here + moves.least[move] * ground.cheapest >= known:
+            if here + moves.least[move] * nearby + moves.extra[move] >= known:
                 continue
             if not is_free(ground, moves, move, row, col):
                 continue
@@ -254,6 +256,7 @@ def expand(
     numbers[EXPANDED] += 1
     row, col = cell // columns, cell % columns
     heading, gear = layer % headings, layer // headings
+    nearby = np.float64(ground.nearby[cell])
     for move in range(moves.begin[heading], moves.begin[heading + 1]):
         to_row, to_col = row + moves.row[move], col + moves.col[move]
         if not (0 <= to_row < rows and 0 <= to_col < columns):
@@ -264,6 +267,9 @@ def expand(
         to_cell = to_row * columns + to_col
         other = (to_gear * headings + moves.target[move]) * size + to_cell
         known = abs(np.float64(cost[other]))
+        lowest = here + change + moves.extra[move] + moves.least[move] * nearby + 1.0
+        if known != 0.0 and lowest >= known:  # the exact cost takes longest
+            continue
         reached = here + change + cost_of(ground, moves, move, cell) + 1.0
         if known != 0.0 and reached >= known * (1 - 1e-7):
             continue

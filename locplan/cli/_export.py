@@ -168,8 +168,9 @@ class export(
 
 
 def _planned(costs: locplan.Costmap, *ends: tuple[float, float]) -> locplan.Path:
-    """The path between two ends; a ConfigError if there is none."""
-    found = locplan.plan(costs, *ends)
+    """The path between two ends, of the lattice for a car; a ConfigError if there is none."""
+    on_radius = costs.robot is not None and costs.robot.kinematics.turning_radius > 0
+    found = locplan.plan(costs, *ends, planner="lattice" if on_radius else None)
     if found.path is None:
         why = found.note or found.status
         raise ConfigError(f"no path leads from --start to --goal: {why}")

@@ -18,7 +18,12 @@ from ._grid import (
 from ._lattice import Lattice as Lattice
 from ._map_info import MapInfo as MapInfo, describe_map as describe_map
 from ._pareto import BudgetPlanner as BudgetPlanner, pareto_front as pareto_front
-from ._path_check import PathCheck as PathCheck, PathFault as PathFault, check_path as check_path
+from ._path_check import (
+    PathCheck as PathCheck,
+    PathFault as PathFault,
+    check_path as check_path,
+    path_faults as path_faults,
+)
 from ._plan import (
     AWARE as AWARE,
     SHORTEST as SHORTEST,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
@@ -171,27 +170,54 @@ def check_path(
         path = Path(numbers[:, :2], numbers[:, 2]) if with_headings else Path(numbers)
     poses = path.driven
     driven = Path(poses[:, :2], poses[:, 2])
-    outline = robot.outline or grown(np.zeros((1, 2)), float(robot.radius - robot.margin))
-    radius, backward = _turning_radii(poses), _ahead(poses) < -0.5
-    kinematics = robot.kinematics
-    tight = radius < kinematics.turning_radius * (1 - TIGHT)
-    met = outline.collisions(grid, poses)
-    faults = [
-        *_stretches("collision", met, driven),
-        *_stretches("tight turn", np.flatnonzero(tight), driven),
-        *_stretches("reverse", np.flatnonzero(backward & (not kinematics.reverse)), driven),
-    ]
+    outline = outline_of(robot)
+    faults = path_faults(grid, driven, robot)
+    collides = any(each.kind == "collision" for each in faults)
     return PathCheck(
         grid=grid,
         path=driven,
         outline=outline,
         length=path.length,
         cost=math.nan if costs is None else path_cost(costs, path),
-        least_radius=float(radius.min(initial=math.inf)),
-        clearance=0.0 if met.size else _clearance(grid, outline, poses),
+        least_radius=float(_turning_radii(poses).min(initial=math.inf)),
+        clearance=0.0 if collides else _clearance(grid, outline, poses),
         swept=_swept(grid, outline, poses),
-        faults=tuple(sorted(faults, key=lambda each: (each.along, each.kind))),
+        faults=faults,
     )
+
+
+def path_faults(grid: OccupancyGrid, path: Path, robot: Robot) -> tuple[PathFault, ...]:
+    """Where a robot cannot drive a path, as `check_path` finds it without the other figures.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    path : Path
+        The path; without headings the robot heads along each line and turns where two meet.
+    robot : Robot
+        The robot.
+
+    Returns
+    -------
+    tuple of PathFault
+        In their order along the path; none where it can be driven.
+    """
+    poses, kinematics = path.driven, robot.kinematics
+    driven = Path(poses[:, :2], poses[:, 2])
+    tight = _turning_radii(poses) < kinematics.turning_radius * (1 - TIGHT)
+    backward = (_ahead(poses) < -0.5) & (not kinematics.reverse)
+    found = [
+        *_stretches("collision", outline_of(robot).collisions(grid, poses), driven),
+        *_stretches("tight turn", np.flatnonzero(tight), driven),
+        *_stretches("reverse", np.flatnonzero(backward), driven),
+    ]
+    return tuple(sorted(found, key=lambda each: (each.along, each.kind)))
+
+
+def outline_of(robot: Robot) -> Footprint:
+    """The outline without a margin; of a circle a polygon around it."""
+    return robot.outline or grown(np.zeros((1, 2)), float(robot.radius - robot.margin))
 
 
 def grown(corners: Floats, by: float) -> Footprint:
@@ -224,7 +250,7 @@ def _stretches(
 ) -> list[PathFault]:
     """The faults of lines between poses, those that follow each other as one."""
     found = []
-    runs: list[Sequence[int]] = np.split(lines, np.flatnonzero(np.diff(lines) > 1) + 1)
+    runs = np.split(lines, np.flatnonzero(np.diff(lines) > 1) + 1)
     for run in runs if len(lines) else ():
         first, last = int(run[0]), int(run[-1]) + 1
         begin, end = path.distance[[first, last]].tolist()

@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from locplan._kernels.arrays import Array, Floats, Ints, Words
+from locplan._kernels.arrays import Array, Floats, Ints, Singles, Words
 from locplan._kernels.bit_masks import WORD, add_runs, widened
 from locplan._kernels.lattice import BACKWARD, EITHER, FORWARD, Ground, Moves
 from locplan._kernels.outlines import swept
@@ -281,7 +281,21 @@ def masked_ground(
     half = np.array(density).reshape(-1) / 2
     free = half[np.isfinite(half)]
     cheapest = 2 * float(free.min()) if free.size else 1.0
-    return Ground(half, masks, rows, columns, cheapest)
+    return Ground(
+        half, masks, rows, columns, cheapest, _nearby(density, reach_of(found, None, 1.0))
+    )
+
+
+def _nearby(density: Array, reach: int) -> Singles:
+    """Least density within so many cells of each cell, over all headings, (rows * columns,)."""
+    import cv2
+
+    least = density.min(axis=0).astype(np.float32)
+    size = 2 * reach + 1
+    eroded = cv2.erode(least, np.ones((size, size), np.uint8), borderValue=np.inf)
+    # A free cell is below infinity; single precision may have rounded it up.
+    found: Singles = np.where(np.isfinite(eroded), eroded * np.float32(1 - 1e-6), 0.0)
+    return found.astype(np.float32).reshape(-1)
 
 
 @lru_cache(maxsize=4)

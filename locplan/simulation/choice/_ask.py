@@ -19,10 +19,12 @@ from locplan.field import CovarianceField, FieldConfig
 from locplan.maps import OccupancyGrid
 from locplan.planners import (
     SHORTEST,
+    Lattice,
     Plan,
     Planner,
     Position,
     check_ends,
+    path_faults,
     plan,
     plan_beside_shortest,
     planned_near_paths,
@@ -199,8 +201,21 @@ class Ask:
         return dataclasses.replace(Costmap.from_density(self.grid, density), robot_radius=radius)
 
     @property
+    def by_lattice(self) -> bool:
+        """Whether the robot turns on a radius, so that all paths are those of the lattice."""
+        return self.robot.kinematics.turning_radius > 0 and self.settings.budget is None
+
+    def _planners(self, costs: Costmap, planner: Planner | None) -> tuple[Costmap, Planner | None]:
+        """The costmap with the robot, and the planner: the lattice where it must be."""
+        if planner is None and self.by_lattice:
+            planner = Lattice()
+        return dataclasses.replace(costs, robot=self.robot), planner
+
+    @property
     def flat(self) -> Ask:
-        """The same without headings."""
+        """The same without headings, except for the lattice."""
+        if self.by_lattice:
+            return self
         return self._between([each[:2] for each in (self.start, *self.settings.via, self.goal)])
 
     def _between(self, places: Sequence[Position]) -> Ask:
@@ -259,19 +274,22 @@ class Ask:
     ) -> Plan:
         """The plan of least cost over the waypoints, for the outline; without limits of e or u
         unless it is to be limited."""
+        costs, planner = self._planners(costs, planner)
         return plan(costs, self.start, self.goal, planner=planner, **self._limits(limited))
 
     def shortest(self, costs: Costmap) -> Path | None:
         """The shortest path without limits, as others that are shown beside an aware one."""
         if math.isnan(costs.weight):
             return None
+        costs, planner = self._planners(costs, None)
         limits = self._limits(limited=False)
-        return plan_beside_shortest(costs, self.start, self.goal, **limits)[SHORTEST].path
+        plans = plan_beside_shortest(costs, self.start, self.goal, planner=planner, **limits)
+        return plans[SHORTEST].path
 
     def beside_shortest(self, costs: Costmap, planner: Planner | None = None) -> dict[str, Plan]:
         """The aware plan within all limits, and the shortest one."""
         limits = self._limits(limited=True)
-        planner = planner if self.settings.budget is None else None
+        costs, planner = self._planners(costs, planner if self.settings.budget is None else None)
         return plan_beside_shortest(costs, self.start, self.goal, planner=planner, **limits)
 
     def _limits(self, limited: bool) -> dict[str, Any]:
@@ -287,7 +305,10 @@ class Ask:
         for x, y, *_ in asked.via:
             if not len(path) or distances_to(np.array([[x, y]]), path)[0] > NEAR:
                 return f"does not visit {x:g},{y:g}"
-        if asked.budget is None and outline is not None:
+        if self.by_lattice:
+            for each in path_faults(self.grid, path, self.robot):
+                return f"cannot be driven: {each.kind} near {each.x:.2f},{each.y:.2f}"
+        elif asked.budget is None and outline is not None:
             collision = outline.first_collision(self.grid, path)
             if collision:
                 return "the robot's outline meets a wall near {:.2f},{:.2f}".format(*collision)

@@ -219,7 +219,7 @@ def add_own(
     """
     asked, given = ask.settings, dict(own)
     if asked.front:
-        given.update(_paths_of("front", pareto_front(costs, ask.start, ask.goal)))
+        given.update(_paths_of("front", pareto_front(costs, ask.start[:2], ask.goal[:2])))
     limit = asked.longest * found[SHORTEST].length if SHORTEST in found else math.inf
     for name, path in given.items():
         if path is but:

@@ -17,7 +17,7 @@ from locplan.costs import Costmap, Path, about_costs, check_costs, check_criteri
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, FieldConfig, equipped, load_or_compute
 from locplan.maps import FREE, OccupancyGrid, check_grid
-from locplan.planners import SHORTEST, AnyAngle, Found, Plan, Planner, Position
+from locplan.planners import LATTICE, SHORTEST, AnyAngle, Found, Plan, Planner, Position
 from locplan.robots import Robot
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import about_filter, check_filter_map
@@ -61,6 +61,9 @@ def choose(
     path that is clearly better, and does not lose more drives, replaces the shortest; and only if
     the robot, steered by its filter in some closed-loop drives of both, arrives about as often.
 
+    Candidates of a robot that turns on a radius are those of the lattice planner, so that it can
+    drive all of them. They are driven in the open loop alone: the follower does not steer cars.
+
     Where the robot's lidar is not known, nothing is driven: the aware path of the field is then
     given beside the shortest one.
 
@@ -68,7 +71,7 @@ def choose(
     ----------
     grid : OccupancyGrid
         The map.
-    start, goal : (x, y), or (x, y, heading) for planners with headings
+    start, goal : (x, y), or (x, y, heading) for planners with headings and car-like robots
         Positions in the world [m, rad].
     robot : Robot, optional
         The robot, which is known when its lidar is, such as ``Robot("turtlebot4")``, or what
@@ -127,8 +130,9 @@ def choose(
 
     own = own_of(candidates)
     planners = [each for each in own.values() if isinstance(each, Planner)]
-    space = next((each.space for each in planners if each.space != "R2"), "R2")
     ask = Ask(grid, start, goal, asked, robot, given, config, compute or computed)
+    usual = LATTICE if ask.by_lattice else "R2"
+    space = next((each.space for each in planners if each.space != "R2"), usual)
     ask = ask.checked(space)
     check_own(own, ask)
     check_filter_map(asked.filter_map, grid)
@@ -205,10 +209,10 @@ def _robot_and_field(
 
 def _why_not(ask: Ask, space: str) -> str:
     """Why nothing is driven; empty if candidates are."""
-    if space != "R2" or ask.robot.kinematics.turning_radius:
-        return (
-            "nothing is driven or recommended: paths with headings or a turning radius are not yet"
-        )
+    radius = ask.robot.kinematics.turning_radius
+    if not ask.by_lattice and (space != "R2" or radius):
+        what = "paths of a turning radius within a budget" if radius else "paths with headings"
+        return f"nothing is driven or recommended: {what} are not yet"
     if ask.robot.lidar is None:
         return (
             "nothing is driven: name the robot's lidar (--lidar NAME, in Python"
