@@ -25,6 +25,7 @@ from locplan.simulation import (
     BeamsLeft,
     DisturbanceLevel,
     Drives,
+    Kidnapping,
     Tuning,
     TuningBench,
     check_drives,
@@ -34,6 +35,8 @@ from locplan.simulation import (
 
 WHOLE = 1_000_000
 """Number, in place of a stretch's, from which replays of the whole drive have random numbers."""
+KIDNAPPED_WAY = 13.0
+"""Length of the way that a part of the drive with a kidnapping needs beside it [m]."""
 
 
 @dataclass(eq=False, repr=False)
@@ -68,6 +71,29 @@ class RecordedBench(TuningBench):
 
         errors = in_batches(run, self.drives, self.threads, batch=1)
         return Drives(self.tracks.recording.poses, np.array(errors))
+
+    def kidnapped(self, amcl: Amcl, metres: float) -> NDArray[np.float64]:
+        """Errors after replays of parts of the whole drive, as many of each as of a stretch."""
+        whole, own = self.tracks.recording, self.arguments(amcl)[0][1]
+        ways = np.linspace(0.0, max(0.0, whole.length - KIDNAPPED_WAY - metres), len(self.lines))
+        begins = np.searchsorted(way_along(whole.poses), ways)
+
+        def run(some: NDArray[np.int64]) -> list[float]:
+            found = []
+            for n, begin in zip(some.tolist(), begins[some], strict=True):
+                part = whole[begin:]
+                if (kidnapping := Kidnapping.on(part.poses, metres)) is None:
+                    continue
+                reported = kidnapping.odometry(self.tracks.odometry[begin:])
+                tracks = Tracks(replace(part[kidnapping.kept], odometry=reported), self.filter_map)
+                ends = tracks.ends(amcl)
+                for drive in range(self.drives):
+                    random = random_of(self.seed, REPLAY, WHOLE, n, drive)
+                    errors = tracks.track(random, ends, own)[0]
+                    found.append(float(np.hypot(*errors[-1, :2])))
+            return found
+
+        return np.array(in_batches(run, len(begins), self.threads, batch=1))
 
 
 def tune_on_drive(

@@ -139,6 +139,18 @@ class TuningBench(ABC):
         """
         return None
 
+    def kidnapped(self, amcl: Amcl, metres: float) -> Floats:
+        """Position errors 10 m after kidnappings, (n,) [m]; none of a bench that has no worlds.
+
+        Parameters
+        ----------
+        amcl : Amcl
+            The setting.
+        metres : float
+            Distance by which the robot is kidnapped [m].
+        """
+        return np.empty(0)
+
     def scores(self, amcl: Amcl) -> NDArray[np.float32]:
         """Scores of beams on the map, which many settings share, for `drive_arguments`.
 

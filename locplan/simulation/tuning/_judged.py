@@ -13,6 +13,7 @@ from locplan._util.intervals import Interval, of_geometric_mean, of_mean, wilson
 from locplan.robots import Amcl
 from locplan.simulation._drives import Drives, rmse_ratio
 from locplan.simulation.tuning._bench import DisturbanceLevel, TuningBench
+from locplan.simulation.tuning._recovery import KIDNAPPINGS, Recovery
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,9 @@ class Judged:
     """What it does on the whole of a recorded drive; None where paths were simulated."""
     beyond: AtLevel | None = None
     """Its errors at a level that is beyond those of the search, and decides nothing."""
+    recoveries: tuple[Recovery, ...] = ()
+    """How often it came back by the goal after it was off by more than 1 m, at all levels, and 10 m
+    after kidnappings; those that no drive shows are left out."""
 
     @property
     def worst(self) -> float:
@@ -171,4 +175,16 @@ def judged_beside(
     metres = float(bench.lengths.sum())
     on_whole = WholeDrive.of(whole, whole_of_own) if whole and whole_of_own else None
     costs = ms / bench.updates(amcl), ms / metres
-    return Judged(name, amcl, tuple(levels[:searched]), ratio, *costs, on_whole, beyond)
+    found = _recoveries(bench, amcl)
+    return Judged(name, amcl, tuple(levels[:searched]), ratio, *costs, on_whole, beyond, found)
+
+
+def _recoveries(bench: TuningBench, amcl: Amcl) -> tuple[Recovery, ...]:
+    """What a setting does after it was lost, and after kidnappings."""
+    driven = bench.driven[amcl]
+    lost = driven.lost.astype(bool)
+    found = [Recovery("after it was lost", int((driven.off[lost] == 0).sum()), int(lost.sum()))]
+    for metres in KIDNAPPINGS:
+        errors = bench.kidnapped(amcl, metres)
+        found.append(Recovery.of(f"after a kidnapping of {metres:g} m", errors))
+    return tuple(each for each in found if each.drives)

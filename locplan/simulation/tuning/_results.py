@@ -94,9 +94,14 @@ class Tuning(Result):
         return next(each for each in self.judged if each.amcl == self.candidate)
 
     @property
+    def to_use(self) -> Judged:
+        """What was found if it is clearly better, else the user's own settings, as judged."""
+        return self.found if self.found.better else self.judged[0]
+
+    @property
     def winner(self) -> Amcl:
-        """The settings to use: what was found if it is clearly better, else the user's own."""
-        return self.found.amcl if self.found.better else self.own
+        """The settings to use."""
+        return self.to_use.amcl
 
     @property
     def changes(self) -> dict[str, Value]:
@@ -240,6 +245,7 @@ def tuning_report(tuning: Tuning) -> str:
         *(f"warning: {each}" for each in tuning.lints),
         tuning.conclusion,
         *_holds_for(tuning),
+        *_comes_back(tuning),
     ]
     return "\n".join(lines)
 
@@ -275,7 +281,7 @@ def _holds_for(tuning: Tuning) -> list[str]:
     """For which odometry the settings hold, and what they do beyond it."""
     if tuning.drive:
         return []
-    judged = next(each for each in tuning.judged if each.amcl == tuning.winner)
+    judged = tuning.to_use
     most = f"{tuning.levels[-1].odometry:.0f}"
     chosen = f"They were chosen for odometry up to {most} times as bad as that of this robot"
     if (at := judged.beyond) is None:
@@ -284,6 +290,12 @@ def _holds_for(tuning: Tuning) -> list[str]:
         f"{chosen}; at ten times: {at.rmse.value:.2g} m, off by more than 1 m in"
         f" {at.lost.value:.0%} (--odometry poor searches for that)."
     ]
+
+
+def _comes_back(tuning: Tuning) -> list[str]:
+    """What the settings to use do after they were lost or kidnapped."""
+    found = "; ".join(each.sentence for each in tuning.to_use.recoveries)
+    return [f"They are back within 10 m of driving, or by the goal, {found}."] if found else []
 
 
 def _gains(tuning: Tuning) -> list[str]:
@@ -298,7 +310,7 @@ def _gains(tuning: Tuning) -> list[str]:
 
 
 def _name(tuning: Tuning, judged: Judged) -> str:
-    marks = ["to use"] if judged.amcl == tuning.winner and tuning.changes else []
+    marks = ["to use"] if judged is tuning.to_use and tuning.changes else []
     if judged.better_at_every_level and not tuning.drive:
         marks.append("better at every level")
     return f"{judged.name} ({'; '.join(marks)})" if marks else judged.name
