@@ -20,6 +20,7 @@ from locplan.simulation import (
     Simulator,
     Tuning,
     TuningBench,
+    joined,
     poses_along,
     search_settings,
     tune,
@@ -298,6 +299,23 @@ def test_the_worst_level_counts_whichever_it_is():
     found = found_by(Formula({"sigma_hit": {0.1: -0.05}}, levels), GOOD)
     assert treacherous not in {each.amcl for each in found.judged}
     assert found.candidate.sigma_hit == 0.1
+
+
+def test_of_several_maps_the_worst_counts():
+    of_one = {"sigma_hit": {0.05: -2.0, 0.1: -1.0}}
+    of_other = {"sigma_hit": {0.05: 1.0, 0.1: -1.0}}
+    benches = [Formula(of_one), Formula(of_other)]
+    assert found_by(benches[0]).candidate.sigma_hit == 0.05
+    bench = joined(benches, ["one", "one"])
+    found = found_by(bench)
+    assert found.candidate.sigma_hit == 0.1
+    assert [each.name for each in found.levels][::3] == ["one level 0", "one 2 level 0"]
+    assert bench.strongest == [2, 5]
+    assert found.found.worst_at().level.name == "one level 2"
+    named = found.report().split("A: ")[0]
+    assert "one level 2" in named
+    assert "one level 0" not in named
+    assert bench.updates(Amcl()) == benches[0].updates(Amcl())
 
 
 def test_own_settings_that_are_best_are_found():

@@ -200,20 +200,19 @@ class DriveOptions(typed.Options):
 
     def check_drive(self) -> None:
         """Raise a ConfigError if an option is given without a drive; before long work."""
-        if self.drive is None:
+        if not self.drive:
             self.refuse("without --drive", DriveOptions, "reference")
 
-    def read(self) -> Recording:
-        """The drive; a ConfigError if none was named."""
+    def read(self, file: Path | None = None) -> Recording:
+        """The drive, or one of several by its file; a ConfigError if none was named."""
         self.check_drive()
-        if self.drive is None:
+        file = file or self.drive
+        if file is None:
             raise ConfigError("name a recorded drive with --drive")
         topics = locplan.recordings.Topics(**self.given(locplan.recordings.Topics))
         own = self.given("every", "range_limits", "mount")
-        with progress_bar(f"reading {self.drive.name}", "messages") as progress:
-            recording = locplan.recordings.read_drive(
-                self.drive, topics=topics, progress=progress, **own
-            )
+        with progress_bar(f"reading {file.name}", "messages") as progress:
+            recording = locplan.recordings.read_drive(file, topics=topics, progress=progress, **own)
         return recording.moved(*self.align) if self.align else recording
 
 
@@ -225,7 +224,9 @@ class ReferencedOptions(DriveOptions):
     """Poses that count as true: the log's own, or those that trajectory finds; by default these of
     a bag."""
 
-    def on_map(self, maps: Sequence[Path]) -> tuple[OccupancyGrid, Recording]:
+    def on_map(
+        self, maps: Sequence[Path], file: Path | None = None
+    ) -> tuple[OccupancyGrid, Recording]:
         """The map, and the drive on it; a LocplanError unless it is one map that fits.
 
         Where the user has aligned the drive, a warning says that it does not.
@@ -233,7 +234,7 @@ class ReferencedOptions(DriveOptions):
         files = locplan.maps.find_maps(*maps)
         if len(files) != 1:
             raise ConfigError(f"--drive is of one map, not of {len(files)}; name the one it was on")
-        grid, drive = locplan.load_map(files[0]), self.read()
+        grid, drive = locplan.load_map(files[0]), self.read(file)
         with progress_bar("smoothing", "") as progress:
             drive = locplan.recordings.referenced(drive, grid, self.reference, progress=progress)
         with working("looking whether the map fits"):

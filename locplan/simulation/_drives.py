@@ -32,6 +32,8 @@ MAX_DRIVES = 100_000
 """Maximum number of drives along a path, or to a place."""
 LOST = 1.0
 """Position error above which, at any time of a drive, the robot counts as lost [m]."""
+FLOOR = 1e-6
+"""Mean square error that is added, so that no drive without error decides alone [m^2, rad^2]."""
 OFF = 0.5
 """Position error above which a robot is off at its goal [m]: of what open-loop drives show, that
 tells best whether a robot that is steered by its estimate arrives."""
@@ -251,10 +253,6 @@ def contrasts(drives: Mapping[str, Drives]) -> dict[str, Interval]:
     """Ratio of the RMSE of each path's drives to that of the first path's."""
     first, *rest = drives
     return {name: rmse_ratio(drives[name], drives[first]) for name in rest}
-
-
-FLOOR = 1e-6
-"""Mean square error that is added, so that no drive without error decides alone [m^2, rad^2]."""
 
 
 class Line(NamedTuple):

@@ -58,7 +58,15 @@ class Kidnapping(NamedTuple):
 
     @classmethod
     def on(cls, poses: Poses, metres: float) -> Kidnapping | None:
-        """The kidnapping by a distance [m] early on a line; None if the line is too short."""
+        """The kidnapping by a distance early on a line; None if the line is too short.
+
+        Parameters
+        ----------
+        poses : (n, 3) array
+            The line [m, m, rad].
+        metres : float
+            The distance [m].
+        """
         way = way_along(poses)
         first = int(np.searchsorted(way, min(BEFORE, way[-1] / 4)))
         away = np.hypot(*(poses[first:, :2] - poses[first, :2]).T)
@@ -72,7 +80,10 @@ class Kidnapping(NamedTuple):
     def odometry(self, poses: Poses) -> Poses:
         """The poses that are kept, (kept, 3), as a robot reports them that does not know of it.
 
-        `poses` (n, 3) are those of the whole line, true or reported.
+        Parameters
+        ----------
+        poses : (n, 3) array
+            Those of the whole line, true or reported [m, m, rad].
         """
         after = self.first + 1
         some = poses[self.kept]

@@ -36,14 +36,14 @@ OWN = "your settings"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuning(Result):
-    """Settings of AMCL that were tuned on one map, and the evidence for them."""
+    """Settings of AMCL that were tuned on a map, or several, and the evidence for them."""
 
     _reported_by: ClassVar[str] = "locplan.simulation.tuning._results:tuning_report"
     _drawn_by: ClassVar[str] = "locplan.simulation:tuning_figure"
     files: ClassVar[Results] = Results("tuning", ("tuning.json", "tuning.png", "nav2_params.yaml"))
 
-    grid: OccupancyGrid
-    """The map."""
+    grids: tuple[OccupancyGrid, ...]
+    """The maps."""
     robot: Robot
     """The robot, with the user's own settings of AMCL, at the level `x1`."""
     candidate: Amcl
@@ -60,7 +60,7 @@ class Tuning(Result):
     rungs: tuple[tuple[int, int, int], ...]
     """Settings, paths and drives along each path of each rung of the search."""
     paths: int
-    """Number of paths on which was judged."""
+    """Number of paths on which was judged, on each map."""
     drives: int
     """Number of drives along each path at each level."""
     seed: int
@@ -68,15 +68,25 @@ class Tuning(Result):
     judged_seed: int
     """Seed of the paths, worlds and drives on which was judged."""
     drive: str = ""
-    """Name of the recorded drive, whose stretches are the paths; empty if they were simulated."""
+    """Names of the recorded drives, whose stretches are the paths; empty if they were simulated."""
     filter_map: OccupancyGrid | None = None
-    """The filter's map, where it is not `grid`."""
+    """The filter's map, where it is not that of `grids`."""
     notes: tuple[str, ...] = ()
     """What limits the result, in sentences without a full stop."""
 
     def __repr__(self) -> str:
         changes = described(self.own, self.winner)
-        return f"Tuning({self.grid.name or 'map'}, {changes or 'nothing is clearly better'})"
+        return f"Tuning({self.where}, {changes or 'nothing is clearly better'})"
+
+    @property
+    def where(self) -> str:
+        """Names of the maps."""
+        return ", ".join(each.name or "map" for each in self.grids)
+
+    @property
+    def is_joined(self) -> bool:
+        """True if the settings are for several maps, or several drives."""
+        return len({(each.odometry, each.clutter) for each in self.levels}) < len(self.levels)
 
     @property
     def own(self) -> Amcl:
@@ -85,7 +95,7 @@ class Tuning(Result):
 
     @property
     def levels(self) -> tuple[DisturbanceLevel, ...]:
-        """The levels of disturbance; a recorded drive has one, its own."""
+        """The levels of disturbance on each map; a recorded drive has one, its own."""
         return tuple(each.level for each in self.judged[0].levels)
 
     @property
@@ -130,8 +140,8 @@ class Tuning(Result):
         elif levels:
             where = f"clearly better at the levels {' and '.join(levels)} of disturbance"
         # The level that was asked for, or the strongest one for poor odometry.
-        asked = 1 if own.levels[-1].level.odometry < 10 else -1
-        before, after = own.levels[asked], found.levels[asked]
+        asked = 1.0 if own.levels[-1].level.odometry < 10 else own.levels[-1].level.odometry
+        before, after = own.worst_at(asked), found.worst_at(asked)
         return (
             f"{changes}: RMSE {before.rmse.value:.2g} -> {after.rmse.value:.2g} m, off by"
             f" more than 1 m in {100 * before.lost.value:.0f} -> {after.lost.value:.0%}; {where};"
@@ -193,9 +203,10 @@ class Tuning(Result):
         """
         names = "settings", "paths", "drives"
         levels = [(each.name, each.of(self.robot).summary()) for each in self.levels]
+        maps = [{"name": each.name, "digest": each.digest} for each in self.grids]
         found: dict[str, object] = {
             "conclusion": self.conclusion,
-            "map": {"name": self.grid.name, "digest": self.grid.digest},
+            **({"maps": maps} if maps[1:] else {"map": maps[0]}),
             "verdict": "better" if self.changes else "nothing is clearly better",
             "changes": self.changes,
             "judged": tree_of(self.judged),
@@ -216,19 +227,17 @@ class Tuning(Result):
 
 def tuning_report(tuning: Tuning) -> str:
     """Table of the settings that were judged, the warnings, and the conclusion."""
-    levels = [level.name for level in tuning.levels]
-    at = ["whole drive", "first off", "stretches"] if tuning.drive else levels
-    head = ["", *at, "RMSE to A's", "ms/update", "ms/m"]
+    levels = ["worst"] if tuning.is_joined else [level.name for level in tuning.levels]
+    if tuning.drive:
+        levels = ["whole drive", "first off", *(levels if tuning.is_joined else ["stretches"])]
+    head = ["", *levels, "RMSE to A's", "ms/update", "ms/m"]
     rows, names = [], []
     for letter, each in zip(ascii_uppercase, tuning.judged, strict=False):
         rows.append(
             [
                 letter,
                 *_of_whole(each.whole),
-                *(
-                    f"{at.rmse.value:.2g} m {at.lost.value:.0%} {at.off_at_goal.value:.0%}"
-                    for at in each.levels
-                ),
+                *_at_levels(tuning, each),
                 "1" if each is tuning.judged[0] else _short((each.whole or each).rmse_ratio),
                 f"{each.cpu_ms_per_update:.2f}",
                 f"{each.cpu_ms_per_metre:.2f}",
@@ -250,30 +259,45 @@ def tuning_report(tuning: Tuning) -> str:
     return "\n".join(lines)
 
 
+def _at_levels(tuning: Tuning, judged: Judged) -> list[str]:
+    """Cells of the levels; of several maps, that of the worst one, with its name."""
+    some = [judged.worst_at()] if tuning.is_joined else judged.levels
+    cells = []
+    for at in some:
+        where = f" {at.level.name}" if tuning.is_joined else ""
+        shares = f"{at.lost.value:.0%} {at.off_at_goal.value:.0%}"
+        cells.append(f"{at.rmse.value:.2g} m {shares}{where}")
+    return cells
+
+
 def _of_whole(whole: WholeDrive | None) -> list[str]:
     """Cells of the whole drive, or none."""
     if whole is None:
         return []
     first = f"{whole.first_loss:.0f} m" if math.isfinite(whole.first_loss) else "never"
-    return [f"{whole.rmse.value:.2g} m {whole.lost_way.value:.0%}", first]
+    where = f" {whole.name}" if whole.name else ""
+    return [f"{whole.rmse.value:.2g} m {whole.lost_way.value:.0%}{where}", first]
 
 
 def _explained(tuning: Tuning) -> str:
     """What the table's numbers are."""
+    where = tuning.drive or tuning.where
+    if tuning.is_joined:
+        where = f"each of {where} (the worst by name)"
     if tuning.drive:
         return (
             "RMSE of the position against the recorded poses, on the whole drive with the share of"
             " the way\noff by > 1 m and where it began, and with the shares of replays off by > 1 m"
-            f" and by > 0.5 m at the\nend, on {tuning.paths} stretches of {tuning.drive},"
+            f" and by > 0.5 m at the\nend, on {tuning.paths} stretches of {where},"
             f" {tuning.drives} replays each, on which nothing was chosen;\nRMSE to A's on the whole"
             " drive [95 % over the replays]; ms: CPU time"
         )
+    of_maps = f" of {where}" if tuning.is_joined else ""
     return (
         "RMSE of the position, and shares of the drives off by > 1 m at some time and by > 0.5 m"
         " at the\ngoal, at multiples of odometry's errors, on"
-        f" {tuning.paths} random paths, {tuning.drives} drives each, on which\nnothing was chosen;"
-        " RMSE to A's over all levels [95 %]; ms: CPU time,"
-        " with that of the simulated scan"
+        f" {tuning.paths} random paths{of_maps}, {tuning.drives} drives each, on which\nnothing was"
+        " chosen; RMSE to A's over all levels [95 %]; ms: CPU time, with that of the simulated scan"
     )
 
 

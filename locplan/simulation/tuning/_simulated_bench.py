@@ -116,7 +116,13 @@ class SimulatedBench(TuningBench):
         return stage.drive(self._lines[path], stage.world(path, drive), path, drive, arguments)
 
     def kidnapped(self, amcl: Amcl, metres: float) -> Floats:
-        """Errors after two drives along each path, with the odometry that was asked for."""
+        """Errors after two drives along each path, with the odometry that was asked for.
+
+        Parameters
+        ----------
+        amcl, metres
+            See `TuningBench.kidnapped`.
+        """
         level = [each.odometry for each in self.levels].index(1.0)
         arguments = self.arguments(amcl)[level]
 
