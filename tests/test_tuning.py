@@ -342,7 +342,8 @@ def test_tuning_gains_and_is_judged_on_other_paths(tuning):
     assert tuning.judged_seed != tuning.seed
     assert {each.name for each in tuning.judged} >= {"your settings", "Nav2's defaults"}
     assert tuning.conclusion.startswith(f"{found.name}: RMSE ")
-    assert "times the CPU" in tuning.report()
+    before, after = own.cpu_ms_per_update, found.cpu_ms_per_update
+    assert f"times the CPU ({before:.2f} -> {after:.2f} ms an update)" in tuning.report()
     assert f"\n{LIDAR.title}: of 60 beams compared, " in tuning.report()
     assert json.loads(json.dumps(tuning.summary(), allow_nan=False))["verdict"] == "better"
 

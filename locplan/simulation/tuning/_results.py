@@ -145,15 +145,21 @@ class Tuning(Result):
         return (
             f"{changes}: RMSE {before.rmse.value:.2g} -> {after.rmse.value:.2g} m, off by"
             f" more than 1 m in {100 * before.lost.value:.0f} -> {after.lost.value:.0%}; {where};"
-            f" {found.cpu_ms_per_metre / own.cpu_ms_per_metre:.1f} times the CPU"
+            f" {self._cost}"
         )
+
+    @property
+    def _cost(self) -> str:
+        """What the settings found cost beside the user's own."""
+        own, found = self.judged[0], self.found
+        update = f"{own.cpu_ms_per_update:.2f} -> {found.cpu_ms_per_update:.2f} ms an update"
+        return f"{found.cpu_ms_per_metre / own.cpu_ms_per_metre:.1f} times the CPU ({update})"
 
     def _of_drive(self, changes: str, found: WholeDrive, own: WholeDrive) -> str:
         """The conclusion of a recorded drive."""
         said = f"on the whole drive {found.sentence}; {OWN}: {own.sentence}"
         if self.found.better:
-            cpu = self.found.cpu_ms_per_metre / self.judged[0].cpu_ms_per_metre
-            return f"{changes}: {said}; {cpu:.1f} times the CPU"
+            return f"{changes}: {said}; {self._cost}"
         kept = f"keep {self.judged[0].name} (the best found, {changes}, {said})"
         if found.better:
             return f"nothing is clearly better on the half that nothing was chosen on: {kept}"
@@ -335,8 +341,7 @@ def _gains(tuning: Tuning) -> list[str]:
 
 def _name(tuning: Tuning, judged: Judged) -> str:
     marks = ["to use"] if judged is tuning.to_use and tuning.changes else []
-    if judged.better_at_every_level and not tuning.drive:
-        marks.append("better at every level")
+    marks += ["better at every level"] * (judged.better_at_every_level and not tuning.drive)
     return f"{judged.name} ({'; '.join(marks)})" if marks else judged.name
 
 
