@@ -161,7 +161,7 @@ def test_what_happens_at_ten_times_the_errors_of_odometry_is_said(tuning):
     assert beyond.level.name == "x10"
     assert (beyond.level.odometry, beyond.level.clutter) == (10.0, 1.0)
     assert beyond.rmse.value > tuning.found.levels[0].rmse.value
-    said = tuning.report().splitlines()[-2:]
+    said = tuning.report().splitlines()[-3:]
     assert f"at ten times: {beyond.rmse.value:.2g} m" in " ".join(said)
 
 
@@ -345,6 +345,7 @@ def test_tuning_gains_and_is_judged_on_other_paths(tuning):
     before, after = own.cpu_ms_per_update, found.cpu_ms_per_update
     assert f"times the CPU ({before:.2f} -> {after:.2f} ms an update)" in tuning.report()
     assert f"\n{LIDAR.title}: of 60 beams compared, " in tuning.report()
+    assert "\nTo go back, use your own file again" in tuning.report()
     assert json.loads(json.dumps(tuning.summary(), allow_nan=False))["verdict"] == "better"
 
 
