@@ -844,8 +844,14 @@ def beam_score(cells, resolution, x, y, amcl, reach):
     return likelihood**3
 
 
-def weigh(cells, resolution, ends, poses, weights, amcl, reach):
+def weigh(*about):
     """Weights of particles (3, n) after a scan whose beams end `ends` [cells] from the robot."""
+    scaled = weights_of(*about)
+    return scaled / scaled.sum()
+
+
+def weights_of(cells, resolution, ends, poses, weights, amcl, reach):
+    """The same, before they are scaled to add up to 1."""
     scaled = []
     for (x, y, heading), weight in zip(poses.T, weights, strict=True):
         score = 0.0
@@ -857,7 +863,7 @@ def weigh(cells, resolution, ends, poses, weights, amcl, reach):
                 score += beam_score(cells, resolution, end_x + aside, end_y + aside, amcl, reach)
         product = amcl.laser_model_type == "likelihood_field_prob"
         scaled.append(weight * (math.exp(score) if product else 1 + score))
-    return np.array(scaled) / sum(scaled)
+    return np.array(scaled)
 
 
 def move(random, poses, dx, dy, turn, heading, amcl):
@@ -947,13 +953,26 @@ def kld_sample_size(bins, amcl):
     return min(max(math.ceil(n), amcl.min_particles), amcl.max_particles)
 
 
-def resample(random, poses, weights, amcl):
-    """Particles drawn by their weights until KLD sampling has enough."""
+def lost_share(averages, weight, amcl):
+    """AMCL's share of random particles, after both averages have taken the mean weight."""
+    if weight > 0:
+        for n, alpha in enumerate((amcl.recovery_alpha_slow, amcl.recovery_alpha_fast)):
+            averages[n] += (alpha if averages[n] else 1.0) * (weight - averages[n])
+    return 0.0 if averages[0] == 0 else max(0.0, 1 - averages[1] / averages[0])
+
+
+def resample(random, poses, weights, amcl, lost=0.0, free=(), resolution=1.0):
+    """Particles drawn by their weights, or in free cells, until KLD sampling has enough."""
     drawn, bins = [], set()
     shares = np.cumsum(weights)
     while len(drawn) < amcl.max_particles:
-        at = random.random() * shares[-1]
-        drawn.append(poses[:, next(n for n, share in enumerate(shares) if share > at)])
+        if lost > 0 and random.random() < lost:
+            row, col = free[int(random.random() * len(free))]
+            heading = math.pi * (2 * random.random() - 1)
+            drawn.append(np.array([resolution * (col + 0.5), resolution * (row + 0.5), heading]))
+        else:
+            at = random.random() * shares[-1]
+            drawn.append(poses[:, next(n for n, share in enumerate(shares) if share > at)])
         bins |= set(bins_of(drawn[-1][:, None]))
         if len(drawn) > kld_sample_size(len(bins), amcl):
             break
@@ -1055,7 +1074,7 @@ def drive(random, truth, cells, world, resolution, robot, angles, own=None, log=
     poses = np.array(
         [guess + spread * random.standard_normal(3) for _ in range(amcl.max_particles)]
     ).T
-    weights = np.full(poses.shape[1], 1 / poses.shape[1])
+    weights, averages = np.full(poses.shape[1], 1 / poses.shape[1]), [0.0, 0.0]
     pose, at, last, updates, errors = heaviest_cluster_mean(poses), 0, 0, 0, []
     for n, true in enumerate(truth):
         dx, dy, _ = told[n] - told[last]
@@ -1068,10 +1087,14 @@ def drive(random, truth, cells, world, resolution, robot, angles, own=None, log=
             ends = measured_ends(
                 world_random, world, resolution, sensed, sensor, angles, disturbances
             )
-            weights = weigh(cells, resolution, ends, poses, weights, amcl, sensor.range)
+            scaled = weights_of(cells, resolution, ends, poses, weights, amcl, sensor.range)
+            lost = lost_share(averages, scaled.mean(), amcl)
+            weights = scaled / scaled.sum()
             last, updates = n, updates + 1
             if updates % amcl.resample_interval == 0:
-                poses = resample(random, poses, weights, amcl)
+                free = np.argwhere(cells == 254).tolist()
+                poses = resample(random, poses, weights, amcl, lost, free, resolution)
+                averages = [0.0, 0.0] if lost else averages
                 weights = np.full(poses.shape[1], 1 / poses.shape[1])
                 pose, at = heaviest_cluster_mean(poses), n
             log.append((n, ends, covariance_of(poses)))

@@ -492,8 +492,8 @@ def test_the_simulated_choice_takes_the_costmap_its_options_and_one_thread(
 
 
 def test_what_of_a_file_is_not_simulated_is_said_once(nav2):
-    nav2.write_text(nav2.read_text() + "    recovery_alpha_fast: 0.1\n")
-    with pytest.warns(ParameterWarning, match="not simulated: recovery_alpha_fast"):
+    nav2.write_text(nav2.read_text() + "    robot_model_type: my::Legs\n")
+    with pytest.warns(ParameterWarning, match="not simulated: robot_model_type"):
         spec = PlannerSpec.of(f"simulated choice:robot={nav2}")
     with_options(spec.planner, seed=3)  # a second warning would be an error
 

@@ -324,7 +324,7 @@ def test_recorded_drives_are_replayed_on_the_filter_map():
     assert runs[0].drives.rmse.value < runs[2].drives.rmse.value
     tuned = [tune_on_drive(drive, grid, EXACT, drives=2, filter_map=m) for m in (None, old)]
     assert tuned[0].judged[0].worst < tuned[1].judged[0].worst
-    assert tuned[1].grid is grid
+    assert tuned[1].grids == (grid,)
     assert tuned[1].filter_map is old
 
 

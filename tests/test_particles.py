@@ -107,15 +107,19 @@ def test_kld_sampling_wants_what_amcl_wants():
     assert particles.kld_sample_size(1, settings) == 500
 
 
-@pytest.mark.parametrize("limits", [(5, 400), (60, 60)])
-def test_resampling_draws_the_same_particles(limits):
+@pytest.mark.parametrize(("limits", "lost"), [((5, 400), 0.0), ((60, 60), 0.0), ((60, 400), 0.3)])
+def test_resampling_draws_the_same_particles(limits, lost):
     random = np.random.default_rng(4)
-    amcl = Amcl(min_particles=limits[0], max_particles=limits[1], pf_err=0.2)
+    own = {"recovery_alpha_slow": 0.001, "recovery_alpha_fast": 0.1} if lost else {}
+    amcl = Amcl(min_particles=limits[0], max_particles=limits[1], pf_err=0.2, **own)
+    grid, made = room(), simulator(room(), amcl).arguments
     count = 60
     poses, weights = cloud(random, limits[1]), np.zeros(limits[1])
     weights[:count] = random.exponential(size=count)
     weights[:count] /= weights[:count].sum()
-    expected = naive.resample(np.random.default_rng(8), poses[:, :count], weights[:count], amcl)
+    free = np.argwhere(grid.free).tolist(), grid.resolution
+    given = poses[:, :count], weights[:count], amcl, lost, *free
+    expected = naive.resample(np.random.default_rng(8), *given)
     drawn = np.empty_like(poses)
     histogram, bins = particles.make_histogram(limits[1]), 0
     for n in range(count):
@@ -125,13 +129,30 @@ def test_resampling_draws_the_same_particles(limits):
         poses,
         weights,
         count,
-        simulator(room(), amcl).arguments.filter,
+        made.filter,
         histogram,
         bins,
         drawn,
+        made.scores,
+        lost,
     )
     assert found == expected.shape[1] <= limits[1]
     assert drawn[:, :found] == pytest.approx(expected)
+
+
+def test_random_particles_are_added_where_weights_have_fallen():
+    amcl = Amcl(recovery_alpha_slow=0.01, recovery_alpha_fast=0.3)
+    settings = simulator(room(), amcl).arguments.filter
+    found, plain = np.zeros(2), np.zeros(2)
+    shares = []
+    for weight in (0.8, 0.9, 0.0, 0.2, 0.1, 0.1, 2.0):
+        shares.append(drives.lost_share(found, weight, settings))
+        assert shares[-1] == pytest.approx(naive.lost_share(plain, weight, amcl))
+        assert found == pytest.approx(plain)
+    assert shares[0] == shares[1] == shares[-1] == 0
+    assert 0 < shares[3] < shares[4] < shares[5] < 1
+    none = simulator(room(), Amcl()).arguments.filter
+    assert [drives.lost_share(np.array([0.5, 0.5]), w, none) for w in (0.1, 2.0)] == [0, 0]
 
 
 def test_the_first_share_above_a_value_is_found_from_anywhere():
@@ -153,9 +174,9 @@ def test_particles_are_drawn_as_often_as_they_weigh():
     poses, weights = np.zeros((3, 20_000)), np.zeros(20_000)
     poses[0, :4], weights[:4] = (0, 1, 2, 3), (0.1, 0.2, 0.3, 0.4)
     drawn, histogram = np.empty_like(poses), particles.make_histogram(20_000)
-    settings = simulator(room(), amcl).arguments.filter
-    random = np.random.default_rng(1)
-    count, _ = particles.resample(random, poses, weights, 4, settings, histogram, 0, drawn)
+    made = simulator(room(), amcl).arguments
+    own = made.filter, histogram, 0, drawn, made.scores, 0.0
+    count, _ = particles.resample(np.random.default_rng(1), poses, weights, 4, *own)
     shares = np.bincount(drawn[0, :count].astype(int)) / count
     assert shares == pytest.approx(weights[:4], abs=0.015)
 
@@ -247,6 +268,13 @@ def test_drifts_grow_with_the_root_of_the_way():
             update_min_d=0.1,
             half_cell=False,
             robot_model_type=OMNIDIRECTIONAL,
+        ),
+        Amcl(
+            min_particles=30,
+            max_particles=80,
+            update_min_d=0.1,
+            recovery_alpha_slow=0.01,
+            recovery_alpha_fast=0.5,
         ),
     ],
 )

@@ -322,11 +322,12 @@ def test_a_filter_that_moves_sideways_is_that_of_a_robot_that_does(tmp_path, mod
 
 
 def test_what_is_not_simulated_is_warned_of(tmp_path):
-    own = "robot_model_type: 'my::Legs', recovery_alpha_slow: 0.001, beam_count: 3"
-    said = r"nav2\.yaml: not simulated: recovery_alpha_slow, robot_model_type, beam_count$"
+    own = "robot_model_type: 'my::Legs', do_beamskip: true, beam_count: 3"
+    own += ", laser_model_type: likelihood_field_prob, recovery_alpha_slow: 0.001"
+    said = r"nav2\.yaml: not simulated: do_beamskip, robot_model_type, beam_count$"
     with pytest.warns(ParameterWarning, match=said):
         robot = from_nav2(tmp_path, f"amcl: {{ros__parameters: {{{own}}}}}")
-    assert robot == Robot()
+    assert robot.filter == Amcl(laser_model_type="likelihood_field_prob", recovery_alpha_slow=0.001)
 
 
 def test_one_of_several_robots_is_loaded_by_its_name(tmp_path):

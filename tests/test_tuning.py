@@ -20,6 +20,7 @@ from locplan.simulation import (
     Simulator,
     Tuning,
     TuningBench,
+    joined,
     poses_along,
     search_settings,
     tune,
@@ -160,7 +161,7 @@ def test_what_happens_at_ten_times_the_errors_of_odometry_is_said(tuning):
     assert beyond.level.name == "x10"
     assert (beyond.level.odometry, beyond.level.clutter) == (10.0, 1.0)
     assert beyond.rmse.value > tuning.found.levels[0].rmse.value
-    said = tuning.report().splitlines()[-2:]
+    said = tuning.report().splitlines()[-3:]
     assert f"at ten times: {beyond.rmse.value:.2g} m" in " ".join(said)
 
 
@@ -300,6 +301,23 @@ def test_the_worst_level_counts_whichever_it_is():
     assert found.candidate.sigma_hit == 0.1
 
 
+def test_of_several_maps_the_worst_counts():
+    of_one = {"sigma_hit": {0.05: -2.0, 0.1: -1.0}}
+    of_other = {"sigma_hit": {0.05: 1.0, 0.1: -1.0}}
+    benches = [Formula(of_one), Formula(of_other)]
+    assert found_by(benches[0]).candidate.sigma_hit == 0.05
+    bench = joined(benches, ["one", "one"])
+    found = found_by(bench)
+    assert found.candidate.sigma_hit == 0.1
+    assert [each.name for each in found.levels][::3] == ["one level 0", "one 2 level 0"]
+    assert bench.strongest == [2, 5]
+    assert found.found.worst_at().level.name == "one level 2"
+    named = found.report().split("A: ")[0]
+    assert "one level 2" in named
+    assert "one level 0" not in named
+    assert bench.updates(Amcl()) == benches[0].updates(Amcl())
+
+
 def test_own_settings_that_are_best_are_found():
     own = dataclasses.replace(GOOD, laser_model_type="likelihood_field_prob")
     added = {"alpha1": {0.05: -1}, "laser_model_type": {own.laser_model_type: -1}}
@@ -324,8 +342,10 @@ def test_tuning_gains_and_is_judged_on_other_paths(tuning):
     assert tuning.judged_seed != tuning.seed
     assert {each.name for each in tuning.judged} >= {"your settings", "Nav2's defaults"}
     assert tuning.conclusion.startswith(f"{found.name}: RMSE ")
-    assert "times the CPU" in tuning.report()
+    before, after = own.cpu_ms_per_update, found.cpu_ms_per_update
+    assert f"times the CPU ({before:.2f} -> {after:.2f} ms an update)" in tuning.report()
     assert f"\n{LIDAR.title}: of 60 beams compared, " in tuning.report()
+    assert "\nTo go back, use your own file again" in tuning.report()
     assert json.loads(json.dumps(tuning.summary(), allow_nan=False))["verdict"] == "better"
 
 

@@ -33,6 +33,7 @@ class Tracker(NamedTuple):
     clouds: Floats  # (2, 3, most) particles, and room for those that are drawn
     weights: Floats  # (most,)
     histogram: particles.Histogram
+    averages: Floats  # (2,) slow and fast average of the mean weight, 0 before the first one
     pose: Floats  # (3,) mean of the heaviest cluster at the last resampling
     state: Ints
     # (6,) which cloud holds the particles, their number, that of their bins, the number of updates,
@@ -55,7 +56,8 @@ def begin(random: Random, first: Floats, start: Start, settings: Filter) -> Trac
             poses[axis, n] += sigma[axis] * random.standard_normal()
         bins = particles.insert(histogram, bins, n, poses[0, n], poses[1, n], poses[2, n])
     pose = np.array(particles.heaviest_cluster_mean(histogram, bins, poses, most))
-    return Tracker(clouds, weights, histogram, pose, np.array([0, most, bins, 0, 0, 0]))
+    averages, state = np.zeros(2), np.array([0, most, bins, 0, 0, 0])
+    return Tracker(clouds, weights, histogram, averages, pose, state)
 
 
 @njit(nogil=True, cache=True)
@@ -79,6 +81,19 @@ def advance(random: Random, tracker: Tracker, reported: Floats, n: int, settings
 
 
 @njit(nogil=True, cache=True)
+def lost_share(averages: Floats, weight: float, settings: Filter) -> float:
+    """Take a mean weight into its slow and fast averages (2,), and return max(0, 1 - fast / slow).
+
+    That is AMCL's share of random particles, which recover a filter whose weights have fallen.
+    """
+    if weight > 0:
+        for n in range(2):
+            alpha = settings.recovery_alpha_fast if n else settings.recovery_alpha_slow
+            averages[n] = averages[n] + alpha * (weight - averages[n]) if averages[n] else weight
+    return max(0.0, 1 - averages[1] / averages[0]) if averages[0] > 0 else 0.0
+
+
+@njit(nogil=True, cache=True)
 def correct(
     random: Random, tracker: Tracker, scores: BeamScores, ends: Floats, n: int, settings: Filter
 ) -> bool:
@@ -88,14 +103,26 @@ def correct(
     """
     state, weights = tracker.state, tracker.weights
     poses, drawn = tracker.clouds[state[NOW]], tracker.clouds[1 - state[NOW]]
-    particles.weigh(scores, ends, poses, state[COUNT], weights)
+    weight = particles.weigh(scores, ends, poses, state[COUNT], weights)
+    lost = lost_share(tracker.averages, weight, settings)
     state[UPDATED] = n
     state[UPDATES] += 1
     if state[UPDATES] % settings.resample_interval:
         return False
     count, bins = particles.resample(
-        random, poses, weights, state[COUNT], settings, tracker.histogram, state[BINS], drawn
+        random,
+        poses,
+        weights,
+        state[COUNT],
+        settings,
+        tracker.histogram,
+        state[BINS],
+        drawn,
+        scores,
+        lost,
     )
+    if lost > 0:  # as in AMCL, else more and more particles would be random
+        tracker.averages[0] = tracker.averages[1] = 0.0
     state[NOW], state[COUNT], state[BINS], state[AT] = 1 - state[NOW], count, bins, n
     weights[:count] = 1 / count
     x, y, heading = particles.heaviest_cluster_mean(tracker.histogram, bins, drawn, count)

@@ -63,6 +63,8 @@ class Filter(NamedTuple):
     resample_interval: int
     update_min_d: float
     update_min_a: float
+    recovery_alpha_slow: float
+    recovery_alpha_fast: float
 
 
 class BeamScores(NamedTuple):
@@ -74,6 +76,7 @@ class BeamScores(NamedTuple):
     resolution: float
     product: bool  # whether scores are logarithms of factors
     shift: float  # added to a position to find its cell: the ring, and half a cell as Nav2 [cells]
+    free: Ints = np.empty(0, np.int64)  # flat indices of free cells, without the ring, for recovery
 
 
 class Histogram(NamedTuple):
@@ -283,10 +286,11 @@ def add_scores(scores: BeamScores, ends: Floats, poses: Floats, count: int, sums
 
 
 @njit(nogil=True, cache=True)
-def weigh(scores: BeamScores, ends: Floats, poses: Floats, count: int, weights: Floats) -> None:
+def weigh(scores: BeamScores, ends: Floats, poses: Floats, count: int, weights: Floats) -> float:
     """Multiply the weights (n,) of the first `count` particles (3, n) by how beams fit the map.
 
-    The weights are scaled to add up to 1; if no particle fits, they become equal.
+    The weights are scaled to add up to 1; if no particle fits, they become equal. Their mean before
+    that is returned.
     """
     sums = np.empty(count)
     add_scores(scores, ends, poses, count, sums)
@@ -296,6 +300,7 @@ def weigh(scores: BeamScores, ends: Floats, poses: Floats, count: int, weights: 
         total += weights[n]
     for n in range(count):
         weights[n] = weights[n] / total if total > 0 else 1.0 / count
+    return total / count
 
 
 @njit(nogil=True, cache=True)
@@ -308,8 +313,12 @@ def resample(
     histogram: Histogram,
     bins: int,
     drawn: Floats,
+    scores: BeamScores,
+    lost: float,
 ) -> tuple[int, int]:
     """Draw particles by their weights into ``drawn`` (3, n), up to the KLD sample size.
+
+    A share ``lost`` of them is drawn anywhere in the map's free cells instead.
 
     Returns
     -------
@@ -321,9 +330,16 @@ def resample(
     guide = guide_of(shares)
     bins = taken = size = 0
     while taken < settings.max_particles:
-        share = random.random()
-        at = first_above(share * shares[-1], shares, guide[int(share * count)])
-        x, y, heading = poses[0, at], poses[1, at], poses[2, at]
+        # Without recovery no number is drawn for it.
+        if lost > 0 and len(scores.free) and random.random() < lost:
+            cell = scores.free[int(random.random() * len(scores.free))]
+            x = (cell % (scores.cols - 2) + 0.5) * scores.resolution
+            y = (cell // (scores.cols - 2) + 0.5) * scores.resolution
+            heading = (2 * random.random() - 1) * np.pi
+        else:
+            share = random.random()
+            at = first_above(share * shares[-1], shares, guide[int(share * count)])
+            x, y, heading = poses[0, at], poses[1, at], poses[2, at]
         drawn[0, taken], drawn[1, taken], drawn[2, taken] = x, y, heading
         before, bins = bins, insert(histogram, bins, taken, x, y, heading)
         taken += 1

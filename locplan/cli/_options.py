@@ -201,20 +201,19 @@ class DriveOptions(typed.Options):
 
     def check_drive(self) -> None:
         """Raise a ConfigError if an option is given without a drive; before long work."""
-        if self.drive is None:
+        if not self.drive:
             self.refuse("without --drive", DriveOptions, "reference")
 
-    def read(self) -> Recording:
-        """The drive; a ConfigError if none was named."""
+    def read(self, file: Path | None = None) -> Recording:
+        """The drive, or one of several by its file; a ConfigError if none was named."""
         self.check_drive()
-        if self.drive is None:
+        file = file or self.drive
+        if file is None:
             raise ConfigError("name a recorded drive with --drive")
         topics = locplan.recordings.Topics(**self.given(locplan.recordings.Topics))
         own = self.given("every", "range_limits", "mount")
-        with progress_bar(f"reading {self.drive.name}", "messages") as progress:
-            recording = locplan.recordings.read_drive(
-                self.drive, topics=topics, progress=progress, **own
-            )
+        with progress_bar(f"reading {file.name}", "messages") as progress:
+            recording = locplan.recordings.read_drive(file, topics=topics, progress=progress, **own)
         return recording.moved(*self.align) if self.align else recording
 
 
@@ -231,13 +230,15 @@ class Reference(typed.Options):
 class ReferencedOptions(Reference, DriveOptions):
     """A recorded drive, and what counts as true of it."""
 
-    def referenced(self, grid: OccupancyGrid) -> Recording:
+    def referenced(self, grid: OccupancyGrid, file: Path | None = None) -> Recording:
         """The drive, with the poses that count as true on a map, whether it fits or not."""
-        drive = self.read()
+        drive = self.read(file)
         with progress_bar("smoothing", "") as progress:
             return locplan.recordings.referenced(drive, grid, self.reference, progress=progress)
 
-    def on_map(self, maps: Sequence[Path]) -> tuple[OccupancyGrid, Recording]:
+    def on_map(
+        self, maps: Sequence[Path], file: Path | None = None
+    ) -> tuple[OccupancyGrid, Recording]:
         """The map, and the drive on it; a LocplanError unless it is one map that fits.
 
         Where the user has aligned the drive, a warning says that it does not.
@@ -246,7 +247,7 @@ class ReferencedOptions(Reference, DriveOptions):
         if len(files) != 1:
             raise ConfigError(f"--drive is of one map, not of {len(files)}; name the one it was on")
         grid = locplan.load_map(files[0])
-        drive = self.referenced(grid)
+        drive = self.referenced(grid, file)
         with working("looking whether the map fits"):
             fit = locplan.recordings.fit_to_map(drive, grid)
         if not fit.fits:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from locplan import Costmap, OccupancyGrid, Robot
-    from locplan.simulation import Routes, Simulation
+    from locplan.simulation import Routes, Simulation, Tuning
 
 
 @typed.command(
@@ -180,8 +181,9 @@ class simulate(
     "tune lab.yaml --lidar turtlebot4 -o tuned",
     "tune lab.yaml --lidar rplidar-a1 --robot nav2_params.yaml -o tuned",
     "tune lab.yaml --drive monday.mcap --robot nav2_params.yaml -o tuned",
+    "tune lab.yaml hall.yaml --robot nav2_params.yaml -o tuned",
 )
-class tune(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, shared.Output):
+class tune(typed.ManyMaps, FilterMap, shared.ReferencedOptions, shared.Seeded, shared.Output):
     """Find settings of AMCL that localize your robot better, and write them as Nav2's parameters.
 
     Your own settings (--robot, or Nav2's defaults) and others drive along random
@@ -197,9 +199,18 @@ class tune(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, sha
     do not hold there, your file stays as it is. Recorded poses should be better than
     AMCL's.
 
+    Of several maps, or drives, the worst one counts: one file for a fleet.
+
     This takes some four minutes on two cores, and more with more particles.
     """
 
+    drive: Annotated[
+        tuple[Path, ...],
+        typed.INPUT,
+        Parameter(group=typed.heading("Recorded drive"), metavar="FILE"),
+    ] = ()  # type: ignore[assignment]  # other commands take one
+    """Recorded drive: a bag of ROS 1 or 2, a log of CARMEN, CSV or NPZ; repeatable, with one map
+    for all, or one for each in their order."""
     paths: Annotated[int | None, Parameter(validator=Number(gte=5, lte=1000))] = None
     """Number of random paths of the search, and of the others on which its result is judged; 20 by
     default. The time grows with it."""
@@ -220,16 +231,29 @@ class tune(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, sha
         every = self.given("paths", "drives", "odometry", shared.Seeded) | {"others": others}
         if self.drive:
             self.refuse("with --drive", "paths", "odometry")
-            grid, recording = self.on_map([self.map_file])
-            robot = self.robot_on(recording)
+            result = self._on_drives(every)
         else:
-            robot, grid = self.load_robot(), locplan.load_map(self.map_file)
-        every["filter_map"] = self.load_filter_map(grid)
-        where = f"on {self.drive.name}" if self.drive else f"in {grid.name}"
-        with progress_bar(f"tuning {where}", "") as progress:
-            if self.drive:
-                tune_on_drive = locplan.recordings.tune_on_drive
-                result = tune_on_drive(recording, grid, robot, progress=progress, **every)
-            else:
-                result = locplan.simulation.tune(grid, robot, progress=progress, **every)
+            grids = [locplan.load_map(file) for file in locplan.maps.find_maps(*self.maps)]
+            every["filter_map"] = self.load_filter_map(*grids)
+            robot, where = self.load_robot(), ", ".join(each.name for each in grids)
+            with progress_bar(f"tuning in {where}", "") as progress:
+                result = locplan.simulation.tune(grids, robot, progress=progress, **every)
         self.finish(result, saved=(params,))
+
+    def _on_drives(self, every: dict[str, Any]) -> Tuning:
+        """Tune on recorded drives, with one map for all or one for each."""
+        if len(self.maps) not in (1, len(self.drive)):
+            raise ConfigError(
+                f"give one map for all drives, or one for each in their order: {len(self.drive)}"
+                f" drives, {len(self.maps)} maps"
+            )
+        maps = self.maps * (len(self.drive) // len(self.maps))
+        pairs = [self.on_map([map], file) for map, file in zip(maps, self.drive, strict=True)]
+        grids, recordings = zip(*pairs, strict=True)
+        robot = self.robot_on(recordings[0])
+        every["filter_map"] = self.load_filter_map(*dict.fromkeys(grids))
+        where = ", ".join(file.name for file in self.drive)
+        with progress_bar(f"tuning on {where}", "") as progress:
+            return locplan.recordings.tune_on_drive(
+                recordings, grids, robot, progress=progress, **every
+            )

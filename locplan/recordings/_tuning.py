@@ -14,7 +14,7 @@ from locplan._util.checks import check_threads, instance, whole
 from locplan._util.intervals import random_of
 from locplan._util.poses import way_along
 from locplan._util.progress import ProgressCallback
-from locplan.errors import RecordingError
+from locplan.errors import ConfigError, RecordingError
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.matching import in_batches
 from locplan.recordings._odometry_noise import odometry_noise
@@ -25,15 +25,23 @@ from locplan.simulation import (
     BeamsLeft,
     DisturbanceLevel,
     Drives,
+    Kidnapping,
     Tuning,
     TuningBench,
     check_drives,
     check_filter_map,
+    check_of_one_map,
+    joined,
     search_settings,
+    several,
 )
 
 WHOLE = 1_000_000
 """Number, in place of a stretch's, from which replays of the whole drive have random numbers."""
+RECORDED = DisturbanceLevel("recorded", 1.0, 1.0)
+"""The only level of disturbance of a recorded drive."""
+KIDNAPPED_WAY = 13.0
+"""Length of the way that a part of the drive with a kidnapping needs beside it [m]."""
 
 
 @dataclass(eq=False, repr=False)
@@ -58,7 +66,7 @@ class RecordedBench(TuningBench):
         ends, own = arguments
         return self.tracks.track(random, ends, own, self.stretches[path])[0]
 
-    def whole(self, amcl: Amcl) -> Drives:
+    def whole(self, amcl: Amcl) -> list[Drives]:
         """Replays of the whole drive from its beginning, as many as of a stretch."""
         (ends, own) = self.arguments(amcl)[0]
 
@@ -67,12 +75,35 @@ class RecordedBench(TuningBench):
             return [self.tracks.track(random, ends, own)[0] for random in randoms]
 
         errors = in_batches(run, self.drives, self.threads, batch=1)
-        return Drives(self.tracks.recording.poses, np.array(errors))
+        return [Drives(self.tracks.recording.poses, np.array(errors))]
+
+    def kidnapped(self, amcl: Amcl, metres: float) -> NDArray[np.float64]:
+        """Errors after replays of parts of the whole drive, as many of each as of a stretch."""
+        whole, own = self.tracks.recording, self.arguments(amcl)[0][1]
+        ways = np.linspace(0.0, max(0.0, whole.length - KIDNAPPED_WAY - metres), len(self.lines))
+        begins = np.searchsorted(way_along(whole.poses), ways)
+
+        def run(some: NDArray[np.int64]) -> list[float]:
+            found = []
+            for n, begin in zip(some.tolist(), begins[some], strict=True):
+                part = whole[begin:]
+                if (kidnapping := Kidnapping.on(part.poses, metres)) is None:
+                    continue
+                reported = kidnapping.odometry(self.tracks.odometry[begin:])
+                tracks = Tracks(replace(part[kidnapping.kept], odometry=reported), self.filter_map)
+                ends = tracks.ends(amcl)
+                for drive in range(self.drives):
+                    random = random_of(self.seed, REPLAY, WHOLE, n, drive)
+                    errors = tracks.track(random, ends, own)[0]
+                    found.append(float(np.hypot(*errors[-1, :2])))
+            return found
+
+        return np.array(in_batches(run, len(begins), self.threads, batch=1))
 
 
 def tune_on_drive(
-    recording: Recording,
-    grid: OccupancyGrid,
+    recording: Recording | Sequence[Recording],
+    grid: OccupancyGrid | Sequence[OccupancyGrid],
     robot: Robot | None = None,
     *,
     drives: int = 8,
@@ -93,10 +124,10 @@ def tune_on_drive(
 
     Parameters
     ----------
-    recording : Recording
-        The drive, with odometry.
-    grid : OccupancyGrid
-        The map; the poses are in its world frame.
+    recording : Recording or sequence of Recording
+        The drive, with odometry; or several, whose worst one counts.
+    grid : OccupancyGrid or sequence of OccupancyGrid
+        The map; the poses are in its world frame. Of several drives, that of all, or one for each.
     robot : Robot, optional
         The robot, from whose filter the search begins, with the deviation of the filter's first
         pose on a stretch; Nav2's defaults without it.
@@ -137,30 +168,78 @@ def tune_on_drive(
     >>> tune_on_drive(drive, grid, own, drives=2).winner.max_particles
     20
     """
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
-    check_grid(grid)
+    recordings, grids = several(recording), several(grid)
+    for each in recordings:
+        instance("recording", each, Recording, "read one with locplan.recordings.read_drive")
+    for each in grids:
+        check_grid(each)
+    if len(grids) not in (1, len(recordings)):
+        raise ConfigError(
+            f"{len(recordings)} drives need one map, or one for each in their order, not"
+            f" {len(grids)}"
+        )
+    check_of_one_map(filter_map, grids)
     check_drives(drives)
     whole("seed", seed, 0)
     workers = check_threads(threads)
-    robot = recording.robot(robot)
-    tracks = Tracks(recording, check_filter_map(filter_map, grid))
-    stretches = _stretches(recording)
-    middle = len(stretches) // 2
-    first_half = slice(0, stretches[middle].start)
-    benches = [*stretches[:middle], first_half], stretches[middle:]
-    ends = tracks.ends(robot.amcl)
-    left = BeamsLeft(ends.shape[1], float(np.isfinite(ends[..., 0]).sum(axis=1).mean()))
+    names = [each.source.file or "the drive" for each in recordings]
+    pairs = zip(recordings, grids * (len(recordings) // len(grids)), strict=True)
+    parts = [_Part.of(each, grid, filter_map, robot) for each, grid in pairs]
 
-    def bench_of(own_seed: int, judging: bool) -> RecordedBench:
-        some = benches[judging]
-        lines, level = [tracks.truth[each] for each in some], DisturbanceLevel("recorded", 1.0, 1.0)
-        common = grid, tracks.grid, recording.lidar, [level], lines, drives, own_seed, workers
-        return RecordedBench(*common, tracks, some, robot)
+    def bench_of(own_seed: int, judging: bool) -> TuningBench:
+        benches = [each.bench(judging, drives, own_seed, workers) for each in parts]
+        return joined(benches, names)
 
-    name, notes = recording.source.file or "the drive", sparse_notes(recording, robot.amcl)
-    own: Any = {"left": left, "others": others, "seed": seed, "progress": progress}
-    like = _calibrated(recording, robot.amcl)
-    return search_settings(bench_of, robot, drives, drive=name, notes=notes, like=like, **own)
+    known = parts[0].robot
+    like = [amcl for each in parts for amcl in _calibrated(each.tracks.recording, each.robot.amcl)]
+    return search_settings(
+        bench_of,
+        known,
+        drives,
+        left=min((each.left for each in parts), key=lambda left: left.returned),
+        others=others,
+        seed=seed,
+        progress=progress,
+        drive=", ".join(names),
+        notes=[*dict.fromkeys(n for each in recordings for n in sparse_notes(each, known.amcl))],
+        like=like,
+    )
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A drive on its map, whose first half settings are searched on."""
+
+    tracks: Tracks
+    grid: OccupancyGrid
+    robot: Robot
+    stretches: Sequence[slice]
+
+    @classmethod
+    def of(
+        cls,
+        recording: Recording,
+        grid: OccupancyGrid,
+        filter_map: OccupancyGrid | None,
+        robot: Robot | None,
+    ) -> _Part:
+        tracks = Tracks(recording, check_filter_map(filter_map, grid))
+        return cls(tracks, grid, recording.robot(robot), _stretches(recording))
+
+    @property
+    def left(self) -> BeamsLeft:
+        """Beams that return on the drive."""
+        ends = self.tracks.ends(self.robot.amcl)
+        return BeamsLeft(ends.shape[1], float(np.isfinite(ends[..., 0]).sum(axis=1).mean()))
+
+    def bench(self, judging: bool, drives: int, seed: int, threads: int) -> RecordedBench:
+        """The bench that settings are searched or judged on."""
+        middle = len(self.stretches) // 2
+        first_half = slice(0, self.stretches[middle].start)
+        some = self.stretches[middle:] if judging else [*self.stretches[:middle], first_half]
+        lines = [self.tracks.truth[each] for each in some]
+        common = self.grid, self.tracks.grid, self.tracks.recording.lidar, [RECORDED], lines
+        return RecordedBench(*common, drives, seed, threads, self.tracks, some, self.robot)
 
 
 def _calibrated(recording: Recording, own: Amcl) -> list[Amcl]:

@@ -110,9 +110,8 @@ class Amcl(Settings):
     """Parameters of Nav2's AMCL, by its names and with its defaults.
 
     They are those of its motion models and its likelihood fields. Give your robot's own, which
-    `read_amcl` reads from its file; `tune` looks for better ones. As by default in Nav2,
-    `recovery_alpha_fast` and `_slow` are 0: no random particles are added. Unlike here, Nav2
-    ignores a map's yaw.
+    `read_amcl` reads from its file; `tune` looks for better ones. Unlike here, Nav2 ignores a map's
+    yaw.
 
     Raises
     ------
@@ -162,6 +161,11 @@ class Amcl(Settings):
     pf_z: float = setting(0.99, positive)
     """Quantile of the normal distribution for KLD sampling, above 0, as in AMCL: not the
     probability."""
+    recovery_alpha_fast: float = setting(0.0, 0.0, 1.0)
+    """Share by which the fast average of the particles' weights follows them, 0..1. Where it falls
+    below the slow one, random particles are added; with both 0 none are."""
+    recovery_alpha_slow: float = setting(0.0, 0.0, 1.0)
+    """Share by which the slow average of the particles' weights follows them, 0..1."""
     resample_interval: int = setting(1)
     """Number of updates per resampling, at least 1."""
     sigma_hit: float = setting(0.2, positive)

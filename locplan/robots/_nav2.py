@@ -39,8 +39,6 @@ NOT_SIMULATED: dict[str, float | str | bool] = {
     "global_frame_id": "map",
     "lambda_short": 0.1,
     "odom_frame_id": "odom",
-    "recovery_alpha_fast": 0.0,
-    "recovery_alpha_slow": 0.0,
     "save_pose_rate": 0.5,
     "scan_topic": "scan",
     "tf_broadcast": True,
@@ -211,9 +209,6 @@ def errors_at(path: str | os.PathLike[str], where: str = "") -> Iterator[None]:
 
 def _not_simulated(given: Mapping[str, object]) -> Iterator[str]:
     """Names of parameters in `NO_MATTER` that do matter with the values given."""
-    for name in ("recovery_alpha_slow", "recovery_alpha_fast"):
-        if given.get(name):
-            yield name
     if given.get("do_beamskip") and given.get("laser_model_type") == "likelihood_field_prob":
         yield "do_beamskip"
 

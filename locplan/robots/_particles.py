@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from locplan._kernels.arrays import Floats
 from locplan._util.poses import turning
-from locplan.maps import OCCUPIED, OccupancyGrid, own_axes
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid, own_axes
 
 if TYPE_CHECKING:
     from locplan._kernels.particles import BeamScores, Filter
@@ -150,6 +150,7 @@ def beam_scores(
     from locplan._kernels.particles import BeamScores
 
     values = score_values(grid, amcl, lidar) if values is None else values
+    recovers = amcl.recovery_alpha_slow > 0 or amcl.recovery_alpha_fast > 0
     return BeamScores(
         values=values.ravel(),
         rows=values.shape[0],
@@ -157,6 +158,7 @@ def beam_scores(
         resolution=grid.resolution,
         product=amcl.multiplies,
         shift=1.5 if amcl.half_cell else 1.0,
+        free=np.flatnonzero(grid.cells == FREE) if recovers else np.empty(0, np.int64),
     )
 
 

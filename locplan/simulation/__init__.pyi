@@ -72,6 +72,8 @@ from .tuning._bench import (
     DisturbanceLevel as DisturbanceLevel,
     TuningBench as TuningBench,
 )
+from .tuning._joined_bench import joined as joined, several as several
+from .tuning._recovery import Kidnapping as Kidnapping
 from .tuning._results import Tuning as Tuning
 from .tuning._simulated_bench import SimulatedBench as SimulatedBench
 from .tuning._space import (

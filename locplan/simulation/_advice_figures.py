@@ -155,7 +155,7 @@ def tuning_figure(tuning: Tuning) -> Figure:
     what = f"stretches of {tuning.drive}" if tuning.drive else "random paths"
     runs = "replays" if tuning.drive else "drives"
     about = (
-        f"{tuning.grid.name or 'map'}, {tuning.robot.known_lidar.title}: {tuning.paths} {what},"
+        f"{tuning.where}, {tuning.robot.known_lidar.title}: {tuning.paths} {what},"
         f" {tuning.drives} {runs} each, that nothing was chosen on"
     )
     verdict = "" if tuning.changes else f"; nothing is clearly better than {tuning.judged[0].name}"
@@ -169,7 +169,7 @@ def _draw_judged(errors: Axes, lost: Axes, tuning: Tuning) -> None:
     """The error and the share of lost drives at each level, beside each other by setting."""
     names = [level.name for level in tuning.levels]
     if tuning.drive:
-        names = ["whole drive", "stretches"]
+        names = ["whole drive", *(names if tuning.is_joined else ["stretches"])]
     at = np.arange(len(names))
     count = len(tuning.judged)
     for n, (each, (colour, marker)) in enumerate(zip(tuning.judged, itertools.cycle(MAP_MARKS))):
@@ -189,7 +189,7 @@ def _draw_judged(errors: Axes, lost: Axes, tuning: Tuning) -> None:
             axes.errorbar(aside, value, bars, fmt="none", ecolor=colour, elinewidth=1.5)
             axes.plot(aside, value, marker, color=colour, label=label)
     for axes in (errors, lost):
-        axes.set_xticks(at, names)
+        axes.set_xticks(at, names, rotation=90 if tuning.is_joined else 0)
         if not tuning.drive:
             axes.set_xlabel("odometry's errors, relative to those asked")
         axes.grid(axis="y", color="0.92")

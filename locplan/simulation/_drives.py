@@ -24,6 +24,8 @@ LOST, OFF = 1.0, 0.5
 """Position errors above which the robot counts as lost, at any time of a drive, and as off at its
 goal [m]: of what open-loop drives show, that tells best whether a robot that is steered by its
 estimate arrives."""
+FLOOR = 1e-6
+"""Mean square error that is added, so that no drive without error decides alone [m^2, rad^2]."""
 
 
 def rate_column(name: str, title: str, value: Callable[[Any], Interval] | None = None) -> Column:
@@ -244,10 +246,6 @@ def contrasts(drives: Mapping[str, Drives]) -> dict[str, Interval]:
     """Ratio of the RMSE of each path's drives to that of the first path's."""
     first, *rest = drives
     return {name: rmse_ratio(drives[name], drives[first]) for name in rest}
-
-
-FLOOR = 1e-6
-"""Mean square error that is added, so that no drive without error decides alone [m^2, rad^2]."""
 
 
 class Line(NamedTuple):

@@ -45,8 +45,8 @@ class Simulator:
         matched on `grid`.
     seed : int, default 1
         Seed of all random numbers, >= 0. Drive n has the same ones on all lines that are driven
-        together in the open loop; its world is that of the part of the map around these lines. In the
-        closed loop it is that of the whole map, for a lost robot may drive anywhere.
+        together. In the open loop its world is that of the part of the map around these lines, in
+        the closed loop that of the whole map, for a lost robot may drive anywhere.
     threads : int, optional
         Number of threads, at least 1; all cores by default. The results do not depend on it.
 

@@ -6,7 +6,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from typing import Any, ClassVar
 
@@ -98,9 +98,17 @@ class TuningBench(ABC):
     at_once: ClassVar[int] = 8
     """Number of settings that drive at once: each may hold scores as large as the map."""
 
+    grids: tuple[OccupancyGrid, ...] = field(init=False)
+    """The maps, of which `grid` is the first."""
+    parts: Sequence[str] = field(init=False)
+    """Names of the benches that are joined in this one; an empty one if it is one."""
+
     def __post_init__(self) -> None:
         self.lengths = np.array([way_length(each) for each in self.lines])
         self.driven: dict[Amcl, Driven] = {}
+        self.grids, self.parts = (self.grid,), ("",)
+        # Nearly every setting is worst there; other levels are driven where they can matter.
+        self.strongest = [len(self.levels) - 1]
         self._shape = len(self.levels), len(self.lines), self.drives
         # As many as drive at once: each may be as large as the map.
         self._scores = lru_cache(self.at_once)(
@@ -129,15 +137,27 @@ class TuningBench(ABC):
             What `arguments` gave for the level.
         """
 
-    def whole(self, amcl: Amcl) -> Drives | None:
-        """Replays of all of a recorded drive from its beginning; None of simulated paths.
+    def whole(self, amcl: Amcl) -> list[Drives]:
+        """Replays of all of each recorded drive from its beginning; none of simulated paths.
 
         Parameters
         ----------
         amcl : Amcl
             The setting.
         """
-        return None
+        return []
+
+    def kidnapped(self, amcl: Amcl, metres: float) -> Floats:
+        """Position errors 10 m after kidnappings, (n,) [m]; none of a bench that has no worlds.
+
+        Parameters
+        ----------
+        amcl : Amcl
+            The setting.
+        metres : float
+            Distance by which the robot is kidnapped [m].
+        """
+        return np.empty(0)
 
     def scores(self, amcl: Amcl) -> NDArray[np.float32]:
         """Scores of beams on the map, which many settings share, for `drive_arguments`.
@@ -215,7 +235,7 @@ class TuningBench(ABC):
         squares = self.driven[amcl].squares[:, :paths, :drives]
         return np.asarray(0.5 * np.log(squares + FLOOR).mean(axis=(1, 2)))
 
-    def updates(self, amcl: Amcl) -> int:
+    def updates(self, amcl: Amcl) -> float:
         """Updates of the filter in one drive along every path, without errors of odometry.
 
         Parameters

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -13,6 +14,7 @@ from locplan._util.intervals import Interval, of_geometric_mean, of_mean, wilson
 from locplan.robots import Amcl
 from locplan.simulation._drives import Drives, rmse_ratio
 from locplan.simulation.tuning._bench import DisturbanceLevel, TuningBench
+from locplan.simulation.tuning._recovery import KIDNAPPINGS, Recovery
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,8 @@ class WholeDrive:
 
     derived: ClassVar[tuple[str, ...]] = ("better",)
 
+    name: str
+    """Name of the drive, where there are several; else empty."""
     rmse: Interval
     """RMSE of the position: geometric mean over the replays [m]."""
     lost_way: Interval
@@ -58,17 +62,19 @@ class WholeDrive:
     """`lost_way` minus that of the user's settings."""
 
     @classmethod
-    def of(cls, drives: Drives, own: Drives) -> WholeDrive:
+    def of(cls, drives: Drives, own: Drives, name: str = "") -> WholeDrive:
         """What replays of a setting show, beside those of the user's settings.
 
         Parameters
         ----------
         drives, own : Drives
             Equally many replays of both.
+        name : str, default ""
+            Name of the drive, where there are several.
         """
         lost_way, ratio = drives.lost_way, rmse_ratio(drives, own)
         more = lost_way.value - own.lost_way.value
-        return cls(drives.typical_rmse, lost_way, drives.first_loss, ratio, more)
+        return cls(name, drives.typical_rmse, lost_way, drives.first_loss, ratio, more)
 
     @property
     def better(self) -> bool:
@@ -82,7 +88,10 @@ class WholeDrive:
     def sentence(self) -> str:
         """The error, the share of the way lost and the first loss in words."""
         first = f", first after {self.first_loss:.0f} m" if math.isfinite(self.first_loss) else ""
-        return f"{self.rmse.value:.2g} m, lost on {self.lost_way.value:.0%} of the way{first}"
+        where = f"{self.name}: " if self.name else ""
+        return (
+            f"{where}{self.rmse.value:.2g} m, lost on {self.lost_way.value:.0%} of the way{first}"
+        )
 
 
 @dataclass(frozen=True)
@@ -104,14 +113,29 @@ class Judged:
     cpu_ms_per_metre: float
     """CPU time of the simulation a metre that is driven [ms]."""
     whole: WholeDrive | None = None
-    """What it does on the whole of a recorded drive; None where paths were simulated."""
+    """What it does on the whole of a recorded drive, the worst one of several; None where paths
+    were simulated."""
     beyond: AtLevel | None = None
-    """Its errors at a level that is beyond those of the search, and decides nothing."""
+    """Its errors at the worst level that is beyond those of the search, and decides nothing."""
+    recoveries: tuple[Recovery, ...] = ()
+    """How often it came back by the goal after it was off by more than 1 m, at all levels, and 10 m
+    after kidnappings; those that no drive shows are left out."""
 
     @property
     def worst(self) -> float:
         """The greatest m of all levels, which tuning minimises."""
         return max(each.m for each in self.levels)
+
+    def worst_at(self, odometry: float | None = None) -> AtLevel:
+        """The worst of the levels, or of those with a factor on odometry's errors.
+
+        Parameters
+        ----------
+        odometry : float, optional
+            The factor.
+        """
+        some = [each for each in self.levels if odometry in (None, each.level.odometry)]
+        return max(some, key=lambda each: each.m)
 
     @property
     def better(self) -> bool:
@@ -135,14 +159,13 @@ def judged_beside(
     name: str,
     amcl: Amcl,
     own: Amcl,
-    wholes: Mapping[Amcl, Drives | None],
-    searched: int,
+    wholes: Mapping[Amcl, Sequence[Drives]],
+    searched: Collection[str],
 ) -> Judged:
     """Errors of a setting, all of whose drives the bench has, beside the user's own.
 
-    `wholes` are the replays of the whole of a recorded drive; the first `searched` levels decide.
+    `wholes` are the replays of the whole of recorded drives; the levels named `searched` decide.
     """
-    whole, whole_of_own = wholes[amcl], wholes[own]
     driven, others = bench.driven[amcl], bench.driven[own]
     ratios = np.sqrt(driven.squares.mean(axis=2) / others.squares.mean(axis=2))
     differences = driven.lost.mean(axis=2) - others.lost.mean(axis=2)
@@ -165,10 +188,26 @@ def judged_beside(
                 of_mean(differences[n]),
             )
         )
-    ratio = of_geometric_mean(np.exp(np.log(ratios[:searched]).mean(axis=0)))
-    beyond = levels[searched] if levels[searched:] else None
+    decide = [each.level.name in searched for each in levels]
+    ratio = of_geometric_mean(np.exp(np.log(ratios[decide]).mean(axis=0)))
+    deciding = tuple(itertools.compress(levels, decide))
+    rest = (each for each in levels if each not in deciding)
+    beyond = max(rest, key=lambda each: each.m, default=None)
     ms = 1e3 * float(driven.seconds.sum()) / (len(bench.levels) * drives)
     metres = float(bench.lengths.sum())
-    on_whole = WholeDrive.of(whole, whole_of_own) if whole and whole_of_own else None
+    on_wholes = map(WholeDrive.of, wholes[amcl], wholes[own], bench.parts)
+    whole = min(on_wholes, key=lambda each: (each.better, -each.rmse.value), default=None)
     costs = ms / bench.updates(amcl), ms / metres
-    return Judged(name, amcl, tuple(levels[:searched]), ratio, *costs, on_whole, beyond)
+    found = _recoveries(bench, amcl)
+    return Judged(name, amcl, deciding, ratio, *costs, whole, beyond, found)
+
+
+def _recoveries(bench: TuningBench, amcl: Amcl) -> tuple[Recovery, ...]:
+    """What a setting does after it was lost, and after kidnappings."""
+    driven = bench.driven[amcl]
+    lost = driven.lost.astype(bool)
+    found = [Recovery("after it was lost", int((driven.off[lost] == 0).sum()), int(lost.sum()))]
+    for metres in KIDNAPPINGS:
+        errors = bench.kidnapped(amcl, metres)
+        found.append(Recovery.of(f"after a kidnapping of {metres:g} m", errors))
+    return tuple(each for each in found if each.drives)

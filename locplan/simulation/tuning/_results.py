@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from string import ascii_uppercase
 from typing import Any, ClassVar
 
-from locplan._util.intervals import Interval, two_digits
+from locplan._util.intervals import two_digits
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.saved import tree_of
-from locplan._util.tables import finite, table
+from locplan._util.tables import finite
 from locplan.maps import OccupancyGrid
 from locplan.robots import Amcl, Robot
 from locplan.simulation._drives import RATES
@@ -36,14 +34,14 @@ OWN = "your settings"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuning(Result):
-    """Settings of AMCL that were tuned on one map, and the evidence for them."""
+    """Settings of AMCL that were tuned on a map, or several, and the evidence for them."""
 
-    _reported_by: ClassVar[str] = "locplan.simulation.tuning._results:tuning_report"
+    _reported_by: ClassVar[str] = "locplan.simulation.tuning._report:tuning_report"
     _drawn_by: ClassVar[str] = "locplan.simulation:tuning_figure"
     files: ClassVar[Results] = Results("tuning", ("tuning.json", "tuning.png", "nav2_params.yaml"))
 
-    grid: OccupancyGrid
-    """The map."""
+    grids: tuple[OccupancyGrid, ...]
+    """The maps."""
     robot: Robot
     """The robot, with the user's own settings of AMCL, at the level `x1`."""
     candidate: Amcl
@@ -60,7 +58,7 @@ class Tuning(Result):
     rungs: tuple[tuple[int, int, int], ...]
     """Settings, paths and drives along each path of each rung of the search."""
     paths: int
-    """Number of paths on which was judged."""
+    """Number of paths on which was judged, on each map."""
     drives: int
     """Number of drives along each path at each level."""
     seed: int
@@ -68,15 +66,25 @@ class Tuning(Result):
     judged_seed: int
     """Seed of the paths, worlds and drives on which was judged."""
     drive: str = ""
-    """Name of the recorded drive, whose stretches are the paths; empty if they were simulated."""
+    """Names of the recorded drives, whose stretches are the paths; empty if they were simulated."""
     filter_map: OccupancyGrid | None = None
-    """The filter's map, where it is not `grid`."""
+    """The filter's map, where it is not that of `grids`."""
     notes: tuple[str, ...] = ()
     """What limits the result, in sentences without a full stop."""
 
     def __repr__(self) -> str:
         changes = described(self.own, self.winner)
-        return f"Tuning({self.grid.name or 'map'}, {changes or 'nothing is clearly better'})"
+        return f"Tuning({self.where}, {changes or 'nothing is clearly better'})"
+
+    @property
+    def where(self) -> str:
+        """Names of the maps."""
+        return ", ".join(each.name or "map" for each in self.grids)
+
+    @property
+    def is_joined(self) -> bool:
+        """True if the settings are for several maps, or several drives."""
+        return len({(each.odometry, each.clutter) for each in self.levels}) < len(self.levels)
 
     @property
     def own(self) -> Amcl:
@@ -85,7 +93,7 @@ class Tuning(Result):
 
     @property
     def levels(self) -> tuple[DisturbanceLevel, ...]:
-        """The levels of disturbance; a recorded drive has one, its own."""
+        """The levels of disturbance on each map; a recorded drive has one, its own."""
         return tuple(each.level for each in self.judged[0].levels)
 
     @property
@@ -94,9 +102,14 @@ class Tuning(Result):
         return next(each for each in self.judged if each.amcl == self.candidate)
 
     @property
+    def to_use(self) -> Judged:
+        """What was found if it is clearly better, else the user's own settings, as judged."""
+        return self.found if self.found.better else self.judged[0]
+
+    @property
     def winner(self) -> Amcl:
-        """The settings to use: what was found if it is clearly better, else the user's own."""
-        return self.found.amcl if self.found.better else self.own
+        """The settings to use."""
+        return self.to_use.amcl
 
     @property
     def changes(self) -> dict[str, Value]:
@@ -125,20 +138,26 @@ class Tuning(Result):
         elif levels:
             where = f"clearly better at the levels {' and '.join(levels)} of disturbance"
         # The level that was asked for, or the strongest one for poor odometry.
-        asked = 1 if own.levels[-1].level.odometry < 10 else -1
-        before, after = own.levels[asked], found.levels[asked]
+        asked = 1.0 if own.levels[-1].level.odometry < 10 else own.levels[-1].level.odometry
+        before, after = own.worst_at(asked), found.worst_at(asked)
         return (
             f"{changes}: RMSE {before.rmse.value:.2g} -> {after.rmse.value:.2g} m, off by"
             f" more than 1 m in {100 * before.lost.value:.0f} -> {after.lost.value:.0%}; {where};"
-            f" {found.cpu_ms_per_metre / own.cpu_ms_per_metre:.1f} times the CPU"
+            f" {self._cost}"
         )
+
+    @property
+    def _cost(self) -> str:
+        """What the settings found cost beside the user's own."""
+        own, found = self.judged[0], self.found
+        update = f"{own.cpu_ms_per_update:.2f} -> {found.cpu_ms_per_update:.2f} ms an update"
+        return f"{found.cpu_ms_per_metre / own.cpu_ms_per_metre:.1f} times the CPU ({update})"
 
     def _of_drive(self, changes: str, found: WholeDrive, own: WholeDrive) -> str:
         """The conclusion of a recorded drive."""
         said = f"on the whole drive {found.sentence}; {OWN}: {own.sentence}"
         if self.found.better:
-            cpu = self.found.cpu_ms_per_metre / self.judged[0].cpu_ms_per_metre
-            return f"{changes}: {said}; {cpu:.1f} times the CPU"
+            return f"{changes}: {said}; {self._cost}"
         kept = f"keep {self.judged[0].name} (the best found, {changes}, {said})"
         if found.better:
             return f"nothing is clearly better on the half that nothing was chosen on: {kept}"
@@ -188,9 +207,10 @@ class Tuning(Result):
         """
         names = "settings", "paths", "drives"
         levels = [(each.name, each.of(self.robot).summary()) for each in self.levels]
+        maps = [{"name": each.name, "digest": each.digest} for each in self.grids]
         found: dict[str, object] = {
             "conclusion": self.conclusion,
-            "map": {"name": self.grid.name, "digest": self.grid.digest},
+            **({"maps": maps} if maps[1:] else {"map": maps[0]}),
             "verdict": "better" if self.changes else "nothing is clearly better",
             "changes": self.changes,
             "judged": tree_of(self.judged),
@@ -207,103 +227,3 @@ class Tuning(Result):
             "levels": None if self.drive else [{"name": n, "robot": r} for n, r in levels],
         }
         return finite(found)
-
-
-def tuning_report(tuning: Tuning) -> str:
-    """Table of the settings that were judged, the warnings, and the conclusion."""
-    levels = [level.name for level in tuning.levels]
-    at = ["whole drive", "first off", "stretches"] if tuning.drive else levels
-    head = ["", *at, "RMSE to A's", "ms/update", "ms/m"]
-    rows, names = [], []
-    for letter, each in zip(ascii_uppercase, tuning.judged, strict=False):
-        rows.append(
-            [
-                letter,
-                *_of_whole(each.whole),
-                *(
-                    f"{at.rmse.value:.2g} m {at.lost.value:.0%} {at.off_at_goal.value:.0%}"
-                    for at in each.levels
-                ),
-                "1" if each is tuning.judged[0] else _short((each.whole or each).rmse_ratio),
-                f"{each.cpu_ms_per_update:.2f}",
-                f"{each.cpu_ms_per_metre:.2f}",
-            ]
-        )
-        names.append(f"{letter}: {_name(tuning, each)}")
-    lines = [
-        *(f"note: {each}" for each in tuning.notes),
-        table(head, rows),
-        *names,
-        _explained(tuning),
-        *_gains(tuning),
-        f"{tuning.robot.known_lidar.title}: {tuning.beams_left}",
-        *(f"warning: {each}" for each in tuning.lints),
-        tuning.conclusion,
-        *_holds_for(tuning),
-    ]
-    return "\n".join(lines)
-
-
-def _of_whole(whole: WholeDrive | None) -> list[str]:
-    """Cells of the whole drive, or none."""
-    if whole is None:
-        return []
-    first = f"{whole.first_loss:.0f} m" if math.isfinite(whole.first_loss) else "never"
-    return [f"{whole.rmse.value:.2g} m {whole.lost_way.value:.0%}", first]
-
-
-def _explained(tuning: Tuning) -> str:
-    """What the table's numbers are."""
-    if tuning.drive:
-        return (
-            "RMSE of the position against the recorded poses, on the whole drive with the share of"
-            " the way\noff by > 1 m and where it began, and with the shares of replays off by > 1 m"
-            f" and by > 0.5 m at the\nend, on {tuning.paths} stretches of {tuning.drive},"
-            f" {tuning.drives} replays each, on which nothing was chosen;\nRMSE to A's on the whole"
-            " drive [95 % over the replays]; ms: CPU time"
-        )
-    return (
-        "RMSE of the position, and shares of the drives off by > 1 m at some time and by > 0.5 m"
-        " at the\ngoal, at multiples of odometry's errors, on"
-        f" {tuning.paths} random paths, {tuning.drives} drives each, on which\nnothing was chosen;"
-        " RMSE to A's over all levels [95 %]; ms: CPU time,"
-        " with that of the simulated scan"
-    )
-
-
-def _holds_for(tuning: Tuning) -> list[str]:
-    """For which odometry the settings hold, and what they do beyond it."""
-    if tuning.drive:
-        return []
-    judged = next(each for each in tuning.judged if each.amcl == tuning.winner)
-    most = f"{tuning.levels[-1].odometry:.0f}"
-    chosen = f"They were chosen for odometry up to {most} times as bad as that of this robot"
-    if (at := judged.beyond) is None:
-        return [f"{chosen}."]
-    return [
-        f"{chosen}; at ten times: {at.rmse.value:.2g} m, off by more than 1 m in"
-        f" {at.lost.value:.0%} (--odometry poor searches for that)."
-    ]
-
-
-def _gains(tuning: Tuning) -> list[str]:
-    """What each change of the best setting gains, and what was put back."""
-    kept = [axis.name for axis in tuning.changed_axes()]
-    gains = [
-        f"{name} {100 * (ratio - 1):+.0f} %{'' if name in kept else ' (put back)'}"
-        for name, ratio in sorted(tuning.contributions.items(), key=lambda each: -each[1])
-    ]
-    where = "" if tuning.drive else " at its worst level"
-    return [f"RMSE{where} without a change: {', '.join(gains)}"] if gains else []
-
-
-def _name(tuning: Tuning, judged: Judged) -> str:
-    marks = ["to use"] if judged.amcl == tuning.winner and tuning.changes else []
-    if judged.better_at_every_level and not tuning.drive:
-        marks.append("better at every level")
-    return f"{judged.name} ({'; '.join(marks)})" if marks else judged.name
-
-
-def _short(interval: Interval) -> str:
-    """Text of an interval without its leading zeros."""
-    return two_digits(interval).removeprefix("0").replace("[0", "[").replace(" 0", " ")

@@ -8,16 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Floats, Ints
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid
+from locplan.matching import in_batches
 from locplan.planners import plan, random_queries
 from locplan.robots import Amcl, Robot
-from locplan.simulation._drives import DriveArguments, drive_arguments
+from locplan.simulation._drives import DriveArguments, Line, drive_arguments
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import poses_along
 from locplan.simulation.tuning._bench import DisturbanceLevel, TuningBench
+from locplan.simulation.tuning._recovery import Kidnapping
 
 ONCE, THRICE = DisturbanceLevel("x1", 1.0, 1.0), DisturbanceLevel("x3", 3.0, 2.0)
 TEN_TIMES = DisturbanceLevel("x10", 10.0, 1.0)
@@ -27,6 +29,9 @@ LEVELS = {
 }
 """The levels of disturbance, by the odometry that settings are to hold for; the names of levels are
 those of the factor on odometry's errors."""
+
+KIDNAPPED = 2
+"""Number of drives along each path in which the robot is kidnapped."""
 
 
 class SimulatedBench(TuningBench):
@@ -109,6 +114,32 @@ class SimulatedBench(TuningBench):
     def errors(self, level: int, path: int, drive: int, arguments: DriveArguments) -> Floats:
         stage = self._stages[level][path]
         return stage.drive(self._lines[path], stage.world(path, drive), path, drive, arguments)
+
+    def kidnapped(self, amcl: Amcl, metres: float) -> Floats:
+        """Errors after two drives along each path, with the odometry that was asked for.
+
+        Parameters
+        ----------
+        amcl, metres
+            See `TuningBench.kidnapped`.
+        """
+        level = [each.odometry for each in self.levels].index(1.0)
+        arguments = self.arguments(amcl)[level]
+
+        def run(some: Ints) -> list[float]:
+            found = []
+            for path, drive in (divmod(int(n), KIDNAPPED) for n in some):
+                line, stage = self._lines[path], self._stages[level][path]
+                if (kidnapping := Kidnapping.on(line.truth, metres)) is None:
+                    continue
+                truth, reported = line.truth[kidnapping.kept], kidnapping.odometry(line.truth)
+                carried = Line(reported, line.cells[kidnapping.kept])
+                world = stage.world(path, drive)
+                errors = stage.drive(carried, world, path, drive, arguments) + reported - truth
+                found.append(float(np.hypot(*errors[-1, :2])))
+            return found
+
+        return np.array(in_batches(run, KIDNAPPED * len(self.lines), self.threads, batch=1))
 
 
 def _cut(path: Path, where: float) -> Path:

@@ -1,16 +1,9 @@
-"""AMCL's settings tuned by simulated drives along random shortest paths of a map.
-
-The search is successive halving of settings drawn at random, then steps from the best ones along
-each axis; what of the best hardly matters is put back.
-"""
+"""AMCL's settings tuned by simulated drives along random shortest paths of maps."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
-
-import numpy as np
 
 from locplan._util.checks import one_of, whole
 from locplan._util.intervals import random_of
@@ -20,31 +13,27 @@ from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Amcl, Robot
 from locplan.simulation._drives import check_drives
 from locplan.simulation._simulator import Simulator
+from locplan.simulation._worlds import check_of_one_map
 from locplan.simulation.tuning._bench import DisturbanceLevel, TuningBench
+from locplan.simulation.tuning._joined_bench import joined, several
 from locplan.simulation.tuning._judged import judged_beside
 from locplan.simulation.tuning._results import OWN, Tuning
+from locplan.simulation.tuning._search import STEPS, Search
 from locplan.simulation.tuning._simulated_bench import LEVELS, TEN_TIMES, SimulatedBench
 from locplan.simulation.tuning._space import (
     BeamsLeft,
-    beside,
     candidates,
-    changed_axes,
     described,
     filter_warnings,
     nav2_defaults,
 )
 
-WORSE, WORSE_AT_A_COST = math.log(1.02), math.log(1.1)
-"""Increase of the logarithm of the error up to which a change is put back, and one that makes the
-filter compare more beams a metre."""
-STEPS = 3
-"""Maximum number of steps from the best two settings, each along every axis."""
 SEARCH, JUDGE, DRAW = 11, 12, 13
 """Streams of random numbers, from which the seeds of both sets of drives are drawn."""
 
 
 def tune(
-    grid: OccupancyGrid,
+    grid: OccupancyGrid | Sequence[OccupancyGrid],
     robot: Robot | None = None,
     *,
     paths: int = 20,
@@ -68,8 +57,8 @@ def tune(
 
     Parameters
     ----------
-    grid : OccupancyGrid
-        The map.
+    grid : OccupancyGrid or sequence of OccupancyGrid
+        The map; or several, whose worst one counts.
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
         your own, such as `Robot.from_nav2` reads.
@@ -112,15 +101,20 @@ def tune(
     >>> result.judged[0].name, result.winner.min_particles
     ('your settings', 20)
     """
-    check_grid(grid)
+    grids = several(grid)
+    for each in grids:
+        check_grid(each)
+    check_of_one_map(filter_map, grids)
     whole("paths", paths, TuningBench.fewest_paths, 1000)
     check_drives(drives)
     one_of("odometry", odometry, LEVELS)
-    about = Simulator(grid, robot, filter_map=filter_map, seed=seed, threads=threads)
-    costs = Costmap.blank(grid, robot=about.robot)
+    about = [
+        Simulator(each, robot, filter_map=filter_map, seed=seed, threads=threads) for each in grids
+    ]
+    known = about[0].robot
+    costs = [Costmap.blank(each, robot=known) for each in grids]
 
-    def bench_of(own_seed: int, judging: bool) -> SimulatedBench:
-        lines = SimulatedBench.paths(costs, paths, own_seed)
+    def bench_of(own_seed: int, judging: bool) -> TuningBench:
         levels: tuple[DisturbanceLevel, ...] = LEVELS[odometry]
         if judging and TEN_TIMES not in levels:  # where they may no longer hold
             levels = (*levels, TEN_TIMES)
@@ -130,11 +124,17 @@ def tune(
             "seed": own_seed,
             "threads": threads,
         }
-        return SimulatedBench(grid, about.robot, lines, drives, **own)
+        benches = [
+            SimulatedBench(
+                each.grid, known, SimulatedBench.paths(each, paths, own_seed), drives, **own
+            )
+            for each in costs
+        ]
+        return joined(benches, [each.name or "map" for each in grids])
 
-    left = BeamsLeft.on_map(about)
+    left = min((BeamsLeft.on_map(each) for each in about), key=lambda each: each.returned)
     own: Any = {"left": left, "others": others, "seed": seed, "progress": progress}
-    return search_settings(bench_of, about.robot, drives, **own)
+    return search_settings(bench_of, known, drives, **own)
 
 
 def search_settings(
@@ -203,13 +203,13 @@ def search_settings(
     if kept.multiplies and not own.multiplies and (others or {}).get("do_beamskip"):
         skips = "do_beamskip becomes false with the laser model, since only this one reads it"
         warned = (f"{skips}, and it was not simulated",)
-    rungs, searched = tuple(search.rungs), len(search.bench.levels)
+    rungs, searched = tuple(search.rungs), {each.name for each in search.bench.levels}
     del search
     judge = bench(JUDGE)
     judge.drive([*order], len(judge.lines), drives, progress=next(steps))
     wholes = {each: judge.whole(each) for each in order}
     return Tuning(
-        judge.grid,
+        judge.grids,
         robot,
         kept,
         tuple(judged_beside(judge, names[each], each, own, wholes, searched) for each in order),
@@ -225,124 +225,3 @@ def search_settings(
         None if judge.filter_map is judge.grid else judge.filter_map,
         tuple(notes),
     )
-
-
-class Search:
-    """Search among settings that all drive on one bench.
-
-    Parameters
-    ----------
-    bench : Bench
-        What drives them.
-    own : Amcl
-        The user's own settings.
-    drives : int
-        Number of drives along each path of the last rung.
-    """
-
-    def __init__(self, bench: TuningBench, own: Amcl, drives: int) -> None:
-        self.bench, self.own, paths = bench, own, len(bench.lines)
-        # Nearly every setting is worst there; other levels are driven where they can matter.
-        self.strongest = [len(bench.levels) - 1]
-        # A quarter, then half of the paths and of the drives, and how many settings stay.
-        self.parts = [
-            (max(1, paths // part), max(1, drives // part), stay)
-            for part, stay in ((4, 16), (2, 5))
-        ]
-        self.last = paths, drives
-        self.rungs: list[tuple[int, int, int]] = []
-
-    def run(
-        self, settings: Sequence[Amcl], progress: Iterator[ProgressCallback]
-    ) -> tuple[Amcl, Amcl, Amcl, dict[str, float]]:
-        """Find the best of the settings, the first of which is the user's own.
-
-        `progress` has a callback for each rung and step, and one for what is put back.
-
-        Returns
-        -------
-        kept : Amcl
-            The best one with the user's own values put back where that costs next to nothing.
-        frugal : Amcl
-            Best setting, of those that compare no more beams a metre than the user's own.
-        best : Amcl
-            Setting that is best at its worst level.
-        without : dict of str to float
-            Error without each change of the best setting, relative to that with it, by axis.
-        """
-        staying = list(settings)
-        for paths, drives, stay in self.parts:
-            self.bench.drive(staying, paths, drives, self.strongest, next(progress))
-            self.rungs.append((len(staying), paths, drives))
-            ranked = self._ranked(staying, paths, drives)
-            staying = self._first(ranked, stay)
-        for each_step in [next(progress) for _ in range(STEPS)]:
-            near = [each for amcl in staying[:2] for each in beside(self.own, amcl)]
-            self.bench.drive(near, paths, drives, self.strongest, each_step)
-            self.rungs.append((len(near), paths, drives))
-            ranked = self._ranked([*ranked, *near], paths, drives)
-            if self._first(ranked, stay) == staying:
-                break
-            staying = self._first(ranked, stay)
-        self.bench.drive(staying, *self.last, self.strongest, next(progress))
-        self.rungs.append((len(staying), *self.last))
-        best = self._least(staying)
-        frugal = self._least([amcl for amcl in staying if self._is_frugal(amcl)])
-        kept, without = self._put_back(best, next(progress))
-        return kept, frugal, best, without
-
-    def _ranked(self, settings: Sequence[Amcl], paths: int, drives: int) -> list[Amcl]:
-        """The settings, the best first."""
-        every = dict.fromkeys(settings)
-        return sorted(every, key=lambda amcl: self._known(amcl, paths, drives))
-
-    def _first(self, ranked: Sequence[Amcl], count: int) -> list[Amcl]:
-        """The best, and the best two that compare no more beams than the user's own."""
-        frugal = [amcl for amcl in ranked if self._is_frugal(amcl)]
-        return [*dict.fromkeys([*ranked[:count], *frugal[:2]])]
-
-    def _is_frugal(self, amcl: Amcl) -> bool:
-        return self.beams(amcl) <= self.beams(self.own)
-
-    def beams(self, amcl: Amcl) -> int:
-        """Beams that a setting compares on one drive along every path."""
-        return self.bench.updates(amcl) * amcl.max_beams
-
-    def _known(self, amcl: Amcl, paths: int, drives: int) -> float:
-        """Logarithm of the error at the worst of the levels that were driven."""
-        return float(np.nanmax(self.bench.means(amcl, paths, drives)))
-
-    def _least(self, settings: Sequence[Amcl]) -> Amcl:
-        """Setting with the least error at its worst level.
-
-        A setting's other levels can only make it worse, so they are driven for the best so far
-        until one stays the best.
-        """
-        while True:
-            best = min(settings, key=lambda amcl: self._known(amcl, *self.last))
-            if not np.isnan(self.bench.means(best, *self.last)).any():
-                return best
-            self.bench.drive([best], *self.last)
-
-    def _put_back(self, best: Amcl, progress: ProgressCallback) -> tuple[Amcl, dict[str, float]]:
-        """The best setting with what gains next to nothing put back, and what each change gains."""
-        axes, worst = changed_axes(self.own, best), self._known(best, *self.last)
-        single = {axis: axis.put(best, axis.of(self.own)) for axis in axes}
-        self.bench.drive([*single.values()], *self.last, self.strongest, progress)
-        losses = {axis: self._known(amcl, *self.last) - worst for axis, amcl in single.items()}
-        kept = best
-        for axis in sorted(axes, key=lambda axis: losses[axis]):
-            tried = axis.put(kept, axis.of(self.own))
-            costs = self.beams(kept) > self.beams(tried)
-            bound = self._known(kept, *self.last) + (WORSE_AT_A_COST if costs else WORSE)
-            if losses[axis] <= WORSE_AT_A_COST and self._within(tried, bound):
-                kept = tried
-        return kept, {axis.name: math.exp(loss) for axis, loss in losses.items()}
-
-    def _within(self, amcl: Amcl, bound: float) -> bool:
-        """Whether the logarithm of the error is up to a bound at every level."""
-        for levels in (self.strongest, None):
-            self.bench.drive([amcl], *self.last, levels)
-            if self._known(amcl, *self.last) > bound:
-                return False
-        return True
