@@ -22,13 +22,14 @@ if TYPE_CHECKING:
     from cyclopts.help import HelpPanel
     from rich.console import Console, ConsoleOptions
 
-SYSTEM_ERROR, WRONG_INPUT, NOT_IN_METRES = 1, 2, 3
+SYSTEM_ERROR, WRONG_INPUT, NOT_IN_METRES, BEYOND_LIMIT = 1, 2, 3, 4
 EXPLAINED = (
     f"The exit code is 0 for a result, {SYSTEM_ERROR} where the system fails, {WRONG_INPUT} for a"
-    f" wrong input, {NOT_IN_METRES} where calibrate finds that deviations cannot be in metres, and"
-    f" {INTERRUPTED} after Ctrl-C."
+    f" wrong input, {NOT_IN_METRES} where calibrate finds that deviations cannot be in metres,"
+    f" {BEYOND_LIMIT} where a limit of check is exceeded, and {INTERRUPTED} after Ctrl-C."
 )
 COMMANDS = {
+    "check": ("Start", "_check"),
     "explore": ("Start", "_explore"),
     "info": ("Start", "_upkeep"),
     "plan": ("Plan", "_plan"),
