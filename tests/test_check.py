@@ -4,6 +4,7 @@ import json
 import math
 import subprocess
 import sys
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -211,3 +212,16 @@ def test_the_command_ends_in_exit_code_4_beyond_a_limit(tmp_path):
     assert "faults <= 0: fails" in done.stderr
     for name in ("check.xml", "report/report.html", "report/run.yaml"):
         assert (tmp_path / name).exists()
+
+
+def test_a_recorded_drive_says_whether_the_map_fits_it():
+    drive = locplan.recordings.read_drive(Path(__file__).parent / "small_drive.npz")
+    office = locplan.load_map(Path(__file__).parents[1] / "maps" / "office.yaml")
+    robot = drive.robot(ROBOT)
+    found = check(office, robot, [((7.0, 7.0), (20.5, 15.0))], [drive], effort="quick")
+    assert found.recorded[0].startswith("drive 1: The map fits")
+    assert "usually off by" in found.recorded[1]
+    assert found.recorded[0] in found.report()
+    elsewhere = check(room(), robot, [((1.0, 1.0), (7.0, 1.0))], [drive], effort="quick")
+    (said,) = elsewhere.recorded  # the filter is not run where the map does not fit
+    assert "does not fit" in said

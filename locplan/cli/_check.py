@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -17,6 +17,9 @@ from locplan.cli._robot_options import RobotOptions
 from locplan.diagnosis import Limit
 from locplan.errors import ConfigError, one_line
 
+if TYPE_CHECKING:
+    from locplan.recordings import Recording
+
 
 def limit(_: str, text: str) -> Limit:
     """A limit as it is typed."""
@@ -28,7 +31,7 @@ def limit(_: str, text: str) -> Limit:
     "check lab.yaml --lidar turtlebot4 --stations stations.csv --quick",
     "check lab.yaml --robot robot.yaml --fail-if 'lost > 5%' --junit check.xml",
 )
-class check(typed.OneMap, RobotOptions, shared.Seeded, shared.Output):
+class check(typed.OneMap, RobotOptions, shared.ReferencedOptions, shared.Seeded, shared.Output):
     """Find where a robot gets lost on a map, and the cure that helps most, by driving it.
 
     Faults and weak spots of the map are found, and trips driven in simulation with
@@ -59,13 +62,23 @@ class check(typed.OneMap, RobotOptions, shared.Seeded, shared.Output):
             self.refuse("without --fail-if", "junit")
         if self.junit:
             check_target(self.junit, ".xml")
+        self.check_drive()
         self.check_output(locplan.Check.files)
-        robot = self.load_robot()
+        if self.output:
+            locplan.simulation.check_tunable(self.nav2_file("amcl"))
+        recordings = self._recordings()
+        robot = self.robot_on(recordings[0]) if recordings else self.load_robot()
         every = {"seed": self.seed, "threads": self.threads, "found": _tell}
         effort = "quick" if self.quick else "thorough" if self.thorough else "usual"
         with progress_bar("checking", "") as progress:
             found = locplan.check(
-                self.map_file, robot, self.stations, effort=effort, progress=progress, **every
+                self.map_file,
+                robot,
+                self.stations,
+                recordings,
+                effort=effort,
+                progress=progress,
+                **every,
             )
         self.finish(found, self.output, self.nav2_file("amcl"))
         for each in self.fail_if:
@@ -74,6 +87,14 @@ class check(typed.OneMap, RobotOptions, shared.Seeded, shared.Output):
             locplan.diagnosis.write_junit(self.junit, found, self.fail_if)
             shared.say_written(self.junit)
         return BEYOND_LIMIT if any(each.fails(found) for each in self.fail_if) else 0
+
+    def _recordings(self) -> list[Recording]:
+        """The recorded drive with the poses that count as true, if one was named."""
+        if not self.drive:
+            return []
+        drive, grid = self.read(), locplan.load_map(self.map_file)
+        with progress_bar("smoothing", "") as progress:
+            return [locplan.recordings.referenced(drive, grid, self.reference, progress=progress)]
 
 
 def _tell(finding: str) -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from locplan._util.checks import check_threads, one_of, whole
+from locplan._util.intervals import in_metres
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap
 from locplan.diagnosis import _cures as cures, _in_short as in_short
@@ -18,7 +18,9 @@ from locplan.diagnosis._work import EFFORTS, Work
 from locplan.errors import ConfigError
 from locplan.field import FieldConfig, Fused, equipped, load_or_compute
 from locplan.maps import MapFaults, OccupancyGrid, check_grid, faults, read_map
+from locplan.recordings import Recording, fit_to_map, replay
 from locplan.robots import Amcl, Robot
+from locplan.twins import PLACE_SPACING, find_twins
 
 SHARES = {"field": 200, "as it is": 150, "cures": 450, "together": 200}
 """Share of the work of each stage, in thousandths."""
@@ -28,7 +30,7 @@ def check(
     grid: OccupancyGrid | str | os.PathLike[str],
     robot: Robot | None = None,
     stations: Stations | None = None,
-    recordings: Sequence[Any] = (),
+    recordings: Sequence[Recording] = (),
     *,
     effort: str = "usual",
     seed: int = 1,
@@ -55,7 +57,8 @@ def check(
         Where the robot has something to do: a CSV file of name, x, y [m], or of queries;
         positions by name; or (start, goal) pairs. By default places far apart in each room.
     recordings : sequence of Recording, default ()
-        Recorded drives of the robot on this map.
+        Recorded drives of the robot on this map; their poses count as true, see
+        `locplan.recordings.referenced`.
     effort : {"quick", "usual", "thorough"}, default "usual"
         How much is driven: about a third of the usual drives, and neither other paths nor
         landmarks; 96 drives, which know the share of lost ones to 10 points; or 288.
@@ -104,6 +107,9 @@ def check(
     _refuse_masks(map_faults)
     told(in_short.faults(map_faults))
     world = cures.as_meant(grid, source)
+    recorded = _recorded(recordings, grid, robot, seed, threads)
+    for each in recorded:
+        told(each)
     paths = trips_of(Costmap.blank(world, robot=robot), stations, EFFORTS[effort].trips, seed)
     site = Site(world, grid, robot, paths)
     costs, spots = _field_and_spots(site, threads, steps["field"])
@@ -126,8 +132,8 @@ def check(
         recommended=work.taken,
         before=before,
         after=after,
-        start="",
-        recorded=(),
+        start=_start(world, robot, effort, threads),
+        recorded=recorded,
         site=site,
         cured=cures.joined(work.remedies, work.taken, site),
         source=source,
@@ -136,6 +142,39 @@ def check(
         effort=effort,
         seed=seed,
     )
+
+
+def _start(world: OccupancyGrid, robot: Robot, effort: str, threads: int | None) -> str:
+    """Where the robot may be put, by places that look alike; empty where that is not looked at."""
+    if effort == "quick":
+        return ""
+    found = find_twins(world, robot, spacing=2 * PLACE_SPACING, threads=threads)
+    if not found.best_starts(1):
+        return "start: no place was found that looks like no other; name the pose at the start"
+    (best,) = found.best_starts(1)
+    return (
+        f"start: {found.share:.0%} of the places look like another one to a single scan; unlike any"
+        f" other looks {best.x:.1f},{best.y:.1f}"
+    )
+
+
+def _recorded(
+    recordings: Sequence[Recording],
+    grid: OccupancyGrid,
+    robot: Robot,
+    seed: int,
+    threads: int | None,
+) -> tuple[str, ...]:
+    """Whether the map fits each recorded drive, and how the filter does on it."""
+    said = []
+    for number, each in enumerate(recordings, 1):
+        fit = fit_to_map(each, grid)
+        said.append(f"drive {number}: {fit.sentence.rstrip('.')}")
+        if fit.fits and each.odometry is not None:
+            done = replay(each, grid, robot, runs=10, seed=seed, threads=threads)
+            error = in_metres(done.drives.typical_rmse.value)
+            said.append(f"drive {number}: the filter, run on it, is usually off by {error}")
+    return tuple(said)
 
 
 def _refuse_masks(found: MapFaults) -> None:

@@ -42,8 +42,9 @@ def verdict(check: Check) -> str:
         return f"The robot keeps its place: {said}."
     if not check.recommended:
         return f"The robot gets lost, and nothing that was tried clearly helps: {said}."
-    doing = "its error can be lowered" if check.is_by_error else "it can be cured"
-    return f"The robot gets lost, and {doing}: {said}."
+    if check.is_by_error:
+        return f"The robot is lost at times, and its error can be lowered: {said}."
+    return f"The robot gets lost, and it can be cured: {said}."
 
 
 def next_action(check: Check, folder: Folder | None = None, *_: Any) -> Action:
@@ -141,7 +142,7 @@ def check_report(check: Check, folder: Folder | None = None, *_: Any) -> str:
             *_filled(verdict(check)),
             _short(f"with {robot}"),
             *(_short(f"map: {each.what}") for each in [*check.faults][:1]),
-            *map(_short, check.recorded[:1]),
+            *map(_short, check.recorded[:2]),
             *([_short(check.start)] if check.start else []),
             *_spots(check),
             *_trips(check),
