@@ -1,6 +1,7 @@
 from . import (
     comparison as comparison,
     costs as costs,
+    diagnosis as diagnosis,
     explorer as explorer,
     export as export,
     field as field,
@@ -23,6 +24,7 @@ from .costs import (
     Path as Path,
     PathMetrics as PathMetrics,
 )
+from .diagnosis import Check as Check, check as check
 from .errors import LocplanError as LocplanError
 from .explorer import Explorer as Explorer, explore as explore
 from .field import (

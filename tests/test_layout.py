@@ -30,6 +30,7 @@ ORDER = (
     {"landmarks", "twins"},
     {"comparison", "export", "paper"},
     {"mending"},
+    {"diagnosis"},
     {"explorer"},
     {"testing"},
     {"cli"},

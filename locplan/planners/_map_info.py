@@ -141,7 +141,8 @@ class MapInfo(Pictured):
         if self.pairs:
             parts.append(
                 f"{LIDAR} stands for your lidar, or the robot that carries it (locplan plan --help"
-                " lists them); candidates are driven with it"
+                " lists them); candidates are driven with it, and locplan check tells where your"
+                " robot gets lost"
             )
         return "\n".join([*parts, *(f"warning: {warning}" for warning in self.warnings)])
 

@@ -81,5 +81,6 @@ from .tuning._space import (
     check_tunable as check_tunable,
     filter_warnings as filter_warnings,
     is_untuned as is_untuned,
+    write_tuned as write_tuned,
 )
 from .tuning._tune import search_settings as search_settings, tune as tune

@@ -1,0 +1,102 @@
+"""The command that leads from a map and a robot to the cure that gains most."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+import locplan
+from locplan._util.files import check_target
+from locplan._util.progress import progress_bar
+from locplan.cli import _options as shared, _types as typed
+from locplan.cli._application import BEYOND_LIMIT
+from locplan.cli._robot_options import RobotOptions
+from locplan.diagnosis import Limit
+from locplan.errors import ConfigError, one_line
+
+if TYPE_CHECKING:
+    from locplan.recordings import Recording
+
+
+def limit(_: str, text: str) -> Limit:
+    """A limit as it is typed."""
+    return Limit.parse(text)
+
+
+@typed.command(
+    "check lab.yaml --lidar turtlebot4 --robot nav2_params.yaml -o report",
+    "check lab.yaml --lidar turtlebot4 --stations stations.csv --quick",
+    "check lab.yaml --robot robot.yaml --fail-if 'lost > 5%' --junit check.xml",
+)
+class check(typed.OneMap, RobotOptions, shared.ReferencedOptions, shared.Seeded, shared.Output):
+    """Find where a robot gets lost on a map, and the cure that helps most, by driving it.
+
+    Faults and weak spots of the map are found, and trips driven in simulation with
+    the robot's own filter. Cures that suit are driven on the same trips: the mended
+    map, other settings, other paths, landmarks. It ends in the one thing to do next;
+    with --output the files for it are written, and a report for the browser.
+
+    It takes a minute or two.
+    """
+
+    stations: Annotated[Path | None, typed.INPUT, Parameter(metavar="CSV")] = None
+    """Stations (name,x,y) whose ways are driven, or queries (name,start_x,start_y,goal_x,goal_y);
+    by default places far apart in each room."""
+    quick: Annotated[bool, typed.under("Simulation")] = False
+    """Drive a third as often, and try neither other paths nor landmarks."""
+    thorough: Annotated[bool, typed.under("Simulation")] = False
+    """Drive three times as often."""
+    fail_if: Annotated[tuple[Limit, ...], typed.parsed(limit, "LIMIT", many=True)] = ()
+    """Limit of arrives, lost, error, degenerate or faults, such as "lost > 5%"; the exit code is 4
+    where the figure's whole interval is beyond it; repeatable."""
+    junit: Annotated[Path | None, typed.under("Output")] = None
+    """File for the limits as test cases of JUnit (.xml)."""
+
+    def __call__(self) -> int:
+        if self.quick and self.thorough:
+            raise ConfigError("--quick and --thorough exclude each other; leave one out")
+        if not self.fail_if:
+            self.refuse("without --fail-if", "junit")
+        if self.junit:
+            check_target(self.junit, ".xml")
+        self.check_drive()
+        self.check_output(locplan.Check.files)
+        if self.output:
+            locplan.simulation.check_tunable(self.nav2_file("amcl"))
+        recordings = self._recordings()
+        robot = self.robot_on(recordings[0]) if recordings else self.load_robot()
+        every = {"seed": self.seed, "threads": self.threads, "found": _tell}
+        effort = "quick" if self.quick else "thorough" if self.thorough else "usual"
+        with progress_bar("checking", "") as progress:
+            found = locplan.check(
+                self.map_file,
+                robot,
+                self.stations,
+                recordings,
+                effort=effort,
+                progress=progress,
+                **every,
+            )
+        self.finish(found, self.output, self.nav2_file("amcl"))
+        for each in self.fail_if:
+            print(one_line(each.said(found)), file=sys.stderr)
+        if self.junit:
+            locplan.diagnosis.write_junit(self.junit, found, self.fail_if)
+            shared.say_written(self.junit)
+        return BEYOND_LIMIT if any(each.fails(found) for each in self.fail_if) else 0
+
+    def _recordings(self) -> list[Recording]:
+        """The recorded drive with the poses that count as true, if one was named."""
+        if not self.drive:
+            return []
+        drive, grid = self.read(), locplan.load_map(self.map_file)
+        with progress_bar("smoothing", "") as progress:
+            return [locplan.recordings.referenced(drive, grid, self.reference, progress=progress)]
+
+
+def _tell(finding: str) -> None:
+    """Say a finding as it comes, beside the progress."""
+    print(one_line(finding), file=sys.stderr, flush=True)

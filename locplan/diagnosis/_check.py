@@ -1,0 +1,198 @@
+"""The whole way from a map and a robot to the cure that gains most: `check`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+
+from locplan._util.checks import check_threads, one_of, whole
+from locplan._util.intervals import in_metres
+from locplan._util.progress import ProgressCallback, parts, scaled
+from locplan.costs import Costmap
+from locplan.diagnosis import _cures as cures, _in_short as in_short
+from locplan.diagnosis._driving import Site
+from locplan.diagnosis._result import Check, is_better
+from locplan.diagnosis._trips import Stations, trips_of
+from locplan.diagnosis._weak_spots import WeakSpot, weak_spots
+from locplan.diagnosis._work import EFFORTS, Work
+from locplan.errors import ConfigError
+from locplan.field import FieldConfig, Fused, equipped, load_or_compute
+from locplan.maps import MapFaults, OccupancyGrid, check_grid, faults, read_map
+from locplan.recordings import Recording, fit_to_map, replay
+from locplan.robots import Amcl, Robot
+from locplan.twins import PLACE_SPACING, find_twins
+
+SHARES = {"field": 200, "as it is": 150, "cures": 450, "together": 200}
+"""Share of the work of each stage, in thousandths."""
+
+
+def check(
+    grid: OccupancyGrid | str | os.PathLike[str],
+    robot: Robot | None = None,
+    stations: Stations | None = None,
+    recordings: Sequence[Recording] = (),
+    *,
+    effort: str = "usual",
+    seed: int = 1,
+    threads: int | None = None,
+    found: Callable[[str], None] | None = None,
+    progress: ProgressCallback | None = None,
+) -> Check:
+    """Find where a robot gets lost on a map, and the cure that gains most, by driving it.
+
+    The map's faults and weak spots are found, and trips are driven in simulation with the robot's
+    own filter. Cures that suit are driven on the same trips, in the same worlds: the mended map,
+    other settings, the lidar's full range, other paths, and landmarks if it is still lost. Those
+    that do not lead after a few drives are stopped; the others are judged on further drives, and
+    what is recommended on fresh ones.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid, str or path
+        The map, or its file, whose thresholds and greys are then looked at, too.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
+    stations : path, mapping or sequence, optional
+        Where the robot has something to do: a CSV file of name, x, y [m], or of queries;
+        positions by name; or (start, goal) pairs. By default places far apart in each room.
+    recordings : sequence of Recording, default ()
+        Recorded drives of the robot on this map; their poses count as true, see
+        `locplan.recordings.referenced`.
+    effort : {"quick", "usual", "thorough"}, default "usual"
+        How much is driven: about a third of the usual drives, and neither other paths nor
+        landmarks; 96 drives, which know the share of lost ones to 10 points; or 288.
+    seed : int, default 1
+        Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads.
+    threads : int, optional
+        Number of threads, at least 1; all cores by default.
+    found : callable, optional
+        Called with a sentence for each finding, as soon as it is known.
+    progress : callable, optional
+        Called with (done, total) in thousandths of the work.
+
+    Returns
+    -------
+    Check
+        What was found, and what to do; `save` writes a report and the files of the cures.
+
+    Raises
+    ------
+    LocplanError
+        If the map is a mask, the robot fits nowhere, a station cannot be reached, or a value is
+        out of its range.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> found = check(grid, locplan.Robot(locplan.Lidar(range=6.0)), effort="quick")
+    >>> found.recommended
+    ('settings',)
+    """
+    one_of("effort", effort, EFFORTS)
+    whole("seed", seed, 0)
+    check_threads(threads)
+    source = None
+    if isinstance(grid, str | os.PathLike):
+        grid, source = read_map(grid)
+    check_grid(grid)
+    assumed = robot is None or robot.lidar is None
+    robot, told = equipped(robot), found or (lambda _: None)
+    stages = parts(progress, [*SHARES.values()])
+    steps = {
+        name: scaled(part, size) for part, (name, size) in zip(stages, SHARES.items(), strict=True)
+    }
+    map_faults = faults(grid, source)
+    _refuse_masks(map_faults)
+    told(in_short.faults(map_faults))
+    world = cures.as_meant(grid, source)
+    recorded = _recorded(recordings, grid, robot, seed, threads)
+    for each in recorded:
+        told(each)
+    paths = trips_of(Costmap.blank(world, robot=robot), stations, EFFORTS[effort].trips, seed)
+    site = Site(world, grid, robot, paths)
+    costs, spots = _field_and_spots(site, threads, steps["field"])
+    told(in_short.spots(spots))
+    work = Work(site, EFFORTS[effort], seed, threads)
+    as_is, trips = work.as_it_is(spots, steps["as it is"])
+    told(in_short.as_it_is(as_is))
+    tried = work.cures(map_faults, costs, steps["cures"])
+    for each in filter(is_better, tried):
+        told(in_short.cure(each, as_is))
+    before, after = work.together(tried, steps["together"])
+    return Check(
+        grid=grid,
+        faults=map_faults,
+        degenerate=float((costs.u[world.free] >= 0.5).mean()),
+        spots=spots,
+        trips=trips,
+        as_is=as_is,
+        cures=tuple(work.sorted(tried)),
+        recommended=work.taken,
+        before=before,
+        after=after,
+        start=_start(world, robot, effort, threads),
+        recorded=recorded,
+        site=site,
+        cured=cures.joined(work.remedies, work.taken, site),
+        source=source,
+        placed=work.placed,
+        assumed=assumed,
+        effort=effort,
+        seed=seed,
+    )
+
+
+def _start(world: OccupancyGrid, robot: Robot, effort: str, threads: int | None) -> str:
+    """Where the robot may be put, by places that look alike; empty where that is not looked at."""
+    if effort == "quick":
+        return ""
+    found = find_twins(world, robot, spacing=2 * PLACE_SPACING, threads=threads)
+    if not found.best_starts(1):
+        return "start: no place was found that looks like no other; name the pose at the start"
+    (best,) = found.best_starts(1)
+    return (
+        f"start: {found.share:.0%} of the places look like another one to a single scan; unlike any"
+        f" other looks {best.x:.1f},{best.y:.1f}"
+    )
+
+
+def _recorded(
+    recordings: Sequence[Recording],
+    grid: OccupancyGrid,
+    robot: Robot,
+    seed: int,
+    threads: int | None,
+) -> tuple[str, ...]:
+    """Whether the map fits each recorded drive, and how the filter does on it."""
+    said = []
+    for number, each in enumerate(recordings, 1):
+        fit = fit_to_map(each, grid)
+        said.append(f"drive {number}: {fit.sentence.rstrip('.')}")
+        if fit.fits and each.odometry is not None:
+            done = replay(each, grid, robot, runs=10, seed=seed, threads=threads)
+            error = in_metres(done.drives.typical_rmse.value)
+            said.append(f"drive {number}: the filter, run on it, is usually off by {error}")
+    return tuple(said)
+
+
+def _refuse_masks(found: MapFaults) -> None:
+    """Raise a ConfigError if what was given for a map is surely a mask."""
+    for each in found:
+        if each.kind == "mask" and each.sure:
+            raise ConfigError(f"{found.grid.name or 'the map'}: {each.sentence}")
+
+
+def _field_and_spots(
+    site: Site, threads: int | None, progress: ProgressCallback
+) -> tuple[Costmap, tuple[WeakSpot, ...]]:
+    """The costmap of the field, and the weak spots."""
+    lidar = site.robot.known_lidar
+    # Weak spots are metres large: a lattice of 0.4 m shows them in a quarter of the time.
+    config = FieldConfig(Fused.of(lidar), stride=0.4)
+    field = load_or_compute(site.world, config, threads=threads, progress=progress)
+    costs = Costmap.from_field(site.world, field, robot=site.robot)
+    own = site.robot.filter
+    reach = own.reach(lidar) if isinstance(own, Amcl) else lidar.range
+    return costs, weak_spots(costs, field, reach, site.paths)

@@ -1,0 +1,194 @@
+"""Drives of a robot along all of its trips, and what two sets of them say of each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from locplan._kernels.arrays import Bools, Floats
+from locplan._util.intervals import Interval, of_mean, wilson
+from locplan._util.progress import ProgressCallback, parts
+from locplan.costs import Path
+from locplan.maps import OccupancyGrid
+from locplan.robots import Robot
+from locplan.simulation import LOST, Arrivals, Drives, Simulator, drive_closed, poses_along
+
+STREAM = 2_000_000
+"""Stream of the random numbers of the first trip's drives, above those of other recipes."""
+FLOOR = 1e-6
+"""Mean square error that is added, so that no drive without error decides alone [m^2]."""
+CRITICAL = 2.4
+"""Critical value from which on a cure is clearly better: 95 % for some three that are tried."""
+WORTHWHILE = 0.9
+"""Ratio of errors from which on a cure is worth its effort, as for paths."""
+BETTER, WORSE, NO_DIFFERENCE, STOPPED = (
+    "clearly better",
+    "clearly worse",
+    "no clear difference",
+    "stopped early",
+)
+"""Verdicts on a cure; drives of one that does not lead soon are stopped."""
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """What is driven: the world, what the filter knows of it, the robot, and its paths."""
+
+    world: OccupancyGrid
+    """The map that is driven in, of which each drive has a world of its own."""
+    filter_map: OccupancyGrid
+    """The filter's map."""
+    robot: Robot
+    """The robot."""
+    paths: Mapping[str, Path]
+    """The path of each trip by its name."""
+
+
+class Outcome(NamedTuple):
+    """How drives went; those of one place in the arrays have one world and one seed."""
+
+    log_error: Floats
+    """Logarithm of the error of each drive, (trips, drives) [ln m]."""
+    lost: Bools
+    """True for the drives that were off by over 1 m at some time, (trips, drives)."""
+    lost_at: Floats
+    """Distance along the trip where they first were, else NaN, (trips, drives) [m]."""
+
+    def joined(self, later: Outcome) -> Outcome:
+        """These drives and later ones."""
+        pairs = zip(self, later, strict=True)
+        return Outcome(*(np.concatenate(pair, axis=1) for pair in pairs))
+
+    @property
+    def error(self) -> Interval:
+        """Error of a typical drive: the geometric mean [m]."""
+        return error_of(self.log_error)
+
+    @property
+    def lost_rate(self) -> Interval:
+        """Share of the drives that were off by over 1 m at some time, 0..1."""
+        return rate_of(self.lost)
+
+
+def error_of(log_error: Floats) -> Interval:
+    """Error of a typical drive, of the logarithms of all [m]."""
+    return Interval(*np.exp(of_mean(log_error.ravel())).tolist())
+
+
+def rate_of(lost: Bools) -> Interval:
+    """Share of drives that are lost, 0..1."""
+    return wilson(float(lost.mean()), lost.size)
+
+
+class Driver:
+    """Drives of one site by their numbers.
+
+    Parameters
+    ----------
+    site : Site
+        What is driven.
+    seed : int
+        Seed of all random numbers.
+    threads : int or None
+        Number of threads.
+    """
+
+    def __init__(self, site: Site, seed: int, threads: int | None) -> None:
+        self.site = site
+        own = None if site.filter_map is site.world else site.filter_map
+        self._simulator = Simulator(
+            site.world, site.robot, filter_map=own, seed=seed, threads=threads
+        )
+
+    @cached_property
+    def lines(self) -> list[Floats]:
+        """The poses along each trip, (n, 3) each [m, m, rad]."""
+        return [poses_along(path, self.site.world) for path in self.site.paths.values()]
+
+    def __call__(self, numbers: range, progress: ProgressCallback | None = None) -> Outcome:
+        """Drive each trip with the drives of some numbers."""
+        rows = []
+        steps = parts(progress, [len(numbers)] * len(self.lines))
+        for trip, (line, step) in enumerate(zip(self.lines, steps, strict=True)):
+            # A stream for each trip: drives of one number would share the errors of odometry.
+            own = {"stream": STREAM + trip, "progress": step}
+            (errors,) = self._simulator.drive_together([line], numbers, **own)
+            drives = Drives(line, errors)
+            away = drives.position_error > LOST
+            first = np.where(drives.lost, drives.distance[away.argmax(axis=1)], np.nan)
+            rows.append((0.5 * np.log(drives.mean_squares + FLOOR), drives.lost, first))
+        log_error, lost, at = map(np.array, zip(*rows, strict=True))
+        return Outcome(log_error, lost, at)
+
+    def arrivals(self, numbers: range, progress: ProgressCallback | None = None) -> list[Arrivals]:
+        """Drive each trip steered by the filter's pose."""
+        found = []
+        steps = parts(progress, [len(numbers)] * len(self.lines))
+        for (name, path), line, step in zip(
+            self.site.paths.items(), self.lines, steps, strict=True
+        ):
+            part = self._simulator.about([line])
+            found.append(drive_closed(part, {name: path}, numbers, progress=step)[name])
+        return found
+
+
+class Contrast(NamedTuple):
+    """What drives with a cure say beside those without it, with the same worlds and seeds."""
+
+    gain: Interval
+    """Share of the drives that are no longer lost, less those that newly are, -1..1."""
+    ratio: Interval
+    """Ratio of the errors: geometric mean."""
+    verdict: str
+    """One of the verdicts above."""
+    score: float
+    """Mean difference of what drives are ranked by, ln error + 1 where lost; below 0 is better."""
+
+
+def contrast(before: Outcome, after: Outcome) -> Contrast:
+    """Compare two sets of drives of the same numbers."""
+    apart = (after.log_error - before.log_error).ravel()
+    saved = (before.lost & ~after.lost).sum(), (after.lost & ~before.lost).sum()
+    gain, sure_gain = (paired_shares(*saved, apart.size, z) for z in (1.96, CRITICAL))
+    error = apart.std(ddof=1) / math.sqrt(apart.size)
+    ratio, sure_ratio = (_ratio(float(apart.mean()), z * error) for z in (1.96, CRITICAL))
+    verdict = NO_DIFFERENCE
+    if sure_gain.low > 0 or (sure_ratio.high < 1 and ratio.value <= WORTHWHILE and gain.value >= 0):
+        verdict = BETTER
+    elif sure_gain.high < 0 or (sure_ratio.low > 1 and gain.value <= 0):
+        verdict = WORSE
+    return Contrast(gain, ratio, verdict, float(apart.mean()) - gain.value)
+
+
+def _ratio(mean: float, half: float) -> Interval:
+    return Interval(math.exp(mean), math.exp(mean - half), math.exp(mean + half))
+
+
+def paired_shares(ones: int, others: int, trials: int, z: float = 1.96) -> Interval:
+    """Difference of two shares of paired trials, by Bonett and Price's adjusted interval.
+
+    Parameters
+    ----------
+    ones, others : int
+        Number of the trials of which only the first, and only the second, is true.
+    trials : int
+        Number of all trials.
+    z : float, default 1.96
+        Critical value.
+    """
+    p, q = (ones + 1) / (trials + 2), (others + 1) / (trials + 2)
+    half = z * math.sqrt((p + q - (p - q) ** 2) / (trials + 2))
+    return Interval((ones - others) / trials, max(-1.0, p - q - half), min(1.0, p - q + half))
+
+
+def is_hopeless(before: Outcome, after: Outcome) -> bool:
+    """Whether a cure has shown after a few drives that it is not better."""
+    scores = (after.log_error + after.lost - before.log_error - before.lost).ravel()
+    error = scores.std(ddof=1) / math.sqrt(scores.size)
+    # One-sided at 7 %, as in the race of paths; no effect at all is none later on either.
+    return bool(scores.mean() - 1.5 * error >= math.log(WORTHWHILE) / 2)

@@ -1,0 +1,121 @@
+"""Limits that a site's checks keep: `--fail-if`, and JUnit's file for machines."""
+
+from __future__ import annotations
+
+import operator
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+from locplan._util.checks import shown
+from locplan._util.files import replacing
+from locplan._util.intervals import Interval
+from locplan.diagnosis._result import Check
+from locplan.errors import ConfigError
+
+FIGURES: dict[str, Callable[[Check], Interval]] = {
+    "arrives": lambda check: check.as_is.arrives,
+    "lost": lambda check: check.as_is.lost,
+    "error": lambda check: check.as_is.error,
+    "degenerate": lambda check: Interval(*[check.degenerate] * 3),
+    "faults": lambda check: Interval(*[float(len(check.faults))] * 3),
+}
+"""What a limit may be of: shares, the error of a typical drive [m], and the number of faults."""
+COMPARED = {">=": operator.ge, "<=": operator.le, ">": operator.gt, "<": operator.lt}
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A figure beyond which a check fails."""
+
+    figure: str
+    """"arrives", "lost", "error", "degenerate" or "faults"."""
+    sign: str
+    """">", ">=", "<" or "<="."""
+    number: float
+    """The number: a share 0..1, an error [m], or a count."""
+    text: str
+    """As it was written."""
+
+    @classmethod
+    def parse(cls, text: str) -> Limit:
+        """Read a limit such as "lost > 5%".
+
+        Parameters
+        ----------
+        text : str
+            A figure, a comparison and a number, which may end in % or m.
+
+        Raises
+        ------
+        ConfigError
+            If it is none.
+
+        Examples
+        --------
+        >>> Limit.parse("lost > 5%").number
+        0.05
+        """
+        words = re.fullmatch(r"\s*(\w+)\s*([<>]=?)\s*(\d+(?:\.\d*)?|\.\d+)\s*(%|m)?\s*", text)
+        if words is None or words[1] not in FIGURES:
+            raise ConfigError(
+                f"a limit must be one of {', '.join(FIGURES)}, a comparison and a number, such as"
+                f" 'lost > 5%', not {shown(text)}"
+            )
+        name, sign, number, unit = words.groups()
+        units = {"error": ("m", None), "faults": (None,)}.get(name, ("%", None))
+        if unit not in units:
+            raise ConfigError(f"{name} is not in {unit}, as in {shown(text)}")
+        value = float(number) / (100 if unit == "%" else 1)
+        if name in ("arrives", "lost", "degenerate") and value > 1:
+            raise ConfigError(f"{name} is a share: write {number}%, not {shown(text)}")
+        return cls(name, sign, value, " ".join(text.split()))
+
+    def fails(self, check: Check) -> bool:
+        """Whether a check's figure lies beyond the limit with its whole interval.
+
+        Parameters
+        ----------
+        check : Check
+            The check.
+        """
+        _, low, high = FIGURES[self.figure](check)
+        nearest = low if self.sign.startswith(">") else high
+        return bool(COMPARED[self.sign](nearest, self.number))
+
+    def said(self, check: Check) -> str:
+        """The figure with its interval beside the limit.
+
+        Parameters
+        ----------
+        check : Check
+            The check.
+        """
+        value, low, high = FIGURES[self.figure](check)
+        fails = "fails" if self.fails(check) else "holds"
+        return f"{self.text}: {fails}, {self.figure} is {value:.3g} [{low:.3g}, {high:.3g}]"
+
+
+def write_junit(file: Path, check: Check, limits: Sequence[Limit]) -> None:
+    """Write each limit as a test case of JUnit, whole or not at all.
+
+    Parameters
+    ----------
+    file : Path
+        The file.
+    check : Check
+        The check.
+    limits : sequence of Limit
+        The limits.
+    """
+    failed = [each for each in limits if each.fails(check)]
+    counts = {"tests": f"{len(limits)}", "failures": f"{len(failed)}", "errors": "0"}
+    suite = ElementTree.Element("testsuite", name=f"locplan check {check.grid.name}", **counts)
+    for each in limits:
+        case = ElementTree.SubElement(suite, "testcase", classname="locplan", name=each.text)
+        if each in failed:
+            ElementTree.SubElement(case, "failure", message=f"fails if {each.said(check)}")
+    with replacing(file) as temporary:
+        temporary.write_bytes(ElementTree.tostring(suite, "utf-8", xml_declaration=True))

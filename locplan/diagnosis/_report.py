@@ -1,0 +1,99 @@
+"""The report of a check: one HTML page that needs nothing else, made of `templates`."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from locplan._util.files import replacing
+from locplan._util.intervals import Interval
+from locplan._util.public import templates_of
+from locplan._util.records import Table
+from locplan.diagnosis._figures import OFTEN
+from locplan.diagnosis._in_short import share
+from locplan.diagnosis._result import Check
+from locplan.diagnosis._text import next_action, verdict
+from locplan.maps import OccupancyGrid
+from locplan.plotting import shrunk
+
+SIDE = 900
+"""Width or height of the map, whichever is longer [units of the drawing]."""
+GREYS = np.array([40, 190, 255], np.uint8)
+"""Shades of occupied, unknown and free."""
+
+
+class Drawing(NamedTuple):
+    """The map as an image, and where positions lie on it."""
+
+    data: str
+    """The image as a URL."""
+    width: float
+    """Width [units of the drawing]."""
+    height: float
+    """Height."""
+    grid: OccupancyGrid
+    """The map."""
+    scale: float
+    """Units of the drawing in a cell."""
+
+    @classmethod
+    def of(cls, grid: OccupancyGrid) -> Drawing:
+        """Draw a map in its own axes, without the origin's yaw."""
+        import cv2
+
+        image = GREYS[shrunk(grid.cells)[::-1] // 127]
+        data = base64.b64encode(cv2.imencode(".png", image)[1].tobytes()).decode()
+        scale = SIDE / max(grid.shape)
+        size = grid.shape[1] * scale, grid.shape[0] * scale
+        return cls(f"data:image/png;base64,{data}", *size, grid, scale)
+
+    def points(self, xy: Any) -> str:
+        """Positions (n, 2) [m] as the points of a line in SVG."""
+        return " ".join(f"{x:.1f},{y:.1f}" for x, y in self.at(xy))
+
+    def at(self, xy: Any) -> list[list[float]]:
+        """Positions (n, 2) [m] in the drawing, whose y goes down."""
+        rows, cols = self.grid.world_to_grid(*np.reshape(xy, (-1, 2)).T)
+        return np.column_stack([cols * self.scale, self.height - rows * self.scale]).tolist()
+
+
+def bar(rate: Interval) -> dict[str, float]:
+    """Both ends of an interval and its value, in per cent of a bar."""
+    value, low, high = (100 * (each if math.isfinite(each) else 0.0) for each in rate)
+    return {"value": value, "low": low, "width": high - low}
+
+
+def rows_of(table: Table) -> Sequence[Sequence[str]]:
+    """A table for people: its heads, and then its rows."""
+    heads, *rows = zip(*table.turned(), strict=True)
+    return [heads, *rows]
+
+
+def write_report(path: Path, check: Check, folder: Path | None) -> None:
+    """Write the report, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    check : Check
+        The check; its names may hold any text.
+    folder : Path or None
+        The folder that the files of the cures are in.
+    """
+    environment = templates_of("locplan.diagnosis", autoescape=True, lstrip_blocks=True)
+    environment.filters |= {"share": share, "bar": bar, "rows": rows_of}
+    text = environment.get_template("report.html").render(
+        check=check,
+        verdict=verdict(check),
+        action=next_action(check, folder),
+        drawing=Drawing.of(check.site.world),
+        often=OFTEN,
+    )
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", errors="replace")

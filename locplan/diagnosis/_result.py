@@ -1,0 +1,275 @@
+"""The result of a check: what is wrong, what helps, and what to do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path as Folder
+from typing import Any, ClassVar
+
+from locplan._util.intervals import Interval
+from locplan._util.public import called
+from locplan._util.records import Column, Result, Table
+from locplan._util.results import Results
+from locplan._util.tables import file_name, finite, write_rows
+from locplan.costs import Path
+from locplan.diagnosis._cures import LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS, rewritten
+from locplan.diagnosis._driving import BETTER, Site
+from locplan.diagnosis._weak_spots import WeakSpot
+from locplan.export import write_filter_map
+from locplan.landmarks import Landmarks
+from locplan.maps import MapFaults, MapSource, OccupancyGrid, save_map
+from locplan.simulation import LOST, write_tuned
+
+SMALL = 0.05
+"""Upper end of the share of lost drives up to which there is nothing to do."""
+NOTHING = Interval(math.nan, math.nan, math.nan)
+
+
+def fine(lost: Interval) -> bool:
+    """Whether so few drives are lost that there is nothing to do: none of a few, or surely few."""
+    return lost.value == 0 or lost.high <= SMALL
+
+
+@dataclass(frozen=True)
+class Rates:
+    """How drives went."""
+
+    drives: int
+    """Number of drives along exact paths."""
+    lost: Interval
+    """Share that was off by over 1 m at some time, 0..1."""
+    error: Interval
+    """Error of a typical drive: the geometric mean of the RMSE of the position [m]."""
+    arrives: Interval = NOTHING
+    """Share of further drives, steered by the filter's pose, that arrive, 0..1; NaN without."""
+
+    def summary(self) -> dict[str, object]:
+        """The figures, fit for JSON."""
+        named = {name: list(getattr(self, name)) for name in ("lost", "error", "arrives")}
+        return {"drives": self.drives, **named}
+
+
+@dataclass(frozen=True, repr=False)
+class Trip:
+    """A trip of the robot, and how it went as it is."""
+
+    name: str
+    """Its name, of its start and goal."""
+    path: Path
+    """The shortest path."""
+    rates: Rates
+    """How the drives went."""
+    lost_near: str
+    """Letters of the weak spots that drives were lost in or soon after."""
+
+    def __repr__(self) -> str:
+        return f"Trip({self.name}: {self.rates.lost.value:.0%} off by over {LOST:g} m)"
+
+
+@dataclass(frozen=True)
+class Cure:
+    """Something that was tried against getting lost."""
+
+    kind: str
+    """"walls", "map", "range", "settings", "paths" or "landmarks"."""
+    title: str
+    """What is done, in words."""
+    effort: str
+    """What it takes, in words."""
+    verdict: str
+    """"clearly better", "no clear difference", "clearly worse", or "stopped early"."""
+    rates: Rates
+    """How drives went with it."""
+    gain: Interval
+    """Share of the same drives that are no longer lost, less those that newly are."""
+    ratio: Interval
+    """Ratio of the errors with it to those without: geometric mean."""
+    longer: float
+    """What it makes a trip longer, the mean over the trips [m]."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Check(Result):
+    """What is wrong with a map and a robot, and the cure that gains most; made by `check`."""
+
+    _reported_by: ClassVar[str] = "locplan.diagnosis._text:check_report"
+    _drawn_by: ClassVar[str] = "locplan.diagnosis:check_figure"
+    files: ClassVar[Results] = Results(
+        "check",
+        (
+            *("check.json", "check.png", "check.csv", "report.html", "nav2_params.yaml"),
+            *("map_amcl.yaml", "map_amcl.pgm", "servers.yaml", "localizability.launch.xml"),
+            *("amcl.yaml", "README.md", "map.yaml", "landmarks.csv"),
+        ),
+    )
+
+    grid: OccupancyGrid
+    """The map."""
+    faults: MapFaults
+    """Its faults."""
+    degenerate: float
+    """Share of the free space where a scan fits at many poses, 0..1."""
+    spots: tuple[WeakSpot, ...]
+    """The weak spots, the worst first."""
+    trips: tuple[Trip, ...]
+    """The trips as they are driven now."""
+    as_is: Rates
+    """All drives as it is."""
+    cures: tuple[Cure, ...]
+    """The cures that were tried, the best first."""
+    recommended: tuple[str, ...]
+    """Kinds of the cures to do together; empty if there is nothing to do, or nothing helps."""
+    before: Rates
+    """Fresh drives as it is, beside `after`; `as_is` where nothing is recommended."""
+    after: Rates
+    """The same drives with all that is recommended."""
+    start: str
+    """Where the robot may be put, in a sentence."""
+    recorded: tuple[str, ...]
+    """What recorded drives say, in sentences without a full stop."""
+    site: Site
+    """The site as it is."""
+    cured: Site
+    """The site with all that is recommended."""
+    source: MapSource | None
+    """How the map was read; None where it was no file."""
+    placed: Landmarks | None
+    """Landmarks, where some were placed."""
+    assumed: bool
+    """Whether the lidar was assumed, since none was named."""
+    effort: str
+    """"quick", "usual" or "thorough"."""
+    seed: int
+    """Seed of all random numbers."""
+    notes: tuple[str, ...] = field(default=())
+    """What limits the result, in sentences without a full stop."""
+
+    def __repr__(self) -> str:
+        doing = ", ".join(self.recommended) or "nothing to recommend"
+        return f"Check({self.grid.name or 'map'}: {self.as_is.lost.value:.0%} lost, {doing})"
+
+    @property
+    def is_fine(self) -> bool:
+        """Whether so few drives are lost that there is nothing to do."""
+        return fine(self.as_is.lost)
+
+    @property
+    def is_by_error(self) -> bool:
+        """Whether what is recommended lowers the error, and not clearly the share of lost drives.
+
+        Intervals that meet do not show it of drives in the same worlds: those of all cures do.
+        """
+        return not any(each.gain.low > 0 for each in self.advised)
+
+    @property
+    def advised(self) -> tuple[Cure, ...]:
+        """The cures that are recommended."""
+        return tuple(each for kind in self.recommended for each in self.cures if each.kind == kind)
+
+    def table(self) -> Table:
+        """The cures, a row each."""
+        share = partial(Column, digits=0, people="%", interval=True)
+        columns = (
+            Column("title", title="cure"),
+            share("lost", title=f"off > {LOST:g} m", value=lambda each: each.rates.lost),
+            share("arrives", title="arrives", value=lambda each: each.rates.arrives),
+            Column("ratio", "", "error", interval=True),
+            Column("longer", "m", "longer", 1, signed=True),
+            Column("effort", title="takes"),
+            Column("verdict", title="verdict"),
+            Column("kind"),
+            share("gain"),
+            Column("drives", value=lambda each: each.rates.drives),
+        )
+        return Table.of(columns, self.cures)
+
+    def summary(self, *about: Any, **more: Any) -> dict[str, object]:
+        """Everything in numbers, fit for JSON.
+
+        Parameters
+        ----------
+        *about, **more
+            What `save` takes, of which it says nothing.
+        """
+        spots = [
+            {name: getattr(each, name) for name in SPOT} | {"trips": list(each.trips)}
+            for each in self.spots
+        ]
+        trips = [
+            {"name": each.name, "length": each.path.length, "lost_near": each.lost_near}
+            | {"start": each.path.xy[0].tolist(), "goal": each.path.xy[-1].tolist()}
+            | each.rates.summary()
+            for each in self.trips
+        ]
+        return finite(
+            {
+                **self.faults.summary(),
+                "robot": self.site.robot.summary(),
+                "effort": self.effort,
+                "seed": self.seed,
+                "degenerate": self.degenerate,
+                "weak_spots": spots,
+                "trips": trips,
+                "as_is": self.as_is.summary(),
+                "cures": self.table().records(),
+                "recommended": list(self.recommended),
+                "before": self.before.summary(),
+                "after": self.after.summary(),
+                "start": self.start,
+                "recorded": list(self.recorded),
+                "notes": list(self.notes),
+                "next": called("locplan.diagnosis._text:next_action", self, *about)._asdict(),
+            }
+        )
+
+    def written(self) -> dict[str, str]:
+        """The files of the recommended cures, and what to do with each."""
+        about = {
+            WALLS: {"map.yaml": "the map for all of Nav2, with the right threshold"},
+            MEND: {"map_amcl.yaml": "the map for AMCL alone; README.md says how"},
+            REACH: {"nav2_params.yaml": "the parameters for Nav2"},
+            SETTINGS: {"nav2_params.yaml": "the parameters for Nav2"},
+            PATHS: dict.fromkeys(self.changed_paths, "the path of a trip"),
+            LANDMARKS: {"landmarks.csv": "where each pole goes"},
+        }
+        return {file: text for kind in self.recommended for file, text in about[kind].items()}
+
+    @property
+    def changed_paths(self) -> Mapping[str, Path]:
+        """The paths that are other ones than the shortest, by the file's name."""
+        old = self.site.paths
+        new = {name: path for name, path in self.cured.paths.items() if path is not old[name]}
+        return {f"{file_name(name)}.csv": path for name, path in new.items()}
+
+    def _write(self, folder: Folder, *about: Any) -> None:
+        target, params = (*about, None, None)[:2]
+        self.table().write_csv(folder / "check.csv")
+        if {REACH, SETTINGS} & {*self.recommended}:
+            write_tuned(folder / "nav2_params.yaml", self.cured.robot.amcl, params)
+        if WALLS in self.recommended and self.source:
+            (folder / "map.yaml").write_text(rewritten(self.source), "utf-8")
+        if MEND in self.recommended:
+            write_filter_map(folder, self.cured.filter_map)
+        if LANDMARKS in self.recommended and self.placed:
+            rows = self.placed.poses[:, :2].tolist()
+            write_rows(folder / "landmarks.csv", ("x", "y"), rows)
+            save_map(self.placed.grid, folder / "map_with_landmarks.yaml")
+        if PATHS in self.recommended:
+            for name, path in self.changed_paths.items():
+                path.save(folder / name)
+        called("locplan.diagnosis._report:write_report", folder / "report.html", self, target)
+
+
+SPOT = (
+    *("letter", "x", "y", "length", "width", "direction", "position_std", "heading_std"),
+    "missing",
+)
+"""Names of a weak spot's figures in files."""
+
+
+def is_better(cure: Cure) -> bool:
+    """Whether a cure is clearly better than what is there."""
+    return cure.verdict == BETTER

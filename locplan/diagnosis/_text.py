@@ -1,0 +1,217 @@
+"""A check in at most 25 lines for people, and the one thing to do next."""
+
+from __future__ import annotations
+
+import shlex
+import textwrap
+from pathlib import Path as Folder
+from typing import Any, NamedTuple
+
+from locplan._util.intervals import in_metres
+from locplan._util.records import Column, Table
+from locplan._util.tables import REPORT_WIDTH
+from locplan.diagnosis._cures import LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
+from locplan.diagnosis._driving import BETTER, NO_DIFFERENCE, STOPPED, WORSE
+from locplan.diagnosis._in_short import share
+from locplan.diagnosis._result import SMALL, Check, Cure, Rates
+from locplan.simulation import LOST
+
+SHOWN = {"spots": 3, "trips": 3, "cures": 4}
+"""Number of rows of each table in the text; the report has all."""
+
+
+class Action(NamedTuple):
+    """The one thing to do next."""
+
+    sentence: str
+    """What to do, and what it gains."""
+    command: str
+    """A command to copy; empty without one."""
+    files: dict[str, str]
+    """The files that are written for it, and what each is."""
+
+
+def verdict(check: Check) -> str:
+    """What there is to say first."""
+    rates, few = check.as_is, check.as_is.drives
+    said = (
+        f"{share(rates.lost)} of {few} simulated drives are off by over {LOST:g} m at some time;"
+        f" {share(rates.arrives)} arrive where they should"
+    )
+    if check.is_fine:
+        return f"The robot keeps its place: {said}."
+    if not check.recommended:
+        return f"The robot gets lost, and nothing that was tried clearly helps: {said}."
+    if check.is_by_error:
+        return f"The robot is lost at times, and its error can be lowered: {said}."
+    return f"The robot gets lost, and it can be cured: {said}."
+
+
+def next_action(check: Check, folder: Folder | None = None, *_: Any) -> Action:
+    """The one thing to do next.
+
+    Parameters
+    ----------
+    check : Check
+        The check.
+    folder : path, optional
+        The folder that its files are in.
+    """
+    if check.is_fine:
+        best = next((each for each in check.cures if each.verdict == BETTER), None)
+        more = f" ({_would(best, check.as_is)})" if best else ""
+        return Action(f"Nothing to do{more}.", "", {})
+    map_file = shlex.quote(check.source.file) if check.source else "MAP"
+    if not check.recommended:
+        return Action(
+            "None of the cures is clearly better. Record a drive, and see whether the map and the"
+            " robot's settings are those of the site.",
+            f"locplan calibrate {map_file} --drive DRIVE",
+            {},
+        )
+    doing = " and ".join(DO[kind].format(cure=each) for kind, each in _named(check))
+    before, after = check.before, check.after
+    gains = f"off by over {LOST:g} m {share(before.lost)} -> {share(after.lost)}"
+    if check.is_by_error:  # then the shares of lost drives alone do not show it
+        errors = " -> ".join(in_metres(each.error.value) for each in (before, after))
+        gains = f"the usual error {errors}, {gains}"
+    gains += f", arrive {share(before.arrives)} -> {share(after.arrives)}"
+    left = " Some drives still get lost." if check.after.lost.low > SMALL else ""
+    sentence = f"{doing[:1].upper()}{doing[1:]}: {gains}.{left}"
+    files = check.written()
+    if folder is None:
+        return Action(sentence, "the same command with -o FOLDER writes the files for it", files)
+    return Action(sentence, _command(check, folder, map_file), files)
+
+
+DO = {
+    WALLS: "read dark greys of the map as walls",
+    MEND: "give the filter the mended map",
+    REACH: "let the filter read {cure.title}",
+    SETTINGS: "change the filter's {cure.title}",
+    PATHS: "send the robot along {cure.title}",
+    LANDMARKS: "put {cure.title}",
+}
+"""What to do, of each kind of cure."""
+
+
+def _named(check: Check) -> list[tuple[str, Cure]]:
+    return [(each.kind, each) for each in check.advised]
+
+
+def _would(cure: Cure, before: Rates) -> str:
+    """What a cure would lower where hardly a drive is lost."""
+    error = f"{in_metres(before.error.value)} to {in_metres(cure.rates.error.value)}"
+    return f"{cure.title} would lower the usual error from {error}"
+
+
+def _command(check: Check, folder: Folder, map_file: str) -> str:
+    """The command that puts the first of the cures in force."""
+    kind, own = check.recommended[0], shlex.quote(str(folder))
+    bringup = "ros2 launch nav2_bringup bringup_launch.py"
+    if kind == PATHS:
+        first = next(iter(check.changed_paths))
+        path = shlex.quote(str(folder / first))
+        return f"locplan export {map_file} --to nav2-routes --path {path} -o {own}/routes"
+    return {
+        WALLS: f"{bringup} map:={own}/map.yaml",
+        MEND: f"ros2 launch {own}/localizability.launch.xml",
+        REACH: f"{bringup} map:={map_file} params_file:={own}/nav2_params.yaml",
+        SETTINGS: f"{bringup} map:={map_file} params_file:={own}/nav2_params.yaml",
+        LANDMARKS: f"locplan check {own}/map_with_landmarks.yaml",
+    }[kind]
+
+
+def check_report(check: Check, folder: Folder | None = None, *_: Any) -> str:
+    """The check in at most 25 lines.
+
+    Parameters
+    ----------
+    check : Check
+        The check.
+    folder : path, optional
+        The folder that its files are in.
+    """
+    action = next_action(check, folder)
+    last = [*_filled(f"Next: {action.sentence}"), *([f"  {action.command}"] * bool(action.command))]
+    if action.files:
+        last.append("  " + "; ".join(f"{name}: {text}" for name, text in action.files.items()))
+    robot = f"{check.site.robot.title}{' (assumed: name yours)' if check.assumed else ''}"
+    return "\n".join(
+        [
+            *_filled(verdict(check)),
+            _short(f"with {robot}"),
+            *(_short(f"map: {each.what}") for each in [*check.faults][:1]),
+            *map(_short, check.recorded[:2]),
+            *([_short(check.start)] if check.start else []),
+            *_spots(check),
+            *_trips(check),
+            *_cures(check),
+            *last,
+        ]
+    )
+
+
+def _filled(text: str) -> list[str]:
+    return textwrap.wrap(text, REPORT_WIDTH, break_on_hyphens=False, break_long_words=False)
+
+
+def _short(text: str, width: int = REPORT_WIDTH) -> str:
+    return textwrap.shorten(text, width, placeholder=" ...")
+
+
+def _spots(check: Check) -> list[str]:
+    """The worst weak spots."""
+    count = len(check.trips)
+    columns = (
+        Column("letter", title="spot"),
+        Column("place", title="at x,y"),
+        Column("size", title="size"),
+        Column("deviation", title="off by"),
+        Column("missing", title="what is missing"),
+        Column("trips", title="trips", value=lambda each: f"{len(each.trips)} of {count}"),
+    )
+    few = check.spots[: SHOWN["spots"]]
+    return _lines(Table.of(columns, few)) if few else ["no weak spot of a square metre or more"]
+
+
+def _trips(check: Check) -> list[str]:
+    """The worst trips."""
+    columns = (
+        Column("name", title="trip", value=lambda each: _short(each.name, 24)),
+        Column("length", "m", "length", 0, value=lambda each: each.path.length),
+        Column("lost", title=f"off by over {LOST:g} m", value=lambda each: share(each.rates.lost)),
+        Column("near", title="lost near", value=lambda each: each.lost_near or "-"),
+        Column("arrives", title="arrives", value=lambda each: share(each.rates.arrives)),
+    )
+    worst = sorted(check.trips, key=lambda each: -each.rates.lost.value)
+    return _lines(Table.of(columns, worst[: SHOWN["trips"]]))
+
+
+def _cures(check: Check) -> list[str]:
+    """The cures that were tried."""
+    before = f"{100 * check.as_is.lost.value:.0f} -> "
+
+    def lost(each: Cure) -> str:
+        return before + share(each.rates.lost)
+
+    columns = (
+        Column("title", title="cure", value=lambda each: _short(each.title, 28)),
+        Column(
+            "lost",
+            title=f"off by over {LOST:g} m",
+            value=lambda each: before + share(each.rates.lost),
+        ),
+        Column("arrives", title="arrives", value=lambda each: share(each.rates.arrives)),
+        Column("verdict", title="", value=lambda each: SAID[each.verdict]),
+    )
+    few = check.cures[: SHOWN["cures"]]
+    return _lines(Table.of(columns, few)) if few else ["no cure suits: nothing was tried"]
+
+
+SAID = {BETTER: "better", NO_DIFFERENCE: "no better", WORSE: "worse", STOPPED: "no better"}
+"""Verdicts in few words."""
+
+
+def _lines(table: Table) -> list[str]:
+    return [line.rstrip() for line in str(table).splitlines()]

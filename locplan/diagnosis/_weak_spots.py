@@ -1,0 +1,190 @@
+"""Weak spots of a map: where, how large, uncertain along what, and what is missing there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from string import ascii_uppercase
+
+import numpy as np
+
+from locplan._kernels.arrays import Floats
+from locplan.costs import Costmap, Path
+from locplan.export import DegenerateArea, degenerate_areas
+from locplan.field import CovarianceField
+from locplan.maps import OCCUPIED, OccupancyGrid
+
+LISTED = 8
+"""Maximum number of weak spots."""
+THRESHOLDS = (None, 0.6, 0.7, 0.8, 0.9)
+"""Minimum u of a spot's cells; the next one where an area takes too much of the map."""
+TOO_LARGE = 0.25
+"""Share of the free space from which on an area is no spot, if a higher threshold divides it."""
+SEEN = 0.35
+"""Share of the directions below which too few walls are within the lidar's range."""
+BEFORE = 10.0
+"""Distance that a robot may drive from a spot until it is off by over 1 m because of it [m]."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WeakSpot:
+    """A place where scans fit the map at many poses."""
+
+    letter: str
+    """Its letter on the picture, A for the worst."""
+    x: float
+    """World x of a place well inside it [m]."""
+    y: float
+    """World y of it [m]."""
+    length: float
+    """Its extent along the direction in which a pose is uncertain [m]."""
+    width: float
+    """Its extent across [m]."""
+    direction: float
+    """Direction in which a pose is uncertain, from x, 0..pi [rad]; NaN without a common one."""
+    position_std: float
+    """Standard deviation of a pose match along it, the median over the spot [m]."""
+    heading_std: float
+    """Standard deviation of the heading, the median over the spot [rad]."""
+    missing: str
+    """What is missing there, in words."""
+    trips: tuple[str, ...]
+    """Names of the trips that pass it."""
+    outline: Floats
+    """Corners [m], (n, 2)."""
+
+    def __repr__(self) -> str:
+        return f"WeakSpot({self.letter}: {self.size} at {self.place}, {self.missing})"
+
+    @property
+    def place(self) -> str:
+        """Where it is, as people read it [m]."""
+        return f"{self.x:.1f},{self.y:.1f}"
+
+    @property
+    def size(self) -> str:
+        """Its extent, as people read it."""
+        return f"{self.length:.0f} x {self.width:.0f} m"
+
+    @property
+    def deviation(self) -> str:
+        """How uncertain a pose of a scan is there."""
+        if self.missing == ROUND:
+            return f"{math.degrees(self.heading_std):.0f} deg"
+        return f"{100 * self.position_std:.0f} cm"
+
+
+ROUND = "no corner tells the heading"
+
+
+def weak_spots(
+    costs: Costmap, field: CovarianceField, reach: float, paths: Mapping[str, Path]
+) -> tuple[WeakSpot, ...]:
+    """The weak spots of a map, the worst first.
+
+    Those come first that most trips pass, and then those of the largest product of deviation and
+    length.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap of the field.
+    field : CovarianceField
+        The field.
+    reach : float
+        Range within which the filter reads the lidar [m].
+    paths : mapping of str to Path
+        The trips by name.
+    """
+    spots = [_spot(area, costs.grid, reach, paths) for area in _areas(costs, field)]
+    spots.sort(key=lambda each: (-len(each.trips), -each.position_std * each.length))
+    named = zip(ascii_uppercase, spots[:LISTED], strict=False)
+    return tuple(replace(each, letter=letter) for letter, each in named)
+
+
+def _areas(costs: Costmap, field: CovarianceField) -> tuple[DegenerateArea, ...]:
+    """Degenerate areas, none of which takes most of the map unless nothing divides it."""
+    free = np.count_nonzero(costs.grid.free) * costs.grid.resolution**2
+    found: tuple[DegenerateArea, ...] = ()
+    for threshold in THRESHOLDS:
+        before, found = found, degenerate_areas(costs, field, threshold=threshold)
+        if not found:
+            return before
+        if found[0].area < TOO_LARGE * free:
+            break
+    return found
+
+
+def _spot(
+    area: DegenerateArea, grid: OccupancyGrid, reach: float, paths: Mapping[str, Path]
+) -> WeakSpot:
+    direction = area.direction % math.pi
+    along = np.array([math.cos(direction), math.sin(direction)])
+    extents = [float(np.ptp(area.outline @ way)) for way in (along, along[::-1] * [-1, 1])]
+    turns = area.heading_std > math.radians(10) and area.position_std < 0.2
+    missing = f"no feature along {math.degrees(direction):.0f} deg"
+    if seen_around(grid, area.middle, reach) < SEEN:
+        missing = f"walls beyond the lidar's {reach:g} m"
+    elif turns:
+        missing = ROUND
+    elif not area.agrees:
+        missing = "only clutter, no long wall"
+    passing = [name for name, path in paths.items() if inside(area.outline, points_of(path)).any()]
+    return WeakSpot(
+        *("", *area.middle, *extents),
+        direction if area.agrees else math.nan,
+        *(area.position_std, area.heading_std, missing, tuple(passing), area.outline),
+    )
+
+
+def seen_around(grid: OccupancyGrid, xy: tuple[float, float], reach: float) -> float:
+    """Share of 72 directions from a place in which a wall stands within a range [m]."""
+    angles = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
+    steps = np.arange(0.0, reach, grid.resolution / 2)
+    at = grid.world_to_grid(xy[0] + steps * np.cos(angles), xy[1] + steps * np.sin(angles))
+    rows, cols = (np.floor(each).astype(int) for each in at)
+    height, width = grid.shape
+    known = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
+    walls = grid.cells[np.where(known, rows, 0), np.where(known, cols, 0)] == OCCUPIED
+    return float((walls & known).any(axis=1).mean())
+
+
+def points_of(path: Path) -> Floats:
+    """Points of a path every quarter of a metre, (n, 2) [m]."""
+    return np.asarray(path.resampled(0.25, even=True).xy)
+
+
+def inside(outline: Floats, points: Floats) -> Floats:
+    """Which of some points (n, 2) lie in an outline, (n,)."""
+    import cv2
+
+    corners = outline.astype(np.float32)
+    tested = [cv2.pointPolygonTest(corners, (x, y), False) for x, y in points.tolist()]
+    return np.array(tested) >= 0
+
+
+def blamed(spots: Sequence[WeakSpot], path: Path, lost_at: Floats) -> str:
+    """Letters of the spots that drives were lost in, or soon after, the most frequent first.
+
+    Parameters
+    ----------
+    spots : sequence of WeakSpot
+        The weak spots.
+    path : Path
+        The trip.
+    lost_at : (drives,) array
+        Distance along it where each drive was first off by over 1 m [m]; NaN where none was.
+    """
+    if not len(known := lost_at[np.isfinite(lost_at)]):
+        return ""
+    points = points_of(path)
+    distance = np.linspace(0, path.length, len(points))
+    counts = {}
+    for spot in spots:
+        own = distance[inside(spot.outline, points)]
+        since = known[:, None] - own
+        hit = ((since >= -0.5) & (since <= BEFORE)).any(axis=1) if len(own) else np.zeros(1)
+        counts[spot.letter] = int(hit.sum())
+    often = sorted(counts, key=lambda letter: -counts[letter])
+    return ", ".join(letter for letter in often if counts[letter] >= 0.25 * len(known))

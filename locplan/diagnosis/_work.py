@@ -1,0 +1,207 @@
+"""The drives of a check: as it is, with each cure, and with those that help together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from locplan._util.intervals import wilson
+from locplan._util.progress import ProgressCallback, parts, scaled
+from locplan.costs import Costmap
+from locplan.diagnosis import _cures as cures
+from locplan.diagnosis._driving import (
+    NO_DIFFERENCE,
+    STOPPED,
+    Contrast,
+    Driver,
+    Outcome,
+    Site,
+    contrast,
+    error_of,
+    is_hopeless,
+    rate_of,
+)
+from locplan.diagnosis._result import NOTHING, Cure, Rates, Trip, fine, is_better
+from locplan.diagnosis._weak_spots import WeakSpot, blamed
+from locplan.maps import MapFaults
+from locplan.simulation import Arrivals
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is driven."""
+
+    trips: int
+    """Maximum number of trips between places far apart."""
+    few: int
+    """Number of drives, along all trips together, that a cure has to lead after."""
+    drives: int
+    """Number of further drives of what leads, on which it is judged."""
+    closed: int
+    """Number of drives steered by the filter's pose."""
+    choosing: int
+    """Maximum number of confirming drives of a path; 0 tries no other paths."""
+    landmarks: bool
+    """Whether landmarks are tried."""
+
+
+EFFORTS = {
+    "quick": Effort(4, 12, 32, 16, 0, False),
+    "usual": Effort(6, 24, 96, 48, 16, True),
+    "thorough": Effort(6, 48, 288, 96, 64, True),
+}
+
+
+class Work:
+    """The drives of a check, and what they have shown.
+
+    Parameters
+    ----------
+    site : Site
+        The site as it is.
+    effort : Effort
+        How much is driven.
+    seed : int
+        Seed of all random numbers.
+    threads : int or None
+        Number of threads.
+    """
+
+    def __init__(self, site: Site, effort: Effort, seed: int, threads: int | None) -> None:
+        self.site, self.effort, self.seed, self.threads = site, effort, seed, threads
+        self.remedies: dict[str, cures.Remedy] = {}
+        self.taken: tuple[str, ...] = ()
+        self.placed: Any = None
+        few, many, closed = (
+            -(-number // len(site.paths)) for number in (effort.few, effort.drives, effort.closed)
+        )
+        # Cures are chosen, judged, and what is recommended confirmed, each on drives of its own.
+        self._few, self._many = range(few), range(few, few + many)
+        self._fresh, self._closed = range(few + many, few + 2 * many), range(closed)
+        self._driver = Driver(site, seed, threads)
+        self._drive_few = cures.driver_of(seed, threads, self._few)
+
+    def as_it_is(
+        self, spots: Sequence[WeakSpot], progress: ProgressCallback
+    ) -> tuple[Rates, tuple[Trip, ...]]:
+        """Drive the trips as they are."""
+        sizes = len(self._few), len(self._many), len(self._closed)
+        steps = parts(progress, [each * len(self.site.paths) for each in sizes])
+        self._before_few = self._driver(self._few, steps[0])
+        self._before = found = self._driver(self._many, steps[1])
+        arrivals = self._driver.arrivals(self._closed, steps[2])
+        rows = zip(self.site.paths.items(), arrivals, *found, strict=True)
+        trips = tuple(
+            Trip(
+                *(name, path, Rates(lost.size, rate_of(lost), error_of(error), each.arrived)),
+                blamed(spots, path, at),
+            )
+            for (name, path), each, error, lost, at in rows
+        )
+        return _rates(found, arrivals), trips
+
+    def cures(self, found: MapFaults, costs: Costmap, progress: ProgressCallback) -> list[Cure]:
+        """Try the cures that suit, each as far as it leads."""
+        site, first = self.site, self._before_few
+        few, second, third = parts(progress, [100, 150, 200])
+        every = [*cures.remedies(site, found, self.seed, self.threads)]
+        every += filter(None, [cures.tuned(site, first, self._drive_few)])
+        few(100, 100)
+        if self.effort.choosing and self._before.lost.any():
+            own = self.effort.choosing, self.seed, self.threads, scaled(second, 150)
+            every += filter(None, [cures.chosen_paths(site, costs, self._before, *own)])
+        made = []
+        for remedy, step in zip(
+            every, parts(third, [200 // max(1, len(every))] * len(every)), strict=True
+        ):
+            made.append(self._tried(remedy))
+            step(200 // len(every), 200)
+        return made
+
+    def _tried(self, remedy: cures.Remedy) -> Cure:
+        """A cure as it was driven, after a few drives no further if it does not lead."""
+        self.remedies[remedy.kind] = remedy
+        site = remedy.apply(self.site)
+        driver = Driver(site, self.seed, self.threads)
+        few = driver(self._few)
+        if is_hopeless(self._before_few, few):
+            said = contrast(self._before_few, few)._replace(verdict=STOPPED)
+            return self._cure(remedy, site, _rates(few), said)
+        many = driver(self._many)
+        arrivals = driver.arrivals(self._closed)
+        return self._cure(remedy, site, _rates(many, arrivals), contrast(self._before, many))
+
+    def _cure(self, remedy: cures.Remedy, site: Site, rates: Rates, said: Contrast) -> Cure:
+        old, new = (sum(p.length for p in each.paths.values()) for each in (self.site, site))
+        longer = (new - old) / len(site.paths)
+        about = remedy.kind, remedy.title, remedy.effort
+        return Cure(*about, said.verdict, rates, said.gain, said.ratio, longer)
+
+    def sorted(self, tried: Sequence[Cure]) -> list[Cure]:
+        """The cures, the best first; those that were stopped come last."""
+        return sorted(
+            tried,
+            key=lambda each: (
+                each.verdict == STOPPED,
+                float(np.log(each.ratio.value)) - each.gain.value,
+            ),
+        )
+
+    def together(self, tried: list[Cure], progress: ProgressCallback) -> tuple[Rates, Rates]:
+        """What is to be done together, and fresh drives without and with it."""
+        as_is = _rates(self._before)
+        if fine(as_is.lost):
+            return as_is, as_is
+        fresh = cures.driver_of(self.seed, self.threads, self._fresh)
+        order = [each.kind for each in self.sorted(tried) if is_better(each)]
+        before = after = self._before
+        if order:
+            self.taken, before, after = cures.combined(self.remedies, order, self.site, fresh)
+            # On fresh drives, too: else it was chance that chose it.
+            if contrast(before, after).verdict == NO_DIFFERENCE:
+                self.taken, after = (), before
+        progress(100, 200)
+        if self.effort.landmarks and not fine(after.lost_rate):
+            before, after = self._with_landmarks(tried, before, after, fresh)
+        if not self.taken:
+            return _rates(before), _rates(before)
+        cured = Driver(cures.joined(self.remedies, self.taken, self.site), self.seed, self.threads)
+        closed = [each.arrivals(self._closed) for each in (self._driver, cured)]
+        progress(200, 200)
+        return _rates(before, closed[0]), _rates(after, closed[1])
+
+    def _with_landmarks(
+        self,
+        tried: list[Cure],
+        before: Outcome,
+        after: Outcome,
+        fresh: Callable[[Site], Outcome],
+    ) -> tuple[Outcome, Outcome]:
+        """The fresh drives without and with all cures, landmarks among them if they help."""
+        site = cures.joined(self.remedies, self.taken, self.site)
+        made = cures.landmarks(site, self.threads)
+        if made is None:
+            return before, after
+        remedy, self.placed = made
+        self.remedies[remedy.kind] = remedy
+        if not self.taken:
+            before = after = fresh(self.site)
+        more = fresh(remedy.apply(site))
+        said = contrast(after, more)
+        title = f"{remedy.title}{', after the above' if self.taken else ''}"
+        tried.append(self._cure(replace(remedy, title=title), site, _rates(more), said))
+        # Objects are worth their effort where they keep drives from getting lost.
+        if is_better(tried[-1]) and said.gain.low > 0:
+            self.taken, after = (*self.taken, remedy.kind), more
+        return before, after
+
+
+def _rates(found: Outcome, arrivals: Sequence[Arrivals] = ()) -> Rates:
+    """The figures of drives along all trips."""
+    count = sum(len(each.drives) for each in arrivals)
+    arrived = sum(each.count for each in arrivals)
+    share = wilson(arrived / count, count) if count else NOTHING
+    return Rates(found.lost.size, found.lost_rate, found.error, share)

@@ -1,0 +1,77 @@
+"""The report of a check in a browser: whole, in the dark, on a phone, and on paper."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_check import CORNERS, ROBOT, room
+
+from locplan import check
+
+CHROMIUM = shutil.which("chromium")
+QUIET = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium"),
+    pytest.mark.draws,
+]
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report")
+    check(room(), ROBOT, CORNERS, effort="quick").save(folder)
+    return folder / "report.html"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    sync_api = pytest.importorskip("playwright.sync_api", reason="there is no playwright")
+    with sync_api.sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=CHROMIUM, args=QUIET)
+        yield started
+        started.close()
+
+
+@pytest.mark.parametrize("width", [390, 1200])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_page_needs_nothing_else_and_fits_its_window(
+    browser: Any, report: Path, width: int, scheme: str
+) -> None:
+    page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
+    asked: list[str] = []
+    page.on("pageerror", lambda error: asked.append(str(error)))
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(report.as_uri())
+    assert [each for each in asked if not each.startswith("data:")] == [report.as_uri()]
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert "keeps its place" in page.locator(".verdict").inner_text()
+    assert page.locator("svg polyline").count() == len(CORNERS)
+    ink, paper = page.evaluate(
+        "['color', 'backgroundColor'].map(name => getComputedStyle(document.body)[name])"
+    )
+    dark = [sum(map(int, each[4:-1].split(","))) < 384 for each in (ink, paper)]
+    assert dark == [scheme == "light", scheme == "dark"]
+    page.close()
+
+
+def test_the_rest_is_folded_and_opens(browser: Any, report: Path) -> None:
+    page = browser.new_page()
+    page.goto(report.as_uri())
+    trip = page.get_by_text("door to desk", exact=True).last
+    assert not trip.is_visible()
+    page.get_by_text("Trips", exact=True).click()
+    assert trip.is_visible()
+    page.close()
+
+
+def test_it_prints_on_three_pages_at_most(browser: Any, report: Path) -> None:
+    page = browser.new_page()
+    page.goto(report.as_uri())
+    printed = page.pdf(format="A4", prefer_css_page_size=True)
+    assert 1 <= printed.count(b"/Type /Page\n") + printed.count(b"/Type/Page\n") <= 3
+    page.close()
