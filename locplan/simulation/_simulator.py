@@ -191,7 +191,7 @@ class Simulator:
 
         Parameters
         ----------
-        lines : sequence of Line, optional
+        lines : sequence of Line, default ()
             The lines, as `line` gives them.
         """
         window: Window = slice(0, self.grid.shape[0]), slice(0, self.grid.shape[1])
