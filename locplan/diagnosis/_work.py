@@ -191,7 +191,7 @@ class Work:
             before = after = fresh(self.site)
         more = fresh(remedy.apply(site))
         said = contrast(after, more)
-        title = f"{remedy.title}{', after the above' if self.taken else ''}"
+        title = f"{'besides, ' if self.taken else ''}{remedy.title}"
         tried.append(self._cure(replace(remedy, title=title), site, _rates(more), said))
         # Objects are worth their effort where they keep drives from getting lost.
         if is_better(tried[-1]) and said.gain.low > 0:
