@@ -100,7 +100,7 @@ def remedies(site: Site, found: MapFaults, seed: int, threads: int | None) -> It
             )
     own = site.robot.filter
     if isinstance(own, Amcl) and own.reach(site.robot.known_lidar) < site.robot.known_lidar.range:
-        full = {"laser_max_range": Amcl().laser_max_range}
+        full: dict[str, Any] = {"laser_max_range": Amcl().laser_max_range}
         yield Remedy(
             *(REACH, f"the lidar's full {site.robot.known_lidar.range:g} m", "one parameter"),
             lambda old: _with_filter(old, dataclasses.replace(old.robot.amcl, **full)),
