@@ -130,11 +130,9 @@ class Driver:
         """Drive each trip steered by the filter's pose."""
         found = []
         steps = parts(progress, [len(numbers)] * len(self.lines))
-        for (name, path), line, step in zip(
-            self.site.paths.items(), self.lines, steps, strict=True
-        ):
-            part = self._simulator.about([line])
-            found.append(drive_closed(part, {name: path}, numbers, progress=step)[name])
+        for (name, path), step in zip(self.site.paths.items(), steps, strict=True):
+            made = drive_closed(self._simulator, {name: path}, numbers, progress=step)
+            found.append(made[name])
         return found
 
 
