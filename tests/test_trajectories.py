@@ -387,6 +387,16 @@ def test_an_interrupted_pass_goes_on_to_the_same_result(drive, found, tmp_path):
     assert smooth(GRID, drive, folder=tmp_path) != found
 
 
+def test_a_pass_goes_on_with_no_blocks_of_another_call_nor_with_damaged_ones(
+    drive, found, tmp_path
+):
+    smooth(GRID, drive, folder=tmp_path, seed=2)
+    assert smooth(GRID, drive, folder=tmp_path) == found
+    for block in tmp_path.iterdir():
+        block.write_bytes(block.read_bytes()[:1000])
+    assert smooth(GRID, drive, folder=tmp_path) == found
+
+
 def test_a_trajectory_is_kept_by_its_digest_and_saved_whole(drive, found, tmp_path):
     made = trajectory_of(drive, GRID, cache_dir=tmp_path)
     steps = []
