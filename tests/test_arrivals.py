@@ -197,6 +197,16 @@ def test_a_plan_now_and_then_leads_to_the_goal_too():
     assert ends(found) == ["arrived"] * 4
 
 
+def test_a_lap_is_driven_though_it_begins_at_its_goal():
+    lap = line((1.5, 1.0), (6.5, 1.0), (6.5, 3.0), (1.5, 3.0), (1.5, 1.0))
+    (found,) = driven(room(), lap, ROBOTS["round"], 1, perfect=True).drives
+    assert found.outcome == "arrived"
+    assert found.truth[:, 0].max() > 6.0
+    assert found.truth[-1, 2] > math.pi
+    assert found.end == pytest.approx((*found.truth[-1, :2], found.truth[-1, 2] - 2 * math.pi))
+    assert found.seconds > 0.9 * lap.length / ROBOTS["round"].kinematics.speed
+
+
 def test_plans_are_made_once_a_command_at_most():
     often, each = (
         driven(room(), line(*BENT), ROBOTS["round"], 1, replan=seconds).drives[0]
