@@ -1532,7 +1532,11 @@ def follow(random, path, stops, resolution, robot, discs, first, ticks):
                 return False
         return True
 
-    while math.dist(truth[-1][:2], path[-1]) > robot.goal_tolerance and len(truth) < ticks:
+    def is_there():
+        at_end = nearest + 40 >= len(path) - 1
+        return at_end and math.dist(truth[-1][:2], path[-1]) <= robot.goal_tolerance
+
+    while not is_there() and len(truth) < ticks:
         x, y, heading = truth[-1]
         close = path[nearest : nearest + 40]
         nearest += min(range(len(close)), key=lambda k: math.dist(close[k], (x, y)))

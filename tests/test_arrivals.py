@@ -197,10 +197,45 @@ def test_a_plan_now_and_then_leads_to_the_goal_too():
     assert ends(found) == ["arrived"] * 4
 
 
-def test_a_car_like_robot_is_refused():
+def test_a_lap_is_driven_though_it_begins_at_its_goal():
+    lap = line((1.5, 1.0), (6.5, 1.0), (6.5, 3.0), (1.5, 3.0), (1.5, 1.0))
+    (found,) = driven(room(), lap, ROBOTS["round"], 1, perfect=True).drives
+    assert found.outcome == "arrived"
+    assert found.truth[:, 0].max() > 6.0
+    assert found.truth[-1, 2] > math.pi
+    assert found.end == pytest.approx((*found.truth[-1, :2], found.truth[-1, 2] - 2 * math.pi))
+    assert found.seconds > 0.9 * lap.length / ROBOTS["round"].kinematics.speed
+
+
+def test_plans_are_made_once_a_command_at_most():
+    often, each = (
+        driven(room(), line(*BENT), ROBOTS["round"], 1, replan=seconds).drives[0]
+        for seconds in (0.04, 0.1)
+    )
+    assert np.array_equal(often.truth, each.truth)
+
+
+def test_a_new_plan_leaves_the_goal_where_it_is():
+    grid, goal = room(resolution=0.25), (6.49, 1.74)  # 0.16 m from the centre of its cell
+    path = line((1.5, 1.6), goal)
+    (found,) = driven(grid, path, ROBOTS["round"], 1, replan=0.5, perfect=True).drives
+    assert found.outcome == "arrived"
+    assert math.dist(found.end[:2], goal) <= ROBOTS["round"].goal_tolerance
+
+
+def test_a_car_like_robot_is_refused_before_anything_is_driven():
     robot = Robot(Lidar(range=5.0), kinematics=Kinematics(drive="car-like", turning_radius=1.0))
     with pytest.raises(ConfigError, match="car-like robot cannot be steered yet"):
         driven(room(), line(*BENT), robot, 1)
+    steps = []
+    with pytest.raises(ConfigError, match="car-like robot cannot be steered yet"):
+        simulate(
+            *(room(), {"bent": line(*BENT)}, robot),
+            drives=2,
+            closed=Closed(drives=2),
+            progress=lambda *step: steps.append(step),
+        )
+    assert not steps
 
 
 def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):

@@ -133,6 +133,9 @@ def test_short_and_straight_drives_say_what_they_cannot_tell(grid, line, few_res
     straight = np.column_stack([np.arange(0, 60, 0.2), np.zeros(300), np.zeros(300)])
     found = odometry_noise(driven(straight, reported(grid, straight)), Amcl())
     assert "turned by 0 deg in all, too little for alpha1" in found.notes[0]
+    noisy = odometry_noise(driven(straight, straight, (0.01, 0.02)), Amcl())
+    assert any("turned by 0 deg in all" in note for note in noisy.notes)
+    assert not {"turn_bias", "turn_drift_deg"} & {*noisy.settings()}
 
 
 def test_poses_that_jump_are_told(grid, winding, few_resamples):

@@ -387,12 +387,27 @@ def test_an_interrupted_pass_goes_on_to_the_same_result(drive, found, tmp_path):
     assert smooth(GRID, drive, folder=tmp_path) != found
 
 
+def test_a_pass_goes_on_with_no_blocks_of_another_call_nor_with_damaged_ones(
+    drive, found, tmp_path
+):
+    smooth(GRID, drive, folder=tmp_path, seed=2)
+    assert smooth(GRID, drive, folder=tmp_path) == found
+    for block in tmp_path.iterdir():
+        block.write_bytes(block.read_bytes()[:1000])
+    assert smooth(GRID, drive, folder=tmp_path) == found
+
+
 def test_a_trajectory_is_kept_by_its_digest_and_saved_whole(drive, found, tmp_path):
     made = trajectory_of(drive, GRID, cache_dir=tmp_path)
     steps = []
     again = trajectory_of(drive, GRID, cache_dir=tmp_path, progress=lambda *s: steps.append(s))
     assert made == again == found
     assert not steps
+    renamed = replace(drive, source=replace(drive.source, file="monday"))
+    grid = OccupancyGrid(GRID.cells, GRID.resolution, origin=GRID.origin, name="lab")
+    again = trajectory_of(renamed, grid, cache_dir=tmp_path)
+    assert (again.drive, again.map) == ("monday", "lab")
+    assert np.array_equal(again.poses, found.poses)
     found.save(tmp_path / "saved")
     assert locplan.Trajectory.load(tmp_path / "saved") == found
     tum = np.loadtxt(tmp_path / "saved" / "poses.tum", delimiter=" ")  # as evo splits lines
@@ -464,6 +479,8 @@ def test_the_report_names_what_is_not_to_be_trusted_and_how_odometry_errs(found)
     doubts[:52:2] = 1
     many = replace(found, doubts=doubts)
     assert f"and {len(many.stretches) - 20} more" in many.report()
+    none = replace(found, doubts=np.ones_like(doubts), odometry=model).report()
+    assert "odometry reports" not in " ".join(none.split())  # what nothing trusted tells of it
 
 
 def test_a_short_drive_does_not_tell_the_drifts_of_odometry(drive, found):

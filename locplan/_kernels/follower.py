@@ -199,7 +199,9 @@ def decide(path: Floats, surroundings: Surroundings, body: Body, period: int, tr
     counts, command = trace.counts, trace.command
     n = counts[TICKS]
     x, y, _ = trace.believed[n]
-    if np.hypot(path[-1, 0] - x, path[-1, 1] - y) <= body.tolerance:
+    # A path that begins at its goal, or leads past it, does not end there.
+    at_end = counts[AT] + REACH >= len(path) - 1
+    if at_end and np.hypot(path[-1, 0] - x, path[-1, 1] - y) <= body.tolerance:
         return ENDED
     if n + 1 == len(trace.truth):
         return TIMED_OUT

@@ -31,6 +31,8 @@ MIN_STRETCHES, SMOOTHED_MIN_STRETCHES = 30, 60
 150 m with smoothed poses, where that of the distance may vanish in 100 m."""
 MIN_UPDATES = 40
 """Number of the filter's updates below which odometry is not calibrated."""
+TURN = 0.2
+"""Turn that is one: the noise of many small ones would add up [rad]."""
 RESAMPLES = 100
 """Number of resamples of blocks."""
 
@@ -68,7 +70,7 @@ class OdometryNoise:
     heading_noise_deg: Interval
     """Standard deviation of a recorded pose's heading [deg]."""
     turned: float
-    """Sum of the robot's turns [rad]."""
+    """Sum of the robot's turns of 0.2 rad and more [rad]."""
     updates: int
     """Number of the filter's updates, between which the increments were compared."""
     long_enough: bool
@@ -121,7 +123,8 @@ def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
     position, heading = np.nan_to_num([each.low for each in drifts[-2:]]).tolist()
     sure = position, math.radians(heading)
     alphas = intervals(lambda w: increments.fitted(w, *sure), blocks[updates[:-1]], RESAMPLES)
-    turned = float(np.abs(wrapped(np.diff(recording.poses[:, 2]))).sum())
+    turns = np.diff(poses[updates_of(poses, math.inf, TURN), 2])
+    turned = float(np.abs(wrapped(turns)).sum())
     notes = _notes(increments, np.array([each.value for each in alphas]), sure, turned)
     if jumps:
         notes.append(f"jumps of odometry against the recorded poses, which are left out: {jumps}")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+import zipfile
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -205,11 +207,22 @@ class Pass:
         """Read what an interrupted pass has put down; return the number of its scans."""
         done = 0
         while folder and (file := self._file(folder, done + BLOCK)).is_file():
-            with np.load(file) as block:
-                clouds[done : done + BLOCK] = block["clouds"]
-                best[done : done + BLOCK] = block["best"]
+            try:
+                with file.open("rb") as opened, np.load(opened) as block:
+                    clouds[done : done + BLOCK] = block["clouds"]
+                    best[done : done + BLOCK] = block["best"]
+            except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
+                break  # a damaged one is made anew
             done += BLOCK
         return done
 
     def _file(self, folder: Path, done: int) -> Path:
-        return folder / f"pass_{self.number}_{done}.npz"
+        return folder / f"pass_{self.number}_{self._key}_{done}.npz"
+
+    @cached_property
+    def _key(self) -> str:
+        """Digest of what the pass depends on: it goes on with no blocks of another drive."""
+        digest = hashlib.sha256(repr((self.walls.grid.digest, self.seed)).encode())
+        for array in (self.ranges, self.ends, self.ways, self.deviations, self.start):
+            digest.update(b"-" if array is None else array.tobytes())
+        return digest.hexdigest()[:16]

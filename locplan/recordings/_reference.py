@@ -61,7 +61,9 @@ def trajectory_of(
         file = folder / "trajectory.npz"
         if file.is_file():
             with suppress(LocplanError):  # a damaged one is made anew
-                return replace(Trajectory.load(file), grid=grid)
+                # The names are not in the digest.
+                own = Trajectory.load(file)
+                return replace(own, grid=grid, map=grid.name, drive=recording.source.file)
         found = smooth(grid, recording, robot, start, folder=folder, seed=seed, progress=progress)
         found.write(file)
         for block in folder.glob("pass_*.npz"):

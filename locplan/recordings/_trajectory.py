@@ -273,7 +273,7 @@ def trajectory_report(found: Trajectory) -> str:
         rows.append(("" if n else "not trusted", f"{place}: {DOUBTS[most]}"))
     if (more := len(found.stretches) - SHOWN) > 0:
         rows.append(("", f"and {more} more, which -o writes into poses.csv"))
-    if (model := found.odometry) is not None:
+    if (model := found.odometry) is not None and found.trusted.any():
         x, y, yaw = model.mount
         ways = f"{abs(model.scale):.1%} too {'short' if model.scale > 0 else 'long'}"
         turns = f"{abs(model.turn_scale):.1%} too {'small' if model.turn_scale > 0 else 'large'}"

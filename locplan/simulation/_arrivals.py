@@ -11,7 +11,7 @@ import numpy as np
 from locplan._kernels.arrays import Floats
 from locplan._util.checks import Settings, positive
 from locplan._util.intervals import Interval, wilson
-from locplan._util.poses import Poses
+from locplan._util.poses import Poses, wrapped
 from locplan._util.records import POSE, Column, Table
 from locplan._util.saved import Valued
 from locplan.costs import Path
@@ -222,4 +222,5 @@ def faults_of(*arrivals: Arrivals) -> str:
 
 
 def _placed(poses: Any) -> tuple[Place, ...]:
-    return tuple((x, y, heading) for x, y, heading in np.reshape(poses, (-1, 3)).tolist())
+    x, y, heading = np.reshape(poses, (-1, 3)).T
+    return tuple(zip(x.tolist(), y.tolist(), wrapped(heading).tolist(), strict=True))

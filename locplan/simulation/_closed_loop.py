@@ -44,6 +44,23 @@ PATIENCE = 60.0, 3.0
 """Maximum time of a drive: so long [s], and so many times that of its path."""
 
 
+def check_steered(robot: Robot) -> None:
+    """Check that the follower can steer a robot; to be called before long work.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+
+    Raises
+    ------
+    ConfigError
+        If it is car-like.
+    """
+    if robot.kinematics.drive == "car-like":
+        raise ConfigError("a car-like robot cannot be steered yet; drive it in the open loop")
+
+
 def drive_closed(
     simulator: Simulator,
     paths: Mapping[str, Path],
@@ -155,8 +172,7 @@ class ClosedLoop:
         from locplan._kernels.follower import Body
 
         robot, kinematics = self.simulator.robot, self.simulator.robot.kinematics
-        if kinematics.drive == "car-like":
-            raise ConfigError("a car-like robot cannot be steered yet; drive it in the open loop")
+        check_steered(robot)
         sideways = kinematics.drive == "omnidirectional"
         return Body(_discs(robot), sideways, kinematics.speed, robot.goal_tolerance)
 
@@ -248,7 +264,7 @@ class ClosedLoop:
         arguments, sensing = self.simulator.arguments, random.spawn(1)[0]
         first = way_between(self.frame, trace.truth[0])
         # Without one the period is longer than any drive.
-        period = round(self.replan / TICK) if self.replan else len(trace.truth)
+        period = max(1, round(self.replan / TICK)) if self.replan else len(trace.truth)
         driven = world, self.body, period
         if arguments.scores is None:
             own = OwnLoop(arguments, self.frame, (random, sensing), first, trace)

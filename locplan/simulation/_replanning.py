@@ -89,7 +89,8 @@ class Replanner:
         centres = (np.column_stack(np.divmod(cells, columns)[::-1]) - 0.5 + low[::-1]) * resolution
         if len(centres) > 1:
             centres = Path(centres).resampled(POINTS).xy
-        return np.concatenate([centres, way[best + 1 :]])
+        # The goal stays where it is, and not at the centre of its cell.
+        return np.concatenate([centres, way[min(best + 1, len(way) - 1) :]])
 
     def _add(self, walls: Ints, density: Floats) -> None:
         """Raise a density about further walls, cells (n, 2)."""
