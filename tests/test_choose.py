@@ -469,7 +469,10 @@ def test_without_a_lidar_the_aware_path_is_given_beside_the_shortest(corridors):
     assert found.path is found.candidates[1].path
     assert found.candidates[1].metrics.integrated_u < found.shortest.metrics.integrated_u
     assert found.verdict == ""
+    assert found.sentence.startswith('take "localizability-aware", untested: name the robot')
     assert "--lidar" in found.sentence
+    labels = [each.get_text() for each in found.figure().legends[0].get_texts()]
+    assert sum(each.startswith("to take, untested: localizability-aware") for each in labels) == 1
     undriven = choose(grid, (2.0, 3.0), (38.0, 3.0), Robot(Lidar(range=6.0)), drives=0)
     assert "as asked" in undriven.sentence
     assert all(each.driven is None for each in undriven.candidates)
@@ -785,10 +788,12 @@ def test_what_is_recommended_is_driven_by_a_follower_too(better, corridors, tmp_
     assert driven == [0, leader]
     shortest, taken = (better.candidates[n].arrivals for n in driven)
     assert len(shortest.drives) == len(taken.drives) == 16
-    assert better.arrives == (
-        f'"{better.taken}" arrives in {taken.words} instead of {shortest.words}, with a pursuit'
-        " follower"
-    )
+    assert taken.count == shortest.count
+    said = f'steered by its filter, the robot arrives on "{better.taken}" in {taken.words}'
+    assert better.arrives == f"{said}, as on the shortest"
+    fewer = with_arrivals(better, 12, 16)
+    instead = fewer.shortest.arrivals.words
+    assert fewer.arrives == f"{said}, and in {instead} on the shortest"
     assert " ".join(better.arrives.split()) in " ".join(better.report().split())
     assert better.summary()["arrives"] == better.arrives
     paths = {better.taken: better.path, "shortest": better.shortest.path}
@@ -819,17 +824,31 @@ def test_a_choice_that_was_saved_before_arrivals_were_is_read(better, tmp_path):
     assert math.isnan(old.chosen.driven.off_at_goal.value)
 
 
-def test_where_the_shortest_is_taken_nobody_is_steered(choice):
+def test_where_the_shortest_is_taken_it_is_said_how_many_arrive(choice):
     assert choice.best == 0
-    assert choice.arrives == ""
-    assert all(each.arrivals is None for each in choice.candidates)
+    steered = [each for each in choice.candidates if each.arrivals]
+    assert steered == [choice.shortest]
+    words = choice.shortest.arrivals.words
+    assert choice.arrives == f"steered by its filter, the robot arrives on the shortest in {words}"
+
+
+def test_errors_in_the_table_agree_with_the_ratios(better):
+    names = [column.name for column in better.table().columns]
+    first, *others = (dict(zip(names, row, strict=True)) for row in better.table().rows)
+    shown = [each for each in others if math.isfinite(each["error"].value)]
+    assert better.taken in [each["name"] for each in shown]
+    assert len(shown) < len(others)  # those of the race alone had other drives
+    for each in shown:
+        ratio = each["error"].value / first["error"].value
+        assert ratio == pytest.approx(each["ratio"].value)
+    assert all(math.isfinite(each["ratio"].value) for each in others)
 
 
 @pytest.mark.parametrize(("shortest", "leader", "taken"), [(16, 14, True), (16, 13, False)])
 def test_a_path_by_which_fewer_robots_arrive_is_not_recommended(better, shortest, leader, taken):
     choice = with_arrivals(better, shortest, leader)
     assert (choice.best > 0) == taken
-    assert f"arrives in {leader} of 16 [" in choice.arrives
+    assert f"in {leader} of 16 [" in choice.arrives
     assert ("fewer robots arrive" in choice.sentence) == (not taken)
     assert choice.sentence.startswith("take the shortest") == (not taken)
 

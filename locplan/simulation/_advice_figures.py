@@ -85,7 +85,9 @@ def _handles(choice: Choice) -> list[Line2D]:
     handles = []
     for each in shown:
         rank = _rank(choice, each)
-        what = "to take: " if choice.judgement and each is choice.chosen else ""
+        what = "to take: " if each is choice.chosen else ""
+        if choice.judgement is None and what:
+            what = "to take, untested: "
         label = f"{what}{each.name}, {_figures(each)}"
         line = Line2D([], [], color=COLOURS[rank], linewidth=WIDTHS[rank], label=label)
         handles.append(line)
