@@ -825,3 +825,31 @@ def test_no_result_is_written_over_an_input(run, room, tmp_path, monkeypatch, co
 def test_in_python_a_map_may_be_written_over(room, run):
     run("field", room)
     save_map(load_map(room), room)
+
+
+@pytest.mark.parametrize("text", ["1.5", "x", "1e999", "nan"])
+def test_a_count_that_is_not_whole_is_refused_and_not_rounded(run, room, text):
+    ends = "--start", "1,2", "--goal", "4,3.5", "--lidar", "turtlebot4"
+    for command in ("plan", "simulate"):
+        code, _, err = run(command, room, *ends, "--drives", text)
+        assert (code, err.splitlines()[-1]) == (
+            2,
+            f"locplan: error: --drives must be a whole number, not '{text}'",
+        )
+    assert run("plan", room, "--start", "1,2", "--goal", "4,3.5", "--seed", "2.0")[0] == 0
+
+
+def test_a_mask_is_not_planned_on_without_a_warning(run, room):
+    mask = room.with_name("keepout_mask.yaml")
+    save_map(load_map(room), mask)
+    said = "this seems to be a mask for a costmap filter"
+    for file, count in ((mask, 1), (room, 0)):
+        code, _, err = run("plan", file, "--start", "1,2", "--goal", "4,3.5")
+        assert (code, err.count(said)) == (0, count)
+
+
+def test_the_lidar_that_is_assumed_is_said(run, room):
+    ends = "--start", "1,2", "--goal", "4,3.5", "--drives", "2"
+    for more, count in (((), 1), (("--lidar", "turtlebot4"), 0)):
+        code, _, err = run("simulate", room, *ends, *more)
+        assert (code, err.count("no lidar named, one assumed: ")) == (0, count)

@@ -10,7 +10,18 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast, dataclass_transform
+from types import UnionType
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    TypeVar,
+    Union,
+    cast,
+    dataclass_transform,
+    get_args,
+    get_origin,
+)
 
 from cyclopts import App, Group, Parameter
 from cyclopts.validators import Number
@@ -83,10 +94,31 @@ def option_group(title: str) -> Callable[[type[Kind]], type[Kind]]:
                 continue  # it has its place, such as a map, and stands among the arguments
             more = getattr(hint, "__metadata__", ())  # which may name another heading
             bare = hint.__origin__ if more else hint
-            kind.__annotations__[name] = Annotated[(bare, under(title), *more)]
+            count = [WHOLE] if _is_count(hint) else []
+            kind.__annotations__[name] = Annotated[(bare, under(title), *count, *more)]
         return dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)(kind)
 
     return made
+
+
+def _is_count(hint: Any) -> bool:
+    """Whether an option takes one whole number, or none."""
+    optional = get_origin(hint) in (Annotated, Union, UnionType)
+    return hint is int or (optional and any(map(_is_count, get_args(hint))))
+
+
+def _whole(_: object, tokens: Sequence[Token]) -> int:
+    """The whole number of an option, which cyclopts would round."""
+    last = tokens[-1]
+    with suppress(ValueError, OverflowError):
+        if (value := int(float(last.value) if "." in last.value else last.value)) == float(
+            last.value
+        ):
+            return value
+    raise LocplanError(f"{last.keyword} must be a whole number, not {shown(last.value)}")
+
+
+WHOLE = Parameter(converter=_whole)
 
 
 def named(name: str, *examples: str) -> App:
