@@ -86,14 +86,7 @@ class RobotOptions(typed.Options):
 
     def simulated(self, robot: Robot | None = None, config: FieldConfig | None = None) -> Robot:
         """The robot with a lidar, that of a field if it names none; warns as `warn` does."""
-        known = robot or self.load_robot()
-        robot = locplan.field.equipped(known, config)
-        if known.lidar is None:
-            assumed = robot.known_lidar.title
-            print(
-                one_line(f"no lidar named, one assumed: {assumed}; name yours with --lidar"),
-                file=sys.stderr,
-            )
+        robot = locplan.field.equipped(robot or self.load_robot(), config)
         self.warn(robot)
         return robot
 

@@ -185,18 +185,15 @@ def parsed(parse: Callable[[str, str], Any], metavar: str, *, many: bool = False
     return Parameter(converter=convert, n_tokens=1, allow_leading_hyphen=True, metavar=metavar)
 
 
-def position(name: str, text: str) -> tuple[float, ...]:
+def position(name: str, text: str, *, headed: bool = True) -> tuple[float, ...]:
     """The position X,Y in metres, or X,Y,DEG, whose heading in degrees becomes radians."""
-    try:
-        x, y, *heading = (float(v) for v in text.split(","))
-        if len(heading) > 1:
-            raise ValueError
-    except ValueError:
-        raise LocplanError(
-            f"{name} must be X,Y in metres, such as 2.0,3.5, or X,Y,DEG with a heading,"
-            f" not {shown(text)}"
-        ) from None
-    return (x, y, *map(math.radians, heading))
+    with suppress(ValueError):
+        x, y, *heading = values = [float(v) for v in text.split(",")]
+        # False for NaN, too
+        if len(heading) <= headed and all(abs(value) <= MAX_AMOUNT for value in values):
+            return (x, y, *map(math.radians, heading))
+    more = ", or X,Y,DEG with a heading in degrees" if headed else ""
+    raise LocplanError(f"{name} must be X,Y in metres, such as 2.0,3.5{more}, not {shown(text)}")
 
 
 def numbers(name: str, text: str, count: int | None = None) -> tuple[float, ...]:
@@ -253,7 +250,7 @@ class ManyMaps(Options):
     ]
 
 
-XY = Annotated[tuple[float, float] | None, parsed(two_numbers, "X,Y")]
+XY = Annotated[tuple[float, float] | None, parsed(partial(position, headed=False), "X,Y")]
 """A position, if it is given [m]."""
 Pose = Annotated[Any, parsed(position, "X,Y[,DEG]")]
 Poses = Annotated[tuple[Any, ...], parsed(position, "X,Y[,DEG]", many=True)]
