@@ -6,6 +6,7 @@ import csv
 import dataclasses
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ from locplan.errors import ConfigError, PoseError
 from locplan.field import SHORT_LIDAR
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.planners import AnyAngle, Found, check_path, plan_beside_shortest
-from locplan.plotting import map_around
+from locplan.plotting import lines_within, map_around
 from locplan.robots import Amcl, Footprint, Inflation, Kinematics, Lidar, Robot
 from locplan.simulation import (
     Arrival,
@@ -832,16 +833,17 @@ def test_where_the_shortest_is_taken_it_is_said_how_many_arrive(choice):
     assert choice.arrives == f"steered by its filter, the robot arrives on the shortest in {words}"
 
 
-def test_errors_in_the_table_agree_with_the_ratios(better):
-    names = [column.name for column in better.table().columns]
-    first, *others = (dict(zip(names, row, strict=True)) for row in better.table().rows)
-    shown = [each for each in others if math.isfinite(each["error"].value)]
-    assert better.taken in [each["name"] for each in shown]
-    assert len(shown) < len(others)  # those of the race alone had other drives
-    for each in shown:
-        ratio = each["error"].value / first["error"].value
-        assert ratio == pytest.approx(each["ratio"].value)
-    assert all(math.isfinite(each["ratio"].value) for each in others)
+def test_errors_that_are_shown_agree_with_the_ratios(better, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    lines = [line.removeprefix("  >").strip() for line in better.report().splitlines()]
+    rows = {cells[0]: cells[2:4] for line in lines if len(cells := re.split(r"\s{2,}", line)) > 5}
+    errors = {each.name: rows[each.name][0] for each in better.candidates}
+    shown = [name for name, error in errors.items() if error != "-"]
+    assert shown == ["shortest", better.taken]
+    assert len(errors) > 2  # those of the race alone had other drives
+    first, taken = (each.driven for each in (better.shortest, better.chosen))
+    assert taken.error.value / first.error.value == pytest.approx(taken.ratio.value)
+    assert all(rows[name][1] != "-" for name in errors if name != "shortest")
 
 
 @pytest.mark.parametrize(("shortest", "leader", "taken"), [(16, 14, True), (16, 13, False)])
@@ -868,3 +870,31 @@ def test_the_picture_marks_where_robots_go_wrong(better):
             line.get_marker() for line in choice.figure().axes[0].lines if len(line.get_xdata())
         }
         assert ("x" in marked) == any(each.count < 16 for each in every)
+
+
+def test_all_marks_are_within_the_picture_and_below_its_ends(better):
+    choice = with_arrivals(better, 14, 16)
+    axes = choice.figure().axes[0]
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    every = [
+        row for each in choice.candidates if each.arrivals for row in each.arrivals.places().rows
+    ]
+    assert every
+    for _, _, x, y, _ in every:
+        assert left < x < right
+        assert low < y < high
+    orders = {
+        mark: {e.get_zorder() for e in axes.lines if e.get_marker() == mark} for mark in "xs.*"
+    }
+    assert max(set.union(*(orders[mark] for mark in "xs."))) < min(orders["*"])
+
+
+@pytest.mark.parametrize("width", [2.0, 4.5, 8.6])
+def test_no_line_of_a_title_has_one_word_left_over(width):
+    text = (
+        "take the way around: clearly better than the shortest, x.03 [.01, .04] of its error " * 3
+    )
+    lines = lines_within(text, width)
+    assert " ".join(lines) == text.strip()
+    assert max(map(len, lines)) <= 11.5 * width
+    assert len(lines[-1]) >= 0.4 * len(lines[0])

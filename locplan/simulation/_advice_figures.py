@@ -43,7 +43,14 @@ def choice_figure(choice: Choice) -> Figure:
     paths = [*(each.path for each in choice.candidates), ends]
     width, height, part = WIDTH, 4.0, None
     if choice.costs is not None:
-        part = plotting.map_around(choice.costs.grid, paths)
+        rows = [
+            row
+            for each in choice.candidates
+            if each.arrivals
+            for row in each.arrivals.places().rows
+        ]
+        marked = [Path(np.array([row[2:4] for row in rows]))] if rows else []
+        part = plotting.map_around(choice.costs.grid, [*paths, *marked])
         width, height = plotting.map_size(part)
         width = max(width, WIDTH)
     # Height of what is drawn along the paths [inch].

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path as File
 from typing import Any, ClassVar, Literal
 
-from locplan._util.intervals import Interval, short
+from locplan._util.intervals import short
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.saved import Stored, listed, tree_of
@@ -286,19 +286,20 @@ class Choice(Result, Stored):
                 else each
                 for each in columns
             )
-        columns = tuple(
-            dataclasses.replace(each, value=self._error) if each.name == "error" else each
-            for each in columns
-        )
         marks = Column("chosen", title="", value=lambda each: ">" if each is self.chosen else "")
         return Table.of((marks, *columns) if self.judgement else columns, self.candidates)
 
-    def _error(self, each: Candidate) -> Interval:
-        """A candidate's error where its drives are the shortest's, too: others cannot be compared
-        with that, and have a ratio over the drives that both have."""
-        first = self.shortest and self.shortest.driven
-        comparable = each.driven and first and each.driven.numbers == first.numbers
-        return each.driven.error if comparable and each.driven else NOTHING
+    def _comparable(self) -> Table:
+        """The table without errors in other drives than the shortest's, which cannot be compared:
+        their ratios are over the drives that both have."""
+        table = self.table()
+        numbers = [each.driven and each.driven.numbers for each in self.candidates]
+        at = next((n for n, each in enumerate(table.columns) if each.name == "error"), 0)
+        rows = tuple(
+            row if own == numbers[0] else (*row[:at], NOTHING, *row[at + 1 :])
+            for row, own in zip(table.rows, numbers, strict=True)
+        )
+        return dataclasses.replace(table, rows=rows)
 
     def report(self, *about: Any, **more: Any) -> str:
         """The answer with its advice, the table, and which drives are shown.
@@ -321,7 +322,7 @@ class Choice(Result, Stored):
         below = [*left, *([self.driven, *heads] if self.judgement else [])]
         if self.costs is not None and not self.costs.has_weak_spots:
             below.append("no weak spot for this lidar: u is 0 all over the map")
-        return "\n".join([*wrapped(self.said), str(self.table()), *wrapped(below)])
+        return "\n".join([*wrapped(self.said), str(self._comparable()), *wrapped(below)])
 
     def _write(self, folder: File, *about: Any) -> None:
         """Write the paths, the table and the errors along the paths."""
