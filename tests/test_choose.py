@@ -6,6 +6,7 @@ import csv
 import dataclasses
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ from locplan.errors import ConfigError, PoseError
 from locplan.field import SHORT_LIDAR
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.planners import AnyAngle, Found, check_path, plan_beside_shortest
-from locplan.plotting import map_around
+from locplan.plotting import lines_within, map_around
 from locplan.robots import Amcl, Footprint, Inflation, Kinematics, Lidar, Robot
 from locplan.simulation import (
     Arrival,
@@ -469,7 +470,10 @@ def test_without_a_lidar_the_aware_path_is_given_beside_the_shortest(corridors):
     assert found.path is found.candidates[1].path
     assert found.candidates[1].metrics.integrated_u < found.shortest.metrics.integrated_u
     assert found.verdict == ""
+    assert found.sentence.startswith('take "localizability-aware", untested: name the robot')
     assert "--lidar" in found.sentence
+    labels = [each.get_text() for each in found.figure().legends[0].get_texts()]
+    assert sum(each.startswith("to take, untested: localizability-aware") for each in labels) == 1
     undriven = choose(grid, (2.0, 3.0), (38.0, 3.0), Robot(Lidar(range=6.0)), drives=0)
     assert "as asked" in undriven.sentence
     assert all(each.driven is None for each in undriven.candidates)
@@ -785,10 +789,12 @@ def test_what_is_recommended_is_driven_by_a_follower_too(better, corridors, tmp_
     assert driven == [0, leader]
     shortest, taken = (better.candidates[n].arrivals for n in driven)
     assert len(shortest.drives) == len(taken.drives) == 16
-    assert better.arrives == (
-        f'"{better.taken}" arrives in {taken.words} instead of {shortest.words}, with a pursuit'
-        " follower"
-    )
+    assert taken.count == shortest.count
+    said = f'steered by its filter, the robot arrives on "{better.taken}" in {taken.words}'
+    assert better.arrives == f"{said}, as on the shortest"
+    fewer = with_arrivals(better, 12, 16)
+    instead = fewer.shortest.arrivals.words
+    assert fewer.arrives == f"{said}, and in {instead} on the shortest"
     assert " ".join(better.arrives.split()) in " ".join(better.report().split())
     assert better.summary()["arrives"] == better.arrives
     paths = {better.taken: better.path, "shortest": better.shortest.path}
@@ -819,17 +825,32 @@ def test_a_choice_that_was_saved_before_arrivals_were_is_read(better, tmp_path):
     assert math.isnan(old.chosen.driven.off_at_goal.value)
 
 
-def test_where_the_shortest_is_taken_nobody_is_steered(choice):
+def test_where_the_shortest_is_taken_it_is_said_how_many_arrive(choice):
     assert choice.best == 0
-    assert choice.arrives == ""
-    assert all(each.arrivals is None for each in choice.candidates)
+    steered = [each for each in choice.candidates if each.arrivals]
+    assert steered == [choice.shortest]
+    words = choice.shortest.arrivals.words
+    assert choice.arrives == f"steered by its filter, the robot arrives on the shortest in {words}"
+
+
+def test_errors_that_are_shown_agree_with_the_ratios(better, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    lines = [line.removeprefix("  >").strip() for line in better.report().splitlines()]
+    rows = {cells[0]: cells[2:4] for line in lines if len(cells := re.split(r"\s{2,}", line)) > 5}
+    errors = {each.name: rows[each.name][0] for each in better.candidates}
+    shown = [name for name, error in errors.items() if error != "-"]
+    assert shown == ["shortest", better.taken]
+    assert len(errors) > 2  # those of the race alone had other drives
+    first, taken = (each.driven for each in (better.shortest, better.chosen))
+    assert taken.error.value / first.error.value == pytest.approx(taken.ratio.value)
+    assert all(rows[name][1] != "-" for name in errors if name != "shortest")
 
 
 @pytest.mark.parametrize(("shortest", "leader", "taken"), [(16, 14, True), (16, 13, False)])
 def test_a_path_by_which_fewer_robots_arrive_is_not_recommended(better, shortest, leader, taken):
     choice = with_arrivals(better, shortest, leader)
     assert (choice.best > 0) == taken
-    assert f"arrives in {leader} of 16 [" in choice.arrives
+    assert f"in {leader} of 16 [" in choice.arrives
     assert ("fewer robots arrive" in choice.sentence) == (not taken)
     assert choice.sentence.startswith("take the shortest") == (not taken)
 
@@ -849,3 +870,31 @@ def test_the_picture_marks_where_robots_go_wrong(better):
             line.get_marker() for line in choice.figure().axes[0].lines if len(line.get_xdata())
         }
         assert ("x" in marked) == any(each.count < 16 for each in every)
+
+
+def test_all_marks_are_within_the_picture_and_below_its_ends(better):
+    choice = with_arrivals(better, 14, 16)
+    axes = choice.figure().axes[0]
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    every = [
+        row for each in choice.candidates if each.arrivals for row in each.arrivals.places().rows
+    ]
+    assert every
+    for _, _, x, y, _ in every:
+        assert left < x < right
+        assert low < y < high
+    orders = {
+        mark: {e.get_zorder() for e in axes.lines if e.get_marker() == mark} for mark in "xs.*"
+    }
+    assert max(set.union(*(orders[mark] for mark in "xs."))) < min(orders["*"])
+
+
+@pytest.mark.parametrize("width", [2.0, 4.5, 8.6])
+def test_no_line_of_a_title_has_one_word_left_over(width):
+    text = (
+        "take the way around: clearly better than the shortest, x.03 [.01, .04] of its error " * 3
+    )
+    lines = lines_within(text, width)
+    assert " ".join(lines) == text.strip()
+    assert max(map(len, lines)) <= 11.5 * width
+    assert len(lines[-1]) >= 0.4 * len(lines[0])

@@ -129,7 +129,7 @@ def test_an_unreachable_goal_is_a_result(run, tmp_path):
         ("1;2", "must be X,Y in metres"),
         ("1,2,3", "no heading"),
         ("1,2,3,4", "must be X,Y in metres"),
-        ("nan,2", "finite"),
+        ("nan,2", "must be X,Y in metres"),
     ],
 )
 def test_impossible_starts_are_refused_in_one_line(run, room, tmp_path, start, message):
@@ -575,7 +575,7 @@ def test_export_writes_every_format(run, room, tmp_path, to, name):
         (("--to", "lif", "--speed", "0"), "speed must be a positive number"),
         (("--to", "path"), "needs one --path CSV, or"),
         (("--to", "path", "--start", "1,1"), "belong together"),
-        (("--to", "path", "--start", "1,1,90", "--goal", "2,2"), "--start must be 2 numbers"),
+        (("--to", "path", "--start", "1,1,90", "--goal", "2,2"), "--start must be X,Y in metres"),
         (("--to", "path", "--path", "none.csv"), "none.csv: cannot be read"),
         (("--to", "bag", "-o", "bag"), "must end in .mcap"),
         (("--to", "csv", "-o", "no/such/x.csv"), "does not exist"),
@@ -825,3 +825,69 @@ def test_no_result_is_written_over_an_input(run, room, tmp_path, monkeypatch, co
 def test_in_python_a_map_may_be_written_over(room, run):
     run("field", room)
     save_map(load_map(room), room)
+
+
+@pytest.mark.parametrize("text", ["1.5", "x", "1e999", "nan"])
+def test_a_count_that_is_not_whole_is_refused_and_not_rounded(run, room, text):
+    ends = "--start", "1,2", "--goal", "4,3.5", "--lidar", "turtlebot4"
+    for command in ("plan", "simulate"):
+        code, _, err = run(command, room, *ends, "--drives", text)
+        assert (code, err.splitlines()[-1]) == (
+            2,
+            f"locplan: error: --drives must be a whole number, not '{text}'",
+        )
+    assert run("plan", room, "--start", "1,2", "--goal", "4,3.5", "--seed", "2.0")[0] == 0
+
+
+def test_a_mask_is_not_planned_on_without_a_warning(run, room):
+    mask = room.with_name("keepout_mask.yaml")
+    save_map(load_map(room), mask)
+    said = "this seems to be a mask for a costmap filter"
+    for file, count in ((mask, 1), (room, 0)):
+        code, _, err = run("plan", file, "--start", "1,2", "--goal", "4,3.5")
+        assert (code, err.count(said)) == (0, count)
+
+
+def test_the_lidar_that_is_assumed_is_said(run, room):
+    ends = "--start", "1,2", "--goal", "4,3.5", "--drives", "2"
+    for more, count in (((), 1), (("--lidar", "turtlebot4"), 0)):
+        code, _, err = run("simulate", room, *ends, *more)
+        assert (code, err.count("no lidar named, one assumed: ")) == (0, count)
+
+
+@pytest.mark.parametrize(
+    ("command", "more", "message"),
+    [
+        ("trajectory", ("--drive", "x.csv", "--start", "nan,0,0"), "X,Y,DEG with a heading in deg"),
+        ("simulate", ("--start", "2,nan", "--goal", "4,3.5"), "--start must be X,Y in metres"),
+        ("simulate", ("--start", "1,2", "--goal", "1,2"), "start and goal are one place"),
+        (
+            "plan",
+            ("--start", "1,2", "--goal", "4,3", "--driving-time", "-1"),
+            "--driving-time must",
+        ),
+    ],
+)
+def test_a_message_names_the_option_as_it_is_typed(run, room, command, more, message):
+    assert message in refused(run(command, room, *more))
+
+
+def test_a_line_of_a_path_that_is_not_finite_is_named(run, room, tmp_path):
+    (tmp_path / "mine.csv").write_text("x,y\n1,2\n\n1,nan\n")
+    found = refused(run("simulate", room, "--path", tmp_path / "mine.csv"))
+    assert "mine.csv: line 4 has x, y that are not all finite" in found
+
+
+def test_paths_of_one_name_are_called_by_their_folders(run, room, tmp_path):
+    files = [tmp_path / name / "01-shortest.csv" for name in ("a", "b")]
+    for file in files:
+        file.parent.mkdir()
+        file.write_text("x,y\n1,2\n4,3\n")
+    arguments = "--drives", "2", "--lidar", "turtlebot4", "--json"
+    given = [text for file in files for text in ("--path", file)]
+    code, out, _ = run("simulate", room, *given, *arguments)
+    assert code == 0
+    assert "a/01-shortest" in out
+    assert "b/01-shortest" in out
+    twice = refused(run("simulate", room, *given, "--path", files[0], *arguments))
+    assert "two --path files are called a/01-shortest; rename one" in twice

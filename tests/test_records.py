@@ -44,7 +44,7 @@ NAMES = ("number", "name", "x", "heading", "loss", "error", "error_low", "error_
 def test_people_see_titles_units_and_digits():
     head, _, first, second = (line.split() for line in TABLE.text(width=200).splitlines())
     assert " ".join(head) == "no. place x [m] heading [deg] loss [cm] error [m]"
-    assert " ".join(first) == "1 [a] b 0.00 90 +12.3 0.25 [0.20, 0.30]"
+    assert " ".join(first) == "1 [a] b 0.00 90 +12.3 0.25 [0.20,0.30]"
     assert " ".join(second) == "2 =1+1 2.00 - - 0.050"
 
 
@@ -52,10 +52,10 @@ def test_people_see_titles_units_and_digits():
     ("column", "value", "text"),
     [
         (Column("share", people="%", digits=0), 0.256, "26%"),
-        (Column("share", people="%", digits=0, interval=True), (0.5, 0.2, 0.8), "50% [20%, 80%]"),
-        (Column("error", "m", interval=True), (0.0991, 0.09, 0.2), "0.099 [0.090, 0.200]"),
-        (Column("error", "m", interval=True), (0.0999, 0.09, 0.2), "0.10 [0.09, 0.20]"),
-        (Column("ratio", interval=True), (0.05, 0.04, 0.06), "0.05 [0.04, 0.06]"),
+        (Column("share", people="%", digits=0, interval=True), (0.5, 0.2, 0.8), "50% [20,80]"),
+        (Column("error", "m", interval=True), (0.0991, 0.09, 0.2), "0.099 [0.090,0.200]"),
+        (Column("error", "m", interval=True), (0.0999, 0.09, 0.2), "0.10 [0.09,0.20]"),
+        (Column("ratio", interval=True), (0.05, 0.04, 0.06), "0.05 [0.04,0.06]"),
         (Column("error", "m", interval=True), (math.nan,) * 3, "-"),
         (Column("x", "m"), 0.05, "0.05"),
         (Column("drives", digits=0), 12, "12"),
@@ -89,6 +89,23 @@ def test_long_tables_are_cut_and_wide_ones_broken():
     assert "=1+1" in str(TABLE)
     assert max(map(len, TABLE.text(width=50).splitlines())) <= 50
     assert len(TABLE) == 2
+
+
+def test_tables_break_at_spaces_alone_and_their_headings_first():
+    rates = Interval(1.0, 0.68, 1.0)
+    columns = (
+        Column("name", title="path"),
+        Column("share", title="off by > 1 m at some time", people="%", digits=0, interval=True),
+        Column("error", "m", title="error of a drive", interval=True),
+    )
+    rows = (("localizability-aware", rates, rates), ("clear way around 2", rates, rates))
+    table = Table(columns, rows)
+    words = {word for row in rows for word in row[0].split()} | {"100%", "[68,100]", "[0.68,1.00]"}
+    for width in (53, 60, 70, 100):
+        text = table.text(width=width)
+        assert words <= {*text.split()}, width
+        assert max(map(len, text.splitlines())) <= width
+    assert "100% [68,100]   1.00 [0.68,1.00]" in table.text(width=70)
 
 
 def test_all_files_have_the_same_names_and_values(tmp_path):

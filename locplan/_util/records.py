@@ -77,9 +77,10 @@ class Column:
         form = f"{'+' if self.signed else ''}z.{self.digits + exact}f"
         percent = "%" if self.people == "%" else ""
         scale = {"": 1.0, "cm": 100.0, "deg": math.degrees(1.0), "%": 100.0}[self.people]
-        middle, *ends = (f"{scale * each:{form}}{percent}" for each in (middle, *ends))
+        middle, *ends = (f"{scale * each:{form}}" for each in (middle, *ends))
         known = self.interval and math.isfinite(value[1])
-        return f"{middle} [{', '.join(ends)}]" if known else str(middle)
+        # Without a space in it, an interval is never broken over two rows.
+        return f"{middle}{percent} [{','.join(ends)}]" if known else f"{middle}{percent}"
 
 
 Outline = tuple[NDArray[np.float64], ...]

@@ -93,15 +93,37 @@ def table(
     from rich.table import Column, Table
     from rich.text import Text
 
-    heads = [Column(Text(column), overflow="fold") for column in columns]
+    # Plain text in a notebook and on a terminal, too: it may be written to a file.
+    console = Console(width=width, force_jupyter=False, color_system=None)
+    titles = columns or [""] * max(map(len, rows), default=0)
+    room = console.width - 3 * len(titles) - 1  # between the columns stand three characters
+    widths = _without_broken_words([*zip(titles, *rows, strict=True)], room)
+    heads = [
+        Column(Text(title), overflow="fold", width=wide)
+        for title, wide in zip(titles, widths, strict=True)
+    ]
     grid = Table(*heads, box=box.SIMPLE if columns else None, show_header=bool(columns))
     for row in rows:
         grid.add_row(*(Text(text) for text in row))  # a map's name may hold brackets
-    # Plain text in a notebook and on a terminal, too: it may be written to a file.
-    console = Console(width=width, force_jupyter=False, color_system=None)
     with console.capture() as capture:
         console.print(grid)
     return "\n".join(line.rstrip() for line in capture.get().splitlines() if line.strip())
+
+
+def _without_broken_words(columns: Sequence[Sequence[str]], room: int) -> list[int | None]:
+    """Widths of columns, headings first, whose texts break at spaces alone, and headings before
+    values; None for each where that has no room."""
+    from rich.cells import cell_len
+
+    least = [max(map(cell_len, [*" ".join(texts).split(), ""])) for texts in columns]
+    if sum(least) > room:
+        return [None] * len(columns)
+    wide = [max(map(cell_len, texts)) for texts in columns]
+    values = [max(map(cell_len, ["", *texts[1:]])) for texts in columns]
+    for floor in (np.maximum(values, least), np.array(least)):
+        while sum(wide) > room and (wide > floor).any():
+            wide[int(np.argmax(np.where(wide > floor, wide, 0)))] -= 1
+    return [*wide]
 
 
 def wrapped(lines: Sequence[str]) -> list[str]:

@@ -261,10 +261,15 @@ class ReferencedOptions(Reference, DriveOptions):
 
 
 def read_paths(files: Sequence[Path]) -> dict[str, locplan.Path]:
-    """Paths by the names of their files."""
-    paths = {printable(file.stem): locplan.Path.load(file) for file in files}
-    if len(paths) < len(files):
-        raise LocplanError("two --path files have one name; rename one")
+    """Paths by the names of their files, with that of the folder where two have one."""
+    stems = [file.stem for file in files]
+    paths: dict[str, locplan.Path] = {}
+    for file, stem in zip(files, stems, strict=True):
+        several = stems.count(stem) > 1
+        name = printable(f"{file.absolute().parent.name}/{stem}" if several else stem)
+        if name in paths:
+            raise LocplanError(f"two --path files are called {name}; rename one")
+        paths[name] = locplan.Path.load(file)
     return paths
 
 

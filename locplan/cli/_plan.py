@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 import locplan
+from locplan._util.checks import positive
 from locplan._util.progress import later_progress_bar, working
 from locplan.cli import _types as typed
 from locplan.cli._options import Computing, CostOptions, Output, read_paths
@@ -81,7 +82,9 @@ class Driving(typed.Options):
     thorough: bool = False
     """Steer 40 drives, not 16, of the path to take and of the shortest by the filter's pose, to see
     how many arrive."""
-    driving_time: float | None = None
+    driving_time: Annotated[
+        float | None, typed.checked(lambda time: positive("--driving-time", time, "seconds"))
+    ] = None
     """Time after which no further round of confirming drives begins, in seconds."""
     no_field: bool = False
     """Decide without the aware paths, which need a field of the map."""

@@ -118,8 +118,14 @@ class FilterMap(RobotOptions):
     def load_filter_map(self, *grids: OccupancyGrid) -> OccupancyGrid | None:
         """The map of the filter, where it was named; it is of one map that is driven in.
 
-        A warning offers to mend a map on which the filter gets lost.
+        Warnings offer to mend a map on which the filter gets lost, and tell of masks.
         """
+        maps = getattr(self, "maps", None) or [getattr(self, "map_file", None)]
+        for file in locplan.maps.find_maps(*filter(None, maps)):
+            for fault in locplan.maps.of_mask(*locplan.maps.read_map(file)):
+                if fault.sure:
+                    said = one_line(f"{file}: {fault.sentence}")
+                    warnings.warn(locplan.maps.MapWarning(said), stacklevel=2)
         own = [locplan.load_map(self.filter_map)] if self.filter_map else [*grids]
         for each in own:
             if offered := locplan.mending.offer(each, getattr(self, "cache_dir", None)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -69,7 +70,7 @@ class simulate(
             return self._replay()
         self._check()
         robot, config = self.robot_and_field()
-        robot = self.simulated(robot, config)
+        named, robot = robot.lidar, self.simulated(robot, config)
         self.check_costs(config)
         grids = self._grids()
         every = self._every(grids, drives=self.drives or 100)
@@ -80,6 +81,9 @@ class simulate(
                 routes = [self._at_random(each, robot, every) for each in costmaps]
                 self.finish(locplan.simulation.RoutesOnMaps(tuple(routes)))
             elif simulated := self._along_paths(grids[0], costmaps, robot, every):
+                if named is None:
+                    assumed = f"{robot.known_lidar.title}; name yours with --lidar"
+                    print(f"no lidar named, one assumed: {assumed}", file=sys.stderr)
                 self.finish(simulated)
             else:
                 self.show({"status": "unreachable"}, "unreachable: no path leads to the goal")
@@ -153,6 +157,8 @@ class simulate(
         """Drive the paths that were given, or the shortest and the aware one of two places."""
         paths, costmap = shared.read_paths(self.path), None
         if ends := self.ends():
+            if ends[0] == ends[1]:
+                raise ConfigError("start and goal are one place; a drive needs a way between two")
             locplan.planners.check_ends(locplan.Costmap.blank(grid, robot=robot), *ends)
             costmap = next(costmaps)
             plans = locplan.planners.plan_beside_shortest(costmap, *ends)

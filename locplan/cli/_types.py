@@ -10,7 +10,18 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast, dataclass_transform
+from types import UnionType
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    TypeVar,
+    Union,
+    cast,
+    dataclass_transform,
+    get_args,
+    get_origin,
+)
 
 from cyclopts import App, Group, Parameter
 from cyclopts.validators import Number
@@ -83,10 +94,31 @@ def option_group(title: str) -> Callable[[type[Kind]], type[Kind]]:
                 continue  # it has its place, such as a map, and stands among the arguments
             more = getattr(hint, "__metadata__", ())  # which may name another heading
             bare = hint.__origin__ if more else hint
-            kind.__annotations__[name] = Annotated[(bare, under(title), *more)]
+            count = [WHOLE] if _is_count(hint) else []
+            kind.__annotations__[name] = Annotated[(bare, under(title), *count, *more)]
         return dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)(kind)
 
     return made
+
+
+def _is_count(hint: Any) -> bool:
+    """Whether an option takes one whole number, or none."""
+    optional = get_origin(hint) in (Annotated, Union, UnionType)
+    return hint is int or (optional and any(map(_is_count, get_args(hint))))
+
+
+def _whole(_: object, tokens: Sequence[Token]) -> int:
+    """The whole number of an option, which cyclopts would round."""
+    last = tokens[-1]
+    with suppress(ValueError, OverflowError):
+        if (value := int(float(last.value) if "." in last.value else last.value)) == float(
+            last.value
+        ):
+            return value
+    raise LocplanError(f"{last.keyword} must be a whole number, not {shown(last.value)}")
+
+
+WHOLE = Parameter(converter=_whole)
 
 
 def named(name: str, *examples: str) -> App:
@@ -153,18 +185,15 @@ def parsed(parse: Callable[[str, str], Any], metavar: str, *, many: bool = False
     return Parameter(converter=convert, n_tokens=1, allow_leading_hyphen=True, metavar=metavar)
 
 
-def position(name: str, text: str) -> tuple[float, ...]:
+def position(name: str, text: str, *, headed: bool = True) -> tuple[float, ...]:
     """The position X,Y in metres, or X,Y,DEG, whose heading in degrees becomes radians."""
-    try:
-        x, y, *heading = (float(v) for v in text.split(","))
-        if len(heading) > 1:
-            raise ValueError
-    except ValueError:
-        raise LocplanError(
-            f"{name} must be X,Y in metres, such as 2.0,3.5, or X,Y,DEG with a heading,"
-            f" not {shown(text)}"
-        ) from None
-    return (x, y, *map(math.radians, heading))
+    with suppress(ValueError):
+        x, y, *heading = values = [float(v) for v in text.split(",")]
+        # False for NaN, too
+        if len(heading) <= headed and all(abs(value) <= MAX_AMOUNT for value in values):
+            return (x, y, *map(math.radians, heading))
+    more = ", or X,Y,DEG with a heading in degrees" if headed else ""
+    raise LocplanError(f"{name} must be X,Y in metres, such as 2.0,3.5{more}, not {shown(text)}")
 
 
 def numbers(name: str, text: str, count: int | None = None) -> tuple[float, ...]:
@@ -221,7 +250,7 @@ class ManyMaps(Options):
     ]
 
 
-XY = Annotated[tuple[float, float] | None, parsed(two_numbers, "X,Y")]
+XY = Annotated[tuple[float, float] | None, parsed(partial(position, headed=False), "X,Y")]
 """A position, if it is given [m]."""
 Pose = Annotated[Any, parsed(position, "X,Y[,DEG]")]
 Poses = Annotated[tuple[Any, ...], parsed(position, "X,Y[,DEG]", many=True)]

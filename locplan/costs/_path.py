@@ -147,12 +147,20 @@ class Path(Valued):
             )
         used = COLUMNS if "heading" in columns else COLUMNS[:2]
         try:
+            at = [number for number, each in enumerate(lines, 2) if each.strip()]
             rows = [[float(v) for v in each.split(",")] for each in lines if each.strip()]
             poses = np.array(rows)[:, [columns.index(name) for name in used]]
         except (ValueError, IndexError):
             raise LocplanError(
                 f"{file}: is no path; its first line must name x,y, and numbers follow"
             ) from None
+        finite = np.isfinite(poses).all(axis=1)
+        if not finite.all():
+            line = at[int(np.argmin(finite))]
+            raise LocplanError(
+                f"{file}: line {line} has {', '.join(used)} that are not all finite; correct or"
+                " remove it"
+            )
         try:
             return cls(poses[:, :2], poses[:, 2] if "heading" in columns else None)
         except LocplanError as error:

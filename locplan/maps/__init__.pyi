@@ -10,7 +10,7 @@ from ._files import (
     source_files as source_files,
 )
 from ._grid import OccupancyGrid as OccupancyGrid, check_grid as check_grid, own_axes as own_axes
-from ._misleading import MapFault as MapFault
+from ._misleading import MapFault as MapFault, of_mask as of_mask
 from ._occupancy import FREE as FREE, OCCUPIED as OCCUPIED, UNKNOWN as UNKNOWN
 from ._solid import Solidity as Solidity, hollowed as hollowed, solidity as solidity
 from ._source import MapSource as MapSource

@@ -89,7 +89,20 @@ def of_source(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
 
 
 def of_mask(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
-    """What tells of a mask for a costmap filter."""
+    """What tells of a mask for a costmap filter, which is no map to drive in.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    source : MapSource
+        How its pixels were read, see `read_map`.
+
+    Yields
+    ------
+    MapFault
+        One fault at most; it is `sure` where a name or two other signs say so.
+    """
     signs = []
     words = re.split(r"[^a-z]+", f"{grid.name} {Path(source.image).name}".lower())
     of_masks = {"costmap", "filter", "keepout", "limit", "mask", "speed", "virtual"}

@@ -130,7 +130,7 @@ class Picture(Figure):
 
 
 def lines_within(text: str, width: float) -> list[str]:
-    """The lines of a text in a figure.
+    """The lines of a text in a figure, about as long as each other: none has a word left over.
 
     Parameters
     ----------
@@ -139,8 +139,14 @@ def lines_within(text: str, width: float) -> list[str]:
     width : float
         Maximum width of a line [inch].
     """
-    # Number of letters that fit within an inch.
-    return textwrap.wrap(text, int(11.5 * width), break_on_hyphens=False)
+    most = int(11.5 * width)  # the number of letters that fit within an inch
+    count = len(textwrap.wrap(text, most, break_on_hyphens=False))
+    longest = max(map(len, text.split()), default=1)
+    made = (
+        textwrap.wrap(text, letters, break_on_hyphens=False)
+        for letters in range(min(longest, most), most + 1)
+    )
+    return next(lines for lines in made if len(lines) <= count)
 
 
 @contextmanager

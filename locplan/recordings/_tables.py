@@ -163,8 +163,9 @@ def read_csv(path: Path, options: Options) -> Recording:
     beams = max(1, len(names) - len(before))
     for name, needed in zip_longest(names, [*before, *(f"range_{n}" for n in range(beams))]):
         if name != needed:
+            fault = f"column {shown(name)} must be" if name else "there is no column"
             raise RecordingError(
-                f"line {number}: column {shown(name)} must be {needed}; the columns are"
+                f"line {number}: {fault} {needed}; the columns are"
                 f" [time,]{','.join(POSE)},[{','.join(ODOMETRY)},]range_0,..."
             )
     table, ranges = _rows(lines, len(before), beams, options.every)

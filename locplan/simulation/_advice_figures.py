@@ -43,7 +43,14 @@ def choice_figure(choice: Choice) -> Figure:
     paths = [*(each.path for each in choice.candidates), ends]
     width, height, part = WIDTH, 4.0, None
     if choice.costs is not None:
-        part = plotting.map_around(choice.costs.grid, paths)
+        rows = [
+            row
+            for each in choice.candidates
+            if each.arrivals
+            for row in each.arrivals.places().rows
+        ]
+        marked = [Path(np.array([row[2:4] for row in rows]))] if rows else []
+        part = plotting.map_around(choice.costs.grid, [*paths, *marked])
         width, height = plotting.map_size(part)
         width = max(width, WIDTH)
     # Height of what is drawn along the paths [inch].
@@ -85,7 +92,9 @@ def _handles(choice: Choice) -> list[Line2D]:
     handles = []
     for each in shown:
         rank = _rank(choice, each)
-        what = "to take: " if choice.judgement and each is choice.chosen else ""
+        what = "to take: " if each is choice.chosen else ""
+        if choice.judgement is None and what:
+            what = "to take, untested: "
         label = f"{what}{each.name}, {_figures(each)}"
         line = Line2D([], [], color=COLOURS[rank], linewidth=WIDTHS[rank], label=label)
         handles.append(line)

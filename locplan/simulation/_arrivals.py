@@ -175,7 +175,7 @@ def _rate(name: str, what: str, title: str) -> Column:
 
 
 ARRIVING: tuple[Column, ...] = (
-    _rate("arrived", ARRIVED, "arrives, with a pursuit follower"),
+    _rate("arrived", ARRIVED, "arrives, steered by its filter"),
     _rate("elsewhere", ELSEWHERE, "believes to be there, is elsewhere"),
     _rate("stuck", STUCK, "gets stuck"),
     _rate("timed_out", TIMED_OUT, "runs out of time"),

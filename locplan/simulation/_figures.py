@@ -74,7 +74,8 @@ def simulation_figure(simulation: Simulation) -> Figure:
         if 0 < drives.lost_rate.value < 1:
             text += f" ({in_metres(drives.kept_rmse.value)} of those never off by more than 1 m)"
         if name in ratios:
-            text += f"; RMSE {_formatted(ratios[name])} of {next(iter(profiles))}'s"
+            first = next(iter(profiles))
+            text += f"; error of a typical drive {_formatted(ratios[name])} times {first}'s"
         if simulation.arrivals:
             found = simulation.arrivals[name]
             draw_places(upper, found, colour)
@@ -102,6 +103,8 @@ def simulation_figure(simulation: Simulation) -> Figure:
 
 MARKS = {ENDS: "x", STOPS: "s", LEAVES: "."}
 """Marks of where closed-loop drives go wrong."""
+FAINT: dict[str, Any] = {"markersize": 4, "markeredgewidth": 0.8, "alpha": 0.6}
+"""Style of the mark of which there are many, near each other."""
 
 
 def draw_places(axes: Axes, arrivals: Arrivals | None, colour: Any) -> None:
@@ -119,8 +122,10 @@ def draw_places(axes: Axes, arrivals: Arrivals | None, colour: Any) -> None:
     rows = arrivals.places().rows if arrivals else ()
     for what, mark in MARKS.items():
         if xy := [row[2:4] for row in rows if row[1] == what]:
-            style: dict[str, Any] = {"markeredgewidth": 1.5, "mfc": "none", "zorder": 5}
-            axes.plot(*np.array(xy).T, mark, color=colour, markersize=6, **style)
+            # Below start and goal, which stay to be seen.
+            style: dict[str, Any] = {"markersize": 6, "markeredgewidth": 1.5, "zorder": 3.5}
+            style |= {"mfc": "none", **(FAINT if what == LEAVES else {})}
+            axes.plot(*np.array(xy).T, mark, color=colour, **style)
 
 
 def place_handles(arrivals: Iterable[Arrivals | None]) -> list[Line2D]:

@@ -16,12 +16,12 @@ from locplan._util.tables import file_name, wrapped, write_rows
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, FieldConfig
-from locplan.planners import Plan, Position
+from locplan.planners import SHORTEST, Plan, Position
 from locplan.robots import Amcl, Robot
 from locplan.simulation._arrivals import Arrivals, faults_of
 from locplan.simulation.choice._ask import TUNED, ChoiceSettings
 from locplan.simulation.choice._densities import config_of, costmap_of, costs_again
-from locplan.simulation.choice._driven import DRIVEN, PLANNED, Candidate, Driven
+from locplan.simulation.choice._driven import DRIVEN, NOTHING, PLANNED, Candidate, Driven
 from locplan.simulation.choice._race import (
     LOSES_MORE,
     NO_DIFFERENCE,
@@ -102,13 +102,13 @@ class Choice(Result, Stored):
 
     @property
     def _arrivals(self) -> list[Arrivals]:
-        """Closed-loop drives of the shortest path and of the race's winner; none if it is that."""
+        """Closed-loop drives of the shortest path, and of another one that drives speak for."""
         return [each.arrivals for each in self.candidates if each.arrivals is not None]
 
     @property
     def _fails_more(self) -> bool:
         """Whether the robot arrives too seldom by the winner of the race."""
-        if not self._arrivals:
+        if len(self._arrivals) < 2:
             return False
         shortest, leader = self._arrivals
         # It may fail in an eighth of the drives more than the shortest.
@@ -141,7 +141,7 @@ class Choice(Result, Stored):
         if chosen is None or shortest is None:
             return f"{self.status}: {self.note}" if self.note else self.status
         if found is None:
-            return self.note
+            return f"take {_quoted(chosen)}, untested: {self.note}"
         if found.leader == 0:
             if len(self.candidates) == 1:
                 return "take the shortest: there is no other path that is not much longer"
@@ -164,17 +164,19 @@ class Choice(Result, Stored):
 
     @property
     def arrives(self) -> str:
-        """How many robots arrive that a follower steers by their filters' poses, in words."""
+        """How many robots arrive that are steered by their filters' poses, in words."""
         if self.judgement is not None and self.robot.kinematics.drive == "car-like":
             return "how many arrive is not known: the follower does not steer car-like robots"
-        if not self._arrivals or self.judgement is None:
+        driven = [each for each in self.candidates if each.arrivals is not None]
+        if not driven:
             return ""
-        shortest, leader = self._arrivals
-        name = self.candidates[self.judgement.leader].name
-        return (
-            f'"{name}" arrives in {leader.words} instead of {shortest.words}, with a pursuit'
-            f" follower{faults_of(shortest, leader)}"
-        )
+        shortest, faults = self._arrivals[0], faults_of(*self._arrivals)
+        last = driven[-1].arrivals or shortest
+        said = f"steered by its filter, the robot arrives on {_quoted(driven[-1])} in {last.words}"
+        if len(driven) == 1:
+            return said + faults
+        same = last.count == shortest.count
+        return f"{said}, {'as on' if same else f'and in {shortest.words} on'} the shortest{faults}"
 
     @property
     def _slight(self) -> str:
@@ -220,9 +222,9 @@ class Choice(Result, Stored):
         if self.judgement is None or self.shortest is None:
             return ""
         count, first = len(self.judgement.drives), self.judgement.drives.start
-        confirmed = " after the race, of it and of the shortest (others: 4 to 8, of the race)"
-        after = confirmed if first else " in the race"
-        return f"{count} drives{after}; seed {self.seed}; with {self.robot.title}"
+        leader = self.candidates[self.judgement.leader]
+        of = f" of {_quoted(leader)} and of the shortest" if first else " at most of each path"
+        return f"{count} drives{of}; seed {self.seed}; with {self.robot.title}"
 
     @property
     def config(self) -> FieldConfig:
@@ -287,6 +289,18 @@ class Choice(Result, Stored):
         marks = Column("chosen", title="", value=lambda each: ">" if each is self.chosen else "")
         return Table.of((marks, *columns) if self.judgement else columns, self.candidates)
 
+    def _comparable(self) -> Table:
+        """The table without errors in other drives than the shortest's, which cannot be compared:
+        their ratios are over the drives that both have."""
+        table = self.table()
+        numbers = [each.driven and each.driven.numbers for each in self.candidates]
+        at = next((n for n, each in enumerate(table.columns) if each.name == "error"), 0)
+        rows = tuple(
+            row if own == numbers[0] else (*row[:at], NOTHING, *row[at + 1 :])
+            for row, own in zip(table.rows, numbers, strict=True)
+        )
+        return dataclasses.replace(table, rows=rows)
+
     def report(self, *about: Any, **more: Any) -> str:
         """The answer with its advice, the table, and which drives are shown.
 
@@ -300,14 +314,15 @@ class Choice(Result, Stored):
         what = {"rmse": "error", "lost": "error", "goal-error": "error at the goal"}
         shown_of = what.get(self.settings.minimise, "error of the heading")
         heads = [
-            f"{shown_of}: of a typical drive (geometric mean of the RMSE); [95 % intervals]",
+            f"{shown_of}: the geometric mean of the drives' RMSE [95 % interval]; a dash where a"
+            " path had other drives, 4 to 8: its ratio is to the shortest in these",
         ]
         left = [f"{each.name}: {each.note}" for each in self.candidates if each.note]
         left += [f"left out: {name}: {why}" for name, why in self.left_out.items()]
         below = [*left, *([self.driven, *heads] if self.judgement else [])]
         if self.costs is not None and not self.costs.has_weak_spots:
             below.append("no weak spot for this lidar: u is 0 all over the map")
-        return "\n".join([*wrapped(self.said), str(self.table()), *wrapped(below)])
+        return "\n".join([*wrapped(self.said), str(self._comparable()), *wrapped(below)])
 
     def _write(self, folder: File, *about: Any) -> None:
         """Write the paths, the table and the errors along the paths."""
@@ -340,6 +355,11 @@ class Choice(Result, Stored):
             history=history,
             costs=costs,
         )
+
+
+def _quoted(each: Candidate) -> str:
+    """A candidate's name in a sentence."""
+    return "the shortest" if each.name == SHORTEST else f'"{each.name}"'
 
 
 def at_length(shortest: Candidate, other: Candidate) -> str:

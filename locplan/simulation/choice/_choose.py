@@ -60,12 +60,13 @@ def choose(
     ones and the shortest are then driven afresh until the ratio of their errors is known. Only a
     path that is clearly better, and does not lose more drives, replaces the shortest; and only if
     the robot, steered by its filter in some closed-loop drives of both, arrives about as often.
+    Where the shortest path is kept, such drives of it show how often the robot arrives.
 
     Candidates of a robot that turns on a radius are those of the lattice planner, so that it can
     drive all of them. They are driven in the open loop alone: the follower does not steer cars.
 
     Where the robot's lidar is not known, nothing is driven: the aware path of the field is then
-    given beside the shortest one.
+    the path to take, untested, beside the shortest one.
 
     Parameters
     ----------
@@ -212,15 +213,14 @@ def _why_not(ask: Ask, space: str) -> str:
     radius = ask.robot.kinematics.turning_radius
     if not ask.by_lattice and (space != "R2" or radius):
         what = "paths of a turning radius within a budget" if radius else "paths with headings"
-        return f"nothing is driven or recommended: {what} are not yet"
+        return f"{what} are not driven yet"
     if ask.robot.lidar is None:
         return (
-            "nothing is driven: name the robot's lidar (--lidar NAME, in Python"
-            " robot=locplan.Robot(NAME)) to drive candidates with its filter, and to have one"
-            " recommended"
+            "name the robot's lidar (--lidar NAME, in Python robot=locplan.Robot(NAME)) to have"
+            " candidates driven with its filter"
         )
     if not ask.settings.drives:
-        return "nothing is driven, as asked, and nothing is recommended"
+        return "nothing is driven, as asked"
     return ""
 
 

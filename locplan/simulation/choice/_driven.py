@@ -136,7 +136,7 @@ class Candidate(Valued):
     history: tuple[tuple[float, float], ...] = ()
     """Time since a sampling planner began [s] and its best J [m], whenever that fell."""
     arrivals: Arrivals | None = None
-    """Closed-loop drives, of the path to take and of the shortest, unless they are one."""
+    """Closed-loop drives, of the path to take and of the shortest, which may be one."""
 
     def __repr__(self) -> str:
         return f"Candidate({self.name}, {self.path.length:.2f} m)"
@@ -271,14 +271,14 @@ class Driver:
         return Driven.of(self._drives(path, numbers), numbers, errors, ratio)
 
     def arrivals(self, found: Judgement) -> dict[int, Arrivals]:
-        """Closed-loop drives of the path to take and of the shortest, unless they are one; none of
+        """Closed-loop drives of the path to take and of the shortest, which may be one; none of
         a car-like robot, which the follower does not steer."""
-        drive = self._simulator.robot.kinematics.drive
-        if drive == "car-like" or not found.takes(self._settings.bold):
+        if self._simulator.robot.kinematics.drive == "car-like":
             return {}
-        both = {f"{path}": self._paths[path] for path in (0, found.leader)}
+        leader = found.leader if found.takes(self._settings.bold) else 0
+        both = {f"{path}": self._paths[path] for path in (0, leader)}
         made = drive_closed(self._simulator, both, self._closed, progress=self._step)
-        self._done += 2 * len(self._closed)
+        self._done += len(both) * len(self._closed)
         return {int(path): each for path, each in made.items()}
 
     def rival(self, found: Judgement) -> Driven | None:
