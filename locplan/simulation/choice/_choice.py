@@ -165,8 +165,6 @@ class Choice(Result, Stored):
     @property
     def arrives(self) -> str:
         """How many robots arrive that a follower steers by their filters' poses, in words."""
-        if self.judgement is not None and self.robot.kinematics.drive == "car-like":
-            return "how many arrive is not known: the follower does not steer car-like robots"
         if not self._arrivals or self.judgement is None:
             return ""
         shortest, leader = self._arrivals

@@ -62,7 +62,7 @@ def choose(
     the robot, steered by its filter in some closed-loop drives of both, arrives about as often.
 
     Candidates of a robot that turns on a radius are those of the lattice planner, so that it can
-    drive all of them. They are driven in the open loop alone: the follower does not steer cars.
+    drive all of them.
 
     Where the robot's lidar is not known, nothing is driven: the aware path of the field is then
     given beside the shortest one.

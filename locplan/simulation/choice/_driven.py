@@ -271,10 +271,8 @@ class Driver:
         return Driven.of(self._drives(path, numbers), numbers, errors, ratio)
 
     def arrivals(self, found: Judgement) -> dict[int, Arrivals]:
-        """Closed-loop drives of the path to take and of the shortest, unless they are one; none of
-        a car-like robot, which the follower does not steer."""
-        drive = self._simulator.robot.kinematics.drive
-        if drive == "car-like" or not found.takes(self._settings.bold):
+        """Closed-loop drives of the path to take and of the shortest, unless they are one."""
+        if not found.takes(self._settings.bold):
             return {}
         both = {f"{path}": self._paths[path] for path in (0, found.leader)}
         made = drive_closed(self._simulator, both, self._closed, progress=self._step)
