@@ -1503,7 +1503,7 @@ def margin_at(walls, resolution, shape, discs, pose):
 
 
 def follow(random, path, stops, resolution, robot, discs, first, ticks):
-    """True poses of a robot that knows them, tick by tick."""
+    """True poses of a robot that knows them, tick by tick; `path` holds x, y and the gear there."""
     walls = np.argwhere(stops).tolist()
 
     def margin(pose):
@@ -1511,6 +1511,7 @@ def follow(random, path, stops, resolution, robot, discs, first, ticks):
 
     odometry, speed = robot.odometry, robot.kinematics.speed
     sideways = robot.kinematics.drive == "omnidirectional"
+    radius = robot.kinematics.turning_radius
     scale = 1 + odometry.distance_bias * random.standard_normal()
     bend = math.radians(odometry.heading_bias_deg) * random.standard_normal()
     turn_scale = 1 + odometry.turn_bias * random.standard_normal()
@@ -1536,20 +1537,34 @@ def follow(random, path, stops, resolution, robot, discs, first, ticks):
         at_end = nearest + 40 >= len(path) - 1
         return at_end and math.dist(truth[-1][:2], path[-1]) <= robot.goal_tolerance
 
+    def bounded(turn, ahead):
+        limit = min(1.0, abs(ahead) / radius) if radius else math.inf
+        return min(max(turn, -limit), limit)
+
+    gears = [gear for _, _, gear in path]
+    path = [each[:2] for each in path]
     while not is_there() and len(truth) < ticks:
         x, y, heading = truth[-1]
-        close = path[nearest : nearest + 40]
-        nearest += min(range(len(close)), key=lambda k: math.dist(close[k], (x, y)))
-        carrot, way = nearest, 0.0
-        while carrot < len(path) - 1 and way < 0.5:
+        ends = [k for k in range(nearest, len(path)) if gears[k] != gears[nearest]]
+        close = range(nearest, min([nearest + 40, len(path), *ends]))
+        nearest = min(close, key=lambda k: math.dist(path[k], (x, y)))
+        if nearest + 1 < len(path) and gears[nearest + 1] != gears[nearest]:
+            nearest += 1
+        gear, carrot, way = gears[nearest], nearest, 0.0
+        while carrot < len(path) - 1 and way < 0.5 and gears[carrot + 1] == gear:
             way += math.dist(path[carrot], path[carrot + 1])
             carrot += 1
         dx, dy = path[carrot][0] - x, path[carrot][1] - y
-        aside = wrapped(math.atan2(dy, dx) - heading)
+        aside = wrapped(math.atan2(dy, dx) - heading - (math.pi if gear < 0 else 0.0))
         pace = min(speed, max(0.1, math.dist(path[-1], (x, y))))
         pace *= min(1.0, max(0.4, margin(truth[-1]) / 0.1))
         if sideways:
             command = pace * math.cos(aside), pace * math.sin(aside), min(max(aside, -1), 1)
+        elif radius:
+            pace *= 1 - min(abs(aside), math.pi / 4) / (math.pi / 2)
+            behind = min(max(aside, -math.pi / 2), math.pi / 2)
+            turn = 2 * pace * math.sin(behind) / max(math.hypot(dx, dy), 0.1)
+            command = gear * pace, 0.0, bounded(turn, pace)
         elif abs(aside) > math.pi / 4:
             command = 0.0, 0.0, math.copysign(min(1.0, 2 * abs(aside)), aside)
         else:
@@ -1557,11 +1572,15 @@ def follow(random, path, stops, resolution, robot, discs, first, ticks):
             turn = 2 * pace * math.sin(aside) / max(math.hypot(dx, dy), 0.1)
             command = pace, 0.0, min(max(turn, -1.0), 1.0)
         slower = [
-            (share * command[0], share * command[1], command[2] + more)
+            (
+                share * command[0],
+                share * command[1],
+                bounded(command[2] + more, share * command[0]),
+            )
             for share in (1.0, 0.6, 0.3)
             for more in (0.0, 0.3, -0.3, 0.6, -0.6, 1.0, -1.0)
         ]
-        if abs(command[2]) > 0.1:
+        if abs(command[2]) > 0.1 and not radius:
             slower.append((0.0, 0.0, command[2]))
         clear = next((each for each in [command, *slower] if is_clear(*each)), None)
         blocked = blocked + 1 if clear is None else 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import math
 
 import naive
@@ -56,26 +57,43 @@ ROBOTS = {
     "sideways": Robot(
         Lidar(range=5.0, beams=60), kinematics=Kinematics(drive="omnidirectional", speed=0.4)
     ),
+    "car": Robot(
+        Lidar(range=5.0, beams=60),
+        footprint=OUTLINE,
+        kinematics=Kinematics(drive="car-like", turning_radius=0.8),
+    ),
 }
 BENT = ((1.5, 1.0), (3.0, 3.5), (6.5, 1.5))
+AHEAD = 2.5
+"""Length of the first stretch of `there_and_back` [m]."""
+
+
+def there_and_back():
+    """A path with headings: straight ahead, and then in reverse along an arc."""
+    turn = np.linspace(0.0, 1.4, 60)
+    back = np.column_stack([4.0 - np.sin(turn), 0.7 + 1 - np.cos(turn)])
+    xy = np.concatenate([[(4.0 - AHEAD, 0.7)], back])
+    return Path(xy, np.concatenate([[0.0], -turn]))
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_robot_that_knows_its_pose_is_driven_as_plain_loops_do(name):
     grid, robot = room(), ROBOTS[name].changed({"boundary_noise": 0.0})
-    path = line(*BENT)
+    path = there_and_back() if name == "car" else line(*BENT)
     (found,) = driven(grid, path, robot, 1, seed=3, perfect=True).drives
     corners = OUTLINE.vertices
     discs = [(0.0, 0.0, 0.2)]
-    if name == "outlined":
+    if robot.outline:
         sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
         discs = [
             (*(a + step * 0.05 / math.dist(a, b) * (b - a)), 0.025)
             for a, b in sides
             for step in range(math.ceil(math.dist(a, b) / 0.05 - 1e-9))
         ]
-    way = path.resampled(0.05, even=True).xy
-    first = (*way[0], math.atan2(*(way[6] - way[0])[::-1]))
+    even = path.resampled(0.05, even=True)
+    gears = [-1 if name == "car" and at > AHEAD + 0.025 else 1 for at in even.distance]
+    way = np.column_stack([even.xy, gears])
+    first = (*even.xy[0], math.atan2(*(even.xy[6] - even.xy[0])[::-1]))
     stops = grid.cells == OCCUPIED
     truth = naive.follow(
         random_of(3, CLOSED, 0, 0), way.tolist(), stops, 0.1, robot, discs, first, 1000
@@ -127,13 +145,16 @@ class Shifted:
         return np.eye(3)
 
 
+STILL = dict.fromkeys(
+    ("distance_drift", "heading_drift_deg", "turn_drift_deg", "distance_bias", "heading_bias_deg"),
+    0.0,
+)
+STILL |= {"turn_bias": 0.0, "start_sigma": 0.0, "start_sigma_deg": 0.0}
+
+
 def exact(filter):
-    still = dict.fromkeys(
-        ("distance_drift", "heading_drift_deg", "turn_drift_deg", "distance_bias"), 0.0
-    )
-    still |= {"heading_bias_deg": 0.0, "turn_bias": 0.0, "start_sigma": 0.0, "start_sigma_deg": 0.0}
     robot = Robot(Lidar(range=5.0, beams=20), filter=filter, disturbances=QUIET)
-    return robot.changed(still)
+    return robot.changed(STILL)
 
 
 def test_a_robot_that_is_off_believes_to_be_at_the_goal_and_is_elsewhere():
@@ -223,19 +244,22 @@ def test_a_new_plan_leaves_the_goal_where_it_is():
     assert math.dist(found.end[:2], goal) <= ROBOTS["round"].goal_tolerance
 
 
-def test_a_car_like_robot_is_refused_before_anything_is_driven():
-    robot = Robot(Lidar(range=5.0), kinematics=Kinematics(drive="car-like", turning_radius=1.0))
-    with pytest.raises(ConfigError, match="car-like robot cannot be steered yet"):
-        driven(room(), line(*BENT), robot, 1)
-    steps = []
-    with pytest.raises(ConfigError, match="car-like robot cannot be steered yet"):
-        simulate(
-            *(room(), {"bent": line(*BENT)}, robot),
-            drives=2,
-            closed=Closed(drives=2),
-            progress=lambda *step: steps.append(step),
-        )
-    assert not steps
+def test_a_car_keeps_its_radius_and_changes_gear_only_where_its_path_does():
+    robot = dataclasses.replace(ROBOTS["car"], disturbances=QUIET).changed(STILL)
+    (found,) = driven(room(), there_and_back(), robot, 1).drives
+    assert found.outcome == "arrived"
+    turn, step = np.diff(found.truth[:, 2]), np.diff(found.truth[:, :2], axis=0)
+    assert (abs(turn) * 0.8 <= np.hypot(*step.T) * (1 + 1e-6) + 1e-9).all()
+    middle = found.truth[:-1, 2] + turn / 2
+    ahead = step[:, 0] * np.cos(middle) + step[:, 1] * np.sin(middle)
+    assert (np.diff(np.sign(ahead[ahead != 0])) != 0).sum() == 1
+
+
+def test_a_car_whose_outline_does_not_fit_along_its_path_has_no_way():
+    robot = ROBOTS["car"].changed({"boundary_noise": 0.0})
+    grid = room(wall=True, door=(2.3, 2.6))  # a disc within its outline fits, 0.3 m wide as it is
+    (found,) = driven(grid, line((2.0, 2.45), (6.5, 2.45)), robot, 1).drives
+    assert (found.outcome, found.fault) == ("stuck", "world")
 
 
 def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):

@@ -222,7 +222,8 @@ def test_a_gap_that_no_heading_passes_makes_it_infeasible_not_unreachable():
     assert "16 headings" in made.note
     shut = drawn(wall, *[rooms] * 3, wall, resolution=0.2)
     blank = dataclasses.replace(Costmap.blank(shut, robot=0.05), robot=robot)
-    assert plan(blank, (0.5, 0.5), (1.1, 0.5), planner="lattice").status == "unreachable"
+    ends = (0.5, 0.5, 0.0), (1.1, 0.5, 1.0)
+    assert plan(blank, *ends, planner="lattice").status == "unreachable"
 
 
 def test_legs_over_waypoints_go_on_in_the_heading_in_which_they_come():

@@ -2,7 +2,8 @@
 
 Every tenth of a second it pursues a point half a metre ahead on the path (pure pursuit; R. C.
 Coulter, CMU-RI-TR-92-01, 1992), and looks a second ahead into the true world. Hindered, it asks for
-a new plan; blocked, it waits, backs off and plans again.
+a new plan; blocked, it waits, backs off and plans again. A car-like robot turns on no less than its
+radius and changes its gear where its path does.
 
 Poses are (x, y, heading) in metres along the columns and rows of the part that is driven in.
 """
@@ -35,8 +36,6 @@ REACH = 40
 """Number of points of the path among which the next one is looked for."""
 PATIENCE, WAIT, BACK, TRIES = 20, 20, 11, 3
 """Ticks blocked until a recovery, ticks of waiting, of backing off, and number of recoveries."""
-RETREAT = 0.3
-"""Speed of backing off [m/s]."""
 STALL, STALLED = 100, 0.5
 """Ticks in which the robot must come so far [m]."""
 REPLAN = 10
@@ -54,6 +53,8 @@ class Body(NamedTuple):
     omnidirectional: bool
     speed: float  # [m/s]
     tolerance: float  # distance from the goal at which the robot believes to be there [m]
+    radius: float  # turning radius; 0 where it turns on the spot [m]
+    retreat: float  # speed of backing off [m/s]
 
 
 class Surroundings(NamedTuple):
@@ -126,22 +127,41 @@ def is_clear(
 
 
 @njit(nogil=True, cache=True)
-def pursue(path: Floats, body: Body, near: float, trace: Trace) -> None:
-    """Write the command that leads towards the point ahead on the path."""
-    counts = trace.counts
-    x, y, heading = trace.believed[counts[TICKS]]
+def carrot_on(path: Floats, x: float, y: float, counts: Ints) -> int:
+    """The point to pursue, up to where the gear changes; writes the nearest one into the counts."""
     last, nearest, distance = len(path) - 1, counts[AT], np.inf
     for k in range(counts[AT], min(counts[AT] + REACH, len(path))):
+        if path[k, 2] != path[counts[AT], 2]:
+            break
         away = np.hypot(path[k, 0] - x, path[k, 1] - y)
         if away < distance:
             nearest, distance = k, away
+    if nearest < last and path[nearest + 1, 2] != path[nearest, 2]:
+        nearest += 1
     counts[AT] = nearest
     way, carrot = 0.0, nearest
-    while carrot < last and way < AHEAD:
+    while carrot < last and way < AHEAD and path[carrot + 1, 2] == path[nearest, 2]:
         way += np.hypot(
             path[carrot + 1, 0] - path[carrot, 0], path[carrot + 1, 1] - path[carrot, 1]
         )
         carrot += 1
+    return int(carrot)
+
+
+@njit(nogil=True, cache=True)
+def bounded(turn: float, ahead: float, body: Body) -> float:
+    """The turning rate nearest to one that the radius of a car-like robot allows at a speed."""
+    limit = min(MAX_TURN, abs(ahead) / body.radius)
+    return min(max(turn, -limit), limit)
+
+
+@njit(nogil=True, cache=True)
+def pursue(path: Floats, body: Body, near: float, trace: Trace) -> None:
+    """Write the command that leads towards the point ahead on the path."""
+    x, y, heading = trace.believed[trace.counts[TICKS]]
+    carrot, last = carrot_on(path, x, y, trace.counts), len(path) - 1
+    gear = path[carrot, 2]
+    heading += np.pi * (gear < 0)
     dx, dy = path[carrot, 0] - x, path[carrot, 1] - y
     away, aside = max(np.hypot(dx, dy), 0.1), wrapped(np.arctan2(dy, dx) - heading)
     speed = min(body.speed, max(0.1, np.hypot(path[last, 0] - x, path[last, 1] - y)))
@@ -152,6 +172,11 @@ def pursue(path: Floats, body: Body, near: float, trace: Trace) -> None:
         command[2] = min(max(aside, -MAX_TURN), MAX_TURN)
         return
     command[1] = 0.0
+    if body.radius > 0:
+        command[0] = gear * speed * (1 - min(abs(aside), SPOT) / (2 * SPOT))
+        turn = 2 * abs(command[0]) * np.sin(min(max(aside, -np.pi / 2), np.pi / 2)) / away
+        command[2] = bounded(turn, command[0], body)
+        return
     if abs(aside) > SPOT:
         command[0], command[2] = 0.0, np.sign(aside) * min(MAX_TURN, 2 * abs(aside))
         return
@@ -163,17 +188,22 @@ def pursue(path: Floats, body: Body, near: float, trace: Trace) -> None:
 def evade(surroundings: Surroundings, body: Body, trace: Trace) -> bool:
     """Change the command to the nearest slower one that is clear; False if none is.
 
-    Where no arc is, the robot turns on the spot to the point that it pursues.
+    Where no arc is, the robot turns on the spot to the point that it pursues, if it can.
     """
     pose, command = trace.truth[trace.counts[TICKS]], trace.command
     ahead, left, turn = command
     for share in (1.0, 0.6, 0.3):
         for bend in (0.0, 0.3, -0.3, 0.6, -0.6, 1.0, -1.0):
-            if is_clear(surroundings, body, pose, share * ahead, share * left, turn + bend):
-                command[0], command[1], command[2] = share * ahead, share * left, turn + bend
+            bent = turn + bend
+            if body.radius > 0:
+                bent = bounded(bent, share * ahead, body)
+            if is_clear(surroundings, body, pose, share * ahead, share * left, bent):
+                command[0], command[1], command[2] = share * ahead, share * left, bent
                 return True
     command[:] = 0.0
-    turns = abs(turn) > SLIGHT and is_clear(surroundings, body, pose, 0.0, 0.0, turn)
+    if body.radius > 0 or abs(turn) <= SLIGHT:
+        return False
+    turns = is_clear(surroundings, body, pose, 0.0, 0.0, turn)
     if turns:
         command[2] = turn
     return turns
@@ -185,8 +215,9 @@ def decide(path: Floats, surroundings: Surroundings, body: Body, period: int, tr
 
     Parameters
     ----------
-    path : (n, 2) array
-        Positions that lead to the goal, some 0.05 m apart [m].
+    path : (n, 3) array
+        Positions that lead to the goal, some 0.05 m apart [m], and the gear that leads there: 1, or
+        -1 in reverse.
     surroundings : Surroundings
         The true world.
     body : Body
@@ -207,7 +238,7 @@ def decide(path: Floats, surroundings: Surroundings, body: Body, period: int, tr
         return TIMED_OUT
     command[:] = 0.0
     if counts[WAITS] or counts[BACKS]:
-        return recover(surroundings, body, trace)
+        return recover(path, surroundings, body, trace)
     before = trace.believed[max(n - STALL, 0)]
     stalled = n - STALL >= counts[SINCE] and np.hypot(x - before[0], y - before[1]) < STALLED
     if stalled or counts[BLOCKED] >= PATIENCE:
@@ -228,7 +259,7 @@ def decide(path: Floats, surroundings: Surroundings, body: Body, period: int, tr
 
 
 @njit(nogil=True, cache=True)
-def recover(surroundings: Surroundings, body: Body, trace: Trace) -> int:
+def recover(path: Floats, surroundings: Surroundings, body: Body, trace: Trace) -> int:
     """Wait, or back off where that is clear, and plan again at last."""
     counts, n = trace.counts, trace.counts[TICKS]
     if counts[WAITS]:
@@ -239,8 +270,9 @@ def recover(surroundings: Surroundings, body: Body, trace: Trace) -> int:
     if counts[BACKS] == 0:
         counts[PLANNED] = counts[SINCE] = n
         return PLAN
-    if is_clear(surroundings, body, trace.truth[n], -RETREAT, 0.0, 0.0):
-        trace.command[0] = -RETREAT
+    back = -body.retreat * path[counts[AT], 2]
+    if is_clear(surroundings, body, trace.truth[n], back, 0.0, 0.0):
+        trace.command[0] = back
     return GO
 
 

@@ -176,7 +176,8 @@ class LatticeSearch:
 
     def _none(self, start: Position, goal: Position, expanded: int) -> Found:
         """Why there is no path, after all states were searched."""
-        cells, _ = cheapest_cells(self._costs, start, goal, allow_corner_cutting=False)
+        ends = start[:2], goal[:2]
+        cells, _ = cheapest_cells(self._costs, *ends, allow_corner_cutting=False)
         if cells is None:
             return Found(status="unreachable", expanded=expanded)
         headings, edge = len(self._angles), self._costs.grid.resolution

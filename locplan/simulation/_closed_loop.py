@@ -1,7 +1,8 @@
 """Closed-loop drives: a follower steers the robot by the filter's pose.
 
 Unlike an open-loop drive, which follows its path exactly whatever the filter believes, the robot
-leaves the path with the filter's errors, meets walls, and plans again on what it sees.
+leaves the path with the filter's errors, meets walls, and plans again on what it sees. A car-like
+robot stays on its path, since no plan of cells is one that it can drive.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ from locplan._util.intervals import random_of
 from locplan._util.poses import Poses, after_way, way_between
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Path
-from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, own_axes
 from locplan.robots import Robot
 from locplan.simulation._arrivals import (
@@ -42,23 +42,8 @@ FINE = 0.02
 """Maximum edge of the cells on which a way through a world is looked for [m]."""
 PATIENCE = 60.0, 3.0
 """Maximum time of a drive: so long [s], and so many times that of its path."""
-
-
-def check_steered(robot: Robot) -> None:
-    """Check that the follower can steer a robot; to be called before long work.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-
-    Raises
-    ------
-    ConfigError
-        If it is car-like.
-    """
-    if robot.kinematics.drive == "car-like":
-        raise ConfigError("a car-like robot cannot be steered yet; drive it in the open loop")
+RETREAT = 0.3
+"""Speed of backing off [m/s]."""
 
 
 def drive_closed(
@@ -93,10 +78,6 @@ def drive_closed(
     dict of str to Arrivals
         The drives along each path.
 
-    Raises
-    ------
-    ConfigError
-        If the robot is car-like.
     """
     loop = ClosedLoop(simulator, dict(paths), replan, perfect)
     found: dict[str, list[Any]] = {name: [None] * len(drives) for name in paths}
@@ -172,9 +153,20 @@ class ClosedLoop:
         from locplan._kernels.follower import Body
 
         robot, kinematics = self.simulator.robot, self.simulator.robot.kinematics
-        check_steered(robot)
         sideways = kinematics.drive == "omnidirectional"
-        return Body(_discs(robot), sideways, kinematics.speed, robot.goal_tolerance)
+        return Body(
+            discs=_discs(robot),
+            omnidirectional=sideways,
+            speed=kinematics.speed,
+            tolerance=robot.goal_tolerance,
+            radius=kinematics.turning_radius,
+            retreat=0.0 if self._is_car and not kinematics.reverse else RETREAT,
+        )
+
+    @property
+    def _is_car(self) -> bool:
+        """Whether the robot turns on a radius, so that it stays on its path."""
+        return self.simulator.robot.kinematics.turning_radius > 0
 
     @cached_property
     def planner(self) -> Replanner:
@@ -201,9 +193,12 @@ class ClosedLoop:
         return replace(found, fault=FOLLOWER if self._has_way(name, world) else WORLD)
 
     def _has_way(self, name: str, world: Any) -> bool:
-        """Whether a disc within the outline fits through a world from the start to the goal."""
+        """Whether a disc within the outline fits through a world from the start to the goal; for a
+        car-like robot whether the outline does along the path, on which it stays."""
         from scipy.ndimage import label
 
+        if self._is_car:
+            return self._is_clear(self.paths[name], world)
         # Cells of 2 cm at most: on coarse ones a gap would seem narrower than it is.
         finer = math.ceil(world.resolution / FINE)
         cells = np.where(world.squares[0, 1:-1, 1:-1], FREE, OCCUPIED).astype(np.uint8)
@@ -220,30 +215,53 @@ class ClosedLoop:
         near = [rooms[a:b, c:d] for (a, c), (b, d) in zip(low, high, strict=True)]
         return bool(np.intersect1d(*near).any())
 
+    def _is_clear(self, path: Path, world: Any) -> bool:
+        """Whether the outline keeps the follower's distance from a world's walls along a path."""
+        from locplan._kernels.follower import MARGIN, margin_at
+
+        path = path.resampled(POINTS / 2)
+        poses = own_axes(self.grid, np.column_stack([path.xy, path.facing]))
+        return all(margin_at(world, self.body, *pose, 2 * MARGIN) >= MARGIN for pose in poses)
+
     def _driven(self, name: str, world: Any, number: int, *, perfect: bool) -> Arrival:
         from locplan._kernels import follower
 
         random = random_of(self.simulator.seed, CLOSED, 0, number)
-        way = own_axes(self.grid, at_heading_0(self.paths[name].resampled(POINTS, even=True).xy))
-        way = np.ascontiguousarray(way[:, :2])
-        ahead = way[min(len(way) - 1, 6)] - way[0]
-        first = np.array([*way[0], math.atan2(ahead[1], ahead[0])])
+        way, first = self._way(name)
         length = self.paths[name].length
         ticks = (PATIENCE[0] + PATIENCE[1] * length / self.body.speed) / follower.TICK
         trace = self._trace(random, first, round(ticks))
         follow = self._follower(random, world, trace, perfect)
         while (decision := follow(way)) == follower.PLAN:
             n, at = trace.counts[follower.TICKS], trace.counts[follower.AT]
-            way = self.planner.way(way[at:], trace.truth[n], trace.believed[n], world)
+            way = way[at:]
+            if not self._is_car:
+                new = self.planner.way(way[:, :2], trace.truth[n], trace.believed[n], world)
+                way = np.insert(new, 2, 1.0, axis=1)
             trace.counts[follower.AT] = 0
         n = int(trace.counts[follower.TICKS]) + 1
         outcome = {follower.STUCK: STUCK, follower.TIMED_OUT: TIMED_OUT}.get(decision, ARRIVED)
         near = max(OFF, 2 * self.body.tolerance)
-        if outcome == ARRIVED and math.dist(trace.truth[n - 1, :2], way[-1]) > near:
+        if outcome == ARRIVED and math.dist(trace.truth[n - 1, :2], way[-1, :2]) > near:
             outcome = ELSEWHERE
         origin = np.array(self.grid.origin)
         truth, believed = (after_way(origin, each[:n]) for each in (trace.truth, trace.believed))
         return Arrival.of(outcome, truth, believed, self.paths[name])
+
+    def _way(self, name: str) -> tuple[Floats, Floats]:
+        """The way (n, 3) of a path as the follower takes it, and the pose that it begins at."""
+        path = self.paths[name].resampled(POINTS, even=True)
+        poses = own_axes(self.grid, np.column_stack([path.xy, path.facing]))
+        way, heading = np.insert(poses[:, :2], 2, 1.0, axis=1), poses[0, 2]
+        if not self._is_car:
+            ahead = way[min(len(way) - 1, 6)] - way[0]
+            heading = math.atan2(ahead[1], ahead[0])
+        elif len(way) > 1:
+            steps, middle = np.diff(way[:, :2], axis=0), (poses[1:, 2] + poses[:-1, 2]) / 2
+            ahead = steps[:, 0] * np.cos(middle) + steps[:, 1] * np.sin(middle)
+            way[1:, 2] = np.where(ahead < 0, -1.0, 1.0)
+            way[0, 2] = way[1, 2]
+        return way, np.array([*way[0, :2], heading])
 
     def _trace(self, random: np.random.Generator, first: Any, ticks: int) -> Any:
         """An empty trace, with this drive's biases of odometry."""

@@ -23,7 +23,7 @@ from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import prepared_beside
 from locplan.robots import Lidar, Robot
 from locplan.simulation._arrivals import ARRIVING, Arrivals, Closed, ends_of
-from locplan.simulation._closed_loop import check_steered, drive_closed
+from locplan.simulation._closed_loop import drive_closed
 from locplan.simulation._drives import DRIVEN, Drives, check_drives, contrasts, profiles
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import about_filter, poses_along
@@ -183,8 +183,6 @@ def simulate(
         name: path if isinstance(path, Path) else Path(np.asarray(path))
         for name, path in paths.items()
     }
-    if closed:
-        check_steered(simulator.robot)
     steered = closed.drives if closed else 0
     opened, rest = parts(progress, [drives * len(routes), steered * len(routes)])
     driven = drive_paths(simulator, routes, drives, progress=opened)

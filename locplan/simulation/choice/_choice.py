@@ -164,9 +164,7 @@ class Choice(Result, Stored):
 
     @property
     def arrives(self) -> str:
-        """How many robots arrive that are steered by their filters' poses, in words."""
-        if self.judgement is not None and self.robot.kinematics.drive == "car-like":
-            return "how many arrive is not known: the follower does not steer car-like robots"
+        """How many robots arrive that a follower steers by their filters' poses, in words."""
         driven = [each for each in self.candidates if each.arrivals is not None]
         if not driven:
             return ""

@@ -63,7 +63,7 @@ def choose(
     Where the shortest path is kept, such drives of it show how often the robot arrives.
 
     Candidates of a robot that turns on a radius are those of the lattice planner, so that it can
-    drive all of them. They are driven in the open loop alone: the follower does not steer cars.
+    drive all of them.
 
     Where the robot's lidar is not known, nothing is driven: the aware path of the field is then
     the path to take, untested, beside the shortest one.

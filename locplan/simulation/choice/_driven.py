@@ -271,10 +271,7 @@ class Driver:
         return Driven.of(self._drives(path, numbers), numbers, errors, ratio)
 
     def arrivals(self, found: Judgement) -> dict[int, Arrivals]:
-        """Closed-loop drives of the path to take and of the shortest, which may be one; none of
-        a car-like robot, which the follower does not steer."""
-        if self._simulator.robot.kinematics.drive == "car-like":
-            return {}
+        """Closed-loop drives of the path to take and of the shortest, which may be one."""
         leader = found.leader if found.takes(self._settings.bold) else 0
         both = {f"{path}": self._paths[path] for path in (0, leader)}
         made = drive_closed(self._simulator, both, self._closed, progress=self._step)
