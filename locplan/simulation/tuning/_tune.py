@@ -162,17 +162,12 @@ def search_settings(
         Number of drives along each path of a bench.
     left : BeamsLeft
         Number of the beams compared that return.
-    others : mapping of str to object or None
-        Further parameters in the user's file, for the warnings.
-    seed : int
-        Seed of all random numbers, >= 0.
-    progress : callable or None
-        Called with (done, total) in thousandths of the work.
+    others, seed, progress
+        See `tune`.
     drive : str, default ""
         Name of the recorded drive, if the paths are its stretches.
     notes : sequence of str, default ()
         What limits the result, beside the warnings.
-
     like : sequence of Amcl, default ()
         Settings that are tried besides those drawn at random.
 
