@@ -201,7 +201,9 @@ def search_settings(
     rungs, searched = tuple(search.rungs), {each.name for each in search.bench.levels}
     del search
     judge = bench(JUDGE)
-    judge.drive([*order], len(judge.lines), drives, progress=next(steps))
+    decide = [n for n, level in enumerate(judge.levels) if level.name in searched]
+    judge.drive([*order], len(judge.lines), drives, decide, next(steps))
+    judge.drive([own, kept], len(judge.lines), drives)  # at levels that only these two are said for
     wholes = {each: judge.whole(each) for each in order}
     return Tuning(
         judge.grids,
