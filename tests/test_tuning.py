@@ -65,6 +65,21 @@ class Formula(TuningBench):
         return np.array([[100 * arguments, 0.0, 0.0]])
 
 
+class Unsteady(Formula):
+    """One where a sigma_hit of 0.1 errs more on every other drive, and less on the rest."""
+
+    def __init__(self, added, spread):
+        super().__init__(added)
+        self.spread = spread
+
+    def arguments(self, amcl):
+        return [(each, self.spread * (amcl.sigma_hit == 0.1)) for each in super().arguments(amcl)]
+
+    def errors(self, level, path, drive, arguments):
+        error, spread = arguments
+        return super().errors(level, path, drive, error * math.exp(spread * (-1) ** drive))
+
+
 def found_by(bench, own=None):
     """What is found on a bench that the search and the judgement share."""
     left = BeamsLeft(60, 60.0)
@@ -271,6 +286,7 @@ def test_the_search_finds_the_best_and_puts_back_what_gains_nothing():
     assert found.contributions["laser_model_type"] == pytest.approx(math.e)
     assert found.contributions["sigma_hit"] == pytest.approx(math.exp(0.01))
     assert found.rungs[0] == (128, 5, 2)
+    assert all(each[0] <= 10 for each in found.rungs[2:-1])  # the hopeful ones of each step
     assert found.rungs[-1][1:] == (20, 8)
 
 
@@ -281,6 +297,33 @@ def test_more_beams_a_metre_must_gain_more():
         assert {60, 180} <= {each.amcl.max_beams for each in found.judged}
     for gain, kept in ((0.03, 0.1), (0.015, 0.2)):
         assert found_by(Formula({"sigma_hit": {0.1: -gain}})).candidate.sigma_hit == kept
+
+
+def test_a_gain_that_drives_do_not_show_clearly_is_put_back():
+    added = {"sigma_hit": {0.1: -0.05, 0.05: 1.0}}
+    for spread, kept in ((0.1, 0.1), (0.5, 0.2)):  # 160 drives show 1.6 % of it, or 8 %
+        assert found_by(Unsteady(added, spread)).candidate.sigma_hit == kept
+
+
+def test_of_settings_as_good_the_one_nearest_to_the_users_own_is_found():
+    gains = {0.5: -0.995, 1.0: -1.0, 2.0: -1.005, 5.0: -1.01}
+    others = {
+        "alpha2": dict.fromkeys(ALPHAS - {0.2}, 1.0),
+        "laser_model_type": {"likelihood_field_prob": 1.0},
+        "update_min_d": {0.1: 1.0},
+        "update_min_a": {0.1: 1.0},
+        "max_beams": dict.fromkeys((30, 120, 180), 1.0),
+        "sigma_hit": {0.05: 1.0, 0.1: 1.0},
+        "z_hit": {0.8: 1.0, 0.95: 1.0},
+    }
+    found = found_by(Formula({"alpha1": gains, **others}))
+    assert max(each.amcl.alpha1 for each in found.judged) > 0.5
+    assert found.candidate == Amcl(alpha1=0.5, alpha4=0.5)
+
+
+def test_every_rung_drives_along_enough_paths():
+    line = Formula().lines[0]
+    assert [each[1] for each in found_by(Formula(lines=[line] * 6)).rungs[:2]] == [5, 5]
 
 
 def test_nothing_is_put_back_that_is_worse_at_another_level():

@@ -135,14 +135,8 @@ def tune_on_drive(
         Number of replays of each stretch, and of the whole drive, 2 to 100,000.
     filter_map : OccupancyGrid, optional
         The filter's map in the same frame, where it differs from `grid`.
-    others : mapping of str to object, optional
-        Further parameters in the user's file, such as `z_short`, for the warnings.
-    seed : int, default 1
-        Seed of all random numbers, >= 0.
-    threads : int, optional
-        Number of threads, at least 1; all cores by default.
-    progress : callable, optional
-        Called with (done, total) in thousandths of the work.
+    others, seed, threads, progress
+        See `locplan.simulation.tune`.
 
     Returns
     -------

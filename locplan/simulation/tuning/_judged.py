@@ -116,7 +116,8 @@ class Judged:
     """What it does on the whole of a recorded drive, the worst one of several; None where paths
     were simulated."""
     beyond: AtLevel | None = None
-    """Its errors at the worst level that is beyond those of the search, and decides nothing."""
+    """Its errors at the worst level that is beyond those of the search, and decides nothing; None
+    where there is none, or the settings are neither the user's own nor what was found."""
     recoveries: tuple[Recovery, ...] = ()
     """How often it came back by the goal after it was off by more than 1 m, at all levels, and 10 m
     after kidnappings; those that no drive shows are left out."""
@@ -162,7 +163,7 @@ def judged_beside(
     wholes: Mapping[Amcl, Sequence[Drives]],
     searched: Collection[str],
 ) -> Judged:
-    """Errors of a setting, all of whose drives the bench has, beside the user's own.
+    """Errors of a setting at the levels that the bench drove it at, beside the user's own.
 
     `wholes` are the replays of the whole of recorded drives; the levels named `searched` decide.
     """
@@ -172,12 +173,13 @@ def judged_beside(
     _, paths, drives = driven.squares.shape
     means = bench.means(amcl, paths, drives)
     levels = []
-    for n, level in enumerate(bench.levels):
+    at = np.flatnonzero(~np.isnan(means)).tolist()
+    for n in at:
         squares, lost = driven.squares[n], driven.lost[n].astype(bool)
         errors = np.concatenate([each for key, each in driven.errors.items() if key[0] == n])
         levels.append(
             AtLevel(
-                level,
+                bench.levels[n],
                 float(means[n]),
                 of_geometric_mean(np.sqrt(squares.mean(axis=1))),
                 math.nan if lost.all() else float(np.sqrt(squares[~lost].mean())),
@@ -188,12 +190,13 @@ def judged_beside(
                 of_mean(differences[n]),
             )
         )
-    decide = [each.level.name in searched for each in levels]
-    ratio = of_geometric_mean(np.exp(np.log(ratios[decide]).mean(axis=0)))
+    decide = [bench.levels[n].name in searched for n in at]
+    some = list(itertools.compress(at, decide))
+    ratio = of_geometric_mean(np.exp(np.log(ratios[some]).mean(axis=0)))
     deciding = tuple(itertools.compress(levels, decide))
     rest = (each for each in levels if each not in deciding)
     beyond = max(rest, key=lambda each: each.m, default=None)
-    ms = 1e3 * float(driven.seconds.sum()) / (len(bench.levels) * drives)
+    ms = 1e3 * float(driven.seconds[some].sum()) / (len(some) * drives)
     metres = float(bench.lengths.sum())
     on_wholes = map(WholeDrive.of, wholes[amcl], wholes[own], bench.parts)
     whole = min(on_wholes, key=lambda each: (each.better, -each.rmse.value), default=None)
@@ -205,7 +208,7 @@ def judged_beside(
 def _recoveries(bench: TuningBench, amcl: Amcl) -> tuple[Recovery, ...]:
     """What a setting does after it was lost, and after kidnappings."""
     driven = bench.driven[amcl]
-    lost = driven.lost.astype(bool)
+    lost = driven.lost == 1
     found = [Recovery("after it was lost", int((driven.off[lost] == 0).sum()), int(lost.sum()))]
     for metres in KIDNAPPINGS:
         errors = bench.kidnapped(amcl, metres)

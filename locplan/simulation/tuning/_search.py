@@ -1,7 +1,7 @@
 """The search among settings of AMCL.
 
 It is successive halving of settings drawn at random, then steps from the best ones along each axis;
-what of the best hardly matters is put back.
+what of the best hardly matters is put back, as far as the drives show.
 """
 
 from __future__ import annotations
@@ -11,14 +11,18 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from locplan._util.intervals import of_mean
 from locplan._util.progress import ProgressCallback
 from locplan.robots import Amcl
+from locplan.simulation._drives import FLOOR
 from locplan.simulation.tuning._bench import TuningBench
-from locplan.simulation.tuning._space import beside, changed_axes
+from locplan.simulation.tuning._space import beside, changed_axes, steps_between
 
 WORSE, WORSE_AT_A_COST = math.log(1.02), math.log(1.1)
-"""Increase of the logarithm of the error up to which a change is put back, and one that makes the
-filter compare more beams a metre."""
+"""Increase of the logarithm of the error up to which a change is put back; and one that makes the
+filter compare more beams a metre, or whose gain the drives do not show clearly."""
+HOPEFUL = 10
+"""Number of settings that a step drives on more than the first rung's paths and drives."""
 STEPS = 3
 """Maximum number of steps from the best two settings, each along every axis."""
 
@@ -38,9 +42,10 @@ class Search:
 
     def __init__(self, bench: TuningBench, own: Amcl, drives: int) -> None:
         self.bench, self.own, paths = bench, own, len(bench.lines)
-        # A quarter, then half of the paths and of the drives, and how many settings stay.
+        # A quarter, then half of the paths and of the drives, and how many settings stay. One path
+        # alone would choose the settings that happen to suit it.
         self.parts = [
-            (max(1, paths // part), max(1, drives // part), stay)
+            (max(bench.fewest_paths, paths // part), max(1, drives // part), stay)
             for part, stay in ((4, 16), (2, 5))
         ]
         self.last = paths, drives
@@ -56,7 +61,8 @@ class Search:
         Returns
         -------
         kept : Amcl
-            The best one with the user's own values put back where that costs next to nothing.
+            The best one with the user's own values put back where that costs next to nothing, or
+            one nearer to the user's own that is hardly worse.
         frugal : Amcl
             Best setting, of those that compare no more beams a metre than the user's own.
         best : Amcl
@@ -71,7 +77,7 @@ class Search:
             ranked = self._ranked(staying, paths, drives)
             staying = self._first(ranked, stay)
         for each_step in [next(progress) for _ in range(STEPS)]:
-            near = [each for amcl in staying[:2] for each in beside(self.own, amcl)]
+            near = self._hopeful([each for amcl in staying[:2] for each in beside(self.own, amcl)])
             self.bench.drive(near, paths, drives, self.bench.strongest, each_step)
             self.rungs.append((len(near), paths, drives))
             ranked = self._ranked([*ranked, *near], paths, drives)
@@ -83,7 +89,13 @@ class Search:
         best = self._least(staying)
         frugal = self._least([amcl for amcl in staying if self._is_frugal(amcl)])
         kept, without = self._put_back(best, next(progress))
-        return kept, frugal, best, without
+        return self._nearest(kept, best, staying), frugal, best, without
+
+    def _hopeful(self, settings: Sequence[Amcl]) -> list[Amcl]:
+        """The best of the settings on the paths and drives of the first rung."""
+        paths, drives, _ = self.parts[0]
+        self.bench.drive(settings, paths, drives, self.bench.strongest)
+        return self._ranked(settings, paths, drives)[:HOPEFUL]
 
     def _ranked(self, settings: Sequence[Amcl], paths: int, drives: int) -> list[Amcl]:
         """The settings, the best first."""
@@ -127,16 +139,33 @@ class Search:
         kept = best
         for axis in sorted(axes, key=lambda axis: losses[axis]):
             tried = axis.put(kept, axis.of(self.own))
-            costs = self.beams(kept) > self.beams(tried)
-            bound = self._known(kept, *self.last) + (WORSE_AT_A_COST if costs else WORSE)
-            if losses[axis] <= WORSE_AT_A_COST and self._within(tried, bound):
+            if losses[axis] <= WORSE_AT_A_COST and self._is_as_good(tried, kept, best):
                 kept = tried
         return kept, {axis.name: math.exp(loss) for axis, loss in losses.items()}
 
-    def _within(self, amcl: Amcl, bound: float) -> bool:
-        """Whether the logarithm of the error is up to a bound at every level."""
+    def _nearest(self, kept: Amcl, best: Amcl, settings: Sequence[Amcl]) -> Amcl:
+        """The setting nearest to the user's own that is hardly worse than the one to be kept."""
+        away = steps_between(self.own, kept)
+        near = sorted(settings, key=lambda amcl: steps_between(self.own, amcl))
+        nearer = (amcl for amcl in near if steps_between(self.own, amcl) < away)
+        return next((amcl for amcl in nearer if self._is_as_good(amcl, kept, best)), kept)
+
+    def _is_as_good(self, tried: Amcl, kept: Amcl, best: Amcl) -> bool:
+        """Whether a setting is hardly worse at every level, so that it is to be kept instead."""
         for levels in (self.bench.strongest, None):
-            self.bench.drive([amcl], *self.last, levels)
-            if self._known(amcl, *self.last) > bound:
+            self.bench.drive([tried], *self.last, levels)
+            spared = self.beams(tried) < self.beams(kept) or not self._is_worse(tried, kept)
+            bound = self._known(kept, *self.last) + (WORSE_AT_A_COST if spared else WORSE)
+            # What is put back one after the other must not add up.
+            at_most = min(bound, self._known(best, *self.last) + WORSE_AT_A_COST)
+            if self._known(tried, *self.last) > at_most:
                 return False
         return True
+
+    def _is_worse(self, tried: Amcl, kept: Amcl) -> bool:
+        """Whether a setting is clearly worse at its worst level, on drives that both share."""
+        level = int(np.nanargmax(self.bench.means(tried, *self.last)))
+        one, other = (
+            np.log(self.bench.driven[each].squares[level] + FLOOR) for each in (tried, kept)
+        )
+        return of_mean((one - other).ravel()).low > 0

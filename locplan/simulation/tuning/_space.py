@@ -69,6 +69,11 @@ class Axis:
         near = dict.fromkeys([*choices[max(0, n - 1) : n + 2], mine])
         return [each for each in near if each != at]
 
+    def steps(self, one: Amcl, other: Amcl) -> int:
+        """Number of listed values from the value of one setting to that of another."""
+        choices: list[Any] = sorted({self.of(one), *self.choices(other)})
+        return abs(choices.index(self.of(one)) - choices.index(self.of(other)))
+
     def _each(self, value: Value | tuple[Value, ...]) -> tuple[Value, ...]:
         return value if isinstance(value, tuple) else (value,) * len(self.fields)
 
@@ -126,6 +131,11 @@ def candidates(
 def beside(own: Amcl, amcl: Amcl) -> list[Amcl]:
     """Settings that differ from one by a step along one axis."""
     return [axis.put(amcl, values) for axis in axes_of(own) for values in axis.beside(amcl, own)]
+
+
+def steps_between(own: Amcl, amcl: Amcl) -> int:
+    """Number of steps along all axes from the user's own settings to others."""
+    return sum(axis.steps(amcl, own) for axis in axes_of(own))
 
 
 def nav2_defaults(own: Amcl) -> Amcl:

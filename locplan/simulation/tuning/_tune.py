@@ -162,17 +162,12 @@ def search_settings(
         Number of drives along each path of a bench.
     left : BeamsLeft
         Number of the beams compared that return.
-    others : mapping of str to object or None
-        Further parameters in the user's file, for the warnings.
-    seed : int
-        Seed of all random numbers, >= 0.
-    progress : callable or None
-        Called with (done, total) in thousandths of the work.
+    others, seed, progress
+        See `tune`.
     drive : str, default ""
         Name of the recorded drive, if the paths are its stretches.
     notes : sequence of str, default ()
         What limits the result, beside the warnings.
-
     like : sequence of Amcl, default ()
         Settings that are tried besides those drawn at random.
 
@@ -206,7 +201,9 @@ def search_settings(
     rungs, searched = tuple(search.rungs), {each.name for each in search.bench.levels}
     del search
     judge = bench(JUDGE)
-    judge.drive([*order], len(judge.lines), drives, progress=next(steps))
+    decide = [n for n, level in enumerate(judge.levels) if level.name in searched]
+    judge.drive([*order], len(judge.lines), drives, decide, next(steps))
+    judge.drive([own, kept], len(judge.lines), drives)  # at levels that only these two are said for
     wholes = {each: judge.whole(each) for each in order}
     return Tuning(
         judge.grids,
