@@ -1,19 +1,21 @@
 """Walls that recorded drives see through, or miss: erased and drawn where that explains more."""
 
+import json
 from dataclasses import replace
 
 import naive
 import numpy as np
 import pytest
 from conftest import SHARED_DATA, refused
+from drive_bags import write_drive
 from small_drive import FILE, MAP
 
-from locplan import load_map, mend, save_map
+from locplan import Costmap, Lidar, Robot, load_map, mend, plan, save_map
 from locplan._kernels.walls import count_scans, explained_beams
 from locplan.errors import RecordingError
-from locplan.maps import FREE, OCCUPIED
+from locplan.maps import FREE, OCCUPIED, environments
 from locplan.mending import update_walls
-from locplan.recordings import read_drive
+from locplan.recordings import read_drive, record_drive
 
 
 @pytest.fixture(scope="module")
@@ -132,15 +134,40 @@ def test_drives_are_judged_by_scans_that_were_held_out(office, drive, monkeypatc
 
 def test_mend_drives_in_the_map_with_the_walls_that_were_recorded(office, drive, tmp_path, run):
     half = without(office)
-    mended = mend(half, recordings=[drive], paths=2, drives=2)
+    later = drive[187:]
+    mended = mend(half, recordings=[drive, later], paths=2, drives=2)
     assert mended.filter_map == mended.walls.on(half)
     assert mended.verdicts[0].rmse_ratio.value < 1
     assert "walls that were recorded" in mended.report()
     save_map(half, tmp_path / "half.yaml")
-    words = "--drive", FILE, "--reference", "log", "--paths", "2", "--drives", "2"
+    later.save(tmp_path / "later.npz")
+    words = "--drive", FILE, "--drive", tmp_path / "later.npz", "--paths", "2", "--drives", "2"
     code, out, _ = run("mend", tmp_path / "half.yaml", *words)
     assert (code, out.strip()) == (0, mended.report().replace(office.name, "half").strip())
     assert "--drive" in refused(run("mend", tmp_path / "half.yaml", "--reference", "log"))
+
+
+@pytest.mark.long
+def test_mend_takes_several_bags_whose_poses_are_smoothed(tmp_path, run, monkeypatch):
+    monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path / "cache"))
+    places, files = environments.make("places", resolution=0.1), []
+    ends = (4.55, 4.15), (25.75, 17.75)
+    for n, kind in enumerate(("mcap", "sqlite3")):
+        way = plan(Costmap.blank(places), *ends[:: 1 - 2 * n]).path
+        robot = Robot(Lidar(range=8.0, beams=180))
+        drive = record_drive(places, way, robot, spacing=0.35, seed=n)
+        files += ["--drive", write_drive(tmp_path, drive, kind)]
+    gaps = without(places, share=0.25, size=10)
+    save_map(gaps, tmp_path / "gaps.yaml")
+    words = *files, "--paths", "2", "--drives", "2", "--json"
+    code, out, _ = run("mend", tmp_path / "gaps.yaml", *words, "-o", tmp_path / "mended")
+    walls = json.loads(out)["walls"]
+    assert (code, walls["gain"]["low"] > 0) == (0, True)
+    assert walls["pose_deviation"] < 0.03
+    mended = load_map(tmp_path / "mended" / "map_amcl.yaml")
+    drawn = (mended.cells == OCCUPIED) & (gaps.cells != OCCUPIED)
+    assert drawn.sum() == walls["added_cells"]
+    assert places.closer_than(2 * places.resolution)[drawn].mean() > 0.95
 
 
 @pytest.mark.long
