@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import cv2
 import naive
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from locplan._kernels.walls import count_scans, explained_beams
 from locplan.errors import RecordingError
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.mending import update_walls
-from locplan.recordings import read_drive, record_drive
+from locplan.recordings import range_fit, read_drive, record_drive
 
 
 @pytest.fixture(scope="module")
@@ -106,6 +107,50 @@ def test_poses_that_are_off_are_refused(office, drive, far):
             update_walls(grid, [off(drive, far)])
     with pytest.raises(RecordingError, match="too much"):  # of several drives the worst counts
         update_walls(office, [drive, off(drive, far)])
+
+
+def scaled(grid, drive, ratio):
+    """The map with another resolution than the true one, and the drive's poses on it."""
+    x, y, yaw = grid.origin
+    poses = drive.poses.copy()
+    poses[:, :2] *= ratio
+    resolution = ratio * grid.resolution
+    made = replace(grid, resolution=resolution, origin=(ratio * x, ratio * y, yaw))
+    return made, replace(drive, poses=poses)
+
+
+@pytest.mark.parametrize("ratio", [0.96, 1.0, 1.02])
+def test_a_wrong_resolution_is_found_by_the_ranges(office, drive, ratio):
+    grid, own = scaled(office, drive, ratio)
+    found = range_fit(grid, [own])
+    assert found.factor.value == pytest.approx(1 / ratio, abs=0.002)
+    assert found.factor.low < found.factor.value < found.factor.high
+    assert abs(found.depth.value) < 0.2 * grid.resolution
+    assert [each.kind for each in found.faults(grid)] == ["resolution"] * (ratio != 1)
+
+
+@pytest.mark.parametrize("cells", [1, 2, 3])
+def test_walls_that_are_inflated_are_deep(office, drive, cells):
+    around = cv2.dilate((office.cells == OCCUPIED).view(np.uint8), np.ones((2 * cells + 1,) * 2))
+    grid = replace(office, cells=np.where(around > 0, np.uint8(OCCUPIED), office.cells))
+    found = range_fit(grid, [drive])
+    assert found.depth.value == pytest.approx(cells * grid.resolution, abs=0.5 * grid.resolution)
+    assert found.factor.value == pytest.approx(1, abs=0.005)
+    assert [each.kind for each in found.faults(grid)] == ["deep walls"] * (cells > 1)
+
+
+def test_a_drive_that_is_too_short_tells_no_fault_of_the_ranges(office, drive):
+    grid, own = scaled(office, drive, 0.9)
+    assert not [*range_fit(grid, [own[:40]]).faults(grid)]
+    assert np.isnan(range_fit(without(office, share=1.0), [drive]).factor.value)
+
+
+def test_mend_says_the_true_resolution_and_draws_nothing(office, drive):
+    grid, own = scaled(office, drive, 0.96)
+    found = mend(grid, recordings=[own])
+    assert found.changed == 0
+    assert "resolution 0.048 should be 0.05;" in found.report()
+    assert found.summary()["faults"][0]["kind"] == "resolution"
 
 
 def test_poses_that_are_off_by_little_are_good_enough(office, drive):

@@ -32,7 +32,7 @@ class MapFault:
 
     kind: str
     """What it is: "mask", "thresholds", "cells", "open boundary", "solid walls", "thick walls",
-    "painted unknown", "specks" or "origin"."""
+    "painted unknown", "specks" or "origin"; by recorded drives "resolution" or "deep walls"."""
     what: str
     """What is wrong, as a sentence without a full stop."""
     mend: str = ""

@@ -147,7 +147,8 @@ def mend(
     """Mend a map for the filter: hollow solid walls, and erase specks; drives judge it.
 
     With recordings, walls that they see through are erased, and walls drawn that they end at, if
-    the map then explains more beams of scans that were held out.
+    the map then explains more beams of scans that were held out. They also tell whether the map's
+    resolution is wrong, and whether its walls are deeper than the true ones; both are faults.
 
     The robot drives in the map as it is, or with the walls that were recorded. Its filter has the
     map as it is or the mended one, and so has Nav2's AMCL with its defaults. The n-th drives of
@@ -198,6 +199,8 @@ def mend(
         robot = recordings[0].robot(robot)
     robot, found = equipped(robot), faults(grid, check=kept_solidity)
     update = update_walls(grid, recordings) if recordings else None
+    if update is not None:
+        found = replace(found, found=(*update.ranges.faults(grid), *found))
     mended, world = _mended(found), grid
     if update is not None:
         mended, world = update.on(mended), update.on(grid)
@@ -232,7 +235,8 @@ def _mended(found: MapFaults) -> OccupancyGrid:
     grid, kinds = found.grid, {each.kind for each in found}
     if "specks" in kinds:
         grid = replace(grid, cells=np.where(found.specks, np.uint8(FREE), grid.cells))
-    return hollowed(grid) if "solid walls" in kinds else grid
+    # Where beams end deep in the walls the truth lies inside, and hollowing may harm.
+    return hollowed(grid) if "solid walls" in kinds and "deep walls" not in kinds else grid
 
 
 def _ways(grid: OccupancyGrid, robot: Robot, count: int, seed: int) -> dict[str, Path]:
