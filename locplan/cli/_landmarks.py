@@ -170,6 +170,7 @@ class mend(typed.OneMap, RobotOptions, ReferencedOptions, Seeded, Output):
         locplan.mending.check_concerned(self.nav2_file("amcl"))
         robot, grid = self.load_robot(), locplan.load_map(self.map_file)
         every = self.given("paths", "drives", Seeded)
+        every["source"] = locplan.maps.read_map(self.map_file)[1]
         self.check_drive()
         recordings = [self.referenced(grid, file) for file in self.drive]
         with progress_bar(f"mending {grid.name}", "drives") as progress:

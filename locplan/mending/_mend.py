@@ -18,7 +18,7 @@ from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.export import write_filter_map
 from locplan.field import equipped, kept_solidity
-from locplan.maps import FREE, MapFaults, OccupancyGrid, faults, hollowed
+from locplan.maps import FREE, MapFaults, MapSource, OccupancyGrid, faults, hollowed
 from locplan.mending._walls import WallUpdate, update_walls
 from locplan.planners import plan, random_queries
 from locplan.recordings import Recording
@@ -137,6 +137,7 @@ def mend(
     grid: OccupancyGrid,
     robot: Robot | None = None,
     *,
+    source: MapSource | None = None,
     recordings: Sequence[Recording] = (),
     paths: int = 5,
     drives: int = 8,
@@ -161,6 +162,8 @@ def mend(
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round, or that
         of the first recording.
+    source : MapSource, optional
+        How its pixels were read, see `locplan.maps.read_map`, of which faults are told, too.
     recordings : sequence of Recording, default ()
         Recorded drives on the map, whose poses count as true: those of
         `locplan.recordings.referenced`. Poses that were found on a wrong map hide some of what is
@@ -197,7 +200,7 @@ def mend(
     whole("paths", paths, 1, 1000)
     if recordings and (robot is None or robot.lidar is None):
         robot = recordings[0].robot(robot)
-    robot, found = equipped(robot), faults(grid, check=kept_solidity)
+    robot, found = equipped(robot), faults(grid, source, check=kept_solidity)
     update = update_walls(grid, recordings) if recordings else None
     if update is not None:
         found = replace(found, found=(*update.ranges.faults(grid), *found))
