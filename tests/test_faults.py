@@ -161,3 +161,16 @@ def test_the_solid_ones_of_the_shared_maps_are_found_and_no_others(real_maps):
     assert found == SOLID
     painted = {n for n, each in every.items() if "painted unknown" in {f.kind for f in each}}
     assert painted == SOLID - {"navfn_willow_costmap"}
+
+
+@pytest.mark.parametrize(("values", "is_costmap"), [((50, 253, 254), True), ((0, 252, 254), False)])
+def test_a_costmap_that_is_read_as_a_map_is_said(tmp_path, values, is_costmap):
+    pixels = np.random.default_rng(0).choice(np.array(values, np.uint8), (60, 80))
+    Image.fromarray(pixels).save(tmp_path / "lab.png")
+    (tmp_path / "lab.yaml").write_text(
+        "image: lab.png\nresolution: 0.05\norigin: [0, 0, 0]\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    found = faults(*read_map(tmp_path / "lab.yaml"))
+    assert ("costmap" in [each.kind for each in found]) == is_costmap
+    assert ("this is a costmap, not a map" in found.report()) == is_costmap

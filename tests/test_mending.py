@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import yaml
 from conftest import drawn, refused
+from PIL import Image
 from test_faults import blocks
 
 import locplan
@@ -122,3 +123,16 @@ def test_wrong_numbers_are_refused(tmp_path, run):
     save_map(ROOM, tmp_path / "room.yaml")
     assert "drives" in refused(run("mend", tmp_path / "room.yaml", "--drives", "1"))
     assert "paths" in refused(run("mend", tmp_path / "room.yaml", "--paths", "0"))
+
+
+def test_mend_says_what_the_file_shows(tmp_path, run):
+    pixels = np.full((60, 80), 254, np.uint8)
+    pixels[20:30, 20:40] = 253
+    pixels[[0, -1]] = pixels[:, [0, -1]] = 50
+    Image.fromarray(pixels).save(tmp_path / "lab.png")
+    (tmp_path / "lab.yaml").write_text(
+        "image: lab.png\nresolution: 0.05\norigin: [0, 0, 0]\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    code, out, _ = run("mend", tmp_path / "lab.yaml")
+    assert (code, "costmap: this is a costmap, not a map" in out) == (0, True)

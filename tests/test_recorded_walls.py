@@ -1,19 +1,22 @@
 """Walls that recorded drives see through, or miss: erased and drawn where that explains more."""
 
+import json
 from dataclasses import replace
 
+import cv2
 import naive
 import numpy as np
 import pytest
 from conftest import SHARED_DATA, refused
+from drive_bags import write_drive
 from small_drive import FILE, MAP
 
-from locplan import load_map, mend, save_map
+from locplan import Costmap, Lidar, Robot, load_map, mend, plan, save_map
 from locplan._kernels.walls import count_scans, explained_beams
 from locplan.errors import RecordingError
-from locplan.maps import FREE, OCCUPIED
+from locplan.maps import FREE, OCCUPIED, environments
 from locplan.mending import update_walls
-from locplan.recordings import read_drive
+from locplan.recordings import range_fit, read_drive, record_drive
 
 
 @pytest.fixture(scope="module")
@@ -106,6 +109,50 @@ def test_poses_that_are_off_are_refused(office, drive, far):
         update_walls(office, [drive, off(drive, far)])
 
 
+def scaled(grid, drive, ratio):
+    """The map with another resolution than the true one, and the drive's poses on it."""
+    x, y, yaw = grid.origin
+    poses = drive.poses.copy()
+    poses[:, :2] *= ratio
+    resolution = ratio * grid.resolution
+    made = replace(grid, resolution=resolution, origin=(ratio * x, ratio * y, yaw))
+    return made, replace(drive, poses=poses)
+
+
+@pytest.mark.parametrize("ratio", [0.96, 1.0, 1.02])
+def test_a_wrong_resolution_is_found_by_the_ranges(office, drive, ratio):
+    grid, own = scaled(office, drive, ratio)
+    found = range_fit(grid, [own])
+    assert found.factor.value == pytest.approx(1 / ratio, abs=0.002)
+    assert found.factor.low < found.factor.value < found.factor.high
+    assert abs(found.depth.value) < 0.2 * grid.resolution
+    assert [each.kind for each in found.faults(grid)] == ["resolution"] * (ratio != 1)
+
+
+@pytest.mark.parametrize("cells", [1, 2, 3])
+def test_walls_that_are_inflated_are_deep(office, drive, cells):
+    around = cv2.dilate((office.cells == OCCUPIED).view(np.uint8), np.ones((2 * cells + 1,) * 2))
+    grid = replace(office, cells=np.where(around > 0, np.uint8(OCCUPIED), office.cells))
+    found = range_fit(grid, [drive])
+    assert found.depth.value == pytest.approx(cells * grid.resolution, abs=0.5 * grid.resolution)
+    assert found.factor.value == pytest.approx(1, abs=0.005)
+    assert [each.kind for each in found.faults(grid)] == ["deep walls"] * (cells > 1)
+
+
+def test_a_drive_that_is_too_short_tells_no_fault_of_the_ranges(office, drive):
+    grid, own = scaled(office, drive, 0.9)
+    assert not [*range_fit(grid, [own[:40]]).faults(grid)]
+    assert np.isnan(range_fit(without(office, share=1.0), [drive]).factor.value)
+
+
+def test_mend_says_the_true_resolution_and_draws_nothing(office, drive):
+    grid, own = scaled(office, drive, 0.96)
+    found = mend(grid, recordings=[own])
+    assert found.changed == 0
+    assert "resolution 0.048 should be 0.05;" in found.report()
+    assert found.summary()["faults"][0]["kind"] == "resolution"
+
+
 def test_poses_that_are_off_by_little_are_good_enough(office, drive):
     assert update_walls(without(office), [off(drive, 0.03)]).is_better
 
@@ -132,15 +179,40 @@ def test_drives_are_judged_by_scans_that_were_held_out(office, drive, monkeypatc
 
 def test_mend_drives_in_the_map_with_the_walls_that_were_recorded(office, drive, tmp_path, run):
     half = without(office)
-    mended = mend(half, recordings=[drive], paths=2, drives=2)
+    later = drive[187:]
+    mended = mend(half, recordings=[drive, later], paths=2, drives=2)
     assert mended.filter_map == mended.walls.on(half)
     assert mended.verdicts[0].rmse_ratio.value < 1
     assert "walls that were recorded" in mended.report()
     save_map(half, tmp_path / "half.yaml")
-    words = "--drive", FILE, "--reference", "log", "--paths", "2", "--drives", "2"
+    later.save(tmp_path / "later.npz")
+    words = "--drive", FILE, "--drive", tmp_path / "later.npz", "--paths", "2", "--drives", "2"
     code, out, _ = run("mend", tmp_path / "half.yaml", *words)
     assert (code, out.strip()) == (0, mended.report().replace(office.name, "half").strip())
     assert "--drive" in refused(run("mend", tmp_path / "half.yaml", "--reference", "log"))
+
+
+@pytest.mark.long
+def test_mend_takes_several_bags_whose_poses_are_smoothed(tmp_path, run, monkeypatch):
+    monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path / "cache"))
+    places, files = environments.make("places", resolution=0.1), []
+    ends = (4.55, 4.15), (25.75, 17.75)
+    for n, kind in enumerate(("mcap", "sqlite3")):
+        way = plan(Costmap.blank(places), *ends[:: 1 - 2 * n]).path
+        robot = Robot(Lidar(range=8.0, beams=180))
+        drive = record_drive(places, way, robot, spacing=0.35, seed=n)
+        files += ["--drive", write_drive(tmp_path, drive, kind)]
+    gaps = without(places, share=0.25, size=10)
+    save_map(gaps, tmp_path / "gaps.yaml")
+    words = *files, "--paths", "2", "--drives", "2", "--json"
+    code, out, _ = run("mend", tmp_path / "gaps.yaml", *words, "-o", tmp_path / "mended")
+    walls = json.loads(out)["walls"]
+    assert (code, walls["gain"]["low"] > 0) == (0, True)
+    assert walls["pose_deviation"] < 0.03
+    mended = load_map(tmp_path / "mended" / "map_amcl.yaml")
+    drawn = (mended.cells == OCCUPIED) & (gaps.cells != OCCUPIED)
+    assert drawn.sum() == walls["added_cells"]
+    assert places.closer_than(2 * places.resolution)[drawn].mean() > 0.95
 
 
 @pytest.mark.long

@@ -12,7 +12,7 @@ import locplan
 from locplan._util.progress import progress_bar, working
 from locplan._util.supervision import end_if_supervised
 from locplan.cli import _types as typed
-from locplan.cli._options import Cached, CostOptions, Ends, Force, Reference, Threads
+from locplan.cli._options import Cached, CostOptions, DriveFiles, Ends, Force, Reference, Threads
 from locplan.cli._robot_options import FieldOptions
 
 
@@ -37,11 +37,7 @@ class explore(typed.OneMap, FieldOptions, Ends, CostOptions, Reference, Cached, 
     """Port of this machine that the page is served on; by default any."""
     no_browser: bool = False
     """Open no browser."""
-    drive: Annotated[
-        tuple[Path, ...],
-        typed.INPUT,
-        Parameter(group=typed.heading("Recorded drive"), metavar="FILE"),
-    ] = ()
+    drive: DriveFiles = ()
     """Recorded drive that can be shown; repeatable."""
     folder: Annotated[Path | None, Parameter(name=("--folder", "-o")), typed.under("Output")] = None
     """Folder that the page may write maps and exports to; without it, it writes none."""

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 import locplan
 from locplan._util.progress import progress_bar
 from locplan.cli import _types as typed
-from locplan.cli._options import Ends, Output, ReferencedOptions, Seeded, read_paths
+from locplan.cli._options import DriveFiles, Ends, Output, ReferencedOptions, Seeded, read_paths
 from locplan.cli._robot_options import RobotOptions
 from locplan.errors import ConfigError
 
@@ -146,7 +146,7 @@ class landmarks(typed.OneMap, RobotOptions, RouteOptions, Seeded, Output):
 
 @typed.command(
     "mend lab.yaml --robot nav2_params.yaml -o mended",
-    "mend lab.yaml --robot nav2_params.yaml --drive run.mcap -o mended",
+    "mend lab.yaml --robot nav2_params.yaml --drive monday.mcap --drive friday.mcap -o mended",
 )
 class mend(typed.OneMap, RobotOptions, ReferencedOptions, Seeded, Output):
     """Mend a map for the robot's filter, and drive with it in simulation to see what it gains.
@@ -156,6 +156,9 @@ class mend(typed.OneMap, RobotOptions, ReferencedOptions, Seeded, Output):
     The map for planning stays; the folder has the filter's, map_amcl.yaml, with what Nav2 needs to
     publish it to AMCL alone.
     """
+
+    drive: DriveFiles = ()  # type: ignore[assignment]  # other commands take one
+    """Recorded drive: a bag of ROS 1 or 2, a log of CARMEN, CSV or NPZ; repeatable."""
 
     paths: typed.Count = 5
     """Number of random shortest paths that are driven; 5 by default."""
@@ -167,8 +170,9 @@ class mend(typed.OneMap, RobotOptions, ReferencedOptions, Seeded, Output):
         locplan.mending.check_concerned(self.nav2_file("amcl"))
         robot, grid = self.load_robot(), locplan.load_map(self.map_file)
         every = self.given("paths", "drives", Seeded)
+        every["source"] = locplan.maps.read_map(self.map_file)[1]
         self.check_drive()
-        recordings = [self.referenced(grid)] if self.drive else []
+        recordings = [self.referenced(grid, file) for file in self.drive]
         with progress_bar(f"mending {grid.name}", "drives") as progress:
             found = locplan.mend(grid, robot, recordings=recordings, progress=progress, **every)
         self.finish(found)

@@ -171,6 +171,11 @@ def move(name: str, text: str) -> tuple[float, ...]:
 Topic = Annotated[str | None, Parameter(metavar="TOPIC")]
 Frame = Annotated[str | None, Parameter(metavar="FRAME")]
 Move = Annotated[Any, typed.parsed(move, "X,Y,DEG")]
+DriveFiles = Annotated[
+    tuple[Path, ...],
+    typed.INPUT,
+    Parameter(group=typed.heading("Recorded drive"), metavar="FILE"),
+]
 
 
 @typed.option_group("Recorded drive")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
@@ -210,11 +209,7 @@ class tune(typed.ManyMaps, FilterMap, shared.ReferencedOptions, shared.Seeded, s
     This takes some four minutes on two cores, and more with more particles.
     """
 
-    drive: Annotated[
-        tuple[Path, ...],
-        typed.INPUT,
-        Parameter(group=typed.heading("Recorded drive"), metavar="FILE"),
-    ] = ()  # type: ignore[assignment]  # other commands take one
+    drive: shared.DriveFiles = ()  # type: ignore[assignment]  # other commands take one
     """Recorded drive: a bag of ROS 1 or 2, a log of CARMEN, CSV or NPZ; repeatable, with one map
     for all, or one for each in their order."""
     paths: Annotated[int | None, Parameter(validator=Number(gte=5, lte=1000))] = None

@@ -31,8 +31,9 @@ class MapFault:
     """Something of a map that misleads."""
 
     kind: str
-    """What it is: "mask", "thresholds", "cells", "open boundary", "solid walls", "thick walls",
-    "painted unknown", "specks" or "origin"."""
+    """What it is: "mask", "costmap", "thresholds", "cells", "open boundary", "solid walls",
+    "thick walls", "painted unknown", "specks" or "origin"; by recorded drives "resolution" or
+    "deep walls"."""
     what: str
     """What is wrong, as a sentence without a full stop."""
     mend: str = ""
@@ -64,6 +65,14 @@ def of_source(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
             f"{source.light_free:,} pixels ({source.light_free / source.pixels:.0%}) of a light"
             f" grey, mostly {source.light_value}, are read as free, while map_saver's 205 means"
             f" unknown; if they are unknown, lower free_thresh to {lower:g} (it is {free:g})",
+        )
+    if source.of_costs:
+        yield _said(
+            "costmap",
+            f"this is a costmap, not a map: {source.of_costs:,} pixels"
+            f" ({source.of_costs / source.pixels:.0%}) are 253 or 254, the costs of obstacles, and"
+            " are read as free; take the map that it was made of",
+            sure=True,
         )
     walls = np.count_nonzero(grid.cells == OCCUPIED)
     if source.dark_unknown > walls / 2 and source.mode == "trinary":

@@ -148,6 +148,9 @@ class MapSource:
     them lie in areas too wide for walls."""
     over_100: int
     """Number of pixels above 100, in mode raw only, in which pixels are per cent."""
+    of_costs: int
+    """Number of pixels that have a costmap's values for obstacles, 253 and 254, and are read as
+    free; 0 unless both are over 1 % of all, as in no map."""
 
     @classmethod
     def of(
@@ -193,6 +196,7 @@ class MapSource:
             light_value=int(of_light.argmax()) if of_light.any() else 0,
             dark_unknown=0 if raw else _as_of_walls(dark, counts, pixels, seen, header.resolution),
             over_100=int(counts[101:].sum()) if raw else 0,
+            of_costs=_of_costs(counts, levels) if counts.size == 256 and not raw else 0,
         )
 
 
@@ -205,6 +209,13 @@ def _counts(pixels: Array, seen: Bools | None, values: int) -> Ints:
             (pixels[some] if seen is None else pixels[some][seen[some]]).ravel(), None, values
         )
     return counts
+
+
+def _of_costs(counts: Ints, levels: Octets) -> int:
+    """Number of pixels of a costmap's lethal and inscribed costs that are read as free."""
+    both = counts[253:255]
+    is_costmap = (levels[253:255] == FREE).all() and (both > 0.01 * counts.sum()).all()
+    return int(both.sum()) if is_costmap else 0
 
 
 def _as_of_walls(

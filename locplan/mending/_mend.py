@@ -18,7 +18,7 @@ from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.export import write_filter_map
 from locplan.field import equipped, kept_solidity
-from locplan.maps import FREE, MapFaults, OccupancyGrid, faults, hollowed
+from locplan.maps import FREE, MapFaults, MapSource, OccupancyGrid, faults, hollowed
 from locplan.mending._walls import WallUpdate, update_walls
 from locplan.planners import plan, random_queries
 from locplan.recordings import Recording
@@ -137,6 +137,7 @@ def mend(
     grid: OccupancyGrid,
     robot: Robot | None = None,
     *,
+    source: MapSource | None = None,
     recordings: Sequence[Recording] = (),
     paths: int = 5,
     drives: int = 8,
@@ -147,7 +148,8 @@ def mend(
     """Mend a map for the filter: hollow solid walls, and erase specks; drives judge it.
 
     With recordings, walls that they see through are erased, and walls drawn that they end at, if
-    the map then explains more beams of scans that were held out.
+    the map then explains more beams of scans that were held out. They also tell whether the map's
+    resolution is wrong, and whether its walls are deeper than the true ones; both are faults.
 
     The robot drives in the map as it is, or with the walls that were recorded. Its filter has the
     map as it is or the mended one, and so has Nav2's AMCL with its defaults. The n-th drives of
@@ -160,6 +162,8 @@ def mend(
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round, or that
         of the first recording.
+    source : MapSource, optional
+        How its pixels were read, see `locplan.maps.read_map`, of which faults are told, too.
     recordings : sequence of Recording, default ()
         Recorded drives on the map, whose poses count as true: those of
         `locplan.recordings.referenced`. Poses that were found on a wrong map hide some of what is
@@ -196,8 +200,10 @@ def mend(
     whole("paths", paths, 1, 1000)
     if recordings and (robot is None or robot.lidar is None):
         robot = recordings[0].robot(robot)
-    robot, found = equipped(robot), faults(grid, check=kept_solidity)
+    robot, found = equipped(robot), faults(grid, source, check=kept_solidity)
     update = update_walls(grid, recordings) if recordings else None
+    if update is not None:
+        found = replace(found, found=(*update.ranges.faults(grid), *found))
     mended, world = _mended(found), grid
     if update is not None:
         mended, world = update.on(mended), update.on(grid)
@@ -232,7 +238,8 @@ def _mended(found: MapFaults) -> OccupancyGrid:
     grid, kinds = found.grid, {each.kind for each in found}
     if "specks" in kinds:
         grid = replace(grid, cells=np.where(found.specks, np.uint8(FREE), grid.cells))
-    return hollowed(grid) if "solid walls" in kinds else grid
+    # Where beams end deep in the walls the truth lies inside, and hollowing may harm.
+    return hollowed(grid) if "solid walls" in kinds and "deep walls" not in kinds else grid
 
 
 def _ways(grid: OccupancyGrid, robot: Robot, count: int, seed: int) -> dict[str, Path]:

@@ -15,7 +15,7 @@ from locplan._util.poses import ends_in_map
 from locplan.errors import RecordingError
 from locplan.field import position_axes
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.recordings import Recording, match_scans
+from locplan.recordings import RangeFit, Recording, match_scans, range_fit
 
 CROSSED, TIMES, HITS = 5, 3, 3
 """Number of scans that see through a wall that is none, in times of those that end there, and of
@@ -48,11 +48,17 @@ class WallUpdate:
     """Share of the beams held out that the map explains, 0..1: they end at walls, and pass none."""
     gain: Interval
     """The mended map's share minus that of the map, with scans held out."""
+    ranges: RangeFit
+    """Factor on the ranges, and depth at which beams end behind the map's surfaces."""
 
     @property
     def is_better(self) -> bool:
-        """True if the mended map explains more of the scans held out, and there is a change."""
-        return self.gain.low > 0 and bool(self.added.any() or self.removed.any())
+        """True if the mended map explains more of the scans held out, and there is a change.
+
+        Nothing is drawn on a map whose resolution is wrong, which explains everything.
+        """
+        changes = self.added.any() or self.removed.any()
+        return self.gain.low > 0 and bool(changes) and not self.ranges.is_scaled
 
     @property
     def sentence(self) -> str:
@@ -91,6 +97,8 @@ class WallUpdate:
             "pose_deviation": self.pose_deviation,
             "explained": self.explained._asdict(),
             "gain": self.gain._asdict(),
+            "range_factor": self.ranges.factor._asdict(),
+            "depth": self.ranges.depth._asdict(),
         }
 
 
@@ -155,6 +163,7 @@ def update_walls(grid: OccupancyGrid, recordings: Sequence[Recording]) -> WallUp
         *(added, removed, near, crossed, deviation),
         mean_interval(before[known], blocks),
         mean_interval(gain[known], blocks),
+        range_fit(grid, recordings),
     )
 
 

@@ -20,6 +20,7 @@ from ._matches import (
 )
 from ._odometry_model import OdometryModel as OdometryModel
 from ._odometry_noise import OdometryNoise as OdometryNoise, odometry_noise as odometry_noise
+from ._range_fit import RangeFit as RangeFit, range_fit as range_fit
 from ._read import read_drive as read_drive, record_drive as record_drive
 from ._recording import Recording as Recording
 from ._reference import referenced as referenced, trajectory_of as trajectory_of

@@ -80,7 +80,7 @@ def scan_noise(
     """
     check_enough(len(recording), len(recording))
     chosen = np.unique(np.linspace(0, len(recording) - 1, 300).round().astype(int))
-    walls = _Walls(grid, recording)
+    walls = SeenWalls(grid, recording)
 
     def compared(some: NDArray[np.int64]) -> list[tuple[float, Floats]]:
         return [walls.compared(scan) for scan in chosen[some].tolist()]
@@ -179,7 +179,7 @@ def _in_runs(short: NDArray[np.bool_]) -> int:
     return int(runs[runs >= 4].sum())
 
 
-class _Walls:
+class SeenWalls:
     """The map's walls, as a recording's lidar would see them."""
 
     def __init__(self, grid: OccupancyGrid, recording: Recording) -> None:
@@ -196,10 +196,10 @@ class _Walls:
     def compared(self, scan: int) -> tuple[float, Floats]:
         """How far a scan was moved to fit best [m], and the map's ranges from there (beams,)."""
         start = self.recording.poses[scan]
-        pose = self._settled(start, self.recording.ranges[scan, :: self.every])
-        return math.dist(pose[:2], start[:2]), self._ranges(pose, self.beams)
+        pose = self.settled(start, self.recording.ranges[scan, :: self.every])
+        return math.dist(pose[:2], start[:2]), self.ranges(pose, self.beams)
 
-    def _settled(self, pose: Floats, measured: NDArray[np.float32]) -> Floats:
+    def settled(self, pose: Floats, measured: NDArray[Any]) -> Floats:
         """The pose near the recorded one from which the map's ranges are most like a scan's.
 
         It moves along x, y and the heading as long as that lessens the mean difference.
@@ -208,7 +208,7 @@ class _Walls:
         measured = measured[seen].astype(np.float64)
 
         def loss(trial: Floats) -> float:
-            difference = np.abs(self._ranges(trial, self.some)[seen] - measured)
+            difference = np.abs(self.ranges(trial, self.some)[seen] - measured)
             return float(np.minimum(difference, FAR).mean()) if len(difference) else 0.0
 
         best = loss(pose)
@@ -225,7 +225,7 @@ class _Walls:
                     break
         return pose
 
-    def _ranges(self, pose: Floats, beams: Any) -> Floats:
+    def ranges(self, pose: Floats, beams: Any) -> Floats:
         """Ranges by the map at a pose in the world, (beams,) [m]; inf where no wall is met."""
         from locplan._kernels.lidar import lever, scan_ends
 
