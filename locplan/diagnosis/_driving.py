@@ -127,15 +127,11 @@ class Driver:
         return Outcome(log_error, lost, at)
 
     def arrivals(self, numbers: range, progress: ProgressCallback | None = None) -> list[Arrivals]:
-        """Drive each trip steered by the filter's pose."""
-        found = []
-        steps = parts(progress, [len(numbers)] * len(self.lines))
-        for (name, path), line, step in zip(
-            self.site.paths.items(), self.lines, steps, strict=True
-        ):
-            part = self._simulator.about([line])
-            found.append(drive_closed(part, {name: path}, numbers, progress=step)[name])
-        return found
+        """Drive each trip steered by the filter's pose; none with a car, which is not steered."""
+        if self.site.robot.kinematics.drive == "car-like":
+            return [Arrivals(())] * len(self.site.paths)
+        found = drive_closed(self._simulator, self.site.paths, numbers, progress=progress)
+        return [*found.values()]
 
 
 class Contrast(NamedTuple):
@@ -164,6 +160,11 @@ def contrast(before: Outcome, after: Outcome) -> Contrast:
     elif sure_gain.high < 0 or (sure_ratio.low > 1 and gain.value <= 0):
         verdict = WORSE
     return Contrast(gain, ratio, verdict, float(apart.mean()) - gain.value)
+
+
+def keeps_more(verdict: str, gain: Interval) -> bool:
+    """Whether a cure clearly keeps drives from getting lost, and does not lower errors alone."""
+    return verdict == BETTER and gain.low > 0
 
 
 def _ratio(mean: float, half: float) -> Interval:
