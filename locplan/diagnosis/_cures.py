@@ -26,9 +26,8 @@ POLES = 3
 """Number of poles that are placed where nothing else helps enough."""
 ALPHAS = (0.05, 0.1, 0.2)
 """Noise of odometry of the settings that are tried, each with both laser models."""
-WALLS, MEND, REACH, SETTINGS, PATHS, LANDMARKS = (
-    *("walls", "map", "range", "settings", "paths", "landmarks"),
-)
+WALLS, MEND, REACH = "walls", "map", "range"
+SETTINGS, PATHS, LANDMARKS = "settings", "paths", "landmarks"
 """The kinds of cures."""
 
 

@@ -25,6 +25,8 @@ from locplan.simulation import LOST, write_tuned
 
 SELDOM = 0.01
 """Share of lost drives that nothing is done about, as long as it is not surely larger."""
+MISSED = 0.03
+"""The same of drives that do not arrive, which may have other reasons, too."""
 LARGE = 0.25
 """Error of a typical drive from which on it is lowered though drives are seldom lost [m]."""
 NOTHING = Interval(math.nan, math.nan, math.nan)
@@ -56,6 +58,11 @@ class Rates:
         """The figures, fit for JSON."""
         named = {name: list(getattr(self, name)) for name in ("lost", "error", "arrives")}
         return {"drives": self.drives, **named}
+
+
+def keeps_place(rates: Rates) -> bool:
+    """Whether drives are seldom lost, and seldom do not arrive."""
+    return is_seldom(rates.lost) and not rates.arrives.high < 1 - MISSED
 
 
 @dataclass(frozen=True, repr=False)
@@ -160,7 +167,7 @@ class Check(Result):
     @property
     def is_fine(self) -> bool:
         """Whether drives are lost so seldom that there is nothing to do."""
-        return is_seldom(self.as_is.lost) and not self.recommended
+        return keeps_place(self.as_is) and not self.recommended
 
     @property
     def is_by_error(self) -> bool:
@@ -291,8 +298,8 @@ def is_better(cure: Cure) -> bool:
 def helps(cure: Cure, before: Rates) -> bool:
     """Whether a cure is worth being recommended.
 
-    A lower error alone is, of a cheap cure. Where drives are seldom lost nothing is, unless the
-    error is large, or walls are not read, which planners drive through, too.
+    A lower error alone is, of a cheap cure. Where the robot keeps its place nothing is, unless
+    the error is large, or walls are not read, which planners drive through, too.
 
     Parameters
     ----------
@@ -301,7 +308,7 @@ def helps(cure: Cure, before: Rates) -> bool:
     before : Rates
         Drives as it is.
     """
-    if is_seldom(before.lost) and before.error.value < LARGE and cure.kind != WALLS:
+    if keeps_place(before) and before.error.value < LARGE and cure.kind != WALLS:
         return False
     return keeps_more(cure.verdict, cure.gain) or (is_better(cure) and cure.kind in CHEAP)
 

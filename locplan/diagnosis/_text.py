@@ -13,7 +13,7 @@ from locplan._util.tables import REPORT_WIDTH
 from locplan.diagnosis._cures import LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
 from locplan.diagnosis._driving import NO_DIFFERENCE, STOPPED, WORSE
 from locplan.diagnosis._in_short import share
-from locplan.diagnosis._result import CHEAP, Check, Cure, Rates, is_better, is_seldom
+from locplan.diagnosis._result import CHEAP, Check, Cure, Rates, is_better, is_seldom, keeps_place
 from locplan.simulation import LOST
 
 SHOWN = {"spots": 3, "trips": 3, "cures": 4}
@@ -40,7 +40,7 @@ def verdict(check: Check) -> str:
     )
     if check.is_fine:
         return f"The robot keeps its place: {said}."
-    if is_seldom(rates.lost):
+    if keeps_place(rates):
         return f"The robot keeps its place, but its error can be lowered: {said}."
     if not check.recommended:
         return f"The robot gets lost, and nothing that was tried clearly helps: {said}."

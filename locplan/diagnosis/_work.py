@@ -107,7 +107,8 @@ class Work:
             )
             for (name, path), each, *own in rows
         )
-        return _rates(found, arrivals), trips
+        self._as_is = _rates(found, arrivals)
+        return self._as_is, trips
 
     def cures(self, found: MapFaults, costs: Costmap, progress: ProgressCallback) -> list[Cure]:
         """Try the cures that suit, each as far as it leads."""
@@ -148,9 +149,8 @@ class Work:
 
     def together(self, tried: list[Cure], progress: ProgressCallback) -> tuple[Rates, Rates]:
         """What is to be done together, and fresh drives without and with it."""
-        as_is = _rates(self._before)
         fresh = cures.driver_of(self.seed, self.threads, self._fresh)
-        order = [each.kind for each in ranked(tried) if helps(each, as_is)]
+        order = [each.kind for each in ranked(tried) if helps(each, self._as_is)]
         before = after = self._before
         if order:
             self.taken, before, after = cures.combined(self.remedies, order, self.site, fresh)
