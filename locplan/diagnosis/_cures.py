@@ -29,6 +29,10 @@ ALPHAS = (0.05, 0.1, 0.2)
 WALLS, MEND, REACH = "walls", "map", "range"
 SETTINGS, PATHS, LANDMARKS = "settings", "paths", "landmarks"
 """The kinds of cures."""
+CHEAP = WALLS, MEND, REACH, SETTINGS
+"""Kinds that take a file or a parameter, and neither metres nor objects."""
+KINDS = (*CHEAP, PATHS, LANDMARKS)
+"""All kinds, by effort; those that mend what is wrong come before those that make up for it."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,17 @@ from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import file_name, finite, write_rows
 from locplan.costs import Path
-from locplan.diagnosis._cures import LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS, rewritten
+from locplan.diagnosis._cures import (
+    CHEAP,
+    KINDS,
+    LANDMARKS,
+    MEND,
+    PATHS,
+    REACH,
+    SETTINGS,
+    WALLS,
+    rewritten,
+)
 from locplan.diagnosis._driving import BETTER, STOPPED, Site, keeps_more
 from locplan.diagnosis._weak_spots import WeakSpot
 from locplan.export import write_filter_map
@@ -30,10 +40,6 @@ MISSED = 0.03
 LARGE = 0.25
 """Error of a typical drive from which on it is lowered though drives are seldom lost [m]."""
 NOTHING = Interval(math.nan, math.nan, math.nan)
-CHEAP = WALLS, MEND, REACH, SETTINGS
-"""Kinds of cures that take a file or a parameter, and neither metres nor objects."""
-KINDS = (*CHEAP, PATHS, LANDMARKS)
-"""All kinds, by effort; those that mend what is wrong come before those that make up for it."""
 
 
 def is_seldom(lost: Interval) -> bool:

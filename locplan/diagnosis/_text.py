@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 from locplan._util.intervals import in_metres
 from locplan._util.records import Column, Table
 from locplan._util.tables import REPORT_WIDTH
-from locplan.diagnosis._cures import LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
+from locplan.diagnosis._cures import CHEAP, LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
 from locplan.diagnosis._driving import NO_DIFFERENCE, STOPPED, WORSE
 from locplan.diagnosis._in_short import share
-from locplan.diagnosis._result import CHEAP, Check, Cure, Rates, is_better, is_seldom, keeps_place
+from locplan.diagnosis._result import Check, Cure, Rates, is_better, is_seldom, keeps_place
 from locplan.simulation import LOST
 
 SHOWN = {"spots": 3, "trips": 3, "cures": 4}
@@ -34,9 +34,11 @@ class Action(NamedTuple):
 def verdict(check: Check) -> str:
     """What there is to say first."""
     rates, few = check.as_is, check.as_is.drives
+    known = rates.arrives.value >= 0  # not of cars, which are not steered
+    arrive = share(rates.arrives) if known else "it is not known how many"
     said = (
         f"{share(rates.lost)} of {few} simulated drives are off by over {LOST:g} m at some time;"
-        f" {share(rates.arrives)} arrive where they should"
+        f" {arrive} arrive where they should"
     )
     if check.is_fine:
         return f"The robot keeps its place: {said}."
