@@ -1,7 +1,9 @@
 """The check: weak spots, trips, cures that are driven, and the one thing to do next."""
 
+import dataclasses
 import json
 import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -66,6 +68,23 @@ def test_solid_walls_are_cured_by_the_mended_map_and_fresh_drives_agree(solid):
     assert solid.cured.world is solid.site.world
 
 
+def test_a_cure_that_takes_a_file_comes_before_others_that_lose_as_few(solid):
+    map_alone = solid.cures[0]
+    assert map_alone.kind == "map"
+    for each in solid.cures[1:]:
+        assert each.rates.lost.low <= map_alone.rates.lost.high or each.gain.low > 0
+    assert solid.recommended == ("map",)  # the settings would lower the error alone
+
+
+@pytest.mark.parametrize("alphas", [0.05, 0.5])
+def test_a_lower_error_alone_is_an_option_where_it_is_small(alphas):
+    robot = ROBOT.changed({name: alphas for name in TUNED if name.startswith("alpha")})
+    found = check(room(), robot, CORNERS, effort="quick")
+    assert found.recommended == ()
+    assert any(each.verdict == "clearly better" for each in found.cures) == (alphas == 0.5)
+    assert ("would lower the usual error" in found.report()) == (alphas == 0.5)
+
+
 def test_settings_that_scatter_particles_are_cured_by_settings(two_corridors_at_its_worst):
     found = two_corridors_at_its_worst
     assert found.recommended == ("settings",)
@@ -78,6 +97,26 @@ def two_corridors_at_its_worst():
     grid = environments.make("two_corridors", resolution=0.1)
     robot = ROBOT.changed({name: 2.0 for name in TUNED if name.startswith("alpha")})
     return check(grid, robot, effort="quick")
+
+
+def test_every_trip_that_loses_drives_says_where(solid):
+    losing = [each for each in solid.trips if each.rates.lost.value]
+    assert losing
+    for each in losing:
+        assert re.fullmatch(r"[A-Z](, [A-Z])*|-?[\d.]+,-?[\d.]+", each.lost_near)
+
+
+def test_an_area_without_walls_in_reach_is_cut_into_parts_beside_the_trips():
+    cells = np.full((300, 300), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    hall = OccupancyGrid(cells, 0.1, name="hall")
+    found = check(hall, ROBOT, [((3.0, 15.0), (27.0, 15.0))], effort="quick")
+    wide = [each for each in found.spots if each.missing == "few walls within 6 m"]
+    assert len(wide) >= 2
+    for spot in wide:
+        assert math.hypot(spot.length, spot.width) <= math.hypot(12.5, 12.5)
+        assert abs(spot.y - 15) < 4
+        assert spot.trips
 
 
 def test_weak_spots_are_long_corridors_along_which_no_feature_is(two_corridors_at_its_worst):
@@ -159,6 +198,22 @@ def test_the_files_of_the_cures_are_written_and_named(solid, tmp_path):
     assert about["recommended"] == list(solid.recommended)
     assert about["next"]["command"]
     assert str(tmp_path) in solid.report(tmp_path)
+
+
+def test_the_commands_put_all_that_is_recommended_in_force(two_corridors_at_its_worst, tmp_path):
+    params = tmp_path / "mine.yaml"
+    params.write_text("amcl: {ros__parameters: {alpha1: 2.0, laser_max_range: 6.0}}\n")
+    save_map(room(), tmp_path / "lab.yaml")
+    source = locplan.maps.read_map(tmp_path / "lab.yaml")[1]
+    found = dataclasses.replace(two_corridors_at_its_worst, source=source)
+    whole = found.summary(tmp_path / "out", params)["next"]
+    assert whole["command"] == (
+        f"ros2 launch nav2_bringup bringup_launch.py map:={tmp_path}/lab.yaml"
+        f" params_file:={tmp_path}/out/nav2_params.yaml"
+    )
+    section = found.summary(tmp_path / "out")["next"]  # of amcl alone: Nav2 cannot start with it
+    assert section["command"] == ""
+    assert "under amcl" in section["files"]["nav2_params.yaml"]
 
 
 def test_masks_stations_in_walls_and_unknown_efforts_are_refused(tmp_path):

@@ -11,7 +11,7 @@ from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap
 from locplan.diagnosis import _cures as cures, _in_short as in_short
 from locplan.diagnosis._driving import Site
-from locplan.diagnosis._result import Check, is_better
+from locplan.diagnosis._result import Check, is_better, ranked
 from locplan.diagnosis._trips import Stations, trips_of
 from locplan.diagnosis._weak_spots import WeakSpot, weak_spots
 from locplan.diagnosis._work import EFFORTS, Work
@@ -24,6 +24,8 @@ from locplan.twins import PLACE_SPACING, find_twins
 
 SHARES = {"field": 200, "as it is": 150, "cures": 450, "together": 200}
 """Share of the work of each stage, in thousandths."""
+ALIKE = 0.9
+"""Share of look-alike places from which on no scan tells where the robot was put."""
 
 
 def check(
@@ -128,7 +130,7 @@ def check(
         spots=spots,
         trips=trips,
         as_is=as_is,
-        cures=tuple(work.sorted(tried)),
+        cures=tuple(ranked(tried)),
         recommended=work.taken,
         before=before,
         after=after,
@@ -149,9 +151,12 @@ def _start(world: OccupancyGrid, robot: Robot, effort: str, threads: int | None)
     if effort == "quick":
         return ""
     found = find_twins(world, robot, spacing=2 * PLACE_SPACING, threads=threads)
-    if not found.best_starts(1):
-        return "start: no place was found that looks like no other; name the pose at the start"
-    (best,) = found.best_starts(1)
+    best = next(iter(found.best_starts(1)), None)
+    if best is None or found.share >= ALIKE:
+        return (
+            f"start: {found.share:.0%} of the places look like another one to a single scan, so"
+            " global localization cannot work: set the pose"
+        )
     return (
         f"start: {found.share:.0%} of the places look like another one to a single scan; unlike any"
         f" other looks {best.x:.1f},{best.y:.1f}"

@@ -14,7 +14,7 @@ import numpy as np
 
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import Costmap, Path
-from locplan.diagnosis._driving import BETTER, Driver, Outcome, Site, contrast
+from locplan.diagnosis._driving import Driver, Outcome, Site, contrast, keeps_more
 from locplan.errors import ConfigError
 from locplan.landmarks import Landmarks, Pole, place_landmarks, with_objects
 from locplan.maps import MapFaults, MapSource, OccupancyGrid, read_map
@@ -26,10 +26,13 @@ POLES = 3
 """Number of poles that are placed where nothing else helps enough."""
 ALPHAS = (0.05, 0.1, 0.2)
 """Noise of odometry of the settings that are tried, each with both laser models."""
-WALLS, MEND, REACH, SETTINGS, PATHS, LANDMARKS = (
-    *("walls", "map", "range", "settings", "paths", "landmarks"),
-)
+WALLS, MEND, REACH = "walls", "map", "range"
+SETTINGS, PATHS, LANDMARKS = "settings", "paths", "landmarks"
 """The kinds of cures."""
+CHEAP = WALLS, MEND, REACH, SETTINGS
+"""Kinds that take a file or a parameter, and neither metres nor objects."""
+KINDS = (*CHEAP, PATHS, LANDMARKS)
+"""All kinds, by effort; those that mend what is wrong come before those that make up for it."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +181,7 @@ def chosen_paths(
     seed, threads, progress
         See `locplan.choose`.
     """
-    worst = [name for name, lost in zip(site.paths, few.lost.any(axis=1), strict=True) if lost]
+    worst = [name for name, lost in zip(site.paths, few.lost, strict=True) if lost.any()]
     found: dict[str, Path] = {}
     own = None if site.filter_map is site.world else site.filter_map
     for name, step in zip(worst, parts(progress, [100] * len(worst)), strict=True):
@@ -265,7 +268,8 @@ def combined(
     after = drive(joined(tried, taken, site))
     for kind in order[1:]:
         more = drive(joined(tried, (*taken, kind), site))
-        if contrast(after, more).verdict == BETTER:
+        said = contrast(after, more)
+        if keeps_more(said.verdict, said.gain):  # a second is worth no lower error alone
             taken, after = (*taken, kind), more
     return taken, before, after
 

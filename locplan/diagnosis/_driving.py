@@ -128,12 +128,8 @@ class Driver:
 
     def arrivals(self, numbers: range, progress: ProgressCallback | None = None) -> list[Arrivals]:
         """Drive each trip steered by the filter's pose."""
-        found = []
-        steps = parts(progress, [len(numbers)] * len(self.lines))
-        for (name, path), step in zip(self.site.paths.items(), steps, strict=True):
-            made = drive_closed(self._simulator, {name: path}, numbers, progress=step)
-            found.append(made[name])
-        return found
+        found = drive_closed(self._simulator, self.site.paths, numbers, progress=progress)
+        return [*found.values()]
 
 
 class Contrast(NamedTuple):
@@ -162,6 +158,11 @@ def contrast(before: Outcome, after: Outcome) -> Contrast:
     elif sure_gain.high < 0 or (sure_ratio.low > 1 and gain.value <= 0):
         verdict = WORSE
     return Contrast(gain, ratio, verdict, float(apart.mean()) - gain.value)
+
+
+def keeps_more(verdict: str, gain: Interval) -> bool:
+    """Whether a cure clearly keeps drives from getting lost, and does not lower errors alone."""
+    return verdict == BETTER and gain.low > 0
 
 
 def _ratio(mean: float, half: float) -> Interval:

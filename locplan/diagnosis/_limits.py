@@ -112,7 +112,8 @@ def write_junit(file: Path, check: Check, limits: Sequence[Limit]) -> None:
     """
     failed = [each for each in limits if each.fails(check)]
     counts = {"tests": f"{len(limits)}", "failures": f"{len(failed)}", "errors": "0"}
-    suite = ElementTree.Element("testsuite", name=f"locplan check {check.grid.name}", **counts)
+    about = {"name": f"locplan check {check.grid.name}", **counts}
+    suite = ElementTree.Element("testsuite", about)
     for each in limits:
         case = ElementTree.SubElement(suite, "testcase", classname="locplan", name=each.text)
         if each in failed:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,11 +12,10 @@ import numpy as np
 from locplan._util.files import replacing
 from locplan._util.intervals import Interval
 from locplan._util.public import templates_of
-from locplan._util.records import Table
 from locplan.diagnosis._figures import OFTEN
 from locplan.diagnosis._in_short import share
 from locplan.diagnosis._result import Check
-from locplan.diagnosis._text import next_action, verdict
+from locplan.diagnosis._text import next_action, said, verdict
 from locplan.maps import OccupancyGrid
 from locplan.plotting import shrunk
 
@@ -69,13 +67,7 @@ def bar(rate: Interval) -> dict[str, float]:
     return {"value": value, "low": low, "width": high - low}
 
 
-def rows_of(table: Table) -> Sequence[Sequence[str]]:
-    """A table for people: its heads, and then its rows."""
-    heads, *rows = zip(*table.turned(), strict=True)
-    return [heads, *rows]
-
-
-def write_report(path: Path, check: Check, folder: Path | None) -> None:
+def write_report(path: Path, check: Check, *about: Any) -> None:
     """Write the report, whole or not at all.
 
     Parameters
@@ -84,15 +76,15 @@ def write_report(path: Path, check: Check, folder: Path | None) -> None:
         The file.
     check : Check
         The check; its names may hold any text.
-    folder : Path or None
-        The folder that the files of the cures are in.
+    *about
+        The folder of the files and the user's parameters, see `next_action`.
     """
     environment = templates_of("locplan.diagnosis", autoescape=True, lstrip_blocks=True)
-    environment.filters |= {"share": share, "bar": bar, "rows": rows_of}
+    environment.filters |= {"share": share, "bar": bar, "said": said}
     text = environment.get_template("report.html").render(
         check=check,
         verdict=verdict(check),
-        action=next_action(check, folder),
+        action=next_action(check, *about),
         drawing=Drawing.of(check.site.world),
         often=OFTEN,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path as Folder
@@ -15,22 +15,36 @@ from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import file_name, finite, write_rows
 from locplan.costs import Path
-from locplan.diagnosis._cures import LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS, rewritten
-from locplan.diagnosis._driving import BETTER, Site
+from locplan.diagnosis._cures import (
+    CHEAP,
+    KINDS,
+    LANDMARKS,
+    MEND,
+    PATHS,
+    REACH,
+    SETTINGS,
+    WALLS,
+    rewritten,
+)
+from locplan.diagnosis._driving import BETTER, STOPPED, Site, keeps_more
 from locplan.diagnosis._weak_spots import WeakSpot
 from locplan.export import write_filter_map
 from locplan.landmarks import Landmarks
 from locplan.maps import MapFaults, MapSource, OccupancyGrid, save_map
 from locplan.simulation import LOST, write_tuned
 
-SMALL = 0.05
-"""Upper end of the share of lost drives up to which there is nothing to do."""
+SELDOM = 0.01
+"""Share of lost drives that nothing is done about, as long as it is not surely larger."""
+MISSED = 0.03
+"""The same of drives that do not arrive, which may have other reasons, too."""
+LARGE = 0.25
+"""Error of a typical drive from which on it is lowered though drives are seldom lost [m]."""
 NOTHING = Interval(math.nan, math.nan, math.nan)
 
 
-def fine(lost: Interval) -> bool:
-    """Whether so few drives are lost that there is nothing to do: none of a few, or surely few."""
-    return lost.value == 0 or lost.high <= SMALL
+def is_seldom(lost: Interval) -> bool:
+    """Whether drives are not surely lost more often than there is something to do about."""
+    return lost.low <= SELDOM
 
 
 @dataclass(frozen=True)
@@ -50,6 +64,11 @@ class Rates:
         """The figures, fit for JSON."""
         named = {name: list(getattr(self, name)) for name in ("lost", "error", "arrives")}
         return {"drives": self.drives, **named}
+
+
+def keeps_place(rates: Rates) -> bool:
+    """Whether drives are seldom lost, and seldom do not arrive."""
+    return is_seldom(rates.lost) and not rates.arrives.high < 1 - MISSED
 
 
 @dataclass(frozen=True, repr=False)
@@ -153,8 +172,8 @@ class Check(Result):
 
     @property
     def is_fine(self) -> bool:
-        """Whether so few drives are lost that there is nothing to do."""
-        return fine(self.as_is.lost)
+        """Whether drives are lost so seldom that there is nothing to do."""
+        return keeps_place(self.as_is) and not self.recommended
 
     @property
     def is_by_error(self) -> bool:
@@ -225,14 +244,21 @@ class Check(Result):
             }
         )
 
-    def written(self) -> dict[str, str]:
-        """The files of the recommended cures, and what to do with each."""
+    def written(self, params: Folder | None = None) -> dict[str, str]:
+        """The files of the recommended cures, and what to do with each.
+
+        Parameters
+        ----------
+        params : path, optional
+            The user's parameters of Nav2, of which a copy is changed.
+        """
+        values = "your parameters, changed" if params else "put its lines under amcl in yours"
         about = {
             WALLS: {"map.yaml": "the map for all of Nav2, with the right threshold"},
-            MEND: {"map_amcl.yaml": "the map for AMCL alone; README.md says how"},
-            REACH: {"nav2_params.yaml": "the parameters for Nav2"},
-            SETTINGS: {"nav2_params.yaml": "the parameters for Nav2"},
-            PATHS: dict.fromkeys(self.changed_paths, "the path of a trip"),
+            MEND: {"map_amcl.yaml": "for AMCL alone: put amcl.yaml's line under amcl in yours"},
+            REACH: {"nav2_params.yaml": values},
+            SETTINGS: {"nav2_params.yaml": values},
+            PATHS: dict.fromkeys(self.changed_paths, "the path of a trip, to follow or to export"),
             LANDMARKS: {"landmarks.csv": "where each pole goes"},
         }
         return {file: text for kind in self.recommended for file, text in about[kind].items()}
@@ -245,7 +271,7 @@ class Check(Result):
         return {f"{file_name(name)}.csv": path for name, path in new.items()}
 
     def _write(self, folder: Folder, *about: Any) -> None:
-        target, params = (*about, None, None)[:2]
+        params = (*about, None, None)[1]
         self.table().write_csv(folder / "check.csv")
         if {REACH, SETTINGS} & {*self.recommended}:
             write_tuned(folder / "nav2_params.yaml", self.cured.robot.amcl, params)
@@ -260,7 +286,7 @@ class Check(Result):
         if PATHS in self.recommended:
             for name, path in self.changed_paths.items():
                 path.save(folder / name)
-        called("locplan.diagnosis._report:write_report", folder / "report.html", self, target)
+        called("locplan.diagnosis._report:write_report", folder / "report.html", self, *about)
 
 
 SPOT = (
@@ -273,3 +299,42 @@ SPOT = (
 def is_better(cure: Cure) -> bool:
     """Whether a cure is clearly better than what is there."""
     return cure.verdict == BETTER
+
+
+def helps(cure: Cure, before: Rates) -> bool:
+    """Whether a cure is worth being recommended.
+
+    A lower error alone is, of a cheap cure. Where the robot keeps its place nothing is, unless
+    the error is large, or walls are not read, which planners drive through, too.
+
+    Parameters
+    ----------
+    cure : Cure
+        The cure.
+    before : Rates
+        Drives as it is.
+    """
+    if keeps_place(before) and before.error.value < LARGE and cure.kind != WALLS:
+        return False
+    return keeps_more(cure.verdict, cure.gain) or (is_better(cure) and cure.kind in CHEAP)
+
+
+def ranked(cures: Sequence[Cure]) -> list[Cure]:
+    """The cures, the best first: of those that keep as many drives as the best, the cheapest.
+
+    Parameters
+    ----------
+    cures : sequence of Cure
+        The cures; those that were stopped come last.
+    """
+    keeping = [each for each in cures if keeps_more(each.verdict, each.gain)]
+    least = min((each.rates.lost for each in keeping or filter(is_better, cures)), default=NOTHING)
+
+    def key(cure: Cure) -> tuple[bool, bool, bool, float, float]:
+        better = is_better(cure)
+        as_good = better and cure.rates.lost.value <= least.high
+        others = better and bool(keeping) and cure not in keeping
+        order = float(KINDS.index(cure.kind)) if as_good else cure.rates.lost.value
+        return cure.verdict == STOPPED, not better, others or not as_good, order, cure.ratio.value
+
+    return sorted(cures, key=key)

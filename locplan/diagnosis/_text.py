@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 from locplan._util.intervals import in_metres
 from locplan._util.records import Column, Table
 from locplan._util.tables import REPORT_WIDTH
-from locplan.diagnosis._cures import LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
-from locplan.diagnosis._driving import BETTER, NO_DIFFERENCE, STOPPED, WORSE
+from locplan.diagnosis._cures import CHEAP, LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
+from locplan.diagnosis._driving import NO_DIFFERENCE, STOPPED, WORSE
 from locplan.diagnosis._in_short import share
-from locplan.diagnosis._result import SMALL, Check, Cure, Rates
+from locplan.diagnosis._result import Check, Cure, Rates, is_better, is_seldom, keeps_place
 from locplan.simulation import LOST
 
 SHOWN = {"spots": 3, "trips": 3, "cures": 4}
@@ -40,14 +40,18 @@ def verdict(check: Check) -> str:
     )
     if check.is_fine:
         return f"The robot keeps its place: {said}."
+    if keeps_place(rates):
+        return f"The robot keeps its place, but its error can be lowered: {said}."
     if not check.recommended:
         return f"The robot gets lost, and nothing that was tried clearly helps: {said}."
     if check.is_by_error:
-        return f"The robot is lost at times, and its error can be lowered: {said}."
+        return f"The robot gets lost, and its error can be lowered: {said}."
     return f"The robot gets lost, and it can be cured: {said}."
 
 
-def next_action(check: Check, folder: Folder | None = None, *_: Any) -> Action:
+def next_action(
+    check: Check, folder: Folder | None = None, params: Folder | None = None, *_: Any
+) -> Action:
     """The one thing to do next.
 
     Parameters
@@ -56,12 +60,15 @@ def next_action(check: Check, folder: Folder | None = None, *_: Any) -> Action:
         The check.
     folder : path, optional
         The folder that its files are in.
+    params : path, optional
+        The user's parameters of Nav2, of which a copy was changed; else only a section is written.
     """
     if check.is_fine:
-        best = next((each for each in check.cures if each.verdict == BETTER), None)
+        cheap = (each for each in check.cures if is_better(each) and each.kind in CHEAP)
+        best = next(cheap, None)
         more = f" ({_would(best, check.as_is)})" if best else ""
         return Action(f"Nothing to do{more}.", "", {})
-    map_file = shlex.quote(check.source.file) if check.source else "MAP"
+    map_file = shlex.quote(str(Folder(check.source.file).resolve())) if check.source else "MAP"
     if not check.recommended:
         return Action(
             "None of the cures is clearly better. Record a drive, and see whether the map and the"
@@ -76,12 +83,12 @@ def next_action(check: Check, folder: Folder | None = None, *_: Any) -> Action:
         errors = " -> ".join(in_metres(each.error.value) for each in (before, after))
         gains = f"the usual error {errors}, {gains}"
     gains += f", arrive {share(before.arrives)} -> {share(after.arrives)}"
-    left = " Some drives still get lost." if check.after.lost.low > SMALL else ""
+    left = " Some drives still get lost." if not is_seldom(check.after.lost) else ""
     sentence = f"{doing[:1].upper()}{doing[1:]}: {gains}.{left}"
-    files = check.written()
+    files = check.written(params)
     if folder is None:
         return Action(sentence, "the same command with -o FOLDER writes the files for it", files)
-    return Action(sentence, _command(check, folder, map_file), files)
+    return Action(sentence, _commands(check, folder, map_file, params), files)
 
 
 DO = {
@@ -105,24 +112,31 @@ def _would(cure: Cure, before: Rates) -> str:
     return f"{cure.title} would lower the usual error from {error}"
 
 
-def _command(check: Check, folder: Folder, map_file: str) -> str:
-    """The command that puts the first of the cures in force."""
-    kind, own = check.recommended[0], shlex.quote(str(folder))
-    bringup = "ros2 launch nav2_bringup bringup_launch.py"
-    if kind == PATHS:
-        first = next(iter(check.changed_paths))
-        path = shlex.quote(str(folder / first))
-        return f"locplan export {map_file} --to nav2-routes --path {path} -o {own}/routes"
-    return {
-        WALLS: f"{bringup} map:={own}/map.yaml",
-        MEND: f"ros2 launch {own}/localizability.launch.xml",
-        REACH: f"{bringup} map:={map_file} params_file:={own}/nav2_params.yaml",
-        SETTINGS: f"{bringup} map:={map_file} params_file:={own}/nav2_params.yaml",
-        LANDMARKS: f"locplan check {own}/map_with_landmarks.yaml",
-    }[kind]
+def _commands(check: Check, folder: Folder, map_file: str, params: Folder | None) -> str:
+    """Commands that put what is recommended in force, a line each."""
+    taken, own = {*check.recommended}, folder.resolve()
+
+    def file(name: str) -> str:
+        return shlex.quote(str(own / name))
+
+    lines = []
+    if MEND in taken:  # before AMCL, which waits for its map
+        lines.append(f"ros2 launch {file('localizability.launch.xml')}")
+    if {WALLS, LANDMARKS} & taken:
+        map_file = file("map_with_landmarks.yaml" if LANDMARKS in taken else "map.yaml")
+    arguments = [f"map:={map_file}"]
+    is_whole = params is not None and {REACH, SETTINGS} & taken
+    if is_whole:
+        arguments.append(f"params_file:={file('nav2_params.yaml')}")
+    if is_whole or {WALLS, LANDMARKS} & taken:
+        lines.append(f"ros2 launch nav2_bringup bringup_launch.py {' '.join(arguments)}")
+    if PATHS in taken:
+        paths = " ".join(f"--path {file(name)}" for name in check.changed_paths)
+        lines.append(f"locplan export {map_file} --to nav2-routes {paths} -o {file('routes')}")
+    return "\n".join(lines)
 
 
-def check_report(check: Check, folder: Folder | None = None, *_: Any) -> str:
+def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str:
     """The check in at most 25 lines.
 
     Parameters
@@ -131,9 +145,11 @@ def check_report(check: Check, folder: Folder | None = None, *_: Any) -> str:
         The check.
     folder : path, optional
         The folder that its files are in.
+    *about
+        See `next_action`.
     """
-    action = next_action(check, folder)
-    last = [*_filled(f"Next: {action.sentence}"), *([f"  {action.command}"] * bool(action.command))]
+    action = next_action(check, folder, *about)
+    last = [*_filled(f"Next: {action.sentence}"), *_indented(action.command)]
     if action.files:
         last.append("  " + "; ".join(f"{name}: {text}" for name, text in action.files.items()))
     robot = f"{check.site.robot.title}{' (assumed: name yours)' if check.assumed else ''}"
@@ -150,6 +166,10 @@ def check_report(check: Check, folder: Folder | None = None, *_: Any) -> str:
             *last,
         ]
     )
+
+
+def _indented(text: str) -> list[str]:
+    return [f"  {line}" for line in text.splitlines()]
 
 
 def _filled(text: str) -> list[str]:
@@ -192,9 +212,6 @@ def _cures(check: Check) -> list[str]:
     """The cures that were tried."""
     before = f"{100 * check.as_is.lost.value:.0f} -> "
 
-    def lost(each: Cure) -> str:
-        return before + share(each.rates.lost)
-
     columns = (
         Column("title", title="cure", value=lambda each: _short(each.title, 28)),
         Column(
@@ -203,14 +220,21 @@ def _cures(check: Check) -> list[str]:
             value=lambda each: before + share(each.rates.lost),
         ),
         Column("arrives", title="arrives", value=lambda each: share(each.rates.arrives)),
-        Column("verdict", title="", value=lambda each: SAID[each.verdict]),
+        Column("verdict", title="", value=said),
     )
     few = check.cures[: SHOWN["cures"]]
     return _lines(Table.of(columns, few)) if few else ["no cure suits: nothing was tried"]
 
 
-SAID = {BETTER: "better", NO_DIFFERENCE: "no better", WORSE: "worse", STOPPED: "no better"}
+SAID = {NO_DIFFERENCE: "no better", WORSE: "worse", STOPPED: "no better"}
 """Verdicts in few words."""
+
+
+def said(cure: Cure) -> str:
+    """The verdict on a cure in few words; of one that lowers the error alone by how much."""
+    if not is_better(cure):
+        return SAID[cure.verdict]
+    return "better" if cure.gain.low > 0 else f"error {cure.ratio.value - 1:+.0%}"
 
 
 def _lines(table: Table) -> list[str]:

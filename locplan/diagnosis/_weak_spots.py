@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from string import ascii_uppercase
+from typing import Any
 
 import numpy as np
 
@@ -15,8 +16,12 @@ from locplan.export import DegenerateArea, degenerate_areas
 from locplan.field import CovarianceField
 from locplan.maps import OCCUPIED, OccupancyGrid
 
-LISTED = 8
+LISTED = 5
 """Maximum number of weak spots."""
+WIDE, LONG = 6.0, 12.0
+"""Width and length of an area from which on it is cut into parts of at most this length [m]."""
+PIXEL, SMALLEST = 0.25, 4.0
+"""Side of the pixels that areas are cut by [m], and minimum area of a part [m^2]."""
 THRESHOLDS = (None, 0.6, 0.7, 0.8, 0.9)
 """Minimum u of a spot's cells; the next one where an area takes too much of the map."""
 TOO_LARGE = 0.25
@@ -97,7 +102,9 @@ def weak_spots(
     paths : mapping of str to Path
         The trips by name.
     """
-    spots = [_spot(area, costs.grid, reach, paths) for area in _areas(costs, field)]
+    lines = {name: points_of(path) for name, path in paths.items()}
+    every = [part for area in _areas(costs, field) for part in _cut(area, lines)]
+    spots = [_spot(area, costs.grid, reach, lines) for area in every]
     spots.sort(key=lambda each: (-len(each.trips), -each.position_std * each.length))
     named = zip(ascii_uppercase, spots[:LISTED], strict=False)
     return tuple(replace(each, letter=letter) for letter, each in named)
@@ -116,27 +123,83 @@ def _areas(costs: Costmap, field: CovarianceField) -> tuple[DegenerateArea, ...]
     return found
 
 
+def _extents(area: DegenerateArea) -> tuple[float, float]:
+    """Extents of an area along and across its direction [m]."""
+    along = np.array([math.cos(area.direction), math.sin(area.direction)])
+    length, width = (np.ptp(area.outline @ way) for way in (along, along[::-1] * [-1, 1]))
+    return float(length), float(width)
+
+
+def _cut(area: DegenerateArea, lines: Mapping[str, Floats]) -> list[DegenerateArea]:
+    """An area; of one that is wide and long the parts of it, near trips where there are any."""
+    import cv2
+
+    extents = _extents(area)
+    if min(extents) < WIDE or max(extents) < LONG:
+        return [area]
+    lowest = area.outline.min(axis=0) - PIXEL
+    size = np.ceil(np.ptp(area.outline, axis=0) / PIXEL).astype(int) + 3
+    mask, near = np.zeros((2, *size[::-1]), np.uint8)
+
+    def pixels(xy: Floats) -> Any:
+        return np.rint((xy - lowest) / PIXEL).astype(np.int32)
+
+    cv2.fillPoly(mask, [pixels(each) for each in (area.outline, *area.holes)], 1)
+    cv2.polylines(near, [pixels(each) for each in lines.values()], False, 1, int(WIDE / PIXEL))
+    if (mask & near).any():
+        mask &= near
+    rows, cols = (
+        np.array_split(np.arange(count), math.ceil(count * PIXEL / LONG)) for count in mask.shape
+    )
+    tiles = [np.ix_(row, col) for row in rows for col in cols]
+    parts = []
+    for tile in tiles:
+        own = np.zeros_like(mask)
+        own[tile] = mask[tile]
+        parts += [
+            replace(
+                area, outline=outline * PIXEL + lowest, middle=middle * PIXEL + lowest, holes=()
+            )
+            for outline, middle in _pieces(own)
+        ]
+    return parts or [area]
+
+
+def _pieces(mask: Any) -> Iterator[tuple[Floats, Floats]]:
+    """Corners of each piece of a mask that is large enough, and a pixel well inside it."""
+    import cv2
+
+    count, labels = cv2.connectedComponents(mask)
+    for number in range(1, count):
+        piece = (labels == number).astype(np.uint8)
+        if piece.sum() * PIXEL**2 < SMALLEST:
+            continue
+        corners, _ = cv2.findContours(piece, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        depth = cv2.distanceTransform(np.pad(piece, 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
+        row, col = np.unravel_index(depth.argmax(), depth.shape)
+        yield max(corners, key=len)[:, 0].astype(float), np.array([col, row], float)
+
+
 def _spot(
-    area: DegenerateArea, grid: OccupancyGrid, reach: float, paths: Mapping[str, Path]
+    area: DegenerateArea, grid: OccupancyGrid, reach: float, lines: Mapping[str, Floats]
 ) -> WeakSpot:
     direction = area.direction % math.pi
-    along = np.array([math.cos(direction), math.sin(direction)])
-    extents = [float(np.ptp(area.outline @ way)) for way in (along, along[::-1] * [-1, 1])]
+    length, width = _extents(area)
     turns = area.heading_std > math.radians(10) and area.position_std < 0.2
     missing = f"no feature along {math.degrees(direction):.0f} deg"
     if seen_around(grid, area.middle, reach) < SEEN:
-        missing = f"walls beyond the lidar's {reach:g} m"
+        missing = f"few walls within {reach:g} m"
     elif turns:
         missing = ROUND
     elif not area.agrees:
         missing = "only clutter, no long wall"
-    passing = [name for name, path in paths.items() if inside(area.outline, points_of(path)).any()]
+    passing = [name for name, line in lines.items() if inside(area.outline, line).any()]
     return WeakSpot(
         letter="",
-        x=area.middle[0],
-        y=area.middle[1],
-        length=extents[0],
-        width=extents[1],
+        x=float(area.middle[0]),
+        y=float(area.middle[1]),
+        length=length,
+        width=width,
         direction=direction if area.agrees else math.nan,
         position_std=area.position_std,
         heading_std=area.heading_std,
@@ -173,7 +236,9 @@ def inside(outline: Floats, points: Floats) -> Bools:
 
 
 def blamed(spots: Sequence[WeakSpot], path: Path, lost_at: Floats) -> str:
-    """Letters of the spots that drives were lost in, or soon after, the most frequent first.
+    """Where drives were lost: letters of the spots they were in or had left, or a position.
+
+    Letters come in the order of how many drives each explains.
 
     Parameters
     ----------
@@ -195,4 +260,6 @@ def blamed(spots: Sequence[WeakSpot], path: Path, lost_at: Floats) -> str:
         hit = ((since >= -0.5) & (since <= BEFORE)).any(axis=1) if len(own) else np.zeros(1)
         counts[spot.letter] = int(hit.sum())
     often = sorted(counts, key=lambda letter: -counts[letter])
-    return ", ".join(letter for letter in often if counts[letter] >= 0.25 * len(known))
+    named = [letter for letter in often if counts[letter] >= 0.25 * len(known)]
+    x, y = points[np.abs(distance - np.median(known)).argmin()].tolist()
+    return ", ".join(named) or f"{x:.1f},{y:.1f}"

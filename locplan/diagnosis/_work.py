@@ -6,26 +6,31 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from locplan._util.intervals import wilson
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap
 from locplan.diagnosis import _cures as cures
 from locplan.diagnosis._cures import Remedy
 from locplan.diagnosis._driving import (
-    NO_DIFFERENCE,
+    BETTER,
     STOPPED,
     Contrast,
     Driver,
     Outcome,
     Site,
     contrast,
-    error_of,
     is_hopeless,
-    rate_of,
+    keeps_more,
 )
-from locplan.diagnosis._result import NOTHING, Cure, Rates, Trip, fine, is_better
+from locplan.diagnosis._result import (
+    NOTHING,
+    Cure,
+    Rates,
+    Trip,
+    helps,
+    is_seldom,
+    ranked,
+)
 from locplan.diagnosis._weak_spots import WeakSpot, blamed
 from locplan.maps import MapFaults
 from locplan.simulation import Arrivals
@@ -97,12 +102,13 @@ class Work:
         rows = zip(self.site.paths.items(), arrivals, *found, strict=True)
         trips = tuple(
             Trip(
-                *(name, path, Rates(lost.size, rate_of(lost), error_of(error), each.arrived)),
-                blamed(spots, path, at),
+                *(name, path, _rates(Outcome(*own), [each])),
+                blamed(spots, path, own[2]),
             )
-            for (name, path), each, error, lost, at in rows
+            for (name, path), each, *own in rows
         )
-        return _rates(found, arrivals), trips
+        self._as_is = _rates(found, arrivals)
+        return self._as_is, trips
 
     def cures(self, found: MapFaults, costs: Costmap, progress: ProgressCallback) -> list[Cure]:
         """Try the cures that suit, each as far as it leads."""
@@ -141,31 +147,18 @@ class Work:
         about = remedy.kind, remedy.title, remedy.effort
         return Cure(*about, said.verdict, rates, said.gain, said.ratio, longer)
 
-    def sorted(self, tried: Sequence[Cure]) -> list[Cure]:
-        """The cures, the best first; those that were stopped come last."""
-        return sorted(
-            tried,
-            key=lambda each: (
-                each.verdict == STOPPED,
-                float(np.log(each.ratio.value)) - each.gain.value,
-            ),
-        )
-
     def together(self, tried: list[Cure], progress: ProgressCallback) -> tuple[Rates, Rates]:
         """What is to be done together, and fresh drives without and with it."""
-        as_is = _rates(self._before)
-        if fine(as_is.lost):
-            return as_is, as_is
         fresh = cures.driver_of(self.seed, self.threads, self._fresh)
-        order = [each.kind for each in self.sorted(tried) if is_better(each)]
+        order = [each.kind for each in ranked(tried) if helps(each, self._as_is)]
         before = after = self._before
         if order:
             self.taken, before, after = cures.combined(self.remedies, order, self.site, fresh)
             # On fresh drives, too: else it was chance that chose it.
-            if contrast(before, after).verdict == NO_DIFFERENCE:
+            if contrast(before, after).verdict != BETTER:
                 self.taken, after = (), before
         progress(100, 200)
-        if self.effort.landmarks and not fine(after.lost_rate):
+        if self.effort.landmarks and not is_seldom(after.lost_rate):
             before, after = self._with_landmarks(tried, before, after, fresh)
         if not self.taken:
             return _rates(before), _rates(before)
@@ -194,8 +187,7 @@ class Work:
         said = contrast(after, more)
         title = f"{'besides, ' if self.taken else ''}{remedy.title}"
         tried.append(self._cure(replace(remedy, title=title), site, _rates(more), said))
-        # Objects are worth their effort where they keep drives from getting lost.
-        if is_better(tried[-1]) and said.gain.low > 0:
+        if keeps_more(said.verdict, said.gain):
             self.taken, after = (*self.taken, remedy.kind), more
         return before, after
 
