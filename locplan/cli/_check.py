@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -56,20 +56,12 @@ class check(typed.OneMap, RobotOptions, shared.ReferencedOptions, shared.Seeded,
     """File for the limits as test cases of JUnit (.xml)."""
 
     def __call__(self) -> int:
-        if self.quick and self.thorough:
-            raise ConfigError("--quick and --thorough exclude each other; leave one out")
-        if not self.fail_if:
-            self.refuse("without --fail-if", "junit")
-        if self.junit:
-            check_target(self.junit, ".xml")
-        self.check_drive()
-        self.check_output(locplan.Check.files)
-        if self.output:
-            locplan.simulation.check_tunable(self.nav2_file("amcl"))
+        self._check()
         recordings = self._recordings()
         robot = self.robot_on(recordings[0]) if recordings else self.load_robot()
-        every = {"seed": self.seed, "threads": self.threads, "found": _tell}
-        effort = "quick" if self.quick else "thorough" if self.thorough else "usual"
+        every: dict[str, Any] = {"seed": self.seed, "threads": self.threads, "found": _tell}
+        efforts = [name for name in ("quick", "thorough") if self.given(name)]
+        effort = efforts[0] if efforts else "usual"
         with progress_bar("checking", "") as progress:
             found = locplan.check(
                 self.map_file,
@@ -87,6 +79,19 @@ class check(typed.OneMap, RobotOptions, shared.ReferencedOptions, shared.Seeded,
             locplan.diagnosis.write_junit(self.junit, found, self.fail_if)
             shared.say_written(self.junit)
         return BEYOND_LIMIT if any(each.fails(found) for each in self.fail_if) else 0
+
+    def _check(self) -> None:
+        """Raise a LocplanError for what cannot be done; before long work."""
+        if self.quick and self.thorough:
+            raise ConfigError("--quick and --thorough exclude each other; leave one out")
+        if not self.fail_if:
+            self.refuse("without --fail-if", "junit")
+        if self.junit:
+            check_target(self.junit, ".xml")
+        self.check_drive()
+        self.check_output(locplan.Check.files)
+        if self.output:
+            locplan.simulation.check_tunable(self.nav2_file("amcl"))
 
     def _recordings(self) -> list[Recording]:
         """The recorded drive with the poses that count as true, if one was named."""

@@ -118,8 +118,8 @@ def check(
     as_is, trips = work.as_it_is(spots, steps["as it is"])
     told(in_short.as_it_is(as_is))
     tried = work.cures(map_faults, costs, steps["cures"])
-    for each in filter(is_better, tried):
-        told(in_short.cure(each, as_is))
+    for cure in filter(is_better, tried):
+        told(in_short.cure(cure, as_is))
     before, after = work.together(tried, steps["together"])
     return Check(
         grid=grid,

@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path as File
+from typing import Any
 
 import numpy as np
 
@@ -99,7 +100,7 @@ def remedies(site: Site, found: MapFaults, seed: int, threads: int | None) -> It
             )
     own = site.robot.filter
     if isinstance(own, Amcl) and own.reach(site.robot.known_lidar) < site.robot.known_lidar.range:
-        full = {"laser_max_range": Amcl().laser_max_range}
+        full: dict[str, Any] = {"laser_max_range": Amcl().laser_max_range}
         yield Remedy(
             *(REACH, f"the lidar's full {site.robot.known_lidar.range:g} m", "one parameter"),
             lambda old: _with_filter(old, dataclasses.replace(old.robot.amcl, **full)),
@@ -181,11 +182,9 @@ def chosen_paths(
     found: dict[str, Path] = {}
     own = None if site.filter_map is site.world else site.filter_map
     for name, step in zip(worst, parts(progress, [100] * len(worst)), strict=True):
-        ends = site.paths[name].xy[[0, -1]].tolist()
-        about = {"costs": costs, "drives": drives, "rival": None, "filter_map": own}
-        choice = choose(
-            site.world, *map(tuple, ends), site.robot, seed=seed, threads=threads, **about
-        )
+        start, goal = map(tuple, site.paths[name].xy[[0, -1]].tolist())
+        about: dict[str, Any] = {"costs": costs, "drives": drives, "rival": None, "filter_map": own}
+        choice = choose(site.world, start, goal, site.robot, seed=seed, threads=threads, **about)
         if choice.path is not None and choice.best > 0:
             found[name] = choice.path
         step(100, 100)
@@ -262,7 +261,7 @@ def combined(
         The kinds, and the drives without and with all of them.
     """
     before = drive(site)
-    taken = (order[0],)
+    taken: tuple[str, ...] = (order[0],)
     after = drive(joined(tried, taken, site))
     for kind in order[1:]:
         more = drive(joined(tried, (*taken, kind), site))

@@ -116,8 +116,9 @@ class Driver:
         steps = parts(progress, [len(numbers)] * len(self.lines))
         for trip, (line, step) in enumerate(zip(self.lines, steps, strict=True)):
             # A stream for each trip: drives of one number would share the errors of odometry.
-            own = {"stream": STREAM + trip, "progress": step}
-            (errors,) = self._simulator.drive_together([line], numbers, **own)
+            (errors,) = self._simulator.drive_together(
+                [line], numbers, stream=STREAM + trip, progress=step
+            )
             drives = Drives(line, errors)
             away = drives.position_error > LOST
             first = np.where(drives.lost, drives.distance[away.argmax(axis=1)], np.nan)

@@ -59,7 +59,8 @@ class Drawing(NamedTuple):
     def at(self, xy: Any) -> list[list[float]]:
         """Positions (n, 2) [m] in the drawing, whose y goes down."""
         rows, cols = self.grid.world_to_grid(*np.reshape(xy, (-1, 2)).T)
-        return np.column_stack([cols * self.scale, self.height - rows * self.scale]).tolist()
+        found = np.column_stack([cols * self.scale, self.height - rows * self.scale])
+        return [[x, y] for x, y in found.tolist()]
 
 
 def bar(rate: Interval) -> dict[str, float]:

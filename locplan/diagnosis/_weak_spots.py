@@ -9,7 +9,7 @@ from string import ascii_uppercase
 
 import numpy as np
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Bools, Floats
 from locplan.costs import Costmap, Path
 from locplan.export import DegenerateArea, degenerate_areas
 from locplan.field import CovarianceField
@@ -132,9 +132,17 @@ def _spot(
         missing = "only clutter, no long wall"
     passing = [name for name, path in paths.items() if inside(area.outline, points_of(path)).any()]
     return WeakSpot(
-        *("", *area.middle, *extents),
-        direction if area.agrees else math.nan,
-        *(area.position_std, area.heading_std, missing, tuple(passing), area.outline),
+        letter="",
+        x=area.middle[0],
+        y=area.middle[1],
+        length=extents[0],
+        width=extents[1],
+        direction=direction if area.agrees else math.nan,
+        position_std=area.position_std,
+        heading_std=area.heading_std,
+        missing=missing,
+        trips=tuple(passing),
+        outline=area.outline,
     )
 
 
@@ -155,7 +163,7 @@ def points_of(path: Path) -> Floats:
     return np.asarray(path.resampled(0.25, even=True).xy)
 
 
-def inside(outline: Floats, points: Floats) -> Floats:
+def inside(outline: Floats, points: Floats) -> Bools:
     """Which of some points (n, 2) lie in an outline, (n,)."""
     import cv2
 

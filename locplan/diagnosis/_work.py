@@ -12,6 +12,7 @@ from locplan._util.intervals import wilson
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap
 from locplan.diagnosis import _cures as cures
+from locplan.diagnosis._cures import Remedy
 from locplan.diagnosis._driving import (
     NO_DIFFERENCE,
     STOPPED,
@@ -72,7 +73,7 @@ class Work:
 
     def __init__(self, site: Site, effort: Effort, seed: int, threads: int | None) -> None:
         self.site, self.effort, self.seed, self.threads = site, effort, seed, threads
-        self.remedies: dict[str, cures.Remedy] = {}
+        self.remedies: dict[str, Remedy] = {}
         self.taken: tuple[str, ...] = ()
         self.placed: Any = None
         few, many, closed = (
@@ -121,7 +122,7 @@ class Work:
             step(200 // len(every), 200)
         return made
 
-    def _tried(self, remedy: cures.Remedy) -> Cure:
+    def _tried(self, remedy: Remedy) -> Cure:
         """A cure as it was driven, after a few drives no further if it does not lead."""
         self.remedies[remedy.kind] = remedy
         site = remedy.apply(self.site)
@@ -134,7 +135,7 @@ class Work:
         arrivals = driver.arrivals(self._closed)
         return self._cure(remedy, site, _rates(many, arrivals), contrast(self._before, many))
 
-    def _cure(self, remedy: cures.Remedy, site: Site, rates: Rates, said: Contrast) -> Cure:
+    def _cure(self, remedy: Remedy, site: Site, rates: Rates, said: Contrast) -> Cure:
         old, new = (sum(p.length for p in each.paths.values()) for each in (self.site, site))
         longer = (new - old) / len(site.paths)
         about = remedy.kind, remedy.title, remedy.effort
@@ -191,7 +192,7 @@ class Work:
             before = after = fresh(self.site)
         more = fresh(remedy.apply(site))
         said = contrast(after, more)
-        title = f"{remedy.title}{', after the above' if self.taken else ''}"
+        title = f"{'besides, ' if self.taken else ''}{remedy.title}"
         tried.append(self._cure(replace(remedy, title=title), site, _rates(more), said))
         # Objects are worth their effort where they keep drives from getting lost.
         if is_better(tried[-1]) and said.gain.low > 0:
