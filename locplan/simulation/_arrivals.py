@@ -159,15 +159,12 @@ class Arrivals(Valued):
     def places(self) -> Table:
         """Where robots stop, end without having arrived, and leave the path by over 0.5 m."""
         every = [(n, *place) for n, each in enumerate(self.drives) for place in each.places]
-        return Table(PLACES, tuple((n, what, *pose) for n, what, poses in every for pose in poses))
+        columns = Column("drive"), Column("what"), *POSE
+        return Table(columns, tuple((n, what, *pose) for n, what, poses in every for pose in poses))
 
     def summary(self) -> dict[str, object]:
         """Shares of the drives by their ends, fit for JSON."""
         return {"drives": len(self.drives), **{e.name: list(e.of(self)) for e in ARRIVING}}
-
-
-PLACES = (Column("drive"), Column("what"), *POSE)
-"""Columns of `Arrivals.places`."""
 
 
 def _rate(name: str, what: str, title: str) -> Column:

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from locplan.simulation._simulate import Simulation
 
 POOLED, WITHIN = "#0072b2", "#d55e00"
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-MAP_MARKS = (*zip(COLOURS, "o^sDvP", strict=True),)
+MAP_MARKS = (*zip(plotting.style.COLOURS, "o^sDvP", strict=True),)
 """Colour and marker of each map; where there are more maps, all of them look alike."""
 
 
