@@ -34,6 +34,8 @@ from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 FORMAT = "locplan-field-4"
 FIELD_SUFFIX = ".zarr"
+DECISIVE = ("format", "engine", "map_digest", "identity")
+"""Attributes that decide the values of a field."""
 
 
 def attributes(grid: OccupancyGrid, config: FieldConfig, **identity: str) -> dict[str, Any]:
@@ -72,7 +74,7 @@ def cached_attributes(grid: OccupancyGrid, config: FieldConfig, in_part: bool) -
 
 def name_of(about: dict[str, Any]) -> str:
     """Name in the cache of the field that has these attributes."""
-    decisive = [about[name] for name in ("format", "engine", "map_digest", "identity")]
+    decisive = [about[name] for name in DECISIVE]
     key = hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:32]
     return key + FIELD_SUFFIX
 

@@ -182,26 +182,21 @@ ARRIVING: tuple[Column, ...] = (
 """Columns of `Arrivals`."""
 
 
-ENDED = (
-    Column("path"),
-    Column("drive"),
-    Column("outcome"),
-    Column("seconds", "s"),
-    Column("fault"),
-    *POSE,
-    *(Column(f"believed_{each.name}", each.unit) for each in POSE),
-)
-"""Columns of the ends of closed-loop drives."""
-
-
 def ends_of(arrivals: Mapping[str, Arrivals]) -> Table:
     """Where the closed-loop drives along some paths ended, and where the filter believed to be."""
+    columns = (
+        *map(Column, ("path", "drive", "outcome")),
+        Column("seconds", "s"),
+        Column("fault"),
+        *POSE,
+        *(Column(f"believed_{each.name}", each.unit) for each in POSE),
+    )
     rows = (
         (name, n, each.outcome, each.seconds, each.fault, *each.end, *each.believed_end)
         for name, found in arrivals.items()
         for n, each in enumerate(found.drives)
     )
-    return Table(ENDED, tuple(rows))
+    return Table(columns, tuple(rows))
 
 
 def faults_of(*arrivals: Arrivals) -> str:

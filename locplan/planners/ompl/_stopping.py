@@ -11,6 +11,9 @@ from locplan._util.checks import positive, whole
 from locplan._util.progress import ProgressCallback
 from locplan.planners._registry import KINDS as KINDS, Kind as Kind
 
+TELL_EVERY = 512
+"""Iterations from one report of progress to the next."""
+
 
 def able(fits: Callable[[Kind], bool]) -> str:
     """The names of the planners of the kinds that fit, for messages."""
@@ -102,7 +105,7 @@ class Limits:
                     self.history.append((elapsed, cost))
                 if iteration >= settled_after and settled():
                     return True
-                if self.progress and iteration % 512 == 0:
+                if self.progress and iteration % TELL_EVERY == 0:
                     in_ms = 1000 * elapsed, 1000 * time_limit
                     done, total = (iteration, most) if math.isinf(time_limit) else in_ms
                     self.progress(int(min(done, total)), int(total))
