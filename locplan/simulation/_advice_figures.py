@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from locplan import plotting
 from locplan._kernels.arrays import Floats
@@ -200,7 +201,7 @@ def _draw_judged(errors: Axes, lost: Axes, tuning: Tuning) -> None:
 
 
 def _draw_intervals(
-    axes: Axes, at: Floats, intervals: Floats, mark: tuple[str, str], label: str, joined: bool
+    axes: Axes, at: NDArray[Any], intervals: Floats, mark: tuple[str, str], label: str, joined: bool
 ) -> None:
     """Values with their intervals, rows of (value, low, high), as marks of one colour."""
     value, low, high = intervals.T
