@@ -15,7 +15,7 @@ from locplan.costs import Costmap
 from locplan.field import FieldConfig, values_at
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.plotting import Picture, _cells
-from locplan.plotting._maps import field_bar
+from locplan.plotting._picture import field_bar
 from locplan.plotting.style import FIELD_COLOURS
 
 pytestmark = pytest.mark.draws

@@ -22,7 +22,6 @@ from locplan.cli._application import COMMANDS, NOT_IN_METRES, SYSTEM_ERROR, WRON
 from locplan.errors import CalibrationError, LocplanError, one_line
 
 __all__ = ["COMMANDS", "main"]
-LOG = logging.getLogger("locplan.cli")
 MIN_COLUMNS = 20
 """Width that a narrower terminal counts as [characters]: tables vanish, and help never ends."""
 
@@ -91,7 +90,7 @@ def _warnings_as_lines() -> Iterator[None]:
         if category.__module__.startswith("locplan."):
             _complain(f"warning: {message}", 0)
         else:  # that of a library says nothing to users
-            LOG.debug("%s: %s", category.__name__, message)
+            logging.getLogger("locplan.cli").debug("%s: %s", category.__name__, message)
 
     with warnings.catch_warnings():
         warnings.simplefilter("default")

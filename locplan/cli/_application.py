@@ -32,7 +32,7 @@ COMMANDS = {
     "compare": ("Plan", "_compare"),
     "tune": ("Localize", "_simulate"),
     "simulate": ("Localize", "_simulate"),
-    "trajectory": ("Localize", "_trajectory"),
+    "trajectory": ("Localize", "_localize"),
     "evaluate": ("Localize", "_localize"),
     "calibrate": ("Localize", "_localize"),
     "locate": ("Localize", "_localize"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -16,9 +16,6 @@ from locplan.cli._application import BEYOND_LIMIT
 from locplan.cli._robot_options import RobotOptions
 from locplan.diagnosis import Limit
 from locplan.errors import ConfigError, one_line
-
-if TYPE_CHECKING:
-    from locplan.recordings import Recording
 
 
 def limit(_: str, text: str) -> Limit:
@@ -57,11 +54,10 @@ class check(typed.OneMap, RobotOptions, shared.ReferencedOptions, shared.Seeded,
 
     def __call__(self) -> int:
         self._check()
-        recordings = self._recordings()
+        recordings = [self.referenced(locplan.load_map(self.map_file))] if self.drive else []
         robot = self.robot_on(recordings[0]) if recordings else self.load_robot()
         every: dict[str, Any] = {"seed": self.seed, "threads": self.threads, "found": _tell}
-        efforts = [name for name in ("quick", "thorough") if self.given(name)]
-        effort = efforts[0] if efforts else "usual"
+        effort: Any = next(iter(self.given("quick", "thorough")), "usual")
         with progress_bar("checking", "") as progress:
             found = locplan.check(
                 self.map_file,
@@ -92,14 +88,6 @@ class check(typed.OneMap, RobotOptions, shared.ReferencedOptions, shared.Seeded,
         self.check_output(locplan.Check.files)
         if self.output:
             locplan.simulation.check_tunable(self.nav2_file("amcl"))
-
-    def _recordings(self) -> list[Recording]:
-        """The recorded drive with the poses that count as true, if one was named."""
-        if not self.drive:
-            return []
-        drive, grid = self.read(), locplan.load_map(self.map_file)
-        with progress_bar("smoothing", "") as progress:
-            return [locplan.recordings.referenced(drive, grid, self.reference, progress=progress)]
 
 
 def _tell(finding: str) -> None:

@@ -17,7 +17,6 @@ from ._charges import (
 from ._costmap import CostmapInflation as CostmapInflation, PlannedPath as PlannedPath
 from ._entries import with_stations as with_stations
 from ._figures import routes_figure as routes_figure, values_figure as values_figure
-from ._filter_map import write_filter_map as write_filter_map
 from ._graph_files import (
     lif as lif,
     route_graph as route_graph,
@@ -51,4 +50,5 @@ from ._registry import (
     formats as formats,
 )
 from ._roadmap import RouteGraph as RouteGraph, roadmap as roadmap
+from ._servers import write_filter_map as write_filter_map
 from ._values import YawWarning as YawWarning, percent as percent, ros_map as ros_map

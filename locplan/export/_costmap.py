@@ -14,8 +14,6 @@ from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.robots import Inflation, nav2_inflation
 
 LETHAL, INSCRIBED = 254, 253
-STEEP = 10.0
-"""Minimum cost_scaling_factor below a mask [1/m]: a wide and flat inflation would hide it."""
 AT_WALLS = 2.5
 """Excess at walls for which a mask carries the inflation, beside weight u [m per m]."""
 
@@ -51,7 +49,8 @@ class CostmapInflation:
     @property
     def below_a_mask(self) -> CostmapInflation:
         """The layer as it has to be below a mask: as steep, or steeper."""
-        factor = max(self.inflation.cost_scaling_factor, STEEP)
+        # A wide and flat inflation would hide the mask below it.
+        factor = max(self.inflation.cost_scaling_factor, 10.0)
         inflation = dataclasses.replace(self.inflation, cost_scaling_factor=factor)
         return dataclasses.replace(self, inflation=inflation)
 
@@ -78,10 +77,6 @@ class CostmapInflation:
         return cost
 
 
-FOLLOWED = 1.12
-"""Maximum J of a planner's path over that of a recommended one which it follows."""
-
-
 @dataclass(frozen=True)
 class PlannedPath:
     """The path that a planner of Nav2 takes, beside a recommended one with the same ends."""
@@ -100,7 +95,7 @@ class PlannedPath:
     @property
     def follows(self) -> bool:
         """Whether the path costs about as much as the recommended one."""
-        return self.ratio <= FOLLOWED
+        return self.ratio <= 1.12
 
     @property
     def text(self) -> str:

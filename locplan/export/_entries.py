@@ -16,14 +16,9 @@ from locplan.export._net import Space
 from locplan.export._roadmap import RouteGraph, space_of
 from locplan.planners import Station
 
-ENTRY = 2.0
-"""Maximum distance of a start from a node, where lines to the lanes are free [m]."""
-LOOKED_AT = 12
-"""Number of nearest nodes among which an entry is joined to the two that cost least."""
-
 
 def with_entries(costs: Costmap, graph: RouteGraph) -> RouteGraph:
-    """A graph with more nodes, so that free cells are at most `ENTRY` from one.
+    """A graph with more nodes, so that free cells are at most 2 m from one.
 
     Nav2's server enters and leaves a graph at the nodes nearest to start and goal. New nodes are
     joined to two that were there; cells that see none are left out.
@@ -33,7 +28,8 @@ def with_entries(costs: Costmap, graph: RouteGraph) -> RouteGraph:
         cells = _far_cells(costs, graph)
         row, col = np.divmod(cells, costs.grid.shape[1] + 2)
         xy = np.column_stack(costs.grid.grid_to_world(row - 0.5, col - 0.5))
-        near = cKDTree(graph.nodes).query(xy, min(LOOKED_AT, len(graph.nodes)))[1]
+        # An entry is joined to the two of the 12 nearest nodes that cost least.
+        near = cKDTree(graph.nodes).query(xy, min(12, len(graph.nodes)))[1]
         among = zip(xy, near.reshape(len(xy), -1) if len(xy) else (), strict=True)
         seen = ((at, _seen(space, graph, at, nodes)) for at, nodes in among)
         entries = [(at, nodes) for at, nodes in seen if nodes]
@@ -67,7 +63,8 @@ def _far_cells(costs: Costmap, graph: RouteGraph) -> Ints:
     at = np.floor(costs.grid.world_to_grid(*graph.nodes.T)).astype(np.int64) + 1
     away = np.ones(inside.shape, np.uint8)
     away[tuple(at)] = 0
-    reach = ENTRY / costs.grid.resolution - 1  # nodes lie anywhere in their cells
+    # Farther from all nodes, no line to the lanes is looked for [m].
+    reach = 2.0 / costs.grid.resolution - 1  # nodes lie anywhere in their cells
     far = inside & (cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) > reach)
     clearance = cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     cells = np.flatnonzero(far)

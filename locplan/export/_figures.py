@@ -27,9 +27,6 @@ from locplan.export._roadmap import RouteGraph
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
 
-EDGE_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.2, 1.0, 256)))
-"""Colours of edges, the costly ones dark; all of them can be told from white."""
-
 
 def save_preview(folder: FilePath, figure: Figure, dpi: int = plotting.style.PREVIEW_DPI) -> None:
     """Write the picture of an export into its folder."""
@@ -89,10 +86,11 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
     # An edge is as wide as a share of the median length, both as drawn; nodes are twice as wide.
     scale = 72 * width / np.ptp(axes.get_xlim())
     drawn = 0.07 * scale * np.median(graph.length) if len(order) else 0.0
+    # The costly ones dark, and none so pale that it is lost on white.
     lines = LineCollection(
         list(graph.nodes[graph.edges[order]]),
         array=per_metre[order],
-        cmap=EDGE_COLOURS,
+        cmap=ListedColormap(colormaps["plasma_r"](np.linspace(0.2, 1.0, 256))),
         norm=Normalize(1.0, max(1.1, per_metre.max(initial=1.0))),
         linewidths=np.clip(drawn, 0.6, 1.8),
         capstyle="round",

@@ -17,10 +17,6 @@ from locplan._kernels.arrays import Bools, Floats, Ints
 
 QUARTERS = 4
 """Units of a ring along the edge of a cell."""
-MAX_AREA_ERROR = 0.02
-"""Maximum share by which fewer corners may change an area."""
-MAX_FILLED = 0.02
-"""Maximum share of an area that the holes have which are filled."""
 _STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 _CHUNK = 256
 
@@ -145,7 +141,7 @@ def thinned(rings: Sequence[Ints], tolerance: float) -> list[Ints]:
     """The corners that are left of an area's rings, as sorted indices, by Douglas and Peucker.
 
     `tolerance` is the greatest distance of a corner that is left out [cells]; less is taken where
-    the area would change by more than `MAX_AREA_ERROR`.
+    the area would change by more than 2 %.
     """
     exact = sum(map(signed_area, rings))
     while tolerance >= 1 / 8:
@@ -153,7 +149,7 @@ def thinned(rings: Sequence[Ints], tolerance: float) -> list[Ints]:
         left = (ring[k] for ring, k in zip(rings, kept, strict=True))
         areas = [signed_area(ring) if len(ring) > 2 else 0.0 for ring in left]
         alike = all(a * signed_area(ring) > 0 for a, ring in zip(areas, rings, strict=True))
-        if alike and abs(sum(areas) - exact) <= MAX_AREA_ERROR * exact:
+        if alike and abs(sum(areas) - exact) <= 0.02 * exact:
             return kept
         tolerance /= 2
     return [np.arange(len(ring)) for ring in rings]
@@ -244,7 +240,8 @@ def polygons_of(mask: Bools, labels: NDArray[np.int32], min_hole: float) -> dict
         areas = np.array([signed_area(ring.corners) / QUARTERS**2 for ring in own])
         first, *holes = np.argsort(areas)[::-1].tolist()  # the smallest holes come first
         total = np.cumsum(-areas[holes])
-        filled = (areas[holes] > -min_hole) & (total <= MAX_FILLED * areas[first])
+        # Holes that are filled have at most 2 % of the area.
+        filled = (areas[holes] > -min_hole) & (total <= 0.02 * areas[first])
         corners = [own[n].corners for n in (first, *np.array(holes, int)[~filled].tolist())]
         rings += corners
         kept += thinned(corners, 1.0)  # [cells], which makes steps straight

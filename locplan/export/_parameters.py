@@ -22,9 +22,6 @@ from locplan.robots import (
     rewritten_parameters,
 )
 
-MAX_SMAC_CELLS = 1_000_000
-"""Cells of the largest map for which Smac 2D is added to a robot's planners."""
-
 
 class DistroWarning(UserWarning):
     """A distribution of ROS 2 has a fault that concerns the localization."""
@@ -165,7 +162,7 @@ class Robot:
         Nav2 plans once a second, which Smac 2D does on small maps only.
         """
         known = {each.plugin: name for name, each in PLANNERS.items() if not each.caveat}
-        added = "smac2d" if cells <= MAX_SMAC_CELLS else "thetastar"
+        added = "smac2d" if cells <= 1_000_000 else "thetastar"
         return next((known[each] for each in self.planners.values() if each in known), added)
 
     def warn(self, notes: Iterator[str]) -> None:

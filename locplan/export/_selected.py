@@ -12,10 +12,6 @@ from locplan.export._charges import NavPlanner
 from locplan.export._parameters import Robot
 from locplan.robots import Nav2Parameters
 
-MAX_BYTES = 2**20
-"""Maximum size of a behaviour tree."""
-COMPUTES = re.compile(r"<ComputePath(?:ToPose|ThroughPoses)\b[^>]*/>")
-SELECTS = re.compile(r'(<PlannerSelector\b[^>]*\bdefault_planner=")[^"]*(")')
 SMOOTHER = "simple_smoother"
 
 
@@ -36,7 +32,7 @@ def edited_tree(path: str | Path, called: str, *, smooth: bool) -> str:
     LocplanError
         If the file cannot be read, or computes no path.
     """
-    text = read_text(Path(path), MAX_BYTES)
+    text = read_text(Path(path), 2**20)
     # A name between braces is that of a selector's choice, where the tree has one.
     named = r'planner_id="(?!\{)[^"]*"' if "<PlannerSelector" in text else r'planner_id="[^"]*"'
 
@@ -51,13 +47,14 @@ def edited_tree(path: str | Path, called: str, *, smooth: bool) -> str:
         path = f'unsmoothed_path="{out[1]}" smoothed_path="{out[1]}"'
         return f'<Sequence>{own}<SmoothPath {path} smoother_id="{SMOOTHER}"/></Sequence>'
 
-    made, count = COMPUTES.subn(planning, text)
+    made, count = re.subn(r"<ComputePath(?:ToPose|ThroughPoses)\b[^>]*/>", planning, text)
     if not count:
         raise LocplanError(
             f"{path}: has no ComputePathToPose or ComputePathThroughPoses; give the behaviour tree"
             " by which the robot navigates"
         )
-    return SELECTS.sub(rf"\g<1>{called}\g<2>", made)
+    selected = r'(<PlannerSelector\b[^>]*\bdefault_planner=")[^"]*(")'
+    return re.sub(selected, rf"\g<1>{called}\g<2>", made)
 
 
 def with_tree(

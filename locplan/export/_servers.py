@@ -1,4 +1,4 @@
-"""Lifecycle nodes of Nav2 that an export starts: their parameters, and their launch file."""
+"""Lifecycle nodes of Nav2 that are started: their files, and those of a map for AMCL alone."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 from locplan.export._parameters import yaml_text
 from locplan.export._registry import rendered
+from locplan.maps import OccupancyGrid, save_map
 
 
 @dataclass(frozen=True)
@@ -41,3 +42,29 @@ def write_servers(folder: Path, servers: Sequence[Server], manager_name: str) ->
     (folder / "servers.yaml").write_text(yaml_text(parameters), "utf-8")
     launch = folder / "localizability.launch.xml"
     launch.write_text(rendered("servers.launch.xml", nodes=nodes), "utf-8")
+
+
+def write_filter_map(folder: Path, grid: OccupancyGrid) -> None:
+    """Write a map for AMCL alone, beside the one that is planned on, and what Nav2 needs for it.
+
+    It is the same in all distributions.
+
+    Parameters
+    ----------
+    folder : path
+        The folder, which is there.
+    grid : OccupancyGrid
+        The map; it is written in mode trinary, since AMCL takes only 100 as a wall.
+    """
+    # From humble to main (2026-08) amcl has the parameter `map_topic`, map_server `topic_name`.
+    topic = "/map_amcl"
+    save_map(grid, folder / "map_amcl.yaml")
+    parameters = {"topic_name": topic, "frame_id": "map"}
+    files = {"yaml_filename": "map_amcl.yaml"}
+    server = Server("nav2_map_server", "map_server", "map_amcl_server", parameters, files)
+    # The lifecycle manager of nav2_bringup knows its own nodes only.
+    write_servers(folder, [server], "lifecycle_manager_map_amcl")
+    amcl = {"amcl": {"ros__parameters": {"map_topic": topic}}}
+    (folder / "amcl.yaml").write_text(yaml_text(amcl), "utf-8")
+    about = rendered("filter-map.md", map=grid.name, topic=topic)
+    (folder / "README.md").write_text(about, "utf-8")

@@ -16,9 +16,6 @@ from locplan.errors import LocplanError
 from locplan.field._cache import CHECK, KEPT, cache_folder, cache_limit, evict, lock_of, note_of
 from locplan.maps import OccupancyGrid, Solidity, check_grid, solidity
 
-VERSION = 1
-"""Version of what `solidity` finds, which rises when it finds something else."""
-
 
 @contextmanager
 def kept(
@@ -68,7 +65,8 @@ def kept_solidity(grid: OccupancyGrid, cache_dir: str | os.PathLike[str] | None 
         If it is no map, or the cache folder is no path.
     """
     check_grid(grid)
-    key = hashlib.sha256(repr(("walls", VERSION, grid.digest)).encode()).hexdigest()[:32]
+    # The 1 rises when `solidity` finds something else.
+    key = hashlib.sha256(repr(("walls", 1, grid.digest)).encode()).hexdigest()[:32]
     file = cache_folder(cache_dir) / f"{key}{KEPT}" / "walls.json"
     with suppress(LocplanError, TypeError, ValueError):
         return Solidity(*map(float, parsed_json(read_text(file))))

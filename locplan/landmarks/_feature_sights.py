@@ -13,8 +13,6 @@ from locplan.field import NORMAL_REACH, surface_normals
 from locplan.landmarks._sight import Surroundings
 from locplan.maps import OCCUPIED, OccupancyGrid
 
-SHARP = 0.3
-"""Minimum cornerness of a corner, as a share of that of a right angle."""
 OBJECT, CORNER, WALL = "object", "corner", "wall"
 """Kinds of features: what stands free; walls at corners, ends and door frames; other walls."""
 
@@ -145,7 +143,8 @@ def _middles(at: Ints, sharp: Floats, piece: float) -> tuple[Ints, int]:
 
     tree = cKDTree(at)
     order = np.argsort(-sharp.round(6), kind="stable")
-    free = sharp >= SHARP
+    # A corner has at least 0.3 of a right angle's cornerness.
+    free = sharp >= 0.3
     chosen: list[int] = []
     for n in order[: int(free.sum())].tolist():
         if free[n]:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import ListedColormap, LogNorm, Normalize
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -111,8 +111,7 @@ def _draw_maps(
     """Draw the map without and with landmarks, and the routes over both."""
     driven = [[each.profile() for each in pair] for pair in profiles]
     errors = [profile[:, 4] for pair in driven for profile in pair] or [np.ones(1)]
-    low = max(style.MIN_ERROR, float(np.concatenate(errors).min()))
-    norm = LogNorm(low, max(float(np.concatenate(errors).max()), 2 * low), clip=True)
+    norm = plotting.along_norm(np.concatenate(errors), of_errors=True)
     image = None
     for n, (own, grid) in enumerate(zip(axes, grids, strict=True)):
         plotting.draw_map(own, grid)
@@ -124,15 +123,12 @@ def _draw_maps(
             if profiles:
                 xy, error = driven[k][n][:, 1:3], driven[k][n][:-1, 4]
                 own.plot(*xy.T, color="black", linewidth=5.0, zorder=2)
-                pieces = list(np.stack([xy[:-1], xy[1:]], axis=1))
-                shown: Any = {"cmap": style.ERROR_COLOURS, "norm": norm, "linewidths": 3.5}
-                image = own.add_collection(LineCollection(pieces, array=error, zorder=3, **shown))
+                image = plotting.draw_along(own, xy, error, norm=norm, linewidths=3.5)
             else:
                 plotting.draw_path(own, path, color="black", linewidth=1.5)
             plotting.draw_ends(own, path.xy[0], path.xy[-1])
     if image is not None:
-        bar = figure.colorbar(image, ax=list(axes), label="mean position error [m]", shrink=0.9)
-        plotting.label_plainly(bar.ax.yaxis)
+        plotting.draw_along_bar(figure, image, list(axes))
     shapes = [outline_of(made.setting.kind.shape, pose) for pose in made.poses]
     faces = PolyCollection(shapes, facecolor=style.VERMILION, edgecolor="black", zorder=4)
     axes[1].add_collection(faces)

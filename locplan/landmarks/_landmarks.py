@@ -36,7 +36,6 @@ COLUMNS = (
     Column("gain"),
 )
 """Columns of landmarks beside what is expected; a pole's length and width are its diameter."""
-REJECTED = (*POSE, Column("reason"))
 
 
 class Trial(NamedTuple):
@@ -269,7 +268,7 @@ class Landmarks(Result):
         table.write_csv(folder / "landmarks.csv")
         outlines = (outline_of(self.setting.kind.shape, pose) for pose in self.poses)
         table.write_geojson(folder / "landmarks.geojson", outlines)
-        Table.of(REJECTED, self.rejected).write_csv(folder / "rejected.csv")
+        Table.of((*POSE, Column("reason")), self.rejected).write_csv(folder / "rejected.csv")
         if verification:
             verification.table().write_csv(folder / "verification.csv")
         save_map(self.grid, folder / "map_with_landmarks.yaml")

@@ -91,8 +91,6 @@ class Passages:
         return any(owners.count(each) > 1 for each in np.unique(joined[before & ~after]).tolist())
 
 
-FREE_CLEARANCE = 1.2
-"""Clearance of a place from which on an object may stand free [m]."""
 WALL_GAP, APART = 0.05, 0.05
 """Minimum distance of an object from a wall, and between two objects [m]."""
 
@@ -204,7 +202,7 @@ def _along_walls(grid: OccupancyGrid, shape: Shape, spacing: float) -> Floats:
 
 
 def _free_standing(grid: OccupancyGrid, shape: Shape) -> Floats:
-    """Poses on a lattice of a metre, where the clearance is above `FREE_CLEARANCE`."""
+    """Poses on a lattice of a metre, where the clearance is above 1.2 m."""
     # Spacing of free-standing candidates [m].
     step = 1.0 / grid.resolution
     rows, cols = (np.arange(step / 2, size, step) for size in grid.shape)
@@ -215,11 +213,12 @@ def _free_standing(grid: OccupancyGrid, shape: Shape) -> Floats:
 
 
 def _in_the_open(grid: OccupancyGrid, poses: Floats) -> Floats:
-    """Those of some poses where the clearance is above `FREE_CLEARANCE`."""
+    """Those of some poses where the clearance is above 1.2 m."""
     rows, cols = np.floor(poses[:, :2]).astype(int).T
     inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
     poses, at = poses[inside], (rows[inside], cols[inside])
-    return np.asarray(poses[grid.free[at] & (grid.clearance[at] > FREE_CLEARANCE)])
+    # Clearance from which on an object may stand free [m].
+    return np.asarray(poses[grid.free[at] & (grid.clearance[at] > 1.2)])
 
 
 def _beside_routes(

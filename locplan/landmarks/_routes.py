@@ -156,12 +156,6 @@ def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> Bools | None:
     return inside
 
 
-MIN_STEP = 0.5
-"""Minimum spacing of the poses [m]."""
-ENDS = 6
-"""Number of places that drives join, in pairs far apart."""
-
-
 def where_robot_is(grid: OccupancyGrid, region: Bools | None, robot_radius: float) -> Bools:
     """Cells of a region where the robot's centre can be, all joined by ways on the map, (H, W).
 
@@ -196,7 +190,7 @@ def poses_in(grid: OccupancyGrid, cells: Bools, lidar: Lidar) -> Poses:
         headings = min(math.ceil(720 / lidar.field_of_view_deg), 8)
     area = cells.sum() * grid.resolution**2
     # Number of poses, about, from which on they are farther apart.
-    step = max(MIN_STEP, math.sqrt(area * headings / 1200))
+    step = max(0.5, math.sqrt(area * headings / 1200))
     edge = max(round(step / grid.resolution), 1)
     # Of each square of the lattice, the cell that is nearest to its middle.
     rows, cols = np.nonzero(cells)
@@ -222,7 +216,7 @@ def routes_across(grid: OccupancyGrid, cells: Bools, robot_radius: float) -> dic
     clear = grid.clearance[rows, cols]
     ends = [int(np.argmax(np.hypot(*(xy - xy.mean(axis=0)).T)))]
     apart = np.full(len(xy), np.inf)
-    while len(ends) < ENDS:
+    while len(ends) < 6:
         apart = np.minimum(apart, np.hypot(*(xy - xy[ends[-1]]).T))
         # Rather in the open than in a corner.
         ends.append(int(np.argmax(apart + np.minimum(clear, 1.0))))

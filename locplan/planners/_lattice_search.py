@@ -19,8 +19,6 @@ from locplan.robots import Kinematics
 
 STRETCH = 1 << 16
 """Number of expansions between two looks at the clock."""
-MAX_BUCKETS = 1 << 14
-"""Greatest number of buckets; states that are to come later wait in the last one."""
 
 
 class OutOfTimeError(Exception):
@@ -140,7 +138,8 @@ class LatticeSearch:
         costliest = 2 * half[np.isfinite(half)].max(initial=0.5)
         longest = float((moves.lengths.sum(axis=1) / 2 * costliest + moves.extra).max())
         spanned = factor * (longest + terms.gear_change) * terms.per_cost + 2
-        return int(min(MAX_BUCKETS, 2 ** math.ceil(math.log2(spanned))))
+        # States that are to come later wait in the last bucket.
+        return int(min(2**14, 2 ** math.ceil(math.log2(spanned))))
 
     def _cell(self, pose: Position) -> int:
         """The number of the cell of a pose."""

@@ -21,6 +21,9 @@ from ._fields import (
     map_figure as map_figure,
 )
 from ._maps import (
+    along_norm as along_norm,
+    draw_along as draw_along,
+    draw_along_bar as draw_along_bar,
     draw_ends as draw_ends,
     draw_field as draw_field,
     draw_inset as draw_inset,

@@ -33,8 +33,8 @@ from locplan.field import (
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.plotting import style as styles
 from locplan.plotting._cells import draw_cells, field_cells, limits_of, map_axes, map_size, shrunk
-from locplan.plotting._maps import draw_field, draw_map, field_bar
-from locplan.plotting._picture import HARMLESS, Picture, weak_spots
+from locplan.plotting._maps import draw_field, draw_map
+from locplan.plotting._picture import HARMLESS, Picture, field_bar, weak_spots
 
 if TYPE_CHECKING:
     from locplan.planners import MapInfo

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Sequence
 from io import BytesIO
@@ -11,13 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colorbar import Colorbar
+from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm, Normalize, to_rgba_array
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
-from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from locplan._kernels.arrays import Floats, Octets
 from locplan._util.files import PICTURES, check_target, replacing
@@ -133,28 +131,6 @@ def field_norm(field: CovarianceField, name: str, values: Floats) -> Normalize:
     return LogNorm(low, high)
 
 
-def field_bar(figure: Figure, image: AxesImage, axes: Any, label: str, **options: Any) -> Colorbar:
-    """The colour bar of a field; deviations have plain numbers at 1, 2 and 5 of each decade."""
-    low, high = image.get_clim()
-    values = image.get_array()
-    beyond = values is not None and high is not None and values.max() > 1.001 * high
-    extend = "max" if beyond else "neither"
-    bar = figure.colorbar(image, ax=axes, label=label, extend=extend, **options)
-    if isinstance(image.norm, LogNorm) and low and high:
-        if (low >= 0.1 and high <= 10_000) or high < 500 * low:  # few decades
-            label_plainly(bar.ax.yaxis)
-        else:
-            bar.ax.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
-            bar.ax.yaxis.set_minor_formatter(NullFormatter())
-    return bar
-
-
-def _power_of_ten(value: float, _: object) -> str:
-    """10 to a power in plain characters; matplotlib's own formulas take 0.3 s to begin with."""
-    raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-    return f"10{str(round(math.log10(value))).translate(raised)}"
-
-
 def draw_path(axes: Axes, path: Path, **style: Any) -> None:
     """Draw a path as a line with a white outline.
 
@@ -168,6 +144,67 @@ def draw_path(axes: Axes, path: Path, **style: Any) -> None:
         Properties of the line for ``Axes.plot``, such as color and linewidth.
     """
     axes.plot(*path.xy.T, **{"linewidth": 2.2, "path_effects": styles.outline(), **style})
+
+
+def along_norm(values: Floats, *, of_errors: bool = False) -> LogNorm:
+    """The logarithmic scale of colours of what is drawn along paths.
+
+    Parameters
+    ----------
+    values : array (n,)
+        All that is drawn; NaN where unknown.
+    of_errors : bool, default False
+        Whether the values are mean errors [m]: the scale then spans all from `MIN_ERROR` on, and
+        else those between the quantiles of 2 and 98 %.
+    """
+    known = values[np.isfinite(values)]
+    if of_errors:
+        low = max(styles.MIN_ERROR, float(known.min()))
+        return LogNorm(low, max(float(known.max()), 2 * low), clip=True)
+    low, high = np.quantile(known, (0.02, 0.98)).tolist()
+    return LogNorm(low, max(high, 1.5 * low), clip=True)
+
+
+def draw_along(axes: Axes, xy: Floats, values: Floats, **style: Any) -> LineCollection:
+    """Draw a line in pieces from position to position, each in the colour of its value.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on, in world coordinates [m].
+    xy : array (n, 2)
+        The positions [m].
+    values : array (n - 1,)
+        The value of each piece.
+    **style
+        Properties of the lines, such as norm and linewidths.
+    """
+    look = {"cmap": styles.ERROR_COLOURS, "linewidths": 4.0, "zorder": 3, **style}
+    lines = LineCollection(list(np.stack([xy[:-1], xy[1:]], axis=1)), array=values, **look)
+    axes.add_collection(lines)
+    return lines
+
+
+def draw_along_bar(
+    figure: Any, lines: Any, axes: Any, label: str = "mean position error [m]", shrink: float = 0.9
+) -> None:
+    """The colour bar of what is drawn along paths, with plain numbers.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure or SubFigure
+        The figure.
+    lines : LineCollection
+        What `draw_along` returned.
+    axes : matplotlib.axes.Axes, or a list of them
+        The Axes that the bar stands beside.
+    label : str, default "mean position error [m]"
+        What the colours stand for, with its unit.
+    shrink : float, default 0.9
+        Height of the bar, as a share of the Axes'.
+    """
+    bar = figure.colorbar(lines, ax=axes, label=label, shrink=shrink)
+    label_plainly(bar.ax.yaxis)
 
 
 def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None:

@@ -24,9 +24,15 @@ from locplan.plotting._maps import (
     draw_map,
     draw_path,
     end_handles,
-    field_bar,
 )
-from locplan.plotting._picture import HARMLESS, Picture, make_logarithmic, request, weak_spots
+from locplan.plotting._picture import (
+    HARMLESS,
+    Picture,
+    field_bar,
+    make_logarithmic,
+    request,
+    weak_spots,
+)
 from locplan.plotting.style import END_STYLE, ERROR_COLOURS, FIELD_COLOURS, PATH_STYLES, outline
 from locplan.robots import Footprint
 

@@ -13,7 +13,7 @@ from locplan._util.records import FILE_DPI as FILE_DPI
 
 BLUE, VERMILION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
 ORANGE, SKY, YELLOW = "#e69f00", "#56b4e9", "#f0e442"
-COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+COLOURS: tuple[str, ...] = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 """Colours of several things in turn, which colour-blind people can tell apart (Okabe and Ito)."""
 PATH_STYLES: tuple[dict[str, Any], ...] = (
     {"color": "black", "linestyle": (0, (4, 1.5))},

@@ -18,10 +18,6 @@ from locplan.recordings._trajectory import CARRIED
 
 FINE, FINE_BEAMS = 0.1, 150.0
 """Deviation of beams' ends [m], and the number of independent beams that a scan counts as."""
-REFINED = 16
-"""Number of a pass's trajectories that are refined."""
-APART = 0.5
-"""Way from which on scans are independent of each other [m]."""
 
 DISPLACED, FAR_AWAY = 0.2, 40.0
 """Least distance, and largest length, of a stretch of the map that is said to be displaced [m]."""
@@ -44,7 +40,7 @@ class Chain:
         from locplan._kernels.least_squares import Drive
 
         # Scans from almost the same place tell the same.
-        shares = np.minimum(1.0, self.moves.lengths / APART)
+        shares = np.minimum(1.0, self.moves.lengths / 0.5)
         shares[0] = 1.0
         deviations = self.model.deviations(self.moves)
         deviations[list(self.jumps)] = np.inf
@@ -151,7 +147,7 @@ class Chain:
 
     def of_samples(self, samples: Floats) -> Floats:
         """Some samples of a filter, refined, (16, n, 3)."""
-        return np.array([self.refined(each, 3) for each in samples[:REFINED]])
+        return np.array([self.refined(each, 3) for each in samples[:16]])
 
     def learning(self, poses: Floats) -> Chain:
         """The same scans with what poses tell of odometry."""

@@ -40,9 +40,6 @@ PREFERRED = ("fused", "scan", "fisher", "sad")
 
 MAX_OUTDATED = 0.3
 """Share of scans that do not fit the map from which on nothing else is concluded."""
-POOR = -0.5
-"""Log-likelihood a return below which a scan fits the map poorly: that of a sixth of its returns
-away from all walls."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -67,7 +64,8 @@ class DriveEvaluation(Result):
     @cached_property
     def outdated(self) -> NDArray[np.bool_]:
         """Mask of the scans that saw what is not on the map, (n,): people, changes, plants."""
-        poor = self.matches.judged & (self.matches.score < POOR)
+        # Log-likelihood of a scan with a sixth of its returns away from all walls.
+        poor = self.matches.judged & (self.matches.score < -0.5)
         if poor.sum() > MAX_OUTDATED * len(poor):  # the map, the poses or the mount are wrong
             return np.asarray(poor)
         # Coarse cells, long beams and plants make fits poor, too, but few returns stray by them.

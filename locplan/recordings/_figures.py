@@ -44,15 +44,11 @@ def drive_figure(found: DriveEvaluation) -> Figure:
     name = next(each for each in (*PREFERRED, *found.predicted) if each in found.predicted)
     predicted = position_axes(found.predicted[name])[0]
     measured = np.where(found.compared, found.matches.position_std, np.nan)
-    both = 100 * np.concatenate([measured, predicted])
-    both = both[np.isfinite(both)]
-    low, high = np.quantile(both, (0.02, 0.98)).tolist()
-    norm = LogNorm(low, max(high, 1.5 * low), clip=True)
+    norm = plotting.along_norm(100 * np.concatenate([measured, predicted]))
     _draw_line(upper, found, 100 * predicted, 7.0, norm)
     _draw_line(upper, found, 100 * measured, 4.0, None)
     lines = _draw_line(upper, found, 100 * measured, 2.6, norm)
-    bar = figure.colorbar(lines, ax=upper, label="std. dev. of the position [cm]", shrink=0.8)
-    plotting.label_plainly(bar.ax.yaxis)
+    plotting.draw_along_bar(figure, lines, upper, "std. dev. of the position [cm]", 0.8)
     magnify = _draw_ellipses(upper, found, name)
     xy = found.matches.recording.poses[found.outdated, :2]
     upper.plot(*xy.T, "x", color=OUTDATED, markersize=5, mew=1.6, zorder=6)
@@ -230,19 +226,10 @@ def trajectory_figure(found: Trajectory) -> Figure:
     xy, deviation, doubtful = found.poses[:, :2], 100 * found.deviation, ~found.trusted
     about = f"{len(found):,} scans"
     figure, upper, lower = _map_over_profile(found.grid, found.poses, found.drive, about)
-    low, high = np.quantile(deviation, (0.02, 0.98)).tolist()
-    drawn = LineCollection(
-        list(np.stack([xy[:-1], xy[1:]], axis=1)),
-        array=(deviation[:-1] + deviation[1:]) / 2,
-        cmap=plotting.FIELD_COLOURS,
-        norm=LogNorm(low, max(high, 1.5 * low), clip=True),
-        linewidths=4.0,
-        capstyle="round",
-        zorder=3,
-    )
-    upper.add_collection(drawn)
-    bar = figure.colorbar(drawn, ax=upper, label="std. dev. of the position [cm]", shrink=0.8)
-    plotting.label_plainly(bar.ax.yaxis)
+    look: dict[str, Any] = {"cmap": plotting.FIELD_COLOURS, "capstyle": "round"}
+    means = (deviation[:-1] + deviation[1:]) / 2
+    drawn = plotting.draw_along(upper, xy, means, norm=plotting.along_norm(deviation), **look)
+    plotting.draw_along_bar(figure, drawn, upper, "std. dev. of the position [cm]", 0.8)
     limits = upper.get_xlim(), upper.get_ylim()
     upper.plot(*found.recorded[:, :2].T, color=RECORDED, linewidth=0.8, alpha=0.7, zorder=4)
     upper.plot(*xy[doubtful].T, "x", color=FILTER, markersize=5, mew=1.6, zorder=6)

@@ -25,22 +25,14 @@ SMOOTH = 19
 """Stream of random numbers of the smoother."""
 PARTICLES, MAX_PARTICLES = 3000, 60_000
 """Number of particles, and that up to which it is raised where they fit badly."""
-ENOUGH = 150.0
-"""Effective number of particles from which on they suffice."""
-SAMPLES = 40
-"""Number of trajectories that are drawn."""
 BEAMS = 15.0
 """Number of independent beams that a scan counts as, beside the particles of other places."""
 UNEXPLAINED = -1.0
 """Log-likelihood a beam below which the map does not explain a scan, which then says nothing."""
 FAR = 2.0
 """Distance from walls from which on a beam's end is far from all of them [m]."""
-FOUND = math.exp(-14.0)
-"""Weight of the poses that are found on the whole map, beside those of the particles."""
 BLOCK = 64
 """Number of scans after which what was done is put down."""
-MIN_RETURNS = 5
-"""Number of returns below which a scan says nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +116,7 @@ class Pass:
                     self._write(folder, k + 1, clouds, best)
             poor = poor + 1 if best[k] < self._usual(best[:k]) else 0
             progress(k + 1, count)
-        samples = np.empty((SAMPLES, count, 3))
+        samples = np.empty((40, count, 3))
         random = random_of(self.seed, SMOOTH, self.number, count)
         kidnapped = self.walls.kidnapped
         sample_backwards(random, clouds, self.ways, self.deviations, kidnapped, samples)
@@ -148,7 +140,8 @@ class Pass:
             fits = self._fits(k, poses)
             weights = np.exp(BEAMS * np.maximum(fits, UNEXPLAINED))
             effective, bad = weights.sum() ** 2 / (weights**2).sum(), fits.max() < usual
-            if k == 0 or (effective >= ENOUGH and not bad):
+            # So many effective particles suffice.
+            if k == 0 or (effective >= 150.0 and not bad):
                 break
         # A scan that nothing explains, or the third one that fits badly.
         if k and bad and (poor % 3 == 2 or fits.max() < UNEXPLAINED):
@@ -156,7 +149,8 @@ class Pass:
             poses = np.ascontiguousarray(np.concatenate([poses, found], axis=1))
             fits = np.concatenate([fits, self._fits(k, found)])
             weights = np.exp(BEAMS * np.maximum(fits, UNEXPLAINED))
-            weights[many:] *= FOUND * many / found.shape[1]
+            # Poses found on the whole map weigh little beside those of the particles.
+            weights[many:] *= math.exp(-14.0) * many / found.shape[1]
         best[k] = fits.max()
         draw_evenly(random, poses, weights, clouds[k])
 
@@ -171,7 +165,8 @@ class Pass:
 
         ends, sums = self.ends[k] / self.walls.grid.resolution, np.zeros(poses.shape[1])
         returns = int(np.isfinite(ends[:, 0]).sum())
-        if returns >= MIN_RETURNS:
+        # A scan of fewer returns says nothing.
+        if returns >= 5:
             add_scores(self.walls.scores, ends, poses, poses.shape[1], sums)
         return sums / max(returns, 1)
 

@@ -21,7 +21,6 @@ from locplan.robots import Robot
 
 VERSION = 2
 """Version of what `smooth` finds, which rises when it finds something else."""
-REFERENCES = ("log", SMOOTHED)
 
 
 def trajectory_of(
@@ -102,7 +101,7 @@ def referenced(
         As for `trajectory_of`.
     """
     if reference is not None:
-        one_of("reference", reference, REFERENCES)
+        one_of("reference", reference, ("log", SMOOTHED))
     of_bag = bool(recording.source.lidar_frame)  # other files name none
     if recording.source.poses == SMOOTHED or (reference or ("log", SMOOTHED)[of_bag]) == "log":
         return recording

@@ -39,8 +39,6 @@ KEY_WAY, KEY_TURN = 0.3, 0.2
 """Way [m] and turn [rad] from one scan that the filter takes to the next."""
 FAR = 0.3
 """Distance from which on two ways are at different places [m]."""
-UNLIKE = -0.8
-"""Log-likelihood a beam below which a scan is unlike the map."""
 
 
 def smooth(
@@ -222,7 +220,8 @@ class _Drive:
         own = self._widened(chain.covariances(poses, SURE_BEAMS)[0], fits)
         doubts[chain.displaced(poses)] = MAP_MOVED
         doubts[other[near]] = AMBIGUOUS
-        doubts[(fits < UNLIKE) | absurd[near]] = BAD_FIT
+        # Log-likelihood a beam below which a scan is unlike the map.
+        doubts[(fits < -0.8) | absurd[near]] = BAD_FIT
         sure = (position_axes(own)[0] <= 0.15) & (np.sqrt(own[:, 2, 2]) <= math.radians(4))
         doubts[~sure] = UNCERTAIN
         for n in jumps:

@@ -22,6 +22,7 @@ from locplan.maps import OccupancyGrid
 from locplan.recordings._bag_copies import BagCopy
 from locplan.recordings._odometry_model import OdometryModel
 from locplan.recordings._recording import Recording
+from locplan.simulation import LOST
 
 UNCERTAIN, AMBIGUOUS, BAD_FIT, JUMPED, MAP_MOVED = range(1, 6)
 DOUBTS = (
@@ -39,8 +40,6 @@ SMOOTHED = "smoothed"
 """The source of the poses of a recording that has a trajectory's."""
 SHOWN = 20
 """Number of the stretches not to be trusted that the report shows."""
-LOST = 1.0
-"""Distance from where the robot was from which on recorded poses are lost [m]."""
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from locplan import plotting
+from locplan._kernels.arrays import Floats
 from locplan.costs import Path
 from locplan.simulation._drives import LOST, rates_of
 from locplan.simulation._figures import MAP_MARKS, draw_places, place_handles
@@ -181,37 +183,43 @@ def _draw_judged(errors: Axes, lost: Axes, tuning: Tuning) -> None:
         names = ["whole drive", *(names if tuning.is_joined else ["stretches"])]
     at = np.arange(len(names))
     count = len(tuning.judged)
-    for n, (each, (colour, marker)) in enumerate(zip(tuning.judged, itertools.cycle(MAP_MARKS))):
-        aside = at + 0.14 * (n - (count - 1) / 2)
+    for n, (each, mark) in enumerate(zip(tuning.judged, itertools.cycle(MAP_MARKS))):
         cpu = each.cpu_ms_per_metre / tuning.judged[0].cpu_ms_per_metre
         label = f"{each.name}, CPU x{cpu:.2g}" if n else each.name
         label, whole = textwrap.fill(label, 46, break_on_hyphens=False), each.whole
-        for axes, intervals, factor in (
-            (errors, [*([whole.rmse] if whole else []), *(n.rmse for n in each.levels)], 1.0),
-            (lost, [*([whole.lost_way] if whole else []), *(n.lost for n in each.levels)], 100.0),
-        ):
-            value, low, high = factor * np.array(intervals).T
-            if not tuning.drive:
-                axes.plot(aside, value, linewidth=0.8, alpha=0.5, color=colour)
-            below, above = np.nan_to_num(value - low), np.nan_to_num(high - value)
-            bars = np.maximum([below, above], 0)
-            axes.errorbar(aside, value, bars, fmt="none", ecolor=colour, elinewidth=1.5)
-            axes.plot(aside, value, marker, color=colour, label=label)
+        aside, joined = at + 0.14 * (n - (count - 1) / 2), not tuning.drive
+        rmse = [*([whole.rmse] if whole else []), *(level.rmse for level in each.levels)]
+        share = [*([whole.lost_way] if whole else []), *(level.lost for level in each.levels)]
+        _draw_intervals(errors, aside, np.array(rmse), mark, label, joined)
+        _draw_intervals(lost, aside, 100 * np.array(share), mark, label, joined)
+    parts, share_of, runs = "the paths", "all drives", "drives off by > 1 m at some time [%]"
+    if tuning.drive:
+        parts, share_of, runs = "replays or stretches", "the way, or of replays", "off by > 1 m [%]"
     for axes in (errors, lost):
         axes.set_xticks(at, names, rotation=90 if tuning.is_joined else 0)
         if not tuning.drive:
             axes.set_xlabel("odometry's errors, relative to those asked")
         axes.grid(axis="y", color="0.92")
         axes.margins(x=0.1)
-    parts, share, runs = "the paths", "all drives", "drives off by > 1 m at some time [%]"
-    if tuning.drive:
-        parts, share, runs = "replays or stretches", "the way, or of replays", "off by > 1 m [%]"
     errors.set_title(f"geometric mean over {parts}, 95 %", fontsize="medium")
-    lost.set_title(f"share of {share}, 95 %", fontsize="medium")
+    lost.set_title(f"share of {share_of}, 95 %", fontsize="medium")
     plotting.make_logarithmic(errors.yaxis)
     errors.set_ylabel("RMSE of the position [m]")
     lost.set_ylabel(runs)
     lost.set_ylim(bottom=-0.04 * lost.get_ylim()[1])
+
+
+def _draw_intervals(
+    axes: Axes, at: NDArray[Any], intervals: Floats, mark: tuple[str, str], label: str, joined: bool
+) -> None:
+    """Values with their intervals, rows of (value, low, high), as marks of one colour."""
+    value, low, high = intervals.T
+    colour, marker = mark
+    if joined:
+        axes.plot(at, value, linewidth=0.8, alpha=0.5, color=colour)
+    bars = np.maximum([np.nan_to_num(value - low), np.nan_to_num(high - value)], 0)
+    axes.errorbar(at, value, bars, fmt="none", ecolor=colour, elinewidth=1.5)
+    axes.plot(at, value, marker, color=colour, label=label)
 
 
 def _draw_gains(axes: Any, tuning: Tuning, gains: Sequence[tuple[str, float]]) -> None:

@@ -159,15 +159,12 @@ class Arrivals(Valued):
     def places(self) -> Table:
         """Where robots stop, end without having arrived, and leave the path by over 0.5 m."""
         every = [(n, *place) for n, each in enumerate(self.drives) for place in each.places]
-        return Table(PLACES, tuple((n, what, *pose) for n, what, poses in every for pose in poses))
+        columns = Column("drive"), Column("what"), *POSE
+        return Table(columns, tuple((n, what, *pose) for n, what, poses in every for pose in poses))
 
     def summary(self) -> dict[str, object]:
         """Shares of the drives by their ends, fit for JSON."""
         return {"drives": len(self.drives), **{e.name: list(e.of(self)) for e in ARRIVING}}
-
-
-PLACES = (Column("drive"), Column("what"), *POSE)
-"""Columns of `Arrivals.places`."""
 
 
 def _rate(name: str, what: str, title: str) -> Column:
@@ -185,26 +182,21 @@ ARRIVING: tuple[Column, ...] = (
 """Columns of `Arrivals`."""
 
 
-ENDED = (
-    Column("path"),
-    Column("drive"),
-    Column("outcome"),
-    Column("seconds", "s"),
-    Column("fault"),
-    *POSE,
-    *(Column(f"believed_{each.name}", each.unit) for each in POSE),
-)
-"""Columns of the ends of closed-loop drives."""
-
-
 def ends_of(arrivals: Mapping[str, Arrivals]) -> Table:
     """Where the closed-loop drives along some paths ended, and where the filter believed to be."""
+    columns = (
+        *map(Column, ("path", "drive", "outcome")),
+        Column("seconds", "s"),
+        Column("fault"),
+        *POSE,
+        *(Column(f"believed_{each.name}", each.unit) for each in POSE),
+    )
     rows = (
         (name, n, each.outcome, each.seconds, each.fault, *each.end, *each.believed_end)
         for name, found in arrivals.items()
         for n, each in enumerate(found.drives)
     )
-    return Table(ENDED, tuple(rows))
+    return Table(columns, tuple(rows))
 
 
 def faults_of(*arrivals: Arrivals) -> str:

@@ -38,8 +38,6 @@ from locplan.simulation._replanning import POINTS, Replanner, at_heading_0
 from locplan.simulation._simulator import CLOSED, Simulator
 from locplan.simulation._worlds import Stage
 
-FINE = 0.02
-"""Maximum edge of the cells on which a way through a world is looked for [m]."""
 PATIENCE = 60.0, 3.0
 """Maximum time of a drive: so long [s], and so many times that of its path."""
 RETREAT = 0.3
@@ -200,7 +198,7 @@ class ClosedLoop:
         if self._is_car:
             return self._is_clear(self.paths[name], world)
         # Cells of 2 cm at most: on coarse ones a gap would seem narrower than it is.
-        finer = math.ceil(world.resolution / FINE)
+        finer = math.ceil(world.resolution / 0.02)
         cells = np.where(world.squares[0, 1:-1, 1:-1], FREE, OCCUPIED).astype(np.uint8)
         cells, resolution = cells.repeat(finer, 0).repeat(finer, 1), world.resolution / finer
         clearance, robot = OccupancyGrid(cells, resolution).clearance, self.simulator.robot

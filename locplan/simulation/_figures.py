@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -29,8 +27,7 @@ if TYPE_CHECKING:
     from locplan.simulation._simulate import Simulation
 
 POOLED, WITHIN = "#0072b2", "#d55e00"
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-MAP_MARKS = (*zip(COLOURS, "o^sDvP", strict=True),)
+MAP_MARKS = (*zip(plotting.style.COLOURS, "o^sDvP", strict=True),)
 """Colour and marker of each map; where there are more maps, all of them look alike."""
 
 
@@ -52,9 +49,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
     plotting.draw_inset(upper, grid, part, shown)
     profiles = {name: each.profile() for name, each in simulation.drives.items()}
     every = np.concatenate([profile[:, 4] for profile in profiles.values()])
-    low = max(plotting.style.MIN_ERROR, float(every.min()))
-    norm = LogNorm(low, max(float(every.max()), 2 * low), clip=True)
-    colours: dict[str, Any] = {"cmap": plotting.style.ERROR_COLOURS, "norm": norm}
+    norm = plotting.along_norm(every, of_errors=True)
     ratios, handles = contrasts(simulation.drives), []
     for (name, profile), style in zip(profiles.items(), itertools.cycle(plotting.PATH_STYLES)):
         distance, xy, mean = profile[:, 0], profile[:, 1:3], profile[:, 4]
@@ -62,9 +57,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
         plotting.draw_path(
             upper, simulation.paths[name], color=colour, linewidth=7, path_effects=[]
         )
-        lines = [*np.stack([xy[:-1], xy[1:]], axis=1)]
-        coloured = LineCollection(lines, array=mean[:-1], linewidths=4, zorder=3, **colours)
-        upper.add_collection(coloured)
+        coloured = plotting.draw_along(upper, xy, mean[:-1], norm=norm)
         lower.fill_between(distance, profile[:, 6], profile[:, 7], color=colour, alpha=0.15, lw=0)
         lower.plot(distance, mean, linewidth=1.8, **style)
         text = (
@@ -83,8 +76,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
         label = "\n".join(plotting.lines_within(text, width - 1))
         handles.append(Line2D([], [], linewidth=2, label=label, **style))
         plotting.draw_ends(upper, xy[0], xy[-1])
-    bar = figure.colorbar(coloured, ax=upper, label="mean position error [m]", shrink=0.9)
-    plotting.label_plainly(bar.ax.yaxis)
+    plotting.draw_along_bar(figure, coloured, upper)
     lower.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
     lower.set(xlabel="distance along the path [m]", ylabel="position error [m]")
     plotting.make_logarithmic(lower.yaxis)

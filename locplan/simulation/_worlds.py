@@ -24,8 +24,6 @@ POSE_SPACING, TURN = 0.05, 0.1
 """Maximum distance [m] and turn [rad] between two poses."""
 AHEAD = 0.3
 """Distance ahead on the path to the point that a robot faces if the path has no headings [m]."""
-BAND = 0.5
-"""Difference in length below which two paths count as equally long [m]."""
 
 
 def poses_along(path: Path, grid: OccupancyGrid, name: str = "") -> Poses:
@@ -90,7 +88,8 @@ def approaches(
     near, (row, col) = _cut_out(costs, cell, length)
     to_cell = plan_field(near, near.grid.cell_to_world(row, col))
     distance = np.where(to_cell.cost <= length, to_cell.cost, -1.0)
-    rows, cols = np.nonzero(distance >= max(distance.max() - BAND, 0.0))
+    # Paths count as equally long within 0.5 m.
+    rows, cols = np.nonzero(distance >= max(distance.max() - 0.5, 0.0))
     drives = []
     for n in random.choice(len(rows), count, replace=len(rows) < count):
         path = to_cell.path(near.grid.cell_to_world(int(rows[n]), int(cols[n])))

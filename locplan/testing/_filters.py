@@ -11,8 +11,6 @@ from locplan.robots import Filter, Lidar
 
 STEPS, AHEAD = 8, 0.3
 """Number of steps of the drive that a filter is checked on, and their length [m]."""
-NEAR = 0.5
-"""Distance from the true pose at which a filter must end in an empty room [m], and [rad]."""
 
 
 def check_filter(filter: Filter) -> None:
@@ -44,7 +42,7 @@ def check_filter(filter: Filter) -> None:
             " filters that were started"
         )
     off = np.abs(first[-1] - _truth()[-1])
-    if off.max() > NEAR:
+    if off.max() > 0.5:
         x, y, heading = first[-1]
         raise LocplanError(
             f"the filter ends at {x:.2f},{y:.2f} heading {heading:.2f}, far from the robot; poses"

@@ -30,8 +30,6 @@ from locplan.twins._twins import SHOWN, Twins
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-COLOURS = ListedColormap(colormaps["YlOrBr"](np.linspace(0.0, 0.8, 256)))
-"""Colours of the share elsewhere, from nearly white to brown, never as dark as a wall."""
 OTHER = "0.35"
 """Colour of lines that belong to none of these symmetries."""
 MAX_LINES = 24
@@ -64,8 +62,10 @@ def twins_figure(
     starts = twins.best_starts() if starts is None else starts
     named = twins.symmetries[:5]
     figure, axes = _on_map(twins.grid, 0.5 + 0.16 * len(named))
+    # From nearly white to brown, never as dark as a wall.
+    colours = ListedColormap(colormaps["YlOrBr"](np.linspace(0.0, 0.8, 256)))
     image = plotting.draw_cells(
-        axes, twins.grid, twins.layer("elsewhere"), cmap=COLOURS, vmin=0.0, vmax=1.0
+        axes, twins.grid, twins.layer("elsewhere"), cmap=colours, vmin=0.0, vmax=1.0
     )
     bar = figure.colorbar(image, ax=axes, shrink=0.8, label="chance that a match lands elsewhere")
     bar.ax.yaxis.set_major_formatter(PercentFormatter(1.0))

@@ -35,8 +35,6 @@ COUNT = 10
 """Default number of modes that are kept."""
 STEPS, STEP = 5, 0.1
 """Steps to each side that are tried about a mode, and their length, at least a cell [m]."""
-NEAR = 2.0
-"""Distance from a wall, in deviations of a beam's end, within which it is explained."""
 TURNS_ASIDE, TURN = 5, math.radians(2.0)
 """Turns to each side that are tried about a mode, and their angle [rad]."""
 
@@ -198,7 +196,8 @@ def _explained(places: Database, ends: Singles, pose: Floats) -> float:
     from locplan._kernels.scan_losses import TOP, loss_at
 
     tables, z_rand = places.tables, places.matching.z_rand
-    most = TOP * math.log((1 - z_rand) * math.exp(-0.5 * NEAR**2) + z_rand) / math.log(z_rand)
+    # A beam's end within two deviations of a wall is explained by it.
+    most = TOP * math.log((1 - z_rand) * math.exp(-0.5 * 2.0**2) + z_rand) / math.log(z_rand)
     last = len(tables.corners) - 1
     losses = [loss_at(tables, last, ends[:, [n]], *pose.tolist()) for n in range(ends.shape[1])]
     return float(np.mean(np.array(losses) <= most))
