@@ -120,12 +120,7 @@ class FilterMap(RobotOptions):
 
         Warnings offer to mend a map on which the filter gets lost, and tell of masks.
         """
-        maps = getattr(self, "maps", None) or [getattr(self, "map_file", None)]
-        for file in locplan.maps.find_maps(*filter(None, maps)):
-            for fault in locplan.maps.of_mask(*locplan.maps.read_map(file)):
-                if fault.sure:
-                    said = one_line(f"{file}: {fault.sentence}")
-                    warnings.warn(locplan.maps.MapWarning(said), stacklevel=2)
+        self._warn_of_masks()
         own = [locplan.load_map(self.filter_map)] if self.filter_map else [*grids]
         for each in own:
             if offered := locplan.mending.offer(each, getattr(self, "cache_dir", None)):
@@ -135,6 +130,15 @@ class FilterMap(RobotOptions):
         (grid,) = own
         locplan.simulation.check_of_one_map(grid, grids)
         return locplan.simulation.check_filter_map(grid, grids[0])
+
+    def _warn_of_masks(self) -> None:
+        """Warn of maps that are masks for a costmap filter, as `info` does."""
+        maps = getattr(self, "maps", None) or [getattr(self, "map_file", None)]
+        for file in locplan.maps.find_maps(*filter(None, maps)):
+            for fault in locplan.maps.of_mask(*locplan.maps.read_map(file)):
+                if fault.sure:
+                    said = one_line(f"{file}: {fault.sentence}")
+                    warnings.warn(locplan.maps.MapWarning(said), stacklevel=2)
 
 
 @typed.option_group("Field")

@@ -45,14 +45,7 @@ def choice_figure(choice: Choice) -> Figure:
     paths = [*(each.path for each in choice.candidates), ends]
     width, height, part = WIDTH, 4.0, None
     if choice.costs is not None:
-        rows = [
-            row
-            for each in choice.candidates
-            if each.arrivals
-            for row in each.arrivals.places().rows
-        ]
-        marked = [Path(np.array([row[2:4] for row in rows]))] if rows else []
-        part = plotting.map_around(choice.costs.grid, [*paths, *marked])
+        part = plotting.map_around(choice.costs.grid, [*paths, *_marked(choice)])
         width, height = plotting.map_size(part)
         width = max(width, WIDTH)
     # Height of what is drawn along the paths [inch].
@@ -82,6 +75,13 @@ def choice_figure(choice: Choice) -> Figure:
     name = choice.map["name"] or "map"
     figure.title(f"{name}: {choice.said[0]}", *choice.said[1:], choice.driven)
     return figure
+
+
+def _marked(choice: Choice) -> list[Path]:
+    """The places that are marked, as one path, if there are any."""
+    every = [each.arrivals.places().rows for each in choice.candidates if each.arrivals]
+    places = [row[2:4] for rows in every for row in rows]
+    return [Path(np.array(places))] if places else []
 
 
 def _rank(choice: Choice, each: Candidate) -> int:

@@ -16,12 +16,12 @@ from locplan._util.tables import file_name, wrapped, write_rows
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, FieldConfig
-from locplan.planners import SHORTEST, Plan, Position
+from locplan.planners import Plan, Position
 from locplan.robots import Amcl, Robot
 from locplan.simulation._arrivals import Arrivals, faults_of
 from locplan.simulation.choice._ask import TUNED, ChoiceSettings
 from locplan.simulation.choice._densities import config_of, costmap_of, costs_again
-from locplan.simulation.choice._driven import DRIVEN, NOTHING, PLANNED, Candidate, Driven
+from locplan.simulation.choice._driven import DRIVEN, PLANNED, Candidate, Driven, comparable
 from locplan.simulation.choice._race import (
     LOSES_MORE,
     NO_DIFFERENCE,
@@ -141,13 +141,13 @@ class Choice(Result, Stored):
         if chosen is None or shortest is None:
             return f"{self.status}: {self.note}" if self.note else self.status
         if found is None:
-            return f"take {_quoted(chosen)}, untested: {self.note}"
+            return f"take {chosen.quoted}, untested: {self.note}"
         if found.leader == 0:
             if len(self.candidates) == 1:
                 return "take the shortest: there is no other path that is not much longer"
             return f"take the shortest: no other path led by 1 % in the race of {ROUNDS[-1]} drives"
         leader = self.candidates[found.leader]
-        error = f"x{short(found.ratio)} of its error {at_length(shortest, leader)}"
+        error = f"x{short(found.ratio)} of its error {leader.at_length(shortest)}"
         more_lost = ", but more of its drives are off by over 1 m" if found.more_lost else ""
         if chosen is leader:
             answer = f'take "{leader.name}": {found.verdict} than the shortest, {error}'
@@ -170,7 +170,7 @@ class Choice(Result, Stored):
             return ""
         shortest, faults = self._arrivals[0], faults_of(*self._arrivals)
         last = driven[-1].arrivals or shortest
-        said = f"steered by its filter, the robot arrives on {_quoted(driven[-1])} in {last.words}"
+        said = f"steered by its filter, the robot arrives on {driven[-1].quoted} in {last.words}"
         if len(driven) == 1:
             return said + faults
         same = last.count == shortest.count
@@ -221,7 +221,7 @@ class Choice(Result, Stored):
             return ""
         count, first = len(self.judgement.drives), self.judgement.drives.start
         leader = self.candidates[self.judgement.leader]
-        of = f" of {_quoted(leader)} and of the shortest" if first else " at most of each path"
+        of = f" of {leader.quoted} and of the shortest" if first else " at most of each path"
         return f"{count} drives{of}; seed {self.seed}; with {self.robot.title}"
 
     @property
@@ -287,18 +287,6 @@ class Choice(Result, Stored):
         marks = Column("chosen", title="", value=lambda each: ">" if each is self.chosen else "")
         return Table.of((marks, *columns) if self.judgement else columns, self.candidates)
 
-    def _comparable(self) -> Table:
-        """The table without errors in other drives than the shortest's, which cannot be compared:
-        their ratios are over the drives that both have."""
-        table = self.table()
-        numbers = [each.driven and each.driven.numbers for each in self.candidates]
-        at = next((n for n, each in enumerate(table.columns) if each.name == "error"), 0)
-        rows = tuple(
-            row if own == numbers[0] else (*row[:at], NOTHING, *row[at + 1 :])
-            for row, own in zip(table.rows, numbers, strict=True)
-        )
-        return dataclasses.replace(table, rows=rows)
-
     def report(self, *about: Any, **more: Any) -> str:
         """The answer with its advice, the table, and which drives are shown.
 
@@ -320,7 +308,9 @@ class Choice(Result, Stored):
         below = [*left, *([self.driven, *heads] if self.judgement else [])]
         if self.costs is not None and not self.costs.has_weak_spots:
             below.append("no weak spot for this lidar: u is 0 all over the map")
-        return "\n".join([*wrapped(self.said), str(self._comparable()), *wrapped(below)])
+        return "\n".join(
+            [*wrapped(self.said), str(comparable(self.table(), self.candidates)), *wrapped(below)]
+        )
 
     def _write(self, folder: File, *about: Any) -> None:
         """Write the paths, the table and the errors along the paths."""
@@ -353,16 +343,3 @@ class Choice(Result, Stored):
             history=history,
             costs=costs,
         )
-
-
-def _quoted(each: Candidate) -> str:
-    """A candidate's name in a sentence."""
-    return "the shortest" if each.name == SHORTEST else f'"{each.name}"'
-
-
-def at_length(shortest: Candidate, other: Candidate) -> str:
-    """How much longer than the shortest path a candidate is in words; a user's may be shorter."""
-    extra = other.path.length - shortest.path.length
-    if abs(extra) < 0.05:
-        return "at the same length"
-    return f"for {abs(extra):.1f} m {'more' if extra > 0 else 'less'}"
