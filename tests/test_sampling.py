@@ -1,5 +1,6 @@
 """OMPL's planners on a costmap."""
 
+import dataclasses
 import functools
 import itertools
 import json
@@ -21,6 +22,7 @@ from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Found, names, ompl as sampling, plan
 from locplan.planners.ompl import KINDS, Limits
 from locplan.planners.ompl._settings import logged
+from locplan.robots import Kinematics, Robot
 
 ANYTIME = [name for name, kind in KINDS.items() if kind.anytime]
 ABLE = [(name, space) for name, kind in KINDS.items() for space in kind.spaces]
@@ -296,6 +298,7 @@ def test_a_start_at_the_goal_is_solved():
         ({"planner": "RRTstar", "seed": 0}, "seed must be a whole number in 1..4294967295"),
         ({"planner": "RRT", "convergence": 0.01}, "convergence is for RRTstar"),
         ({"planner": "BITstar", "from_grid": True}, "from_grid is for RRTstar"),
+        ({"planner": "RRTstar", "space": "SE2", "from_grid": True}, "in R2, Dubins and ReedsShepp"),
         ({"planner": "RRTstar", "space": "SE2", "improve": True}, "improve is for space R2"),
         ({"planner": "RRTstar", "settings": {"reach": 1}}, "has no setting 'reach'; it has:"),
         ({"planner": "RRTstar", "settings": {"range": "far"}}, "does not take range='far'"),
@@ -349,6 +352,20 @@ def test_a_search_can_begin_with_the_grid_planners_path(planner):
     on_grid = plan(costs, start, goal, planner="grid").metrics.cost
     result = plan(costs, start, goal, planner=planner, from_grid=True, iterations=300)
     assert result.metrics.cost <= on_grid * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("space", ["Dubins", "ReedsShepp"])
+def test_curves_cost_no_more_than_the_lattices_path_that_they_begin_with(space):
+    start, goal, options = request(space)
+    reverse = space == "ReedsShepp"
+    kinematics = Kinematics(drive="car-like", turning_radius=0.25, reverse=reverse)
+    costs = two_ways()
+    own = dataclasses.replace(costs, robot=Robot(kinematics=kinematics, goal_tolerance=0.0))
+    known = plan(own, start, goal, planner="lattice").path
+    assert np.allclose(known.poses[[0, -1]], [start, goal])
+    costs = dataclasses.replace(costs, robot=None)
+    first = plan(costs, start, goal, planner="RRTstar", from_grid=True, iterations=1, **options)
+    assert first.metrics.cost <= path_metrics(costs, known).cost * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("planner", ["RRT", "RRTConnect", "KPIECE1", "FMT", "PRM", "RRTstar"])

@@ -44,7 +44,7 @@ class PlannerOptions(typed.Options):
     seed: typed.Seed | None = None
     """Seed of OMPL's random numbers, and of the simulated drives; 1 by default."""
     from_grid: bool | None = None
-    """Begin OMPL's planner with the grid planner's path."""
+    """Begin OMPL's planner with the grid planner's path, or the lattice's of curves."""
     improve: bool | None = None
     """Straighten the path found by an OMPL planner."""
     setting: Annotated[tuple[str, ...], Parameter(metavar="NAME=VALUE")] = ()

@@ -148,7 +148,7 @@ class ClosedLoop:
     @cached_property
     def body(self) -> Any:
         """The robot's outline and motion as the follower takes them."""
-        from locplan._kernels.follower import Body
+        from locplan._kernels.bodies import Body
 
         robot, kinematics = self.simulator.robot, self.simulator.robot.kinematics
         sideways = kinematics.drive == "omnidirectional"
@@ -173,7 +173,7 @@ class ClosedLoop:
 
     def world(self, number: int) -> Any:
         """The world of a drive."""
-        from locplan._kernels.follower import Surroundings
+        from locplan._kernels.bodies import Surroundings
 
         # Nobody knows what stands in unknown cells: they are no walls, as in the lidar's world.
         return Surroundings(self.stage.world(0, number), self.grid.resolution)
@@ -215,7 +215,8 @@ class ClosedLoop:
 
     def _is_clear(self, path: Path, world: Any) -> bool:
         """Whether the outline keeps the follower's distance from a world's walls along a path."""
-        from locplan._kernels.follower import MARGIN, margin_at
+        from locplan._kernels.bodies import margin_at
+        from locplan._kernels.follower import MARGIN
 
         path = path.resampled(POINTS / 2)
         poses = own_axes(self.grid, np.column_stack([path.xy, path.facing]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,9 +17,11 @@ from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners._any_angle import AnyAngle, straightened
 from locplan.planners._grid import blank_costs, cheapest_cells, connected_parts, through_centres
-from locplan.planners._protocol import MAX_SEED, Found, Position, check_space
+from locplan.planners._lattice import Lattice
+from locplan.planners._protocol import CURVED, MAX_SEED, Found, Position, check_space
 from locplan.planners.ompl._motions import Motions
 from locplan.planners.ompl._stopping import KINDS, OPTIMAL, Limits, able
+from locplan.robots import Kinematics, Robot
 
 
 @dataclass(frozen=True)
@@ -50,8 +53,9 @@ class Ompl:
     seed: int | None = None
     """Seed of OMPL's random numbers, 1 to 2^32 - 1; 1 by default."""
     from_grid: bool = False
-    """True begins the search with the grid planner's path, so that its path costs no more: trees of
-    RRTstar and its variants grow along it, roadmaps contain it. In "R2" only."""
+    """True begins with another planner's path, so that the path costs no more. In "R2" it is the
+    grid planner's: trees of RRTstar and its variants grow along it, roadmaps contain it. Of curves
+    it is the lattice planner's, which is taken unless the search finds a cheaper one."""
     improve: bool = False
     """True straightens the path at last, as any-angle does it. In "R2" only."""
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -86,8 +90,10 @@ class Ompl:
         if self.space not in kind.spaces:
             can = able(lambda kind: self.space in kind.spaces)
             raise ConfigError(f"{self.name} cannot plan in {self.space}; {can} can")
-        if self.from_grid and not (kind.from_grid and self.space == "R2"):
-            raise ConfigError(f"from_grid is for {able(lambda kind: kind.from_grid)}, in space R2")
+        if self.from_grid and not (kind.from_grid and self.space in ("R2", *CURVED)):
+            spaces = "R2, Dubins and ReedsShepp"
+            can = able(lambda kind: kind.from_grid)
+            raise ConfigError(f"from_grid is for {can}, in {spaces}")
         if self.improve and self.space != "R2":
             raise ConfigError("improve is for space R2: straight lines keep no turning radius")
         if self.progress is not None and not callable(self.progress):
@@ -131,12 +137,8 @@ class Ompl:
         direct = motions.path(np.array([start, goal]))
         if motions.cost(start, goal) <= direct.length * (1 + OPTIMAL) + OPTIMAL:
             return Found(direct, history=((0.0, path_metrics(costs, direct).cost),))
-        known: list[Path] = []
-        if self.from_grid:
-            cells, _ = cheapest_cells(costs, start, goal, allow_corner_cutting=False)
-            assert cells is not None
-            known = [through_centres(costs, cells, start, goal, trim=True)]
-        limits, ahead = self.limits, known[0].xy if known else None
+        known = self._known(costs, start, goal) if self.from_grid else []
+        limits, ahead = self.limits, known[0].xy if known and self.space == "R2" else None
         began = time.perf_counter()
         if KINDS[self.name].roadmap:
             seed = self.seed or 1
@@ -154,6 +156,25 @@ class Ompl:
         path = min(found, key=lambda one: path_metrics(costs, one).cost)
         history = (*limits.history, (time.perf_counter() - began, path_metrics(costs, path).cost))
         return Found(straightened(costs, path) if self.improve else path, history=history)
+
+    def _known(self, costs: Costmap, start: Position, goal: Position) -> list[Path]:
+        """The path of another planner that the search begins with, or none."""
+        if self.space == "R2":
+            cells, _ = cheapest_cells(costs, start, goal, allow_corner_cutting=False)
+            assert cells is not None
+            return [through_centres(costs, cells, start, goal, trim=True)]
+        kinematics = Kinematics(
+            drive="car-like",
+            turning_radius=self.turning_radius or 0.0,
+            reverse=self.space == "ReedsShepp",
+        )
+        own = dataclasses.replace(costs, robot=Robot(kinematics=kinematics, goal_tolerance=0.0))
+        path = Lattice(time_limit=self.seconds).solve(own, start, goal).path
+        if path is None:
+            return []
+        apart = path.driven[[0, -1]] - [start, goal]
+        apart[:, 2] = np.sin(apart[:, 2] / 2)
+        return [path] if np.allclose(apart, 0.0) else []  # the lattice's ends may be off a little
 
 
 def _by_tree(
