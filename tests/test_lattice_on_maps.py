@@ -18,6 +18,7 @@ from locplan.robots import Footprint, Kinematics, Robot
 LONG = Footprint([(0.5, 0.3), (0.5, -0.3), (-0.5, -0.3), (-0.5, 0.3)])
 DRIVES = {
     "on the spot": Kinematics(),
+    "car": Kinematics(drive="car-like", turning_radius=0.4),
     "forward": Kinematics(drive="car-like", turning_radius=0.4, reverse=False),
 }
 
