@@ -76,7 +76,7 @@ def test_the_check_of_walls_is_paid_once_and_the_cache_lists_and_clears_it(
     save_map(blocks(), tmp_path / "blocks.yaml")
     assert "locplan mend" in mending.offer(blocks())
     assert mending.offer(ROOM) is None
-    monkeypatch.setattr("locplan.field._wall_checks.solidity", None)  # not checked again
+    monkeypatch.setattr("locplan.field._kept.solidity", None)  # not checked again
     assert "locplan mend" in mending.offer(blocks())
     assert mending.offer(ROOM) is None
     code, out, _ = run("info", tmp_path / "blocks.yaml")

@@ -551,6 +551,8 @@ NAV2 = {
     "min_particles": 500,
     "pf_err": 0.05,
     "pf_z": 0.99,
+    "recovery_alpha_fast": 0.0,
+    "recovery_alpha_slow": 0.0,
     "resample_interval": 1,
     "sigma_hit": 0.2,
     "update_min_a": 0.2,
