@@ -24,8 +24,6 @@ from locplan.twins import PLACE_SPACING, find_twins
 
 SHARES = {"field": 200, "as it is": 150, "cures": 450, "together": 200}
 """Share of the work of each stage, in thousandths."""
-ALIKE = 0.9
-"""Share of look-alike places from which on no scan tells where the robot was put."""
 
 
 def check(
@@ -152,7 +150,7 @@ def _start(world: OccupancyGrid, robot: Robot, effort: str, threads: int | None)
         return ""
     found = find_twins(world, robot, spacing=2 * PLACE_SPACING, threads=threads)
     best = next(iter(found.best_starts(1)), None)
-    if best is None or found.share >= ALIKE:
+    if best is None or found.share >= 0.9:  # no scan tells where the robot was put
         return (
             f"start: {found.share:.0%} of the places look like another one to a single scan, so"
             " global localization cannot work: set the pose"

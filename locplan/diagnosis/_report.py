@@ -19,8 +19,6 @@ from locplan.diagnosis._text import next_action, said, verdict
 from locplan.maps import OccupancyGrid
 from locplan.plotting import shrunk
 
-SIDE = 900
-"""Width or height of the map, whichever is longer [units of the drawing]."""
 GREYS = np.array([40, 190, 255], np.uint8)
 """Shades of occupied, unknown and free."""
 
@@ -46,7 +44,7 @@ class Drawing(NamedTuple):
 
         image = GREYS[shrunk(grid.cells)[::-1] // 127]
         data = base64.b64encode(cv2.imencode(".png", image)[1].tobytes()).decode()
-        scale = SIDE / max(grid.shape)
+        scale = 900 / max(grid.shape)  # the longer side in the drawing's units
         size = grid.shape[1] * scale, grid.shape[0] * scale
         return cls(f"data:image/png;base64,{data}", *size, grid, scale)
 

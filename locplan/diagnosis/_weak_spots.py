@@ -22,14 +22,6 @@ WIDE, LONG = 6.0, 12.0
 """Width and length of an area from which on it is cut into parts of at most this length [m]."""
 PIXEL, SMALLEST = 0.25, 4.0
 """Side of the pixels that areas are cut by [m], and minimum area of a part [m^2]."""
-THRESHOLDS = (None, 0.6, 0.7, 0.8, 0.9)
-"""Minimum u of a spot's cells; the next one where an area takes too much of the map."""
-TOO_LARGE = 0.25
-"""Share of the free space from which on an area is no spot, if a higher threshold divides it."""
-SEEN = 0.35
-"""Share of the directions below which too few walls are within the lidar's range."""
-BEFORE = 10.0
-"""Distance that a robot may drive from a spot until it is off by over 1 m because of it [m]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,11 +106,11 @@ def _areas(costs: Costmap, field: CovarianceField) -> tuple[DegenerateArea, ...]
     """Degenerate areas, none of which takes most of the map unless nothing divides it."""
     free = np.count_nonzero(costs.grid.free) * costs.grid.resolution**2
     found: tuple[DegenerateArea, ...] = ()
-    for threshold in THRESHOLDS:
+    for threshold in (None, 0.6, 0.7, 0.8, 0.9):  # minimum u of a spot's cells
         before, found = found, degenerate_areas(costs, field, threshold=threshold)
         if not found:
             return before
-        if found[0].area < TOO_LARGE * free:
+        if found[0].area < 0.25 * free:  # else an area takes too much of the map
             break
     return found
 
@@ -187,7 +179,7 @@ def _spot(
     length, width = _extents(area)
     turns = area.heading_std > math.radians(10) and area.position_std < 0.2
     missing = f"no feature along {math.degrees(direction):.0f} deg"
-    if seen_around(grid, area.middle, reach) < SEEN:
+    if seen_around(grid, area.middle, reach) < 0.35:  # of the directions
         missing = f"few walls within {reach:g} m"
     elif turns:
         missing = ROUND
@@ -257,7 +249,8 @@ def blamed(spots: Sequence[WeakSpot], path: Path, lost_at: Floats) -> str:
     for spot in spots:
         own = distance[inside(spot.outline, points)]
         since = known[:, None] - own
-        hit = ((since >= -0.5) & (since <= BEFORE)).any(axis=1) if len(own) else np.zeros(1)
+        # A robot drives up to 10 m from a spot until it is off by over 1 m because of it.
+        hit = ((since >= -0.5) & (since <= 10.0)).any(axis=1) if len(own) else np.zeros(1)
         counts[spot.letter] = int(hit.sum())
     often = sorted(counts, key=lambda letter: -counts[letter])
     named = [letter for letter in often if counts[letter] >= 0.25 * len(known)]
