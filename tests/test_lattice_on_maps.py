@@ -12,7 +12,7 @@ from locplan._kernels.outlines import swept
 from locplan.costs import Costmap
 from locplan.maps import OCCUPIED
 from locplan.planners import check_path, plan
-from locplan.planners._primitives import centre_cells, primitives, reach_of
+from locplan.planners._primitives import centre_cells, primitives
 from locplan.robots import Footprint, Kinematics, Robot
 
 LONG = Footprint([(0.5, 0.3), (0.5, -0.3), (-0.5, -0.3), (-0.5, 0.3)])
@@ -31,7 +31,9 @@ def flooded(costs: Costmap, starts: list[tuple[int, int]]) -> list[np.ndarray]:
     shape, robot = costs.grid.shape, costs.robot
     radius = robot.kinematics.turning_radius / costs.grid.resolution
     found = primitives(16, radius, False)
-    reach = reach_of(found, robot.outline, costs.grid.resolution)
+    farthest = max(np.abs(np.array(each.poses)[:, :2]).max() for each in found)
+    body = robot.outline.circumscribed_radius / costs.grid.resolution
+    reach = math.ceil(farthest + body) + 2
     walls = np.pad(costs.grid.cells == OCCUPIED, reach)
     blocked = np.pad(np.isinf(costs.density), reach, constant_values=True)
     number, sources, targets = np.arange(costs.density.size).reshape(shape), [], []
