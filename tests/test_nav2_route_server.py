@@ -1,5 +1,6 @@
 """The route server's parameters in a robot's own file, and how near graphs are to starts."""
 
+import json
 import warnings
 
 import numpy as np
@@ -100,6 +101,11 @@ def test_the_folder_says_how_the_server_is_started_and_asked(tmp_path, costs, di
     text = (tmp_path / "g" / "README.md").read_text()
     assert words in text
     assert "/compute_route nav2_msgs/action/ComputeRoute" in text
+    graph = json.loads((tmp_path / "g" / "graph.geojson").read_text())
+    nodes = [each["geometry"] for each in graph["features"] if each["geometry"]["type"] == "Point"]
+    x, y = nodes[-1]["coordinates"]
+    assert f"position: {{x: {x:.2f}, y: {y:.2f}}}" in text  # a place on this map
+    assert ("names the graph by its place on this machine" in text) == (distro == "jazzy")
 
 
 @pytest.mark.parametrize("name", ["warehouse", "aws_small_house", "tb4_depot"])

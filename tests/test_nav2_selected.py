@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from locplan import export, plan
-from locplan.costs import Costmap
-from locplan.errors import LocplanError
+from locplan.costs import Costmap, Path
+from locplan.errors import ConfigError, LocplanError
 from locplan.export import RobotWarning
 from locplan.maps import OccupancyGrid, environments
 
@@ -80,6 +80,21 @@ def test_a_robots_comments_stay(tmp_path, costs):
     assert "but its comments" not in (tmp_path / "m" / "README.md").read_text()
 
 
+def test_a_mask_of_an_exports_own_parameters_is_warned_of(tmp_path, costs):
+    """Their inflation is the steep one below a mask, which would be taken for the robot's."""
+    exported(tmp_path, costs)
+    own, merged = tmp_path / "own.yaml", tmp_path / "m" / "nav2.yaml"
+    for write, params, warned in (
+        (export.nav2_keepout, own, False),
+        (export.nav2_keepout, merged, True),
+        (export.nav2_static, merged, True),
+        (export.nav2_speed, merged, False),  # it goes beside the mask
+    ):
+        with warnings.catch_warnings(record=True, action="always") as caught:
+            write(tmp_path / write.__name__, costs, params=params)
+        assert any("has a mask of an export" in str(each.message) for each in caught) == warned
+
+
 def test_navfn_is_not_chosen_and_it_is_said_why(tmp_path, costs):
     (tmp_path / "own.yaml").write_text(PARAMS.replace("factor: 3.0", "factor: 12.0"))
     with pytest.warns(RobotWarning, match=r"NavfnPlanner\): its wave stops early .* 2\.98 times"):
@@ -141,6 +156,67 @@ def test_a_planner_that_no_selector_names_is_replaced(tmp_path, costs):
     (tmp_path / "own.xml").write_text(NAMING.replace("GridBased", "{planner_id}"))
     exported(tmp_path, costs, planner="smac2d", tree=tmp_path / "own.xml")
     assert "{planner_id}" not in (tmp_path / "m" / "tree.xml").read_text()
+
+
+def test_a_tree_may_have_single_quotes(tmp_path, costs):
+    for tree in (SELECTING, NAMING):
+        (tmp_path / "own.xml").write_text(tree.replace('"', "'"))
+        exported(tmp_path, costs, planner="thetastar", tree=tmp_path / "own.xml")
+        text = (tmp_path / "m" / "tree.xml").read_text()
+        assert "GridBased" not in text
+        assert 'smoothed_path="{path}"' in text
+        ElementTree.fromstring(text)
+
+
+@pytest.mark.parametrize(
+    ("own", "names"),
+    [
+        ("{smoother_plugins: [sg], sg: {plugin: mine}}", ["sg", "simple_smoother"]),
+        ("{smoother_plugins: [simple_smoother], simple_smoother: {}}", ["simple_smoother"]),
+        ("{simple_smoother: {max_its: 5}}", None),  # Nav2's default is this name
+    ],
+)
+def test_the_smoother_that_the_tree_names_is_there(tmp_path, costs, own, names):
+    (tmp_path / "own.xml").write_text(NAMING)
+    params = f"{PARAMS}smoother_server: {{ros__parameters: {own}}}\n"
+    exported(tmp_path, costs, params, planner="thetastar", tree=tmp_path / "own.xml")
+    merged = yaml.safe_load((tmp_path / "m" / "nav2.yaml").read_text())
+    server = merged["smoother_server"]["ros__parameters"]
+    assert server.get("smoother_plugins") == names
+    if names and "sg" in names:
+        assert server["sg"] == {"plugin": "mine"}
+        assert server["simple_smoother"]["plugin"] == "nav2_smoother::SimpleSmoother"
+    else:
+        assert "plugin" not in server["simple_smoother"]
+
+
+@pytest.mark.parametrize("namespace", ["", "/r1"])
+def test_topics_are_those_of_the_robots_namespace(tmp_path, costs, namespace):
+    """Nav2's own names of them are relative."""
+    params = PARAMS
+    if namespace:
+        params = f"r1:\n  {params.strip().replace(chr(10), chr(10) + '  ')}\n"
+    exported(tmp_path, costs, params)
+    text = (tmp_path / "m" / "README.md").read_text()
+    assert f"reliable {namespace}/planner_selector std_msgs" in text
+    export.nav2_speed(tmp_path / "speed", costs, params=tmp_path / "own.yaml", lead=0.4)
+    text = (tmp_path / "speed" / "README.md").read_text()
+    assert f"limits on {namespace}/speed_limit;" in text
+    assert "begins 0.4 m before" in text
+    merged = yaml.safe_load((tmp_path / "speed" / "nav2.yaml").read_text())
+    costmap = (merged["r1"] if namespace else merged)["global_costmap"]["global_costmap"]
+    own = costmap["ros__parameters"]["localizability_speed_filter"]
+    assert own["speed_limit_topic"] == f"{namespace}/speed_limit"
+    export.route_graph(tmp_path / "graph", costs, params=tmp_path / "own.yaml")
+    text = (tmp_path / "graph" / "README.md").read_text()
+    assert f"send_goal {namespace}/compute_route" in text
+
+
+@pytest.mark.parametrize("xy", [[(2, 3), (22.8, 12.1)], [(2, 3), (60, 3)], [(2, 3), (2, 3)]])
+def test_what_is_no_way_on_the_map_is_refused(tmp_path, costs, xy):
+    with pytest.raises(ConfigError, match="path mine is one place, or leaves the map's free space"):
+        export.nav2_keepout(tmp_path / "m", costs, paths={"mine": Path(np.array(xy, float))})
+    assert not (tmp_path / "m").exists()
 
 
 def test_a_tree_that_plans_nothing_is_refused(tmp_path, costs):

@@ -185,6 +185,7 @@ def _write_charged(
     )
     merged, called = with_planner(robot, with_costmap(robot, kind), conversion)
     if inflation:
+        robot.warn(robot.of_mask())
         steep = inflation.below_a_mask.inflation.cost_scaling_factor
         merged = merged.changed(GLOBAL_COSTMAP, {f"{inflation.layer}.cost_scaling_factor": steep})
     merged, edited = with_tree(robot, merged, called, conversion.planner, Path(folder))
@@ -277,6 +278,7 @@ def _write(
     known = {"title": title, "costs": costs, "kind": kind, "file": file, "planning": planning}
     known |= {"changed": changed, "added": added, "comments": comments}
     known |= {"distro": robot.distribution.name, "before": next(iter(robot.planners), "")}
+    known |= {"namespace": robot.parameters.namespace, "lead": about.get("lead")}
     with export_folder(folder, "nav2-mask.md", about, **known) as temporary:
         (temporary / "nav2.yaml").write_bytes(content)
         if planning and planning.tree is not None:

@@ -189,6 +189,15 @@ class Robot:
                 " plans only where it is selected, as the folder's README.md says"
             )
 
+    def of_mask(self) -> Iterator[str]:
+        """That its inflation is no longer its own."""
+        masks = "localizability_keepout_filter.plugin", "localizability_static_layer.plugin"
+        if any(name in self.parameters.of(GLOBAL_COSTMAP) for name in masks):
+            yield (
+                "it has a mask of an export, and an inflation as steep as goes below one; give the"
+                " robot's own file, whose inflation the mask is to carry"
+            )
+
     def of_speed(self, own: str) -> Iterator[str]:
         """That another speed filter limits the same robot."""
         advice = "both publish limits, and the one that came last counts: merge the masks, or leave"
@@ -255,7 +264,8 @@ def with_costmap(robot: Robot, kind: str) -> Nav2Parameters:
         own = {"plugin": f"nav2_costmap_2d::{kind.title()}Filter", "enabled": True}
         own |= {"filter_info_topic": f"/{base}_info"}
         if kind == "speed":
-            own |= {"speed_limit_topic": "/speed_limit"}  # which the controller server obeys
+            # The controller server obeys this one.
+            own |= {"speed_limit_topic": f"{robot.parameters.namespace}/speed_limit"}
         names = names if plugin in names else [*names, plugin]
         changes = {"filters": names, **_settings(plugin, own)}
     return robot.parameters.changed(GLOBAL_COSTMAP, changes)

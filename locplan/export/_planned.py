@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from locplan._kernels.arrays import Floats
 from locplan._kernels.navfn import FAR, OBSTACLE, navfn_potential
 from locplan.costs import Costmap, Path, path_metrics
-from locplan.errors import PoseError
+from locplan.errors import ConfigError, PoseError
 from locplan.export._charges import PLANNERS, Conversion, NavPlanner
 from locplan.export._costmap import INSCRIBED, LETHAL, CostmapInflation, PlannedPath
 from locplan.export._parameters import Robot
@@ -75,10 +75,17 @@ def checked_paths(
 ) -> Iterator[PlannedPath]:
     """The paths of a mask's planner, and of the robot's own ones, between the ends of others.
 
-    The robot's own planners have Nav2's default of the parameter that scales costs.
+    The robot's own planners have Nav2's default of the parameter that scales costs. A path that is
+    no way on the map is a ConfigError.
     """
     if not paths:
         return
+    free = unblocked(costs)
+    for name, path in paths.items():
+        if not 0 < path_metrics(free, path).cost < math.inf:
+            raise ConfigError(
+                f"path {name} is one place, or leaves the map's free space; plan it on this map"
+            )
     inflation, chosen = CostmapInflation.of(robot.file), conversion.planner
     if inflation and not chosen.caveat:
         inflation = inflation.below_a_mask

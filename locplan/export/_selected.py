@@ -34,14 +34,15 @@ def edited_tree(path: str | Path, called: str, *, smooth: bool) -> str:
     """
     text = read_text(Path(path), 2**20)
     # A name between braces is that of a selector's choice, where the tree has one.
-    named = r'planner_id="(?!\{)[^"]*"' if "<PlannerSelector" in text else r'planner_id="[^"]*"'
+    chosen = r"(?!\{)" if "<PlannerSelector" in text else ""
+    named = rf"planner_id=([\"']){chosen}.*?\1"
 
     def planning(node: re.Match[str]) -> str:
         own = node[0]
         if "planner_id=" not in own:
             own = f'{own[:-2].rstrip()} planner_id="{called}"/>'
         own = re.sub(named, f'planner_id="{called}"', own)
-        out = re.search(r'\bpath="(\{[^"]*\})"', own)
+        out = re.search(r"\bpath=[\"'](\{.*?\})[\"']", own)
         if not (smooth and out) or "<SmoothPath" in text:
             return own
         path = f'unsmoothed_path="{out[1]}" smoothed_path="{out[1]}"'
@@ -53,8 +54,8 @@ def edited_tree(path: str | Path, called: str, *, smooth: bool) -> str:
             f"{path}: has no ComputePathToPose or ComputePathThroughPoses; give the behaviour tree"
             " by which the robot navigates"
         )
-    selected = r'(<PlannerSelector\b[^>]*\bdefault_planner=")[^"]*(")'
-    return re.sub(selected, rf"\g<1>{called}\g<2>", made)
+    selected = r"(<PlannerSelector\b[^>]*\bdefault_planner=)([\"']).*?\2"
+    return re.sub(selected, rf'\g<1>"{called}"', made)
 
 
 def with_tree(
@@ -62,7 +63,7 @@ def with_tree(
 ) -> tuple[Nav2Parameters, str | None]:
     """Parameters by which Nav2 takes a robot's tree from a folder, and the tree; None without one.
 
-    Paths at any angle are smoothed, by a smoother as nav2_bringup has it where there is none.
+    Paths at any angle are smoothed, by a smoother as nav2_bringup has it where none is called so.
     """
     if robot.tree is None:
         return merged, None
@@ -75,9 +76,11 @@ def with_tree(
         if f"<ComputePath{kind}" in text
     }
     merged = merged.changed("bt_navigator", own)
-    if planner.any_angle and not merged.of("smoother_server"):
+    server = merged.of(node := "smoother_server")
+    names = merged.names(node, "smoother_plugins", [SMOOTHER] if server else [])
+    if planner.any_angle and SMOOTHER not in names:
         smoother: dict[str, Any] = {"plugin": "nav2_smoother::SimpleSmoother", "tolerance": 1e-10}
         smoother |= {"max_its": 1000, "do_refinement": True}
         settings = {f"{SMOOTHER}.{name}": value for name, value in smoother.items()}
-        merged = merged.changed("smoother_server", {"smoother_plugins": [SMOOTHER], **settings})
+        merged = merged.changed(node, {"smoother_plugins": [*names, SMOOTHER], **settings})
     return merged, text
