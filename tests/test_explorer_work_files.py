@@ -289,7 +289,7 @@ def done_again(made, run):
     names = {}
     with contextlib.redirect_stdout(io.StringIO()) as output:
         exec(made["python"], names)
-    assert "length [m]" in output.getvalue()
+    assert "length" in output.getvalue()
     lines = [line for line in made["shell"].splitlines() if not line.startswith("#")]
     (words,) = map(shlex.split, lines)
     assert words[0] == "locplan"

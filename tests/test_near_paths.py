@@ -204,4 +204,5 @@ def test_plan_computes_what_lies_near_its_paths_unless_a_spacing_is_given(
     cached = "--cache-dir", tmp_path / "cache"
     code, _, err = run("plan", tmp_path / "map.yaml", *ends, *lidar, *cached, *options)
     assert code == 0, err
-    assert [each.share for each in cache.entries(tmp_path / "cache")] == [share]
+    fields = cache.fields(tmp_path / "cache")
+    assert [cache.CacheEntry.read(each).share for each in fields] == [share]

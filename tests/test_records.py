@@ -105,7 +105,8 @@ def test_tables_break_at_spaces_alone_and_their_headings_first():
         text = table.text(width=width)
         assert words <= {*text.split()}, width
         assert max(map(len, text.splitlines())) <= width
-    assert "100% [68,100]   1.00 [0.68,1.00]" in table.text(width=70)
+    for line in table.text(width=70).splitlines()[-2:]:
+        assert line.split()[-4:] == ["100%", "[68,100]", "1.00", "[0.68,1.00]"]
 
 
 def test_all_files_have_the_same_names_and_values(tmp_path):

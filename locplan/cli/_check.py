@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -14,13 +14,15 @@ from locplan._util.progress import progress_bar
 from locplan.cli import _options as shared, _types as typed
 from locplan.cli._application import BEYOND_LIMIT
 from locplan.cli._robot_options import RobotOptions
-from locplan.diagnosis import Limit
 from locplan.errors import ConfigError, one_line
+
+if TYPE_CHECKING:
+    from locplan.diagnosis import Limit
 
 
 def limit(_: str, text: str) -> Limit:
     """A limit as it is typed."""
-    return Limit.parse(text)
+    return locplan.diagnosis.Limit.parse(text)
 
 
 @typed.command(
@@ -46,7 +48,7 @@ class check(typed.OneMap, RobotOptions, shared.ReferencedOptions, shared.Seeded,
     """Drive a third as often, and try neither other paths nor landmarks."""
     thorough: Annotated[bool, typed.under("Simulation")] = False
     """Drive three times as often."""
-    fail_if: Annotated[tuple[Limit, ...], typed.parsed(limit, "LIMIT", many=True)] = ()
+    fail_if: Annotated[tuple[Any, ...], typed.parsed(limit, "LIMIT", many=True)] = ()
     """Limit of arrives, lost, error, degenerate or faults, such as "lost > 5%"; the exit code is 4
     where the figure's whole interval is beyond it; repeatable."""
     junit: Annotated[Path | None, typed.under("Output")] = None

@@ -244,6 +244,7 @@ def _within(values: Array, low: float, high: float) -> Bools:
 _GAP = rb"(?:\s|#.*\n)+"  # one way only to match each text, or blanks take exponential time
 OTHER_RANGE = re.compile(rb"P[25]%b\d+%b\d+%b(?!255\s)\d" % (_GAP, _GAP, _GAP))
 MAX_IMAGE_BYTES, MAX_PIXELS = 2**30, 2**28
+PIXELS_PER_BYTE = 8300  # deflate's best is 1032 to 1, with eight 1-bit pixels in a byte
 
 
 def read_pixels(file: Path) -> tuple[Array, Bools | None, bool]:
@@ -255,8 +256,7 @@ def read_pixels(file: Path) -> tuple[Array, Bools | None, bool]:
             with _opened(content) as image:
                 # Of images that take more than a byte a pixel in memory, half as many are read.
                 most = MAX_PIXELS if image.mode in ("1", "L", "P") else MAX_PIXELS // 2
-                # Deflate's best is 1032 to 1, with eight 1-bit pixels in a byte.
-                if image.width * image.height > min(most, 8300 * len(content)):
+                if image.width * image.height > min(most, PIXELS_PER_BYTE * len(content)):
                     raise ValueError(f"more pixels than its bytes can hold, or than {most}")
                 image.verify()  # checks PNG checksums, as decoding does not; uses up the image
             with _opened(content) as image:

@@ -148,7 +148,13 @@ class Candidate(Valued):
         return "the shortest" if self.name == SHORTEST else f'"{self.name}"'
 
     def at_length(self, shortest: Candidate) -> str:
-        """How much longer than the shortest path it is in words; a user's may be shorter."""
+        """How much longer than the shortest path it is in words; a user's may be shorter.
+
+        Parameters
+        ----------
+        shortest : Candidate
+            The shortest path.
+        """
         extra = self.path.length - shortest.path.length
         if abs(extra) < 0.05:
             return "at the same length"
