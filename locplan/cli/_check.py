@@ -93,5 +93,6 @@ class check(typed.OneMap, RobotOptions, shared.ReferencedOptions, shared.Seeded,
 
 
 def _tell(finding: str) -> None:
-    """Say a finding as it comes, beside the progress."""
-    print(one_line(finding), file=sys.stderr, flush=True)
+    """Say a finding as it comes, where somebody sees the progress."""
+    if sys.stderr.isatty():
+        print(one_line(finding), file=sys.stderr, flush=True)

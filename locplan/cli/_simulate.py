@@ -82,7 +82,7 @@ class simulate(
             elif simulated := self._along_paths(grids[0], costmaps, robot, every):
                 if named is None:
                     assumed = f"{robot.known_lidar.title}; name yours with --lidar"
-                    print(f"no lidar named, one assumed: {assumed}", file=sys.stderr)
+                    print(f"robot: no lidar named, one assumed: {assumed}", file=sys.stderr)
                 self.finish(simulated)
             else:
                 self.show({"status": "unreachable"}, "unreachable: no path leads to the goal")
