@@ -179,6 +179,7 @@ MAPS = ("in/room.yaml", "in/r$x_^{.yaml", "in/r\\frac.yaml", "in/r\udcffm.yaml",
 MAPS += ("in/$oom$.yaml", "in/big.yaml")
 ASKED = {
     "calibrate": (("--places", "--drives"), ("--places", "--scans", "--error")),
+    "check": (("--quick",),),
     "evaluate": (("--places", "--drives", "--scans"),),
     "export": ((), ("--start", "--goal")),
     "plot": ((), ("--at", "--figure")),
