@@ -183,3 +183,17 @@ def corridor(
     cells[(abs(across) < width / 2 + 0.15) & (abs(along) < length / 2)] = OCCUPIED
     cells[(abs(across) < width / 2) & (abs(along) < length / 2)] = FREE
     return OccupancyGrid(cells, resolution, (-half * resolution, -half * resolution, 0.0))
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium; what needs it is skipped where it is missing."""
+    from explorer_page import FLAGS, browser_file
+
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    if browser_file() is None:
+        pytest.skip("no chromium on this machine")
+    with sync_api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=browser_file(), args=FLAGS)
+        yield chromium
+        chromium.close()

@@ -264,7 +264,7 @@ def test_the_command_ends_in_exit_code_4_beyond_a_limit(tmp_path):
     done = subprocess.run([*command, *options], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 4, done.stderr
     assert "door to desk" in done.stdout
-    assert "faults <= 0: fails" in done.stderr
+    assert "failed: faults is 0 [0, 0], it fails on faults <= 0" in done.stderr
     for name in ("check.xml", "report/report.html", "report/run.yaml"):
         assert (tmp_path / name).exists()
 

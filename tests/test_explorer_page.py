@@ -8,7 +8,7 @@ import re
 import threading
 
 import pytest
-from explorer_page import FLAGS, STATIC, Seen, browser_file, corridors, served, toured
+from explorer_page import STATIC, Seen, browser_file, corridors, served, toured
 
 from locplan.explorer import RecordedDrive
 from locplan.field import load_or_compute
@@ -16,21 +16,12 @@ from locplan.maps import OccupancyGrid
 from locplan.recordings import match_scans
 
 pytest.importorskip("starlette", reason="the explorer's server is not installed")
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 pytestmark = pytest.mark.skipif(browser_file() is None, reason="no chromium on this machine")
 
 
 TEAL, BLUE, RED, MARK = (8, 122, 126), (26, 95, 180), (178, 20, 66), (194, 24, 63)
 """Colours of the aware path, of landmarks that are proposed, of the simulated path with the
 greatest error, and of what a robot believes, on a light page."""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as started:
-        chromium = started.chromium.launch(executable_path=browser_file(), args=FLAGS)
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture(scope="module")

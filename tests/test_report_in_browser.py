@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,14 +10,9 @@ import pytest
 
 from locplan.comparison import MEASURES, Comparison, Run, Task
 
-CHROMIUM = shutil.which("chromium")
-QUIET = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 LENGTHS = {"any-angle": 9.0, "grid": 10.0, "BITstar": 100.0}
 
-pytestmark = [
-    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium"),
-    pytest.mark.draws,
-]
+pytestmark = pytest.mark.draws
 
 
 def run_of(planner: str, weight: float, query: str) -> Run:
@@ -41,15 +35,6 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     about = {"began": "2025-03-04T05:06:07"}
     Comparison(tuple(runs), "any-angle", {}, about).save(folder)
     return folder / "report.html"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    sync_api = pytest.importorskip("playwright.sync_api", reason="there is no playwright")
-    with sync_api.sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=CHROMIUM, args=QUIET)
-        yield started
-        started.close()
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ FIGURES: dict[str, Callable[[Check], Interval]] = {
     "faults": lambda check: Interval(*[float(len(check.faults))] * 3),
 }
 """What a limit may be of: shares, the error of a typical drive [m], and the number of faults."""
-COMPARED = {">=": operator.ge, "<=": operator.le, ">": operator.gt, "<": operator.lt}
+SHARES = ("arrives", "lost", "degenerate")
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ class Limit:
         if unit not in units:
             raise ConfigError(f"{name} is not in {unit}, as in {shown(text)}")
         value = float(number) / (100 if unit == "%" else 1)
-        if name in ("arrives", "lost", "degenerate") and value > 1:
-            raise ConfigError(f"{name} is a share: write {number}%, not {shown(text)}")
+        if name in SHARES and value > 1:
+            raise ConfigError(f"{name} is a share, 0 to 1 or 0% to 100%, not {shown(text)}")
         return cls(name, sign, value, " ".join(text.split()))
 
     def fails(self, check: Check) -> bool:
@@ -83,7 +83,8 @@ class Limit:
         """
         _, low, high = FIGURES[self.figure](check)
         nearest = low if self.sign.startswith(">") else high
-        return bool(COMPARED[self.sign](nearest, self.number))
+        compared = {">=": operator.ge, "<=": operator.le, ">": operator.gt, "<": operator.lt}
+        return bool(compared[self.sign](nearest, self.number))
 
     def said(self, check: Check) -> str:
         """The figure with its interval beside the limit.
@@ -94,8 +95,10 @@ class Limit:
             The check.
         """
         value, low, high = FIGURES[self.figure](check)
-        fails = "fails" if self.fails(check) else "holds"
-        return f"{self.text}: {fails}, {self.figure} is {value:.3g} [{low:.3g}, {high:.3g}]"
+        scale, unit = (100, " %") if self.figure in SHARES else (1, "")
+        known = f"{scale * value:.3g} [{scale * low:.3g}, {scale * high:.3g}]{unit}"
+        said = "failed" if self.fails(check) else "passed"
+        return f"{said}: {self.figure} is {known}, it fails on {self.text}"
 
 
 def write_junit(file: Path, check: Check, limits: Sequence[Limit]) -> None:
@@ -117,6 +120,6 @@ def write_junit(file: Path, check: Check, limits: Sequence[Limit]) -> None:
     for each in limits:
         case = ElementTree.SubElement(suite, "testcase", classname="locplan", name=each.text)
         if each in failed:
-            ElementTree.SubElement(case, "failure", message=f"fails if {each.said(check)}")
+            ElementTree.SubElement(case, "failure", message=each.said(check))
     with replacing(file) as temporary:
         temporary.write_bytes(ElementTree.tostring(suite, "utf-8", xml_declaration=True))

@@ -132,7 +132,7 @@ class Check(Result):
     degenerate: float
     """Share of the free space where a scan fits at many poses, 0..1."""
     spots: tuple[WeakSpot, ...]
-    """The weak spots, the worst first."""
+    """The weak spots, first those that most trips pass."""
     trips: tuple[Trip, ...]
     """The trips as they are driven now."""
     as_is: Rates

@@ -83,7 +83,9 @@ def next_action(
         errors = " -> ".join(in_metres(each.error.value) for each in (before, after))
         gains = f"the usual error {errors}, {gains}"
     gains += f", arrive {share(before.arrives)} -> {share(after.arrives)}"
-    left = " Some drives still get lost." if not is_seldom(check.after.lost) else ""
+    left = "" if is_seldom(check.after.lost) else " Some drives still get lost."
+    if check.after.lost.value >= 0.5:
+        left = " Half of the drives or more still get lost: that alone is no cure."
     sentence = f"{doing[:1].upper()}{doing[1:]}: {gains}.{left}"
     files = check.written(params)
     if folder is None:

@@ -78,7 +78,7 @@ ROUND = "no corner tells the heading"
 def weak_spots(
     costs: Costmap, field: CovarianceField, reach: float, paths: Mapping[str, Path]
 ) -> tuple[WeakSpot, ...]:
-    """The weak spots of a map, the worst first.
+    """The weak spots of a map, first those that most trips pass.
 
     Those come first that most trips pass, and then those of the largest product of deviation and
     length.
