@@ -125,7 +125,7 @@ def test_tune_first_is_said_before_the_mask(tmp_path, driven):
     assert advice.startswith("tune first")
     exported(tmp_path / "m", choice)
     lines = (tmp_path / "m/README.md").read_text().splitlines()
-    assert lines[2] == f"- First: {advice}"
+    assert lines[2] == f"- {advice[0].upper()}{advice[1:]}"
 
 
 def test_a_loaded_choice_is_given_its_field(tmp_path, driven, field):
