@@ -38,16 +38,18 @@ class check(typed.OneMap, RobotOptions, shared.ReferencedOptions, shared.Seeded,
     map, other settings, other paths, landmarks. It ends in the one thing to do next;
     with --output the files for it are written, and a report for the browser.
 
-    It takes a minute or two.
+    It takes a minute or two; one that was interrupted goes on where it was.
     """
 
+    drive: shared.DriveFiles = ()  # type: ignore[assignment]  # other commands take one
+    """Recorded drive: a bag of ROS 1 or 2, a log of CARMEN, CSV or NPZ; repeatable."""
     stations: Annotated[Path | None, typed.INPUT, Parameter(metavar="CSV")] = None
     """Stations (name,x,y) whose ways are driven, or queries (name,start_x,start_y,goal_x,goal_y);
     by default places far apart in each room."""
     quick: Annotated[bool, typed.under("Simulation")] = False
     """Drive a third as often, and try neither other paths nor landmarks."""
     thorough: Annotated[bool, typed.under("Simulation")] = False
-    """Drive three times as often."""
+    """Drive three times as often, and search settings as tune does."""
     fail_if: Annotated[tuple[Any, ...], typed.parsed(limit, "LIMIT", many=True)] = ()
     """Limit of arrives, lost, error, degenerate or faults, such as "lost > 5%"; the exit code is 4
     where the figure's whole interval is beyond it; repeatable."""
@@ -56,7 +58,8 @@ class check(typed.OneMap, RobotOptions, shared.ReferencedOptions, shared.Seeded,
 
     def __call__(self) -> int:
         self._check()
-        recordings = [self.referenced(locplan.load_map(self.map_file))] if self.drive else []
+        grid = locplan.load_map(self.map_file) if self.drive else None
+        recordings = [self.referenced(grid, file) for file in self.drive] if grid else []
         robot = self.robot_on(recordings[0]) if recordings else self.load_robot()
         every: dict[str, Any] = {"seed": self.seed, "threads": self.threads, "found": _tell}
         effort: Any = next(iter(self.given("quick", "thorough")), "usual")

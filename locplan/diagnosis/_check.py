@@ -4,21 +4,29 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from locplan._util.checks import check_threads, one_of, whole
-from locplan._util.intervals import in_metres
 from locplan._util.progress import ProgressCallback, parts, scaled
-from locplan.costs import Costmap
+from locplan.costs import Costmap, Path
 from locplan.diagnosis import _cures as cures, _in_short as in_short
-from locplan.diagnosis._driving import Site
+from locplan.diagnosis._driving import Journal, Site
+from locplan.diagnosis._recorded import recorded
 from locplan.diagnosis._result import Check, is_better, ranked
 from locplan.diagnosis._trips import Stations, trips_of
 from locplan.diagnosis._weak_spots import WeakSpot, weak_spots
 from locplan.diagnosis._work import EFFORTS, Work
-from locplan.errors import ConfigError
-from locplan.field import FieldConfig, Fused, equipped, load_or_compute
-from locplan.maps import MapFaults, OccupancyGrid, check_grid, faults, read_map
-from locplan.recordings import Recording, fit_to_map, replay
+from locplan.errors import ConfigError, LocplanError
+from locplan.field import (
+    CovarianceField,
+    FieldConfig,
+    Fused,
+    equipped,
+    kept_solidity,
+    load_or_compute,
+)
+from locplan.maps import MapFaults, MapSource, OccupancyGrid, check_grid, faults, read_map
+from locplan.recordings import Recording
 from locplan.robots import Amcl, Robot
 from locplan.twins import PLACE_SPACING, find_twins
 
@@ -41,10 +49,11 @@ def check(
     """Find where a robot gets lost on a map, and the cure that gains most, by driving it.
 
     The map's faults and weak spots are found, and trips are driven in simulation with the robot's
-    own filter. Cures that suit are driven on the same trips, in the same worlds: the mended map,
-    other settings, the lidar's full range, other paths, and landmarks if it is still lost. Those
-    that do not lead after a few drives are stopped; the others are judged on further drives, and
-    what is recommended on fresh ones.
+    own filter. Cures that suit are driven on the same trips, in the same worlds: the map's file
+    read as it is meant, the mended map, other settings, the lidar's full range, other paths or a
+    mask, and landmarks if it is still lost. Those that do not lead after a few drives are stopped;
+    the others are judged on further drives, and what is recommended on fresh ones. A check that
+    was interrupted goes on where it was: drives are kept in the cache.
 
     Parameters
     ----------
@@ -57,11 +66,14 @@ def check(
         Where the robot has something to do: a CSV file of name, x, y [m], or of queries;
         positions by name; or (start, goal) pairs. By default places far apart in each room.
     recordings : sequence of Recording, default ()
-        Recorded drives of the robot on this map; their poses count as true, see
-        `locplan.recordings.referenced`.
+        Recorded drives of the robot on this map, whose poses count as true, see
+        `locplan.recordings.referenced`. Where the map fits, lidar and odometry err in simulation
+        as they did in the longest one, walls are those that were recorded, and the resolution is
+        compared.
     effort : {"quick", "usual", "thorough"}, default "usual"
         How much is driven: about a third of the usual drives, and neither other paths nor
-        landmarks; 96 drives, which know the share of lost ones to 10 points; or 288.
+        landmarks; 96 drives, which know the share of lost ones to 10 points; or 288, and the
+        search of `locplan.tune` for settings.
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads.
     threads : int, optional
@@ -103,28 +115,35 @@ def check(
     steps = {
         name: scaled(part, size) for part, (name, size) in zip(stages, SHARES.items(), strict=True)
     }
-    map_faults = faults(grid, source)
+    map_faults = faults(grid, source, check=kept_solidity)
     _refuse_masks(map_faults)
     told(in_short.faults(map_faults))
-    world = cures.as_meant(grid, source)
-    recorded = _recorded(recordings, grid, robot, seed, threads)
-    for each in recorded:
+    reading, paths = _meant(grid, source, robot, stations, EFFORTS[effort].trips, seed)
+    drives = recorded(recordings, reading, map_faults, robot, seed, threads)
+    for each in drives.said:
         told(each)
-    paths = trips_of(Costmap.blank(world, robot=robot), stations, EFFORTS[effort].trips, seed)
-    site = Site(world, grid, robot, paths)
-    costs, spots = _field_and_spots(site, threads, steps["field"])
+    map_faults = replace(map_faults, found=(*drives.faults, *map_faults))
+    if drives.stretch != 1:
+        reading = reading.scaled(drives.stretch)
+    if drives.world != reading.grid:  # with other walls paths may be other ones
+        paths = trips_of(Costmap.blank(drives.world, robot=robot), stations, len(paths), seed)
+    site = Site(drives.world, grid, drives.robot, paths, drives.stretch)
+    field, costs, spots = _field_and_spots(site, threads, steps["field"])
     told(in_short.spots(spots))
-    work = Work(site, EFFORTS[effort], seed, threads)
-    as_is, trips = work.as_it_is(spots, steps["as it is"])
-    told(in_short.as_it_is(as_is))
-    tried = work.cures(map_faults, costs, steps["cures"])
-    for cure in filter(is_better, tried):
-        told(in_short.cure(cure, as_is))
-    before, after = work.together(tried, steps["together"])
+    with Journal.of(site, seed) as journal:
+        work = Work(site, EFFORTS[effort], seed, threads, journal)
+        as_is, trips = work.as_it_is(spots, steps["as it is"])
+        told(in_short.as_it_is(as_is))
+        tried = []
+        for cure in work.cures(reading, drives.mended, costs, field, steps["cures"]):
+            tried.append(cure)
+            if is_better(cure):
+                told(in_short.cure(cure, as_is))
+        before, after = work.together(tried, steps["together"])
     return Check(
         grid=grid,
         faults=map_faults,
-        degenerate=float((costs.u[world.free] >= 0.5).mean()),
+        degenerate=float((costs.u[site.world.free] >= 0.5).mean()),
         spots=spots,
         trips=trips,
         as_is=as_is,
@@ -132,16 +151,37 @@ def check(
         recommended=work.taken,
         before=before,
         after=after,
-        start=_start(world, robot, effort, threads),
-        recorded=recorded,
+        start=_start(site.world, robot, effort, threads),
+        recorded=drives.said,
         site=site,
         cured=cures.joined(work.remedies, work.taken, site),
         source=source,
-        placed=work.placed,
+        reading=reading,
+        made={kind: work.remedies[kind].made for kind in work.taken},
         assumed=assumed,
         effort=effort,
         seed=seed,
     )
+
+
+def _meant(
+    grid: OccupancyGrid,
+    source: MapSource | None,
+    robot: Robot,
+    stations: Stations | None,
+    count: int,
+    seed: int,
+) -> tuple[cures.Reading, dict[str, Path]]:
+    """How the map's file should be read, and the trips on it."""
+    reading = cures.as_meant(grid, source)
+    try:
+        return reading, trips_of(Costmap.blank(reading.grid, robot=robot), stations, count, seed)
+    except LocplanError:
+        if not reading.is_sure:
+            raise
+        # Where the robot fits only into what should be unknown, the trips are there.
+        trips = trips_of(Costmap.blank(grid, robot=robot), stations, count, seed)
+        return replace(reading, grid=grid), trips
 
 
 def _start(world: OccupancyGrid, robot: Robot, effort: str, threads: int | None) -> str:
@@ -161,25 +201,6 @@ def _start(world: OccupancyGrid, robot: Robot, effort: str, threads: int | None)
     )
 
 
-def _recorded(
-    recordings: Sequence[Recording],
-    grid: OccupancyGrid,
-    robot: Robot,
-    seed: int,
-    threads: int | None,
-) -> tuple[str, ...]:
-    """Whether the map fits each recorded drive, and how the filter does on it."""
-    said = []
-    for number, each in enumerate(recordings, 1):
-        fit = fit_to_map(each, grid)
-        said.append(f"drive {number}: {fit.sentence.rstrip('.')}")
-        if fit.fits and each.odometry is not None:
-            done = replay(each, grid, robot, runs=10, seed=seed, threads=threads)
-            error = in_metres(done.drives.typical_rmse.value)
-            said.append(f"drive {number}: the filter, run on it, is usually off by {error}")
-    return tuple(said)
-
-
 def _refuse_masks(found: MapFaults) -> None:
     """Raise a ConfigError if what was given for a map is surely a mask."""
     for each in found:
@@ -189,8 +210,8 @@ def _refuse_masks(found: MapFaults) -> None:
 
 def _field_and_spots(
     site: Site, threads: int | None, progress: ProgressCallback
-) -> tuple[Costmap, tuple[WeakSpot, ...]]:
-    """The costmap of the field, and the weak spots."""
+) -> tuple[CovarianceField, Costmap, tuple[WeakSpot, ...]]:
+    """The field, its costmap, and the weak spots."""
     lidar = site.robot.known_lidar
     # Weak spots are metres large: a lattice of 0.4 m shows them in a quarter of the time.
     config = FieldConfig(Fused.of(lidar), stride=0.4)
@@ -198,4 +219,4 @@ def _field_and_spots(
     costs = Costmap.from_field(site.world, field, robot=site.robot)
     own = site.robot.filter
     reach = own.reach(lidar) if isinstance(own, Amcl) else lidar.range
-    return costs, weak_spots(costs, field, reach, site.paths)
+    return field, costs, weak_spots(costs, field, reach, site.paths)

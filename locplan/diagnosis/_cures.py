@@ -2,25 +2,34 @@
 
 from __future__ import annotations
 
-import dataclasses
+import math
 import re
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path as File
 from typing import Any
 
 import numpy as np
 
-from locplan._util.progress import ProgressCallback, parts
+from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path
-from locplan.diagnosis._driving import Driver, Outcome, Site, contrast, keeps_more
+from locplan.diagnosis._driving import (
+    BETTER,
+    WORTHWHILE,
+    Driver,
+    Journal,
+    Outcome,
+    Site,
+    contrast,
+    keeps_more,
+)
 from locplan.errors import ConfigError
-from locplan.landmarks import Landmarks, Pole, place_landmarks, with_objects
-from locplan.maps import MapFaults, MapSource, OccupancyGrid, read_map
-from locplan.mending import mend
+from locplan.landmarks import Pole, place_landmarks, with_objects
+from locplan.maps import OCCUPIED, MapSource, OccupancyGrid, read_map
+from locplan.planners import plan
 from locplan.robots import Amcl
-from locplan.simulation import choose
+from locplan.simulation import Choice, tune
 
 POLES = 3
 """Number of poles that are placed where nothing else helps enough."""
@@ -47,10 +56,58 @@ class Remedy:
     """What has to be done at the site."""
     apply: Callable[[Site], Site]
     """Gives the site with it."""
+    is_sure: bool = False
+    """Whether it is to be done whatever drives say."""
+    made: Any = None
+    """What its files are made of: a mask's costmap, or landmarks."""
 
 
-def as_meant(grid: OccupancyGrid, source: MapSource | None) -> OccupancyGrid:
-    """The map with dark greys read as walls, where its thresholds leave many of them unknown.
+@dataclass(frozen=True)
+class Reading:
+    """How a map's file should be read, and what is to be changed in it."""
+
+    grid: OccupancyGrid
+    """The map that is meant."""
+    values: Mapping[str, str] = field(default_factory=dict)
+    """Entries of its YAML that are to be other ones."""
+    reasons: tuple[str, ...] = ()
+    """What each change is, and what it does."""
+    is_sure: bool = False
+    """Whether something is wrong whatever drives say."""
+    scale: float = 1.0
+    """Factor that its lengths should have."""
+
+    @property
+    def title(self) -> str:
+        """The changes, in words."""
+        return " and ".join(self.reasons)
+
+    def scaled(self, factor: float) -> Reading:
+        """The same with another resolution; its grid stays in the lengths of the file."""
+        x, y, yaw = self.grid.origin
+        resolution = self.grid.resolution * factor
+        values = {
+            "resolution": f"{resolution:.4g}",
+            "origin": f"[{x * factor:.4f}, {y * factor:.4f}, {yaw:g}]",
+        }
+        said = f"resolution {resolution:.4g}, as the ranges of recorded drives say"
+        return replace(
+            *(self,),
+            values={**self.values, **values},
+            reasons=(*self.reasons, said),
+            is_sure=True,
+            scale=factor,
+        )
+
+    def in_metres(self, grid: OccupancyGrid) -> OccupancyGrid:
+        """A map in the lengths of the file, in true ones."""
+        x, y, yaw = grid.origin
+        origin = x * self.scale, y * self.scale, yaw
+        return replace(grid, resolution=grid.resolution * self.scale, origin=origin)
+
+
+def as_meant(grid: OccupancyGrid, source: MapSource | None, *, light: bool = True) -> Reading:
+    """The map with dark greys read as walls, and map_saver's grey as unknown, where many are not.
 
     Parameters
     ----------
@@ -58,60 +115,80 @@ def as_meant(grid: OccupancyGrid, source: MapSource | None) -> OccupancyGrid:
         The map as its file says.
     source : MapSource or None
         How it was read.
+    light : bool, default True
+        Whether map_saver's grey is looked at.
     """
-    if source is None or not source.dark_unknown or source.mode != "trinary":
-        return grid
-    walls = np.count_nonzero(grid.cells == 0)
-    if source.dark_unknown <= walls / 2:
-        return grid
+    if source is None or source.mode != "trinary":
+        return Reading(grid)
+    walls = np.count_nonzero(grid.cells == OCCUPIED)
+    values, reasons = {}, []
+    if source.dark_unknown > walls / 2:
+        values = {"occupied_thresh": "0.3", "free_thresh": f"{min(source.free_thresh, 0.196):g}"}
+        reasons.append("occupied_thresh 0.3, so that dark greys are walls")
+    light = light and source.saver_grey_free > 0.01 * source.pixels
+    if light:
+        values["free_thresh"] = "0.196"
+        reasons.append("free_thresh 0.196, so that map_saver's grey is unknown")
+    if not values:
+        return Reading(grid)
     with tempfile.TemporaryDirectory() as folder:
         file = File(folder) / "map.yaml"
-        file.write_text(rewritten(source), "utf-8")
-        return dataclasses.replace(read_map(file)[0], name=grid.name)
+        file.write_text(rewritten(source, values), "utf-8")
+        meant = replace(read_map(file)[0], name=grid.name)
+    return Reading(meant, values, tuple(reasons), light)
 
 
-def rewritten(source: MapSource) -> str:
-    """A map's YAML with thresholds by which dark greys are walls; the image is named in full.
+def rewritten(source: MapSource, values: Mapping[str, str]) -> str:
+    """A map's YAML with other entries; the image is named in full.
 
     Parameters
     ----------
     source : MapSource
         How the map was read.
+    values : mapping of str to str
+        The entries.
     """
     file = File(source.file)
     lines = file.read_text("utf-8").splitlines()
-    image = (file.parent / source.image).resolve()
-    values = {"image": f'"{image}"', "occupied_thresh": "0.3"}
-    values["free_thresh"] = f"{min(source.free_thresh, 0.196):g}"
+    values = {"image": f'"{(file.parent / source.image).resolve()}"', **values}
     kept = [line for line in lines if not re.match(rf"({'|'.join(values)})\s*:", line)]
     return "\n".join([*kept, *(f"{name}: {value}" for name, value in values.items())]) + "\n"
 
 
-def remedies(site: Site, found: MapFaults, seed: int, threads: int | None) -> Iterator[Remedy]:
-    """The cures of the map and of the robot's file that suit a site."""
-    if site.filter_map is not site.world:
+def remedies(site: Site, reading: Reading, mended: OccupancyGrid) -> Iterator[Remedy]:
+    """The cures of the map and of the robot's file that suit a site.
+
+    Parameters
+    ----------
+    site : Site
+        What is driven.
+    reading : Reading
+        How the map's file should be read.
+    mended : OccupancyGrid
+        The map for the filter that `mend` makes.
+    """
+    if reading.values:
         yield Remedy(
-            *(WALLS, "dark greys read as walls", "one number in the map's YAML"),
-            lambda old: dataclasses.replace(old, filter_map=old.world),
+            *(WALLS, reading.title, "the map's YAML"),
+            lambda old: replace(old, filter_map=reading.grid, stretch=1.0),
+            is_sure=reading.is_sure,
         )
-    if any(each.kind in ("solid walls", "specks") for each in found):
-        mended = mend(site.world, site.robot, paths=1, drives=2, seed=seed, threads=threads)
-        if mended.changed:
-            yield Remedy(
-                *(MEND, "the mended map for the filter", "a second map server"),
-                lambda old: dataclasses.replace(old, filter_map=mended.filter_map),
-            )
+    if mended != reading.grid:
+        yield Remedy(
+            *(MEND, "the mended map for the filter", "a second map server"),
+            lambda old: replace(old, filter_map=mended),
+        )
     own = site.robot.filter
     if isinstance(own, Amcl) and own.reach(site.robot.known_lidar) < site.robot.known_lidar.range:
         full: dict[str, Any] = {"laser_max_range": Amcl().laser_max_range}
         yield Remedy(
             *(REACH, f"the lidar's full {site.robot.known_lidar.range:g} m", "one parameter"),
-            lambda old: _with_filter(old, dataclasses.replace(old.robot.amcl, **full)),
+            lambda old: _with_filter(old, replace(old.robot.amcl, **full)),
         )
 
 
 def _with_filter(site: Site, own: Amcl) -> Site:
-    return dataclasses.replace(site, robot=dataclasses.replace(site.robot, filter=own))
+    return replace(site, robot=replace(site.robot, filter=own))
 
 
 def settings(own: Amcl) -> dict[str, dict[str, object]]:
@@ -121,88 +198,106 @@ def settings(own: Amcl) -> dict[str, dict[str, object]]:
         changes: dict[str, object] = dict.fromkeys([f"alpha{n}" for n in range(1, 6)], alpha)
         for model in ("likelihood_field_prob", own.laser_model_type):
             changed = {**changes, "laser_model_type": model}
-            if dataclasses.replace(own, **changed) != own:  # type: ignore[arg-type]
+            if replace(own, **changed) != own:  # type: ignore[arg-type]
                 short = ", " + model if model != own.laser_model_type else ""
                 found[f"settings: alphas {alpha:g}{short}"] = changed
     return found
 
 
-def tuned(site: Site, few: Outcome, drive: Callable[[Site], Outcome]) -> Remedy | None:
+def tuned(site: Site, score: Callable[[Site], float]) -> Remedy | None:
     """The best of a few settings that are good for most robots, by few drives.
 
     Parameters
     ----------
     site : Site
         What is driven.
-    few : Outcome
-        The drives of the site as it is.
-    drive : callable
-        Drives another site with the same numbers.
+    score : callable
+        Drives a site, and gives what sites are ranked by; less is better.
     """
     own = site.robot.filter
-    if not isinstance(own, Amcl):
+    if not isinstance(own, Amcl) or not (every := settings(own)):
         return None
-    tried: dict[str, float] = {}
-    every = settings(own)
-    for title, changes in every.items():
-        after = drive(_with_filter(site, dataclasses.replace(own, **changes)))  # type: ignore[arg-type]
-        tried[title] = contrast(few, after).score
-    if not tried:
-        return None
-    best = min(tried, key=lambda each: tried[each])
+    made = [_settings(title, changes) for title, changes in every.items()]
+    return min(made, key=lambda each: score(each.apply(site)))
 
+
+def _settings(title: str, changes: Mapping[str, Any]) -> Remedy:
     def apply(old: Site) -> Site:
-        return _with_filter(old, dataclasses.replace(old.robot.amcl, **every[best]))  # type: ignore[arg-type]
+        return _with_filter(old, replace(old.robot.amcl, **changes))
 
-    return Remedy(SETTINGS, best, "a parameter file", apply)
+    return Remedy(SETTINGS, title, "a parameter file", apply)
+
+
+def searched(
+    site: Site,
+    seed: int,
+    threads: int | None,
+    journal: Journal,
+    progress: ProgressCallback | None,
+) -> Remedy | None:
+    """The settings that `tune` finds on random paths of the map; None if none is clearly better."""
+    if not isinstance(site.robot.filter, Amcl):
+        return None
+
+    def found() -> list[Any]:
+        own: Any = {"filter_map": None if site.filter_map is site.world else site.filter_map}
+        own |= {"seed": seed, "threads": threads, "progress": progress}
+        best = tune(site.world, site.robot, **own)
+        return [best.to_use.name, best.changes]
+
+    title, changes = journal((site.digest, "tune", seed), found)
+    return _settings(f"settings: {title}", changes) if changes else None
 
 
 def chosen_paths(
-    site: Site,
-    costs: Costmap,
-    few: Outcome,
-    drives: int,
-    seed: int,
-    threads: int | None,
-    progress: ProgressCallback | None,
+    site: Site, choices: Mapping[str, Choice], score: Callable[[Site], float]
 ) -> Remedy | None:
-    """The paths that `choose` recommends on the trips that lose drives.
+    """The recommended paths of trips, or a mask on which these or others are the cheapest.
 
     Parameters
     ----------
     site : Site
         What is driven.
-    costs : Costmap
-        Costmap of the field.
-    few : Outcome
-        Drives of the site as it is.
-    drives : int
-        Maximum number of confirming drives of a path.
-    seed, threads, progress
-        See `locplan.choose`.
+    choices : mapping of str to Choice
+        What was chosen for trips by their names, with costmaps.
+    score : callable
+        Drives a site, and gives what sites are ranked by; less is better.
     """
-    worst = [name for name, lost in zip(site.paths, few.lost, strict=True) if lost.any()]
-    found: dict[str, Path] = {}
-    own = None if site.filter_map is site.world else site.filter_map
-    for name, step in zip(worst, parts(progress, [100] * len(worst)), strict=True):
-        start, goal = map(tuple, site.paths[name].xy[[0, -1]].tolist())
-        about: dict[str, Any] = {"costs": costs, "drives": drives, "rival": None, "filter_map": own}
-        choice = choose(site.world, start, goal, site.robot, seed=seed, threads=threads, **about)
-        if choice.path is not None and choice.best > 0:
-            found[name] = choice.path
-        step(100, 100)
+    chosen = {name: each for name, each in choices.items() if each.path and each.best > 0}
+    found = {name: each.path for name, each in chosen.items() if each.path}
     if not found:
         return None
-    more = sum(path.length - site.paths[name].length for name, path in found.items())
-    count = f"{len(found)} of {len(site.paths)} trips, {more / len(found):+.1f} m"
+    best = _ways(site, found, "other paths", "routes for Nav2")
+    # A mask leads from everywhere to everywhere, and is worth a little more than routes.
+    least = score(best.apply(site)) - math.log(WORTHWHILE)
+    for each in chosen.values():
+        mask = each.costmap()
+        ways = {name: plan(mask, *path.xy[[0, -1]]).path for name, path in site.paths.items()}
+        known = {name: path for name, path in ways.items() if path and path.length}
+        if len(known) < len(ways):
+            continue
+        made = _ways(site, known, "a keepout mask, other paths", "a mask for Nav2", mask)
+        if (own := score(made.apply(site))) < least:
+            best, least = made, own
+    return best
+
+
+def _ways(
+    site: Site, paths: Mapping[str, Path], what: str, effort: str, mask: Costmap | None = None
+) -> Remedy:
+    """The cure of other paths; those that are as long as they were count as the old ones."""
+    longer = {name: path.length - site.paths[name].length for name, path in paths.items()}
+    changed = {name: paths[name] for name, more in longer.items() if abs(more) > 0.01}
+    more = sum(longer.values()) / max(1, len(changed))
+    title = f"{what} on {len(changed)} of {len(site.paths)} trips, {more:+.1f} m"
 
     def apply(old: Site) -> Site:
-        return dataclasses.replace(old, paths={**old.paths, **found})
+        return replace(old, paths={**old.paths, **changed})
 
-    return Remedy(PATHS, f"other paths on {count}", "routes for Nav2", apply)
+    return Remedy(PATHS, title, effort, apply, made=mask)
 
 
-def landmarks(site: Site, threads: int | None) -> tuple[Remedy, Landmarks] | None:
+def landmarks(site: Site, threads: int | None) -> Remedy | None:
     """Three poles beside the trips; None where none may stand or none helps.
 
     Parameters
@@ -225,22 +320,23 @@ def landmarks(site: Site, threads: int | None) -> tuple[Remedy, Landmarks] | Non
     def apply(old: Site) -> Site:
         world, own = (with_objects(each, kind, made.poses) for each in (old.world, old.filter_map))
         same = old.filter_map is old.world
-        return dataclasses.replace(old, world=world, filter_map=world if same else own)
+        return replace(old, world=world, filter_map=world if same else own)
 
     at = " and ".join(f"{x:.1f},{y:.1f}" for x, y in made.positions.tolist())
     title = f"{len(made)} poles at {at}"
-    return Remedy(LANDMARKS, title, f"{len(made)} poles", apply), made
+    return Remedy(LANDMARKS, title, f"{len(made)} poles", apply, made=made)
 
 
 def joined(tried: Mapping[str, Remedy], kinds: tuple[str, ...], site: Site) -> Site:
-    """A site with several cures, one after the other."""
-    for kind in kinds:
+    """A site with several cures, one after the other: the mended map is that of the right file."""
+    for kind in sorted(kinds, key=KINDS.index):
         site = tried[kind].apply(site)
     return site
 
 
 def combined(
     tried: Mapping[str, Remedy],
+    sure: tuple[str, ...],
     order: list[str],
     site: Site,
     drive: Callable[[Site], Outcome],
@@ -251,6 +347,8 @@ def combined(
     ----------
     tried : mapping of str to Remedy
         The cures by kind.
+    sure : tuple of str
+        Kinds of those that are done whatever drives say.
     order : list of str
         Kinds of those that are clearly better alone, the best first.
     site : Site
@@ -264,16 +362,22 @@ def combined(
         The kinds, and the drives without and with all of them.
     """
     before = drive(site)
-    taken: tuple[str, ...] = (order[0],)
-    after = drive(joined(tried, taken, site))
-    for kind in order[1:]:
+    taken, after = sure, drive(joined(tried, sure, site)) if sure else before
+    first, known = not sure, after
+    for kind in order:
         more = drive(joined(tried, (*taken, kind), site))
         said = contrast(after, more)
-        if keeps_more(said.verdict, said.gain):  # a second is worth no lower error alone
-            taken, after = (*taken, kind), more
+        # A second is worth no lower error alone.
+        if first or keeps_more(said.verdict, said.gain):
+            taken, after, first = (*taken, kind), more, False
+    # On fresh drives, too: else it was chance that chose it.
+    if taken != sure and contrast(known, after).verdict != BETTER:
+        taken, after = sure, known
     return taken, before, after
 
 
-def driver_of(seed: int, threads: int | None, numbers: range) -> Callable[[Site], Outcome]:
+def driver_of(
+    seed: int, threads: int | None, numbers: range, journal: Journal
+) -> Callable[[Site], Outcome]:
     """A function that drives sites with the drives of some numbers."""
-    return lambda site: Driver(site, seed, threads)(numbers)
+    return lambda site: Driver(site, seed, threads, journal)(numbers)

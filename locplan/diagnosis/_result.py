@@ -24,12 +24,12 @@ from locplan.diagnosis._cures import (
     REACH,
     SETTINGS,
     WALLS,
+    Reading,
     rewritten,
 )
 from locplan.diagnosis._driving import BETTER, STOPPED, Site, keeps_more
 from locplan.diagnosis._weak_spots import WeakSpot
-from locplan.export import write_filter_map
-from locplan.landmarks import Landmarks
+from locplan.export import nav2_keepout, write_filter_map
 from locplan.maps import MapFaults, MapSource, OccupancyGrid, save_map
 from locplan.simulation import LOST, write_tuned
 
@@ -155,8 +155,10 @@ class Check(Result):
     """The site with all that is recommended."""
     source: MapSource | None
     """How the map was read; None where it was no file."""
-    placed: Landmarks | None
-    """Landmarks, where some were placed."""
+    reading: Reading
+    """How the map's file should be read."""
+    made: Mapping[str, Any]
+    """What the files of recommended cures are made of, by kind: landmarks, or a mask's costmap."""
     assumed: bool
     """Whether the lidar was assumed, since none was named."""
     effort: str
@@ -254,11 +256,13 @@ class Check(Result):
         """
         values = "your parameters, changed" if params else "put its lines under amcl in yours"
         about = {
-            WALLS: {"map.yaml": "the map for all of Nav2, with the right threshold"},
+            WALLS: {"map.yaml": f"the map for all of Nav2, with {', '.join(self.reading.values)}"},
             MEND: {"map_amcl.yaml": "for AMCL alone: put amcl.yaml's line under amcl in yours"},
             REACH: {"nav2_params.yaml": values},
             SETTINGS: {"nav2_params.yaml": values},
-            PATHS: dict.fromkeys(self.changed_paths, "the path of a trip, to follow or to export"),
+            PATHS: {"mask/nav2.yaml": "your parameters with the mask's; mask/README.md says how"}
+            if self.made.get(PATHS)
+            else dict.fromkeys(self.changed_paths, "the path of a trip, to follow or to export"),
             LANDMARKS: {"landmarks.csv": "where each pole goes"},
         }
         return {file: text for kind in self.recommended for file, text in about[kind].items()}
@@ -276,16 +280,25 @@ class Check(Result):
         if {REACH, SETTINGS} & {*self.recommended}:
             write_tuned(folder / "nav2_params.yaml", self.cured.robot.amcl, params)
         if WALLS in self.recommended and self.source:
-            (folder / "map.yaml").write_text(rewritten(self.source), "utf-8")
+            (folder / "map.yaml").write_text(rewritten(self.source, self.reading.values), "utf-8")
+        elif WALLS in self.recommended:
+            save_map(self.reading.in_metres(self.reading.grid), folder / "map.yaml")
         if MEND in self.recommended:
-            write_filter_map(folder, self.cured.filter_map)
-        if LANDMARKS in self.recommended and self.placed:
-            rows = self.placed.poses[:, :2].tolist()
-            write_rows(folder / "landmarks.csv", ("x", "y"), rows)
-            save_map(self.placed.grid, folder / "map_with_landmarks.yaml")
+            scaled = WALLS in self.recommended
+            own = self.cured.filter_map
+            write_filter_map(folder, self.reading.in_metres(own) if scaled else own)
+        if LANDMARKS in self.recommended:
+            placed = self.made[LANDMARKS]
+            write_rows(folder / "landmarks.csv", ("x", "y"), placed.poses[:, :2].tolist())
+            save_map(placed.grid, folder / "map_with_landmarks.yaml")
         if PATHS in self.recommended:
             for name, path in self.changed_paths.items():
                 path.save(folder / name)
+            if mask := self.made[PATHS]:
+                own_file = folder / "nav2_params.yaml"
+                base = own_file if params and own_file.exists() else params
+                ways = {file[:-4]: path for file, path in self.changed_paths.items()}
+                nav2_keepout(folder / "mask", mask, params=base, paths=ways)
         called("locplan.diagnosis._report:write_report", folder / "report.html", self, *about)
 
 

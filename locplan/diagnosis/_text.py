@@ -94,11 +94,11 @@ def next_action(
 
 
 DO = {
-    WALLS: "read dark greys of the map as walls",
+    WALLS: "set in the map's YAML {cure.title}",
     MEND: "give the filter the mended map",
     REACH: "let the filter read {cure.title}",
     SETTINGS: "change the filter's {cure.title}",
-    PATHS: "send the robot along {cure.title}",
+    PATHS: "give Nav2 {cure.title}",
     LANDMARKS: "put {cure.title}",
 }
 """What to do, of each kind of cure."""
@@ -132,7 +132,9 @@ def _commands(check: Check, folder: Folder, map_file: str, params: Folder | None
         arguments.append(f"params_file:={file('nav2_params.yaml')}")
     if is_whole or {WALLS, LANDMARKS} & taken:
         lines.append(f"ros2 launch nav2_bringup bringup_launch.py {' '.join(arguments)}")
-    if PATHS in taken:
+    if PATHS in taken and check.made[PATHS]:
+        lines.append(f"ros2 launch {file('mask/localizability.launch.xml')}")
+    elif PATHS in taken:
         paths = " ".join(f"--path {file(name)}" for name in check.changed_paths)
         lines.append(f"locplan export {map_file} --to nav2-routes {paths} -o {file('routes')}")
     return "\n".join(lines)

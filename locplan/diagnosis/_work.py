@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from locplan._util.intervals import wilson
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap
 from locplan.diagnosis import _cures as cures
-from locplan.diagnosis._cures import Remedy
+from locplan.diagnosis._cures import Reading, Remedy
 from locplan.diagnosis._driving import (
-    BETTER,
     STOPPED,
     Contrast,
     Driver,
+    Journal,
     Outcome,
     Site,
     contrast,
@@ -32,8 +33,9 @@ from locplan.diagnosis._result import (
     ranked,
 )
 from locplan.diagnosis._weak_spots import WeakSpot, blamed
-from locplan.maps import MapFaults
-from locplan.simulation import Arrivals
+from locplan.field import CovarianceField
+from locplan.maps import OccupancyGrid
+from locplan.simulation import Arrivals, Choice, choose
 
 
 @dataclass(frozen=True)
@@ -52,12 +54,14 @@ class Effort:
     """Maximum number of confirming drives of a path; 0 tries no other paths."""
     landmarks: bool
     """Whether landmarks are tried."""
+    search: bool = False
+    """Whether settings are searched as `tune` does, in place of a few."""
 
 
 EFFORTS = {
     "quick": Effort(4, 12, 32, 16, 0, False),
     "usual": Effort(6, 24, 96, 48, 16, True),
-    "thorough": Effort(6, 48, 288, 96, 64, True),
+    "thorough": Effort(6, 48, 288, 96, 64, True, True),
 }
 
 
@@ -74,21 +78,25 @@ class Work:
         Seed of all random numbers.
     threads : int or None
         Number of threads.
+    journal : Journal
+        What was driven before.
     """
 
-    def __init__(self, site: Site, effort: Effort, seed: int, threads: int | None) -> None:
+    def __init__(
+        self, site: Site, effort: Effort, seed: int, threads: int | None, journal: Journal
+    ) -> None:
         self.site, self.effort, self.seed, self.threads = site, effort, seed, threads
         self.remedies: dict[str, Remedy] = {}
         self.taken: tuple[str, ...] = ()
-        self.placed: Any = None
+        self._journal = journal
         few, many, closed = (
             -(-number // len(site.paths)) for number in (effort.few, effort.drives, effort.closed)
         )
         # Cures are chosen, judged, and what is recommended confirmed, each on drives of its own.
         self._few, self._many = range(few), range(few, few + many)
         self._fresh, self._closed = range(few + many, few + 2 * many), range(closed)
-        self._driver = Driver(site, seed, threads)
-        self._drive_few = cures.driver_of(seed, threads, self._few)
+        self._driver = Driver(site, seed, threads, journal)
+        self._drive_few = cures.driver_of(seed, threads, self._few, journal)
 
     def as_it_is(
         self, spots: Sequence[WeakSpot], progress: ProgressCallback
@@ -99,10 +107,11 @@ class Work:
         self._before_few = self._driver(self._few, steps[0])
         self._before = found = self._driver(self._many, steps[1])
         arrivals = self._driver.arrivals(self._closed, steps[2])
-        rows = zip(self.site.paths.items(), arrivals, *found, strict=True)
+        of_trips = [[each] for each in arrivals] or [[]] * len(self.site.paths)
+        rows = zip(self.site.paths.items(), of_trips, *found, strict=True)
         trips = tuple(
             Trip(
-                *(name, path, _rates(Outcome(*own), [each])),
+                *(name, path, _rates(Outcome(*own), each)),
                 blamed(spots, path, own[2]),
             )
             for (name, path), each, *own in rows
@@ -110,29 +119,59 @@ class Work:
         self._as_is = _rates(found, arrivals)
         return self._as_is, trips
 
-    def cures(self, found: MapFaults, costs: Costmap, progress: ProgressCallback) -> list[Cure]:
+    def cures(
+        self,
+        reading: Reading,
+        mended: OccupancyGrid,
+        costs: Costmap,
+        field: CovarianceField,
+        progress: ProgressCallback,
+    ) -> Iterator[Cure]:
         """Try the cures that suit, each as far as it leads."""
-        site, first = self.site, self._before_few
-        few, second, third = parts(progress, [100, 150, 200])
-        every = [*cures.remedies(site, found, self.seed, self.threads)]
-        every += filter(None, [cures.tuned(site, first, self._drive_few)])
-        few(100, 100)
+        first, second, third = parts(progress, [100, 150, 200])
+        every = [*cures.remedies(self.site, reading, mended)]
+        every += filter(None, [self._settings(first)])
         if self.effort.choosing and self._before.lost.any():
-            own = self.effort.choosing, self.seed, self.threads, scaled(second, 150)
-            every += filter(None, [cures.chosen_paths(site, costs, self._before, *own)])
-        made = []
-        for remedy, step in zip(
-            every, parts(third, [200 // max(1, len(every))] * len(every)), strict=True
-        ):
-            made.append(self._tried(remedy))
+            choices = self._choices(costs, field, second)
+            every += filter(None, [cures.chosen_paths(self.site, choices, self._score)])
+        steps = parts(third, [200 // max(1, len(every))] * len(every))
+        for remedy, step in zip(every, steps, strict=True):
+            yield self._tried(remedy)
             step(200 // len(every), 200)
-        return made
+
+    def _score(self, site: Site) -> float:
+        return contrast(self._before_few, self._drive_few(site)).score
+
+    def _settings(self, progress: ProgressCallback) -> Remedy | None:
+        """Settings of the filter: of a few, or where there is time of the search of `tune`."""
+        own = self.seed, self.threads, self._journal, scaled(progress, 100)
+        found = cures.searched(self.site, *own) if self.effort.search else None
+        return found or cures.tuned(self.site, self._score)
+
+    def _choices(
+        self, costs: Costmap, field: CovarianceField, progress: ProgressCallback
+    ) -> dict[str, Choice]:
+        """The paths to take on the trips that lose drives."""
+        site, found = self.site, {}
+        named = zip(site.paths, self._before.lost, strict=True)
+        losing = [name for name, lost in named if lost.any()]
+        own: Any = {"costs": costs, "drives": self.effort.choosing, "rival": None}
+        own |= {"filter_map": None if site.filter_map is site.world else site.filter_map}
+        own |= {"seed": self.seed, "threads": self.threads}
+        for name, step in zip(losing, parts(progress, [100] * len(losing)), strict=True):
+            start, goal = map(tuple, site.paths[name].xy[[0, -1]].tolist())
+            about = site.digest, self.seed, "choice", name, self.effort.choosing
+            make = partial(choose, site.world, start, goal, site.robot, **own)
+            made = self._journal(about, make, Choice.load, Choice.write)
+            found[name] = made.with_field(field)
+            step(100, 100)
+        return found
 
     def _tried(self, remedy: Remedy) -> Cure:
         """A cure as it was driven, after a few drives no further if it does not lead."""
         self.remedies[remedy.kind] = remedy
         site = remedy.apply(self.site)
-        driver = Driver(site, self.seed, self.threads)
+        driver = Driver(site, self.seed, self.threads, self._journal)
         few = driver(self._few)
         if is_hopeless(self._before_few, few):
             said = contrast(self._before_few, few)._replace(verdict=STOPPED)
@@ -149,20 +188,21 @@ class Work:
 
     def together(self, tried: list[Cure], progress: ProgressCallback) -> tuple[Rates, Rates]:
         """What is to be done together, and fresh drives without and with it."""
-        fresh = cures.driver_of(self.seed, self.threads, self._fresh)
+        fresh = cures.driver_of(self.seed, self.threads, self._fresh, self._journal)
+        sure = tuple(kind for kind, each in self.remedies.items() if each.is_sure)
         order = [each.kind for each in ranked(tried) if helps(each, self._as_is)]
+        order = [kind for kind in order if kind not in sure]
         before = after = self._before
-        if order:
-            self.taken, before, after = cures.combined(self.remedies, order, self.site, fresh)
-            # On fresh drives, too: else it was chance that chose it.
-            if contrast(before, after).verdict != BETTER:
-                self.taken, after = (), before
+        if sure or order:
+            known = self.remedies, sure, order, self.site, fresh
+            self.taken, before, after = cures.combined(*known)
         progress(100, 200)
         if self.effort.landmarks and not is_seldom(after.lost_rate):
             before, after = self._with_landmarks(tried, before, after, fresh)
         if not self.taken:
             return _rates(before), _rates(before)
-        cured = Driver(cures.joined(self.remedies, self.taken, self.site), self.seed, self.threads)
+        site = cures.joined(self.remedies, self.taken, self.site)
+        cured = Driver(site, self.seed, self.threads, self._journal)
         closed = [each.arrivals(self._closed) for each in (self._driver, cured)]
         progress(200, 200)
         return _rates(before, closed[0]), _rates(after, closed[1])
@@ -176,10 +216,9 @@ class Work:
     ) -> tuple[Outcome, Outcome]:
         """The fresh drives without and with all cures, landmarks among them if they help."""
         site = cures.joined(self.remedies, self.taken, self.site)
-        made = cures.landmarks(site, self.threads)
-        if made is None:
+        remedy = cures.landmarks(site, self.threads)
+        if remedy is None:
             return before, after
-        remedy, self.placed = made
         self.remedies[remedy.kind] = remedy
         if not self.taken:
             before = after = fresh(self.site)

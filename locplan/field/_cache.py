@@ -1,6 +1,6 @@
 """The folder of cached results: its entries, its size limit, its locks, and its table.
 
-Most are fields; others, such as trajectories and checks of walls, have a folder `KEY.kept`
+Most are fields; others, such as trajectories, checks of walls and drives, have a folder `KEY.kept`
 (`locplan.field._kept`).
 """
 
@@ -35,6 +35,7 @@ KEPT = ".kept"
 CHECK = "check of walls"
 """What the check of a map's walls is called in the list of the cache."""
 KINDS = {"field": "fields", "trajectory": "trajectories", CHECK: "checks of walls"}
+KINDS |= {"driven check": "driven checks"}
 """What entries are, one and several."""
 _FIELD = re.compile("[0-9a-f]{32}" + re.escape(field_files.FIELD_SUFFIX))
 _ENTRY = re.compile(f"{_FIELD.pattern}|[0-9a-f]{{32}}{re.escape(KEPT)}")
@@ -293,7 +294,8 @@ def _kind(entry: CacheEntry) -> str:
     """What an entry is, of `KINDS`."""
     if entry.folder.suffix != KEPT:
         return "field"
-    return CHECK if entry.about.get("config") == {"name": CHECK} else "trajectory"
+    name = entry.about.get("config", {}).get("name", "")
+    return name if name in KINDS else "trajectory"
 
 
 def _unusual(config: Mapping[str, Any]) -> str:

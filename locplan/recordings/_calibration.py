@@ -210,11 +210,7 @@ def calibrate_drive(
             f"{scans.set_apart} of {scans.set_apart + scans.scans} scans fit the map nowhere near"
             " their poses, and are left out"
         )
-    changes = {
-        "outliers": scans.outliers.value,
-        "occlusion": scans.occlusion.value,
-        "occlusion_deg": min(360.0, scans.occlusion_deg.value),
-    }
+    changes = scans.settings()
     odometry = odometry_noise(recording, robot.amcl)
     if odometry:
         notes += odometry.notes

@@ -48,6 +48,14 @@ class ScanNoise:
     set_apart: int
     """Number of scans that fit the map nowhere near their recorded pose."""
 
+    def settings(self) -> dict[str, float]:
+        """The disturbances of a robot that they are, by name."""
+        return {
+            "outliers": self.outliers.value,
+            "occlusion": self.occlusion.value,
+            "occlusion_deg": min(360.0, self.occlusion_deg.value),
+        }
+
 
 def scan_noise(
     recording: Recording,

@@ -1,0 +1,124 @@
+"""What recorded drives say of a map and a robot, before anything is simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from locplan._util.intervals import Interval, in_metres, in_percent
+from locplan.diagnosis._cures import Reading
+from locplan.errors import LocplanError
+from locplan.maps import MapFault, MapFaults, OccupancyGrid
+from locplan.mending import mend
+from locplan.recordings import Recording, fit_to_map, odometry_noise, replay, scan_noise
+from locplan.robots import Robot
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """The robot and the maps as recorded drives say they are; as given without any."""
+
+    robot: Robot
+    """The robot, whose lidar and odometry err as recorded."""
+    world: OccupancyGrid
+    """The map with the walls that were recorded."""
+    mended: OccupancyGrid
+    """The map for the filter that `mend` makes."""
+    stretch: float = 1.0
+    """Ratio of the true lengths to those of the map; 1 unless it surely is another."""
+    faults: tuple[MapFault, ...] = ()
+    """Faults of the map that ranges show."""
+    said: tuple[str, ...] = ()
+    """What they say, in sentences without a full stop."""
+
+
+def recorded(
+    recordings: Sequence[Recording],
+    reading: Reading,
+    known: MapFaults,
+    robot: Robot,
+    seed: int,
+    threads: int | None,
+) -> Recorded:
+    """Look at what recorded drives say, and mend the map.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        The drives.
+    reading : Reading
+        How the map's file should be read.
+    known : MapFaults
+        Faults of the map.
+    robot : Robot
+        The robot as given.
+    seed, threads
+        See `locplan.check`.
+    """
+    grid, said, fitting = reading.grid, [], []
+    for number, each in enumerate(recordings, 1):
+        fit = fit_to_map(each, grid)
+        said.append(f"drive {number}: {fit.sentence.rstrip('.')}")
+        if fit.fits:
+            fitting.append(each)
+            said += [f"drive {number}: {text}" for text in _replayed(each, grid, robot, seed)]
+    few = {"paths": 1, "drives": 2, "seed": seed, "threads": threads}
+    update = None
+    if fitting:
+        longest = max(fitting, key=len)
+        robot, more = _calibrated(longest, grid, robot, threads)
+        said += more
+        try:
+            found = mend(grid, robot, recordings=fitting, **few)  # type: ignore[arg-type]
+        except LocplanError as error:  # of poses that are too bad to draw walls by
+            said.append(f"walls: {error}")
+        else:
+            update = found.walls
+    if update is None:
+        mended = grid
+        if any(each.kind in ("solid walls", "specks") for each in known):
+            mended = mend(grid, robot, **few).filter_map  # type: ignore[arg-type]
+        return Recorded(robot, grid, mended, said=tuple(said))
+    ranges = update.ranges
+    faults = tuple(ranges.faults(grid))
+    said += [f"walls: {update.sentence}", *(each.what for each in faults)]
+    stretch = ranges.factor.value if ranges.is_scaled else 1.0
+    return Recorded(robot, update.on(grid), found.filter_map, stretch, faults, tuple(said))
+
+
+def _replayed(drive: Recording, grid: OccupancyGrid, robot: Robot, seed: int) -> list[str]:
+    """How the filter does when it is run on a recorded drive."""
+    if drive.odometry is None:
+        return ["it has no odometry, so that the filter cannot be run on it"]
+    done = replay(drive, grid, robot, runs=10, seed=seed)
+    lost = in_percent(done.drives.lost_rate)
+    error = in_metres(done.drives.typical_rmse.value)
+    return [f"the filter, run on all of it, is usually off by {error}, and by over 1 m in {lost}"]
+
+
+def _calibrated(
+    drive: Recording, grid: OccupancyGrid, robot: Robot, threads: int | None
+) -> tuple[Robot, list[str]]:
+    """The robot whose lidar and odometry err as on a drive, and what that is."""
+
+    def text(name: str, value: Interval, unit: str) -> str:
+        return f"{name} {value.value:.3g} [{value.low:.2g}, {value.high:.2g}] {unit}"
+
+    try:
+        scans = scan_noise(drive, grid, threads=threads)
+    except LocplanError as error:
+        return robot, [f"calibration: {error}"]
+    changes = scans.settings()
+    said = [
+        f"lidar as recorded: {in_percent(scans.outliers)} of the beams end anywhere,"
+        f" {in_percent(scans.blocked)} are blocked"
+    ]
+    noise = odometry_noise(drive, robot.amcl)
+    if noise is None:
+        return robot.changed(changes), [*said, "odometry: too short a drive, taken as it was"]
+    changes |= noise.settings()
+    said.append(
+        f"odometry as recorded: {text('drift', noise.distance_drift, 'm/√m')},"
+        f" {text('heading', noise.heading_drift_deg, 'deg/√m')}"
+    )
+    return replace(robot.changed(changes), filter=robot.filter), said
