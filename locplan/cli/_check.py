@@ -58,8 +58,8 @@ class check(typed.OneMap, RobotOptions, shared.ReferencedOptions, shared.Seeded,
 
     def __call__(self) -> int:
         self._check()
-        grid = locplan.load_map(self.map_file) if self.drive else None
-        recordings = [self.referenced(grid, file) for file in self.drive] if grid else []
+        grid = locplan.load_map(self.map_file)
+        recordings = [self.referenced(grid, file) for file in self.drive]
         robot = self.robot_on(recordings[0]) if recordings else self.load_robot()
         every: dict[str, Any] = {"seed": self.seed, "threads": self.threads, "found": _tell}
         effort: Any = next(iter(self.given("quick", "thorough")), "usual")

@@ -11,6 +11,7 @@ from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap, Path
 from locplan.diagnosis import _cures as cures, _in_short as in_short
 from locplan.diagnosis._driving import Journal, Site
+from locplan.diagnosis._reading import Reading, as_meant
 from locplan.diagnosis._recorded import recorded
 from locplan.diagnosis._result import Check, is_better, ranked
 from locplan.diagnosis._trips import Stations, trips_of
@@ -171,9 +172,9 @@ def _meant(
     stations: Stations | None,
     count: int,
     seed: int,
-) -> tuple[cures.Reading, dict[str, Path]]:
+) -> tuple[Reading, dict[str, Path]]:
     """How the map's file should be read, and the trips on it."""
-    reading = cures.as_meant(grid, source)
+    reading = as_meant(grid, source)
     try:
         return reading, trips_of(Costmap.blank(reading.grid, robot=robot), stations, count, seed)
     except LocplanError:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from locplan._util.intervals import Interval, in_metres, in_percent
-from locplan.diagnosis._cures import Reading
+from locplan.diagnosis._reading import Reading
 from locplan.errors import LocplanError
 from locplan.maps import MapFault, MapFaults, OccupancyGrid
 from locplan.mending import mend

@@ -13,25 +13,18 @@ from locplan._util.intervals import Interval
 from locplan._util.public import called
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
-from locplan._util.tables import file_name, finite, write_rows
+from locplan._util.tables import file_name, finite
 from locplan.costs import Path
 from locplan.diagnosis._cures import (
     CHEAP,
     KINDS,
-    LANDMARKS,
-    MEND,
-    PATHS,
-    REACH,
-    SETTINGS,
     WALLS,
-    Reading,
-    rewritten,
 )
 from locplan.diagnosis._driving import BETTER, STOPPED, Site, keeps_more
+from locplan.diagnosis._reading import Reading
 from locplan.diagnosis._weak_spots import WeakSpot
-from locplan.export import nav2_keepout, write_filter_map
-from locplan.maps import MapFaults, MapSource, OccupancyGrid, save_map
-from locplan.simulation import LOST, write_tuned
+from locplan.maps import MapFaults, MapSource, OccupancyGrid
+from locplan.simulation import LOST
 
 SELDOM = 0.01
 """Share of lost drives that nothing is done about, as long as it is not surely larger."""
@@ -254,18 +247,7 @@ class Check(Result):
         params : path, optional
             The user's parameters of Nav2, of which a copy is changed.
         """
-        values = "your parameters, changed" if params else "put its lines under amcl in yours"
-        about = {
-            WALLS: {"map.yaml": f"the map for all of Nav2, with {', '.join(self.reading.values)}"},
-            MEND: {"map_amcl.yaml": "for AMCL alone: put amcl.yaml's line under amcl in yours"},
-            REACH: {"nav2_params.yaml": values},
-            SETTINGS: {"nav2_params.yaml": values},
-            PATHS: {"mask/nav2.yaml": "your parameters with the mask's; mask/README.md says how"}
-            if self.made.get(PATHS)
-            else dict.fromkeys(self.changed_paths, "the path of a trip, to follow or to export"),
-            LANDMARKS: {"landmarks.csv": "where each pole goes"},
-        }
-        return {file: text for kind in self.recommended for file, text in about[kind].items()}
+        return dict(called("locplan.diagnosis._files:files_of", self, params))
 
     @property
     def changed_paths(self) -> Mapping[str, Path]:
@@ -275,30 +257,8 @@ class Check(Result):
         return {f"{file_name(name)}.csv": path for name, path in new.items()}
 
     def _write(self, folder: Folder, *about: Any) -> None:
-        params = (*about, None, None)[1]
         self.table().write_csv(folder / "check.csv")
-        if {REACH, SETTINGS} & {*self.recommended}:
-            write_tuned(folder / "nav2_params.yaml", self.cured.robot.amcl, params)
-        if WALLS in self.recommended and self.source:
-            (folder / "map.yaml").write_text(rewritten(self.source, self.reading.values), "utf-8")
-        elif WALLS in self.recommended:
-            save_map(self.reading.in_metres(self.reading.grid), folder / "map.yaml")
-        if MEND in self.recommended:
-            scaled = WALLS in self.recommended
-            own = self.cured.filter_map
-            write_filter_map(folder, self.reading.in_metres(own) if scaled else own)
-        if LANDMARKS in self.recommended:
-            placed = self.made[LANDMARKS]
-            write_rows(folder / "landmarks.csv", ("x", "y"), placed.poses[:, :2].tolist())
-            save_map(placed.grid, folder / "map_with_landmarks.yaml")
-        if PATHS in self.recommended:
-            for name, path in self.changed_paths.items():
-                path.save(folder / name)
-            if mask := self.made[PATHS]:
-                own_file = folder / "nav2_params.yaml"
-                base = own_file if params and own_file.exists() else params
-                ways = {file[:-4]: path for file, path in self.changed_paths.items()}
-                nav2_keepout(folder / "mask", mask, params=base, paths=ways)
+        called("locplan.diagnosis._files:write_files", folder, self, (*about, None, None)[1])
         called("locplan.diagnosis._report:write_report", folder / "report.html", self, *about)
 
 

@@ -11,7 +11,7 @@ from locplan._util.intervals import wilson
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap
 from locplan.diagnosis import _cures as cures
-from locplan.diagnosis._cures import Reading, Remedy
+from locplan.diagnosis._cures import Remedy
 from locplan.diagnosis._driving import (
     STOPPED,
     Contrast,
@@ -23,6 +23,7 @@ from locplan.diagnosis._driving import (
     is_hopeless,
     keeps_more,
 )
+from locplan.diagnosis._reading import Reading
 from locplan.diagnosis._result import (
     NOTHING,
     Cure,

@@ -1,0 +1,65 @@
+"""The files of the cures of a check: maps, parameters, a mask, paths, and where poles go."""
+
+from __future__ import annotations
+
+from pathlib import Path as Folder
+
+from locplan._util.tables import write_rows
+from locplan.diagnosis._cures import LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
+from locplan.diagnosis._reading import rewritten
+from locplan.diagnosis._result import Check
+from locplan.export import nav2_keepout, write_filter_map
+from locplan.maps import save_map
+from locplan.simulation import write_tuned
+
+
+def files_of(check: Check, params: Folder | None = None) -> dict[str, str]:
+    """The files of the recommended cures, and what to do with each; see `Check.written`."""
+    values = "your parameters, changed" if params else "put its lines under amcl in yours"
+    mask = {"mask/nav2.yaml": "parameters with the mask's; mask/README.md says how"}
+    about = {
+        WALLS: {"map.yaml": f"the map for all of Nav2, with {', '.join(check.reading.values)}"},
+        MEND: {"map_amcl.yaml": "for AMCL alone: put amcl.yaml's line under amcl in yours"},
+        REACH: {"nav2_params.yaml": values},
+        SETTINGS: {"nav2_params.yaml": values},
+        PATHS: mask
+        if check.made.get(PATHS)
+        else dict.fromkeys(check.changed_paths, "the path of a trip, to follow or to export"),
+        LANDMARKS: {"landmarks.csv": "where each pole goes"},
+    }
+    return {file: text for kind in check.recommended for file, text in about[kind].items()}
+
+
+def write_files(folder: Folder, check: Check, params: Folder | None) -> None:
+    """Write the files of the recommended cures.
+
+    Parameters
+    ----------
+    folder : path
+        The folder.
+    check : Check
+        The check.
+    params : path or None
+        The user's parameters of Nav2, of which a copy is changed.
+    """
+    kinds, reading, tuned = {*check.recommended}, check.reading, folder / "nav2_params.yaml"
+    if kinds & {REACH, SETTINGS}:
+        write_tuned(tuned, check.cured.robot.amcl, params)
+    if WALLS in kinds and check.source:
+        (folder / "map.yaml").write_text(rewritten(check.source, reading.values), "utf-8")
+    elif WALLS in kinds:
+        save_map(reading.in_metres(reading.grid), folder / "map.yaml")
+    if MEND in kinds:
+        own = check.cured.filter_map
+        write_filter_map(folder, reading.in_metres(own) if WALLS in kinds else own)
+    if LANDMARKS in kinds:
+        placed = check.made[LANDMARKS]
+        write_rows(folder / "landmarks.csv", ("x", "y"), placed.poses[:, :2].tolist())
+        save_map(placed.grid, folder / "map_with_landmarks.yaml")
+    if PATHS in kinds:
+        for name, path in check.changed_paths.items():
+            path.save(folder / name)
+        if mask := check.made[PATHS]:
+            base = tuned if params and tuned.exists() else params
+            ways = {file.removesuffix(".csv"): each for file, each in check.changed_paths.items()}
+            nav2_keepout(folder / "mask", mask, params=base, paths=ways)
