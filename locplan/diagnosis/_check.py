@@ -115,7 +115,7 @@ def check(
     costs, spots = _field_and_spots(site, threads, steps["field"])
     told(in_short.spots(spots))
     work = Work(site, EFFORTS[effort], seed, threads)
-    as_is, trips = work.as_it_is(spots, steps["as it is"])
+    as_is, trips, spots = work.as_it_is(spots, steps["as it is"])
     told(in_short.as_it_is(as_is))
     tried = work.cures(map_faults, costs, steps["cures"])
     for cure in filter(is_better, tried):
