@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
-from locplan.diagnosis._weak_spots import gathered
+from locplan.maps import OccupancyGrid
 from locplan.plotting import Picture, draw_map, draw_path, map_size
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 LOSES, KEEPS, WEAK, LETTER, MARK = "#d55e00", "#0072b2", "#e69f00", "#7a3b00", "#b00020"
 """Colours of trips that lose a tenth of the drives or more, of the others, of weak spots, of their
-letters, and of the numbers of lost drives."""
+letters, and of the places where drives were first off by over 1 m."""
 OFTEN = 0.1
 """Share of lost drives from which on a trip is drawn as one that loses them."""
 SIZE = 0.055
@@ -26,10 +26,10 @@ SIZE = 0.055
 
 
 class Label(NamedTuple):
-    """A letter, a number of lost drives, or the name of an end of a trip."""
+    """A letter with its number of lost drives, or the name of an end of a trip."""
 
     kind: str
-    """"spot", "lost" or "end"."""
+    """"spot" or "end"."""
     text: str
     """What it says."""
     xy: tuple[float, float]
@@ -54,7 +54,7 @@ def labels(check: Check, size: float) -> list[Label]:
         for turn in np.radians(range(90, 450, 30))
     ]
     made: list[Label] = []
-    for kind, text, (x, y) in _named(check, size):
+    for kind, text, (x, y) in _named(check):
         free = (
             (x + dx, y + dy)
             for dx, dy in around
@@ -70,21 +70,32 @@ def _overlap(text: str, at: tuple[float, float], other: Label, size: float) -> b
     return abs(x - left) < size * wide and abs(y - low) < size
 
 
-def _named(check: Check, size: float) -> Iterator[tuple[str, str, tuple[float, float]]]:
+def _named(check: Check) -> Iterator[tuple[str, str, tuple[float, float]]]:
     """Kind, text and place of each label."""
-    lost = np.concatenate([each.lost_at for each in check.trips])
     for spot in check.spots:
         if spot.letter:
-            yield "spot", spot.letter, (spot.x, spot.y)
-    for (x, y), members in gathered(lost, 1.2 * size):
-        yield "lost", f"{len(members)}", (float(x), float(y))
-    ends = {}
+            text = f"{spot.letter}: {spot.lost}" if spot.lost else spot.letter
+            yield "spot", text, (spot.x, spot.y)
+    ends: dict[str, tuple[float, ...]] = {}
     for trip in check.trips:
         start, _, goal = trip.name.partition(" to ")
         ends.update(zip((start, goal), map(tuple, trip.path.xy[[0, -1]].tolist()), strict=True))
-    for name, xy in ends.items():
-        if name:
-            yield "end", name, xy
+    yield from (("end", name, (x, y)) for name, (x, y) in ends.items() if name)
+
+
+def drawn_part(grid: OccupancyGrid) -> OccupancyGrid:
+    """The part of a map in which a robot can be, with its walls.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    """
+    rows, cols = (np.flatnonzero(grid.free.any(axis=axis)) for axis in (1, 0))
+    edge = max(2, round(0.03 * max(np.ptp(rows), np.ptp(cols))))
+    return grid.part(
+        *(slice(max(0, each[0] - edge), int(each[-1]) + edge) for each in (rows, cols))
+    )
 
 
 def check_figure(check: Check, *_: Any) -> Figure:
@@ -97,9 +108,10 @@ def check_figure(check: Check, *_: Any) -> Figure:
     *_
         What `save` takes, of which nothing is drawn.
     """
-    figure = Picture(figsize=map_size(check.site.world), layout="constrained")
+    part = drawn_part(check.site.world)
+    figure = Picture(figsize=map_size(part), layout="constrained")
     axes = figure.subplots()
-    draw_map(axes, check.site.world)
+    draw_map(axes, part)
     for spot in check.spots:
         rings = [Outline(np.vstack([ring, ring[:1]])) for ring in spot.rings]
         if rings:
@@ -108,30 +120,28 @@ def check_figure(check: Check, *_: Any) -> Figure:
     for trip in check.trips:
         often = trip.rates.lost.value >= OFTEN
         draw_path(axes, trip.path, color=LOSES if often else KEEPS, linewidth=1.6)
-    size = SIZE * max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
-    for each in labels(check, size):
-        back, ink = {"spot": (LETTER, "white"), "lost": (MARK, "white")}.get(
-            each.kind, ("white", "#1b1f24")
+        axes.plot(*trip.lost_at.T, "x", color=MARK, markersize=5, zorder=4)
+    for each in labels(check, SIZE * max(part.shape) * part.resolution):
+        is_spot = each.kind == "spot"
+        back, ink, edge = (LETTER, "white", "white") if is_spot else ("white", "#1b1f24", "#5b6470")
+        axes.plot(
+            *zip(each.xy, each.at, strict=True), color=edge if not is_spot else back, zorder=5
         )
-        axes.plot(*zip(each.xy, each.at, strict=True), color=back, linewidth=1.2, zorder=5)
         axes.text(
             *each.at,
             each.text,
-            fontsize="large" if each.kind == "spot" else "small",
-            weight="normal" if each.kind == "end" else "bold",
+            fontsize="small",
+            weight="bold" if is_spot else "normal",
             ha="center",
             va="center",
             color=ink,
             zorder=6,
-            bbox={
-                "boxstyle": "round,pad=.2" if each.kind == "end" else "circle,pad=.2",
-                "fc": back,
-                "ec": "#5b6470" if each.kind == "end" else "white",
-            },
+            bbox={"boxstyle": "round,pad=.25", "fc": back, "ec": edge},
         )
     axes.set_title(
-        f"{check.grid.name or 'map'}: trips (orange: lost in a tenth of the drives or more), weak"
-        " spots\n(shaded, A the worst), and how many drives were first off by over 1 m (red)",
+        f"{check.grid.name or 'map'}: trips (orange: lost in a tenth of the drives or more), the"
+        " worst\nplaces (A: drives lost), weak spots (shaded), and where drives were first off by"
+        " over 1 m (x)",
         fontsize="small",
     )
     return figure

@@ -12,19 +12,19 @@ import numpy as np
 from locplan._util.files import replacing
 from locplan._util.intervals import Interval
 from locplan._util.public import templates_of
-from locplan.diagnosis._figures import OFTEN, SIZE, labels
+from locplan.diagnosis._figures import OFTEN, SIZE, drawn_part, labels
 from locplan.diagnosis._in_short import share
 from locplan.diagnosis._result import Check
 from locplan.diagnosis._text import next_action, said, verdict
 from locplan.maps import OccupancyGrid
-from locplan.plotting import known_cells, shrunk
+from locplan.plotting import shrunk
 
 GREYS = np.array([40, 190, 255], np.uint8)
 """Shades of occupied, unknown and free."""
 
 
 class Drawing(NamedTuple):
-    """The known part of the map as an image, and where positions lie on it."""
+    """The part of the map that is drawn as an image, and where positions lie on it."""
 
     data: str
     """The image as a URL."""
@@ -42,11 +42,7 @@ class Drawing(NamedTuple):
         """Draw what is known of a map in its own axes, without the origin's yaw."""
         import cv2
 
-        low, high, left, right = known_cells(grid)
-        edge = 2 + max(high - low, right - left) // 30
-        grid = grid.part(
-            slice(max(0, low - edge), high + edge), slice(max(0, left - edge), right + edge)
-        )
+        grid = drawn_part(grid)
         image = GREYS[shrunk(grid.cells)[::-1] // 127]
         data = base64.b64encode(cv2.imencode(".png", image)[1].tobytes()).decode()
         scale = 900 / max(grid.shape)  # the longer side in the drawing's units
@@ -95,6 +91,7 @@ def write_report(path: Path, check: Check, *about: Any) -> None:
         action=next_action(check, *about),
         drawing=(drawing := Drawing.of(check.site.world)),
         labels=labels(check, drawing.label),
+        lost=[xy for trip in check.trips for xy in drawing.at(trip.lost_at)],
         often=OFTEN,
     )
     with replacing(path) as temporary:

@@ -43,15 +43,18 @@ def verdict(check: Check) -> str:
     """What there is to say first: whether the robot gets lost, how often, and where."""
     rates = check.as_is
     worst = next((each for each in check.spots if each.lost), None)
-    most = f", most near {worst.letter} ({worst.place})" if worst else ""
-    lost = f"{share(rates.lost)} of {rates.drives} simulated drives are off by over {LOST:g} m{most}"
+    most = f", most at {worst.letter} ({worst.place})" if worst else ""
+    lost = (
+        f"{share(rates.lost)} of {rates.drives} simulated drives get lost (off by over {LOST:g} m"
+    )
     ends = f"; else it mostly {rates.ends}" if rates.ends else ""
-    said = f"{lost}. Steered by its filter, the robot arrives in {share(rates.arrives)}{ends}."
+    arrives = f"Steered by its filter, the robot arrives in {share(rates.arrives)}{ends}"
+    said = f"{lost} at some time){most}. {arrives}."
     if check.is_fine:
         return f"The robot keeps its place: {said}"
     if keeps_place(rates):
         return f"The robot keeps its place, but its error can be lowered: {said}"
-    what = "often does not arrive" if is_seldom(rates.lost) else "gets lost"
+    what = "does not always arrive" if is_seldom(rates.lost) else "gets lost"
     helps = "and its error can be lowered" if check.is_by_error else "and it can be cured"
     if not check.recommended:
         helps = "and nothing that was tried clearly helps"
@@ -82,11 +85,13 @@ def next_action(
         return Action(*_further(check, again), {})
     doing = " and ".join(DO[each.kind].format(cure=each) for each in check.advised)
     before, after = check.as_is, check.after
-    gains = f"off by over {LOST:g} m {before.lost.value:.0%} -> {share(after.lost)}"
+    gains = f"lost {100 * before.lost.value:.0f} -> {share(after.lost)}"
     if check.is_by_error:  # then the shares of lost drives alone do not show it
         errors = " -> ".join(in_metres(each.error.value) for each in (before, after))
         gains = f"the usual error {errors}, {gains}"
-    gains += f", arrives {before.arrives.value:.0%} -> {share(after.arrives)}, by fresh drives"
+    gains += (
+        f", arrives {100 * before.arrives.value:.0f} -> {share(after.arrives)}, in fresh drives"
+    )
     left = "" if is_seldom(after.lost) else " Some drives still get lost."
     if after.lost.value >= 0.5:
         left = " Half of the drives or more still get lost: that alone is no cure."
@@ -170,24 +175,39 @@ def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str
     """
     action = next_action(check, folder, *about)
     robot = f"{check.site.robot.title}{' (assumed: name yours)' if check.assumed else ''}"
-    first = wrapped([verdict(check), f"with {robot}; [ ] are 95 % intervals"])
+    first = wrapped([verdict(check), f"with {robot}"])
     files = "; ".join(f"{name}: {text}" for name, text in action.files.items())
+    how = ", written by" if folder is None else "; to try it:"
+    if action.files and action.command.startswith("locplan check"):
+        files += how
     last = [*wrapped([f"Next: {action.sentence}", *([files] if files else [])])]
     last += [f"  {line}" for line in action.command.splitlines()]
-    notes = [f"map: {each.what}" for each in check.faults]
     worst = sorted(check.trips, key=lambda each: (-each.rates.lost.value, each.rates.arrives.value))
-    lines = []
-    for said, rows in ((2, (3, 3, 4)), (2, (3, 2, 3)), (1, (3, 2, 2)), (1, (3, 1, 1)), (0, (2, 1, 1))):
-        about = [*check.recorded, *notes, *([check.start] if check.start else [])][:said]
-        tables = (
-            *_table("place", check.spots, rows[0], _spot_columns(check)),
-            *_table("trip", worst, rows[1], TRIP),
-            *_table("cure", check.cures, rows[2], CURE, _as_it_is(check)),
-        )
-        lines = [*first, *wrapped(about), *tables, *last]
+    lines: list[str] = []
+    for notes, spots, trips, cures in ROWS:
+        more = [*check.recorded, *(f"map: {each.sentence}" for each in check.faults), check.start]
+        lines = [
+            *(*first, *wrapped([each for each in more if each][:notes])),
+            *_table("place", check.spots, spots, _spot_columns(check)),
+            *_table("trip", worst, trips, TRIP),
+            *_table("cure", check.cures, cures, CURE, _as_it_is(check)),
+            *last,
+        ]
         if len(lines) <= LINES:
             break
     return "\n".join(lines)
+
+
+ROWS = (
+    (3, 3, 3, 4),
+    (2, 3, 3, 3),
+    (1, 3, 3, 2),
+    (1, 3, 2, 2),
+    (1, 3, 1, 1),
+    (0, 3, 1, 1),
+    (0, 2, 1, 1),
+)
+"""Numbers of notes, places, trips and cures, of which the text has the first that fit."""
 
 
 def _table(
@@ -228,14 +248,14 @@ def _spot_columns(check: Check) -> tuple[Column, ...]:
 
 
 RATES = (
-    Column("lost", title=f"off by over {LOST:g} m", value=lambda each: share(each.rates.lost)),
+    Column("lost", title="lost [95 %]", value=lambda each: share(each.rates.lost)),
     Column("arrives", title="arrives", value=lambda each: share(each.rates.arrives)),
 )
 """Columns of trips and cures."""
 TRIP = (
     *RATES,
-    Column("near", title="lost near", value=lambda each: each.lost_near or "-"),
-    Column("ends", title="or else", value=lambda each: each.rates.ends or "-"),
+    Column("near", title="near", value=lambda each: each.lost_near or "-"),
+    Column("ends", title="or else it", value=lambda each: each.rates.ends or "-"),
 )
 """Columns of the trips."""
 CURE = (*RATES, Column("verdict", title="", value=lambda each: said(each)))

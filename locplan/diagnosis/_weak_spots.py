@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from string import ascii_uppercase
+from typing import Any
 
 import numpy as np
 
@@ -91,7 +92,7 @@ class WeakSpot:
 
 
 ROUND, CLUTTER = "no corner tells the heading", "no long wall, only clutter"
-CLEAR = "nothing: the filter itself errs"
+CLEAR = "nothing: the filter errs"
 """What is missing where no scan is weak."""
 
 
@@ -199,7 +200,7 @@ def _within(area: DegenerateArea | WeakSpot, points: Floats) -> Bools:
 
 
 def gathered(xy: Floats, radius: float) -> list[tuple[Floats, Ints]]:
-    """Positions (n, 2) in groups, the largest first: one within a radius of all, and which they are.
+    """Positions in groups, the largest first: one within a radius of all, and which they are.
 
     Parameters
     ----------
@@ -259,15 +260,17 @@ def blamed(
     for middle, members in gathered(every[alone], wide):
         owner[alone[members]] = len(found)
         passing = [name for name, line in lines.items() if _is_near(line, middle, wide)]
-        unknown, none = [math.nan] * 3, np.empty((0, 2))
-        about = *middle.tolist(), 0.0, 0.0, *unknown, CLEAR, tuple(passing), none
-        found.append(WeakSpot("", *about, lost=len(members)))
+        x, y = middle.tolist()
+        about: dict[str, Any] = dict.fromkeys(("length", "width"), 0.0)
+        about |= dict.fromkeys(("direction", "position_std", "heading_std"), math.nan)
+        about |= {"outline": np.empty((0, 2)), "trips": tuple(passing), "lost": len(members)}
+        found.append(WeakSpot(letter="", x=x, y=y, missing=CLEAR, **about))
     order = sorted(range(len(found)), key=lambda n: found[n].hurts, reverse=True)
     letters = dict(zip(order, LETTERS, strict=False))
     near_to = []
-    for own in np.split(owner, np.cumsum([len(each) for each in where])[:-1]):
-        counts = Counter(own.tolist()).most_common()
-        named = [letters.get(n, "") for n, count in counts if count >= 0.25 * len(own)]
+    for drives in np.split(owner, np.cumsum([len(each) for each in where])[:-1]):
+        counts = Counter[int](drives.tolist()).most_common()
+        named = [letters.get(n, "") for n, count in counts if count >= 0.25 * len(drives)]
         near_to.append(", ".join(filter(None, named)) or ("elsewhere" if counts else ""))
     spots = tuple(replace(found[n], letter=letters.get(n, "")) for n in order)
     return spots, near_to, where

@@ -101,10 +101,10 @@ class Work:
         self._before = found = self._driver(self._many, steps[1])
         arrivals = self._driver.arrivals(self._closed, steps[2])
         spots, near, where = blamed(spots, self.site.paths, [*found.lost_at])
-        rows = zip(self.site.paths.items(), arrivals, near, where, *found, strict=True)
+        rows: Any = zip(self.site.paths.items(), arrivals, near, where, *found, strict=True)
         trips = tuple(
-            Trip(*trip, _rates(Outcome(*own), [each]), letters, places)
-            for trip, each, letters, places, *own in rows
+            Trip(name, path, _rates(Outcome(*own), [each]), letters, places)
+            for (name, path), each, letters, places, *own in rows
         )
         self._as_is = _rates(found, arrivals)
         return self._as_is, trips, spots

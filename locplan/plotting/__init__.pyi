@@ -4,7 +4,6 @@ from ._cells import (
     coarse as coarse,
     draw_cells as draw_cells,
     drawn_size as drawn_size,
-    known_cells as known_cells,
     map_around as map_around,
     map_axes as map_axes,
     map_size as map_size,
