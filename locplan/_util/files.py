@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -102,8 +103,10 @@ def check_folder(folder: Path) -> None:
         if not there.is_dir():
             what = "a file, not a folder" if there.exists() else "a link to nothing"
             raise LocplanError(f"{there}: is {what}; name another folder")
-        if not os.access(there, os.W_OK):
-            raise LocplanError(f"{there}: cannot be written; choose another folder")
+        try:  # root may, by its rights, also where no file system takes a folder
+            os.rmdir(tempfile.mkdtemp(dir=there))
+        except OSError:
+            raise LocplanError(f"{there}: cannot be written; choose another folder") from None
 
 
 def make_folder(folder: Path) -> None:

@@ -122,6 +122,11 @@ def running(run: Run) -> Iterator[Run]:
         _CURRENT.pop()
 
 
+def typed() -> list[str]:
+    """The words of the command that runs, without those for the output; none in Python."""
+    return ["locplan", *_CURRENT[-1].words()] if _CURRENT and _CURRENT[-1].command else []
+
+
 def note_map(name: str, digest: Callable[[], str]) -> None:
     """Tell the run, if there is one, which map was read."""
     if _CURRENT and _CURRENT[-1].command:

@@ -133,7 +133,7 @@ def check(
     told(in_short.spots(spots))
     with Journal.of(site, seed) as journal:
         work = Work(site, EFFORTS[effort], seed, threads, journal)
-        as_is, trips = work.as_it_is(spots, steps["as it is"])
+        as_is, trips, spots = work.as_it_is(spots, steps["as it is"])
         told(in_short.as_it_is(as_is))
         tried = []
         for cure in work.cures(reading, drives.mended, costs, field, steps["cures"]):

@@ -43,13 +43,8 @@ CRITICAL = 2.4
 """Critical value from which on a cure is clearly better: 95 % for some three that are tried."""
 WORTHWHILE = 0.9
 """Ratio of errors from which on a cure is worth its effort, as for paths."""
-BETTER, WORSE, NO_DIFFERENCE, STOPPED = (
-    "clearly better",
-    "clearly worse",
-    "no clear difference",
-    "stopped early",
-)
-"""Verdicts on a cure; drives of one that does not lead soon are stopped."""
+BETTER, WORSE, NO_BETTER = "better", "worse", "no better"
+"""Verdicts on a cure."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +262,7 @@ def contrast(before: Outcome, after: Outcome) -> Contrast:
     gain, sure_gain = (paired_shares(*saved, apart.size, z) for z in (1.96, CRITICAL))
     error = apart.std(ddof=1) / math.sqrt(apart.size)
     ratio, sure_ratio = (_ratio(float(apart.mean()), z * error) for z in (1.96, CRITICAL))
-    verdict = NO_DIFFERENCE
+    verdict = NO_BETTER
     if sure_gain.low > 0 or (sure_ratio.high < 1 and ratio.value <= WORTHWHILE and gain.value >= 0):
         verdict = BETTER
     elif sure_gain.high < 0 or (sure_ratio.low > 1 and gain.value <= 0):

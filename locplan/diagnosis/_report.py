@@ -12,7 +12,7 @@ import numpy as np
 from locplan._util.files import replacing
 from locplan._util.intervals import Interval
 from locplan._util.public import templates_of
-from locplan.diagnosis._figures import OFTEN
+from locplan.diagnosis._figures import OFTEN, SIZE, drawn_part, labels
 from locplan.diagnosis._in_short import share
 from locplan.diagnosis._result import Check
 from locplan.diagnosis._text import next_action, said, verdict
@@ -24,7 +24,7 @@ GREYS = np.array([40, 190, 255], np.uint8)
 
 
 class Drawing(NamedTuple):
-    """The map as an image, and where positions lie on it."""
+    """The part of the map that is drawn as an image, and where positions lie on it."""
 
     data: str
     """The image as a URL."""
@@ -33,20 +33,26 @@ class Drawing(NamedTuple):
     height: float
     """Height."""
     grid: OccupancyGrid
-    """The map."""
+    """The part of the map."""
     scale: float
     """Units of the drawing in a cell."""
 
     @classmethod
     def of(cls, grid: OccupancyGrid) -> Drawing:
-        """Draw a map in its own axes, without the origin's yaw."""
+        """Draw what is known of a map in its own axes, without the origin's yaw."""
         import cv2
 
+        grid = drawn_part(grid)
         image = GREYS[shrunk(grid.cells)[::-1] // 127]
         data = base64.b64encode(cv2.imencode(".png", image)[1].tobytes()).decode()
         scale = 900 / max(grid.shape)  # the longer side in the drawing's units
         size = grid.shape[1] * scale, grid.shape[0] * scale
         return cls(f"data:image/png;base64,{data}", *size, grid, scale)
+
+    @property
+    def label(self) -> float:
+        """Size of a label [m]."""
+        return SIZE * max(self.grid.shape) * self.grid.resolution
 
     def points(self, xy: Any) -> str:
         """Positions (n, 2) [m] as the points of a line in SVG."""
@@ -56,7 +62,7 @@ class Drawing(NamedTuple):
         """Positions (n, 2) [m] in the drawing, whose y goes down."""
         rows, cols = self.grid.world_to_grid(*np.reshape(xy, (-1, 2)).T)
         found = np.column_stack([cols * self.scale, self.height - rows * self.scale])
-        return [[x, y] for x, y in found.tolist()]
+        return [[x, y] for x, y in found.round(1).tolist()]
 
 
 def bar(rate: Interval) -> dict[str, float]:
@@ -83,7 +89,9 @@ def write_report(path: Path, check: Check, *about: Any) -> None:
         check=check,
         verdict=verdict(check),
         action=next_action(check, *about),
-        drawing=Drawing.of(check.site.world),
+        drawing=(drawing := Drawing.of(check.site.world)),
+        labels=labels(check, drawing.label),
+        lost=[xy for trip in check.trips for xy in drawing.at(trip.lost_at)],
         often=OFTEN,
     )
     with replacing(path) as temporary:

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path as Folder
 from typing import Any, ClassVar
 
+from locplan._kernels.arrays import Floats
 from locplan._util.intervals import Interval
 from locplan._util.public import called
 from locplan._util.records import Column, Result, Table
@@ -20,7 +21,7 @@ from locplan.diagnosis._cures import (
     KINDS,
     WALLS,
 )
-from locplan.diagnosis._driving import BETTER, STOPPED, Site, keeps_more
+from locplan.diagnosis._driving import BETTER, Site, keeps_more
 from locplan.diagnosis._reading import Reading
 from locplan.diagnosis._weak_spots import WeakSpot
 from locplan.maps import MapFaults, MapSource, OccupancyGrid
@@ -52,11 +53,13 @@ class Rates:
     """Error of a typical drive: the geometric mean of the RMSE of the position [m]."""
     arrives: Interval = NOTHING
     """Share of further drives, steered by the filter's pose, that arrive, 0..1; NaN without."""
+    ends: str = ""
+    """How most of those end that do not arrive, in words; empty where all arrive."""
 
     def summary(self) -> dict[str, object]:
         """The figures, fit for JSON."""
         named = {name: list(getattr(self, name)) for name in ("lost", "error", "arrives")}
-        return {"drives": self.drives, **named}
+        return {"drives": self.drives, **named, "ends": self.ends}
 
 
 def keeps_place(rates: Rates) -> bool:
@@ -75,7 +78,9 @@ class Trip:
     rates: Rates
     """How the drives went."""
     lost_near: str
-    """Letters of the weak spots that drives were lost in or soon after."""
+    """Letters of the places that lose a quarter of its lost drives or more."""
+    lost_at: Floats = field(compare=False)
+    """Positions where drives were first off by over 1 m, (n, 2) [m]."""
 
     def __repr__(self) -> str:
         return f"Trip({self.name}: {self.rates.lost.value:.0%} off by over {LOST:g} m)"
@@ -92,7 +97,7 @@ class Cure:
     effort: str
     """What it takes, in words."""
     verdict: str
-    """"clearly better", "no clear difference", "clearly worse", or "stopped early"."""
+    """"better", "worse", or "no better", which may be known after a few drives."""
     rates: Rates
     """How drives went with it."""
     gain: Interval
@@ -125,7 +130,8 @@ class Check(Result):
     degenerate: float
     """Share of the free space where a scan fits at many poses, 0..1."""
     spots: tuple[WeakSpot, ...]
-    """The weak spots, first those that most trips pass."""
+    """Weak spots and other places where drives get lost, first those that lose most drives, and
+    then those of the largest deviation x length x trips that pass."""
     trips: tuple[Trip, ...]
     """The trips as they are driven now."""
     as_is: Rates
@@ -215,6 +221,7 @@ class Check(Result):
         trips = [
             {"name": each.name, "length": each.path.length, "lost_near": each.lost_near}
             | {"start": each.path.xy[0].tolist(), "goal": each.path.xy[-1].tolist()}
+            | {"lost_at": each.lost_at.tolist()}
             | each.rates.summary()
             for each in self.trips
         ]
@@ -264,7 +271,7 @@ class Check(Result):
 
 SPOT = (
     *("letter", "x", "y", "length", "width", "direction", "position_std", "heading_std"),
-    "missing",
+    *("missing", "lost"),
 )
 """Names of a weak spot's figures in files."""
 
@@ -298,16 +305,16 @@ def ranked(cures: Sequence[Cure]) -> list[Cure]:
     Parameters
     ----------
     cures : sequence of Cure
-        The cures; those that were stopped come last.
+        The cures.
     """
     keeping = [each for each in cures if keeps_more(each.verdict, each.gain)]
     least = min((each.rates.lost for each in keeping or filter(is_better, cures)), default=NOTHING)
 
-    def key(cure: Cure) -> tuple[bool, bool, bool, float, float]:
+    def key(cure: Cure) -> tuple[bool, bool, float, float]:
         better = is_better(cure)
         as_good = better and cure.rates.lost.value <= least.high
         others = better and bool(keeping) and cure not in keeping
         order = float(KINDS.index(cure.kind)) if as_good else cure.rates.lost.value
-        return cure.verdict == STOPPED, not better, others or not as_good, order, cure.ratio.value
+        return not better, others or not as_good, order, cure.ratio.value
 
     return sorted(cures, key=key)

@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import shlex
-import textwrap
+from collections.abc import Callable, Sequence
 from pathlib import Path as Folder
 from typing import Any, NamedTuple
 
 from locplan._util.intervals import in_metres
 from locplan._util.records import Column, Table
-from locplan._util.tables import REPORT_WIDTH
+from locplan._util.runs import typed
+from locplan._util.tables import wrapped
 from locplan.diagnosis._cures import CHEAP, LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
-from locplan.diagnosis._driving import NO_DIFFERENCE, STOPPED, WORSE
 from locplan.diagnosis._in_short import share
-from locplan.diagnosis._result import Check, Cure, Rates, is_better, is_seldom, keeps_place
+from locplan.diagnosis._result import (
+    NOTHING,
+    Check,
+    Cure,
+    Rates,
+    is_better,
+    is_seldom,
+    keeps_place,
+)
 from locplan.simulation import LOST
 
-SHOWN = {"spots": 3, "trips": 3, "cures": 4}
-"""Number of rows of each table in the text; the report has all."""
+LINES = 25
+"""Maximum number of lines of the text."""
 
 
 class Action(NamedTuple):
@@ -32,21 +40,25 @@ class Action(NamedTuple):
 
 
 def verdict(check: Check) -> str:
-    """What there is to say first."""
-    rates, few = check.as_is, check.as_is.drives
-    said = (
-        f"{share(rates.lost)} of {few} simulated drives are off by over {LOST:g} m at some time;"
-        f" {share(rates.arrives)} arrive where they should"
+    """What there is to say first: whether the robot gets lost, how often, and where."""
+    rates = check.as_is
+    worst = next((each for each in check.spots if each.lost), None)
+    most = f", most at {worst.letter} ({worst.place})" if worst else ""
+    lost = (
+        f"{share(rates.lost)} of {rates.drives} simulated drives get lost (off by over {LOST:g} m"
     )
+    ends = f"; else it mostly {rates.ends}" if rates.ends else ""
+    arrives = f"Steered by its filter, the robot arrives in {share(rates.arrives)}{ends}"
+    said = f"{lost} at some time){most}. {arrives}."
     if check.is_fine:
-        return f"The robot keeps its place: {said}."
+        return f"The robot keeps its place: {said}"
     if keeps_place(rates):
-        return f"The robot keeps its place, but its error can be lowered: {said}."
+        return f"The robot keeps its place, but its error can be lowered: {said}"
+    what = "does not always arrive" if is_seldom(rates.lost) else "gets lost"
+    helps = "and its error can be lowered" if check.is_by_error else "and it can be cured"
     if not check.recommended:
-        return f"The robot gets lost, and nothing that was tried clearly helps: {said}."
-    if check.is_by_error:
-        return f"The robot gets lost, and its error can be lowered: {said}."
-    return f"The robot gets lost, and it can be cured: {said}."
+        helps = "and nothing that was tried clearly helps"
+    return f"The robot {what}, {helps}: {said}"
 
 
 def next_action(
@@ -68,29 +80,43 @@ def next_action(
         best = next(cheap, None)
         more = f" ({_would(best, check.as_is)})" if best else ""
         return Action(f"Nothing to do{more}.", "", {})
-    map_file = shlex.quote(str(Folder(check.source.file).resolve())) if check.source else "MAP"
+    again = [word for word in typed() if word != "--quick"] or ["locplan", "check", "MAP"]
     if not check.recommended:
-        return Action(
-            "None of the cures is clearly better. Record a drive, and see whether the map and the"
-            " robot's settings are those of the site.",
-            f"locplan calibrate {map_file} --drive DRIVE",
-            {},
-        )
-    doing = " and ".join(DO[kind].format(cure=each) for kind, each in _named(check))
-    before, after = check.before, check.after
-    gains = f"off by over {LOST:g} m {share(before.lost)} -> {share(after.lost)}"
+        return Action(*_further(check, again), {})
+    doing = " and ".join(DO[each.kind].format(cure=each) for each in check.advised)
+    before, after = check.as_is, check.after
+    gains = f"lost {100 * before.lost.value:.0f} -> {share(after.lost)}"
     if check.is_by_error:  # then the shares of lost drives alone do not show it
         errors = " -> ".join(in_metres(each.error.value) for each in (before, after))
         gains = f"the usual error {errors}, {gains}"
-    gains += f", arrive {share(before.arrives)} -> {share(after.arrives)}"
-    left = "" if is_seldom(check.after.lost) else " Some drives still get lost."
-    if check.after.lost.value >= 0.5:
+    gains += (
+        f", arrives {100 * before.arrives.value:.0f} -> {share(after.arrives)}, in fresh drives"
+    )
+    left = "" if is_seldom(after.lost) else " Some drives still get lost."
+    if after.lost.value >= 0.5:
         left = " Half of the drives or more still get lost: that alone is no cure."
     sentence = f"{doing[:1].upper()}{doing[1:]}: {gains}.{left}"
     files = check.written(params)
     if folder is None:
-        return Action(sentence, "the same command with -o FOLDER writes the files for it", files)
-    return Action(sentence, _commands(check, folder, map_file, params), files)
+        return Action(sentence, shlex.join([*typed(), "-o", "report"]) if typed() else "", files)
+    return Action(sentence, _commands(check, folder, again, params), files)
+
+
+def _further(check: Check, again: list[str]) -> tuple[str, str]:
+    """What to do where nothing that was tried is clearly better, and the command for it."""
+    if check.effort == "quick":
+        said = "Try other paths and poles, too, on three times as many drives:"
+        return said, shlex.join(again)
+    if check.recorded:
+        said = "Measure the lidar and the odometry on your drive, and check with what was found:"
+        more = [word for word in again if word.startswith("--drive")]
+        map_file = str(check.source.file) if check.source else "MAP"
+        return said, shlex.join(["locplan", "calibrate", map_file, *more, "-o", "calibrated"])
+    return (
+        "Record a drive on the site, and check again with --drive drive: it shows whether the map"
+        " and the assumed noise are those of the site.",
+        "ros2 bag record -o drive /scan /odom /tf /tf_static",
+    )
 
 
 DO = {
@@ -104,40 +130,37 @@ DO = {
 """What to do, of each kind of cure."""
 
 
-def _named(check: Check) -> list[tuple[str, Cure]]:
-    return [(each.kind, each) for each in check.advised]
-
-
 def _would(cure: Cure, before: Rates) -> str:
     """What a cure would lower where hardly a drive is lost."""
     error = f"{in_metres(before.error.value)} to {in_metres(cure.rates.error.value)}"
     return f"{cure.title} would lower the usual error from {error}"
 
 
-def _commands(check: Check, folder: Folder, map_file: str, params: Folder | None) -> str:
-    """Commands that put what is recommended in force, a line each."""
+def _commands(check: Check, folder: Folder, again: list[str], params: Folder | None) -> str:
+    """Commands that put what is recommended in force, or check that it helps, a line each."""
     taken, own = {*check.recommended}, folder.resolve()
-
-    def file(name: str) -> str:
-        return shlex.quote(str(own / name))
-
+    map_file = str(Folder(check.source.file).resolve()) if check.source else "MAP"
     lines = []
     if MEND in taken:  # before AMCL, which waits for its map
-        lines.append(f"ros2 launch {file('localizability.launch.xml')}")
+        lines.append(["ros2", "launch", str(own / "localizability.launch.xml")])
     if {WALLS, LANDMARKS} & taken:
-        map_file = file("map_with_landmarks.yaml" if LANDMARKS in taken else "map.yaml")
+        name = "map_with_landmarks.yaml" if LANDMARKS in taken else "map.yaml"
+        map_file = str(own / name)
     arguments = [f"map:={map_file}"]
-    is_whole = params is not None and {REACH, SETTINGS} & taken
-    if is_whole:
-        arguments.append(f"params_file:={file('nav2_params.yaml')}")
-    if is_whole or {WALLS, LANDMARKS} & taken:
-        lines.append(f"ros2 launch nav2_bringup bringup_launch.py {' '.join(arguments)}")
+    changed = str(own / "nav2_params.yaml") if {REACH, SETTINGS} & taken else ""
+    if changed and params:
+        arguments.append(f"params_file:={changed}")
+    if (changed and params) or {WALLS, LANDMARKS} & taken:
+        lines.append(["ros2", "launch", "nav2_bringup", "bringup_launch.py", *arguments])
     if PATHS in taken and check.made[PATHS]:
-        lines.append(f"ros2 launch {file('mask/localizability.launch.xml')}")
+        lines.append(["ros2", "launch", str(own / "mask/localizability.launch.xml")])
     elif PATHS in taken:
-        paths = " ".join(f"--path {file(name)}" for name in check.changed_paths)
-        lines.append(f"locplan export {map_file} --to nav2-routes {paths} -o {file('routes')}")
-    return "\n".join(lines)
+        paths = [f"--path={own / name}" for name in check.changed_paths]
+        to = ["--to", "nav2-routes", *paths, "-o", str(own / "routes")]
+        lines.append(["locplan", "export", map_file, *to])
+    if not lines:  # the parameters have to be merged by hand, and can be checked before
+        lines.append([*again, "--robot", changed])
+    return "\n".join(map(shlex.join, lines))
 
 
 def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str:
@@ -153,93 +176,95 @@ def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str
         See `next_action`.
     """
     action = next_action(check, folder, *about)
-    last = [*_filled(f"Next: {action.sentence}"), *_indented(action.command)]
-    if action.files:
-        last.append("  " + "; ".join(f"{name}: {text}" for name, text in action.files.items()))
     robot = f"{check.site.robot.title}{' (assumed: name yours)' if check.assumed else ''}"
-    return "\n".join(
-        [
-            *_filled(verdict(check)),
-            _short(f"with {robot}"),
-            *(_short(f"map: {each.what}") for each in [*check.faults][:1]),
-            *map(_short, check.recorded[:2]),
-            *([_short(check.start)] if check.start else []),
-            *_spots(check),
-            *_trips(check),
-            *_cures(check),
+    first = wrapped([verdict(check), f"with {robot}"])
+    files = "; ".join(f"{name}: {text}" for name, text in action.files.items())
+    how = ", written by" if folder is None else "; to try it:"
+    if action.files and action.command.startswith("locplan check"):
+        files += how
+    last = [*wrapped([f"Next: {action.sentence}", *([files] if files else [])])]
+    last += [f"  {line}" for line in action.command.splitlines()]
+    worst = sorted(check.trips, key=lambda each: (-each.rates.lost.value, each.rates.arrives.value))
+    lines: list[str] = []
+    for notes, spots, trips, cures in ROWS:
+        more = [*check.recorded, *(f"map: {each.sentence}" for each in check.faults), check.start]
+        lines = [
+            *(*first, *wrapped([each for each in more if each][:notes])),
+            *_table("place", check.spots, spots, _spot_columns(check)),
+            *_table("trip", worst, trips, TRIP),
+            *_table("cure", check.cures, cures, CURE, _as_it_is(check)),
             *last,
         ]
-    )
+        if len(lines) <= LINES:
+            break
+    return "\n".join(lines)
 
 
-def _indented(text: str) -> list[str]:
-    return [f"  {line}" for line in text.splitlines()]
+ROWS = (
+    (3, 3, 3, 4),
+    (2, 3, 3, 3),
+    (1, 3, 3, 2),
+    (1, 3, 2, 2),
+    (1, 3, 1, 1),
+    (0, 3, 1, 1),
+    (0, 2, 1, 1),
+)
+"""Numbers of notes, places, trips and cures, of which the text has the first that fit."""
 
 
-def _filled(text: str) -> list[str]:
-    return textwrap.wrap(text, REPORT_WIDTH, break_on_hyphens=False, break_long_words=False)
+def _table(
+    what: str, records: Sequence[Any], most: int, columns: Sequence[Column], *first: Any
+) -> list[str]:
+    """Lines of a table, whose first heading says how many rows are not shown."""
+    if not records:
+        return [f"no {what}"]
+    count = len(records)
+    title = f"{most} of {count} {what}s" if count > most else what
+    named = Column(what, title=title, value=NAMED[what])
+    lines = str(Table.of([named, *columns], [*first, *records[:most]])).splitlines()
+    return [line.rstrip() for line in lines if line.strip(" \u2500")]
 
 
-def _short(text: str, width: int = REPORT_WIDTH) -> str:
-    return textwrap.shorten(text, width, placeholder=" ...")
+def _as_it_is(check: Check) -> Cure:
+    """What all cures are compared with, as one of them."""
+    return Cure("", "as it is", "", "", check.as_is, NOTHING, NOTHING, 0.0)
 
 
-def _spots(check: Check) -> list[str]:
-    """The worst weak spots."""
+NAMED: dict[str, Callable[[Any], str]] = {
+    "place": lambda each: f"{each.letter} {each.place}".strip(),
+    "trip": lambda each: each.name,
+    "cure": lambda each: each.title,
+}
+"""What a row of each table is called."""
+
+
+def _spot_columns(check: Check) -> tuple[Column, ...]:
     count = len(check.trips)
-    columns = (
-        Column("letter", title="spot"),
-        Column("place", title="at x,y"),
-        Column("size", title="size"),
-        Column("deviation", title="off by"),
+    return (
+        Column("lost", title="lost", value=lambda each: f"{each.lost}"),
         Column("missing", title="what is missing"),
+        Column("deviation", title="off by"),
+        Column("size", title="size"),
         Column("trips", title="trips", value=lambda each: f"{len(each.trips)} of {count}"),
     )
-    few = check.spots[: SHOWN["spots"]]
-    return _lines(Table.of(columns, few)) if few else ["no weak spot of a square metre or more"]
 
 
-def _trips(check: Check) -> list[str]:
-    """The worst trips."""
-    columns = (
-        Column("name", title="trip", value=lambda each: _short(each.name, 24)),
-        Column("length", "m", "length", 0, value=lambda each: each.path.length),
-        Column("lost", title=f"off by over {LOST:g} m", value=lambda each: share(each.rates.lost)),
-        Column("near", title="lost near", value=lambda each: each.lost_near or "-"),
-        Column("arrives", title="arrives", value=lambda each: share(each.rates.arrives)),
-    )
-    worst = sorted(check.trips, key=lambda each: -each.rates.lost.value)
-    return _lines(Table.of(columns, worst[: SHOWN["trips"]]))
-
-
-def _cures(check: Check) -> list[str]:
-    """The cures that were tried."""
-    before = f"{100 * check.as_is.lost.value:.0f} -> "
-
-    columns = (
-        Column("title", title="cure", value=lambda each: _short(each.title, 28)),
-        Column(
-            "lost",
-            title=f"off by over {LOST:g} m",
-            value=lambda each: before + share(each.rates.lost),
-        ),
-        Column("arrives", title="arrives", value=lambda each: share(each.rates.arrives)),
-        Column("verdict", title="", value=said),
-    )
-    few = check.cures[: SHOWN["cures"]]
-    return _lines(Table.of(columns, few)) if few else ["no cure suits: nothing was tried"]
-
-
-SAID = {NO_DIFFERENCE: "no better", WORSE: "worse", STOPPED: "no better"}
-"""Verdicts in few words."""
+RATES = (
+    Column("lost", title="lost [95 %]", value=lambda each: share(each.rates.lost)),
+    Column("arrives", title="arrives", value=lambda each: share(each.rates.arrives)),
+)
+"""Columns of trips and cures."""
+TRIP = (
+    *RATES,
+    Column("near", title="near", value=lambda each: each.lost_near or "-"),
+    Column("ends", title="or else it", value=lambda each: each.rates.ends or "-"),
+)
+"""Columns of the trips."""
+CURE = (*RATES, Column("verdict", title="", value=lambda each: said(each)))
+"""Columns of the cures."""
 
 
 def said(cure: Cure) -> str:
-    """The verdict on a cure in few words; of one that lowers the error alone by how much."""
-    if not is_better(cure):
-        return SAID[cure.verdict]
-    return "better" if cure.gain.low > 0 else f"error {cure.ratio.value - 1:+.0%}"
-
-
-def _lines(table: Table) -> list[str]:
-    return [line.rstrip() for line in str(table).splitlines()]
+    """The verdict on a cure; of one that lowers the error alone by how much, too."""
+    alone = is_better(cure) and cure.gain.low <= 0
+    return f"{cure.verdict}: error {cure.ratio.value - 1:+.0%}" if alone else cure.verdict

@@ -3,35 +3,36 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from string import ascii_uppercase
 from typing import Any
 
 import numpy as np
 
-from locplan._kernels.arrays import Bools, Floats
+from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan.costs import Costmap, Path
 from locplan.export import DegenerateArea, degenerate_areas
 from locplan.field import CovarianceField
 from locplan.maps import OCCUPIED, OccupancyGrid
 
-LISTED = 5
-"""Maximum number of weak spots."""
-WIDE, LONG = 6.0, 12.0
-"""Width and length of an area from which on it is cut into parts of at most this length [m]."""
-PIXEL, SMALLEST = 0.25, 4.0
-"""Side of the pixels that areas are cut by [m], and minimum area of a part [m^2]."""
+LETTERS = ascii_uppercase[:8]
+"""Letters of the worst places; further weak spots have none."""
+SINCE = 10.0
+"""A robot drives up to this far from a weak spot until it is off by over 1 m because of it [m]."""
+APART = 4.0
+"""Radius of a place where drives get lost without a weak spot [m]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WeakSpot:
-    """A place where scans fit the map at many poses."""
+    """A place where scans fit the map at many poses, or where drives get lost all the same."""
 
     letter: str
-    """Its letter on the picture, A for the worst."""
+    """Its letter on the picture, A for the worst; empty beyond the eighth."""
     x: float
-    """World x of a place well inside it [m]."""
+    """World x of a place in it, which a trip passes if one does [m]."""
     y: float
     """World y of it [m]."""
     length: float
@@ -41,15 +42,20 @@ class WeakSpot:
     direction: float
     """Direction in which a pose is uncertain, from x, 0..pi [rad]; NaN without a common one."""
     position_std: float
-    """Standard deviation of a pose match along it, the median over the spot [m]."""
+    """Standard deviation of a pose match along it, the median over the spot [m]; NaN where no scan
+    is weak."""
     heading_std: float
-    """Standard deviation of the heading, the median over the spot [rad]."""
+    """Standard deviation of the heading, the median over the spot [rad]; NaN where no scan is."""
     missing: str
     """What is missing there, in words."""
     trips: tuple[str, ...]
     """Names of the trips that pass it."""
     outline: Floats
-    """Corners [m], (n, 2)."""
+    """Corners [m], (n, 2); none where no scan is weak."""
+    holes: tuple[Floats, ...] = ()
+    """Corners of the holes [m], (n, 2) each."""
+    lost: int = 0
+    """Number of the drives as it is that get lost in it, or up to 10 m after."""
 
     def __repr__(self) -> str:
         return f"WeakSpot({self.letter}: {self.size} at {self.place}, {self.missing})"
@@ -62,26 +68,38 @@ class WeakSpot:
     @property
     def size(self) -> str:
         """Its extent, as people read it."""
-        return f"{self.length:.0f} x {self.width:.0f} m"
+        return f"{self.length:.0f} x {self.width:.0f} m" if self.rings else "-"
 
     @property
     def deviation(self) -> str:
         """How uncertain a pose of a scan is there."""
+        if not self.rings:
+            return "-"
         if self.missing == ROUND:
             return f"{math.degrees(self.heading_std):.0f} deg"
         return f"{100 * self.position_std:.0f} cm"
 
+    @property
+    def rings(self) -> tuple[Floats, ...]:
+        """Corners of its outline and of its holes [m]; nothing where no scan is weak."""
+        return (self.outline, *self.holes) if len(self.outline) else ()
 
-ROUND = "no corner tells the heading"
+    @property
+    def hurts(self) -> tuple[float, ...]:
+        """What it is ranked by: lost drives, and deviation x length x number of trips."""
+        weight = self.position_std * self.length if self.rings else 0.0
+        return self.lost, weight * len(self.trips), weight
+
+
+ROUND, CLUTTER = "no corner tells the heading", "no long wall, only clutter"
+CLEAR = "nothing: the filter errs"
+"""What is missing where no scan is weak."""
 
 
 def weak_spots(
     costs: Costmap, field: CovarianceField, reach: float, paths: Mapping[str, Path]
 ) -> tuple[WeakSpot, ...]:
-    """The weak spots of a map, first those that most trips pass.
-
-    Those come first that most trips pass, and then those of the largest product of deviation and
-    length.
+    """The weak spots of a map, first those of the largest deviation x length x trips that pass.
 
     Parameters
     ----------
@@ -95,11 +113,8 @@ def weak_spots(
         The trips by name.
     """
     lines = {name: points_of(path) for name, path in paths.items()}
-    every = [part for area in _areas(costs, field) for part in _cut(area, lines)]
-    spots = [_spot(area, costs.grid, reach, lines) for area in every]
-    spots.sort(key=lambda each: (-len(each.trips), -each.position_std * each.length))
-    named = zip(ascii_uppercase, spots[:LISTED], strict=False)
-    return tuple(replace(each, letter=letter) for letter, each in named)
+    spots = [_spot(area, costs.grid, reach, lines) for area in _areas(costs, field)]
+    return tuple(sorted(spots, key=lambda each: each.hurts, reverse=True))
 
 
 def _areas(costs: Costmap, field: CovarianceField) -> tuple[DegenerateArea, ...]:
@@ -115,81 +130,27 @@ def _areas(costs: Costmap, field: CovarianceField) -> tuple[DegenerateArea, ...]
     return found
 
 
-def _extents(area: DegenerateArea) -> tuple[float, float]:
-    """Extents of an area along and across its direction [m]."""
-    along = np.array([math.cos(area.direction), math.sin(area.direction)])
-    length, width = (np.ptp(area.outline @ way) for way in (along, along[::-1] * [-1, 1]))
-    return float(length), float(width)
-
-
-def _cut(area: DegenerateArea, lines: Mapping[str, Floats]) -> list[DegenerateArea]:
-    """An area; of one that is wide and long the parts of it, near trips where there are any."""
-    import cv2
-
-    extents = _extents(area)
-    if min(extents) < WIDE or max(extents) < LONG:
-        return [area]
-    lowest = area.outline.min(axis=0) - PIXEL
-    size = np.ceil(np.ptp(area.outline, axis=0) / PIXEL).astype(int) + 3
-    mask, near = np.zeros((2, *size[::-1]), np.uint8)
-
-    def pixels(xy: Floats) -> Any:
-        return np.rint((xy - lowest) / PIXEL).astype(np.int32)
-
-    cv2.fillPoly(mask, [pixels(each) for each in (area.outline, *area.holes)], 1)
-    cv2.polylines(near, [pixels(each) for each in lines.values()], False, 1, int(WIDE / PIXEL))
-    if (mask & near).any():
-        mask &= near
-    rows, cols = (
-        np.array_split(np.arange(count), math.ceil(count * PIXEL / LONG)) for count in mask.shape
-    )
-    tiles = [np.ix_(row, col) for row in rows for col in cols]
-    parts = []
-    for tile in tiles:
-        own = np.zeros_like(mask)
-        own[tile] = mask[tile]
-        parts += [
-            replace(
-                area, outline=outline * PIXEL + lowest, middle=middle * PIXEL + lowest, holes=()
-            )
-            for outline, middle in _pieces(own)
-        ]
-    return parts or [area]
-
-
-def _pieces(mask: Any) -> Iterator[tuple[Floats, Floats]]:
-    """Corners of each piece of a mask that is large enough, and a pixel well inside it."""
-    import cv2
-
-    count, labels = cv2.connectedComponents(mask)
-    for number in range(1, count):
-        piece = (labels == number).astype(np.uint8)
-        if piece.sum() * PIXEL**2 < SMALLEST:
-            continue
-        corners, _ = cv2.findContours(piece, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-        depth = cv2.distanceTransform(np.pad(piece, 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
-        row, col = np.unravel_index(depth.argmax(), depth.shape)
-        yield max(corners, key=len)[:, 0].astype(float), np.array([col, row], float)
-
-
 def _spot(
     area: DegenerateArea, grid: OccupancyGrid, reach: float, lines: Mapping[str, Floats]
 ) -> WeakSpot:
     direction = area.direction % math.pi
-    length, width = _extents(area)
+    along = np.array([math.cos(direction), math.sin(direction)])
+    length, width = (float(np.ptp(area.outline @ way)) for way in (along, along[::-1] * [-1, 1]))
+    passing = {name: own for name, line in lines.items() if len(own := line[_within(area, line)])}
+    longest = max(passing.values(), key=len, default=np.array([area.middle]))
+    x, y = longest[len(longest) // 2].tolist()
     turns = area.heading_std > math.radians(10) and area.position_std < 0.2
     missing = f"no feature along {math.degrees(direction):.0f} deg"
-    if seen_around(grid, area.middle, reach) < 0.35:  # of the directions
+    if seen_around(grid, (x, y), reach) < 0.35:  # of the directions
         missing = f"few walls within {reach:g} m"
     elif turns:
         missing = ROUND
     elif not area.agrees:
-        missing = "only clutter, no long wall"
-    passing = [name for name, line in lines.items() if inside(area.outline, line).any()]
+        missing = CLUTTER
     return WeakSpot(
         letter="",
-        x=float(area.middle[0]),
-        y=float(area.middle[1]),
+        x=x,
+        y=y,
         length=length,
         width=width,
         direction=direction if area.agrees else math.nan,
@@ -198,6 +159,7 @@ def _spot(
         missing=missing,
         trips=tuple(passing),
         outline=area.outline,
+        holes=area.holes,
     )
 
 
@@ -222,37 +184,97 @@ def inside(outline: Floats, points: Floats) -> Bools:
     """Which of some points (n, 2) lie in an outline, (n,)."""
     import cv2
 
+    if not len(outline):
+        return np.zeros(len(points), np.bool_)
     corners = outline.astype(np.float32)
     tested = [cv2.pointPolygonTest(corners, (x, y), False) for x, y in points.tolist()]
     return np.array(tested) >= 0
 
 
-def blamed(spots: Sequence[WeakSpot], path: Path, lost_at: Floats) -> str:
-    """Where drives were lost: letters of the spots they were in or had left, or a position.
+def _within(area: DegenerateArea | WeakSpot, points: Floats) -> Bools:
+    """Which of some points lie in an area, and in none of its holes."""
+    found = inside(area.outline, points)
+    for hole in area.holes:
+        found &= ~inside(hole, points)
+    return found
 
-    Letters come in the order of how many drives each explains.
+
+def gathered(xy: Floats, radius: float) -> list[tuple[Floats, Ints]]:
+    """Positions in groups, the largest first: one within a radius of all, and which they are.
+
+    Parameters
+    ----------
+    xy : (n, 2) array
+        The positions [m].
+    radius : float
+        The radius [m].
+    """
+    near = np.linalg.norm(xy[:, None] - xy, axis=2) <= radius
+    left, groups = np.ones(len(xy), np.bool_), []
+    while left.any():
+        middle = int(np.argmax((near & left).sum(axis=1) * left))
+        groups.append((xy[middle], np.flatnonzero(near[middle] & left)))
+        left &= ~near[middle]
+    return groups
+
+
+def blamed(
+    spots: Sequence[WeakSpot], paths: Mapping[str, Path], lost_at: Sequence[Floats]
+) -> tuple[tuple[WeakSpot, ...], list[str], list[Floats]]:
+    """The places where drives get lost, the worst first.
+
+    A drive is lost because of the spot that it left last, or else at a place of its own.
 
     Parameters
     ----------
     spots : sequence of WeakSpot
         The weak spots.
-    path : Path
-        The trip.
-    lost_at : (drives,) array
-        Distance along it where each drive was first off by over 1 m [m]; NaN where none was.
+    paths : mapping of str to Path
+        The trips by name.
+    lost_at : sequence of (drives,) array
+        Distance along each trip where each drive was first off by over 1 m [m]; NaN where none was.
+
+    Returns
+    -------
+    spots, near, where
+        The spots with the number of lost drives, and places where no scan is weak; for each trip
+        the letters of those that lose a quarter of its lost drives or more, and the positions where
+        they were first off by over 1 m, (n, 2) [m].
     """
-    if not len(known := lost_at[np.isfinite(lost_at)]):
-        return ""
-    points = points_of(path)
-    distance = np.linspace(0, path.length, len(points))
-    counts = {}
-    for spot in spots:
-        own = distance[inside(spot.outline, points)]
-        since = known[:, None] - own
-        # A robot drives up to 10 m from a spot until it is off by over 1 m because of it.
-        hit = ((since >= -0.5) & (since <= 10.0)).any(axis=1) if len(own) else np.zeros(1)
-        counts[spot.letter] = int(hit.sum())
-    often = sorted(counts, key=lambda letter: -counts[letter])
-    named = [letter for letter in often if counts[letter] >= 0.25 * len(known)]
-    x, y = points[np.abs(distance - np.median(known)).argmin()].tolist()
-    return ", ".join(named) or f"{x:.1f},{y:.1f}"
+    lines = {name: points_of(path) for name, path in paths.items()}
+    where, owners = [], []
+    for line, path, ends in zip(lines.values(), paths.values(), lost_at, strict=True):
+        distance = np.linspace(0, path.length, len(line))
+        ends = ends[np.isfinite(ends)]
+        since = ends[:, None] - distance
+        near = (since >= -0.5) & (since <= SINCE)
+        # Of each drive the last point in each spot, -1 where it passed none of it.
+        own = [np.where(near & _within(each, line), distance, -1.0).max(axis=1) for each in spots]
+        last = np.array([np.full(len(ends), -0.5), *own])
+        owners.append(last.argmax(axis=0) - 1)
+        where.append(np.column_stack([np.interp(ends, distance, each) for each in line.T]))
+    every, owner = np.concatenate(where), np.concatenate(owners)
+    found = [replace(each, lost=int((owner == n).sum())) for n, each in enumerate(spots)]
+    alone = np.flatnonzero(owner < 0)
+    wide = 0.08 * float(np.ptp(np.concatenate([*lines.values()]), axis=0).max())
+    for middle, members in gathered(every[alone], wide):
+        owner[alone[members]] = len(found)
+        passing = [name for name, line in lines.items() if _is_near(line, middle, wide)]
+        x, y = middle.tolist()
+        about: dict[str, Any] = dict.fromkeys(("length", "width"), 0.0)
+        about |= dict.fromkeys(("direction", "position_std", "heading_std"), math.nan)
+        about |= {"outline": np.empty((0, 2)), "trips": tuple(passing), "lost": len(members)}
+        found.append(WeakSpot(letter="", x=x, y=y, missing=CLEAR, **about))
+    order = sorted(range(len(found)), key=lambda n: found[n].hurts, reverse=True)
+    letters = dict(zip(order, LETTERS, strict=False))
+    near_to = []
+    for drives in np.split(owner, np.cumsum([len(each) for each in where])[:-1]):
+        counts = Counter[int](drives.tolist()).most_common()
+        named = [letters.get(n, "") for n, count in counts if count >= 0.25 * len(drives)]
+        near_to.append(", ".join(filter(None, named)) or ("elsewhere" if counts else ""))
+    spots = tuple(replace(found[n], letter=letters.get(n, "")) for n in order)
+    return spots, near_to, where
+
+
+def _is_near(line: Floats, xy: Floats, radius: float) -> bool:
+    return bool((np.linalg.norm(line - xy, axis=1) <= radius).any())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,7 +14,7 @@ from locplan.costs import Costmap
 from locplan.diagnosis import _cures as cures
 from locplan.diagnosis._cures import Remedy
 from locplan.diagnosis._driving import (
-    STOPPED,
+    NO_BETTER,
     Contrast,
     Driver,
     Journal,
@@ -101,24 +102,22 @@ class Work:
 
     def as_it_is(
         self, spots: Sequence[WeakSpot], progress: ProgressCallback
-    ) -> tuple[Rates, tuple[Trip, ...]]:
-        """Drive the trips as they are."""
+    ) -> tuple[Rates, tuple[Trip, ...], tuple[WeakSpot, ...]]:
+        """Drive the trips as they are, and count the lost drives of each weak spot."""
         sizes = len(self._few), len(self._many), len(self._closed)
         steps = parts(progress, [each * len(self.site.paths) for each in sizes])
         self._before_few = self._driver(self._few, steps[0])
         self._before = found = self._driver(self._many, steps[1])
         arrivals = self._driver.arrivals(self._closed, steps[2])
         of_trips = [[each] for each in arrivals] or [[]] * len(self.site.paths)
-        rows = zip(self.site.paths.items(), of_trips, *found, strict=True)
+        spots, near, where = blamed(spots, self.site.paths, [*found.lost_at])
+        rows: Any = zip(self.site.paths.items(), of_trips, near, where, *found, strict=True)
         trips = tuple(
-            Trip(
-                *(name, path, _rates(Outcome(*own), each)),
-                blamed(spots, path, own[2]),
-            )
-            for (name, path), each, *own in rows
+            Trip(name, path, _rates(Outcome(*own), each), letters, places)
+            for (name, path), each, letters, places, *own in rows
         )
         self._as_is = _rates(found, arrivals)
-        return self._as_is, trips
+        return self._as_is, trips, spots
 
     def cures(
         self,
@@ -175,7 +174,7 @@ class Work:
         driver = Driver(site, self.seed, self.threads, self._journal)
         few = driver(self._few)
         if is_hopeless(self._before_few, few):
-            said = contrast(self._before_few, few)._replace(verdict=STOPPED)
+            said = contrast(self._before_few, few)._replace(verdict=NO_BETTER)
             return self._cure(remedy, site, _rates(few), said)
         many = driver(self._many)
         arrivals = driver.arrivals(self._closed)
@@ -237,4 +236,8 @@ def _rates(found: Outcome, arrivals: Sequence[Arrivals] = ()) -> Rates:
     count = sum(len(each.drives) for each in arrivals)
     arrived = sum(each.count for each in arrivals)
     share = wilson(arrived / count, count) if count else NOTHING
-    return Rates(found.lost.size, found.lost_rate, found.error, share)
+    ends = Counter[str]()
+    for each in arrivals:
+        ends += each.failed
+    most = max(ends, key=lambda what: ends[what], default="")
+    return Rates(found.lost.size, found.lost_rate, found.error, share, most)

@@ -18,8 +18,9 @@ from locplan.maps._source import DARK, ROWS, MapSource
 
 MIN_SHARE = 0.01
 """Minimum share of the pixels, or of the image's edge, that is worth a sentence."""
-SPECK, SPECKS = 3, 1.0
-"""Maximum size of a speck [cells], and the number of specks a square metre that is too many."""
+SPECK, SPECKS, COARSE = 3, 1.0, 0.3
+"""Maximum size of a speck [cells], the number of specks a square metre that is too many, and the
+size of cells from which on they are coarse [m]."""
 
 PAINTED, NO_UNKNOWN = 0.3, 0.001
 """Minimum share of the cells that are black inside, and maximum share of unknown ones, of a map
@@ -31,9 +32,9 @@ class MapFault:
     """Something of a map that misleads."""
 
     kind: str
-    """What it is: "mask", "costmap", "thresholds", "cells", "open boundary", "solid walls",
-    "thick walls", "painted unknown", "specks" or "origin"; by recorded drives "resolution" or
-    "deep walls"."""
+    """What it is: "mask", "costmap", "thresholds", "cells", "coarse cells", "open boundary", "solid
+    walls", "thick walls", "painted unknown", "specks" or "origin"; by recorded drives "resolution"
+    or "deep walls"."""
     what: str
     """What is wrong, as a sentence without a full stop."""
     mend: str = ""
@@ -144,6 +145,13 @@ def of_cells(grid: OccupancyGrid) -> Iterator[MapFault]:
             "cells", "no cell is free, so that the robot can stand nowhere; check the thresholds"
         )
         return
+    if grid.resolution > COARSE:
+        yield _said(
+            "coarse cells",
+            f"cells of {grid.resolution:g} m are coarse beside a lidar, which measures to some"
+            " centimetres; check resolution in the map's YAML (0.05 is usual), or map the site"
+            " anew",
+        )
     rim = np.concatenate([cells[0], cells[-1], cells[1:-1, 0], cells[1:-1, -1]]) == FREE
     if rim.mean() > MIN_SHARE:
         yield _said(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -134,6 +135,12 @@ class Arrivals(Valued):
         return sum(each.outcome == ARRIVED for each in self.drives)
 
     @property
+    def failed(self) -> Counter[str]:
+        """Number of the drives that do not arrive, by how they end in words."""
+        whats = (each.fault or each.outcome for each in self.drives)
+        return Counter(ENDINGS[what][1] for what in whats if what != ARRIVED)
+
+    @property
     def words(self) -> str:
         """How many of the drives arrive, with the share's 95 % interval."""
         _, low, high = self.arrived
@@ -167,18 +174,22 @@ class Arrivals(Valued):
         return {"drives": len(self.drives), **{e.name: list(e.of(self)) for e in ARRIVING}}
 
 
-def _rate(name: str, what: str, title: str) -> Column:
-    return rate_column(name, title, lambda found: found.rate(what))
+ENDINGS = {
+    ARRIVED: ("arrived", "arrives, steered by its filter"),
+    ELSEWHERE: ("elsewhere", "believes to be there, is elsewhere"),
+    STUCK: ("stuck", "gets stuck"),
+    TIMED_OUT: ("timed_out", "runs out of time"),
+    FOLLOWER: ("follower_fails", "fails with perfect localization, too"),
+    WORLD: ("no_way", "has no way in its world"),
+}
+"""Name in files and words of each outcome and fault."""
 
 
-ARRIVING: tuple[Column, ...] = (
-    _rate("arrived", ARRIVED, "arrives, steered by its filter"),
-    _rate("elsewhere", ELSEWHERE, "believes to be there, is elsewhere"),
-    _rate("stuck", STUCK, "gets stuck"),
-    _rate("timed_out", TIMED_OUT, "runs out of time"),
-    _rate("follower_fails", FOLLOWER, "fails with perfect localization, too"),
-    _rate("no_way", WORLD, "has no way in its world"),
-)
+def _rate(what: str) -> Column:
+    return rate_column(*ENDINGS[what], lambda found: found.rate(what))
+
+
+ARRIVING: tuple[Column, ...] = tuple(map(_rate, ENDINGS))
 """Columns of `Arrivals`."""
 
 
