@@ -157,7 +157,8 @@ def test_walls_of_a_dark_grey_are_driven_as_walls_and_cured_by_the_threshold(tmp
     assert np.array_equal(written.cells, room().cells)
 
 
-def test_equal_seeds_give_equal_results_on_any_number_of_threads(fine):
+def test_equal_seeds_give_equal_results_on_any_number_of_threads(fine, tmp_path, monkeypatch):
+    monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path))  # where nothing was driven yet
     again = check(room(), ROBOT, CORNERS, effort="quick", threads=1)
     assert again.summary() == fine.summary()
 

@@ -1,0 +1,113 @@
+"""What a check keeps, and the cures of the map's file, of recorded drives and of masks."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from test_check import CORNERS, ROBOT, room
+
+import locplan
+from locplan import check, save_map
+from locplan.field import FieldCache, clear_cache
+from locplan.maps import OCCUPIED, UNKNOWN, OccupancyGrid, environments
+
+ALPHAS = {f"alpha{n}": 2.0 for n in range(1, 6)}
+
+
+def test_an_interrupted_check_goes_on_where_it_was(tmp_path, monkeypatch):
+    driven = []
+    for name in ("drive_together", "in_threads"):
+        own = getattr(locplan.simulation.Simulator, name)
+
+        def counted(*given, own=own, **more):
+            driven.append(own.__name__)
+            return own(*given, **more)
+
+        monkeypatch.setattr(locplan.simulation.Simulator, name, counted)
+    grid = environments.make("two_corridors", resolution=0.2)
+    asked = grid, ROBOT.changed(ALPHAS), [((2.0, 3.0), (20.0, 3.0))]
+
+    def stop(finding):
+        if finding.startswith("settings"):
+            raise KeyboardInterrupt
+
+    monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path / "whole"))
+    whole = check(*asked, effort="quick")
+    in_one_go = len(driven)
+    monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path / "twice"))
+    driven.clear()
+    with pytest.raises(KeyboardInterrupt):
+        check(*asked, effort="quick", found=stop)
+    before = len(driven)
+    assert 0 < before < in_one_go
+    found = FieldCache.of()
+    assert "driven check" in found.table()
+    (begun,) = (each for each in found.entries if each.about["config"]["name"] == "driven check")
+    assert begun.share == 0.0
+    again = check(*asked, effort="quick")
+    assert len(driven) == in_one_go
+    assert again.summary() == whole.summary()
+    assert check(*asked, effort="quick").summary() == whole.summary()
+    assert len(driven) == in_one_go
+    other = check(*asked, effort="quick", seed=2)  # nothing of another seed
+    assert other.as_is != whole.as_is
+    assert not clear_cache(tmp_path / "twice")[1]
+    assert not FieldCache.of().entries
+
+
+def test_map_savers_grey_that_is_read_as_free_is_cured_by_the_threshold(tmp_path):
+    cells = np.full((160, 200), UNKNOWN, np.uint8)
+    cells[20:140, 20:180] = room().cells
+    meant = OccupancyGrid(cells, 0.05, (-1.0, -1.0, 0.0), name="room")
+    save_map(meant, tmp_path / "room.yaml")
+    file = tmp_path / "room.yaml"
+    file.write_text(file.read_text().replace("free_thresh: 0.196", "free_thresh: 0.25"))
+    assert (locplan.load_map(file).cells != UNKNOWN).all()
+    found = check(file, ROBOT, CORNERS, effort="quick")
+    assert found.recommended == ("walls",)
+    assert (found.site.world.cells == UNKNOWN).sum() == (cells == UNKNOWN).sum()
+    found.save(tmp_path / "report")
+    assert np.array_equal(locplan.load_map(tmp_path / "report" / "map.yaml").cells, cells)
+
+
+def driven_round(factor=1.0):
+    """A drive of some 70 m about the room, on a map whose lengths are so many times the true."""
+    corners = [(7, 1), (7, 2), (1, 2.2), (1, 5), (4, 4), (7, 4), (7, 1.5), (4.5, 1), (1, 1)]
+    path = locplan.Path([(1, 1), *corners * 3])
+    drive = locplan.recordings.record_drive(room(), path, ROBOT, seed=3)
+    return dataclasses.replace(drive, poses=drive.poses * [factor, factor, 1.0])
+
+
+def test_recorded_drives_calibrate_the_robot_and_give_a_wrong_resolution(tmp_path):
+    wrong = dataclasses.replace(room(), resolution=0.05 * 1.04)
+    drive = driven_round(1.04)
+    found = check(wrong, ROBOT, {"a": (1.0, 1.0), "b": (7.0, 1.0)}, [drive, drive], effort="quick")
+    assert found.recommended == ("walls",)
+    assert found.site.stretch == pytest.approx(1 / 1.04, abs=0.005)
+    assert "resolution" in {each.kind for each in found.faults}
+    said = "\n".join(found.recorded)
+    for words in ("drive 1: the filter", "drive 2: the filter", "lidar as", "odometry as", "walls"):
+        assert words in said
+    assert found.site.robot.odometry != ROBOT.odometry
+    assert found.site.robot.filter == ROBOT.filter
+    found.save(tmp_path)
+    assert locplan.load_map(tmp_path / "map.yaml").resolution == pytest.approx(0.05, abs=2e-4)
+
+
+def test_a_mask_is_written_where_other_paths_keep_drives(tmp_path):
+    grid = environments.make("two_corridors", resolution=0.1)
+    poor = {"distance_drift": 0.1, "distance_bias": 0.1, "heading_drift_deg": 3.0}
+    ways = [((2.0, 3.0), (38.0, 3.0))]
+    found = check(grid, ROBOT.changed(poor), ways)
+    assert found.recommended == ("paths",)
+    assert found.after.lost.high < found.before.lost.low
+    taken = locplan.plan(found.made["paths"], *ways[0]).path
+    assert np.array_equal(taken.xy, found.cured.paths["query 1"].xy)
+    found.save(tmp_path)
+    assert (tmp_path / "mask" / "localizability.launch.xml").exists()
+    assert set(found.written()) == {"mask/nav2.yaml"}
+    assert json.loads((tmp_path / "mask" / "export.json").read_text())["kind"] == "nav2-keepout"
+    mask = locplan.load_map(tmp_path / "mask" / "mask.yaml")
+    assert mask.shape == grid.shape
+    assert (grid.cells == OCCUPIED).any()
