@@ -25,7 +25,7 @@ def test_an_interrupted_check_goes_on_where_it_was(tmp_path, monkeypatch):
             return own(*given, **more)
 
         monkeypatch.setattr(locplan.simulation.Simulator, name, counted)
-    grid = environments.make("two_corridors", resolution=0.2)
+    grid = environments.make("two_corridors", resolution=0.1)
     asked = grid, ROBOT.changed(ALPHAS), [((2.0, 3.0), (20.0, 3.0))]
 
     def stop(finding):
@@ -43,7 +43,7 @@ def test_an_interrupted_check_goes_on_where_it_was(tmp_path, monkeypatch):
     assert 0 < before < in_one_go
     found = FieldCache.of()
     assert "driven check" in found.table()
-    (begun,) = (each for each in found.entries if each.about["config"]["name"] == "driven check")
+    (begun,) = (each for each in found.entries if "driven check" in str(each.about))
     assert begun.share == 0.0
     again = check(*asked, effort="quick")
     assert len(driven) == in_one_go
@@ -63,7 +63,8 @@ def test_map_savers_grey_that_is_read_as_free_is_cured_by_the_threshold(tmp_path
     save_map(meant, tmp_path / "room.yaml")
     file = tmp_path / "room.yaml"
     file.write_text(file.read_text().replace("free_thresh: 0.196", "free_thresh: 0.25"))
-    assert (locplan.load_map(file).cells != UNKNOWN).all()
+    with pytest.warns(locplan.maps.MapWarning, match="unknown grey"):
+        assert (locplan.load_map(file).cells != UNKNOWN).all()
     found = check(file, ROBOT, CORNERS, effort="quick")
     assert found.recommended == ("walls",)
     assert (found.site.world.cells == UNKNOWN).sum() == (cells == UNKNOWN).sum()
@@ -95,6 +96,7 @@ def test_recorded_drives_calibrate_the_robot_and_give_a_wrong_resolution(tmp_pat
     assert locplan.load_map(tmp_path / "map.yaml").resolution == pytest.approx(0.05, abs=2e-4)
 
 
+@pytest.mark.long
 def test_a_mask_is_written_where_other_paths_keep_drives(tmp_path):
     grid = environments.make("two_corridors", resolution=0.1)
     poor = {"distance_drift": 0.1, "distance_bias": 0.1, "heading_drift_deg": 3.0}
