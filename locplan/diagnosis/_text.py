@@ -24,8 +24,8 @@ from locplan.diagnosis._result import (
 )
 from locplan.simulation import LOST
 
-LINES = 25
-"""Maximum number of lines of the text."""
+LINES, HALF = 25, 0.5
+"""Maximum number of lines of the text, and share of lost drives that is no cure."""
 
 
 class Action(NamedTuple):
@@ -56,8 +56,8 @@ def verdict(check: Check) -> str:
         return f"The robot keeps its place, but its error can be lowered: {said}"
     what = "does not always arrive" if is_seldom(rates.lost) else "gets lost"
     helps = "and its error can be lowered" if check.is_by_error else "and it can be cured"
-    if not check.recommended:
-        helps = "and nothing that was tried clearly helps"
+    if not check.recommended or check.after.lost.value >= HALF:
+        helps = "and nothing that was tried cures it"
     return f"The robot {what}, {helps}: {said}"
 
 
@@ -80,9 +80,10 @@ def next_action(
         best = next(cheap, None)
         more = f" ({_would(best, check.as_is)})" if best else ""
         return Action(f"Nothing to do{more}.", "", {})
-    again = [word for word in typed() if word != "--quick"] or ["locplan", "check", "MAP"]
+    map_file = str(Folder(check.source.file).resolve()) if check.source else "MAP"
+    again = typed() or ["locplan", "check", map_file]
     if not check.recommended:
-        return Action(*_further(check, again), {})
+        return Action(*_further(check, again, map_file), {})
     doing = " and ".join(DO[each.kind].format(cure=each) for each in check.advised)
     before, after = check.as_is, check.after
     gains = f"lost {100 * before.lost.value:.0f} -> {share(after.lost)}"
@@ -92,29 +93,34 @@ def next_action(
     gains += (
         f", arrives {100 * before.arrives.value:.0f} -> {share(after.arrives)}, in fresh drives"
     )
-    left = "" if is_seldom(after.lost) else " Some drives still get lost."
-    if after.lost.value >= 0.5:
-        left = " Half of the drives or more still get lost: that alone is no cure."
+    left = "" if is_seldom(after.lost) else " Some drives still get lost"
+    if after.lost.value >= HALF:
+        left = " That alone is no cure"
+    if left:
+        quick = check.effort == "quick"
+        left += "; without --quick, paths and poles are tried, too." if quick else "."
     sentence = f"{doing[:1].upper()}{doing[1:]}: {gains}.{left}"
     files = check.written(params)
     if folder is None:
         return Action(sentence, shlex.join([*typed(), "-o", "report"]) if typed() else "", files)
-    return Action(sentence, _commands(check, folder, again, params), files)
+    return Action(sentence, _commands(check, folder, again, map_file, params), files)
 
 
-def _further(check: Check, again: list[str]) -> tuple[str, str]:
+def _further(check: Check, again: list[str], map_file: str) -> tuple[str, str]:
     """What to do where nothing that was tried is clearly better, and the command for it."""
     if check.effort == "quick":
         said = "Try other paths and poles, too, on three times as many drives:"
-        return said, shlex.join(again)
+        return said, shlex.join([word for word in again if word != "--quick"])
     if check.recorded:
-        said = "Measure the lidar and the odometry on your drive, and check with what was found:"
-        more = [word for word in again if word.startswith("--drive")]
-        map_file = str(check.source.file) if check.source else "MAP"
-        return said, shlex.join(["locplan", "calibrate", map_file, *more, "-o", "calibrated"])
+        drives = [word for word in again if word.startswith("--drive")]
+        return (
+            "Measure lidar and odometry on your drive, and check again with --robot"
+            " calibrated.json: as assumed, they may be wrong.",
+            shlex.join(["locplan", "calibrate", map_file, *drives, "-o", "calibrated.json"]),
+        )
     return (
         "Record a drive on the site, and check again with --drive drive: it shows whether the map"
-        " and the assumed noise are those of the site.",
+        " fits, and how the filter really does.",
         "ros2 bag record -o drive /scan /odom /tf /tf_static",
     )
 
@@ -136,10 +142,11 @@ def _would(cure: Cure, before: Rates) -> str:
     return f"{cure.title} would lower the usual error from {error}"
 
 
-def _commands(check: Check, folder: Folder, again: list[str], params: Folder | None) -> str:
+def _commands(
+    check: Check, folder: Folder, again: list[str], map_file: str, params: Folder | None
+) -> str:
     """Commands that put what is recommended in force, or check that it helps, a line each."""
     taken, own = {*check.recommended}, folder.resolve()
-    map_file = str(Folder(check.source.file).resolve()) if check.source else "MAP"
     lines = []
     if MEND in taken:  # before AMCL, which waits for its map
         lines.append(["ros2", "launch", str(own / "localizability.launch.xml")])
@@ -215,7 +222,7 @@ def _table(
 ) -> list[str]:
     """Lines of a table, whose first heading says how many rows are not shown."""
     if not records:
-        return [f"no {what}"]
+        return [NONE[what]]
     count = len(records)
     title = f"{most} of {count} {what}s" if count > most else what
     named = Column(what, title=title, value=NAMED[what])
@@ -228,6 +235,11 @@ def _as_it_is(check: Check) -> Cure:
     return Cure("", "as it is", "", "", check.as_is, NOTHING, NOTHING, 0.0)
 
 
+NONE = {
+    "place": "no weak spot of a square metre or more, and no drive is lost",
+    "cure": "no cure suits: nothing was tried",
+}
+"""What is said instead of an empty table."""
 NAMED: dict[str, Callable[[Any], str]] = {
     "place": lambda each: f"{each.letter} {each.place}".strip(),
     "trip": lambda each: each.name,

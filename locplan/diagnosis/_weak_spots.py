@@ -254,9 +254,9 @@ def blamed(
         owners.append(last.argmax(axis=0) - 1)
         where.append(np.column_stack([np.interp(ends, distance, each) for each in line.T]))
     every, owner = np.concatenate(where), np.concatenate(owners)
-    found = [replace(each, lost=int((owner == n).sum())) for n, each in enumerate(spots)]
-    alone = np.flatnonzero(owner < 0)
     wide = 0.08 * float(np.ptp(np.concatenate([*lines.values()]), axis=0).max())
+    found = [_with_lost(each, every[owner == n], wide) for n, each in enumerate(spots)]
+    alone = np.flatnonzero(owner < 0)
     for middle, members in gathered(every[alone], wide):
         owner[alone[members]] = len(found)
         passing = [name for name, line in lines.items() if _is_near(line, middle, wide)]
@@ -274,6 +274,13 @@ def blamed(
         near_to.append(", ".join(filter(None, named)) or ("elsewhere" if counts else ""))
     spots = tuple(replace(found[n], letter=letters.get(n, "")) for n in order)
     return spots, near_to, where
+
+
+def _with_lost(spot: WeakSpot, where: Floats, wide: float) -> WeakSpot:
+    """A spot with its lost drives, placed where most of those in it are."""
+    own = where[_within(spot, where)]
+    at = gathered(own, wide)[0][0] if len(own) else (spot.x, spot.y)
+    return replace(spot, x=float(at[0]), y=float(at[1]), lost=len(where))
 
 
 def _is_near(line: Floats, xy: Floats, radius: float) -> bool:
