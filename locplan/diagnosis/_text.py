@@ -171,7 +171,7 @@ def _commands(
         to = ["--to", "nav2-routes", *paths, "-o", str(own / "routes")]
         lines.append(["locplan", "export", map_file, *to])
     if not lines:  # the parameters have to be merged by hand, and can be checked before
-        lines.append([*again, "--robot", changed])
+        lines.append([*again, "--robot", str(folder / "nav2_params.yaml")])
     return "\n".join(map(shlex.join, lines))
 
 
