@@ -37,7 +37,8 @@ def spots(found: Sequence[WeakSpot]) -> str:
 
 def as_it_is(rates: Rates) -> str:
     """How often the robot gets lost now."""
-    return f"as it is: {share(rates.lost)} of {rates.drives} drives are off by over {LOST:g} m"
+    said = f"{share(rates.lost)} of {rates.drives} drives get lost (off by over {LOST:g} m)"
+    return f"as it is: {said}; {share(rates.arrives)} arrive"
 
 
 def cure(found: Cure, before: Rates) -> str:

@@ -214,8 +214,9 @@ class Check(Result):
         *about, **more
             What `save` takes, of which it says nothing.
         """
+        shapes = ("outline", "holes")
         spots = [
-            {name: getattr(each, name) for name in SPOT} | {"trips": list(each.trips)}
+            {name: value for name, value in vars(each).items() if name not in shapes}
             for each in self.spots
         ]
         trips = [
@@ -267,13 +268,6 @@ class Check(Result):
         self.table().write_csv(folder / "check.csv")
         called("locplan.diagnosis._files:write_files", folder, self, (*about, None, None)[1])
         called("locplan.diagnosis._report:write_report", folder / "report.html", self, *about)
-
-
-SPOT = (
-    *("letter", "x", "y", "length", "width", "direction", "position_std", "heading_std"),
-    *("missing", "lost"),
-)
-"""Names of a weak spot's figures in files."""
 
 
 def is_better(cure: Cure) -> bool:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path as Folder
 from typing import Any, NamedTuple
 
@@ -24,8 +25,10 @@ from locplan.diagnosis._result import (
 )
 from locplan.simulation import LOST
 
-LINES = 25
-"""Maximum number of lines of the text."""
+LINES, HALF = 25, 0.5
+"""Maximum number of lines of the text, and share of lost drives that is no cure."""
+ROWS = (3, 3, 3, 4), (2, 3, 3, 3), (1, 3, 3, 2), (1, 3, 2, 2), (1, 3, 1, 1), (0, 2, 1, 1)
+"""Numbers of notes, places, trips and cures, of which the text has the first that fit."""
 
 
 class Action(NamedTuple):
@@ -56,8 +59,8 @@ def verdict(check: Check) -> str:
         return f"The robot keeps its place, but its error can be lowered: {said}"
     what = "does not always arrive" if is_seldom(rates.lost) else "gets lost"
     helps = "and its error can be lowered" if check.is_by_error else "and it can be cured"
-    if not check.recommended:
-        helps = "and nothing that was tried clearly helps"
+    if not check.recommended or check.after.lost.value >= HALF:
+        helps = "and nothing that was tried cures it"
     return f"The robot {what}, {helps}: {said}"
 
 
@@ -77,44 +80,52 @@ def next_action(
     """
     if check.is_fine:
         cheap = (each for each in check.cures if is_better(each) and each.kind in CHEAP)
-        best = next(cheap, None)
-        more = f" ({_would(best, check.as_is)})" if best else ""
-        return Action(f"Nothing to do{more}.", "", {})
-    again = [word for word in typed() if word != "--quick"] or ["locplan", "check", "MAP"]
+        return Action(f"Nothing to do{_would(next(cheap, None), check.as_is)}.", "", {})
+    map_file = str(Folder(check.source.file).resolve()) if check.source else "MAP"
+    again = typed() or ["locplan", "check", map_file]
     if not check.recommended:
-        return Action(*_further(check, again), {})
+        return Action(*_further(check, again, map_file), {})
     doing = " and ".join(DO[each.kind].format(cure=each) for each in check.advised)
+    sentence = f"{doing[:1].upper()}{doing[1:]}: {_gains(check)}"
+    files = check.written(params)
+    if folder is None:
+        return Action(sentence, shlex.join([*again, "-o", "report"]), files)
+    return Action(sentence, _commands(check, folder, again, map_file, params), files)
+
+
+def _gains(check: Check) -> str:
+    """What all that is recommended gains, and whether that is enough."""
     before, after = check.as_is, check.after
     gains = f"lost {100 * before.lost.value:.0f} -> {share(after.lost)}"
     if check.is_by_error:  # then the shares of lost drives alone do not show it
         errors = " -> ".join(in_metres(each.error.value) for each in (before, after))
         gains = f"the usual error {errors}, {gains}"
     gains += (
-        f", arrives {100 * before.arrives.value:.0f} -> {share(after.arrives)}, in fresh drives"
+        f", arrives {100 * before.arrives.value:.0f} -> {share(after.arrives)} of fresh drives."
     )
-    left = "" if is_seldom(after.lost) else " Some drives still get lost."
-    if after.lost.value >= 0.5:
-        left = " Half of the drives or more still get lost: that alone is no cure."
-    sentence = f"{doing[:1].upper()}{doing[1:]}: {gains}.{left}"
-    files = check.written(params)
-    if folder is None:
-        return Action(sentence, shlex.join([*typed(), "-o", "report"]) if typed() else "", files)
-    return Action(sentence, _commands(check, folder, again, params), files)
+    if is_seldom(after.lost):
+        return gains
+    left = "That alone is no cure" if after.lost.value >= HALF else "Some drives still get lost"
+    quick = check.effort == "quick"
+    more = "; without --quick, paths and poles are tried, too." if quick else "."
+    return f"{gains} {left}{more}"
 
 
-def _further(check: Check, again: list[str]) -> tuple[str, str]:
+def _further(check: Check, again: list[str], map_file: str) -> tuple[str, str]:
     """What to do where nothing that was tried is clearly better, and the command for it."""
     if check.effort == "quick":
         said = "Try other paths and poles, too, on three times as many drives:"
-        return said, shlex.join(again)
+        return said, shlex.join([word for word in again if word != "--quick"])
     if check.recorded:
-        said = "Measure the lidar and the odometry on your drive, and check with what was found:"
-        more = [word for word in again if word.startswith("--drive")]
-        map_file = str(check.source.file) if check.source else "MAP"
-        return said, shlex.join(["locplan", "calibrate", map_file, *more, "-o", "calibrated"])
+        drives = [word for word in again if word.startswith("--drive")]
+        return (
+            "Measure lidar and odometry on your drive, and check again with --robot"
+            " calibrated.json: as assumed, they may be wrong.",
+            shlex.join(["locplan", "calibrate", map_file, *drives, "-o", "calibrated.json"]),
+        )
     return (
         "Record a drive on the site, and check again with --drive drive: it shows whether the map"
-        " and the assumed noise are those of the site.",
+        " fits, and how the filter really does.",
         "ros2 bag record -o drive /scan /odom /tf /tf_static",
     )
 
@@ -130,16 +141,19 @@ DO = {
 """What to do, of each kind of cure."""
 
 
-def _would(cure: Cure, before: Rates) -> str:
+def _would(cure: Cure | None, before: Rates) -> str:
     """What a cure would lower where hardly a drive is lost."""
+    if cure is None:
+        return ""
     error = f"{in_metres(before.error.value)} to {in_metres(cure.rates.error.value)}"
-    return f"{cure.title} would lower the usual error from {error}"
+    return f" ({cure.title} would lower the usual error from {error})"
 
 
-def _commands(check: Check, folder: Folder, again: list[str], params: Folder | None) -> str:
+def _commands(
+    check: Check, folder: Folder, again: list[str], map_file: str, params: Folder | None
+) -> str:
     """Commands that put what is recommended in force, or check that it helps, a line each."""
     taken, own = {*check.recommended}, folder.resolve()
-    map_file = str(Folder(check.source.file).resolve()) if check.source else "MAP"
     lines = []
     if MEND in taken:  # before AMCL, which waits for its map
         lines.append(["ros2", "launch", str(own / "localizability.launch.xml")])
@@ -159,7 +173,7 @@ def _commands(check: Check, folder: Folder, again: list[str], params: Folder | N
         to = ["--to", "nav2-routes", *paths, "-o", str(own / "routes")]
         lines.append(["locplan", "export", map_file, *to])
     if not lines:  # the parameters have to be merged by hand, and can be checked before
-        lines.append([*again, "--robot", changed])
+        lines.append([*again, "--robot", str(folder / "nav2_params.yaml")])
     return "\n".join(map(shlex.join, lines))
 
 
@@ -176,92 +190,58 @@ def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str
         See `next_action`.
     """
     action = next_action(check, folder, *about)
-    robot = f"{check.site.robot.title}{' (assumed: name yours)' if check.assumed else ''}"
-    first = wrapped([verdict(check), f"with {robot}"])
     files = "; ".join(f"{name}: {text}" for name, text in action.files.items())
-    how = ", written by" if folder is None else "; to try it:"
-    if action.files and action.command.startswith("locplan check"):
-        files += how
-    last = [*wrapped([f"Next: {action.sentence}", *([files] if files else [])])]
+    if files and action.command.startswith("locplan check"):
+        files += ", written by" if folder is None else "; to try it:"
+    last = wrapped([f"Next: {action.sentence}", *filter(None, [files])])
     last += [f"  {line}" for line in action.command.splitlines()]
-    worst = sorted(check.trips, key=lambda each: (-each.rates.lost.value, each.rates.arrives.value))
-    lines: list[str] = []
-    for notes, spots, trips, cures in ROWS:
-        more = [*check.recorded, *(f"map: {each.sentence}" for each in check.faults), check.start]
-        lines = [
-            *(*first, *wrapped([each for each in more if each][:notes])),
-            *_table("place", check.spots, spots, _spot_columns(check)),
-            *_table("trip", worst, trips, TRIP),
-            *_table("cure", check.cures, cures, CURE, _as_it_is(check)),
-            *last,
-        ]
-        if len(lines) <= LINES:
+    assumed = " (assumed: name yours)" if check.assumed else ""
+    first = wrapped([verdict(check), f"with {check.site.robot.title}{assumed}"])
+    notes = [*check.recorded, *(f"map: {each.sentence}" for each in check.faults), check.start]
+    said: list[str] = []
+    for count, *rows in ROWS:
+        more = wrapped([*filter(None, notes)][:count])
+        said = [*first, *more, *_tables(check, *rows), *last]
+        if len(said) <= LINES:
             break
-    return "\n".join(lines)
+    return "\n".join(said)
 
 
-ROWS = (
-    (3, 3, 3, 4),
-    (2, 3, 3, 3),
-    (1, 3, 3, 2),
-    (1, 3, 2, 2),
-    (1, 3, 1, 1),
-    (0, 3, 1, 1),
-    (0, 2, 1, 1),
-)
-"""Numbers of notes, places, trips and cures, of which the text has the first that fit."""
-
-
-def _table(
-    what: str, records: Sequence[Any], most: int, columns: Sequence[Column], *first: Any
-) -> list[str]:
-    """Lines of a table, whose first heading says how many rows are not shown."""
-    if not records:
-        return [f"no {what}"]
-    count = len(records)
-    title = f"{most} of {count} {what}s" if count > most else what
-    named = Column(what, title=title, value=NAMED[what])
-    lines = str(Table.of([named, *columns], [*first, *records[:most]])).splitlines()
-    return [line.rstrip() for line in lines if line.strip(" \u2500")]
-
-
-def _as_it_is(check: Check) -> Cure:
-    """What all cures are compared with, as one of them."""
-    return Cure("", "as it is", "", "", check.as_is, NOTHING, NOTHING, 0.0)
-
-
-NAMED: dict[str, Callable[[Any], str]] = {
-    "place": lambda each: f"{each.letter} {each.place}".strip(),
-    "trip": lambda each: each.name,
-    "cure": lambda each: each.title,
-}
-"""What a row of each table is called."""
-
-
-def _spot_columns(check: Check) -> tuple[Column, ...]:
+def _tables(check: Check, spots: int, trips: int, cures: int) -> list[str]:
+    """Lines of the worst places, the worst trips and the best cures, so many of each."""
     count = len(check.trips)
-    return (
+    rates = (
+        Column("lost", title="lost [95 %]", value=lambda each: share(each.rates.lost)),
+        Column("arrives", title="arrives", value=lambda each: share(each.rates.arrives)),
+    )
+    place = (
+        Column("place", value=lambda each: f"{each.letter} {each.place}".strip()),
         Column("lost", title="lost", value=lambda each: f"{each.lost}"),
         Column("missing", title="what is missing"),
         Column("deviation", title="off by"),
         Column("size", title="size"),
         Column("trips", title="trips", value=lambda each: f"{len(each.trips)} of {count}"),
     )
+    near = Column("near", title="near", value=lambda each: each.lost_near or "-")
+    ends = Column("ends", title="or else it", value=lambda each: each.rates.ends or "-")
+    trip = Column("trip", value=lambda each: each.name), *rates, near, ends
+    cure = Column("cure", value=lambda each: each.title), *rates, Column("", title="", value=said)
+    worst = sorted(check.trips, key=lambda each: (-each.rates.lost.value, each.rates.arrives.value))
+    as_is = Cure("", "as it is", "", "", check.as_is, NOTHING, NOTHING, 0.0)
+    return [
+        *(_table(place, check.spots, spots) or ["no weak spot, and no drive is lost"]),
+        *_table(trip, worst, trips),
+        *(_table(cure, check.cures, cures, as_is) or ["no cure suits: nothing was tried"]),
+    ]
 
 
-RATES = (
-    Column("lost", title="lost [95 %]", value=lambda each: share(each.rates.lost)),
-    Column("arrives", title="arrives", value=lambda each: share(each.rates.arrives)),
-)
-"""Columns of trips and cures."""
-TRIP = (
-    *RATES,
-    Column("near", title="near", value=lambda each: each.lost_near or "-"),
-    Column("ends", title="or else it", value=lambda each: each.rates.ends or "-"),
-)
-"""Columns of the trips."""
-CURE = (*RATES, Column("verdict", title="", value=lambda each: said(each)))
-"""Columns of the cures."""
+def _table(columns: Sequence[Column], records: Sequence[Any], most: int, *first: Any) -> list[str]:
+    """Lines of a table, whose first heading says how many rows are not shown."""
+    what, *others = columns
+    title = f"{most} of {len(records)} {what.name}s" if len(records) > most else what.name
+    table = Table.of([replace(what, title=title), *others], [*first, *records[:most]])
+    lines = [line.rstrip() for line in str(table).splitlines()]
+    return [line for line in lines if line.strip(" \u2500")] if records else []
 
 
 def said(cure: Cure) -> str:

@@ -19,10 +19,6 @@ from locplan.maps import OCCUPIED, OccupancyGrid
 
 LETTERS = ascii_uppercase[:8]
 """Letters of the worst places; further weak spots have none."""
-SINCE = 10.0
-"""A robot drives up to this far from a weak spot until it is off by over 1 m because of it [m]."""
-APART = 4.0
-"""Radius of a place where drives get lost without a weak spot [m]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -91,9 +87,8 @@ class WeakSpot:
         return self.lost, weight * len(self.trips), weight
 
 
-ROUND, CLUTTER = "no corner tells the heading", "no long wall, only clutter"
-CLEAR = "nothing: the filter errs"
-"""What is missing where no scan is weak."""
+ROUND, CLEAR = "no corner tells the heading", "nothing: the filter errs"
+"""What is missing where the heading is uncertain alone, and where no scan is weak."""
 
 
 def weak_spots(
@@ -140,13 +135,13 @@ def _spot(
     longest = max(passing.values(), key=len, default=np.array([area.middle]))
     x, y = longest[len(longest) // 2].tolist()
     turns = area.heading_std > math.radians(10) and area.position_std < 0.2
-    missing = f"no feature along {math.degrees(direction):.0f} deg"
+    missing = f"no feature along {round(math.degrees(direction)) % 180} deg"
     if seen_around(grid, (x, y), reach) < 0.35:  # of the directions
         missing = f"few walls within {reach:g} m"
     elif turns:
         missing = ROUND
     elif not area.agrees:
-        missing = CLUTTER
+        missing = "no long wall, only clutter"
     return WeakSpot(
         letter="",
         x=x,
@@ -242,29 +237,24 @@ def blamed(
         they were first off by over 1 m, (n, 2) [m].
     """
     lines = {name: points_of(path) for name, path in paths.items()}
-    where, owners = [], []
-    for line, path, ends in zip(lines.values(), paths.values(), lost_at, strict=True):
-        distance = np.linspace(0, path.length, len(line))
-        ends = ends[np.isfinite(ends)]
-        since = ends[:, None] - distance
-        near = (since >= -0.5) & (since <= SINCE)
-        # Of each drive the last point in each spot, -1 where it passed none of it.
-        own = [np.where(near & _within(each, line), distance, -1.0).max(axis=1) for each in spots]
-        last = np.array([np.full(len(ends), -0.5), *own])
-        owners.append(last.argmax(axis=0) - 1)
-        where.append(np.column_stack([np.interp(ends, distance, each) for each in line.T]))
-    every, owner = np.concatenate(where), np.concatenate(owners)
-    found = [replace(each, lost=int((owner == n).sum())) for n, each in enumerate(spots)]
-    alone = np.flatnonzero(owner < 0)
     wide = 0.08 * float(np.ptp(np.concatenate([*lines.values()]), axis=0).max())
-    for middle, members in gathered(every[alone], wide):
+    blames = [
+        _blame(spots, line, paths[name].length, at[np.isfinite(at)])
+        for (name, line), at in zip(lines.items(), lost_at, strict=True)
+    ]
+    where = [each for _, each in blames]
+    owner, every = (np.concatenate(parts) for parts in zip(*blames, strict=True))
+    found = [_with_lost(each, every[owner == n], wide) for n, each in enumerate(spots)]
+    alone = np.flatnonzero(owner < 0)
+    for at, members in gathered(every[alone], wide):
         owner[alone[members]] = len(found)
-        passing = [name for name, line in lines.items() if _is_near(line, middle, wide)]
-        x, y = middle.tolist()
-        about: dict[str, Any] = dict.fromkeys(("length", "width"), 0.0)
-        about |= dict.fromkeys(("direction", "position_std", "heading_std"), math.nan)
-        about |= {"outline": np.empty((0, 2)), "trips": tuple(passing), "lost": len(members)}
-        found.append(WeakSpot(letter="", x=x, y=y, missing=CLEAR, **about))
+        near = {name: np.linalg.norm(line - at, axis=1).min() for name, line in lines.items()}
+        passing = tuple(name for name, distance in near.items() if distance <= wide)
+        nothing: dict[str, Any] = dict.fromkeys(("length", "width"), 0.0)
+        nothing |= dict.fromkeys(("direction", "position_std", "heading_std"), math.nan)
+        nothing |= {"letter": "", "missing": CLEAR, "outline": np.empty((0, 2))}
+        x, y = at.tolist()
+        found.append(WeakSpot(x=x, y=y, trips=passing, lost=len(members), **nothing))
     order = sorted(range(len(found)), key=lambda n: found[n].hurts, reverse=True)
     letters = dict(zip(order, LETTERS, strict=False))
     near_to = []
@@ -272,9 +262,24 @@ def blamed(
         counts = Counter[int](drives.tolist()).most_common()
         named = [letters.get(n, "") for n, count in counts if count >= 0.25 * len(drives)]
         near_to.append(", ".join(filter(None, named)) or ("elsewhere" if counts else ""))
-    spots = tuple(replace(found[n], letter=letters.get(n, "")) for n in order)
-    return spots, near_to, where
+    return tuple(replace(found[n], letter=letters.get(n, "")) for n in order), near_to, where
 
 
-def _is_near(line: Floats, xy: Floats, radius: float) -> bool:
-    return bool((np.linalg.norm(line - xy, axis=1) <= radius).any())
+def _blame(
+    spots: Sequence[WeakSpot], line: Floats, length: float, lost_at: Floats
+) -> tuple[Ints, Floats]:
+    """Number of the spot that each lost drive of a trip left last, else -1, and where it was."""
+    distance = np.linspace(0, length, len(line))
+    since = lost_at[:, None] - distance
+    # A robot drives up to 10 m from a spot until it is off by over 1 m because of it.
+    near = (since >= -0.5) & (since <= 10.0)
+    own = [np.where(near & _within(each, line), distance, -1.0).max(axis=1) for each in spots]
+    owner = np.argmax([np.full(len(lost_at), -0.5), *own], axis=0) - 1
+    return owner, np.column_stack([np.interp(lost_at, distance, each) for each in line.T])
+
+
+def _with_lost(spot: WeakSpot, where: Floats, wide: float) -> WeakSpot:
+    """A spot with its lost drives, placed where most of those in it are."""
+    own = where[_within(spot, where)]
+    at = gathered(own, wide)[0][0] if len(own) else (spot.x, spot.y)
+    return replace(spot, x=float(at[0]), y=float(at[1]), lost=len(where))
