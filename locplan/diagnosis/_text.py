@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
@@ -51,12 +52,14 @@ def verdict(check: Check) -> str:
         f"{share(rates.lost)} of {rates.drives} simulated drives get lost (off by over {LOST:g} m"
     )
     ends = f"; else it mostly {rates.ends}" if rates.ends else ""
-    arrives = f"Steered by its filter, the robot arrives in {share(rates.arrives)}{ends}"
-    said = f"{lost} at some time){most}. {arrives}."
+    arrives = f" Steered by its filter, the robot arrives in {share(rates.arrives)}{ends}."
+    said = f"{lost} at some time){most}.{'' if math.isnan(rates.arrives.value) else arrives}"
     if check.is_fine:
         return f"The robot keeps its place: {said}"
     if keeps_place(rates):
-        return f"The robot keeps its place, but its error can be lowered: {said}"
+        shown = any(map(is_better, check.advised))
+        but = "its error can be lowered" if shown else "its map's file is wrong"
+        return f"The robot keeps its place, but {but}: {said}"
     what = "does not always arrive" if is_seldom(rates.lost) else "gets lost"
     helps = "and its error can be lowered" if check.is_by_error else "and it can be cured"
     if not check.recommended or check.after.lost.value >= HALF:
@@ -95,14 +98,16 @@ def next_action(
 
 def _gains(check: Check) -> str:
     """What all that is recommended gains, and whether that is enough."""
+    if not any(map(is_better, check.advised)):
+        return "the file is wrong there, though drives do not show that it costs much."
     before, after = check.as_is, check.after
     gains = f"lost {100 * before.lost.value:.0f} -> {share(after.lost)}"
     if check.is_by_error:  # then the shares of lost drives alone do not show it
         errors = " -> ".join(in_metres(each.error.value) for each in (before, after))
         gains = f"the usual error {errors}, {gains}"
-    gains += (
-        f", arrives {100 * before.arrives.value:.0f} -> {share(after.arrives)} of fresh drives."
-    )
+    if not math.isnan(before.arrives.value):
+        gains += f", arrives {100 * before.arrives.value:.0f} -> {share(after.arrives)}"
+    gains += " of fresh drives."
     if is_seldom(after.lost):
         return gains
     left = "That alone is no cure" if after.lost.value >= HALF else "Some drives still get lost"
@@ -118,11 +123,8 @@ def _further(check: Check, again: list[str], map_file: str) -> tuple[str, str]:
         return said, shlex.join([word for word in again if word != "--quick"])
     if check.recorded:
         drives = [word for word in again if word.startswith("--drive")]
-        return (
-            "Measure lidar and odometry on your drive, and check again with --robot"
-            " calibrated.json: as assumed, they may be wrong.",
-            shlex.join(["locplan", "calibrate", map_file, *drives, "-o", "calibrated.json"]),
-        )
+        command = ["locplan", "tune", map_file, *drives, "-o", "tuned"]
+        return "Search settings on your own drives:", shlex.join(command)
     return (
         "Record a drive on the site, and check again with --drive drive: it shows whether the map"
         " fits, and how the filter really does.",
@@ -161,12 +163,15 @@ def _commands(
         name = "map_with_landmarks.yaml" if LANDMARKS in taken else "map.yaml"
         map_file = str(own / name)
     arguments = [f"map:={map_file}"]
+    mask = PATHS in taken and bool(check.made[PATHS])
     changed = str(own / "nav2_params.yaml") if {REACH, SETTINGS} & taken else ""
+    if mask:  # which has the other changes, too
+        changed = str(own / "mask" / "nav2.yaml")
     if changed and params:
         arguments.append(f"params_file:={changed}")
     if (changed and params) or {WALLS, LANDMARKS} & taken:
         lines.append(["ros2", "launch", "nav2_bringup", "bringup_launch.py", *arguments])
-    if PATHS in taken and check.made[PATHS]:
+    if mask:
         lines.append(["ros2", "launch", str(own / "mask/localizability.launch.xml")])
     elif PATHS in taken:
         paths = [f"--path={own / name}" for name in check.changed_paths]
