@@ -218,7 +218,7 @@ def test_where_nothing_helps_the_next_action_can_be_done(solid):
     quick = dataclasses.replace(usual, effort="quick")
     assert quick.report().splitlines()[-1].startswith("  locplan check ")
     driven = dataclasses.replace(usual, recorded=("drive 1: The map fits",))
-    assert driven.report().splitlines()[-1].startswith("  locplan calibrate ")
+    assert driven.report().splitlines()[-1].startswith("  locplan tune ")
 
 
 def test_findings_are_said_as_they_come_and_progress_ends():

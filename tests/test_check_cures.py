@@ -86,6 +86,8 @@ def test_recorded_drives_calibrate_the_robot_and_give_a_wrong_resolution(tmp_pat
     found = check(wrong, ROBOT, {"a": (1.0, 1.0), "b": (7.0, 1.0)}, [drive, drive], effort="quick")
     assert found.recommended == ("walls",)
     assert found.site.stretch == pytest.approx(1 / 1.04, abs=0.005)
+    (walls,) = (each for each in found.cures if each.kind == "walls")
+    assert walls.ratio.value != 1  # the world is as large as it is, and no larger than the map
     assert "resolution" in {each.kind for each in found.faults}
     said = "\n".join(found.recorded)
     for words in ("drive 1: the filter", "drive 2: the filter", "lidar as", "odometry as", "walls"):
