@@ -163,13 +163,13 @@ def _commands(
         name = "map_with_landmarks.yaml" if LANDMARKS in taken else "map.yaml"
         map_file = str(own / name)
     arguments = [f"map:={map_file}"]
-    mask = PATHS in taken and bool(check.made[PATHS])
+    mask = bool(check.made.get(PATHS))
     changed = str(own / "nav2_params.yaml") if {REACH, SETTINGS} & taken else ""
     if mask:  # which has the other changes, too
         changed = str(own / "mask" / "nav2.yaml")
     if changed and params:
         arguments.append(f"params_file:={changed}")
-    if (changed and params) or {WALLS, LANDMARKS} & taken:
+    if len(arguments) > 1 or {WALLS, LANDMARKS} & taken:
         lines.append(["ros2", "launch", "nav2_bringup", "bringup_launch.py", *arguments])
     if mask:
         lines.append(["ros2", "launch", str(own / "mask/localizability.launch.xml")])
