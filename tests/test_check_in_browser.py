@@ -34,6 +34,14 @@ def test_the_page_needs_nothing_else_and_fits_its_window(
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert "keeps its place" in page.locator(".verdict").inner_text()
     assert page.locator("svg polyline").count() == len(CORNERS)
+    boxes = page.evaluate(
+        "[...document.querySelectorAll('.label')].map(label => label.getBoundingClientRect())"
+        ".map(box => [box.left, box.right, box.top, box.bottom])"
+    )
+    assert len(boxes) >= len(CORNERS)
+    for n, (left, right, top, bottom) in enumerate(boxes):
+        for to_left, to_right, to_top, to_bottom in boxes[n + 1 :]:
+            assert right <= to_left or to_right <= left or bottom <= to_top or to_bottom <= top
     ink, paper = page.evaluate(
         "['color', 'backgroundColor'].map(name => getComputedStyle(document.body)[name])"
     )
