@@ -285,9 +285,56 @@ def test_the_search_finds_the_best_and_puts_back_what_gains_nothing():
     assert "sigma_hit" in found.judged[-1].name
     assert found.contributions["laser_model_type"] == pytest.approx(math.e)
     assert found.contributions["sigma_hit"] == pytest.approx(math.exp(0.01))
-    assert found.rungs[0] == (128, 5, 2)
-    assert all(each[0] <= 10 for each in found.rungs[2:-1])  # the hopeful ones of each step
+    assert found.rungs[:3] == ((128, 5, 1), (48, 5, 2), (16, 10, 4))
+    assert all(each[0] <= 16 for each in found.rungs[3:] if each[1:] != (5, 1))
     assert found.rungs[-1][1:] == (20, 8)
+
+
+def test_a_loss_has_its_price():
+    """What errs less, but is off by more than a metre once on each drive, is not found."""
+
+    class Lossy(Formula):
+        def errors(self, level, path, drive, arguments):
+            errors = np.full((1000, 3), [arguments / 10, 0.0, 0.0])
+            errors[-1, 0] = max(errors[-1, 0], 1.1 * (arguments < 0.8))
+            return errors
+
+    found = found_by(Lossy({"sigma_hit": {0.1: -0.7, 0.05: -0.05}}, (0.0, 0.0, 0.0)))
+    assert found.candidate.sigma_hit == 0.05
+    assert found.found.worst < math.log(0.1)
+
+
+def test_what_loses_more_where_it_is_judged_is_left_for_the_next():
+    class Judging(Formula):
+        def arguments(self, amcl):
+            known = super().arguments(amcl)
+            return [(each, amcl.max_beams == 60 and amcl.sigma_hit == 0.1) for each in known]
+
+        def errors(self, level, path, drive, arguments):
+            error, loses = arguments
+            return np.array([[error, 0.0, 0.0]] * 100 + [[1.1, 0.0, 0.0]] * loses)
+
+    added = {"sigma_hit": {0.1: -1.0}, "max_beams": {180: -0.08}}
+    quiet = (-4.0, -4.0, -4.0)
+    benches = {False: Formula(added, quiet), True: Judging(added, quiet)}
+    about = {"left": BeamsLeft(60, 60.0), "others": None, "seed": 1, "progress": None}
+    found = search_settings(lambda _, judging: benches[judging], Robot(LIDAR), 8, **about)
+    kept = next(each for each in found.judged if each.amcl == Amcl(sigma_hit=0.1))
+    assert kept.loses_more
+    assert not kept.better
+    assert found.winner.sigma_hit == 0.1
+    assert found.winner.max_beams != 60
+
+
+def test_settings_share_the_world_of_a_drive():
+    made = []
+
+    class Worlds(Formula):
+        def world(self, *at):
+            made.append(at)
+
+    Worlds().drive([Amcl(), GOOD, Amcl(sigma_hit=0.1)], 1, 2, [2])
+    assert sorted(made) == [(2, 0, 0), (2, 0, 1)]
 
 
 def test_more_beams_a_metre_must_gain_more():
@@ -425,11 +472,16 @@ def test_what_is_not_clearly_better_changes_nothing(tuning, tmp_path):
         for level in tuning.found.levels
     )
     interval = type(tuning.found.rmse_ratio)
+    hardly = tuple(
+        dataclasses.replace(level, lost_difference=interval(0.01, -0.01, 0.03))
+        for level in tuning.found.levels
+    )
     for change in (
         {"rmse_ratio": interval(0.9, 0.8, 1.01)},
         {"rmse_ratio": interval(*nan)},
         {"levels": worse},
         {"levels": lossy},
+        {"levels": hardly},
     ):
         found = dataclasses.replace(tuning.found, **change)
         judged = tuple(found if each is tuning.found else each for each in tuning.judged)
@@ -440,6 +492,7 @@ def test_what_is_not_clearly_better_changes_nothing(tuning, tmp_path):
         assert (tmp_path / "out" / "nav2_params.yaml").read_bytes() == file.read_bytes()
         assert unclear.conclusion.startswith("nothing is clearly better than your settings")
         assert unclear.summary()["verdict"] == "nothing is clearly better"
+        assert ("but more lost drives" in unclear.conclusion) == found.loses_more
 
 
 def saved(tuning, folder, params=None):

@@ -127,9 +127,10 @@ class Tuning(Result):
         if found.whole and own.whole:
             return self._of_drive(changes, found.whole, own.whole)
         if not found.better:
+            more = ", but more lost drives" if found.loses_more else ""
             return (
                 f"nothing is clearly better than {own.name}: keep them (the best found, {changes},"
-                f" has {two_digits(found.rmse_ratio)} times their RMSE)"
+                f" has {two_digits(found.rmse_ratio)} times their RMSE{more})"
             )
         levels = [each.level.name for each in found.levels if each.rmse_ratio.high < 1]
         where = "better over all levels of disturbance together"
