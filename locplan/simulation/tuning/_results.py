@@ -50,7 +50,8 @@ class Tuning(Result):
     """The user's settings, what was found, and others, on paths that nothing was chosen on."""
     contributions: Mapping[str, float]
     """RMSE without each change of the best setting, relative to that with it, on the paths of the
-    search; also of changes that were put back because they gain next to nothing."""
+    search, where that of lost drives counts e times; also of changes that were put back because
+    they gain next to nothing."""
     beams_left: BeamsLeft
     """Number of the beams compared that return."""
     lints: tuple[str, ...]

@@ -66,7 +66,7 @@ class Search:
         best : Amcl
             Setting that is best at its worst level.
         without : dict of str to float
-            Error without each change of the best setting, relative to that with it, by axis.
+            Exponential of the score without each change of the best setting less that with it.
         """
         ranked = self._raced(settings, (48, 16), [next(progress) for _ in self.parts])
         staying = self._first(ranked)
@@ -101,7 +101,7 @@ class Search:
     ) -> None:
         """Drive settings as a rung: at the strongest level, the worst of nearly all."""
         self.bench.drive(settings, *part, self.bench.strongest, progress)
-        self.rungs.append((len(settings), *part))
+        self.rungs += [(len(settings), *part)] * bool(settings)
 
     def _ranked(self, settings: Sequence[Amcl], part: tuple[int, int]) -> list[Amcl]:
         """The settings, the best first."""

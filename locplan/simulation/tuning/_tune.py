@@ -12,7 +12,7 @@ from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Amcl, Robot
-from locplan.simulation._drives import check_drives
+from locplan.simulation._drives import Drives, check_drives
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import check_of_one_map
 from locplan.simulation.tuning._bench import DisturbanceLevel, TuningBench
@@ -188,23 +188,25 @@ def search_settings(
     kept, frugal, best, without = search.run(tried, steps)
     defaults = nav2_defaults(own)
     names = {own: OWN, defaults: "Nav2's defaults"}  # the latter's name if they are the same
-    for each in (kept, frugal, best):
-        names.setdefault(each, described(own, each))
-    order = dict.fromkeys([own, kept, frugal, best, defaults])
     rungs, searched = tuple(search.rungs), {each.name for each in search.bench.levels}
     del search
     judge = bench(JUDGE)
     decide = [n for n, level in enumerate(judge.levels) if level.name in searched]
     lines = len(judge.lines)
+    order = dict.fromkeys([own, kept, frugal, defaults])
     judge.drive([*order], lines, drives, decide, next(steps))
-    wholes = {each: judge.whole(each) for each in order}
+    wholes: dict[Amcl, list[Drives]] = {}
 
     def judged(amcl: Amcl) -> Judged:
-        return judged_beside(judge, names[amcl], amcl, own, wholes, searched)
+        judge.drive([amcl], lines, drives, decide)
+        for each in (own, amcl):
+            wholes[each] = wholes.get(each) or judge.whole(each)
+        name = names.get(amcl) or described(own, amcl)
+        return judged_beside(judge, name, amcl, own, wholes, searched)
 
     # The others are for where what was kept loses more drives here, or does not hold.
-    found = next((each for each in (kept, frugal, best) if judged(each).better), kept)
-    found = own if kept == own else found
+    choices = (kept,) if kept == own else (kept, frugal, best)
+    found = next((each for each in choices if judged(each).better), kept)
     shown = own, found
     judge.drive([*shown], lines, drives)  # at levels that only these two are said for
     told = {each: replace(judged(each), recoveries=recoveries(judge, each)) for each in shown}
@@ -216,7 +218,7 @@ def search_settings(
         judge.grids,
         robot,
         found,
-        tuple(told.get(each) or judged(each) for each in order),
+        tuple(told.get(each) or judged(each) for each in order | told),
         without,
         left,
         (*warned, *filter_warnings(own, judge.lidar, others), *left.warnings()),
