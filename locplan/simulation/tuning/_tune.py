@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -186,15 +186,51 @@ def search_settings(
     search = Search(bench(SEARCH), own, drives)
     tried = candidates(own, random_of(seed, DRAW), like)
     kept, frugal, best, without = search.run(tried, steps)
-    defaults = nav2_defaults(own)
-    names = {own: OWN, defaults: "Nav2's defaults"}  # the latter's name if they are the same
     rungs, searched = tuple(search.rungs), {each.name for each in search.bench.levels}
     del search
     judge = bench(JUDGE)
+    found, judged = _judged(judge, own, (kept, frugal, best), searched, drives, next(steps))
+    warned: tuple[str, ...] = ()
+    if found.multiplies and not own.multiplies and (others or {}).get("do_beamskip"):
+        skips = "do_beamskip becomes false with the laser model, since only this one reads it"
+        warned = (f"{skips}, and it was not simulated",)
+    return Tuning(
+        judge.grids,
+        robot,
+        found,
+        judged,
+        without,
+        left,
+        (*warned, *filter_warnings(own, judge.lidar, others), *left.warnings()),
+        rungs,
+        len(judge.lines),
+        drives,
+        seed,
+        judge.seed,
+        drive,
+        None if judge.filter_map is judge.grid else judge.filter_map,
+        tuple(notes),
+    )
+
+
+def _judged(
+    judge: TuningBench,
+    own: Amcl,
+    found: tuple[Amcl, Amcl, Amcl],
+    searched: Collection[str],
+    drives: int,
+    progress: ProgressCallback,
+) -> tuple[Amcl, tuple[Judged, ...]]:
+    """Which of the settings found is the one to be used if it is better, and how all are judged.
+
+    It is the first, but where that loses more drives here, or does not hold, the next that is
+    better. The levels named `searched` decide.
+    """
+    lines, defaults = len(judge.lines), nav2_defaults(own)
     decide = [n for n, level in enumerate(judge.levels) if level.name in searched]
-    lines = len(judge.lines)
-    order = dict.fromkeys([own, kept, frugal, defaults])
-    judge.drive([*order], lines, drives, decide, next(steps))
+    order = dict.fromkeys([own, *found[:2], defaults])
+    judge.drive([*order], lines, drives, decide, progress)
+    names = {own: OWN, defaults: "Nav2's defaults"}  # the latter's name if they are the same
     wholes: dict[Amcl, list[Drives]] = {}
 
     def judged(amcl: Amcl) -> Judged:
@@ -204,30 +240,9 @@ def search_settings(
         name = names.get(amcl) or described(own, amcl)
         return judged_beside(judge, name, amcl, own, wholes, searched)
 
-    # The others are for where what was kept loses more drives here, or does not hold.
-    choices = (kept,) if kept == own else (kept, frugal, best)
-    found = next((each for each in choices if judged(each).better), kept)
-    shown = own, found
+    choices = found[:1] if found[0] == own else found
+    candidate = next((each for each in choices if judged(each).better), found[0])
+    shown = own, candidate
     judge.drive([*shown], lines, drives)  # at levels that only these two are said for
     told = {each: replace(judged(each), recoveries=recoveries(judge, each)) for each in shown}
-    warned: tuple[str, ...] = ()
-    if found.multiplies and not own.multiplies and (others or {}).get("do_beamskip"):
-        skips = "do_beamskip becomes false with the laser model, since only this one reads it"
-        warned = (f"{skips}, and it was not simulated",)
-    return Tuning(
-        judge.grids,
-        robot,
-        found,
-        tuple(told.get(each) or judged(each) for each in order | told),
-        without,
-        left,
-        (*warned, *filter_warnings(own, judge.lidar, others), *left.warnings()),
-        rungs,
-        lines,
-        drives,
-        seed,
-        judge.seed,
-        drive,
-        None if judge.filter_map is judge.grid else judge.filter_map,
-        tuple(notes),
-    )
+    return candidate, tuple(told.get(each) or judged(each) for each in order | told)
