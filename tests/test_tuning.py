@@ -280,21 +280,64 @@ def test_the_search_finds_the_best_and_puts_back_what_gains_nothing():
         **dict.fromkeys(("alpha1", "alpha4"), 0.05),
         "laser_model_type": "likelihood_field_prob",
     }
-    # The best is judged, too: it has a sigma_hit that gains next to nothing.
-    assert "likelihood_field_prob" in found.judged[-1].name
-    assert "sigma_hit" in found.judged[-1].name
     assert found.contributions["laser_model_type"] == pytest.approx(math.e)
     assert found.contributions["sigma_hit"] == pytest.approx(math.exp(0.01))
-    assert found.rungs[0] == (128, 5, 2)
-    assert all(each[0] <= 10 for each in found.rungs[2:-1])  # the hopeful ones of each step
+    assert found.rungs[:3] == ((128, 5, 1), (48, 5, 2), (16, 10, 4))
+    assert all(each[0] <= 16 for each in found.rungs[3:] if each[1:] != (5, 1))
     assert found.rungs[-1][1:] == (20, 8)
+
+
+def test_a_loss_has_its_price():
+    """What errs less, but is off by more than a metre once on each drive, is not found."""
+
+    class Lossy(Formula):
+        def errors(self, level, path, drive, arguments):
+            errors = np.full((1000, 3), [arguments / 10, 0.0, 0.0])
+            errors[-1, 0] = max(errors[-1, 0], 1.1 * (arguments < 0.8))
+            return errors
+
+    found = found_by(Lossy({"sigma_hit": {0.1: -0.7, 0.05: -0.05}}, (0.0, 0.0, 0.0)))
+    assert found.candidate.sigma_hit == 0.05
+    assert found.found.worst < math.log(0.1)
+
+
+def test_what_loses_more_where_it_is_judged_is_left_for_the_next():
+    class Judging(Formula):
+        def arguments(self, amcl):
+            known = super().arguments(amcl)
+            return [(each, amcl.max_beams == 60 and amcl.sigma_hit == 0.1) for each in known]
+
+        def errors(self, level, path, drive, arguments):
+            error, loses = arguments
+            return np.array([[error, 0.0, 0.0]] * 100 + [[1.1, 0.0, 0.0]] * loses)
+
+    added = {"sigma_hit": {0.1: -1.0}, "max_beams": {180: -0.08}}
+    quiet = (-4.0, -4.0, -4.0)
+    benches = {False: Formula(added, quiet), True: Judging(added, quiet)}
+    about = {"left": BeamsLeft(60, 60.0), "others": None, "seed": 1, "progress": None}
+    found = search_settings(lambda _, judging: benches[judging], Robot(LIDAR), 8, **about)
+    kept = next(each for each in found.judged if each.amcl == Amcl(sigma_hit=0.1))
+    assert kept.loses_more
+    assert not kept.better
+    assert found.winner.sigma_hit == 0.1
+    assert found.winner.max_beams != 60
+
+
+def test_settings_share_the_world_of_a_drive():
+    made = []
+
+    class Worlds(Formula):
+        def world(self, *at):
+            made.append(at)
+
+    Worlds().drive([Amcl(), GOOD, Amcl(sigma_hit=0.1)], 1, 2, [2])
+    assert sorted(made) == [(2, 0, 0), (2, 0, 1)]
 
 
 def test_more_beams_a_metre_must_gain_more():
     for gain, kept in ((0.08, 60), (0.12, 180)):
         found = found_by(Formula({"max_beams": {180: -gain}}))
         assert (found.candidate.max_beams, "max_beams" in found.contributions) == (kept, True)
-        assert {60, 180} <= {each.amcl.max_beams for each in found.judged}
     for gain, kept in ((0.03, 0.1), (0.015, 0.2)):
         assert found_by(Formula({"sigma_hit": {0.1: -gain}})).candidate.sigma_hit == kept
 
@@ -316,9 +359,9 @@ def test_of_settings_as_good_the_one_nearest_to_the_users_own_is_found():
         "sigma_hit": {0.05: 1.0, 0.1: 1.0},
         "z_hit": {0.8: 1.0, 0.95: 1.0},
     }
-    found = found_by(Formula({"alpha1": gains, **others}))
-    assert max(each.amcl.alpha1 for each in found.judged) > 0.5
-    assert found.candidate == Amcl(alpha1=0.5, alpha4=0.5)
+    bench = Formula({"alpha1": gains, **others})
+    assert found_by(bench).candidate == Amcl(alpha1=0.5, alpha4=0.5)
+    assert max(each.alpha1 for each in bench.driven) > 0.5
 
 
 def test_every_rung_drives_along_enough_paths():
@@ -425,11 +468,16 @@ def test_what_is_not_clearly_better_changes_nothing(tuning, tmp_path):
         for level in tuning.found.levels
     )
     interval = type(tuning.found.rmse_ratio)
+    hardly = tuple(
+        dataclasses.replace(level, lost_difference=interval(0.01, -0.01, 0.03))
+        for level in tuning.found.levels
+    )
     for change in (
         {"rmse_ratio": interval(0.9, 0.8, 1.01)},
         {"rmse_ratio": interval(*nan)},
         {"levels": worse},
         {"levels": lossy},
+        {"levels": hardly},
     ):
         found = dataclasses.replace(tuning.found, **change)
         judged = tuple(found if each is tuning.found else each for each in tuning.judged)
@@ -440,6 +488,7 @@ def test_what_is_not_clearly_better_changes_nothing(tuning, tmp_path):
         assert (tmp_path / "out" / "nav2_params.yaml").read_bytes() == file.read_bytes()
         assert unclear.conclusion.startswith("nothing is clearly better than your settings")
         assert unclear.summary()["verdict"] == "nothing is clearly better"
+        assert ("but more lost drives" in unclear.conclusion) == found.loses_more
 
 
 def saved(tuning, folder, params=None):

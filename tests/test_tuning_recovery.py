@@ -79,6 +79,8 @@ def test_what_a_filter_does_after_a_kidnapping_is_said(grid):
     for each in shown.values():
         assert f"{each.after}, in {each.back} of {each.drives} drives [" in last
     judged = found.summary()["judged"]
+    told = {found.own, found.candidate}  # kidnappings cost, and the others are not written
+    assert {each.amcl for each in found.judged if each.recoveries} == told
     assert judged[0]["recoveries"][-1]["share"][0] <= 1.0
 
 

@@ -115,12 +115,11 @@ def tune_on_drive(
 ) -> Tuning:
     """Find settings of AMCL that localize a robot better on its recorded drive than its own ones.
 
-    Settings are searched on the drive's first half, on five stretches and on all of it, as
-    `locplan.simulation.tune` does on simulated paths. What was found is judged against the user's
-    own on stretches of the second half, and on the whole drive from its beginning, since a filter
-    that holds on stretches may be lost for good on a long way. There is but one level of
-    disturbance, that of the recording; and the recorded poses are the reference, so that they
-    should not be those of the filter to be tuned.
+    Settings are searched on five stretches of the drive's first half and on all of it, as
+    `locplan.simulation.tune` does on simulated paths, and judged on stretches of the second half.
+    The whole drive from its beginning decides, since a filter that holds on stretches may be lost
+    for good on a long way. The recorded poses are the reference, so that they should not be those
+    of the filter to be tuned.
 
     Parameters
     ----------

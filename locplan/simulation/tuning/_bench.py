@@ -69,6 +69,11 @@ class Driven:
     errors: dict[tuple[int, int, int], NDArray[np.float32]]
     """Position error [m] at every eighth pose, by level, path and drive."""
 
+    @property
+    def scores(self) -> Floats:
+        """Logarithm of each drive's root mean square error, and 1 more if it was lost."""
+        return np.asarray(0.5 * np.log(self.squares + FLOOR) + self.lost)
+
 
 @dataclass(eq=False, repr=False)
 class TuningBench(ABC):
@@ -136,6 +141,16 @@ class TuningBench(ABC):
         arguments : object
             What `arguments` gave for the level.
         """
+
+    def world(self, level: int, path: int, drive: int) -> Any:
+        """The world of a drive, which `errors` makes but once for settings in turn.
+
+        Parameters
+        ----------
+        level, path, drive : int
+            Indices of the level, the path and the drive.
+        """
+        return None
 
     def whole(self, amcl: Amcl) -> list[Drives]:
         """Replays of all of each recorded drive from its beginning; none of simulated paths.
@@ -206,13 +221,17 @@ class TuningBench(ABC):
         pool = ThreadPoolExecutor(self.threads)
         try:
             for first in range(0, len(pending), self.at_once):
+                some = [
+                    (amcl, missing, self.arguments(amcl))
+                    for amcl, missing in pending[first : first + self.at_once]
+                ]
                 tasks = []
-                for amcl, missing in pending[first : first + self.at_once]:
-                    arguments = self.arguments(amcl)
-                    for level, path in np.argwhere(missing.any(axis=2)).tolist():
-                        numbers = np.flatnonzero(missing[level, path]).tolist()
-                        own = self.driven[amcl], level, path, numbers, arguments[level]
-                        tasks.append(pool.submit(self._run, *own))
+                for level, path, n in np.argwhere(np.any([each[1] for each in some], 0)).tolist():
+                    at = level, path, n
+                    own = [
+                        (self.driven[a], args[level]) for a, missing, args in some if missing[at]
+                    ]
+                    tasks.append(pool.submit(self._run, at, own))
                 for finished in as_completed(tasks):
                     done += finished.result()
                     if progress:
@@ -221,9 +240,7 @@ class TuningBench(ABC):
             pool.shutdown(cancel_futures=True)
 
     def means(self, amcl: Amcl, paths: int, drives: int) -> Floats:
-        """Mean over drives of the logarithm of the root mean square error, (levels,).
-
-        It is NaN at levels that were not driven.
+        """Mean score of the drives, (levels,); NaN at levels that were not driven.
 
         Parameters
         ----------
@@ -232,8 +249,7 @@ class TuningBench(ABC):
         paths, drives : int
             Number of the paths, and of the drives along each, that count.
         """
-        squares = self.driven[amcl].squares[:, :paths, :drives]
-        return np.asarray(0.5 * np.log(squares + FLOOR).mean(axis=(1, 2)))
+        return np.asarray(self.driven[amcl].scores[:, :paths, :drives].mean(axis=(1, 2)))
 
     def updates(self, amcl: Amcl) -> float:
         """Updates of the filter in one drive along every path, without errors of odometry.
@@ -246,16 +262,16 @@ class TuningBench(ABC):
         least = amcl.update_min_d, amcl.update_min_a
         return sum(len(updates_of(line, *least)) for line in self.lines)
 
-    def _run(
-        self, into: Driven, level: int, path: int, drives: Sequence[int], arguments: Any
-    ) -> int:
-        for n in drives:
+    def _run(self, at: tuple[int, int, int], settings: Sequence[tuple[Driven, Any]]) -> int:
+        """Drive some settings once at a level, along a path; it returns their number."""
+        self.world(*at)  # not in the time of the first of them
+        for into, arguments in settings:
             started = time.thread_time()
-            errors = self.errors(level, path, n, arguments)
-            into.seconds[level, path, n] = time.thread_time() - started
+            errors = self.errors(*at, arguments)
+            into.seconds[at] = time.thread_time() - started
             position = np.nan_to_num(np.hypot(errors[:, 0], errors[:, 1]), nan=FARTHEST)
-            into.lost[level, path, n] = position.max() > LOST
-            into.off[level, path, n] = position[-1] > OFF
-            into.squares[level, path, n] = (position**2).mean()
-            into.errors[level, path, n] = position[::8].astype(np.float32)
-        return len(drives)
+            into.lost[at] = position.max() > LOST
+            into.off[at] = position[-1] > OFF
+            into.squares[at] = (position**2).mean()
+            into.errors[at] = position[::8].astype(np.float32)
+        return len(settings)

@@ -58,6 +58,11 @@ class _JoinedBench(TuningBench):
         bench, n = self._at[level]
         return bench.errors(n, path, drive, arguments)
 
+    def world(self, level: int, path: int, drive: int) -> Any:
+        """That of the bench that the level is of."""
+        bench, n = self._at[level]
+        return bench.world(n, path, drive)
+
     def updates(self, amcl: Amcl) -> float:
         """Updates on all paths of a bench, on the average."""
         return float(np.mean([each.updates(amcl) for each in self._benches]))

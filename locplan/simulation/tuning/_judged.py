@@ -24,7 +24,8 @@ class AtLevel:
     level: DisturbanceLevel
     """The level, as factors on the disturbances that were asked for."""
     m: float
-    """Mean over the drives of 0.5 ln(mean square position error [m^2] + 1e-6)."""
+    """Score: mean over the drives of 0.5 ln(mean square position error [m^2] + 1e-6), and 1 more
+    where they were lost."""
     rmse: Interval
     """RMSE of the position along a path: geometric mean over the paths [m]."""
     kept_rmse: float
@@ -60,6 +61,8 @@ class WholeDrive:
     """Ratio of the RMSE to that of the user's settings: geometric mean over the replays."""
     lost_way_difference: float
     """`lost_way` minus that of the user's settings."""
+    lost_difference: float
+    """Share of the replays that were lost at some time, minus that of the user's settings."""
 
     @classmethod
     def of(cls, drives: Drives, own: Drives, name: str = "") -> WholeDrive:
@@ -73,16 +76,17 @@ class WholeDrive:
             Name of the drive, where there are several.
         """
         lost_way, ratio = drives.lost_way, rmse_ratio(drives, own)
-        more = lost_way.value - own.lost_way.value
-        return cls(name, drives.typical_rmse, lost_way, drives.first_loss, ratio, more)
+        more = lost_way.value - own.lost_way.value, float(drives.lost.mean() - own.lost.mean())
+        return cls(name, drives.typical_rmse, lost_way, drives.first_loss, ratio, *more)
 
     @property
     def better(self) -> bool:
-        """True if it errs less than the user's settings, and is not lost on more of the way."""
+        """True if it errs less than the user's settings, and is not lost on more of the way, nor
+        in more replays."""
         ratio = self.rmse_ratio
         highest = ratio.value if math.isnan(ratio.high) else ratio.high
         # A scan more of many hundred is no harm.
-        return highest < 1 and self.lost_way_difference < 0.005
+        return highest < 1 and self.lost_way_difference < 0.005 and self.lost_difference <= 0
 
     @property
     def sentence(self) -> str:
@@ -119,8 +123,8 @@ class Judged:
     """Its errors at the worst level that is beyond those of the search, and decides nothing; None
     where there is none, or the settings are neither the user's own nor what was found."""
     recoveries: tuple[Recovery, ...] = ()
-    """How often it came back by the goal after it was off by more than 1 m, at all levels, and 10 m
-    after kidnappings; those that no drive shows are left out."""
+    """How often the user's settings and those found came back by the goal after they were off by
+    more than 1 m, at all levels, and 10 m after kidnappings; what no drive shows is left out."""
 
     @property
     def worst(self) -> float:
@@ -139,15 +143,21 @@ class Judged:
         return max(some, key=lambda each: each.m)
 
     @property
+    def loses_more(self) -> bool:
+        """True if more of all its drives were lost than of those of the user's settings."""
+        return sum(each.lost_difference.value for each in self.levels) > 1e-9
+
+    @property
     def better(self) -> bool:
-        """True if it is better than the user's settings over all levels, and harms at none.
+        """True if it is better than the user's settings over all levels, loses no more drives, and
+        harms at no level.
 
         On a recorded drive the whole of it decides, and the stretches must not contradict.
         """
         harm = any(each.rmse_ratio.low > 1 or each.lost_difference.low > 0 for each in self.levels)
-        if self.whole:
-            return self.whole.better and self.rmse_ratio.value < 1 and not harm
-        return self.rmse_ratio.high < 1 and not harm
+        highest = self.rmse_ratio.value if self.whole else self.rmse_ratio.high
+        whole = self.whole is None or self.whole.better
+        return whole and highest < 1 and not (harm or self.loses_more)
 
     @property
     def better_at_every_level(self) -> bool:
@@ -201,12 +211,11 @@ def judged_beside(
     on_wholes = map(WholeDrive.of, wholes[amcl], wholes[own], bench.parts)
     whole = min(on_wholes, key=lambda each: (each.better, -each.rmse.value), default=None)
     costs = ms / bench.updates(amcl), ms / metres
-    found = _recoveries(bench, amcl)
-    return Judged(name, amcl, deciding, ratio, *costs, whole, beyond, found)
+    return Judged(name, amcl, deciding, ratio, *costs, whole, beyond)
 
 
-def _recoveries(bench: TuningBench, amcl: Amcl) -> tuple[Recovery, ...]:
-    """What a setting does after it was lost, and after kidnappings."""
+def recoveries(bench: TuningBench, amcl: Amcl) -> tuple[Recovery, ...]:
+    """What a setting does after it was lost on a bench, and after kidnappings."""
     driven = bench.driven[amcl]
     lost = driven.lost == 1
     found = [Recovery("after it was lost", int((driven.off[lost] == 0).sum()), int(lost.sum()))]

@@ -117,7 +117,11 @@ def _gains(tuning: Tuning) -> list[str]:
         for name, ratio in sorted(tuning.contributions.items(), key=lambda each: -each[1])
     ]
     where = "" if tuning.drive else " at its worst level"
-    return [f"RMSE{where} without a change: {', '.join(gains)}"] if gains else []
+    return (
+        [f"RMSE{where}, of lost drives e times, without a change: {', '.join(gains)}"]
+        if gains
+        else []
+    )
 
 
 def _name(tuning: Tuning, judged: Judged) -> str:

@@ -50,7 +50,8 @@ class Tuning(Result):
     """The user's settings, what was found, and others, on paths that nothing was chosen on."""
     contributions: Mapping[str, float]
     """RMSE without each change of the best setting, relative to that with it, on the paths of the
-    search; also of changes that were put back because they gain next to nothing."""
+    search, where that of lost drives counts e times; also of changes that were put back because
+    they gain next to nothing."""
     beams_left: BeamsLeft
     """Number of the beams compared that return."""
     lints: tuple[str, ...]
@@ -127,9 +128,10 @@ class Tuning(Result):
         if found.whole and own.whole:
             return self._of_drive(changes, found.whole, own.whole)
         if not found.better:
+            more = ", but more lost drives" if found.loses_more else ""
             return (
                 f"nothing is clearly better than {own.name}: keep them (the best found, {changes},"
-                f" has {two_digits(found.rmse_ratio)} times their RMSE)"
+                f" has {two_digits(found.rmse_ratio)} times their RMSE{more})"
             )
         levels = [each.level.name for each in found.levels if each.rmse_ratio.high < 1]
         where = "better over all levels of disturbance together"

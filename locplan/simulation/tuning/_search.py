@@ -14,15 +14,12 @@ import numpy as np
 from locplan._util.intervals import of_mean
 from locplan._util.progress import ProgressCallback
 from locplan.robots import Amcl
-from locplan.simulation._drives import FLOOR
 from locplan.simulation.tuning._bench import TuningBench
 from locplan.simulation.tuning._space import beside, changed_axes, steps_between
 
 WORSE, WORSE_AT_A_COST = math.log(1.02), math.log(1.1)
-"""Increase of the logarithm of the error up to which a change is put back; and one that makes the
-filter compare more beams a metre, or whose gain the drives do not show clearly."""
-HOPEFUL = 10
-"""Number of settings that a step drives on more than the first rung's paths and drives."""
+"""Increase of the score up to which a change is put back; and one that makes the filter compare
+more beams a metre, or whose gain the drives do not show clearly."""
 STEPS = 3
 """Maximum number of steps from the best two settings, each along every axis."""
 
@@ -42,11 +39,11 @@ class Search:
 
     def __init__(self, bench: TuningBench, own: Amcl, drives: int) -> None:
         self.bench, self.own, paths = bench, own, len(bench.lines)
-        # A quarter, then half of the paths and of the drives, and how many settings stay. One path
-        # alone would choose the settings that happen to suit it.
+        # Paths and drives of the first rungs. One path alone would choose the settings that happen
+        # to suit it.
         self.parts = [
-            (max(bench.fewest_paths, paths // part), max(1, drives // part), stay)
-            for part, stay in ((4, 16), (2, 5))
+            (max(bench.fewest_paths, paths // some), max(1, drives // few))
+            for some, few in ((4, 8), (4, 4), (2, 2))
         ]
         self.last = paths, drives
         self.rungs: list[tuple[int, int, int]] = []
@@ -56,7 +53,8 @@ class Search:
     ) -> tuple[Amcl, Amcl, Amcl, dict[str, float]]:
         """Find the best of the settings, the first of which is the user's own.
 
-        `progress` has a callback for each rung and step, and one for what is put back.
+        `progress` has a callback for each of the first rungs, each step, the last rung, and what is
+        put back.
 
         Returns
         -------
@@ -68,44 +66,51 @@ class Search:
         best : Amcl
             Setting that is best at its worst level.
         without : dict of str to float
-            Error without each change of the best setting, relative to that with it, by axis.
+            Exponential of the score without each change of the best setting less that with it.
         """
-        staying = list(settings)
-        for paths, drives, stay in self.parts:
-            self.bench.drive(staying, paths, drives, self.bench.strongest, next(progress))
-            self.rungs.append((len(staying), paths, drives))
-            ranked = self._ranked(staying, paths, drives)
-            staying = self._first(ranked, stay)
+        ranked = self._raced(settings, (48, 16), [next(progress) for _ in self.parts])
+        staying = self._first(ranked)
         for each_step in [next(progress) for _ in range(STEPS)]:
-            near = self._hopeful([each for amcl in staying[:2] for each in beside(self.own, amcl)])
-            self.bench.drive(near, paths, drives, self.bench.strongest, each_step)
-            self.rungs.append((len(near), paths, drives))
-            ranked = self._ranked([*ranked, *near], paths, drives)
-            if self._first(ranked, stay) == staying:
+            near = [each for amcl in staying[:2] for each in beside(self.own, amcl)]
+            raced = self._raced(near, (16, 8), [None, None, each_step])
+            ranked = self._ranked([*ranked, *raced], self.parts[-1])
+            if self._first(ranked) == staying:
                 break
-            staying = self._first(ranked, stay)
-        self.bench.drive(staying, *self.last, self.bench.strongest, next(progress))
-        self.rungs.append((len(staying), *self.last))
+            staying = self._first(ranked)
+        staying = [*dict.fromkeys([self.own, *staying])]
+        self._drive(staying, self.last, next(progress))
         best = self._least(staying)
         frugal = self._least([amcl for amcl in staying if self._is_frugal(amcl)])
         kept, without = self._put_back(best, next(progress))
         return self._nearest(kept, best, staying), frugal, best, without
 
-    def _hopeful(self, settings: Sequence[Amcl]) -> list[Amcl]:
-        """The best of the settings on the paths and drives of the first rung."""
-        paths, drives, _ = self.parts[0]
-        self.bench.drive(settings, paths, drives, self.bench.strongest)
-        return self._ranked(settings, paths, drives)[:HOPEFUL]
+    def _raced(
+        self,
+        settings: Sequence[Amcl],
+        stay: Sequence[int],
+        progress: Sequence[ProgressCallback | None],
+    ) -> list[Amcl]:
+        """The settings that stay up to the last of the first rungs, the best first."""
+        for part, count, each in zip(self.parts, (*stay, len(settings)), progress, strict=True):
+            self._drive(settings, part, each)
+            settings = self._ranked(settings, part)[:count]
+        return [*settings]
 
-    def _ranked(self, settings: Sequence[Amcl], paths: int, drives: int) -> list[Amcl]:
+    def _drive(
+        self, settings: Sequence[Amcl], part: tuple[int, int], progress: ProgressCallback | None
+    ) -> None:
+        """Drive settings as a rung: at the strongest level, the worst of nearly all."""
+        self.bench.drive(settings, *part, self.bench.strongest, progress)
+        self.rungs += [(len(settings), *part)] * bool(settings)
+
+    def _ranked(self, settings: Sequence[Amcl], part: tuple[int, int]) -> list[Amcl]:
         """The settings, the best first."""
-        every = dict.fromkeys(settings)
-        return sorted(every, key=lambda amcl: self._known(amcl, paths, drives))
+        return sorted(dict.fromkeys(settings), key=lambda amcl: self._known(amcl, part))
 
-    def _first(self, ranked: Sequence[Amcl], count: int) -> list[Amcl]:
-        """The best, and the best two that compare no more beams than the user's own."""
+    def _first(self, ranked: Sequence[Amcl]) -> list[Amcl]:
+        """The best five, and the best two that compare no more beams than the user's own."""
         frugal = [amcl for amcl in ranked if self._is_frugal(amcl)]
-        return [*dict.fromkeys([*ranked[:count], *frugal[:2]])]
+        return [*dict.fromkeys([*ranked[:5], *frugal[:2]])]
 
     def _is_frugal(self, amcl: Amcl) -> bool:
         return self.beams(amcl) <= self.beams(self.own)
@@ -114,33 +119,49 @@ class Search:
         """Beams that a setting compares on one drive along every path."""
         return self.bench.updates(amcl) * amcl.max_beams
 
-    def _known(self, amcl: Amcl, paths: int, drives: int) -> float:
-        """Logarithm of the error at the worst of the levels that were driven."""
-        return float(np.nanmax(self.bench.means(amcl, paths, drives)))
+    def _known(self, amcl: Amcl, part: tuple[int, int] | None = None) -> float:
+        """Score at the worst of the levels that were driven, by default in the last rung."""
+        return float(np.nanmax(self.bench.means(amcl, *(part or self.last))))
 
     def _least(self, settings: Sequence[Amcl]) -> Amcl:
-        """Setting with the least error at its worst level.
+        """Setting with the least score at its worst level that loses no more than the user's own.
 
         A setting's other levels can only make it worse, so they are driven for the best so far
         until one stays the best.
         """
         while True:
-            best = min(settings, key=lambda amcl: self._known(amcl, *self.last))
+            best = min(settings, key=lambda amcl: (self._loses(amcl, self.own), self._known(amcl)))
             if not np.isnan(self.bench.means(best, *self.last)).any():
                 return best
             self.bench.drive([best], *self.last)
 
     def _put_back(self, best: Amcl, progress: ProgressCallback) -> tuple[Amcl, dict[str, float]]:
         """The best setting with what gains next to nothing put back, and what each change gains."""
-        axes, worst = changed_axes(self.own, best), self._known(best, *self.last)
+        axes, part = changed_axes(self.own, best), self.parts[-1]
         single = {axis: axis.put(best, axis.of(self.own)) for axis in axes}
-        self.bench.drive([*single.values()], *self.last, self.bench.strongest, progress)
-        losses = {axis: self._known(amcl, *self.last) - worst for axis, amcl in single.items()}
-        kept = best
-        for axis in sorted(axes, key=lambda axis: losses[axis]):
-            tried = axis.put(kept, axis.of(self.own))
-            if losses[axis] <= WORSE_AT_A_COST and self._is_as_good(tried, kept, best):
-                kept = tried
+        self._drive([*single.values()], part, None)
+        losses = {
+            axis: self._known(amcl, part) - self._known(best, part) for axis, amcl in single.items()
+        }
+        unclear = [
+            axis
+            for axis, amcl in single.items()
+            if losses[axis] <= WORSE_AT_A_COST or not self._is_worse(amcl, best, part)
+        ]
+        self._drive([single[axis] for axis in unclear], self.last, progress)
+        losses |= {axis: self._known(single[axis]) - self._known(best) for axis in unclear}
+        some = sorted(
+            (axis for axis in unclear if losses[axis] <= WORSE_AT_A_COST), key=losses.__getitem__
+        )
+        # Where other levels than the strongest contradict in the end, they count at each axis.
+        for levels in (self.bench.strongest, None):
+            kept = best
+            for axis in some:
+                tried = axis.put(kept, axis.of(self.own))
+                if self._is_as_good(tried, kept, best, levels):
+                    kept = tried
+            if self._is_as_good(kept, best, best):
+                break
         return kept, {axis.name: math.exp(loss) for axis, loss in losses.items()}
 
     def _nearest(self, kept: Amcl, best: Amcl, settings: Sequence[Amcl]) -> Amcl:
@@ -148,24 +169,33 @@ class Search:
         away = steps_between(self.own, kept)
         near = sorted(settings, key=lambda amcl: steps_between(self.own, amcl))
         nearer = (amcl for amcl in near if steps_between(self.own, amcl) < away)
-        return next((amcl for amcl in nearer if self._is_as_good(amcl, kept, best)), kept)
+        every = self.bench.strongest, None
+        return next(
+            (a for a in nearer if all(self._is_as_good(a, kept, best, each) for each in every)),
+            kept,
+        )
 
-    def _is_as_good(self, tried: Amcl, kept: Amcl, best: Amcl) -> bool:
-        """Whether a setting is hardly worse at every level, so that it is to be kept instead."""
-        for levels in (self.bench.strongest, None):
-            self.bench.drive([tried], *self.last, levels)
-            spared = self.beams(tried) < self.beams(kept) or not self._is_worse(tried, kept)
-            bound = self._known(kept, *self.last) + (WORSE_AT_A_COST if spared else WORSE)
-            # What is put back one after the other must not add up.
-            at_most = min(bound, self._known(best, *self.last) + WORSE_AT_A_COST)
-            if self._known(tried, *self.last) > at_most:
-                return False
-        return True
+    def _is_as_good(
+        self, tried: Amcl, kept: Amcl, best: Amcl, levels: Sequence[int] | None = None
+    ) -> bool:
+        """Whether a setting loses no more and is hardly worse, so that it is to be kept instead."""
+        self.bench.drive([tried], *self.last, levels)
+        spared = self.beams(tried) < self.beams(kept) or not self._is_worse(tried, kept, self.last)
+        bound = self._known(kept) + (WORSE_AT_A_COST if spared else WORSE)
+        # What is put back one after the other must not add up.
+        at_most = min(bound, self._known(best) + WORSE_AT_A_COST)
+        return self._known(tried) <= at_most and not self._loses(tried, kept)
 
-    def _is_worse(self, tried: Amcl, kept: Amcl) -> bool:
+    def _is_worse(self, tried: Amcl, kept: Amcl, part: tuple[int, int]) -> bool:
         """Whether a setting is clearly worse at its worst level, on drives that both share."""
-        level = int(np.nanargmax(self.bench.means(tried, *self.last)))
+        paths, drives = part
+        level = int(np.nanargmax(self.bench.means(tried, *part)))
         one, other = (
-            np.log(self.bench.driven[each].squares[level] + FLOOR) for each in (tried, kept)
+            self.bench.driven[each].scores[level, :paths, :drives] for each in (tried, kept)
         )
         return of_mean((one - other).ravel()).low > 0
+
+    def _loses(self, amcl: Amcl, other: Amcl) -> bool:
+        """Whether a setting is lost on more of the drives that both share."""
+        one, two = (self.bench.driven[each].lost for each in (amcl, other))
+        return bool(np.nansum(one - two) > 0)

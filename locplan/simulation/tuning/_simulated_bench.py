@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from locplan._kernels.arrays import Floats, Ints
+from locplan._kernels.arrays import Floats, Ints, Octets
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid
@@ -72,6 +73,9 @@ class SimulatedBench(TuningBench):
         self._stages = [[each.stage([line]) for line in self._lines] for each in self.simulators]
         lines, lidar = [each.truth for each in self._lines], first.robot.known_lidar
         super().__init__(grid, first.filter_map, lidar, levels, lines, drives, seed, first.threads)
+        self._worlds = lru_cache(self.threads)(
+            lambda level, path, drive: self._stages[level][path].world(path, drive)
+        )
         self.lengths = np.array([path.length for path in paths])
 
     @staticmethod
@@ -113,7 +117,11 @@ class SimulatedBench(TuningBench):
 
     def errors(self, level: int, path: int, drive: int, arguments: DriveArguments) -> Floats:
         stage = self._stages[level][path]
-        return stage.drive(self._lines[path], stage.world(path, drive), path, drive, arguments)
+        world = self.world(level, path, drive)
+        return stage.drive(self._lines[path], world, path, drive, arguments)
+
+    def world(self, level: int, path: int, drive: int) -> Octets:
+        return self._worlds(level, path, drive)
 
     def kidnapped(self, amcl: Amcl, metres: float) -> Floats:
         """Errors after two drives along each path, with the odometry that was asked for.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from locplan._util.checks import one_of, whole
@@ -11,12 +12,12 @@ from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Amcl, Robot
-from locplan.simulation._drives import check_drives
+from locplan.simulation._drives import Drives, check_drives
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import check_of_one_map
 from locplan.simulation.tuning._bench import DisturbanceLevel, TuningBench
 from locplan.simulation.tuning._joined_bench import joined, several
-from locplan.simulation.tuning._judged import judged_beside
+from locplan.simulation.tuning._judged import Judged, judged_beside, recoveries
 from locplan.simulation.tuning._results import OWN, Tuning
 from locplan.simulation.tuning._search import STEPS, Search
 from locplan.simulation.tuning._simulated_bench import LEVELS, TEN_TIMES, SimulatedBench
@@ -47,29 +48,25 @@ def tune(
 ) -> Tuning:
     """Find settings of AMCL that localize a robot better on its map than its own ones.
 
-    Settings drive the same random shortest paths with the same seeds, at three levels of
-    disturbance: with a third of, once and three times the errors of odometry. The one whose error
-    at its worst level is least is found by successive halving; what it need not change is put
-    back. Then it is judged against the user's own on other paths, in other worlds.
-
-    The first rungs of the search drive at the strongest level alone, the worst one of nearly every
-    setting; the others are driven for those that could be chosen.
+    Settings drive the same random shortest paths with the same seeds, with a third of, once and
+    three times the errors of odometry. Successive halving finds the one with the least score at its
+    worst level: the mean of ln RMSE, and 1 more for each lost drive. What it need not change is put
+    back. Then it is judged on other paths, in other worlds: it is to be used if it errs clearly
+    less than the user's own settings there, and loses no more drives.
 
     Parameters
     ----------
     grid : OccupancyGrid or sequence of OccupancyGrid
         The map; or several, whose worst one counts.
     robot : Robot, optional
-        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
-        your own, such as `Robot.from_nav2` reads.
+        The robot, such as `Robot.from_nav2` reads; by default one with Nav2's filter and a lidar
+        of 6 m that sees all round.
     paths : int, default 20
-        Number of random paths, 5 to 1000; the search and the judgement have their own. More of
-        them narrow the intervals.
+        Number of random paths of the search, and of the judgement, 5 to 1000.
     drives : int, default 8
         Number of drives along each path at each level, 2 to 100,000.
     odometry : {"usual", "poor"}, default "usual"
-        "poor" searches for a robot whose odometry drifts up to ten times as much as that of
-        `robot`: at once, three and ten times its errors.
+        "poor" has once, three and ten times the errors of odometry.
     filter_map : OccupancyGrid, optional
         The filter's map in the same frame, where it differs from `grid`; see `simulate`.
     others : mapping of str to object, optional
@@ -182,34 +179,26 @@ def search_settings(
         return bench_of(own_seed, stream == JUDGE)
 
     own = robot.amcl
-    # Shares of the time that the rungs, with the steps before the last one, what is put back, and
-    # the judgement take.
-    shares = 130, 120, *[50] * STEPS, 180, 130, 290
+    # Shares of the time that the first rungs, the steps, the last rung, what is put back and the
+    # judgement take.
+    shares = 80, 60, 90, *[40] * STEPS, 150, 200, 300
     steps = iter([scaled(*step) for step in zip(parts(progress, shares), shares, strict=True)])
     search = Search(bench(SEARCH), own, drives)
     tried = candidates(own, random_of(seed, DRAW), like)
     kept, frugal, best, without = search.run(tried, steps)
-    defaults = nav2_defaults(own)
-    names = {own: OWN, defaults: "Nav2's defaults"}  # the latter's name if they are the same
-    for each in (kept, frugal, best):
-        names.setdefault(each, described(own, each))
-    order = dict.fromkeys([own, kept, frugal, best, defaults])
-    warned: tuple[str, ...] = ()
-    if kept.multiplies and not own.multiplies and (others or {}).get("do_beamskip"):
-        skips = "do_beamskip becomes false with the laser model, since only this one reads it"
-        warned = (f"{skips}, and it was not simulated",)
     rungs, searched = tuple(search.rungs), {each.name for each in search.bench.levels}
     del search
     judge = bench(JUDGE)
-    decide = [n for n, level in enumerate(judge.levels) if level.name in searched]
-    judge.drive([*order], len(judge.lines), drives, decide, next(steps))
-    judge.drive([own, kept], len(judge.lines), drives)  # at levels that only these two are said for
-    wholes = {each: judge.whole(each) for each in order}
+    found, judged = _judged(judge, own, (kept, frugal, best), searched, drives, next(steps))
+    warned: tuple[str, ...] = ()
+    if found.multiplies and not own.multiplies and (others or {}).get("do_beamskip"):
+        skips = "do_beamskip becomes false with the laser model, since only this one reads it"
+        warned = (f"{skips}, and it was not simulated",)
     return Tuning(
         judge.grids,
         robot,
-        kept,
-        tuple(judged_beside(judge, names[each], each, own, wholes, searched) for each in order),
+        found,
+        judged,
         without,
         left,
         (*warned, *filter_warnings(own, judge.lidar, others), *left.warnings()),
@@ -222,3 +211,38 @@ def search_settings(
         None if judge.filter_map is judge.grid else judge.filter_map,
         tuple(notes),
     )
+
+
+def _judged(
+    judge: TuningBench,
+    own: Amcl,
+    found: tuple[Amcl, Amcl, Amcl],
+    searched: Collection[str],
+    drives: int,
+    progress: ProgressCallback,
+) -> tuple[Amcl, tuple[Judged, ...]]:
+    """Which of the settings found is the one to be used if it is better, and how all are judged.
+
+    It is the first, but where that loses more drives here, or does not hold, the next that is
+    better. The levels named `searched` decide.
+    """
+    lines, defaults = len(judge.lines), nav2_defaults(own)
+    decide = [n for n, level in enumerate(judge.levels) if level.name in searched]
+    order = dict.fromkeys([own, *found[:2], defaults])
+    judge.drive([*order], lines, drives, decide, progress)
+    names = {own: OWN, defaults: "Nav2's defaults"}  # the latter's name if they are the same
+    wholes: dict[Amcl, list[Drives]] = {}
+
+    def judged(amcl: Amcl) -> Judged:
+        judge.drive([amcl], lines, drives, decide)
+        for each in (own, amcl):
+            wholes[each] = wholes.get(each) or judge.whole(each)
+        name = names.get(amcl) or described(own, amcl)
+        return judged_beside(judge, name, amcl, own, wholes, searched)
+
+    choices = found[:1] if found[0] == own else found
+    candidate = next((each for each in choices if judged(each).better), found[0])
+    shown = own, candidate
+    judge.drive([*shown], lines, drives)  # at levels that only these two are said for
+    told = {each: replace(judged(each), recoveries=recoveries(judge, each)) for each in shown}
+    return candidate, tuple(told.get(each) or judged(each) for each in order | told)
