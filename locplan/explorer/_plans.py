@@ -55,7 +55,7 @@ def plan(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     nothing = about | {"aware": None, "shortest": None}
     searches = Searches(session.kept, scene, work.cancel.check)
     weights = (SHORTEST_WEIGHT, weight) if scene.field else (SHORTEST_WEIGHT,)
-    if planner_of(ask) and scene.field and held is None:
+    if planner_of(ask) and scene.field and held is None and not ask.flag("draft"):
         return about | _by_lattice(searches, headed(ask, stops), weight)
     if ask.flag("draft") and _has_drafts(session, scene.costs.grid):
         drafts = [searches.path(stops, each, held, draft=True) for each in weights]

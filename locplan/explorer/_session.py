@@ -22,10 +22,10 @@ from locplan.explorer._faults import mended
 from locplan.explorer._scene import Opening, Scene, Texture, stops_of, textures_of
 from locplan.explorer._searches import Flood, Kept
 from locplan.explorer._upkeep import Upkeep
-from locplan.explorer._view import View, headed, planner_of
+from locplan.explorer._view import View, can_turn, headed, planner_of
 from locplan.field import CovarianceField, equipped
 from locplan.maps import OccupancyGrid
-from locplan.planners import AnyAngle
+from locplan.planners import AnyAngle, Lattice
 from locplan.robots import Lidar, Robot
 
 
@@ -264,6 +264,8 @@ class Session(Upkeep):
             self.state()
         AnyAngle().prepare()
         Flood.prepare()
+        if can_turn(self.opening.robot):
+            Lattice().prepare()
 
     def about(self) -> dict[str, Any]:
         """The map, and what can be chosen and done, fit for JSON."""

@@ -16,6 +16,7 @@ from locplan._util.checks import FARTHEST, number
 from locplan._util.poses import window_around
 from locplan.explorer._asks import MAX_WEIGHT, Ask, Work
 from locplan.explorer._scene import Scene
+from locplan.explorer._view import can_turn
 from locplan.field import ESTIMATORS, estimator_class, position_axes, scalar
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import PRESETS
@@ -71,7 +72,7 @@ def about(session: Session) -> dict[str, Any]:
         "robot": {
             "length": 2 * (outline.circumscribed_radius if outline else robot.radius),
             "outline": outline and outline.vertices.tolist(),
-            "lattice": bool(outline or robot.kinematics.turning_radius),
+            "lattice": can_turn(robot),
         },
     }
 

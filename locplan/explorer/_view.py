@@ -30,6 +30,11 @@ def headed(ask: Ask, stops: Sequence[Position]) -> list[Position]:
     return found
 
 
+def can_turn(robot: Robot) -> bool:
+    """Whether a circle that turns on the spot says too little of a robot."""
+    return bool(robot.outline or robot.kinematics.turning_radius)
+
+
 def planner_of(ask: Ask) -> str | None:
     """The planner of a question: "lattice", or None for the usual one."""
     return ask.one_of("planner", (LATTICE,), None)

@@ -8,8 +8,8 @@ import { haloedStroke } from "./strokes.js";
 import { palette } from "./theme.js";
 import { perMetre, screenOf, worldAt } from "./view.js";
 
-const REACH = 44; // pixels from a marker's middle to its handle
-const STEP = Math.PI / 12;
+const FROM_MARKER = 44; // pixels from a marker's middle to its handle
+const TURN_STEP = Math.PI / 12;
 const handles = {};
 
 /** Connect the choice of the planner; it is offered where the robot's outline or turning radius asks for it. */
@@ -32,7 +32,7 @@ export function placeHandles() {
 	for (const [name, handle] of Object.entries(handles)) {
 		handle.hidden = !model.planner || !model[name];
 		if (handle.hidden) continue;
-		const [px, py] = aheadOf(name, REACH);
+		const [px, py] = aheadOf(name, FROM_MARKER);
 		handle.style.transform = `translate(${px.toFixed(1)}px, ${py.toFixed(1)}px)`;
 		handle.classList.toggle("set", name in model.headings);
 		const degrees = Math.round((headingOf(name) * 180) / Math.PI);
@@ -44,8 +44,8 @@ export function placeHandles() {
 export function paintArrows(pen) {
 	if (!model.planner) return;
 	for (const name of Object.keys(model.headings)) {
-		const [[px, py], [qx, qy]] = [screenOf(...model[name]), aheadOf(name, REACH - 4)];
-		const [dx, dy] = [(qx - px) / (REACH - 4), (qy - py) / (REACH - 4)];
+		const [[px, py], [qx, qy]] = [screenOf(...model[name]), aheadOf(name, FROM_MARKER - 4)];
+		const [dx, dy] = [(qx - px) / (FROM_MARKER - 4), (qy - py) / (FROM_MARKER - 4)];
 		pen.beginPath();
 		pen.moveTo(px, py);
 		pen.lineTo(qx, qy);
@@ -111,7 +111,7 @@ function holdHandle(down, handle, name) {
 }
 
 function keyOnHandle(event, name) {
-	const turn = { ArrowLeft: STEP, ArrowUp: STEP, ArrowRight: -STEP, ArrowDown: -STEP }[event.key];
+	const turn = { ArrowLeft: TURN_STEP, ArrowUp: TURN_STEP, ArrowRight: -TURN_STEP, ArrowDown: -TURN_STEP }[event.key];
 	if (event.key === "Delete" || event.key === "Backspace") forget(name);
 	else if (turn) {
 		model.headings = { ...model.headings, [name]: wrapped(headingOf(name) + turn) };

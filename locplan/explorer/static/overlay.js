@@ -27,8 +27,8 @@ export function startOverlay() {
 export function drawOverlay(pen, isPicture = false) {
 	const { aware, shortest } = model.plan ?? {};
 	const isLive = !freshSimulation();
-	if (isLive) haloedPath(pen, shortest?.xy, { colour: palette.ink, width: 3, dash: [9, 6] });
 	paintTrips(pen);
+	if (isLive) haloedPath(pen, shortest?.xy, { colour: palette.ink, width: 3, dash: [9, 6] });
 	if (isLive) haloedPath(pen, aware?.xy, { colour: palette.teal, width: 4 });
 	if (isLive && aware?.heading) paintOutlines(pen, aware);
 	paintPreview(pen);

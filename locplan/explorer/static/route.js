@@ -61,12 +61,13 @@ export async function planSoon(held, moment = performance.now()) {
 	clearTimeout(restTimer);
 	const turn = ++lastTurn;
 	await requestPlan(held, isLarge() || Boolean(model.planner), moment);
-	if (turn === lastTurn && (held || isLarge() || model.planner)) restTimer = setTimeout(() => requestPlan(null, false), held && isLarge() ? 5 * REST : REST);
+	if (turn === lastTurn && (held || isLarge() || model.planner)) restTimer = setTimeout(model.planner ? planNow : () => requestPlan(null, false), held && isLarge() ? 5 * REST : REST);
 }
 
 /** Ask for the paths in full. */
 export function planNow() {
 	clearTimeout(restTimer);
+	if (model.planner && model.state?.field) write("verdict", "Planning with outline and headings …");
 	lastTurn++;
 	return requestPlan(null, false);
 }
