@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import file_path
 from locplan._util.reading import MAX_BYTES, document, read_content
-from locplan._util.runs import Run
+from locplan._util.runs import RUN_FILE, Run
 from locplan._util.tables import file_name
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
@@ -56,8 +56,9 @@ class CheckReport:
         """
         folder = Folder(file_path("a report", path))
         file = folder / "check.json"
-        if not file.is_file():
-            raise LocplanError(f"{folder}: has no check.json; {REMEDY}")
+        for each in (file, folder / RUN_FILE):
+            if not each.is_file():
+                raise LocplanError(f"{folder}: has no {each.name}; {REMEDY}")
         about = document(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
         run = Run.read(folder)
         try:

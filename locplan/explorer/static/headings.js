@@ -6,7 +6,7 @@ import { announce } from "./say.js";
 import { model, on, tell } from "./store.js";
 import { haloedStroke } from "./strokes.js";
 import { palette } from "./theme.js";
-import { perMetre, screenOf, worldAt } from "./view.js";
+import { perMetre, screenOf, view, worldAt } from "./view.js";
 
 const FROM_MARKER = 44; // pixels from a marker's middle to its handle
 const TURN_STEP = Math.PI / 12;
@@ -32,7 +32,7 @@ export function placeHandles() {
 	for (const [name, handle] of Object.entries(handles)) {
 		handle.hidden = !model.planner || !model[name];
 		if (handle.hidden) continue;
-		const [px, py] = aheadOf(name, FROM_MARKER);
+		const [px, py] = inWindow(aheadOf(name, FROM_MARKER));
 		handle.style.transform = `translate(${px.toFixed(1)}px, ${py.toFixed(1)}px)`;
 		handle.classList.toggle("set", name in model.headings);
 		const degrees = Math.round((headingOf(name) * 180) / Math.PI);
@@ -162,6 +162,10 @@ function aheadOf(name, pixels) {
 	const far = pixels / perMetre();
 	const heading = headingOf(name);
 	return screenOf(x + far * Math.cos(heading), y + far * Math.sin(heading));
+}
+
+function inWindow([px, py]) {
+	return [Math.min(Math.max(px, 16), view.width - 16), Math.min(Math.max(py, 16), view.height - 16)];
 }
 
 function wrapped(heading) {
