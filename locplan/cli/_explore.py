@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -13,20 +14,32 @@ from locplan._util.progress import progress_bar, working
 from locplan._util.supervision import end_if_supervised
 from locplan.cli import _types as typed
 from locplan.cli._options import Cached, CostOptions, DriveFiles, Ends, Force, Reference, Threads
-from locplan.cli._robot_options import FieldOptions
+from locplan.cli._robot_options import FieldOptions, RobotOptions
+from locplan.errors import ConfigError
+
+if TYPE_CHECKING:
+    from locplan import Lidar, Robot
+    from locplan.explorer import CheckReport
 
 
 @typed.command(
     "explore lab.yaml --lidar turtlebot4",
+    "explore --check report",
     "explore lab.yaml --lidar turtlebot4 --start 2,3 --goal 38,3 --drive drive.mcap -o edited",
 )
-class explore(typed.OneMap, FieldOptions, Ends, CostOptions, Reference, Cached, Threads):
+class explore(FieldOptions, Ends, CostOptions, Reference, Cached, Threads):
     """Explore a map in the browser: drag start and goal, change the lidar, draw walls.
 
     The page is for this machine alone, at the address that is printed. Ctrl-C ends it,
     with exit code 0.
     """
 
+    map_file: Annotated[
+        Path | None, *typed.MAPS, Parameter(help="Map, as for plan; none with --check.")
+    ] = dataclasses.field(default=None, kw_only=False)
+    check: Annotated[Path | None, Parameter(metavar="FOLDER")] = None
+    """Folder that check has written, instead of a map: with its map and robot, the page shows its
+    places, trips and cures."""
     start: typed.XY = None
     """First start of the path, x,y in metres."""
     goal: typed.XY = None
@@ -45,11 +58,12 @@ class explore(typed.OneMap, FieldOptions, Ends, CostOptions, Reference, Cached, 
 
     def __call__(self) -> None:
         locplan.explorer.check_installed()
+        map_file, report = self._opened_on()
         robot, config = self.robot_and_field()
         self.check_costs(config)
         if not self.drive:
             self.refuse("without --drive", Reference)
-        grid = locplan.load_map(self.map_file)
+        grid = locplan.load_map(map_file)
         drives = []
         for file in self.drive:
             with progress_bar(f"reading {file.name}", "messages") as progress:
@@ -61,9 +75,10 @@ class explore(typed.OneMap, FieldOptions, Ends, CostOptions, Reference, Cached, 
             config,
             robot,
             **self.given(CostOptions, Cached, Threads, "folder", "force"),
-            **self.given(Ends, "via"),
+            **(report.ends if report else {}) | self.given(Ends, "via"),
             drives=tuple(drives),
-            map_file=str(self.map_file),
+            map_file=str(map_file),
+            report=report,
         )
         with working("opening the page"):
             page = locplan.explorer.opened(grid, opening, port=self.port)
@@ -79,3 +94,21 @@ class explore(typed.OneMap, FieldOptions, Ends, CostOptions, Reference, Cached, 
                 page.wait()
             except KeyboardInterrupt:  # the usual end of this command
                 end_if_supervised(0)
+
+    def load_robot(self, lidar: Lidar | None = None, *, recorded: bool = False) -> Robot:
+        """The robot, that of the report where there is one."""
+        if self.check:
+            return locplan.explorer.CheckReport.read(self.check).robot
+        return super().load_robot(lidar, recorded=recorded)
+
+    def _opened_on(self) -> tuple[Path, CheckReport | None]:
+        """The file of the map, and the report that names it, if it is one that does."""
+        if self.check:
+            if self.map_file:
+                raise ConfigError("--check names the map itself; leave out one of the two")
+            self.refuse("with --check, whose robot is taken", RobotOptions)
+            report = locplan.explorer.CheckReport.read(self.check)
+            return report.map_file, report
+        if self.map_file is None:
+            raise ConfigError("name a map, or with --check the folder that check has written")
+        return self.map_file, None

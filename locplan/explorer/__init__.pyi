@@ -1,3 +1,4 @@
+from ._checked import CheckReport as CheckReport
 from ._explore import (
     Explorer as Explorer,
     check_installed as check_installed,

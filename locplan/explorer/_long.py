@@ -41,6 +41,8 @@ def simulate(session: Session, ask: Ask, work: Work) -> dict[str, object]:
         compute=view.field_at if view.whole else None,
         via=via,
         drives=drives,
+        candidates=[view.planner] if view.planner else (),
+        filter_map=view.filter_map,
         threads=session.opening.threads,
         progress=work.progress,
         **view.cost_settings,
@@ -57,7 +59,8 @@ def steer(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     """
     path = Path(np.array(ask.positions("xy", 5000)))
     view = session.view(ask)
-    simulator = Simulator(view.grid, view.robot, threads=session.opening.threads)
+    own, threads = view.filter_map, session.opening.threads
+    simulator = Simulator(view.grid, view.robot, filter_map=own, threads=threads)
     found = drive_closed(simulator, {"": path}, range(16), progress=work.progress)[""]
     failing = (n for n, each in enumerate(found.drives) if each.outcome != "arrived")
     number = next(failing, 0)

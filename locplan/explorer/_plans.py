@@ -18,13 +18,23 @@ from locplan.costs import Costmap, Path, crossed_cells
 from locplan.errors import ConfigError
 from locplan.explorer._scene import FACTOR, Scene, rounded, stops_of
 from locplan.explorer._searches import Flood, Searches
+from locplan.explorer._view import headed, planner_of
 from locplan.field import read_known_at
 from locplan.maps import OccupancyGrid
-from locplan.planners import ParetoFront, Position, pareto_front
+from locplan.planners import (
+    AWARE,
+    LATTICE,
+    SHORTEST,
+    ParetoFront,
+    Position,
+    pareto_front,
+    plan_beside_shortest,
+)
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Ask, Work
-    from locplan.explorer._session import Session, View
+    from locplan.explorer._session import Session
+    from locplan.explorer._view import View
 
 
 SHORTEST_WEIGHT = 1e-6
@@ -45,6 +55,8 @@ def plan(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     nothing = about | {"aware": None, "shortest": None}
     searches = Searches(session.kept, scene, work.cancel.check)
     weights = (SHORTEST_WEIGHT, weight) if scene.field else (SHORTEST_WEIGHT,)
+    if planner_of(ask) and scene.field and held is None and not ask.flag("draft"):
+        return about | _by_lattice(searches, headed(ask, stops), weight)
     if ask.flag("draft") and _has_drafts(session, scene.costs.grid):
         drafts = [searches.path(stops, each, held, draft=True) for each in weights]
         paths = [path_answer(scene.costs, scene, path, weight) for path in drafts if path]
@@ -65,6 +77,21 @@ def plan(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     # Any-angle paths are improved from two beginnings, and the better one of the two counts.
     shortest, aware = (min(answers, key=lambda one: one[by]) for by in ("length", "cost"))
     return about | {"aware": aware, "shortest": shortest}
+
+
+def _by_lattice(searches: Searches, stops: Sequence[Position], weight: float) -> dict[str, Any]:
+    """Both paths of the lattice planner, with the headings along the aware one."""
+    (start, *via, goal), scene = stops, searches.scene
+    costs = scene.costs.with_weight(weight)
+    found = plan_beside_shortest(costs, start, goal, via=via, planner=LATTICE)
+    searches.check()
+    paths = [found[name].path for name in (AWARE, SHORTEST)]
+    if None in paths:
+        return {"aware": None, "shortest": None, "why": found[AWARE].note or found[AWARE].status}
+    halved = searches.halved(weight).costs
+    aware, shortest = (path_answer(halved, scene, path) for path in paths if path)
+    facing = paths[0].facing.round(3).tolist() if paths[0] else []
+    return {"aware": aware | {"heading": facing}, "shortest": shortest}
 
 
 def idle(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
@@ -109,7 +136,9 @@ def _first_to_rest(stops: Sequence[Position], held: int | None) -> list[Position
 
 def is_slow(session: Session, ask: Ask) -> bool:
     """Whether a plan takes so long that drafts must not wait for it."""
-    return _has_drafts(session, session.grid) and ask.values.get("draft") is not True
+    if ask.values.get("draft") is True:
+        return False
+    return _has_drafts(session, session.grid) or ask.has("planner")
 
 
 def _has_drafts(session: Session, grid: OccupancyGrid) -> bool:

@@ -181,6 +181,8 @@ class Opening:
     """The map's file as it was named; None where the map comes from Python."""
     force: bool = False
     """True lets files in the way be replaced."""
+    report: Any = None
+    """The report of a check that the page opens on, a `CheckReport`; None without one."""
     limits: Limits = Limits()
     """How much is kept."""
 

@@ -27,6 +27,7 @@ from starlette.websockets import WebSocket
 
 from locplan.errors import ConfigError
 from locplan.explorer._asks import MAX_MESSAGE
+from locplan.explorer._faults import marked
 from locplan.explorer._session import Lane, Session
 from locplan.explorer._socket import Link
 from locplan.explorer._state import cells_of
@@ -200,6 +201,7 @@ class Server:
                 Route("/static/{name}", self._file),
                 Route("/about", self._about),
                 Route("/data/cells/{digest}", self._data),
+                Route("/data/cells/{digest}/{marks}", self._data),
                 Route("/data/layer/{digest}/{name}", self._data),
                 Route("/download/{key}", self._download),
                 WebSocketRoute("/socket", self._socket),
@@ -230,13 +232,16 @@ class Server:
     def _data(self, request: Request) -> Response:
         """Bytes of an array that never changes, packed once: a map's cells, or a layer's steps."""
         digest, name = request.path_params["digest"], request.path_params.get("name", "")
-        session, key = self.session, ("packed", digest, name)
+        marks = request.path_params.get("marks", "")
+        session, key = self.session, ("packed", digest, name, marks)
+        if marks not in ("", "faults", "mended"):
+            return _missing()
         found: bytes | None = session.files.get(key)
         if found is None:
             grid, layer = session.grid, (session.textures(digest) or {}).get(name)
             made = layer and layer.texels
             if not name and digest == grid.digest:
-                made = cells_of(grid.cells)
+                made = cells_of(grid.cells, marked(session, grid, marks) if marks else None)
             if made is None:
                 return _missing()
             found = gzip.compress(np.ascontiguousarray(made).tobytes(), 3, mtime=0)

@@ -7,74 +7,26 @@ import hashlib
 import json
 import secrets
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any, Literal
 
-import numpy as np
-
-from locplan._kernels.arrays import Bools
 from locplan._util.public import called
 from locplan._util.tables import finite
-from locplan.costs import Costmap, Path
+from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._asks import MAX_WEIGHT, Ask, Cancel, Work
+from locplan.explorer._faults import mended
 from locplan.explorer._scene import Opening, Scene, Texture, stops_of, textures_of
 from locplan.explorer._searches import Flood, Kept
 from locplan.explorer._upkeep import Upkeep
+from locplan.explorer._view import View, can_turn, headed, planner_of
 from locplan.field import CovarianceField, equipped
 from locplan.maps import OccupancyGrid
-from locplan.planners import AWARE, AnyAngle, Position, plan_beside_shortest
+from locplan.planners import AnyAngle, Lattice
 from locplan.robots import Lidar, Robot
-
-
-@dataclass(frozen=True, eq=False)
-class View:
-    """The map, its field, and the way that is asked for."""
-
-    field: CovarianceField
-    """The field of the map as it was edited."""
-    costs: Costmap
-    """The costmap of the field, at the weight and for the robot radius that the page shows."""
-    robot: Robot
-    """The robot with its lidar."""
-    stops: Sequence[Position]
-    """Positions of the start, of what is visited on the way, and of the goal in the world [m]."""
-    whole: bool
-    """False while some values of the field are those from before an edit."""
-
-    @property
-    def grid(self) -> OccupancyGrid:
-        """The map as it was edited."""
-        return self.costs.grid
-
-    @property
-    def cost_settings(self) -> dict[str, Any]:
-        """Weight of the costmap, and its criterion unless that is the estimator's own."""
-        settings, own = self.costs.settings, self.field.config.estimator.criterion
-        criterion = settings.criterion if settings else own
-        return {"weight": float(self.costs.weight)} | (
-            {"criterion": criterion} if criterion != own else {}
-        )
-
-    def field_at(self, grid: OccupancyGrid, points: Bools | None = None, /) -> CovarianceField:
-        """The field with values at some lattice points (h, w) alone, as if computed for these."""
-        if points is None:
-            return self.field
-        values = {name: array.copy() for name, array in self.field.values.items()}
-        for array in values.values():
-            array[~points] = np.nan
-        return CovarianceField.of(values, grid, self.field.config)
-
-    def path(self) -> Path:
-        """The localizability-aware path; a ConfigError says that there is none."""
-        start, *via, goal = self.stops
-        path = plan_beside_shortest(self.costs, start, goal, via=via)[AWARE].path
-        if path is None:
-            raise ConfigError("no path joins start and goal; move one of them")
-        return path
 
 
 @dataclass(frozen=True)
@@ -129,6 +81,8 @@ ASKS: dict[str, Entry] = {
     "simulate": Entry("locplan.explorer._long:simulate", "long"),
     "steer": Entry("locplan.explorer._long:steer", "long"),
     "landmarks": Entry("locplan.explorer._long:landmarks", "long"),
+    "faults": Entry("locplan.explorer._faults:faults", "drive"),
+    "checked": Entry("locplan.explorer._checked:checked", "drive"),
     "twins": Entry("locplan.explorer._long:twins", "long"),
     "twins_everywhere": Entry("locplan.explorer._long:twins_everywhere", "long"),
     "export": Entry("locplan.explorer._sharing:export", "long"),
@@ -248,7 +202,10 @@ class Session(Upkeep):
         costs = self.costs(self.weight_of(ask), scene)
         assert scene.field is not None
         stops, _ = stops_of(ask, scene.parts)
-        return View(scene.field, costs, self.robot, stops, scene.whole)
+        planner = planner_of(ask)
+        own = mended(self, costs.grid) if ask.flag("mended") else None
+        ends = headed(ask, stops) if planner else stops
+        return View(scene.field, costs, self.robot, ends, scene.whole, planner, own)
 
     def textures(self, digest: str) -> Mapping[str, Texture] | None:
         """The layers of a digest: of the scene, of one shortly before, or of the look-alikes.
@@ -307,6 +264,8 @@ class Session(Upkeep):
             self.state()
         AnyAngle().prepare()
         Flood.prepare()
+        if can_turn(self.opening.robot):
+            Lattice().prepare()
 
     def about(self) -> dict[str, Any]:
         """The map, and what can be chosen and done, fit for JSON."""

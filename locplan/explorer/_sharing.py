@@ -8,7 +8,9 @@ import base64
 import dataclasses
 import hashlib
 import json
+import math
 import re
+import shlex
 import warnings
 import zlib
 from collections.abc import Mapping
@@ -21,7 +23,7 @@ import numpy as np
 from locplan._kernels.arrays import Octets
 from locplan._util.checks import printable
 from locplan._util.files import make_folder
-from locplan._util.runs import Recipe, Spelled
+from locplan._util.runs import Recipe, Spelled, as_argument, number_text
 from locplan._util.tables import finite
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._asks import Ask
@@ -30,12 +32,13 @@ from locplan.explorer._scene import MAX_DRIVES
 from locplan.explorer._state import cells_of
 from locplan.export import ExportJob, distribution, formats
 from locplan.field import config_spelled, lidar_of
-from locplan.planners import AWARE
+from locplan.planners import AWARE, Position
 from locplan.robots import robot_spelled
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Ask, Work
     from locplan.explorer._session import Session
+    from locplan.explorer._view import View
 
 
 def export(session: Session, ask: Ask, work: Work) -> dict[str, object]:
@@ -104,13 +107,17 @@ def reproduce(session: Session, ask: Ask, work: Work) -> dict[str, str]:
         robot = dataclasses.replace(robot, lidar=None)
     spelled = config_spelled(config, robot.lidar, whole=not drives)
     settings: dict[str, Any] = {
-        "start": start[:2],
-        "goal": goal[:2],
+        "start": _end("start", start),
+        "goal": _end("goal", goal),
         "robot": robot_spelled(robot),
         "config": spelled._replace(argument="costs"),
         **view.cost_settings,
         "drives": drives,
     }
+    if view.planner:
+        words = ("--planner", view.planner)
+        settings["planner"] = Spelled(words, f"[{view.planner!r}]", argument="candidates")
+    settings |= _filter_map(session, view) if drives else {}
     if via:
         settings["via"] = [xy[:2] for xy in via]
     if config.estimator.casts_rays and not drives:  # options say that by the spacing
@@ -134,7 +141,32 @@ def reproduce(session: Session, ask: Ask, work: Work) -> dict[str, str]:
     shell = dataclasses.replace(recipe, notes=[*notes, *unsaid]).shell
     if drives:
         shell += " --output chosen"
+    if "filter_map" in settings and MENDED in settings["filter_map"].words:
+        shell = f"locplan mend {shlex.quote(as_argument(recipe.map_file))} --output mended\n{shell}"
     return {"shell": shell, "python": f"{recipe.python}\nprint(result.table())\n"}
+
+
+MENDED = "mended/map_amcl.yaml"
+"""File that the copied command has written by `locplan mend`, where no report has one."""
+
+
+def _end(name: str, pose: Position) -> Any:
+    """An end for `Recipe`, whose heading is in degrees for a shell, and in radians in Python."""
+    if len(pose) == 2:
+        return pose
+    texts = [number_text(each) for each in (*pose[:2], math.degrees(pose[2]))]
+    return Spelled((f"--{name}", ",".join(texts)), repr(tuple(map(float, pose))))
+
+
+def _filter_map(session: Session, view: View) -> dict[str, Any]:
+    """The setting of the filter's map, if it is not the one that is driven in."""
+    if view.filter_map is None:
+        return {}
+    report, file, code = session.opening.report, MENDED, "locplan.mend(grid).filter_map"
+    if report and report.filter_file:
+        file = str(report.filter_file)
+        code = f"locplan.load_map({file!r})"
+    return {"filter_map": Spelled(("--filter-map", file), code)}
 
 
 STATIC = Path(__file__).parent / "static"

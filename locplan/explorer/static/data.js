@@ -12,8 +12,8 @@ export async function fetchAbout() {
 }
 
 /** Classes of the map's cells. */
-export async function fetchCells(digest) {
-	return carried() ? inflated(carried().cells) : bytesOf(`data/cells/${digest}`);
+export async function fetchCells(digest, marks) {
+	return carried() ? inflated(carried().cells) : bytesOf(`data/cells/${digest}${marks ? `/${marks}` : ""}`);
 }
 
 /** Bytes of a layer on the lattice. */

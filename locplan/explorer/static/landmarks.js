@@ -44,7 +44,8 @@ function proposeLandmarks() {
 	return work("landmarks", "Looking for places of landmarks", content, showLandmarks, "Search for landmarks cancelled.");
 }
 
-function showLandmarks(answer) {
+/** Show places of objects on the map, which can be put in. */
+export function showLandmarks(answer) {
 	const { kind, diameter, length, width } = answer.object;
 	const tool = kind.toLowerCase();
 	const stroke = ({ x, y, heading }) => ({ tool, points: [[x, y]], width: diameter ?? [length, width], ...(tool === "box" && { heading }) });

@@ -40,12 +40,15 @@ export async function loadField() {
 	const choices = layers.map((layer) => ({ value: layer.name, label: titleWithUnit(layer) }));
 	setOptions(byId("layer"), choices.length ? choices : [{ value: "", label: "no field yet" }], shownLayer()?.name);
 	try {
-		if (map.digest !== cellsHere) {
-			const cells = await fetchCells(map.digest);
-			if (map.digest !== model.state.map.digest) return;
-			setCells(cells, model.about.map.rows, model.about.map.cols);
+		const { marks } = model;
+		if (map.digest + marks !== cellsHere) {
+			const cells = await fetchCells(map.digest, marks);
+			if (map.digest + marks !== model.state.map.digest + model.marks) return;
+			setCells(cells, model.about.map.rows, model.about.map.cols, marks);
 			if (!cellsHere) tell("cells");
-			cellsHere = root.dataset.map = map.digest;
+			cellsHere = map.digest + marks;
+			root.dataset.map = map.digest;
+			root.dataset.marks = marks;
 		}
 		await loadTexture();
 	} catch (error) {

@@ -1,10 +1,13 @@
 // The explorer's page: starts every part, then follows the server's state.
 import { byId, root, write } from "./dom.js";
 import { carried, fetchAbout, mapName } from "./data.js";
+import { startChecked } from "./checked.js";
 import { startDrives } from "./drives.js";
 import { startEditing } from "./editing.js";
+import { startFaults } from "./faults.js";
 import { repaint } from "./frames.js";
 import { showFront, startFront } from "./front.js";
+import { startHeadings } from "./headings.js";
 import { startKeys } from "./keys.js";
 import { startLandmarks } from "./landmarks.js";
 import { loadField, recolour, startLayers } from "./layers.js";
@@ -42,7 +45,7 @@ async function start() {
 	}
 	model.shared = carried() !== null;
 	describeMap();
-	for (const begin of [startRoute, startFront, startSimulating, startEditing, startLandmarks, startTwins, startDrives, startSensor, startSharing, startKeys, startHint]) begin();
+	for (const begin of [startRoute, startFront, startSimulating, startEditing, startLandmarks, startTwins, startDrives, startSensor, startFaults, startHeadings, startChecked, startSharing, startKeys, startHint]) begin();
 	showWhole();
 	if (carried()) await openShared(carried());
 	else {

@@ -1,9 +1,11 @@
 // Everything that moves above the map, in the order in which it is painted.
 import { byId } from "./dom.js";
+import { paintSpots, paintTrips, placeTrips } from "./checked.js";
 import { paintDrive } from "./drives.js";
 import { paintStrokes } from "./editing.js";
 import { paints } from "./frames.js";
 import { paintPreview } from "./front.js";
+import { paintArrows, paintOutlines, placeHandles } from "./headings.js";
 import { paintLandmarks } from "./landmarks.js";
 import { placeMarkers } from "./markers.js";
 import { paintProbe } from "./probe.js";
@@ -25,13 +27,17 @@ export function startOverlay() {
 export function drawOverlay(pen, isPicture = false) {
 	const { aware, shortest } = model.plan ?? {};
 	const isLive = !freshSimulation();
+	paintTrips(pen);
 	if (isLive) haloedPath(pen, shortest?.xy, { colour: palette.ink, width: 3, dash: [9, 6] });
 	if (isLive) haloedPath(pen, aware?.xy, { colour: palette.teal, width: 4 });
+	if (isLive && aware?.heading) paintOutlines(pen, aware);
 	paintPreview(pen);
 	paintCandidates(pen);
 	paintDrive(pen);
 	paintTwins(pen);
 	paintLandmarks(pen);
+	paintSpots(pen);
+	paintArrows(pen);
 	if (isPicture) return;
 	paintSnap(pen);
 	paintStrokes(pen);
@@ -48,6 +54,8 @@ function paintOverlay() {
 	pen.clearRect(0, 0, view.width, view.height);
 	drawOverlay(pen);
 	placeMarkers();
+	placeHandles();
+	placeTrips();
 }
 
 // While a marker is held inside a wall, a ring shows where the server lets the path begin.

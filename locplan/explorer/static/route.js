@@ -3,6 +3,7 @@ import { byId, hear, root, write } from "./dom.js";
 import { afterPaint, repaint } from "./frames.js";
 import { nearestAlong, pointAlong } from "./lines.js";
 import { ask, cancel, interrupt, isLinked } from "./link.js";
+import { turnAround } from "./headings.js";
 import { announce, complain } from "./say.js";
 import { model, on, tell } from "./store.js";
 import { comparison, metres } from "./text.js";
@@ -29,13 +30,15 @@ export function startRoute() {
 
 /** What planning is asked with. */
 export function routeAsked() {
-	return { start: model.start, goal: model.goal, via: model.via, weight: model.weight };
+	const { start, goal } = model.planner ? model.headings : {};
+	return { start: model.start, goal: model.goal, via: model.via, weight: model.weight, mended: model.mended, planner: model.planner, start_heading: start, goal_heading: goal };
 }
 
 /** What a result is made of, as text: the route, the map and the settings of its field. */
 export function routeKey(weight = null) {
 	const { map, field } = model.state;
-	return JSON.stringify([model.start, model.goal, model.via, weight, map.digest, field?.estimator, field?.lidar, field?.range]);
+	const by = weight === null ? [] : [weight, model.mended, model.planner, model.planner && model.headings]; // of which the front knows nothing
+	return JSON.stringify([model.start, model.goal, model.via, map.digest, field?.estimator, field?.lidar, field?.range, ...by]);
 }
 
 /** Call a listener whenever that may have changed. */
@@ -57,13 +60,14 @@ export function setWeight(weight, moveSlider = true) {
 export async function planSoon(held, moment = performance.now()) {
 	clearTimeout(restTimer);
 	const turn = ++lastTurn;
-	await requestPlan(held, isLarge(), moment);
-	if (turn === lastTurn && (held || isLarge())) restTimer = setTimeout(() => requestPlan(null, false), held && isLarge() ? 5 * REST : REST);
+	await requestPlan(held, isLarge() || Boolean(model.planner), moment);
+	if (turn === lastTurn && (held || isLarge() || model.planner)) restTimer = setTimeout(model.planner ? planNow : () => requestPlan(null, false), held && isLarge() ? 5 * REST : REST);
 }
 
 /** Ask for the paths in full. */
 export function planNow() {
 	clearTimeout(restTimer);
+	if (model.planner && model.state?.field) write("verdict", "Planning with outline and headings …");
 	lastTurn++;
 	return requestPlan(null, false);
 }
@@ -97,6 +101,7 @@ export function removeWaypoint(index) {
 function reverseRoute() {
 	[model.start, model.goal] = [model.goal, model.start];
 	model.via.reverse();
+	turnAround();
 	tell("markers");
 	planNow();
 }

@@ -27,6 +27,11 @@ export const model = {
 	stroke: null, // the stroke being drawn
 	sent: [], // strokes that the server has not answered yet
 	drive: null,
+	marks: "", // which cells are marked: "faults", "mended" or none
+	mended: false, // the filter has the mended map
+	planner: null, // "lattice", or the usual one
+	headings: {}, // headings of start and goal where they are set [rad]
+	checked: null, // the report of a check
 };
 
 const listeners = new Map();

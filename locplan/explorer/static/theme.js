@@ -4,7 +4,7 @@ import { tell } from "./store.js";
 
 /** Colours that the canvases use, read from the style sheet. */
 export const palette = { theme: "light" };
-const NAMES = "ground free wall ink halo teal teal-soft ink-soft goal via quiet line ghost twin drive mark".split(" ");
+const NAMES = "ground free wall ink halo teal teal-soft ink-soft goal via quiet line ghost twin drive mark faults mended".split(" ");
 
 /** Start with the remembered or the system's theme. */
 export function startTheme() {

@@ -1,0 +1,129 @@
+"""The report of a check that the page opens on: its map and robot, places, trips and cures."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path as Folder
+from typing import TYPE_CHECKING, Any
+
+from locplan._util.checks import file_path
+from locplan._util.reading import MAX_BYTES, document, read_content
+from locplan._util.runs import RUN_FILE, Run
+from locplan._util.tables import file_name
+from locplan.costs import Costmap, Path
+from locplan.errors import ConfigError, LocplanError
+from locplan.explorer._scene import rounded
+from locplan.maps import OccupancyGrid, load_map
+from locplan.planners import Position, plan
+from locplan.robots import Robot
+
+if TYPE_CHECKING:
+    from locplan.explorer._asks import Ask, Work
+    from locplan.explorer._session import Session
+
+REMEDY = "name the folder that locplan check -o has written"
+
+
+@dataclass(frozen=True, eq=False)
+class CheckReport:
+    """What `locplan check` has written into a folder."""
+
+    folder: Folder
+    """The folder."""
+    about: Mapping[str, Any]
+    """Content of its check.json, see `Check.summary`."""
+    map_file: Folder
+    """The map: that of the check, or the one that it wrote with the right threshold."""
+    robot: Robot
+    """The robot that was checked."""
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> CheckReport:
+        """Read the folder of a report.
+
+        Parameters
+        ----------
+        path : path
+            The folder.
+
+        Raises
+        ------
+        LocplanError
+            If it is none, is damaged, or its map is gone or another one by now.
+        """
+        folder = Folder(file_path("a report", path))
+        file = folder / "check.json"
+        for each in (file, folder / RUN_FILE):
+            if not each.is_file():
+                raise LocplanError(f"{folder}: has no {each.name}; {REMEDY}")
+        about = document(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
+        run = Run.read(folder)
+        try:
+            robot = Robot.from_summary(about["robot"])
+            digest, named = about["map"]["digest"], run.settings["map"]
+            recommended = [*about["recommended"]]
+            read = [(each["name"], each["start"][1], each["goal"][1]) for each in about["trips"]]
+            read += [(each["letter"], each["x"], each["y"]) for each in about["weak_spots"]]
+            read += [(each["kind"], each["lost"], each["title"]) for each in about["cures"]]
+            read += [(about["trips"][0]["lost"][0], about["next"]["sentence"], about["as_is"])]
+        except (LookupError, TypeError, ConfigError):
+            raise LocplanError(f"{file}: is damaged, or of another locplan; check again") from None
+        own = Folder(str(named))
+        grid = load_map(own)
+        if grid.digest != digest:
+            raise LocplanError(f"{own}: has changed since {folder} was written; check it again")
+        read_right = folder / "map.yaml"
+        is_other = "walls" in recommended and read_right.is_file()
+        return cls(folder, about, read_right if is_other else own, robot)
+
+    @cached_property
+    def filter_map(self) -> OccupancyGrid | None:
+        """The map that the check has mended for the filter; None where it recommends none."""
+        return load_map(self.filter_file) if self.filter_file else None
+
+    @property
+    def filter_file(self) -> Folder | None:
+        """File of this map."""
+        file = self.folder / "map_amcl.yaml"
+        return file if file.is_file() else None
+
+    @property
+    def ends(self) -> dict[str, Position]:
+        """Start and goal of the trip with the largest share of lost drives."""
+        worst = max(self.about["trips"], key=lambda each: each["lost"][0] or 0.0)
+        return {name: tuple(worst[name]) for name in ("start", "goal")}
+
+    def chosen(self, trip: str) -> Path | None:
+        """The path to take of a trip, where the check recommends another one than the shortest."""
+        file = self.folder / f"{file_name(trip)}.csv"
+        return Path.load(file) if "paths" in self.about["recommended"] and file.is_file() else None
+
+
+def checked(session: Session, ask: Ask, work: Work) -> dict[str, object]:
+    """Answer the ask for the report that the page opened on, with the paths of its trips."""
+    report = session.opening.report
+    if report is None:
+        raise ConfigError("there is no report; start the explorer with --check FOLDER")
+    about = report.about
+    costs = Costmap.blank(session.original, robot=report.robot)
+    trips = []
+    for number, each in enumerate(about["trips"]):
+        work.progress(number, len(about["trips"]))
+        shortest = plan(costs, each["start"], each["goal"], planner="any-angle").path
+        paths = {"xy": shortest, "chosen": report.chosen(each["name"])}
+        trips.append({**each, **{name: path and rounded(path.xy) for name, path in paths.items()}})
+    poles = report.folder / "landmarks.csv"
+    has_poles = "landmarks" in about["recommended"] and poles.is_file()
+    return {
+        "spots": about["weak_spots"],
+        "trips": trips,
+        "cures": about["cures"],
+        "recommended": about["recommended"],
+        "as_is": about["as_is"],
+        "next": about["next"]["sentence"],
+        "poles": rounded(Path.load(poles).xy) if has_poles else [],
+        "pole": max(0.2, 2 * session.original.resolution),
+    }
