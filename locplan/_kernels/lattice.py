@@ -5,9 +5,9 @@ sweeps along it, 64 cells in a word. A bound for the cost to the goal is found f
 search over cells alone, which may use any heading's motions: it never exceeds the cost, and no
 motion lowers it by more than its cost. Both searches have circular buckets, first in, first out.
 
-The number of the cell (row, col) is ``row * columns + col``. The states of a cell follow each other,
-so that those that differ by a turn or a gear share cache lines: a state's number is its cell's times
-the number of layers, plus its layer's; a layer is a heading, or a heading and a gear.
+The number of the cell (row, col) is ``row * columns + col``. The states of a cell follow each
+other, so that those that differ by a turn or a gear share cache lines: a state's number is its
+cell's times the number of layers, plus its layer's; a layer is a heading, or a heading and a gear.
 """
 
 from __future__ import annotations
@@ -223,7 +223,7 @@ def explore(queue: Queue, graph: Graph, bound: Singles, cost: Singles, most: int
     seen, so that memory that is never written takes no room. The caller has put in the start's
     states.
     """
-    ground, moves, terms = graph
+    _, moves, terms = graph
     numbers, mask = queue.state, queue.heads.size - 1
     pausing, room = numbers[EXPANDED] + most, 2 * len(moves.row)
     layers, per_cost = (len(moves.begin) - 1) * terms.gears, terms.per_cost

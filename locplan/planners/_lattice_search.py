@@ -30,14 +30,14 @@ class LatticeSearch:
     """A search of one path on a costmap, for its robot."""
 
     def __init__(
-        self, costs: Costmap, headings: int, span: int, prices: Prices, time_limit: float | None
+        self, costs: Costmap, headings: int, span: int, prices: Prices, until: float = math.inf
     ) -> None:
         grid, robot = costs.grid, costs.robot
-        self._until = time.perf_counter() + (time_limit or math.inf)
-        self._costs, self._angles = costs, angles_of(headings)
+        self._costs, self._angles, self._until = costs, angles_of(headings), until
         kinematics = robot.kinematics if robot else Kinematics()
         radius = kinematics.turning_radius / grid.resolution
-        self._primitives = primitives(headings, radius, kinematics.drive == "omnidirectional", span)
+        every = primitives(headings, radius, kinematics.drive == "omnidirectional", span)
+        self._primitives = tuple(each for each in every if not each.leads_off(grid.shape))
         ground = masked_ground(self._primitives, robot.outline if robot else None, costs)
         moves, self._made = moves_of(self._primitives, kinematics, prices, costs)
         change = prices.gear_change / grid.resolution if kinematics.reverse else 0.0
@@ -114,6 +114,8 @@ class LatticeSearch:
                 state = source * layers + gear * len(self._angles) + heading
                 cost[state] = 1.0
                 kernels.put(queue, state, lowest)
+                if bound[source] == 0 and (terms.goal_headings >> heading) & 1:
+                    queue.state[kernels.BEST] = state  # the start is the goal
         queue = self._run(
             lambda queue, most: kernels.explore(queue, graph, bound, cost, most), queue
         )
