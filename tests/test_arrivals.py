@@ -264,8 +264,8 @@ def test_a_car_whose_outline_does_not_fit_along_its_path_has_no_way():
 
 def test_a_car_drives_round_what_stands_in_its_path():
     robot = dataclasses.replace(ROBOTS["car"], disturbances=QUIET).changed(STILL)
-    grid = room(wall=True, door=(2.0, 4.5))
-    path = line((1.5, 2.1), (6.5, 2.1))  # its side meets the edge of the door
+    grid = room(wall=True, door=(2.4, 4.5))
+    path = line((1.5, 2.1), (6.5, 2.1))
     (found,) = driven(grid, path, robot, 1, perfect=True).drives
     assert found.outcome == "arrived"
     turn, step = np.diff(found.truth[:, 2]), np.diff(found.truth[:, :2], axis=0)

@@ -76,10 +76,13 @@ def test_a_mask_is_set_just_where_the_outline_or_the_centre_meets_something(kine
             assert bits[row, col] == met
 
 
-def test_the_bound_of_a_robot_that_is_alike_both_ways_needs_no_motions_in_reverse():
-    costs = cluttered(3, DRIVES[1], (14, 16))
-    square = Footprint([(0.12, 0.08), (0.12, -0.08), (-0.12, -0.08), (-0.12, 0.08)])
-    costs = dataclasses.replace(costs, robot=dataclasses.replace(costs.robot, footprint=square))
+SQUARE = Footprint([(0.12, 0.08), (0.12, -0.08), (-0.12, -0.08), (-0.12, 0.08)])
+
+
+@pytest.mark.parametrize("outline", [SQUARE, LONG])
+def test_the_bound_needs_motions_in_reverse_only_of_robots_that_differ_both_ways(outline):
+    costs = cluttered(20, DRIVES[1], (14, 16))
+    costs = dataclasses.replace(costs, robot=dataclasses.replace(costs.robot, footprint=outline))
     search = LatticeSearch(costs, 16, 1, PRICES)
     goal = tuple(np.argwhere(np.isfinite(costs.density))[20].tolist())
     bound = search.bound_to([goal[0] * costs.grid.shape[1] + goal[1]], -1).reshape(costs.grid.shape)

@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 import pytest
-from bench_planners import best_of, rooms
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from benchmarks.bench_planners import best_of, rooms
 from locplan.costs import Costmap
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planners import Lattice, plan
