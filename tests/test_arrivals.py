@@ -262,6 +262,16 @@ def test_a_car_whose_outline_does_not_fit_along_its_path_has_no_way():
     assert (found.outcome, found.fault) == ("stuck", "world")
 
 
+def test_a_car_drives_round_what_stands_in_its_path():
+    robot = dataclasses.replace(ROBOTS["car"], disturbances=QUIET).changed(STILL)
+    grid = room(wall=True, door=(2.4, 4.5))
+    path = line((1.5, 2.1), (6.5, 2.1))
+    (found,) = driven(grid, path, robot, 1, perfect=True).drives
+    assert found.outcome == "arrived"
+    turn, step = np.diff(found.truth[:, 2]), np.diff(found.truth[:, :2], axis=0)
+    assert (abs(turn) * 0.8 <= np.hypot(*step.T) * (1 + 1e-6) + 1e-9).all()
+
+
 def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):
     grid, robot = room(wall=True, door=(2.3, 2.5)), Robot(Lidar(range=5.0, beams=60))
     paths = {"through": line((2.0, 2.4), (6.5, 2.4)), "away": line((2.0, 2.4), (2.0, 4.0))}

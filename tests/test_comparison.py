@@ -17,9 +17,9 @@ from locplan.comparison import Execution, PlannerSpec, RandomQueries, _pictures 
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import FieldConfig, Fisher, Sad
-from locplan.maps import FREE, OccupancyGrid
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planners import Found, Query, options_of, with_options
-from locplan.robots import Amcl, Lidar, ParameterWarning, Robot
+from locplan.robots import Amcl, Footprint, Kinematics, Lidar, ParameterWarning, Robot
 
 QUICK = FieldConfig(Sad(range=1.0), stride=0.4)
 ONE = Execution(workers=1)
@@ -570,3 +570,26 @@ def test_the_robot_decides_the_fields_and_is_driven(monkeypatch, tmp_path):
     configs = {str(each.range): FieldConfig(Fisher(each), stride=1.0) for each in (LIDAR, shorter)}
     locplan.compare(grid, "simulated choice", ends, robot, configs=configs)
     assert {each.lidar for each in asked} >= {LIDAR, shorter}
+
+
+@pytest.mark.usefixtures("inline_workers")
+def test_paths_that_a_cars_outline_cannot_drive_are_named_beside_those_of_the_lattice():
+    cells = np.full((60, 60), FREE)
+    cells[:, 28:32] = OCCUPIED
+    cells[26:34, 28:32] = FREE  # a gap that the car's width fits, and its length does not
+    grid = OccupancyGrid(cells, 0.1, name="gap")
+    long = Footprint([(0.5, 0.2), (0.5, -0.2), (-0.3, -0.2), (-0.3, 0.2)])
+    car = Kinematics(drive="car-like", turning_radius=0.4)
+    robot = Robot(footprint=long, margin=0.0, kinematics=car)
+    curves = "RRTstar:space=ReedsShepp,turning_radius=0.4,iterations=300"
+    ends = [((1.0, 1.5, np.pi / 2), (5.0, 4.5, -np.pi / 2))]
+    found = locplan.compare(
+        Costmap.blank(grid, robot=robot), ["lattice", curves, "grid"], ends, robot
+    )
+    by_planner = {run.task.planner: run for run in found.runs}
+    assert {run.status for run in found.runs} == {"solved"}
+    assert by_planner["lattice"].note == ""
+    assert by_planner["grid"].note.startswith("the robot cannot drive it: tight turn near")
+    said = found.report()
+    assert "the robot cannot drive 1 of its 1 paths" in said
+    assert "lattice: the baseline\n" in said

@@ -16,7 +16,7 @@ from locplan._kernels.search import bordered_half
 from locplan.costs import Costmap, Path, path_cost
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.planners import Lattice, plan, smoothed
+from locplan.planners import Lattice, check_path, plan, smoothed
 from locplan.planners._lattice_search import LatticeSearch
 from locplan.planners._primitives import Prices, angles_of, outline_masks, primitives
 from locplan.planners.ompl._motions import Motions
@@ -139,7 +139,7 @@ def test_the_bound_is_below_the_cost_everywhere(kinematics):
     ends = [(*goal, h, g) for h in range(16) for g in (0, 1)]
     reached = naive.costs_between_states(backward, ends)
     prices = Prices(planner.reverse, planner.gear_change, planner.turn_cost)
-    search = LatticeSearch(costs, planner.headings, planner.span, prices, None)
+    search = LatticeSearch(costs, planner.headings, planner.span, prices)
     target = goal[0] * costs.grid.shape[1] + goal[1]
     bound = search.bound_to([target], -1).reshape(costs.grid.shape) * costs.grid.resolution
     of_cell = np.full(costs.grid.shape, np.inf)
@@ -348,3 +348,33 @@ def test_a_search_out_of_time_says_how_far_it_came():
 def test_options_out_of_their_range_are_refused(options):
     with pytest.raises(ConfigError):
         Lattice(**options).check()
+
+
+def test_the_outline_keeps_the_margin_where_it_can_and_else_says_that_it_does_not():
+    grid = drawn("." * 24, *["." * 24] * 14, "#" * 24, resolution=0.1)
+    outline = Footprint([(0.25, 0.15), (0.25, -0.15), (-0.25, -0.15), (-0.25, 0.15)])
+    robot = Robot(footprint=outline, margin=0.1, goal_tolerance=0.0)
+    costs = Costmap.blank(grid, robot=robot)
+    made = plan(costs, (0.5, 0.5), (2.0, 0.5), planner="lattice")
+    assert not made.note
+    assert check_path(grid, made.path, robot).clearance >= 0.1
+    ends = (0.5, 0.37, np.pi / 2), (2.0, 0.37, np.pi / 2)  # its front is 0.02 m off the wall
+    tight = plan(costs, *ends, planner="lattice")
+    assert tight.note.startswith("comes nearer to walls than the robot's margin of 0.1 m: no path")
+    assert check_path(grid, tight.path, robot).drivable
+
+
+def test_a_start_in_the_goals_cell_is_at_the_goal():
+    costs = Costmap.blank(OccupancyGrid(np.full((60, 60), FREE), 0.1), robot=Robot(kinematics=CAR))
+    made = plan(costs, (2.02, 3.0), (2.07, 3.0), planner="lattice")
+    assert (made.status, made.note) == ("solved", "")
+    assert made.path.length < 0.3
+
+
+def test_a_turning_radius_beyond_the_map_leaves_only_the_way_ahead():
+    wide = Kinematics(drive="car-like", turning_radius=500.0)
+    costs = Costmap.blank(OccupancyGrid(np.full((30, 60), FREE), 0.1), robot=Robot(kinematics=wide))
+    ahead = plan(costs, (1.0, 1.0, 0.0), (5.0, 1.0, 0.0), planner="lattice")
+    assert ahead.path.length == pytest.approx(4.0)
+    across = plan(costs, (1.0, 1.0, 0.0), (5.0, 2.0, 0.0), planner="lattice")
+    assert across.status == "infeasible"

@@ -1,5 +1,6 @@
 """The kernels of the lattice planner and of smoothing, beside plain loops."""
 
+import dataclasses
 import itertools
 import math
 
@@ -15,6 +16,7 @@ from locplan._kernels.search import bordered_half
 from locplan.maps import OCCUPIED
 from locplan.planners._lattice_search import LatticeSearch
 from locplan.planners._primitives import Prices, centre_cells, primitives
+from locplan.robots import Footprint
 
 NAMES = ["on the spot", "car", "forward", "sideways"]
 PRICES = Prices(reverse=1.6, gear_change=0.15, turn=0.2)
@@ -54,7 +56,7 @@ def test_masks_of_runs_are_those_of_plain_loops(count):
 @pytest.mark.parametrize("kinematics", DRIVES, ids=NAMES)
 def test_a_mask_is_set_just_where_the_outline_or_the_centre_meets_something(kinematics):
     costs = cluttered(5, kinematics, (9, 70))
-    ground = LatticeSearch(costs, 16, 1, PRICES, None).graph.ground
+    ground = LatticeSearch(costs, 16, 1, PRICES).graph.ground
     rows, columns = costs.grid.shape
     radius = kinematics.turning_radius / costs.grid.resolution
     found = primitives(16, radius, kinematics is SIDEWAYS)
@@ -74,12 +76,27 @@ def test_a_mask_is_set_just_where_the_outline_or_the_centre_meets_something(kine
             assert bits[row, col] == met
 
 
+SQUARE = Footprint([(0.12, 0.08), (0.12, -0.08), (-0.12, -0.08), (-0.12, 0.08)])
+
+
+@pytest.mark.parametrize("outline", [SQUARE, LONG])
+def test_the_bound_needs_motions_in_reverse_only_of_robots_that_differ_both_ways(outline):
+    costs = cluttered(20, DRIVES[1], (14, 16))
+    costs = dataclasses.replace(costs, robot=dataclasses.replace(costs.robot, footprint=outline))
+    search = LatticeSearch(costs, 16, 1, PRICES)
+    goal = tuple(np.argwhere(np.isfinite(costs.density))[20].tolist())
+    bound = search.bound_to([goal[0] * costs.grid.shape[1] + goal[1]], -1).reshape(costs.grid.shape)
+    expected = naive.project(search.graph, goal)
+    assert np.isfinite(bound).sum() == len(expected) > 30
+    assert all(bound[cell] == pytest.approx(cost, rel=1e-5) for cell, cost in expected.items())
+
+
 @pytest.mark.parametrize("headings", [8, 16])
 @pytest.mark.parametrize("kinematics", DRIVES, ids=NAMES)
 def test_both_searches_are_those_of_dijkstra_over_all_cells_and_states(kinematics, headings):
     costs = cluttered(headings, kinematics)
-    search = LatticeSearch(costs, headings, 1, PRICES, None)
-    graph, size = search.graph, costs.grid.cells.size
+    search = LatticeSearch(costs, headings, 1, PRICES)
+    graph = search.graph
     cells = np.random.default_rng(1).permutation(np.argwhere(np.isfinite(costs.density)))[:2]
     start, goal = map(tuple, cells.tolist())
     bound = search.bound_to([goal[0] * costs.grid.shape[1] + goal[1]], -1).reshape(costs.grid.shape)
@@ -100,14 +117,15 @@ def test_both_searches_are_those_of_dijkstra_over_all_cells_and_states(kinematic
     least = min(reached.get(end, math.inf) for end in ends)
     assert (last < 0) == math.isinf(least)
     for n in np.flatnonzero(cost < 0).tolist():
-        layer, cell = divmod(n, size)
+        cell, layer = divmod(n, headings * terms.gears)
         gear, heading = divmod(layer, headings)
         state = (*divmod(cell, costs.grid.shape[1]), heading, gear)
         assert -cost[n] - 1 == pytest.approx(reached[state], rel=1e-5, abs=1e-5)
     if last >= 0:
         assert abs(cost[last]) - 1 == pytest.approx(least, rel=1e-5)
         moves = lattice.traced(whole, cost, last)
-        assert moves[0] % size == start[0] * costs.grid.shape[1] + start[1]
+        cell = moves[0] // (headings * terms.gears)
+        assert cell == start[0] * costs.grid.shape[1] + start[1]
 
 
 def made_drive(kind, turn, sideways=False):

@@ -94,6 +94,11 @@ def test_a_check_is_saved_with_its_faults_and_drawn(tmp_path):
     assert "tight turn" in check.report()
 
 
+def test_a_point_is_checked_too():
+    found = check_path(room(), [(1.0, 1.0), (2.0, 1.0)], Robot(footprint=0.0, margin=0.0))
+    assert found.drivable
+
+
 def test_what_cannot_be_checked_is_refused():
     grid = room()
     with pytest.raises(ConfigError, match="robot must be"):

@@ -5,8 +5,9 @@ sweeps along it, 64 cells in a word. A bound for the cost to the goal is found f
 search over cells alone, which may use any heading's motions: it never exceeds the cost, and no
 motion lowers it by more than its cost. Both searches have circular buckets, first in, first out.
 
-The number of the cell (row, col) is ``row * columns + col``, that of a state its cell's plus its
-layer's number of cells; a layer is a heading, or a heading and a gear.
+The number of the cell (row, col) is ``row * columns + col``. The states of a cell follow each
+other, so that those that differ by a turn or a gear share cache lines: a state's number is its
+cell's times the number of layers, plus its layer's; a layer is a heading, or a heading and a gear.
 """
 
 from __future__ import annotations
@@ -209,8 +210,9 @@ def project(queue: Queue, graph: Graph, bound: Singles, cell: int, most: int) ->
                 continue
             reached = np.float32(here + cost_of(ground, moves, move, source))
             if reached < known:
-                bound[source] = reached
-                put(queue, source, np.int64(reached * per_cost))
+                bound[source], later = reached, np.int64(reached * per_cost)
+                if known == np.inf or np.int64(known * per_cost) != later:  # else it waits there
+                    put(queue, source, later)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -221,10 +223,10 @@ def explore(queue: Queue, graph: Graph, bound: Singles, cost: Singles, most: int
     seen, so that memory that is never written takes no room. The caller has put in the start's
     states.
     """
-    ground, moves, terms = graph
+    _, moves, terms = graph
     numbers, mask = queue.state, queue.heads.size - 1
     pausing, room = numbers[EXPANDED] + most, 2 * len(moves.row)
-    size, per_cost = ground.rows * ground.columns, terms.per_cost
+    layers, per_cost = (len(moves.begin) - 1) * terms.gears, terms.per_cost
     while True:
         enough = np.inf
         if numbers[BEST] >= 0:
@@ -233,9 +235,9 @@ def explore(queue: Queue, graph: Graph, bound: Singles, cost: Singles, most: int
         if status != READY:
             return status
         state = take(queue, numbers[LOWEST] & mask)
-        if cost[state] < 0:
+        if cost[state] < 0 or is_surpassed(cost, terms, state, layers):
             continue
-        total = np.float64(cost[state]) - 1.0 + bound_of(bound, terms, state % size)
+        total = np.float64(cost[state]) - 1.0 + bound_of(bound, terms, state // layers)
         bucket = np.int64(total * per_cost)
         if bucket > numbers[LOWEST]:
             put(queue, state, bucket)
@@ -250,8 +252,9 @@ def expand(
     """Expand a state: put in what its motions reach at less cost than before, below `enough`."""
     ground, moves, terms = graph
     numbers, rows, columns = queue.state, ground.rows, ground.columns
-    size, headings = rows * columns, len(moves.begin) - 1
-    here, cell, layer = np.float64(cost[state]) - 1.0, state % size, state // size
+    headings = len(moves.begin) - 1
+    layers = headings * terms.gears
+    here, cell, layer = np.float64(cost[state]) - 1.0, state // layers, state % layers
     cost[state] = -cost[state]
     numbers[EXPANDED] += 1
     row, col = cell // columns, cell % columns
@@ -265,7 +268,7 @@ def expand(
             continue
         to_gear, change = shifted(moves.gear[move], gear, terms)
         to_cell = to_row * columns + to_col
-        other = (to_gear * headings + moves.target[move]) * size + to_cell
+        other = to_cell * layers + to_gear * headings + moves.target[move]
         known = abs(np.float64(cost[other]))
         lowest = here + change + moves.extra[move] + moves.least[move] * nearby + 1.0
         if known != 0.0 and lowest >= known:  # the exact cost takes longest
@@ -280,6 +283,17 @@ def expand(
         if bound[to_cell] == 0 and (terms.goal_headings >> moves.target[move]) & 1:
             numbers[BEST], enough = other, reached - 1.0
         put(queue, other, max(np.int64(total * terms.per_cost), numbers[LOWEST]))
+
+
+@njit(inline="always")
+def is_surpassed(cost: Singles, terms: Terms, state: int, layers: int) -> bool:
+    """Whether the same pose in the other gear, and a change, cost no more than a state."""
+    if terms.gears == 1:
+        return False
+    half = layers // 2
+    other = state + half if state % layers < half else state - half
+    known = abs(cost[other])
+    return known != 0 and known + terms.gear_change <= cost[state]
 
 
 @njit(inline="always")
@@ -300,10 +314,10 @@ def shifted(gear_of_move: int, gear: int, terms: Terms) -> tuple[int, float]:
 def traced(graph: Graph, cost: Singles, state: int) -> Array:
     """The start's state, and the motions that lead from it to a state."""
     ground, moves, terms = graph
-    size, headings = ground.rows * ground.columns, len(moves.begin) - 1
-    path = [state]
+    headings = len(moves.begin) - 1
+    layers, path = headings * terms.gears, [state]
     while abs(cost[state]) > 1.0:
-        cell, layer = state % size, state // size
+        cell, layer = state // layers, state % layers
         heading, gear = layer % headings, layer // headings
         least, before, by = np.inf, -1, -1
         for move in range(len(moves.row)):
@@ -319,7 +333,7 @@ def traced(graph: Graph, cost: Singles, state: int) -> Array:
             step = cost_of(ground, moves, move, source)
             for from_gear in range(terms.gears):
                 to_gear, change = shifted(moves.gear[move], from_gear, terms)
-                other = (from_gear * headings + moves.source[move]) * size + source
+                other = source * layers + from_gear * headings + moves.source[move]
                 known = abs(np.float64(cost[other]))
                 if to_gear != gear or known == 0.0 or known >= abs(cost[state]):
                     continue

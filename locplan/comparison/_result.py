@@ -222,13 +222,27 @@ class Comparison(Result):
             rows = list(group)
             parts.append(f"{setting.map}, {setting.config}, weight {setting.weight:g}")
             parts.append(str(Table.of(STANDINGS, rows)))
-            said = [f"{r.summary.planner}: {r.cost.sentence or 'the baseline'}" for r in rows]
+            said = [
+                f"{r.summary.planner}: {r.cost.sentence or 'the baseline'}{self._undriven(r)}"
+                for r in rows
+            ]
             parts += wrapped(said)
         note = (
             "n: queries that planner and baseline both solved. Over these: the ratio of J, and the"
             " medians of J, of the baseline's (base J), of degenerate metres (∫u) and of time."
         )
         return "\n".join([*parts, *wrapped([note])])
+
+    def _undriven(self, row: Standing) -> str:
+        """How many of a planner's paths the robot cannot drive, for the end of a sentence."""
+        mine = row.setting, row.summary.planner
+        runs = [
+            r
+            for r in self.runs
+            if (statistics.setting_of(r), r.task.planner) == mine and r.measures
+        ]
+        count = sum(run.note.startswith(Run.undriven) for run in runs)
+        return f"; the robot cannot drive {count} of its {len(runs)} paths" if count else ""
 
     def to_frame(self) -> Any:
         """A pandas data frame with one row for every run; a LocplanError without pandas."""

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +66,8 @@ class Task:
 class Run:
     """The outcome of a task; a run without a path has no measures."""
 
+    undriven: ClassVar[str] = "the robot cannot drive it"
+    """How the note of a path begins that the robot's outline or turning radius does not allow."""
     task: Task
     """The map, query, weight, planner and seed of the run."""
     status: str
@@ -82,7 +84,7 @@ class Run:
     xy: tuple[tuple[float, float], ...] = ()
     """The path's positions (x, y) in the world [m]; none without a path."""
     note: str = ""
-    """The reason why there is no path; empty with one."""
+    """The reason why there is no path, or why the robot cannot drive it; empty where it can."""
     expanded: int | None = None
     """Number of cells that a grid planner expanded; None for other planners."""
 

@@ -33,9 +33,9 @@ from locplan._util.supervision import end_with_parent
 from locplan.comparison._journal import Order, weighted_costmap
 from locplan.comparison._specs import PlannerSpec
 from locplan.comparison._statistics import MEASURES, Run, Task
-from locplan.costs import Path as Route
+from locplan.costs import Costmap, Path as Route
 from locplan.errors import LocplanError
-from locplan.planners import Plan
+from locplan.planners import Plan, path_faults
 
 
 def check_platform() -> None:
@@ -267,7 +267,8 @@ def perform(planner: PlannerSpec, order: Order, memory: float) -> Run:
     except BaseException as error:  # sys.exit in a planner shall not end the comparison
         status, note = "error", f"{type(error).__name__}: {error}"
     else:
-        return run_of(order.task, result)
+        run = run_of(order.task, result)
+        return dataclasses.replace(run, note=undriven(costs, result.path) or run.note)
     elapsed = time.perf_counter() - began
     return Run(order.task, status, elapsed, elapsed, note=(note.splitlines() or [""])[0])
 
@@ -286,6 +287,16 @@ def run_of(task: Task, result: Plan) -> Run:
     expanded = None if result.expanded is None else int(result.expanded)
     about = {"note": str(result.note or ""), "expanded": expanded, **found}
     return Run(task, str(result.status), seconds, seconds, **about)
+
+
+def undriven(costs: Costmap, path: Route | None) -> str:
+    """Why a robot with an outline or a turning radius cannot drive a path; empty where it can."""
+    robot = costs.robot
+    if path is None or robot is None or not (robot.outline or robot.kinematics.turning_radius):
+        return ""
+    faults = path_faults(costs.grid, path, robot)
+    found = [f"{each.kind} near {each.x:.2f},{each.y:.2f}" for each in faults]
+    return f"{Run.undriven}: {found[0]}" if found else ""
 
 
 def turning(path: Route) -> float:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import time
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -25,8 +27,9 @@ class Lattice:
     radius, and whether it drives in reverse. Its path has headings. It is the cheapest one of the
     motions of the lattice, which begin and end in the middle of cells, and then smoothed. Either
     end may have a heading. Where no motions lead into the goal's cell, it ends within the robot's
-    goal tolerance, if it can. The outline itself keeps clear of walls, without the robot's margin,
-    which is that of the circle in it.
+    goal tolerance, if it can. The outline keeps the robot's margin from walls, its corners moved
+    outwards as by Nav2's footprint_padding; where no path does, it keeps clear of them without it,
+    and the plan's note says so.
 
     Examples
     --------
@@ -77,11 +80,28 @@ class Lattice:
 
         See `locplan.planners.Planner.solve`.
         """
+        until = time.perf_counter() + (self.time_limit or math.inf)
+        robot = costs.robot
+        if robot is None or robot.outline is None or robot.margin == 0:
+            return self._solved(costs, start, goal, until)
+        wider = dataclasses.replace(costs, robot=_with_margin(robot, robot.outline))
+        found = self._solved(wider, start, goal, until)
+        if found.status != "infeasible":
+            return found
+        found = self._solved(costs, start, goal, until)
+        if found.path is None:
+            return found
+        near = f"comes nearer to walls than the robot's margin of {robot.margin:g} m"
+        note = f"{near}: no path of the lattice keeps it"
+        return dataclasses.replace(found, note="; ".join(filter(None, [found.note, note])))
+
+    def _solved(self, costs: Costmap, start: Position, goal: Position, until: float) -> Found:
+        """Plan for the costmap's robot as it is, until a time of `time.perf_counter`."""
         from locplan.planners._lattice_search import LatticeSearch
         from locplan.planners._primitives import Prices
 
         prices = Prices(self.reverse, self.gear_change, self.turn_cost)
-        search = LatticeSearch(costs, self.headings, self.span, prices, self.time_limit)
+        search = LatticeSearch(costs, self.headings, self.span, prices, until)
         found = search.found(start, goal)
         if found.path is None or not self.smooth:
             return found
@@ -89,3 +109,10 @@ class Lattice:
         at_goal = costs.cell_of(found.path.xy[-1].tolist()) == costs.cell_of(goal[:2])
         path = smoother.smoothed(found.path, start, goal if at_goal else None)
         return dataclasses.replace(found, path=path)
+
+
+def _with_margin(robot: Robot, outline: Footprint) -> Robot:
+    """A robot whose outline holds the margin, too."""
+    around = robot.margin * np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)])
+    wider = Footprint((outline.vertices[:, None] + around).reshape(-1, 2))
+    return dataclasses.replace(robot, footprint=wider, margin=0.0)

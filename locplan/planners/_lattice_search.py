@@ -11,11 +11,12 @@ import numpy as np
 
 from locplan._kernels import lattice as kernels
 from locplan._kernels.arrays import Array, Floats
+from locplan._kernels.outlines import TOUCH
 from locplan.costs import Costmap, Path
 from locplan.planners._grid import cheapest_cells
 from locplan.planners._primitives import Prices, angles_of, masked_ground, moves_of, primitives
 from locplan.planners._protocol import Found, Position
-from locplan.robots import Kinematics
+from locplan.robots import Kinematics, Robot
 
 STRETCH = 1 << 16
 """Number of expansions between two looks at the clock."""
@@ -29,19 +30,21 @@ class LatticeSearch:
     """A search of one path on a costmap, for its robot."""
 
     def __init__(
-        self, costs: Costmap, headings: int, span: int, prices: Prices, time_limit: float | None
+        self, costs: Costmap, headings: int, span: int, prices: Prices, until: float = math.inf
     ) -> None:
         grid, robot = costs.grid, costs.robot
-        self._until = time.perf_counter() + (time_limit or math.inf)
-        self._costs, self._angles = costs, angles_of(headings)
+        self._costs, self._angles, self._until = costs, angles_of(headings), until
         kinematics = robot.kinematics if robot else Kinematics()
         radius = kinematics.turning_radius / grid.resolution
-        self._primitives = primitives(headings, radius, kinematics.drive == "omnidirectional", span)
+        every = primitives(headings, radius, kinematics.drive == "omnidirectional", span)
+        self._primitives = tuple(each for each in every if not each.leads_off(grid.shape))
         ground = masked_ground(self._primitives, robot.outline if robot else None, costs)
         moves, self._made = moves_of(self._primitives, kinematics, prices, costs)
         change = prices.gear_change / grid.resolution if kinematics.reverse else 0.0
         terms = kernels.Terms(1.0 / ground.cheapest, change, 2 if change else 1, np.inf, 0)
         self.graph = kernels.Graph(ground, moves, terms)
+        reversible = len(costs.density_of_heading) == 1 and _is_reversible(robot)
+        self._between_cells = self.graph._replace(moves=_between_cells(moves, reversible))
         self._size = grid.shape[0] * grid.shape[1]
 
     def found(self, start: Position, goal: Position) -> Found:
@@ -89,30 +92,30 @@ class LatticeSearch:
 
     def bound_to(self, targets: list[int], source: int) -> Array:
         """Bound of the cost to any target of each cell, final up to that of the cell `source`."""
-        bound = np.full(self._size, np.inf, np.float32)
+        bound, graph = np.full(self._size, np.inf, np.float32), self._between_cells
         queue = kernels.new_queue(self._buckets(1.0), 0)
         for target in targets:
             bound[target] = 0.0
             kernels.put(queue, target, 0)
-        self._run(
-            lambda queue, most: kernels.project(queue, self.graph, bound, source, most), queue
-        )
+        self._run(lambda queue, most: kernels.project(queue, graph, bound, source, most), queue)
         return bound
 
     def costs_from(
         self, start: Position, bound: Array, graph: kernels.Graph
     ) -> tuple[Array, int, int]:
         """The costs of the search over states, the last state or -1, and the expansions."""
-        size, source, count = self._size, self._cell(start), len(self._angles)
-        terms = graph.terms
-        cost = np.zeros(terms.gears * count * size, np.float32)
+        terms, source = graph.terms, self._cell(start)
+        layers = terms.gears * len(self._angles)
+        cost = np.zeros(self._size * layers, np.float32)
         lowest = int(terms.cap * terms.per_cost)
         queue = kernels.new_queue(self._buckets(2.0), lowest)
         for gear in range(terms.gears):
             for heading in self._headings(start):
-                state = (gear * count + heading) * size + source
+                state = source * layers + gear * len(self._angles) + heading
                 cost[state] = 1.0
                 kernels.put(queue, state, lowest)
+                if bound[source] == 0 and (terms.goal_headings >> heading) & 1:
+                    queue.state[kernels.BEST] = state  # the start is the goal
         queue = self._run(
             lambda queue, most: kernels.explore(queue, graph, bound, cost, most), queue
         )
@@ -156,7 +159,7 @@ class LatticeSearch:
     def _path(self, moves: Array) -> Path:
         """The path of motions after the state that begins it."""
         state, grid = int(moves[0]), self._costs.grid
-        layer, cell = divmod(state, self._size)
+        cell, layer = divmod(state, self.graph.terms.gears * len(self._angles))
         row, col = divmod(cell, self.graph.ground.columns)
         heading = self._angles[layer % len(self._angles)]
         pieces: list[Floats] = [np.array([(col + 0.5, row + 0.5, heading)])]
@@ -183,3 +186,24 @@ class LatticeSearch:
         note = f"none of the motions between {headings} headings and cells of {edge:g} m lead to"
         note += " the goal with the robot's outline, drive and turning radius"
         return Found(status="infeasible", note=note, expanded=expanded)
+
+
+def _is_reversible(robot: Robot | None) -> bool:
+    """Whether a robot covers the same cells when it stands the other way round."""
+    if robot is None or robot.outline is None:
+        return True
+    corners = robot.outline.vertices
+    apart = np.hypot(*(corners[:, None] + corners).T)
+    return bool((apart.min(axis=0) < TOUCH).all())
+
+
+def _between_cells(moves: kernels.Moves, reversible: bool) -> kernels.Moves:
+    """The motions that lead to another cell at least cost, of which `begin` means nothing.
+
+    In reverse a robot that is `reversible` goes where it does ahead the other way round, but at a
+    higher cost.
+    """
+    kept = (moves.row != 0) | (moves.col != 0)
+    if reversible:
+        kept &= moves.gear != kernels.BACKWARD
+    return kernels.Moves(moves.begin, *(each[kept] for each in moves[1:]))

@@ -79,7 +79,10 @@ class Limited(Wrapper):
             found = self._exactly(costs, stops, Lattice(time_limit=limit))
             if found.path is not None:
                 note = "planned by the lattice for the footprint itself: no path of its inner or"
-                return dataclasses.replace(found, note=f"{note} outer circle is clear of walls")
+                note += " outer circle is clear of walls"
+                return dataclasses.replace(found, note="; ".join(filter(None, [note, found.note])))
+            if found.status == "timeout":
+                return found
         return gave_up or self._not_searched(costs, meets)
 
     def _of_circles(

@@ -216,8 +216,8 @@ def path_faults(grid: OccupancyGrid, path: Path, robot: Robot) -> tuple[PathFaul
 
 
 def outline_of(robot: Robot) -> Footprint:
-    """The outline without a margin; of a circle a polygon around it."""
-    return robot.outline or grown(np.zeros((1, 2)), float(robot.radius - robot.margin))
+    """The outline without a margin; of a circle a polygon around it, of a point a tiny one."""
+    return robot.outline or grown(np.zeros((1, 2)), max(1e-6, robot.radius - robot.margin))
 
 
 def grown(corners: Floats, by: float) -> Footprint:

@@ -59,6 +59,11 @@ class Primitive:
             return 0.0
         return abs(math.remainder(self.poses[-1][2] - self.poses[0][2], 2 * math.pi))
 
+    def leads_off(self, shape: tuple[int, ...]) -> bool:
+        """Whether it is a turn too wide for a map of a shape, from wherever it begins."""
+        turns = self.source != self.target
+        return turns and any(abs(n) >= size for n, size in zip(self.end, shape, strict=True))
+
     @property
     def neutral(self) -> bool:
         """True if it leads neither ahead nor, driven from its end, in reverse."""
@@ -123,9 +128,18 @@ def _turns(
     turn = math.atan2(cross, x * x1 + y * y1)
     long, long1 = math.hypot(x, y), math.hypot(x1, y1)
     least = radius * math.tan(abs(turn) / 2)
-    reach = math.ceil(2 * least + long + long1)
+    # The ends lie in a parallelogram from the least turn's end on.
+    col, row = (
+        least * (one / long + other / long1) for one, other in zip(ahead, after, strict=True)
+    )
+    columns = range(
+        math.floor(col + min(0, x, x1, x + x1)), math.ceil(col + max(0, x, x1, x + x1)) + 1
+    )
+    rows = range(
+        math.floor(row + min(0, y, y1, y + y1)), math.ceil(row + max(0, y, y1, y + y1)) + 1
+    )
     found = []
-    for col, row in itertools.product(range(-reach, reach + 1), repeat=2):
+    for col, row in itertools.product(columns, rows):
         along = (col * y1 - row * x1) / cross * long
         beyond = (x * row - y * col) / cross * long1
         first, second = along - least, beyond - least

@@ -132,7 +132,8 @@ class Smoother:
             cost = self.cost(poses)
             if cost < least * (1 - 1e-9):
                 best, least = poses, cost
-            poses = self._straightened(self._shifted(poses, (step, turn)))
+            shifted = self._shifted(poses, (step, turn))
+            poses = poses if shifted is poses else self._straightened(shifted)
             step, turn = 0.6 * step, 0.6 * turn
         return best
 
@@ -159,13 +160,15 @@ class Smoother:
         return np.concatenate([poses[:1], *pieces[::-1]])
 
     def _shifted(self, poses: Floats, steps: tuple[float, float]) -> Floats:
-        """Poses with knots shifted to where they cost less."""
+        """Poses with knots shifted to where they cost less, or themselves where that is nowhere."""
         from locplan._kernels.smoothing import shift_knots
 
         at = self._knots(poses, max(3.0, 0.75 * self._drive.radius))
         own = np.add.reduceat(self._own(poses), at[:-1])
         knots, curved = poses[at].copy(), np.zeros(len(own), bool)
         shift_knots(self._ground, self._drive, self._body, knots, own, curved, steps)
+        if not curved.any():
+            return poses
         pieces = [
             self._curve(knots[n], knots[n + 1])[1:] if curved[n] else poses[a + 1 : b + 1]
             for n, (a, b) in enumerate(itertools.pairwise(at.tolist()))

@@ -1,8 +1,8 @@
 """Closed-loop drives: a follower steers the robot by the filter's pose.
 
 Unlike an open-loop drive, which follows its path exactly whatever the filter believes, the robot
-leaves the path with the filter's errors, meets walls, and plans again on what it sees. A car-like
-robot stays on its path, since no plan of cells is one that it can drive.
+leaves the path with the filter's errors, meets walls, and plans again on what it sees; a car-like
+robot by the lattice planner, where its outline does not fit along its path.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from locplan.simulation._arrivals import (
 )
 from locplan.simulation._drives import OFF
 from locplan.simulation._own_filters import OwnLoop
-from locplan.simulation._replanning import POINTS, Replanner, at_heading_0
+from locplan.simulation._replanning import POINTS, Replanner, at_heading_0, geared
 from locplan.simulation._simulator import CLOSED, Simulator
 from locplan.simulation._worlds import Stage
 
@@ -163,7 +163,7 @@ class ClosedLoop:
 
     @property
     def _is_car(self) -> bool:
-        """Whether the robot turns on a radius, so that it stays on its path."""
+        """Whether the robot turns on a radius."""
         return self.simulator.robot.kinematics.turning_radius > 0
 
     @cached_property
@@ -192,7 +192,7 @@ class ClosedLoop:
 
     def _has_way(self, name: str, world: Any) -> bool:
         """Whether a disc within the outline fits through a world from the start to the goal; for a
-        car-like robot whether the outline does along the path, on which it stays."""
+        car-like robot whether the outline does along the path."""
         from scipy.ndimage import label
 
         if self._is_car:
@@ -234,8 +234,11 @@ class ClosedLoop:
         while (decision := follow(way)) == follower.PLAN:
             n, at = trace.counts[follower.TICKS], trace.counts[follower.AT]
             way = way[at:]
-            if not self._is_car:
-                new = self.planner.way(way[:, :2], trace.truth[n], trace.believed[n], world)
+            where = trace.truth[n], trace.believed[n], world
+            if self._is_car:
+                way = self.planner.driven(way, *where)
+            else:
+                new = self.planner.way(way[:, :2], *where)
                 way = np.insert(new, 2, 1.0, axis=1)
             trace.counts[follower.AT] = 0
         n = int(trace.counts[follower.TICKS]) + 1
@@ -248,19 +251,15 @@ class ClosedLoop:
         return Arrival.of(outcome, truth, believed, self.paths[name])
 
     def _way(self, name: str) -> tuple[Floats, Floats]:
-        """The way (n, 3) of a path as the follower takes it, and the pose that it begins at."""
+        """The way of a path as the follower takes it, with headings where the robot is a car, and
+        the pose that it begins at."""
         path = self.paths[name].resampled(POINTS, even=True)
         poses = own_axes(self.grid, np.column_stack([path.xy, path.facing]))
-        way, heading = np.insert(poses[:, :2], 2, 1.0, axis=1), poses[0, 2]
-        if not self._is_car:
-            ahead = way[min(len(way) - 1, 6)] - way[0]
-            heading = math.atan2(ahead[1], ahead[0])
-        elif len(way) > 1:
-            steps, middle = np.diff(way[:, :2], axis=0), (poses[1:, 2] + poses[:-1, 2]) / 2
-            ahead = steps[:, 0] * np.cos(middle) + steps[:, 1] * np.sin(middle)
-            way[1:, 2] = np.where(ahead < 0, -1.0, 1.0)
-            way[0, 2] = way[1, 2]
-        return way, np.array([*way[0, :2], heading])
+        if self._is_car:
+            return geared(poses), poses[0]
+        way = np.insert(poses[:, :2], 2, 1.0, axis=1)
+        ahead = way[min(len(way) - 1, 6)] - way[0]
+        return way, np.array([*way[0, :2], math.atan2(ahead[1], ahead[0])])
 
     def _trace(self, random: np.random.Generator, first: Any, ticks: int) -> Any:
         """An empty trace, with this drive's biases of odometry."""

@@ -41,6 +41,46 @@ class Replanner:
         """Cost per metre of each cell on the inflated map, (H, W)."""
         return self._inflated(self.grid.clearance)
 
+    def driven(self, way: Floats, truth: Floats, believed: Floats, world: Any) -> Floats:
+        """A way (n, 4) of a car-like robot round what it sees in its way, by the lattice planner.
+
+        Ways have positions [m], gears and headings [rad]. The new one joins the old one a metre
+        after its first collision. The old one stays where it has none, or where no way is found.
+        """
+        from locplan.costs import Costmap
+        from locplan.planners import Lattice, path_faults
+
+        scene = self._scene(truth, believed, world)
+        if scene is None:
+            return way
+        low, density, walls, window = scene
+        cells = self.grid.cells[window].copy()
+        cells[tuple(walls.T)] = OCCUPIED
+        seen, shift = OccupancyGrid(cells, self.grid.resolution), low[::-1] * self.grid.resolution
+        within = _within(np.floor((way[:, 1::-1] - shift[::-1]) / seen.resolution), cells.shape)
+        near = way[: len(way) if within.all() else int(np.argmin(within))]
+        if len(near) < 2:
+            return way
+        ahead = Path(near[:, :2] - shift, near[:, 3])
+        faults = path_faults(seen, ahead, self.robot)
+        ends = [each.along + each.length for each in faults if each.kind == "collision"]
+        if not ends:
+            return way
+        join = min(int(np.searchsorted(ahead.distance, ends[0] + JOIN[0])), len(near) - 1)
+        costs = Costmap.from_density(seen, density, robot=self.robot)
+        first = (*(believed[:2] - shift).tolist(), float(believed[2]))
+        last = (*ahead.xy[join].tolist(), float(near[join, 3]))
+        if not np.isfinite(
+            [costs.density[costs.cell_of(each[:2])] for each in (first, last)]
+        ).all():
+            return way
+        found = Lattice().solve(costs, first, last).path
+        if found is None:
+            return way
+        even = found.resampled(POINTS, even=True)
+        new = geared(np.column_stack([even.xy + shift, even.facing]))
+        return np.concatenate([new, way[join + 1 :]])
+
     def way(self, way: Any, truth: Any, believed: Any, world: Any) -> Floats:
         """A way (n, 2) from the believed pose back to the path, on the map and what is seen.
 
@@ -50,20 +90,11 @@ class Replanner:
         from locplan._kernels.search import bordered_half, shortest_costs
         from locplan._kernels.ways import trace
 
-        resolution = self.grid.resolution
-        here, reach = np.floor(believed[1::-1] / resolution).astype(int), AROUND / resolution
-        low = np.maximum(here - math.ceil(reach), 0)
-        window = tuple(
-            slice(a, max(b, 0)) for a, b in zip(low, here + math.ceil(reach), strict=True)
-        )
-        density, start = self.density[window].copy(), here - low
-        if not _within(start[None], density.shape).all():
+        scene = self._scene(truth, believed, world)
+        if scene is None:
             return np.asarray(way)
-        # Walls are seen from the true pose, and put where the believed one has them.
-        seen = after_way(believed, way_between(truth, self._seen(truth, world)))
-        walls = np.floor(seen[:, 1::-1] / resolution).astype(int) - low
-        walls = walls[_within(walls, density.shape)]
-        self._add(walls, density)
+        (low, density, walls, window), resolution = scene, self.grid.resolution
+        start = np.floor(believed[1::-1] / resolution).astype(int) - low
         # A robot that stands too near to a wall may leave, at a price.
         leave = int(LEAVE / resolution)
         about = tuple(slice(max(0, each - leave), each + leave + 1) for each in start)
@@ -91,6 +122,25 @@ class Replanner:
             centres = Path(centres).resampled(POINTS).xy
         # The goal stays where it is, and not at the centre of its cell.
         return np.concatenate([centres, way[min(best + 1, len(way) - 1) :]])
+
+    def _scene(self, truth: Any, believed: Any, world: Any) -> tuple[Any, Floats, Ints, Any] | None:
+        """The first cell of the part around the believed pose, its density, the cells of walls that
+        are seen in it, and its slices of the map; None off the map."""
+        resolution = self.grid.resolution
+        here, reach = np.floor(believed[1::-1] / resolution).astype(int), AROUND / resolution
+        low = np.maximum(here - math.ceil(reach), 0)
+        window = tuple(
+            slice(a, max(b, 0)) for a, b in zip(low, here + math.ceil(reach), strict=True)
+        )
+        density = self.density[window].copy()
+        if not _within((here - low)[None], density.shape).all():
+            return None
+        # Walls are seen from the true pose, and put where the believed one has them.
+        seen = after_way(believed, way_between(truth, self._seen(truth, world)))
+        walls = np.floor(seen[:, 1::-1] / resolution).astype(int) - low
+        walls = walls[_within(walls, density.shape)]
+        self._add(walls, density)
+        return low, density, walls, window
 
     def _add(self, walls: Ints, density: Floats) -> None:
         """Raise a density about further walls, cells (n, 2)."""
@@ -120,6 +170,17 @@ class Replanner:
         rows, cols = np.nonzero(stops)
         xy = (np.column_stack([cols + low[1], rows + low[0]]) + 0.5) * resolution
         return at_heading_0(xy[np.hypot(*(xy - truth[:2]).T) <= SIGHT])
+
+
+def geared(poses: Poses) -> Floats:
+    """Poses (n, 3) as a way (n, 4) with their gears before the heading."""
+    way = np.insert(poses, 2, 1.0, axis=1)
+    if len(way) > 1:
+        steps, middle = np.diff(way[:, :2], axis=0), (way[1:, 3] + way[:-1, 3]) / 2
+        ahead = steps[:, 0] * np.cos(middle) + steps[:, 1] * np.sin(middle)
+        way[1:, 2] = np.where(ahead < 0, -1.0, 1.0)
+        way[0, 2] = way[1, 2]
+    return way
 
 
 def at_heading_0(xy: Floats) -> Poses:
