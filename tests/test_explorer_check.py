@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 import shutil
-from contextlib import suppress
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -17,7 +18,6 @@ from test_explorer_work_files import done_again, reproduced
 from test_faults import blocks
 
 import locplan
-from locplan.__main__ import main
 from locplan.errors import LocplanError
 from locplan.explorer import CheckReport, Explorer, Opening, Session
 from locplan.explorer._asks import Ask
@@ -47,11 +47,9 @@ def checked(tmp_path_factory):
     """The folder of a check on a solid map, as the command writes it."""
     folder = tmp_path_factory.mktemp("checked")
     save_map(blocks(), folder / "blocks.yaml")
-    words = ["check", str(folder / "blocks.yaml"), "--quick", "-o", str(folder / "report")]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sys.argv", ["locplan", *words, "--set=range=6", "--set=beams=120"])
-        with suppress(SystemExit):
-            main()
+    words = ["check", folder / "blocks.yaml", "--quick", "-o", folder / "report"]
+    words += ["--set=range=6", "--set=beams=120"]
+    subprocess.run([sys.executable, "-m", "locplan", *map(str, words)], check=True)
     return folder / "report"
 
 

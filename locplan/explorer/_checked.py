@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path as Folder
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from locplan._util.checks import file_path
 from locplan._util.reading import MAX_BYTES, document, read_content
@@ -39,6 +39,8 @@ class CheckReport:
     """The map: that of the check, or the one that it wrote with the right threshold."""
     robot: Robot
     """The robot that was checked."""
+    stride: ClassVar[float] = 0.4
+    """Spacing of the field that a check takes, which is in the cache then [m]."""
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> CheckReport:
