@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import math
 import shutil
-from contextlib import suppress
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from conftest import refused
 from explorer_page import browser_file, served
+from explorer_server import fetched, served as served_plainly
 from explorer_views import GOAL, START, WAY, answered, corridors, session_of
 from test_explorer_page import visit  # noqa: F401
 from test_explorer_work_files import done_again, reproduced
 from test_faults import blocks
 
 import locplan
-from locplan.__main__ import main
 from locplan.errors import LocplanError
 from locplan.explorer import CheckReport, Explorer, Opening, Session
-from locplan.explorer._asks import Ask
 from locplan.field import FieldConfig, Fisher, load_or_compute
 from locplan.maps import hollowed, load_map, save_map
 from locplan.planners import plan
@@ -47,11 +48,9 @@ def checked(tmp_path_factory):
     """The folder of a check on a solid map, as the command writes it."""
     folder = tmp_path_factory.mktemp("checked")
     save_map(blocks(), folder / "blocks.yaml")
-    words = ["check", str(folder / "blocks.yaml"), "--quick", "-o", str(folder / "report")]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sys.argv", ["locplan", *words, "--set=range=6", "--set=beams=120"])
-        with suppress(SystemExit):
-            main()
+    words = ["check", folder / "blocks.yaml", "--quick", "-o", folder / "report"]
+    words += ["--set=range=6", "--set=beams=120"]
+    subprocess.run([sys.executable, "-m", "locplan", *map(str, words)], check=True)
     return folder / "report"
 
 
@@ -164,7 +163,6 @@ def test_drives_have_the_mended_map_in_their_filter():
     own = locplan.choose(
         *(grid, start, goal, session.robot),
         costs=config,
-        compute=session.view(Ask("simulate", 0, way)).field_at,
         drives=4,
         filter_map=hollowed(grid),
     )
@@ -175,15 +173,20 @@ def test_drives_have_the_mended_map_in_their_filter():
 
 
 def test_an_edit_stays_on_the_mended_map_of_a_report(checked):
-    session = session_on(checked)
-    x, y = session.opening.report.about["trips"][0]["start"]
-    stroke = {"tool": "pole", "points": [[x, y]], "width": 0.4}
-    answered(session, "edit", strokes=[stroke])
-    session.latest.result(60)
-    view = session.view(Ask("at", 0, {"start": [x + 1, y], "goal": [x + 1, y], "mended": True}))
-    assert view.filter_map.cells[view.grid.world_to_cell(x, y)] == locplan.maps.OCCUPIED
-    same = view.grid.cells == blocks().cells
-    assert (view.filter_map.cells[same] == hollowed(blocks()).cells[same]).all()
+    report = CheckReport.read(checked)
+    x, y = report.about["trips"][0]["start"]
+    config = config_of(report.robot)
+    with served_plainly(load_map(report.map_file), config, report=report) as server:
+        session = server.session
+        stroke = {"tool": "pole", "points": [[x, y]], "width": 0.4}
+        answered(session, "edit", strokes=[stroke])
+        _, _, packed = fetched(server, f"/data/cells/{session.grid.digest}/mended")
+        cells = np.frombuffer(gzip.decompress(packed), np.uint8).reshape(session.grid.shape)[::-1]
+    assert cells[session.grid.world_to_cell(x, y)] == 3  # occupied, and not marked
+    same = session.grid.cells == blocks().cells
+    marked = hollowed(blocks()).cells != blocks().cells
+    assert marked.any()
+    assert ((cells == 2) == marked)[same].all()
 
 
 def test_the_copied_command_has_the_mended_map(checked, tmp_path):

@@ -18,7 +18,7 @@ from locplan.cli._robot_options import FieldOptions, RobotOptions
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
-    from locplan import Lidar, Robot
+    from locplan import FieldConfig, Lidar, Robot
     from locplan.explorer import CheckReport
 
 
@@ -94,6 +94,13 @@ class explore(FieldOptions, Ends, CostOptions, Reference, Cached, Threads):
                 page.wait()
             except KeyboardInterrupt:  # the usual end of this command
                 end_if_supervised(0)
+
+    def robot_and_field(self) -> tuple[Robot, FieldConfig]:
+        """The robot and the settings of the field, which are those of the check on a report."""
+        robot, config = super().robot_and_field()
+        if self.check and self.stride is None and self.config is None:
+            config = dataclasses.replace(config, stride=locplan.explorer.CheckReport.stride)
+        return robot, config
 
     def load_robot(self, lidar: Lidar | None = None, *, recorded: bool = False) -> Robot:
         """The robot, that of the report where there is one."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path as Folder
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from locplan._util.checks import file_path
 from locplan._util.reading import MAX_BYTES, document, read_content
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from locplan.explorer._asks import Ask, Work
     from locplan.explorer._session import Session
 
-REMEDY = "name the folder that locplan check -o has written"
-
 
 @dataclass(frozen=True, eq=False)
 class CheckReport:
@@ -39,6 +37,8 @@ class CheckReport:
     """The map: that of the check, or the one that it wrote with the right threshold."""
     robot: Robot
     """The robot that was checked."""
+    stride: ClassVar[float] = 0.4
+    """Spacing of the field that a check takes, which is in the cache then [m]."""
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> CheckReport:
@@ -55,20 +55,17 @@ class CheckReport:
             If it is none, is damaged, or its map is gone or another one by now.
         """
         folder = Folder(file_path("a report", path))
-        file = folder / "check.json"
+        file, remedy = folder / "check.json", "name the folder that locplan check -o has written"
         for each in (file, folder / RUN_FILE):
             if not each.is_file():
-                raise LocplanError(f"{folder}: has no {each.name}; {REMEDY}")
-        about = document(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
+                raise LocplanError(f"{folder}: has no {each.name}; {remedy}")
+        about = document(file, read_content(file, MAX_BYTES, remedy), remedy)
         run = Run.read(folder)
         try:
             robot = Robot.from_summary(about["robot"])
             digest, named = about["map"]["digest"], run.settings["map"]
             recommended = [*about["recommended"]]
-            read = [(each["name"], each["start"][1], each["goal"][1]) for each in about["trips"]]
-            read += [(each["letter"], each["x"], each["y"]) for each in about["weak_spots"]]
-            read += [(each["kind"], each["lost"], each["title"]) for each in about["cures"]]
-            read += [(about["trips"][0]["lost"][0], about["next"]["sentence"], about["as_is"])]
+            _check_shown(about)
         except (LookupError, TypeError, ConfigError):
             raise LocplanError(f"{file}: is damaged, or of another locplan; check again") from None
         own = Folder(str(named))
@@ -100,6 +97,17 @@ class CheckReport:
         """The path to take of a trip, where the check recommends another one than the shortest."""
         file = self.folder / f"{file_name(trip)}.csv"
         return Path.load(file) if "paths" in self.about["recommended"] and file.is_file() else None
+
+
+def _check_shown(about: Mapping[str, Any]) -> None:
+    """Raise a LookupError or a TypeError if something is missing that the page shows."""
+    for each in about["trips"]:
+        _ = each["name"], each["lost"][0], each["start"][1], each["goal"][1]
+    for each in about["weak_spots"]:
+        _ = each["letter"], each["x"], each["y"]
+    for each in about["cures"]:
+        _ = each["kind"], each["lost"], each["title"]
+    _ = about["trips"][0], about["next"]["sentence"], about["as_is"]
 
 
 def checked(session: Session, ask: Ask, work: Work) -> dict[str, object]:

@@ -55,7 +55,7 @@ def plan(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     nothing = about | {"aware": None, "shortest": None}
     searches = Searches(session.kept, scene, work.cancel.check)
     weights = (SHORTEST_WEIGHT, weight) if scene.field else (SHORTEST_WEIGHT,)
-    if planner_of(ask) and scene.field and held is None and not ask.flag("draft"):
+    if _is_for_lattice(ask, scene, held):
         return about | _by_lattice(searches, headed(ask, stops), weight)
     if ask.flag("draft") and _has_drafts(session, scene.costs.grid):
         drafts = [searches.path(stops, each, held, draft=True) for each in weights]
@@ -77,6 +77,12 @@ def plan(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     # Any-angle paths are improved from two beginnings, and the better one of the two counts.
     shortest, aware = (min(answers, key=lambda one: one[by]) for by in ("length", "cost"))
     return about | {"aware": aware, "shortest": shortest}
+
+
+def _is_for_lattice(ask: Ask, scene: Scene, held: int | None) -> bool:
+    """Whether a plan is one of the lattice planner: while something moves it is that of a circle."""
+    rests = held is None and not ask.flag("draft")
+    return rests and scene.field is not None and planner_of(ask) is not None
 
 
 def _by_lattice(searches: Searches, stops: Sequence[Position], weight: float) -> dict[str, Any]:

@@ -141,13 +141,9 @@ def reproduce(session: Session, ask: Ask, work: Work) -> dict[str, str]:
     shell = dataclasses.replace(recipe, notes=[*notes, *unsaid]).shell
     if drives:
         shell += " --output chosen"
-    if "filter_map" in settings and MENDED in settings["filter_map"].words:
+    if "filter_map" in settings and "locplan.mend(" in settings["filter_map"].code:
         shell = f"locplan mend {shlex.quote(as_argument(recipe.map_file))} --output mended\n{shell}"
     return {"shell": shell, "python": f"{recipe.python}\nprint(result.table())\n"}
-
-
-MENDED = "mended/map_amcl.yaml"
-"""File that the copied command has written by `locplan mend`, where no report has one."""
 
 
 def _end(name: str, pose: Position) -> Any:
@@ -162,7 +158,11 @@ def _filter_map(session: Session, view: View) -> dict[str, Any]:
     """The setting of the filter's map, if it is not the one that is driven in."""
     if view.filter_map is None:
         return {}
-    report, file, code = session.opening.report, MENDED, "locplan.mend(grid).filter_map"
+    report, file, code = (
+        session.opening.report,
+        "mended/map_amcl.yaml",
+        "locplan.mend(grid).filter_map",
+    )
     if report and report.filter_file:
         file = str(report.filter_file)
         code = f"locplan.load_map({file!r})"
