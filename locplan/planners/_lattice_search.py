@@ -14,7 +14,14 @@ from locplan._kernels.arrays import Array, Floats
 from locplan._kernels.outlines import TOUCH
 from locplan.costs import Costmap, Path
 from locplan.planners._grid import cheapest_cells
-from locplan.planners._primitives import Prices, angles_of, masked_ground, moves_of, primitives
+from locplan.planners._primitives import (
+    Prices,
+    Primitive,
+    angles_of,
+    masked_ground,
+    moves_of,
+    primitives,
+)
 from locplan.planners._protocol import Found, Position
 from locplan.robots import Kinematics, Robot
 
@@ -37,7 +44,7 @@ class LatticeSearch:
         kinematics = robot.kinematics if robot else Kinematics()
         radius = kinematics.turning_radius / grid.resolution
         every = primitives(headings, radius, kinematics.drive == "omnidirectional", span)
-        self._primitives = tuple(each for each in every if not each.leads_off(grid.shape))
+        self._primitives = tuple(each for each in every if not _leads_off(each, grid.shape))
         ground = masked_ground(self._primitives, robot.outline if robot else None, costs)
         moves, self._made = moves_of(self._primitives, kinematics, prices, costs)
         change = prices.gear_change / grid.resolution if kinematics.reverse else 0.0
@@ -186,6 +193,12 @@ class LatticeSearch:
         note = f"none of the motions between {headings} headings and cells of {edge:g} m lead to"
         note += " the goal with the robot's outline, drive and turning radius"
         return Found(status="infeasible", note=note, expanded=expanded)
+
+
+def _leads_off(motion: Primitive, shape: tuple[int, ...]) -> bool:
+    """Whether a motion is a turn too wide for a map of a shape, from wherever it begins."""
+    turns = motion.source != motion.target
+    return turns and any(abs(n) >= size for n, size in zip(motion.end, shape, strict=True))
 
 
 def _is_reversible(robot: Robot | None) -> bool:

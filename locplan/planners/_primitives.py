@@ -59,11 +59,6 @@ class Primitive:
             return 0.0
         return abs(math.remainder(self.poses[-1][2] - self.poses[0][2], 2 * math.pi))
 
-    def leads_off(self, shape: tuple[int, ...]) -> bool:
-        """Whether it is a turn too wide for a map of a shape, from wherever it begins."""
-        turns = self.source != self.target
-        return turns and any(abs(n) >= size for n, size in zip(self.end, shape, strict=True))
-
     @property
     def neutral(self) -> bool:
         """True if it leads neither ahead nor, driven from its end, in reverse."""
@@ -129,15 +124,10 @@ def _turns(
     long, long1 = math.hypot(x, y), math.hypot(x1, y1)
     least = radius * math.tan(abs(turn) / 2)
     # The ends lie in a parallelogram from the least turn's end on.
-    col, row = (
-        least * (one / long + other / long1) for one, other in zip(ahead, after, strict=True)
-    )
-    columns = range(
-        math.floor(col + min(0, x, x1, x + x1)), math.ceil(col + max(0, x, x1, x + x1)) + 1
-    )
-    rows = range(
-        math.floor(row + min(0, y, y1, y + y1)), math.ceil(row + max(0, y, y1, y + y1)) + 1
-    )
+    near, reach = least * (x / long + x1 / long1), math.ceil(long + long1)
+    columns = range(math.floor(near) - reach, math.ceil(near) + reach + 1)
+    near = least * (y / long + y1 / long1)
+    rows = range(math.floor(near) - reach, math.ceil(near) + reach + 1)
     found = []
     for col, row in itertools.product(columns, rows):
         along = (col * y1 - row * x1) / cross * long

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -67,12 +67,12 @@ class Replanner:
         if not ends:
             return way
         join = min(int(np.searchsorted(ahead.distance, ends[0] + JOIN[0])), len(near) - 1)
-        costs = Costmap.from_density(seen, density, robot=self.robot)
+        robot = replace(self.robot, margin=0.0, goal_tolerance=0.0)
+        costs = Costmap.from_density(seen, density, robot=robot)
         first = (*(believed[:2] - shift).tolist(), float(believed[2]))
         last = (*ahead.xy[join].tolist(), float(near[join, 3]))
-        if not np.isfinite(
-            [costs.density[costs.cell_of(each[:2])] for each in (first, last)]
-        ).all():
+        cells_of_ends = (seen.world_to_cell(*each[:2]) for each in (first, last))
+        if not all(np.isfinite(costs.density[cell]) for cell in cells_of_ends):
             return way
         found = Lattice().solve(costs, first, last).path
         if found is None:
@@ -95,10 +95,6 @@ class Replanner:
             return np.asarray(way)
         (low, density, walls, window), resolution = scene, self.grid.resolution
         start = np.floor(believed[1::-1] / resolution).astype(int) - low
-        # A robot that stands too near to a wall may leave, at a price.
-        leave = int(LEAVE / resolution)
-        about = tuple(slice(max(0, each - leave), each + leave + 1) for each in start)
-        density[about] = np.minimum(density[about], LEAVING)
         density[self.grid.cells[window] != FREE] = np.inf
         density[tuple(walls.T)] = np.inf
         density[tuple(start)] = LEAVING
@@ -140,6 +136,10 @@ class Replanner:
         walls = np.floor(seen[:, 1::-1] / resolution).astype(int) - low
         walls = walls[_within(walls, density.shape)]
         self._add(walls, density)
+        # A robot that stands too near to a wall may leave, at a price.
+        leave = int(LEAVE / resolution)
+        about = tuple(slice(max(0, each - leave), each + leave + 1) for each in here - low)
+        density[about] = np.minimum(density[about], LEAVING)
         return low, density, walls, window
 
     def _add(self, walls: Ints, density: Floats) -> None:
