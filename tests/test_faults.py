@@ -151,7 +151,8 @@ def test_results_are_written_and_drawn(tmp_path):
     assert {"faults.json", "faults.csv", "faults.png"} <= {each.name for each in tmp_path.iterdir()}
     assert "solid walls: walls are black inside" in found.report()
     assert found.summary()["faults"][0]["sure"] is True
-    assert "no fault" in faults(drawn(" ###", " #.#", " ###")).report()
+    assert "no fault" in faults(drawn(" ###", " #.#", " ###", resolution=0.5)).report()
+    assert "coarse cells: cells of 1 m" in faults(drawn(" ###", " #.#", " ###")).report()
 
 
 @pytest.mark.long

@@ -291,7 +291,7 @@ def test_names_tell_masks_by_whole_words(tmp_path):
 
 
 def test_a_yaw_is_said_to_count_here_and_degrees_are_suspected():
-    grid = drawn("###", "#.#", "###")
+    grid = drawn("###", "#.#", "###", resolution=0.5)
     turned = replace(grid, origin=(0.0, 0.0, 0.5))
     assert "yaw of 28.65 deg counts" in misleading(turned)[0]
     assert "looks like degrees" in misleading(replace(grid, origin=(0.0, 0.0, 90.0)))[0]

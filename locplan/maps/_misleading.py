@@ -18,7 +18,7 @@ from locplan.maps._source import DARK, ROWS, MapSource
 
 MIN_SHARE = 0.01
 """Minimum share of the pixels, or of the image's edge, that is worth a sentence."""
-SPECK, SPECKS, COARSE = 3, 1.0, 0.3
+SPECK, SPECKS, COARSE = 3, 1.0, 0.5
 """Maximum size of a speck [cells], the number of specks a square metre that is too many, and the
 size of cells from which on they are coarse [m]."""
 
