@@ -90,7 +90,13 @@ def test_recorded_drives_calibrate_the_robot_and_give_a_wrong_resolution(tmp_pat
     assert walls.ratio.value != 1  # the world is as large as it is, and no larger than the map
     assert "resolution" in {each.kind for each in found.faults}
     said = "\n".join(found.recorded)
-    for words in ("drive 1: the filter", "drive 2: the filter", "lidar as", "odometry as", "walls"):
+    for words in (
+        "drive 1: it has too few scans",
+        "drive 2: it has",
+        "lidar as",
+        "odometry as",
+        "walls",
+    ):
         assert words in said
     assert found.site.robot.odometry != ROBOT.odometry
     assert found.site.robot.filter == ROBOT.filter

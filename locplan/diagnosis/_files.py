@@ -59,7 +59,7 @@ def write_files(folder: Folder, check: Check, params: Folder | None) -> None:
     if PATHS in kinds:
         for name, path in check.changed_paths.items():
             path.save(folder / name)
-        if mask := check.made[PATHS]:
+        if mask := check.made.get(PATHS):
             base = tuned if params and tuned.exists() else params
             ways = {file.removesuffix(".csv"): each for file, each in check.changed_paths.items()}
             nav2_keepout(folder / "mask", mask, params=base, paths=ways)

@@ -91,6 +91,8 @@ def _replayed(drive: Recording, grid: OccupancyGrid, robot: Robot, seed: int) ->
     if drive.odometry is None:
         return ["it has no odometry, so that the filter cannot be run on it"]
     done = replay(drive, grid, robot, runs=10, seed=seed)
+    if done.is_sparse:
+        return ["it has too few scans to tell how the filter does; record every scan"]
     lost = in_percent(done.drives.lost_rate)
     error = in_metres(done.drives.typical_rmse.value)
     return [f"the filter, run on all of it, is usually off by {error}, and by over 1 m in {lost}"]

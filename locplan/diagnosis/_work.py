@@ -127,17 +127,20 @@ class Work:
         field: CovarianceField,
         progress: ProgressCallback,
     ) -> Iterator[Cure]:
-        """Try the cures that suit, each as far as it leads."""
-        first, second, third = parts(progress, [100, 150, 200])
+        """Try the cures that suit, each as far as it leads; other paths where none cures."""
+        first, second, third = parts(progress, [100, 200, 150])
         every = [*cures.remedies(self.site, reading, mended)]
         every += filter(None, [self._settings(first)])
-        if self.effort.choosing and self._before.lost.any():
-            choices = self._choices(costs, field, second)
-            every += filter(None, [cures.chosen_paths(self.site, choices, self._score)])
-        steps = parts(third, [200 // max(1, len(every))] * len(every))
+        lost = self._before.lost.any()
+        steps = parts(second, [200 // max(1, len(every))] * len(every))
         for remedy, step in zip(every, steps, strict=True):
-            yield self._tried(remedy)
+            yield (cure := self._tried(remedy))
+            lost &= not (keeps_more(cure.verdict, cure.gain) and is_seldom(cure.rates.lost))
             step(200 // len(every), 200)
+        if self.effort.choosing and lost:
+            choices = self._choices(costs, field, third)
+            if made := cures.chosen_paths(self.site, choices, self._score):
+                yield self._tried(made)
 
     def _score(self, site: Site) -> float:
         return contrast(self._before_few, self._drive_few(site)).score
