@@ -64,8 +64,9 @@ def test_kernels_are_those_of_plain_loops(seed):
     ends[1, 2:5] = np.nan
     ends[2, 0] = origins[2]
     for margin in (0.0, 2.0):
-        counts = count_scans((20, 22), origins, ends, margin)
-        assert np.array_equal(counts, naive.count_scans((20, 22), origins, ends, margin))
+        for stops in (np.zeros((20, 22), bool), random.random((20, 22)) < 0.05):
+            counts = count_scans(stops, origins, ends, margin)
+            assert np.array_equal(counts, naive.count_scans(stops, origins, ends, margin))
         walls = random.random((20, 22)) < 0.05
         near = walls | (random.random((20, 22)) < 0.5)
         found = explained_beams(walls, near, origins, ends, margin)

@@ -14,8 +14,9 @@ from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
 
 RANGE, BEAMS, SIGMA, OUTLIERS = 3.5, 60, 0.02, 0.1
 """Range [m] and beams of the lidar of the check, deviation of a range [m], share of outliers."""
-SCANS, POSES, TRIES = 80, 1500, 600
-"""Numbers of the scans, of the wrong poses of each, and of the places that are tried for them."""
+SCANS, POSES, TRIES, WHOLE = 80, 1500, 600, 2**22
+"""Numbers of the scans, of the wrong poses of each, of the places that are tried for them, and of
+the cells up to which a map is scored as a whole."""
 NEAREST, FARTHEST, MAX_TURN = 0.5, 3.0, 20.0
 """Distances of the wrong poses [m], and their greatest turn [deg]."""
 CLEARANCE = 0.25
@@ -107,13 +108,16 @@ def _solidity(grid: OccupancyGrid) -> Solidity:
     if not inside.any():
         return Solidity(0.0, 0.0, 0.0)
     wins, count, moves = np.zeros(2), 0, _moves(grid.resolution)
+    beyond, too_near = (float(_score(np.float64(each))) for each in (MAX_DISTANCE, CLEARANCE))
+    before, both = (slice(0), slice(0)), [np.empty((0, 0), np.float32)]
     for around, pose, ends in _scans(grid):
-        occupied = (grid.cells[around] == OCCUPIED).view(np.uint8)
-        scores, beyond = _scores(occupied, grid.resolution)
-        if scores[int(pose[0]), int(pose[1])] > _score(np.float64(CLEARANCE)):
+        if around != before:
+            occupied = grid.cells[around] == OCCUPIED
+            rims, before = occupied & ~inside[around], around
+            both = [_scores(each.view(np.uint8), grid.resolution) for each in (occupied, rims)]
+        if both[0][int(pose[0]), int(pose[1])] > too_near:
             continue
-        rims = occupied & ~inside[around].view(np.uint8)
-        for n, each in enumerate((scores, _scores(rims, grid.resolution)[0])):
+        for n, each in enumerate(both):
             wins[n] += wrong_pose_wins(each, beyond, ends, pose, moves)
         count += 1
         if count == SCANS:
@@ -146,12 +150,14 @@ def _scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], Floats, F
     angles = np.linspace(-np.pi, np.pi, BEAMS, endpoint=False)
     lidar = Lidar(angles, 0.0, 0.0, 0.0, SIGMA, 0.0, RANGE)
     noise = BeamDisturbances(OUTLIERS, 0.2, np.radians(20.0), 0.5, 2.0)
+    before, squares = (slice(0), slice(0)), np.empty((0, 0), np.uint8)
     for row, col in _places(grid, random):
         seen, pose = _window(grid, row, col, RANGE), np.empty(3)
         first = seen[0].start, seen[1].start
         pose[:] = row - first[0], col - first[1], random.uniform(-np.pi, np.pi)
         ends = np.empty((BEAMS, 2))
-        squares = empty_squares(grid.cells[seen] == OCCUPIED)
+        if seen != before:
+            before, squares = seen, empty_squares(grid.cells[seen] == OCCUPIED)
         measured_ends(random, squares, grid.resolution, pose, lidar, noise, ends)
         if np.isfinite(ends[:, 0]).sum() < BEAMS / 3:
             continue
@@ -169,8 +175,11 @@ def _places(grid: OccupancyGrid, random: np.random.Generator) -> Iterator[tuple[
 
 
 def _window(grid: OccupancyGrid, row: float, col: float, reach: float) -> tuple[slice, slice]:
-    """Rows and columns around a position [cells], as far as so many metres, within the map."""
-    far = int(reach / grid.resolution) + 1
+    """Rows and columns around a position [cells], as far as so many metres, or the whole map.
+
+    The whole of a map costs less than the windows of all scans, unless it is large.
+    """
+    far = int(reach / grid.resolution) + 1 if grid.cells.size > WHOLE else max(grid.shape)
     rows, cols = (
         slice(max(0, int(at) - far), min(size, int(at) + far + 1))
         for at, size in zip((row, col), grid.shape, strict=True)
@@ -178,15 +187,14 @@ def _window(grid: OccupancyGrid, row: float, col: float, reach: float) -> tuple[
     return rows, cols
 
 
-def _scores(occupied: Octets, resolution: float) -> tuple[Singles, float]:
-    """What a beam adds that ends in each cell, and what one adds that ends outside."""
+def _scores(occupied: Octets, resolution: float) -> Singles:
+    """What a beam adds that ends in each cell."""
     import cv2
 
-    beyond = float(_score(np.float64(MAX_DISTANCE)))
     if not occupied.any():
-        return np.full(occupied.shape, beyond, np.float32), beyond
+        return np.full(occupied.shape, _score(np.float64(MAX_DISTANCE)), np.float32)
     distance = cv2.distanceTransform(1 - occupied, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return _score(np.minimum(distance * np.float32(resolution), np.float32(MAX_DISTANCE))), beyond
+    return _score(np.minimum(distance * np.float32(resolution), np.float32(MAX_DISTANCE)))
 
 
 def _score(distance: Singles | np.float64) -> Singles:

@@ -17,9 +17,9 @@ from locplan.field import position_axes
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.recordings import RangeFit, Recording, match_scans, range_fit
 
-CROSSED, TIMES, HITS = 5, 3, 3
-"""Number of scans that see through a wall that is none, in times of those that end there, and of
-scans that end at a wall that is missing."""
+CROSSED, CROSSED_SURELY, TIMES, HITS = 5, 2, 3, 3
+"""Number of scans that see through a wall that is none; of such that pass no other wall; in times
+of those that end there; and of scans that end at a wall that is missing."""
 BLOCK = 5.0
 """Length of the pieces of a drive that are held out in turn [m]."""
 BAD_POSES = 0.04
@@ -200,22 +200,32 @@ def _margin(grid: OccupancyGrid) -> float:
 
 
 def _changes(grid: OccupancyGrid, beams: _Beams) -> tuple[Bools, Bools, float]:
-    """Cells of missing and of false walls, and the share of the walls in view that are such."""
+    """Cells of missing and of false walls, and the share of the walls in view that are such.
+
+    A beam that passes a wall at which others end is wrong from there on: without it two scans tell
+    what else takes five, and what is beside a false wall's middle is erased with it.
+    """
+    walls, margin = grid.cells == OCCUPIED, _margin(grid)
+    passed, hit, around = _counted(np.zeros_like(walls), beams, margin / grid.resolution)
+    kept = walls & ((passed < CROSSED) | (passed <= TIMES * around))
+    beside = _changed(grid, kept, walls).closer_than(margin) if kept.any() else kept
+    missing = (hit >= HITS) & (passed <= TIMES * hit) & ~beside & ~walls
+    met = (around >= HITS) & (passed <= TIMES * around)
+    passed, _, around = _counted(missing | (walls & met), beams, margin / grid.resolution)
+    false = walls & (passed >= CROSSED_SURELY) & (passed > TIMES * around)
+    in_view = np.count_nonzero(walls & ((passed > 0) | (around > 0)))
+    return missing, false, float(false.sum() / max(in_view, 1))
+
+
+def _counted(stops: Bools, beams: _Beams, margin: float) -> tuple[Ints, Ints, Floats]:
+    """Numbers of the scans that pass each cell, that end in it, and that end in it or beside it."""
     import cv2
 
     from locplan._kernels.walls import count_scans
 
-    margin = _margin(grid)
-    passed, hit = count_scans(grid.shape, beams.origins, beams.ends, margin / grid.resolution)
+    passed, hit = count_scans(stops, beams.origins, beams.ends, margin)
     # A beam ends a cell beside the one that it met, by its noise and by the map's rounding.
-    around = cv2.boxFilter(hit.astype(np.float32), -1, (3, 3), normalize=False)
-    walls = grid.cells == OCCUPIED
-    false = walls & (passed >= CROSSED) & (passed > TIMES * around)
-    kept = _changed(grid, np.zeros_like(false), false)
-    beside = kept.closer_than(margin) if (kept.cells == OCCUPIED).any() else false
-    missing = (hit >= HITS) & (passed <= TIMES * hit) & ~beside & ~walls
-    in_view = np.count_nonzero(walls & ((passed > 0) | (around > 0)))
-    return missing, false, float(false.sum() / max(in_view, 1))
+    return passed, hit, cv2.boxFilter(hit.astype(np.float64), -1, (3, 3), normalize=False)
 
 
 def _changed(grid: OccupancyGrid, added: Bools, removed: Bools) -> OccupancyGrid:
