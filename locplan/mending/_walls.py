@@ -58,7 +58,8 @@ class WallUpdate:
         Nothing is drawn on a map whose resolution is wrong, which explains everything.
         """
         changes = self.added.any() or self.removed.any()
-        return self.gain.low > 0 and bool(changes) and not self.ranges.is_scaled
+        # Maps of real logs that are true gain up to .001 by what the mapping rounded.
+        return self.gain.low > 0.002 and bool(changes) and not self.ranges.is_scaled
 
     @property
     def sentence(self) -> str:
@@ -202,9 +203,11 @@ def _margin(grid: OccupancyGrid) -> float:
 def _changes(grid: OccupancyGrid, beams: _Beams) -> tuple[Bools, Bools, float]:
     """Cells of missing and of false walls, and the share of the walls in view that are such.
 
-    A beam that passes a wall at which others end is wrong from there on: without it two scans tell
-    what else takes five, and what is beside a false wall's middle is erased with it.
+    A beam that passes a wall at which others end is wrong from there on. Without such beams two
+    scans tell what else takes five, and one scan tells of what is connected with that.
     """
+    import cv2
+
     walls, margin = grid.cells == OCCUPIED, _margin(grid)
     passed, hit, around = _counted(np.zeros_like(walls), beams, margin / grid.resolution)
     kept = walls & ((passed < CROSSED) | (passed <= TIMES * around))
@@ -212,7 +215,9 @@ def _changes(grid: OccupancyGrid, beams: _Beams) -> tuple[Bools, Bools, float]:
     missing = (hit >= HITS) & (passed <= TIMES * hit) & ~beside & ~walls
     met = (around >= HITS) & (passed <= TIMES * around)
     passed, _, around = _counted(missing | (walls & met), beams, margin / grid.resolution)
-    false = walls & (passed >= CROSSED_SURELY) & (passed > TIMES * around)
+    seen = walls & (passed > TIMES * around)
+    _, labels = cv2.connectedComponents(seen.view(np.uint8), connectivity=8)
+    false = seen & np.isin(labels, labels[seen & (passed >= CROSSED_SURELY)])
     in_view = np.count_nonzero(walls & ((passed > 0) | (around > 0)))
     return missing, false, float(false.sum() / max(in_view, 1))
 
