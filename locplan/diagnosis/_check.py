@@ -17,7 +17,7 @@ from locplan.diagnosis._weak_spots import WeakSpot, weak_spots
 from locplan.diagnosis._work import EFFORTS, Work
 from locplan.errors import ConfigError
 from locplan.field import FieldConfig, Fused, equipped, load_or_compute
-from locplan.maps import MapFaults, OccupancyGrid, check_grid, faults, read_map
+from locplan.maps import MapFaults, OccupancyGrid, as_meant, check_grid, faults, read_map
 from locplan.recordings import Recording, fit_to_map, replay
 from locplan.robots import Amcl, Robot
 from locplan.twins import PLACE_SPACING, find_twins
@@ -106,7 +106,7 @@ def check(
     map_faults = faults(grid, source)
     _refuse_masks(map_faults)
     told(in_short.faults(map_faults))
-    world = cures.as_meant(grid, source)
+    world = as_meant(grid, source)
     recorded = _recorded(recordings, grid, robot, seed, threads)
     for each in recorded:
         told(each)

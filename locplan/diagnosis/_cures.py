@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import re
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path as File
 from typing import Any
-
-import numpy as np
 
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import Costmap, Path
 from locplan.diagnosis._driving import Driver, Outcome, Site, contrast, keeps_more
 from locplan.errors import ConfigError
 from locplan.landmarks import Landmarks, Pole, place_landmarks, with_objects
-from locplan.maps import MapFaults, MapSource, OccupancyGrid, read_map
+from locplan.maps import MapFaults
 from locplan.mending import mend
 from locplan.robots import Amcl
 from locplan.simulation import choose
@@ -49,49 +44,11 @@ class Remedy:
     """Gives the site with it."""
 
 
-def as_meant(grid: OccupancyGrid, source: MapSource | None) -> OccupancyGrid:
-    """The map with dark greys read as walls, where its thresholds leave many of them unknown.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map as its file says.
-    source : MapSource or None
-        How it was read.
-    """
-    if source is None or not source.dark_unknown or source.mode != "trinary":
-        return grid
-    walls = np.count_nonzero(grid.cells == 0)
-    if source.dark_unknown <= walls / 2:
-        return grid
-    with tempfile.TemporaryDirectory() as folder:
-        file = File(folder) / "map.yaml"
-        file.write_text(rewritten(source), "utf-8")
-        return dataclasses.replace(read_map(file)[0], name=grid.name)
-
-
-def rewritten(source: MapSource) -> str:
-    """A map's YAML with thresholds by which dark greys are walls; the image is named in full.
-
-    Parameters
-    ----------
-    source : MapSource
-        How the map was read.
-    """
-    file = File(source.file)
-    lines = file.read_text("utf-8").splitlines()
-    image = (file.parent / source.image).resolve()
-    values = {"image": f'"{image}"', "occupied_thresh": "0.3"}
-    values["free_thresh"] = f"{min(source.free_thresh, 0.196):g}"
-    kept = [line for line in lines if not re.match(rf"({'|'.join(values)})\s*:", line)]
-    return "\n".join([*kept, *(f"{name}: {value}" for name, value in values.items())]) + "\n"
-
-
 def remedies(site: Site, found: MapFaults, seed: int, threads: int | None) -> Iterator[Remedy]:
     """The cures of the map and of the robot's file that suit a site."""
     if site.filter_map is not site.world:
         yield Remedy(
-            *(WALLS, "dark greys read as walls", "one number in the map's YAML"),
+            *(WALLS, "mended thresholds of the map", "one number in the map's YAML"),
             lambda old: dataclasses.replace(old, filter_map=old.world),
         )
     if any(each.kind in ("solid walls", "specks") for each in found):

@@ -24,13 +24,12 @@ from locplan.diagnosis._cures import (
     REACH,
     SETTINGS,
     WALLS,
-    rewritten,
 )
 from locplan.diagnosis._driving import BETTER, STOPPED, Site, keeps_more
 from locplan.diagnosis._weak_spots import WeakSpot
 from locplan.export import write_filter_map
 from locplan.landmarks import Landmarks
-from locplan.maps import MapFaults, MapSource, OccupancyGrid, save_map
+from locplan.maps import MapFaults, MapSource, OccupancyGrid, meant_header, save_map
 from locplan.simulation import LOST, write_tuned
 
 SELDOM = 0.01
@@ -276,7 +275,7 @@ class Check(Result):
         if {REACH, SETTINGS} & {*self.recommended}:
             write_tuned(folder / "nav2_params.yaml", self.cured.robot.amcl, params)
         if WALLS in self.recommended and self.source:
-            (folder / "map.yaml").write_text(rewritten(self.source), "utf-8")
+            (folder / "map.yaml").write_text(meant_header(self.source), "utf-8")
         if MEND in self.recommended:
             write_filter_map(folder, self.cured.filter_map)
         if LANDMARKS in self.recommended and self.placed:

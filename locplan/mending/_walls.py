@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from locplan._util.intervals import Interval, blocks_along, in_percent, mean_int
 from locplan._util.poses import ends_in_map
 from locplan.errors import RecordingError
 from locplan.field import position_axes
-from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.maps import FREE, OCCUPIED, MapFault, OccupancyGrid, boxes_of
 from locplan.recordings import RangeFit, Recording, match_scans, range_fit
 
 CROSSED, CROSSED_SURELY, TIMES, HITS = 5, 2, 3, 3
@@ -68,15 +68,43 @@ class WallUpdate:
             f"{self.at_walls:.0%} of the beams end at walls, and {self.crossed:.1%} of the walls in"
             " view are seen through"
         )
-        value, low, high = (100 * each for each in self.gain)
-        if math.isnan(low):
+        if math.isnan(self.gain.low):
             return f"{shares}; the drives are too short to tell: five pieces of {BLOCK:g} m needed"
         said = (
             f"{shares}; with {self.removed.sum():,} cells erased and {self.added.sum():,} drawn the"
-            f" map explains {value:+.1f} [{low:+.1f}, {high:+.1f}] points of beams held out more"
-            f" than {in_percent(self.explained)}"
+            f" map explains {_in_points(self.gain)} of beams held out more than"
+            f" {in_percent(self.explained)}"
         )
         return said if self.is_better else f"{said}: walls stay as they are"
+
+    def faults(self, grid: OccupancyGrid) -> Iterator[MapFault]:
+        """The faults of the map that the drives tell, the ranges' first.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        """
+        yield from self.ranges.faults(grid)
+        too_short = math.isnan(self.gain.low) and self.crossed > 0.02
+        if not (self.is_better or too_short):
+            return
+        said = (
+            (
+                "false walls",
+                self.removed,
+                f"{self.crossed:.1%} of the walls in view are seen through",
+            ),
+            ("missing walls", self.added, f"{1 - self.at_walls:.0%} of the beams end at no wall"),
+        )
+        for kind, cells, what in said:
+            if cells.any():
+                costs = f"with these mended the map explains {_in_points(self.gain)} of beams more"
+                mend = "locplan mend draws the filter's map anew there; see what stands there"
+                if too_short:
+                    costs, mend = "", "record a longer drive, by which the map can be judged"
+                boxes = boxes_of(grid, cells)
+                yield MapFault(kind, what, mend, costs, not too_short, boxes)
 
     def on(self, grid: OccupancyGrid) -> OccupancyGrid:
         """A map with these walls erased and drawn; as it is where that explains no more.
@@ -101,6 +129,12 @@ class WallUpdate:
             "range_factor": self.ranges.factor._asdict(),
             "depth": self.ranges.depth._asdict(),
         }
+
+
+def _in_points(gain: Interval) -> str:
+    """A gain of a share and its interval in percentage points."""
+    value, low, high = (100 * each for each in gain)
+    return f"{value:+.1f} [{low:+.1f}, {high:+.1f}] points"
 
 
 @dataclass(frozen=True, eq=False)
