@@ -13,6 +13,7 @@ from small_drive import FILE, MAP
 
 from locplan import Costmap, Lidar, Robot, load_map, mend, plan, save_map
 from locplan._kernels.walls import count_scans, explained_beams
+from locplan._util.poses import ends_in_map
 from locplan.errors import RecordingError
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.mending import update_walls
@@ -92,6 +93,48 @@ def test_false_walls_are_erased_that_scans_see_through(office, drive):
     assert update.crossed > 0.02
     assert (office.cells[update.removed] == FREE).mean() > 0.95
     assert wrong(update.on(ghosts), office) < wrong(ghosts, office) - 500
+
+
+def test_what_is_left_of_false_walls_is_out_of_view(office, drive):
+    ghosts = with_ghosts(office, shift=40)  # far from the true walls, behind which none is seen
+    false = (ghosts.cells == OCCUPIED) & (office.cells == FREE)
+    update = update_walls(ghosts, [drive])
+    origins, ends = (
+        np.stack(ghosts.world_to_grid(*np.moveaxis(each, -1, 0)), -1)
+        for each in (drive.poses[:, :2], ends_in_map(drive.ends_on_robot(), drive.poses))
+    )
+    # Beams that pass no true wall.
+    met = cv2.dilate((office.cells == OCCUPIED).view(np.uint8), np.ones((3, 3))) > 0
+    passed, _ = count_scans(met, origins, ends, 2.0)
+    often = false & (passed >= 3)
+    assert often.sum() > 1000
+    print(
+        update.removed[often].mean(),
+        often.sum(),
+        (update.removed & (office.cells == OCCUPIED)).sum(),
+        update.removed.sum(),
+    )
+    assert update.removed[often].mean() > 0.9
+    assert (update.removed & (office.cells == OCCUPIED)).sum() < 0.03 * update.removed.sum()
+
+
+def test_false_and_missing_walls_are_faults_with_their_places(office, drive):
+    cells = office.cells.copy()
+    cells[140:148, 300:700] = OCCUPIED  # in the corridor
+    grid = replace(office, cells=cells, origin=(3.0, -2.0, 0.0))
+    own = drive.moved(3.6, -1.4, 0.0)
+    (false,) = update_walls(grid, [own]).faults(grid)
+    assert (false.kind, false.sure) == ("false walls", True)
+    left, right, low, top = false.boxes[0]
+    assert (left, right) == pytest.approx((18.0, 38.0), abs=0.15)
+    assert (low, top) == pytest.approx((5.0, 5.4), abs=0.15)
+    assert "at 28.0,5.2 (20.0 x 0.4 m)" in false.sentence
+    found = [*update_walls(without(office), [drive]).faults(office)]
+    assert [each.kind for each in found] == ["missing walls"]
+    # What a drive shows that is too short to be judged is not sure.
+    (short,) = update_walls(grid, [own[20:60]]).faults(grid)
+    assert (short.kind, short.sure) == ("false walls", False)
+    assert not [*update_walls(office, [drive]).faults(office)]
 
 
 def test_a_map_that_is_true_stays_as_it_is(office, drive):

@@ -91,20 +91,24 @@ class WallUpdate:
             return
         said = (
             (
-                "false walls",
-                self.removed,
+                *("false walls", self.removed, "erased"),
                 f"{self.crossed:.1%} of the walls in view are seen through",
+                "a filter's error grows by up to 2.4 times",
             ),
-            ("missing walls", self.added, f"{1 - self.at_walls:.0%} of the beams end at no wall"),
+            (
+                *("missing walls", self.added, "drawn"),
+                f"{1 - self.at_walls:.0%} of the beams end at no wall",
+                "without a quarter of the walls a filter gets lost in up to two of three drives",
+            ),
         )
-        for kind, cells, what in said:
-            if cells.any():
-                costs = f"with these mended the map explains {_in_points(self.gain)} of beams more"
-                mend = "locplan mend draws the filter's map anew there; see what stands there"
-                if too_short:
-                    costs, mend = "", "record a longer drive, by which the map can be judged"
+        for kind, cells, done, what, costs in said:
+            mend = f"{done} on the map for the filter; see what stands there"
+            if too_short:
+                mend = "record a longer drive, by which the map can be judged"
+            # Of true maps up to .02 of the walls are seen through, and less than a metre is drawn.
+            if self.crossed > 0.02 if kind == "false walls" else cells.sum() > 1 / grid.resolution:
                 boxes = boxes_of(grid, cells)
-                yield MapFault(kind, what, mend, costs, not too_short, boxes)
+                yield MapFault(kind, what, mend, costs, self.is_better, boxes)
 
     def on(self, grid: OccupancyGrid) -> OccupancyGrid:
         """A map with these walls erased and drawn; as it is where that explains no more.
