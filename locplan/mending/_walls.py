@@ -17,9 +17,9 @@ from locplan.field import position_axes
 from locplan.maps import FREE, OCCUPIED, MapFault, OccupancyGrid, boxes_of
 from locplan.recordings import RangeFit, Recording, match_scans, range_fit
 
-CROSSED, CROSSED_SURELY, TIMES, HITS = 5, 2, 3, 3
-"""Number of scans that see through a wall that is none; of such that pass no other wall; in times
-of those that end there; and of scans that end at a wall that is missing."""
+CROSSED, TIMES, HITS = 5, 3, 3
+"""Number of scans that see through a wall that is none, in times of those that end there; and of
+scans that end at a wall that is missing, or see through one without passing another."""
 BLOCK = 5.0
 """Length of the pieces of a drive that are held out in turn [m]."""
 BAD_POSES = 0.04
@@ -241,7 +241,7 @@ def _margin(grid: OccupancyGrid) -> float:
 def _changes(grid: OccupancyGrid, beams: _Beams) -> tuple[Bools, Bools, float]:
     """Cells of missing and of false walls, and the share of the walls in view that are such.
 
-    A beam that passes a wall at which others end is wrong from there on. Without such beams two
+    A beam that passes a wall at which others end is wrong from there on. Without such beams three
     scans tell what else takes five, and one scan tells of what is connected with that.
     """
     import cv2
@@ -255,7 +255,7 @@ def _changes(grid: OccupancyGrid, beams: _Beams) -> tuple[Bools, Bools, float]:
     passed, _, around = _counted(missing | (walls & met), beams, margin / grid.resolution)
     seen = walls & (passed > TIMES * around)
     _, labels = cv2.connectedComponents(seen.view(np.uint8), connectivity=8)
-    false = seen & np.isin(labels, labels[seen & (passed >= CROSSED_SURELY)])
+    false = seen & np.isin(labels, labels[seen & (passed >= HITS)])
     in_view = np.count_nonzero(walls & ((passed > 0) | (around > 0)))
     return missing, false, float(false.sum() / max(in_view, 1))
 
