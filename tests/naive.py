@@ -1677,24 +1677,6 @@ def whole_matrix(diagonal, beside):
     return matrix
 
 
-def score_of(scores, beyond, ends, pose):
-    """Sum of the scores of the cells where the beams of a scan end at a pose."""
-    fit = 0.0
-    for ahead, left in ends:
-        if not math.isnan(ahead):
-            row = math.floor(pose[0] + math.sin(pose[2]) * ahead + math.cos(pose[2]) * left)
-            col = math.floor(pose[1] + math.cos(pose[2]) * ahead - math.sin(pose[2]) * left)
-            known = 0 <= row < scores.shape[0] and 0 <= col < scores.shape[1]
-            fit += float(scores[row, col]) if known else beyond
-    return fit
-
-
-def wrong_pose_wins(scores, beyond, ends, pose, moves):
-    """Whether a scan fits better after one of the moves."""
-    best = score_of(scores, beyond, ends, pose)
-    return any(score_of(scores, beyond, ends, pose + move) > best for move in moves)
-
-
 def surface_depths(cells, free, occupied, deep):
     """Faces between free and occupied cells, and those with much black behind them."""
     faces = deep_faces = 0

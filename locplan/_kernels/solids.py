@@ -1,59 +1,10 @@
-"""Walls that are black inside: how deep they are, and whether wrong poses gain by them.
-
-Inside of black the distance to a wall is 0, so that a particle there explains every beam of a scan.
-"""
+"""Walls that are black inside: how deep they are."""
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit
 
-from locplan._kernels.arrays import Floats, Octets, Singles
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def score_of(scores: Singles, beyond: float, ends: Floats, pose: Floats) -> float:
-    """Sum of the scores of the cells where the beams of a scan end at a pose.
-
-    Parameters
-    ----------
-    scores : (H, W) array of float32
-        What a beam that ends in a cell adds.
-    beyond : float
-        What a beam adds that ends outside.
-    ends : (beam, 2) array
-        Ends of the beams, ahead and to the left of the robot [cells]; NaN without a return.
-    pose : (3,) array
-        Row, column [cells] and heading [rad].
-    """
-    cos, sin = np.cos(pose[2]), np.sin(pose[2])
-    fit = 0.0
-    for b in range(len(ends)):
-        if np.isnan(ends[b, 0]):
-            continue
-        row = int(np.floor(pose[0] + sin * ends[b, 0] + cos * ends[b, 1]))
-        col = int(np.floor(pose[1] + cos * ends[b, 0] - sin * ends[b, 1]))
-        inside = 0 <= row < scores.shape[0] and 0 <= col < scores.shape[1]
-        fit += scores[row, col] if inside else beyond
-    return fit
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def wrong_pose_wins(
-    scores: Singles, beyond: float, ends: Floats, pose: Floats, moves: Floats
-) -> bool:
-    """Whether a scan fits better after one of the moves (n, 3) than at its true pose.
-
-    The other arguments are those of `score_of`; moves are along rows and columns [cells] and turns
-    [rad].
-    """
-    best, other = score_of(scores, beyond, ends, pose), np.empty(3)
-    for n in range(len(moves)):
-        for axis in range(3):
-            other[axis] = pose[axis] + moves[n, axis]
-        if score_of(scores, beyond, ends, other) > best:
-            return True
-    return False
+from locplan._kernels.arrays import Octets
 
 
 @njit(nogil=True, cache=True)

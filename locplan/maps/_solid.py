@@ -100,7 +100,7 @@ def solidity(grid: OccupancyGrid) -> Solidity:
 
 @lru_cache(32)  # of the maps that are equal by value; the check takes tenths of a second
 def _solidity(grid: OccupancyGrid) -> Solidity:
-    from locplan._kernels.solids import surface_depths, wrong_pose_wins
+    from locplan._kernels.solids import surface_depths
 
     deep = int(DEPTH / grid.resolution) + 1
     faces, deep_faces = surface_depths(grid.cells, FREE, OCCUPIED, deep)
@@ -108,17 +108,15 @@ def _solidity(grid: OccupancyGrid) -> Solidity:
     if not inside.any():
         return Solidity(0.0, 0.0, 0.0)
     wins, count, moves = np.zeros(2), 0, _moves(grid.resolution)
-    beyond, too_near = (float(_score(np.float64(each))) for each in (MAX_DISTANCE, CLEARANCE))
     before, both = (slice(0), slice(0)), [np.empty((0, 0), np.float32)]
     for around, pose, ends in _scans(grid):
         if around != before:
             occupied = grid.cells[around] == OCCUPIED
             rims, before = occupied & ~inside[around], around
             both = [_scores(each.view(np.uint8), grid.resolution) for each in (occupied, rims)]
-        if both[0][int(pose[0]), int(pose[1])] > too_near:
+        if both[0][int(pose[0]) + 1, int(pose[1]) + 1] > _score(np.float64(CLEARANCE)):
             continue
-        for n, each in enumerate(both):
-            wins[n] += wrong_pose_wins(each, beyond, ends, pose, moves)
+        wins += [_wrong_pose_wins(each, ends, pose, moves) for each in both]
         count += 1
         if count == SCANS:
             break
@@ -128,13 +126,25 @@ def _solidity(grid: OccupancyGrid) -> Solidity:
     return Solidity(as_is, mended, deep_faces / max(faces, 1))
 
 
+def _wrong_pose_wins(scores: Singles, ends: Floats, pose: Floats, moves: Floats) -> bool:
+    """Whether a scan fits better after one of the moves than at its true pose."""
+    from locplan._kernels.particles import BeamScores, add_scores
+
+    # Cells of the window in the ring, counted from its corner.
+    own = BeamScores(scores.ravel(), *scores.shape, 1.0, product=False, shift=1.0)
+    sums = np.empty(len(moves) + 1)
+    poses = pose[[1, 0, 2], None] + np.column_stack([np.zeros(3), moves.T])
+    add_scores(own, ends, poses, len(sums), sums)
+    return bool(sums[1:].max() > sums[0])
+
+
 def _moves(resolution: float) -> Floats:
-    """From the true pose to wrong ones: rows, columns [cells] and turn [rad], (POSES, 3)."""
+    """From the true pose to wrong ones: columns, rows [cells] and turn [rad], (POSES, 3)."""
     random = np.random.default_rng(1)
     distance = random.uniform(NEAREST, FARTHEST, POSES) / resolution
     bearing = random.uniform(-np.pi, np.pi, POSES)
     turn = np.radians(random.uniform(-MAX_TURN, MAX_TURN, POSES))
-    return np.column_stack([distance * np.sin(bearing), distance * np.cos(bearing), turn])
+    return np.column_stack([distance * np.cos(bearing), distance * np.sin(bearing), turn])
 
 
 def _scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], Floats, Floats]]:
@@ -188,13 +198,14 @@ def _window(grid: OccupancyGrid, row: float, col: float, reach: float) -> tuple[
 
 
 def _scores(occupied: Octets, resolution: float) -> Singles:
-    """What a beam adds that ends in each cell."""
+    """What a beam adds that ends in each cell, in a ring for all outside."""
     import cv2
 
-    if not occupied.any():
-        return np.full(occupied.shape, _score(np.float64(MAX_DISTANCE)), np.float32)
-    distance = cv2.distanceTransform(1 - occupied, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return _score(np.minimum(distance * np.float32(resolution), np.float32(MAX_DISTANCE)))
+    distance = np.full(occupied.shape, MAX_DISTANCE, np.float32)
+    if occupied.any():
+        cells = cv2.distanceTransform(1 - occupied, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        distance = np.minimum(cells * np.float32(resolution), distance)
+    return _score(np.pad(distance, 1, constant_values=MAX_DISTANCE))
 
 
 def _score(distance: Singles | np.float64) -> Singles:
