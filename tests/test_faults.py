@@ -8,7 +8,7 @@ import pytest
 from conftest import drawn, random_rooms
 from PIL import Image
 
-from locplan._kernels.solids import surface_depths
+from locplan._kernels.walls import surface_depths
 from locplan.maps import (
     FREE,
     OCCUPIED,

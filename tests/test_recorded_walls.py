@@ -13,7 +13,6 @@ from small_drive import FILE, MAP
 
 from locplan import Costmap, Lidar, Robot, load_map, mend, plan, save_map
 from locplan._kernels.walls import count_scans, explained_beams
-from locplan._util.poses import ends_in_map
 from locplan.errors import RecordingError
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.mending import update_walls
@@ -99,10 +98,14 @@ def test_what_is_left_of_false_walls_is_out_of_view(office, drive):
     ghosts = with_ghosts(office, shift=40)  # far from the true walls, behind which none is seen
     false = (ghosts.cells == OCCUPIED) & (office.cells == FREE)
     update = update_walls(ghosts, [drive])
-    origins, ends = (
-        np.stack(ghosts.world_to_grid(*np.moveaxis(each, -1, 0)), -1)
-        for each in (drive.poses[:, :2], ends_in_map(drive.ends_on_robot(), drive.poses))
+    (x, y, turn), ahead = drive.poses.T[:, :, None], drive.ends_on_robot()
+    sin, cos = np.sin(turn), np.cos(turn)
+    at = (
+        x + cos * ahead[..., 0] - sin * ahead[..., 1],
+        y + sin * ahead[..., 0] + cos * ahead[..., 1],
     )
+    ends = np.stack(ghosts.world_to_grid(*at), -1)
+    origins = np.stack(ghosts.world_to_grid(*drive.poses.T[:2]), -1)
     # Beams that pass no true wall.
     met = cv2.dilate((office.cells == OCCUPIED).view(np.uint8), np.ones((3, 3))) > 0
     passed, _ = count_scans(met, origins, ends, 2.0)

@@ -100,7 +100,7 @@ def solidity(grid: OccupancyGrid) -> Solidity:
 
 @lru_cache(32)  # of the maps that are equal by value; the check takes tenths of a second
 def _solidity(grid: OccupancyGrid) -> Solidity:
-    from locplan._kernels.solids import surface_depths
+    from locplan._kernels.walls import surface_depths
 
     deep = int(DEPTH / grid.resolution) + 1
     faces, deep_faces = surface_depths(grid.cells, FREE, OCCUPIED, deep)
