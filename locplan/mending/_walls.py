@@ -23,7 +23,7 @@ scans that end at a wall that is missing, or see through one without passing ano
 BLOCK = 5.0
 """Length of the pieces of a drive that are held out in turn [m]."""
 BAD_POSES = 0.04
-"""Deviation of the poses, across the walls that fix them, from which on nothing is mended [m]."""
+"""Deviation of the poses, in directions that walls fix, from which on nothing is mended [m]."""
 SURE = 0.05
 """Maximum deviation of a match in its best direction to judge a pose by [m]."""
 SCANS, BEAMS = 4000, 180
@@ -43,7 +43,8 @@ class WallUpdate:
     crossed: float
     """Share of the wall cells in view that are seen through, 0..1; up to .02 on a true map."""
     pose_deviation: float
-    """Deviation of the poses from where their scans fit the map, in the best direction [m]."""
+    """Deviation of the poses from where their scans fit the map, in the worst of x, y and the
+    direction that fits best [m]."""
     explained: Interval
     """Share of the beams held out that the map explains, 0..1: they end at walls, and pass none."""
     gain: Interval
@@ -220,17 +221,22 @@ def _beams(grid: OccupancyGrid, recording: Recording) -> _Beams:
 
 
 def _pose_deviation(grid: OccupancyGrid, recording: Recording) -> float:
-    """Median distance of the poses from where scans fit, in the direction that fits best [m].
+    """Median distance of the poses from where scans fit, along x or y or as each fits best [m].
 
-    A map that is wrong somewhere has walls enough elsewhere; along a corridor no pose is judged.
+    The largest of the three counts. A map that is wrong somewhere has walls enough elsewhere; along
+    a corridor no pose is judged.
     """
     some = np.unique(np.linspace(0, len(recording) - 1, 100).astype(np.int64))
     found = match_scans(recording[some], grid, threads=1)
     _, minor, direction = position_axes(found.covariance)
-    across = direction + math.pi / 2
-    off = found.mean[:, 0] * np.cos(across) + found.mean[:, 1] * np.sin(across)
-    sure = found.judged & (minor < SURE)
-    return float(np.median(np.abs(off[sure]))) if sure.any() else math.inf
+    deviations = [math.inf] if not (found.judged & (minor < SURE)).any() else []
+    x, y = np.sqrt(found.covariance[:, 0, 0]), np.sqrt(found.covariance[:, 1, 1])
+    for across, sigma in ((0.0, x), (math.pi / 2, y), (direction + math.pi / 2, minor)):
+        off = found.mean[:, 0] * np.cos(across) + found.mean[:, 1] * np.sin(across)
+        sure = found.judged & (sigma < SURE)
+        if sure.sum() > 5:
+            deviations.append(float(np.median(np.abs(off[sure]))))
+    return max(deviations, default=0.0)
 
 
 def _margin(grid: OccupancyGrid) -> float:
