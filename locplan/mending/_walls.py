@@ -59,8 +59,9 @@ class WallUpdate:
         Nothing is drawn on a map whose resolution is wrong, which explains everything.
         """
         changes = self.added.any() or self.removed.any()
-        # Maps of real logs that are true gain up to .001 by what the mapping rounded.
-        return self.gain.low > 0.002 and bool(changes) and not self.ranges.is_scaled
+        # Maps of real logs that seem true gain up to .001 by what the mapping rounded.
+        seems_true = self.at_walls >= 0.9 and self.crossed <= 0.02
+        return self.gain.low > 0.002 * seems_true and bool(changes) and not self.ranges.is_scaled
 
     @property
     def sentence(self) -> str:
