@@ -131,7 +131,8 @@ def _wrong_pose_wins(scores: Singles, ends: Floats, pose: Floats, moves: Floats)
     from locplan._kernels.particles import BeamScores, add_scores
 
     # Cells of the window in the ring, counted from its corner.
-    own = BeamScores(scores.ravel(), *scores.shape, 1.0, product=False, shift=1.0)
+    rows, cols = scores.shape
+    own = BeamScores(scores.ravel(), rows, cols, resolution=1.0, product=False, shift=1.0)
     sums = np.empty(len(moves) + 1)
     poses = pose[[1, 0, 2], None] + np.column_stack([np.zeros(3), moves.T])
     add_scores(own, ends, poses, len(sums), sums)
