@@ -1677,24 +1677,6 @@ def whole_matrix(diagonal, beside):
     return matrix
 
 
-def score_of(scores, beyond, ends, pose):
-    """Sum of the scores of the cells where the beams of a scan end at a pose."""
-    fit = 0.0
-    for ahead, left in ends:
-        if not math.isnan(ahead):
-            row = math.floor(pose[0] + math.sin(pose[2]) * ahead + math.cos(pose[2]) * left)
-            col = math.floor(pose[1] + math.cos(pose[2]) * ahead - math.sin(pose[2]) * left)
-            known = 0 <= row < scores.shape[0] and 0 <= col < scores.shape[1]
-            fit += float(scores[row, col]) if known else beyond
-    return fit
-
-
-def wrong_pose_wins(scores, beyond, ends, pose, moves):
-    """Whether a scan fits better after one of the moves."""
-    best = score_of(scores, beyond, ends, pose)
-    return any(score_of(scores, beyond, ends, pose + move) > best for move in moves)
-
-
 def surface_depths(cells, free, occupied, deep):
     """Faces between free and occupied cells, and those with much black behind them."""
     faces = deep_faces = 0
@@ -1969,26 +1951,33 @@ def passed_cells(origin, end, margin):
     return [(row, col) for row, col, _ in cells_along(way)]
 
 
-def count_scans(shape, origins, ends, margin):
-    """Numbers of the scans that pass each cell, and that end in it."""
-    passed, hit = np.zeros(shape, int), np.zeros(shape, int)
+def count_scans(stops, origins, ends, margin):
+    """Numbers of the scans that pass each cell, and that end in it, up to cells that stop beams."""
+    passed, hit = np.zeros(stops.shape, int), np.zeros(stops.shape, int)
     for origin, scan in zip(origins, ends, strict=True):
-        beams = [end for end in scan if not np.isnan(end[0])]
-        for cell in {each for end in beams for each in passed_cells(origin, end, margin)}:
-            if 0 <= cell[0] < shape[0] and 0 <= cell[1] < shape[1]:
-                passed[cell] += 1
-        for cell in {tuple(np.floor(end).astype(int).tolist()) for end in beams}:
-            if 0 <= cell[0] < shape[0] and 0 <= cell[1] < shape[1]:
-                hit[cell] += 1
+        on_way, at_end = set(), set()
+        for end in scan[~np.isnan(scan[:, 0])]:
+            way = [each for each in passed_cells(origin, end, margin) if _on(stops, each)]
+            stopped = [n for n, each in enumerate(way) if stops[each]]
+            on_way |= {*way[: stopped[0] if stopped else None]}
+            last = tuple(np.floor(end).astype(int).tolist())
+            at_end |= {last} if not stopped and _on(stops, last) else set()
+        for cell in on_way:
+            passed[cell] += 1
+        for cell in at_end:
+            hit[cell] += 1
     return passed, hit
+
+
+def _on(mask, cell):
+    return 0 <= cell[0] < mask.shape[0] and 0 <= cell[1] < mask.shape[1]
 
 
 def explained_beams(walls, near, origins, ends, margin):
     """Numbers of the beams of each scan that end near a wall and pass none, and that return."""
 
     def at(mask, cell):
-        row, col = cell
-        return 0 <= row < mask.shape[0] and 0 <= col < mask.shape[1] and bool(mask[row, col])
+        return _on(mask, cell) and bool(mask[cell[0], cell[1]])
 
     found, returns = [], []
     for origin, scan in zip(origins, ends, strict=True):

@@ -8,7 +8,7 @@ import pytest
 from conftest import drawn, random_rooms
 from PIL import Image
 
-from locplan._kernels.solids import score_of, surface_depths, wrong_pose_wins
+from locplan._kernels.walls import surface_depths
 from locplan.maps import (
     FREE,
     OCCUPIED,
@@ -50,21 +50,10 @@ def kinds(grid: OccupancyGrid) -> list[str]:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_kernels_are_those_of_plain_loops(seed):
-    random = np.random.default_rng(seed)
     cells = random_rooms((31, 24), seed)
     for deep in (1, 3):
         assert surface_depths(cells, FREE, OCCUPIED, deep) == naive.surface_depths(
             cells, FREE, OCCUPIED, deep
-        )
-    scores, ends = random.random((31, 24)).astype(np.float32), random.normal(0, 8, (20, 2))
-    ends[3] = np.nan
-    moves = random.normal(0, 3, (10, 3))
-    for pose in random.uniform(0, 24, (20, 3)):
-        assert score_of(scores, 0.1, ends, pose) == pytest.approx(
-            naive.score_of(scores, 0.1, ends, pose)
-        )
-        assert wrong_pose_wins(scores, 0.1, ends, pose, moves[:2]) == naive.wrong_pose_wins(
-            scores, 0.1, ends, pose, moves[:2]
         )
 
 

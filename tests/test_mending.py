@@ -129,10 +129,42 @@ def test_mend_says_what_the_file_shows(tmp_path, run):
     pixels = np.full((60, 80), 254, np.uint8)
     pixels[20:30, 20:40] = 253
     pixels[[0, -1]] = pixels[:, [0, -1]] = 50
-    Image.fromarray(pixels).save(tmp_path / "lab.png")
-    (tmp_path / "lab.yaml").write_text(
-        "image: lab.png\nresolution: 0.05\norigin: [0, 0, 0]\n"
-        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
-    code, out, _ = run("mend", tmp_path / "lab.yaml")
+    lab = file_of(tmp_path, pixels, "occupied_thresh: 0.65\nfree_thresh: 0.196")
+    code, out, _ = run("mend", lab)
     assert (code, "costmap: this is a costmap, not a map" in out) == (0, True)
+
+
+def file_of(folder, pixels, thresholds):
+    Image.fromarray(pixels).save(folder / "lab.png")
+    (folder / "lab.yaml").write_text(
+        f"image: lab.png\nresolution: 0.1\norigin: [0, 0, 0]\n{thresholds}\n"
+    )
+    return folder / "lab.yaml"
+
+
+def test_thresholds_are_mended_for_the_filter_and_for_planning(tmp_path, run):
+    pixels = np.full((60, 80), 254, np.uint8)
+    pixels[[0, -1]] = pixels[:, [0, -1]] = pixels[20:24, 20:60] = 110
+    lab = file_of(tmp_path, pixels, "occupied_thresh: 0.65\nfree_thresh: 0.196")
+    words = "mend", lab, "--paths", "2", "--drives", "2", "-o", tmp_path / "mended"
+    code, out, _ = run(*words)
+    assert (code, "plan on map.yaml, which has free_thresh 0.196" in out) == (0, True)
+    read = load_map(tmp_path / "mended" / "map.yaml")
+    assert np.array_equal(read.cells == OCCUPIED, pixels[::-1] == 110)
+    assert np.array_equal(load_map(tmp_path / "mended" / "map_amcl.yaml").cells, read.cells)
+    grid, source = maps.read_map(lab)
+    assert maps.as_meant(grid, None) == grid
+    (verdict,) = mend(grid, source=source, paths=2, drives=2).verdicts
+    assert verdict.rmse_ratio.value < 1
+
+
+def test_unknown_that_is_read_as_free_is_mended_and_where_none_can_drive_it_is_said(tmp_path, run):
+    pixels = np.full((20, 20), 205, np.uint8)
+    pixels[5:11, 5:11] = 0
+    pixels[6:10, 6:10] = 254
+    lab = file_of(tmp_path, pixels, "occupied_thresh: 0.65\nfree_thresh: 0.25")
+    code, out, _ = run("mend", lab)
+    assert (code, "no wall is another" in out) == (0, True)
+    assert "no verdict by drives: lab: has no cell where the robot fits" in out
+    found = mend(*maps.read_map(lab)[:1], source=maps.read_map(lab)[1])
+    assert np.array_equal(found.filter_map.cells == FREE, pixels[::-1] == 254)

@@ -64,8 +64,9 @@ def test_kernels_are_those_of_plain_loops(seed):
     ends[1, 2:5] = np.nan
     ends[2, 0] = origins[2]
     for margin in (0.0, 2.0):
-        counts = count_scans((20, 22), origins, ends, margin)
-        assert np.array_equal(counts, naive.count_scans((20, 22), origins, ends, margin))
+        for stops in (np.zeros((20, 22), bool), random.random((20, 22)) < 0.05):
+            counts = count_scans(stops, origins, ends, margin)
+            assert np.array_equal(counts, naive.count_scans(stops, origins, ends, margin))
         walls = random.random((20, 22)) < 0.05
         near = walls | (random.random((20, 22)) < 0.5)
         found = explained_beams(walls, near, origins, ends, margin)
@@ -93,6 +94,52 @@ def test_false_walls_are_erased_that_scans_see_through(office, drive):
     assert wrong(update.on(ghosts), office) < wrong(ghosts, office) - 500
 
 
+def test_what_is_left_of_false_walls_is_out_of_view(office, drive):
+    ghosts = with_ghosts(office, shift=40)  # far from the true walls, behind which none is seen
+    false = (ghosts.cells == OCCUPIED) & (office.cells == FREE)
+    update = update_walls(ghosts, [drive])
+    (x, y, turn), ahead = drive.poses.T[:, :, None], drive.ends_on_robot()
+    sin, cos = np.sin(turn), np.cos(turn)
+    at = (
+        x + cos * ahead[..., 0] - sin * ahead[..., 1],
+        y + sin * ahead[..., 0] + cos * ahead[..., 1],
+    )
+    ends = np.stack(ghosts.world_to_grid(*at), -1)
+    origins = np.stack(ghosts.world_to_grid(*drive.poses.T[:2]), -1)
+    # Beams that pass no true wall.
+    met = cv2.dilate((office.cells == OCCUPIED).view(np.uint8), np.ones((3, 3))) > 0
+    passed, _ = count_scans(met, origins, ends, 2.0)
+    often = false & (passed >= 3)
+    assert often.sum() > 1000
+    print(
+        update.removed[often].mean(),
+        often.sum(),
+        (update.removed & (office.cells == OCCUPIED)).sum(),
+        update.removed.sum(),
+    )
+    assert update.removed[often].mean() > 0.9
+    assert (update.removed & (office.cells == OCCUPIED)).sum() < 0.03 * update.removed.sum()
+
+
+def test_false_and_missing_walls_are_faults_with_their_places(office, drive):
+    cells = office.cells.copy()
+    cells[140:148, 300:700] = OCCUPIED  # in the corridor
+    grid = replace(office, cells=cells, origin=(3.0, -2.0, 0.0))
+    own = drive.moved(3.6, -1.4, 0.0)
+    (false,) = update_walls(grid, [own]).faults(grid)
+    assert (false.kind, false.sure) == ("false walls", True)
+    left, right, low, top = false.boxes[0]
+    assert (left, right) == pytest.approx((18.0, 38.0), abs=0.15)
+    assert (low, top) == pytest.approx((5.0, 5.4), abs=0.15)
+    assert "at 28.0,5.2 (20.0 x 0.4 m)" in false.sentence
+    found = [*update_walls(without(office), [drive]).faults(office)]
+    assert [each.kind for each in found] == ["missing walls"]
+    # What a drive shows that is too short to be judged is not sure.
+    (short,) = update_walls(grid, [own[20:60]]).faults(grid)
+    assert (short.kind, short.sure) == ("false walls", False)
+    assert not [*update_walls(office, [drive]).faults(office)]
+
+
 def test_a_map_that_is_true_stays_as_it_is(office, drive):
     update = update_walls(office, [drive])
     assert update.crossed < 0.01
@@ -105,6 +152,9 @@ def test_poses_that_are_off_are_refused(office, drive, far):
     for grid in (office, without(office)):
         with pytest.raises(RecordingError, match="too much to draw walls by"):
             update_walls(grid, [off(drive, far)])
+    for side in ([far, 0, 0], [0, far, 0]):
+        with pytest.raises(RecordingError, match="too much"):
+            update_walls(office, [replace(drive, poses=drive.poses + side)])
     with pytest.raises(RecordingError, match="too much"):  # of several drives the worst counts
         update_walls(office, [drive, off(drive, far)])
 

@@ -11,7 +11,7 @@ from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap, Path
 from locplan.diagnosis import _cures as cures, _in_short as in_short
 from locplan.diagnosis._driving import Journal, Site
-from locplan.diagnosis._reading import Reading, as_meant
+from locplan.diagnosis._reading import Reading
 from locplan.diagnosis._recorded import recorded
 from locplan.diagnosis._result import Check, is_better, ranked
 from locplan.diagnosis._trips import Stations, trips_of
@@ -174,7 +174,7 @@ def _meant(
     seed: int,
 ) -> tuple[Reading, dict[str, Path]]:
     """How the map's file should be read, and the trips on it."""
-    reading = as_meant(grid, source)
+    reading = Reading.of(grid, source)
     try:
         return reading, trips_of(Costmap.blank(reading.grid, robot=robot), stations, count, seed)
     except LocplanError:

@@ -70,7 +70,7 @@ def remedies(site: Site, reading: Reading, mended: OccupancyGrid) -> Iterator[Re
     mended : OccupancyGrid
         The map for the filter that `mend` makes.
     """
-    if reading.values:
+    if reading.reasons:
         yield Remedy(
             *(WALLS, reading.title, "the map's YAML"),
             lambda old: replace(old, filter_map=reading.grid, stretch=1.0),

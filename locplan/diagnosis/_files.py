@@ -6,10 +6,9 @@ from pathlib import Path as Folder
 
 from locplan._util.tables import write_rows
 from locplan.diagnosis._cures import LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
-from locplan.diagnosis._reading import rewritten
 from locplan.diagnosis._result import Check
 from locplan.export import nav2_keepout, write_filter_map
-from locplan.maps import save_map
+from locplan.maps import meant_header, save_map
 from locplan.simulation import write_tuned
 
 
@@ -18,7 +17,7 @@ def files_of(check: Check, params: Folder | None = None) -> dict[str, str]:
     values = "your parameters, changed" if params else "put its lines under amcl in yours"
     mask = {"mask/nav2.yaml": "parameters with the mask's; mask/README.md says how"}
     about = {
-        WALLS: {"map.yaml": f"the map for all of Nav2, with {', '.join(check.reading.values)}"},
+        WALLS: {"map.yaml": f"the map for all of Nav2, with {check.reading.title}"},
         MEND: {"map_amcl.yaml": "for AMCL alone: put amcl.yaml's line under amcl in yours"},
         REACH: {"nav2_params.yaml": values},
         SETTINGS: {"nav2_params.yaml": values},
@@ -46,7 +45,7 @@ def write_files(folder: Folder, check: Check, params: Folder | None) -> None:
     if kinds & {REACH, SETTINGS}:
         write_tuned(tuned, check.cured.robot.amcl, params)
     if WALLS in kinds and check.source:
-        (folder / "map.yaml").write_text(rewritten(check.source, reading.values), "utf-8")
+        (folder / "map.yaml").write_text(meant_header(check.source, reading.lengths), "utf-8")
     elif WALLS in kinds:
         save_map(reading.in_metres(reading.grid), folder / "map.yaml")
     if MEND in kinds:

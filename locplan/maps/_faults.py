@@ -59,7 +59,7 @@ class MapFaults(Result):
     def cells(self) -> Bools:
         """The cells that solid or thick walls and specks concern, (H, W)."""
         where = np.zeros(self.grid.shape, np.bool_)
-        if any(each.kind.endswith("walls") for each in self):
+        if any(each.kind in ("solid walls", "thick walls") for each in self):
             where |= inside_of_walls(self.grid)
         if any(each.kind == "specks" for each in self):
             where |= self.specks
@@ -74,12 +74,21 @@ class MapFaults(Result):
         """The faults, fit for JSON."""
         return {
             "map": {"name": self.grid.name, "digest": self.grid.digest},
-            "faults": self.table().records(),
+            "faults": [
+                {**row, "boxes": [list(box) for box in each.boxes]}
+                for row, each in zip(self.table().records(), self, strict=True)
+            ],
         }
 
     def table(self) -> Table:
         """The faults, a row each."""
-        titles = {"kind": "fault", "what": "what", "costs": "costs", "mend": "mend"}
+        titles = {
+            "kind": "fault",
+            "what": "what",
+            "where": "where",
+            "costs": "costs",
+            "mend": "mend",
+        }
         columns = [Column(name, title=title) for name, title in titles.items()]
         return Table.of([*columns, Column("sure")], self)
 

@@ -6,6 +6,8 @@ import math
 import os
 import re
 import warnings
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -72,8 +74,8 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
     """
     grid, source = read_map(path)
     note_map(grid.name, lambda: grid.digest)
-    count = source.saver_grey_free
-    if count > 0.01 * grid.cells.size:
+    if source.has_free_grey:
+        count = source.saver_grey_free
         fault = (
             f"{count} pixels ({count / grid.cells.size:.0%}) of map_saver's unknown grey are free"
         )
@@ -108,7 +110,47 @@ def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource]:
             raise fault_of(file, "is a folder without any map", "give a map's YAML")
         if others:
             raise fault_of(folder, f"holds {1 + len(others)} maps", f"name one, such as {file}")
-    header = read_header(file)
+    return _read(file, read_header(file))
+
+
+def as_meant(grid: OccupancyGrid, source: MapSource | None) -> OccupancyGrid:
+    """The map with dark greys read as walls, and map_saver's grey as unknown, if it is not so.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map as its file says.
+    source : MapSource or None
+        How it was read; without it the map stays.
+    """
+    if source is None or source.meant_thresholds == (source.free_thresh, source.occupied_thresh):
+        return grid
+    file, (free, occupied) = Path(source.file), source.meant_thresholds
+    header = read_header(file)._replace(free_thresh=free, occupied_thresh=occupied)
+    return replace(_read(file, header)[0], name=grid.name)
+
+
+def meant_header(source: MapSource, more: Mapping[str, str] | None = None) -> str:
+    """A map's YAML with the thresholds of `as_meant`; the image is named in full.
+
+    Parameters
+    ----------
+    source : MapSource
+        How the map was read.
+    more : mapping of str to str, optional
+        Further entries that are to be other ones.
+    """
+    file, (free, occupied) = Path(source.file), source.meant_thresholds
+    image = (file.parent / source.image).resolve()
+    values = {"image": f'"{image}"', "free_thresh": f"{free:g}", "occupied_thresh": f"{occupied:g}"}
+    values |= more or {}
+    lines = file.read_text("utf-8").splitlines()
+    kept = [line for line in lines if not re.match(rf"({'|'.join(values)})\s*:", line)]
+    return "\n".join([*kept, *(f"{name}: {value}" for name, value in values.items())]) + "\n"
+
+
+def _read(file: Path, header: Header) -> tuple[OccupancyGrid, MapSource]:
+    """The map of a file's image under some header, and how its pixels were read."""
     image = file.parent / header.image
     pixels, seen, rescaled = read_pixels(image)
     raw = header.mode == "raw"

@@ -33,8 +33,8 @@ class MapFault:
 
     kind: str
     """What it is: "mask", "costmap", "thresholds", "cells", "coarse cells", "open boundary", "solid
-    walls", "thick walls", "painted unknown", "specks" or "origin"; by recorded drives "resolution"
-    or "deep walls"."""
+    walls", "thick walls", "painted unknown", "specks" or "origin"; by recorded drives "resolution",
+    "deep walls", "false walls" or "missing walls"."""
     what: str
     """What is wrong, as a sentence without a full stop."""
     mend: str = ""
@@ -42,12 +42,27 @@ class MapFault:
     costs: str = ""
     """What it costs a robot, where that was measured; else empty."""
     sure: bool = False
-    """Whether the map alone shows it; else only the user, or a recorded drive, can tell."""
+    """Whether the map, or the drive, shows it; else only the user, or a longer drive, can tell."""
+    boxes: tuple[tuple[float, float, float, float], ...] = ()
+    """Where it is, largest first: the least and greatest x, then y, of each place in the world [m];
+    empty where it is everywhere."""
+
+    @property
+    def where(self) -> str:
+        """The largest places in words, the middle of each and its size [m]; else empty."""
+        said = [
+            f"{(left + right) / 2:.1f},{(low + top) / 2:.1f}"
+            f" ({right - left:.1f} x {top - low:.1f} m)"
+            for left, right, low, top in self.boxes[:3]
+        ]
+        more = [f"{len(self.boxes) - 3} more places"] if len(self.boxes) > 3 else []
+        return ", ".join([*said, *more])
 
     @property
     def sentence(self) -> str:
         """All of it in one sentence, without a full stop."""
-        return "; ".join(each for each in (self.what, self.costs, self.mend) if each)
+        what = f"{self.what}, at {self.where}" if self.boxes else self.what
+        return "; ".join(each for each in (what, self.costs, self.mend) if each)
 
 
 def _said(kind: str, sentence: str, *, sure: bool = False) -> MapFault:
@@ -75,13 +90,12 @@ def of_source(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
             " are read as free; take the map that it was made of",
             sure=True,
         )
-    walls = np.count_nonzero(grid.cells == OCCUPIED)
-    if source.dark_unknown > walls / 2 and source.mode == "trinary":
+    if source.has_dark_walls:
         yield _said(
             "thresholds",
-            f"{source.dark_unknown:,} dark grey pixels are read as unknown, beside {walls:,}"
-            f" occupied ones; if they are walls, lower occupied_thresh to {DARK:g} (it is"
-            f" {occupied:g})",
+            f"{source.dark_unknown:,} dark grey pixels are read as unknown, beside"
+            f" {source.occupied:,} occupied ones; if they are walls, lower occupied_thresh to"
+            f" {DARK:g} (it is {occupied:g})",
         )
     if free == occupied:
         yield _said(
@@ -221,6 +235,36 @@ def _beside_unknown(cells: Octets) -> Bools:
 
     unknown = ((cells != OCCUPIED) & (cells != FREE)).view(np.uint8)
     return np.asarray(cv2.dilate(unknown, np.ones((3, 3), np.uint8)).view(np.bool_))
+
+
+def boxes_of(
+    grid: OccupancyGrid, cells: Bools, apart: float = 0.5
+) -> tuple[tuple[float, float, float, float], ...]:
+    """Boxes around the places of some cells, as `MapFault` has them.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    cells : (H, W) array of bool
+        The cells.
+    apart : float, default 0.5
+        Distance from which on cells are two places [m].
+    """
+    import cv2
+
+    size = 2 * int(apart / grid.resolution / 2) + 1
+    near = cv2.dilate(cells.view(np.uint8), np.ones((size, size), np.uint8))
+    count, labels = cv2.connectedComponents(near, connectivity=8)
+    rows, cols = np.nonzero(cells)
+    own = labels[rows, cols]
+    places = []
+    for n in np.argsort(-np.bincount(own, minlength=count), kind="stable")[: len(np.unique(own))]:
+        row, col = rows[own == n], cols[own == n]
+        corners = np.ix_((row.min(), row.max() + 1.0), (col.min(), col.max() + 1.0))
+        x, y = grid.grid_to_world(*map(np.ravel, np.broadcast_arrays(*corners)))
+        places.append((float(x.min()), float(x.max()), float(y.min()), float(y.max())))
+    return tuple(places)
 
 
 def of_painted(grid: OccupancyGrid) -> Iterator[MapFault]:

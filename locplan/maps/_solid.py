@@ -14,8 +14,9 @@ from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
 
 RANGE, BEAMS, SIGMA, OUTLIERS = 3.5, 60, 0.02, 0.1
 """Range [m] and beams of the lidar of the check, deviation of a range [m], share of outliers."""
-SCANS, POSES, TRIES = 80, 1500, 600
-"""Numbers of the scans, of the wrong poses of each, and of the places that are tried for them."""
+SCANS, POSES, TRIES, WHOLE = 80, 1500, 600, 2**22
+"""Numbers of the scans, of the wrong poses of each, of the places that are tried for them, and of
+the cells up to which a map is scored as a whole."""
 NEAREST, FARTHEST, MAX_TURN = 0.5, 3.0, 20.0
 """Distances of the wrong poses [m], and their greatest turn [deg]."""
 CLEARANCE = 0.25
@@ -99,7 +100,7 @@ def solidity(grid: OccupancyGrid) -> Solidity:
 
 @lru_cache(32)  # of the maps that are equal by value; the check takes tenths of a second
 def _solidity(grid: OccupancyGrid) -> Solidity:
-    from locplan._kernels.solids import surface_depths, wrong_pose_wins
+    from locplan._kernels.walls import surface_depths
 
     deep = int(DEPTH / grid.resolution) + 1
     faces, deep_faces = surface_depths(grid.cells, FREE, OCCUPIED, deep)
@@ -107,14 +108,15 @@ def _solidity(grid: OccupancyGrid) -> Solidity:
     if not inside.any():
         return Solidity(0.0, 0.0, 0.0)
     wins, count, moves = np.zeros(2), 0, _moves(grid.resolution)
+    before, both = (slice(0), slice(0)), [np.empty((0, 0), np.float32)]
     for around, pose, ends in _scans(grid):
-        occupied = (grid.cells[around] == OCCUPIED).view(np.uint8)
-        scores, beyond = _scores(occupied, grid.resolution)
-        if scores[int(pose[0]), int(pose[1])] > _score(np.float64(CLEARANCE)):
+        if around != before:
+            occupied = grid.cells[around] == OCCUPIED
+            rims, before = occupied & ~inside[around], around
+            both = [_scores(each.view(np.uint8), grid.resolution) for each in (occupied, rims)]
+        if both[0][int(pose[0]) + 1, int(pose[1]) + 1] > _score(np.float64(CLEARANCE)):
             continue
-        rims = occupied & ~inside[around].view(np.uint8)
-        for n, each in enumerate((scores, _scores(rims, grid.resolution)[0])):
-            wins[n] += wrong_pose_wins(each, beyond, ends, pose, moves)
+        wins += [_wrong_pose_wins(each, ends, pose, moves) for each in both]
         count += 1
         if count == SCANS:
             break
@@ -124,13 +126,26 @@ def _solidity(grid: OccupancyGrid) -> Solidity:
     return Solidity(as_is, mended, deep_faces / max(faces, 1))
 
 
+def _wrong_pose_wins(scores: Singles, ends: Floats, pose: Floats, moves: Floats) -> bool:
+    """Whether a scan fits better after one of the moves than at its true pose."""
+    from locplan._kernels.particles import BeamScores, add_scores
+
+    # Cells of the window in the ring, counted from its corner.
+    rows, cols = scores.shape
+    own = BeamScores(scores.ravel(), rows, cols, resolution=1.0, product=False, shift=1.0)
+    sums = np.empty(len(moves) + 1)
+    poses = pose[[1, 0, 2], None] + np.column_stack([np.zeros(3), moves.T])
+    add_scores(own, ends, poses, len(sums), sums)
+    return bool(sums[1:].max() > sums[0])
+
+
 def _moves(resolution: float) -> Floats:
-    """From the true pose to wrong ones: rows, columns [cells] and turn [rad], (POSES, 3)."""
+    """From the true pose to wrong ones: columns, rows [cells] and turn [rad], (POSES, 3)."""
     random = np.random.default_rng(1)
     distance = random.uniform(NEAREST, FARTHEST, POSES) / resolution
     bearing = random.uniform(-np.pi, np.pi, POSES)
     turn = np.radians(random.uniform(-MAX_TURN, MAX_TURN, POSES))
-    return np.column_stack([distance * np.sin(bearing), distance * np.cos(bearing), turn])
+    return np.column_stack([distance * np.cos(bearing), distance * np.sin(bearing), turn])
 
 
 def _scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], Floats, Floats]]:
@@ -146,12 +161,14 @@ def _scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], Floats, F
     angles = np.linspace(-np.pi, np.pi, BEAMS, endpoint=False)
     lidar = Lidar(angles, 0.0, 0.0, 0.0, SIGMA, 0.0, RANGE)
     noise = BeamDisturbances(OUTLIERS, 0.2, np.radians(20.0), 0.5, 2.0)
+    before, squares = (slice(0), slice(0)), np.empty((0, 0), np.uint8)
     for row, col in _places(grid, random):
         seen, pose = _window(grid, row, col, RANGE), np.empty(3)
         first = seen[0].start, seen[1].start
         pose[:] = row - first[0], col - first[1], random.uniform(-np.pi, np.pi)
         ends = np.empty((BEAMS, 2))
-        squares = empty_squares(grid.cells[seen] == OCCUPIED)
+        if seen != before:
+            before, squares = seen, empty_squares(grid.cells[seen] == OCCUPIED)
         measured_ends(random, squares, grid.resolution, pose, lidar, noise, ends)
         if np.isfinite(ends[:, 0]).sum() < BEAMS / 3:
             continue
@@ -169,8 +186,11 @@ def _places(grid: OccupancyGrid, random: np.random.Generator) -> Iterator[tuple[
 
 
 def _window(grid: OccupancyGrid, row: float, col: float, reach: float) -> tuple[slice, slice]:
-    """Rows and columns around a position [cells], as far as so many metres, within the map."""
-    far = int(reach / grid.resolution) + 1
+    """Rows and columns around a position [cells], as far as so many metres, or the whole map.
+
+    The whole of a map costs less than the windows of all scans, unless it is large.
+    """
+    far = int(reach / grid.resolution) + 1 if grid.cells.size > WHOLE else max(grid.shape)
     rows, cols = (
         slice(max(0, int(at) - far), min(size, int(at) + far + 1))
         for at, size in zip((row, col), grid.shape, strict=True)
@@ -178,15 +198,15 @@ def _window(grid: OccupancyGrid, row: float, col: float, reach: float) -> tuple[
     return rows, cols
 
 
-def _scores(occupied: Octets, resolution: float) -> tuple[Singles, float]:
-    """What a beam adds that ends in each cell, and what one adds that ends outside."""
+def _scores(occupied: Octets, resolution: float) -> Singles:
+    """What a beam adds that ends in each cell, in a ring for all outside."""
     import cv2
 
-    beyond = float(_score(np.float64(MAX_DISTANCE)))
-    if not occupied.any():
-        return np.full(occupied.shape, beyond, np.float32), beyond
-    distance = cv2.distanceTransform(1 - occupied, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return _score(np.minimum(distance * np.float32(resolution), np.float32(MAX_DISTANCE))), beyond
+    distance = np.full(occupied.shape, MAX_DISTANCE, np.float32)
+    if occupied.any():
+        cells = cv2.distanceTransform(1 - occupied, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        distance = np.minimum(cells * np.float32(resolution), distance)
+    return _score(np.pad(distance, 1, constant_values=MAX_DISTANCE))
 
 
 def _score(distance: Singles | np.float64) -> Singles:

@@ -16,7 +16,7 @@ import numpy as np
 from locplan._kernels.arrays import Array, Bools, Ints, Octets, Singles
 from locplan._util.checks import FARTHEST, RESOLUTIONS, is_file_name, shown
 from locplan._util.reading import SCALAR_TAGS, compose, fault_of, read_content, reason_of
-from locplan.maps._occupancy import FREE, UNKNOWN
+from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
 
 if TYPE_CHECKING:
     from PIL import Image, ImageFile
@@ -137,6 +137,8 @@ class MapSource:
     """Minimum occupancy that is occupied, 0..1; map_saver writes 0.65."""
     pixels: int
     """Number of pixels."""
+    occupied: int
+    """Number of pixels that are read as occupied."""
     saver_grey_free: int
     """Number of pixels of map_saver's grey for unknown that are read as free."""
     light_free: int
@@ -151,6 +153,24 @@ class MapSource:
     of_costs: int
     """Number of pixels that have a costmap's values for obstacles, 253 and 254, and are read as
     free; 0 unless both are over 1 % of all, as in no map."""
+
+    @property
+    def has_dark_walls(self) -> bool:
+        """True if dark greys that are read as unknown seem to be walls, being as many as these."""
+        return self.mode == "trinary" and self.dark_unknown > self.occupied / 2
+
+    @property
+    def has_free_grey(self) -> bool:
+        """True if over 1 % of the pixels are map_saver's grey for unknown and are read as free."""
+        return self.saver_grey_free > 0.01 * self.pixels
+
+    @property
+    def meant_thresholds(self) -> tuple[float, float]:
+        """The thresholds, free and occupied, by which dark greys that seem to be walls are such,
+        and map_saver's grey is unknown."""
+        below_grey = self.has_free_grey or self.has_dark_walls
+        free = min(self.free_thresh, 0.196 if below_grey else 1.0)
+        return free, DARK if self.has_dark_walls else self.occupied_thresh
 
     @classmethod
     def of(
@@ -191,6 +211,7 @@ class MapSource:
             *(file, header.image, header.mode, header.negate),
             *(header.free_thresh, header.occupied_thresh),
             pixels=int(counts.sum()),
+            occupied=int(counts[levels == OCCUPIED].sum()),
             saver_grey_free=int(counts[grey]) if levels[grey] == FREE and not raw else 0,
             light_free=int(of_light.sum()),
             light_value=int(of_light.argmax()) if of_light.any() else 0,

@@ -18,7 +18,17 @@ from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.export import write_filter_map
 from locplan.field import equipped, kept_solidity
-from locplan.maps import FREE, MapFaults, MapSource, OccupancyGrid, faults, hollowed
+from locplan.maps import (
+    FREE,
+    OCCUPIED,
+    MapFaults,
+    MapSource,
+    OccupancyGrid,
+    as_meant,
+    faults,
+    hollowed,
+    meant_header,
+)
 from locplan.mending._walls import WallUpdate, update_walls
 from locplan.planners import plan, random_queries
 from locplan.recordings import Recording
@@ -60,7 +70,7 @@ class Mended(Result):
         "mend",
         (
             *("mend.json", "mend.png", "mend.csv", "map_amcl.yaml", "map_amcl.pgm"),
-            *("servers.yaml", "localizability.launch.xml", "amcl.yaml", "README.md"),
+            *("servers.yaml", "localizability.launch.xml", "amcl.yaml", "README.md", "map.yaml"),
         ),
     )
 
@@ -77,6 +87,10 @@ class Mended(Result):
     """Seed of all random numbers."""
     walls: WallUpdate | None = None
     """What recorded drives say of the walls; None without any."""
+    undriven: str = ""
+    """Why there is no verdict though something was mended; else empty."""
+    source: MapSource | None = None
+    """How the map was read, if its thresholds are to be changed for planning, too; else None."""
 
     def __repr__(self) -> str:
         return f"Mended({self.grid.name or 'map'}, {self.changed:,} cells)"
@@ -93,6 +107,7 @@ class Mended(Result):
             "filter_map": {"name": self.filter_map.name, "digest": self.filter_map.digest},
             "changed_cells": self.changed,
             "verdicts": self.table().records(),
+            "undriven": self.undriven,
             "walls": None if self.walls is None else self.walls.summary(),
             "seed": self.seed,
         }
@@ -112,6 +127,8 @@ class Mended(Result):
         self.table().write_csv(folder / "mend.csv")
         if self.changed:
             write_filter_map(folder, self.filter_map)
+        if self.source is not None:
+            (folder / "map.yaml").write_text(meant_header(self.source), "utf-8")
 
 
 def mended_report(mended: Mended) -> str:
@@ -125,8 +142,19 @@ def mended_report(mended: Mended) -> str:
     if mended.faults.is_solid:
         lines.append(CONCERNED)
     world = "with the walls that were recorded" if update is not None else "as it is"
+    planned = "the map as it is"
+    if mended.source is not None:
+        free, occupied = mended.source.meant_thresholds
+        planned = f"map.yaml, which has free_thresh {free:g} and occupied_thresh {occupied:g}"
+        world = "as its greys are meant" if update is None else world
+        if np.array_equal(*(each.cells == OCCUPIED for each in (mended.grid, mended.filter_map))):
+            lines.append(
+                "no wall is another: a filter that knows its place gains nothing; plans do"
+            )
+    lines.append(f"{mended.changed:,} cells are other ones for the filter; plan on {planned}")
+    if mended.undriven:
+        return "\n".join([*lines, f"no verdict by drives: {mended.undriven}"])
     lines += [
-        f"{mended.changed:,} cells are other ones for the filter; plan on the map as it is",
         str(mended.table()),
         f"simulated drives in the map {world} [95 %]; error ratio: mended over as is",
     ]
@@ -151,8 +179,11 @@ def mend(
     the map then explains more beams of scans that were held out. They also tell whether the map's
     resolution is wrong, and whether its walls are deeper than the true ones; both are faults.
 
-    The robot drives in the map as it is, or with the walls that were recorded. Its filter has the
-    map as it is or the mended one, and so has Nav2's AMCL with its defaults. The n-th drives of
+    Where dark greys of the file seem to be walls, or map_saver's grey is read as free, the map is
+    read as it is meant, by other thresholds.
+
+    The robot drives in this map, or with the walls that were recorded. Its filter has the map as it
+    is or the mended one, and so has Nav2's AMCL with its defaults. The n-th drives of
     both have the same world and seed.
 
     Parameters
@@ -187,8 +218,8 @@ def mend(
     Raises
     ------
     LocplanError
-        If a number is out of its range, the robot can drive nowhere, or the poses of a recording
-        are off by so much that walls would be drawn beside their places.
+        If a number is out of its range, or the poses of a recording are off by so much that walls
+        would be drawn beside their places. Where the robot can drive nowhere, there is no verdict.
 
     Examples
     --------
@@ -200,20 +231,28 @@ def mend(
     whole("paths", paths, 1, 1000)
     if recordings and (robot is None or robot.lidar is None):
         robot = recordings[0].robot(robot)
+    meant = as_meant(grid, source)
     robot, found = equipped(robot), faults(grid, source, check=kept_solidity)
-    update = update_walls(grid, recordings) if recordings else None
+    if meant != grid:  # of the walls as they are meant it is to be known whether they are solid
+        of_file = [each for each in found if each.kind in ("mask", "costmap", "thresholds")]
+        found = replace(found, found=(*of_file, *faults(meant, check=kept_solidity)))
+    update = update_walls(meant, recordings) if recordings else None
     if update is not None:
-        found = replace(found, found=(*update.ranges.faults(grid), *found))
-    mended, world = _mended(found), grid
+        found = replace(found, found=(*update.faults(meant), *found))
+    mended, world = _mended(replace(found, grid=meant)), meant
     if update is not None:
-        mended, world = update.on(mended), update.on(grid)
+        mended, world = update.on(mended), update.on(meant)
+    file = None if meant == grid else source
     if mended == grid:
         return Mended(grid, mended, found, (), seed, update)
     default = Amcl()
     filters = {"Nav2's defaults": replace(robot, filter=default)}
     if robot.filter != default:
         filters["the robot's"] = robot
-    ways = _ways(world, robot, paths, seed)
+    try:
+        ways = _ways(world, robot, paths, seed)
+    except ConfigError as error:
+        return Mended(grid, mended, found, (), seed, update, str(error), file)
     callbacks = parts(progress, [2 * paths * drives] * len(filters))
     verdicts = []
     for (name, each), part in zip(filters.items(), callbacks, strict=True):
@@ -230,7 +269,7 @@ def mend(
             for own, tell in zip((grid, mended), both, strict=True)
         )
         verdicts.append(_verdict(name, as_is, hollow))
-    return Mended(grid, mended, found, tuple(verdicts), seed, update)
+    return Mended(grid, mended, found, tuple(verdicts), seed, update, source=file)
 
 
 def _mended(found: MapFaults) -> OccupancyGrid:
