@@ -176,11 +176,11 @@ def test_an_edit_stays_on_the_mended_map_of_a_report(checked):
     report = CheckReport.read(checked)
     x, y = report.about["trips"][0]["start"]
     config = config_of(report.robot)
-    with served_plainly(load_map(report.map_file), config, report=report) as server:
-        session = server.session
+    with served_plainly(load_map(report.map_file), config, report=report) as plain:
+        session = plain.session
         stroke = {"tool": "pole", "points": [[x, y]], "width": 0.4}
         answered(session, "edit", strokes=[stroke])
-        _, _, packed = fetched(server, f"/data/cells/{session.grid.digest}/mended")
+        _, _, packed = fetched(plain, f"/data/cells/{session.grid.digest}/mended")
         cells = np.frombuffer(gzip.decompress(packed), np.uint8).reshape(session.grid.shape)[::-1]
     assert cells[session.grid.world_to_cell(x, y)] == 3  # occupied, and not marked
     same = session.grid.cells == blocks().cells
