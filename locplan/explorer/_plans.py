@@ -80,7 +80,7 @@ def plan(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
 
 
 def _is_for_lattice(ask: Ask, scene: Scene, held: int | None) -> bool:
-    """Whether a plan is one of the lattice planner: while something moves it is that of a circle."""
+    """Whether a plan is one of the lattice planner: else it is that of a circle."""
     rests = held is None and not ask.flag("draft")
     return rests and scene.field is not None and planner_of(ask) is not None
 

@@ -101,7 +101,7 @@ def reproduce(session: Session, ask: Ask, work: Work) -> dict[str, str]:
     """
     drives = ask.whole("drives", 2, MAX_DRIVES, 0)
     view, file = session.view(ask), session.map_file
-    config, robot, (start, *via, goal) = view.field.config, view.robot, view.stops
+    config, robot, (start, *_, goal) = view.field.config, view.robot, view.stops
     assumed = not config.estimator.casts_rays and robot.lidar == lidar_of(config)
     if assumed and not drives:  # commands assume the same lidar; what is driven has a known one
         robot = dataclasses.replace(robot, lidar=None)
@@ -114,12 +114,7 @@ def reproduce(session: Session, ask: Ask, work: Work) -> dict[str, str]:
         **view.cost_settings,
         "drives": drives,
     }
-    if view.planner:
-        words = ("--planner", view.planner)
-        settings["planner"] = Spelled(words, f"[{view.planner!r}]", argument="candidates")
-    settings |= _filter_map(session, view) if drives else {}
-    if via:
-        settings["via"] = [xy[:2] for xy in via]
+    settings |= _more(session, view, drives)
     if config.estimator.casts_rays and not drives:  # options say that by the spacing
         whole = "lambda grid, points=None: locplan.load_or_compute(grid, config)"
         settings["compute"] = Spelled((), whole)
@@ -152,6 +147,17 @@ def _end(name: str, pose: Position) -> Any:
         return pose
     texts = [number_text(each) for each in (*pose[:2], math.degrees(pose[2]))]
     return Spelled((f"--{name}", ",".join(texts)), repr(tuple(map(float, pose))))
+
+
+def _more(session: Session, view: View, drives: int) -> dict[str, Any]:
+    """Planner, filter's map and waypoints, where they are not the usual ones."""
+    more: dict[str, Any] = _filter_map(session, view) if drives else {}
+    if view.planner:
+        words = ("--planner", view.planner)
+        more["planner"] = Spelled(words, f"[{view.planner!r}]", argument="candidates")
+    if via := view.stops[1:-1]:
+        more["via"] = [xy[:2] for xy in via]
+    return more
 
 
 def _filter_map(session: Session, view: View) -> dict[str, Any]:
