@@ -1,4 +1,4 @@
-"""The report of a check that the page opens on: its map and robot, places, trips and cures."""
+"""What is wrong: the map's faults, and the report of a check with its places, trips and cures."""
 
 from __future__ import annotations
 
@@ -94,7 +94,13 @@ class CheckReport:
         return {name: tuple(worst[name]) for name in ("start", "goal")}
 
     def chosen(self, trip: str) -> Path | None:
-        """The path to take of a trip, where the check recommends another one than the shortest."""
+        """The path to take of a trip, where the check recommends another one than the shortest.
+
+        Parameters
+        ----------
+        trip : str
+            Name of the trip.
+        """
         file = self.folder / f"{file_name(trip)}.csv"
         return Path.load(file) if "paths" in self.about["recommended"] and file.is_file() else None
 
@@ -134,4 +140,16 @@ def checked(session: Session, ask: Ask, work: Work) -> dict[str, object]:
         "next": about["next"]["sentence"],
         "poles": rounded(Path.load(poles).xy) if has_poles else [],
         "pole": max(0.2, 2 * session.original.resolution),
+    }
+
+
+def faults(session: Session, ask: Ask, work: Work) -> dict[str, object]:
+    """Answer the ask for the map's faults: what they are, whether any has a place, and a mend."""
+    grid, maps = session.grid, session.faulty
+    names = ("kind", "sentence", "sure")
+    return {
+        "faults": [{name: getattr(one, name) for name in names} for one in maps.of(grid)],
+        "placed": bool(maps.marked(grid, "faults").any()),
+        "mends": bool(maps.marked(grid, "mended").any()),
+        "map": grid.digest,
     }

@@ -27,7 +27,6 @@ from starlette.websockets import WebSocket
 
 from locplan.errors import ConfigError
 from locplan.explorer._asks import MAX_MESSAGE
-from locplan.explorer._faults import marked
 from locplan.explorer._session import Lane, Session
 from locplan.explorer._socket import Link
 from locplan.explorer._state import cells_of
@@ -241,7 +240,7 @@ class Server:
             grid, layer = session.grid, (session.textures(digest) or {}).get(name)
             made = layer and layer.texels
             if not name and digest == grid.digest:
-                made = cells_of(grid.cells, marked(session, grid, marks) if marks else None)
+                made = cells_of(grid.cells, session.faulty.marked(grid, marks) if marks else None)
             if made is None:
                 return _missing()
             found = gzip.compress(np.ascontiguousarray(made).tobytes(), 3, mtime=0)

@@ -18,7 +18,7 @@ from locplan._util.tables import finite
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._asks import MAX_WEIGHT, Ask, Cancel, Work
-from locplan.explorer._faults import mended
+from locplan.explorer._faults import FaultyMaps
 from locplan.explorer._scene import Opening, Scene, Texture, stops_of, textures_of
 from locplan.explorer._searches import Flood, Kept
 from locplan.explorer._upkeep import Upkeep
@@ -81,7 +81,7 @@ ASKS: dict[str, Entry] = {
     "simulate": Entry("locplan.explorer._long:simulate", "long"),
     "steer": Entry("locplan.explorer._long:steer", "long"),
     "landmarks": Entry("locplan.explorer._long:landmarks", "long"),
-    "faults": Entry("locplan.explorer._faults:faults", "drive"),
+    "faults": Entry("locplan.explorer._checked:faults", "drive"),
     "checked": Entry("locplan.explorer._checked:checked", "drive"),
     "twins": Entry("locplan.explorer._long:twins", "long"),
     "twins_everywhere": Entry("locplan.explorer._long:twins_everywhere", "long"),
@@ -110,6 +110,7 @@ class Session(Upkeep):
     def __init__(self, grid: OccupancyGrid, opening: Opening) -> None:
         super().__init__(grid, opening)
         self.files = Kept(opening.limits.file_bytes)
+        self.faulty = FaultyMaps(opening, grid, self.files)
         self.edits: list[Any] = []
         self.undone: list[Any] = []
         self.opening_ends = threading.Lock()
@@ -203,7 +204,7 @@ class Session(Upkeep):
         assert scene.field is not None
         stops, _ = stops_of(ask, scene.parts)
         planner = planner_of(ask)
-        own = mended(self, costs.grid) if ask.flag("mended") else None
+        own = self.faulty.mended(costs.grid) if ask.flag("mended") else None
         ends = headed(ask, stops) if planner else stops
         return View(scene.field, costs, self.robot, ends, scene.whole, planner, own)
 
