@@ -68,6 +68,25 @@ def test_solid_walls_are_cured_by_the_mended_map_and_fresh_drives_agree(solid):
     assert solid.cured.world is solid.site.world
 
 
+def test_places_where_the_map_misleads_name_its_fault(solid):
+    alone = [each for each in solid.spots if not each.rings]
+    assert alone
+    assert {each.missing for each in alone} == {"nothing: the map errs (solid walls)"}
+
+
+@pytest.mark.draws
+def test_a_mended_map_for_the_filter_is_checked_and_not_advised_again(solid, tmp_path):
+    own = solid.cured.filter_map
+    found = check(blocks(), locplan.Robot(LIDAR), effort="quick", filter_map=own)
+    assert found.as_is.lost.high < solid.as_is.lost.low
+    assert "map" not in [each.kind for each in found.cures]
+    solid.save(tmp_path / "own")
+    assert (
+        f"{tmp_path}/own/"
+        in json.loads((tmp_path / "own" / "check.json").read_text())["next"]["command"]
+    )
+
+
 def test_a_cure_that_takes_a_file_comes_before_others_that_lose_as_few(solid):
     map_alone = solid.cures[0]
     assert map_alone.kind == "map"

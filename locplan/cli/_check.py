@@ -13,7 +13,7 @@ from locplan._util.files import check_target
 from locplan._util.progress import progress_bar
 from locplan.cli import _options as shared, _types as typed
 from locplan.cli._application import BEYOND_LIMIT
-from locplan.cli._robot_options import RobotOptions
+from locplan.cli._robot_options import FilterMap
 from locplan.errors import ConfigError, one_line
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def limit(_: str, text: str) -> Limit:
     "check lab.yaml --lidar turtlebot4 --stations stations.csv --quick",
     "check lab.yaml --robot robot.yaml --fail-if 'lost > 5%' --junit check.xml",
 )
-class check(typed.OneMap, RobotOptions, shared.ReferencedOptions, shared.Seeded, shared.Output):
+class check(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, shared.Output):
     """Find where a robot gets lost on a map, and the cure that helps most, by driving it.
 
     Faults and weak spots of the map are found, and trips driven in simulation with
@@ -62,6 +62,7 @@ class check(typed.OneMap, RobotOptions, shared.ReferencedOptions, shared.Seeded,
         recordings = [self.referenced(grid, file) for file in self.drive]
         robot = self.robot_on(recordings[0]) if recordings else self.load_robot()
         every: dict[str, Any] = {"seed": self.seed, "threads": self.threads, "found": _tell}
+        every["filter_map"] = self.load_filter_map(grid) if self.filter_map else None
         effort: Any = next(iter(self.given("quick", "thorough")), "usual")
         with progress_bar("checking", "") as progress:
             found = locplan.check(

@@ -13,7 +13,7 @@ from locplan.diagnosis import _cures as cures, _in_short as in_short
 from locplan.diagnosis._driving import Journal, Site
 from locplan.diagnosis._reading import Reading
 from locplan.diagnosis._recorded import recorded
-from locplan.diagnosis._result import Check, is_better, ranked
+from locplan.diagnosis._result import Check, is_better, misled, ranked
 from locplan.diagnosis._trips import Stations, trips_of
 from locplan.diagnosis._weak_spots import WeakSpot, weak_spots
 from locplan.diagnosis._work import EFFORTS, Work
@@ -29,6 +29,7 @@ from locplan.field import (
 from locplan.maps import MapFaults, MapSource, OccupancyGrid, check_grid, faults, read_map
 from locplan.recordings import Recording
 from locplan.robots import Amcl, Robot
+from locplan.simulation import check_filter_map
 from locplan.twins import PLACE_SPACING, find_twins
 
 SHARES = {"field": 200, "as it is": 150, "cures": 450, "together": 200}
@@ -41,6 +42,7 @@ def check(
     stations: Stations | None = None,
     recordings: Sequence[Recording] = (),
     *,
+    filter_map: OccupancyGrid | None = None,
     effort: str = "usual",
     seed: int = 1,
     threads: int | None = None,
@@ -71,6 +73,9 @@ def check(
         `locplan.recordings.referenced`. Where the map fits, lidar and odometry err in simulation
         as they did in the longest one, walls are those that were recorded, and the resolution is
         compared.
+    filter_map : OccupancyGrid, optional
+        Map of the robot's filter, such as a mended one; by default the map itself. How the map's
+        file should be read is then no cure.
     effort : {"quick", "usual", "thorough"}, default "usual"
         How much is driven: about a third of the usual drives, and neither other paths nor
         landmarks; 96 drives, which know the share of lost ones to 10 points; or 288, and the
@@ -110,6 +115,7 @@ def check(
     if isinstance(grid, str | os.PathLike):
         grid, source = read_map(grid)
     check_grid(grid)
+    own = check_filter_map(filter_map, grid)
     assumed = robot is None or robot.lidar is None
     robot, told = equipped(robot), found or (lambda _: None)
     stages = parts(progress, [*SHARES.values()])
@@ -124,11 +130,13 @@ def check(
     for each in drives.said:
         told(each)
     map_faults = replace(map_faults, found=(*drives.faults, *map_faults))
+    if filter_map is not None:  # the filter does not read the map's file
+        reading = replace(reading, reasons=(), is_sure=False)
     if drives.stretch != 1:
         reading = reading.scaled(drives.stretch)
     if drives.world != reading.grid:  # with other walls paths may be other ones
         paths = trips_of(Costmap.blank(drives.world, robot=robot), stations, len(paths), seed)
-    site = Site(drives.world, grid, drives.robot, paths, drives.stretch)
+    site = Site(drives.world, own, drives.robot, paths, drives.stretch)
     field, costs, spots = _field_and_spots(site, threads, steps["field"])
     told(in_short.spots(spots))
     with Journal.of(site, seed) as journal:
@@ -141,6 +149,7 @@ def check(
             if is_better(cure):
                 told(in_short.cure(cure, as_is))
         before, after = work.together(tried, steps["together"])
+    spots = misled(spots, map_faults, tried)
     return Check(
         grid=grid,
         faults=map_faults,

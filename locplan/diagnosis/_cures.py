@@ -76,7 +76,7 @@ def remedies(site: Site, reading: Reading, mended: OccupancyGrid) -> Iterator[Re
             lambda old: replace(old, filter_map=reading.grid, stretch=1.0),
             is_sure=reading.is_sure,
         )
-    if mended != reading.grid:
+    if mended not in (reading.grid, site.filter_map):
         yield Remedy(
             *(MEND, "the mended map for the filter", "a second map server"),
             lambda old: replace(old, filter_map=mended),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path as Folder
 from typing import Any, ClassVar
@@ -16,14 +17,10 @@ from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import file_name, finite
 from locplan.costs import Path
-from locplan.diagnosis._cures import (
-    CHEAP,
-    KINDS,
-    WALLS,
-)
+from locplan.diagnosis._cures import CHEAP, KINDS, MEND, WALLS
 from locplan.diagnosis._driving import BETTER, Site, keeps_more
 from locplan.diagnosis._reading import Reading
-from locplan.diagnosis._weak_spots import WeakSpot
+from locplan.diagnosis._weak_spots import CLEAR, WeakSpot
 from locplan.maps import MapFaults, MapSource, OccupancyGrid
 from locplan.simulation import LOST
 
@@ -164,8 +161,6 @@ class Check(Result):
     """"quick", "usual" or "thorough"."""
     seed: int
     """Seed of all random numbers."""
-    notes: tuple[str, ...] = field(default=())
-    """What limits the result, in sentences without a full stop."""
 
     def __repr__(self) -> str:
         doing = ", ".join(self.recommended) or "nothing to recommend"
@@ -242,7 +237,6 @@ class Check(Result):
                 "after": self.after.summary(),
                 "start": self.start,
                 "recorded": list(self.recorded),
-                "notes": list(self.notes),
                 "next": called("locplan.diagnosis._text:next_action", self, *about)._asdict(),
             }
         )
@@ -264,9 +258,24 @@ class Check(Result):
         new = {name: path for name, path in self.cured.paths.items() if path is not old[name]}
         return {f"{file_name(name)}.csv": path for name, path in new.items()}
 
+    def save(self, folder: str | os.PathLike[str], *about: Any, force: bool = False) -> None:
+        """Write the report, and the files of the cures, whole or not at all.
+
+        Parameters
+        ----------
+        folder : path
+            Folder of the results, which need not exist.
+        *about
+            The folder that the commands name, by default this one, and the user's parameters of
+            Nav2, of which a copy is changed.
+        force : bool, default False
+            True also replaces files of these names that locplan did not write.
+        """
+        super().save(folder, *(about or (Folder(folder),)), force=force)
+
     def _write(self, folder: Folder, *about: Any) -> None:
         self.table().write_csv(folder / "check.csv")
-        called("locplan.diagnosis._files:write_files", folder, self, (*about, None, None)[1])
+        called("locplan.diagnosis._files:write_files", folder, self, (*about, None)[1])
         called("locplan.diagnosis._report:write_report", folder / "report.html", self, *about)
 
 
@@ -291,6 +300,26 @@ def helps(cure: Cure, before: Rates) -> bool:
     if keeps_place(before) and before.error.value < LARGE and cure.kind != WALLS:
         return False
     return keeps_more(cure.verdict, cure.gain) or (is_better(cure) and cure.kind in CHEAP)
+
+
+def misled(
+    spots: Sequence[WeakSpot], faults: MapFaults, cures: Sequence[Cure]
+) -> tuple[WeakSpot, ...]:
+    """The places, where scans are clear with the fault of the map that a better one cures.
+
+    Parameters
+    ----------
+    spots : sequence of WeakSpot
+        The places.
+    faults : MapFaults
+        Faults of the map.
+    cures : sequence of Cure
+        The cures as they were driven.
+    """
+    if not any(is_better(each) for each in cures if each.kind in (WALLS, MEND)):
+        return tuple(spots)
+    why = f"nothing: the map errs ({', '.join(each.kind for each in faults) or 'its walls'})"
+    return tuple(replace(s, missing=why) if s.missing == CLEAR else s for s in spots)
 
 
 def ranked(cures: Sequence[Cure]) -> list[Cure]:
