@@ -111,12 +111,6 @@ def test_what_is_left_of_false_walls_is_out_of_view(office, drive):
     passed, _ = count_scans(met, origins, ends, 2.0)
     often = false & (passed >= 3)
     assert often.sum() > 1000
-    print(
-        update.removed[often].mean(),
-        often.sum(),
-        (update.removed & (office.cells == OCCUPIED)).sum(),
-        update.removed.sum(),
-    )
     assert update.removed[often].mean() > 0.9
     assert (update.removed & (office.cells == OCCUPIED)).sum() < 0.03 * update.removed.sum()
 
