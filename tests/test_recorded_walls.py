@@ -153,6 +153,11 @@ def test_poses_that_are_off_are_refused(office, drive, far):
         update_walls(office, [drive, off(drive, far)])
 
 
+def test_a_drive_of_another_map_is_refused(drive):
+    with pytest.raises(RecordingError, match="no scan fits two_corridors"):
+        update_walls(environments.make("two_corridors"), [drive])
+
+
 def scaled(grid, drive, ratio):
     """The map with another resolution than the true one, and the drive's poses on it."""
     x, y, yaw = grid.origin
