@@ -158,6 +158,33 @@ def test_thresholds_are_mended_for_the_filter_and_for_planning(tmp_path, run):
     assert verdict.rmse_ratio.value < 1
 
 
+@pytest.mark.parametrize(
+    "entries",
+    [
+        "{image: lab.png, resolution: 0.1, origin: [1, 2, 0], occupied_thresh: 0.65,\n"
+        " free_thresh: 0.25, negate: true}",
+        '"image": lab.png\nresolution: 0.1 # m\norigin:\n- 1\n- 2\n- 0\nnegate: 1\n'
+        "occupied_thresh: 0.65\nfree_thresh: 0.25\n...",
+        "resolution: 0.1\norigin: [1, 2, 0]\nnegate: 1\nimage: lab.png\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.65",
+    ],
+)
+def test_a_yaml_of_any_style_gets_the_thresholds_that_are_meant(tmp_path, entries):
+    folder = tmp_path / 'of "Anna"'
+    folder.mkdir()
+    pixels = np.full((60, 80), 1, np.uint8)
+    pixels[20:24, 20:60], pixels[40:50, 40:60] = 140, 50
+    Image.fromarray(pixels).save(folder / "lab.png")
+    (folder / "lab.yaml").write_text(entries)
+    grid, source = maps.read_map(folder / "lab.yaml")
+    more = {"resolution": 0.2, "origin": [2, 4, 0]}
+    (tmp_path / "map.yaml").write_text(maps.meant_header(source, more))
+    read = load_map(tmp_path / "map.yaml")
+    assert (read.resolution, read.origin) == (0.2, (2, 4, 0))
+    assert np.array_equal(read.cells, maps.as_meant(grid, source).cells)
+    assert set(read.cells[::-1][40:50, 40:60].flat) == {maps.UNKNOWN}
+
+
 def test_unknown_that_is_read_as_free_is_mended_and_where_none_can_drive_it_is_said(tmp_path, run):
     pixels = np.full((20, 20), 205, np.uint8)
     pixels[5:11, 5:11] = 0

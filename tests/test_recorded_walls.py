@@ -111,12 +111,6 @@ def test_what_is_left_of_false_walls_is_out_of_view(office, drive):
     passed, _ = count_scans(met, origins, ends, 2.0)
     often = false & (passed >= 3)
     assert often.sum() > 1000
-    print(
-        update.removed[often].mean(),
-        often.sum(),
-        (update.removed & (office.cells == OCCUPIED)).sum(),
-        update.removed.sum(),
-    )
     assert update.removed[often].mean() > 0.9
     assert (update.removed & (office.cells == OCCUPIED)).sum() < 0.03 * update.removed.sum()
 
@@ -157,6 +151,11 @@ def test_poses_that_are_off_are_refused(office, drive, far):
             update_walls(office, [replace(drive, poses=drive.poses + side)])
     with pytest.raises(RecordingError, match="too much"):  # of several drives the worst counts
         update_walls(office, [drive, off(drive, far)])
+
+
+def test_a_drive_of_another_map_is_refused(drive):
+    with pytest.raises(RecordingError, match="no scan fits two_corridors"):
+        update_walls(environments.make("two_corridors"), [drive])
 
 
 def scaled(grid, drive, ratio):

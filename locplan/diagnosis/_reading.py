@@ -53,13 +53,13 @@ class Reading:
         return replace(self, reasons=(*self.reasons, said), is_sure=True, scale=factor)
 
     @property
-    def lengths(self) -> dict[str, str]:
+    def lengths(self) -> dict[str, object]:
         """The entries of the map's YAML for its true lengths; none where the file has them."""
         if self.scale == 1:
             return {}
         true = self.in_metres(self.grid)
-        x, y, yaw = true.origin
-        return {"resolution": f"{true.resolution:.4g}", "origin": f"[{x:.4f}, {y:.4f}, {yaw:g}]"}
+        origin = [round(each, 4) for each in true.origin[:2]] + [true.origin[2]]
+        return {"resolution": float(f"{true.resolution:.4g}"), "origin": origin}
 
     def in_metres(self, grid: OccupancyGrid) -> OccupancyGrid:
         """A map in the lengths of the file, in true ones."""

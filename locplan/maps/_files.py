@@ -130,23 +130,27 @@ def as_meant(grid: OccupancyGrid, source: MapSource | None) -> OccupancyGrid:
     return replace(_read(file, header)[0], name=grid.name)
 
 
-def meant_header(source: MapSource, more: Mapping[str, str] | None = None) -> str:
+def meant_header(source: MapSource, more: Mapping[str, object] | None = None) -> str:
     """A map's YAML with the thresholds of `as_meant`; the image is named in full.
 
     Parameters
     ----------
     source : MapSource
         How the map was read.
-    more : mapping of str to str, optional
+    more : mapping of str to object, optional
         Further entries that are to be other ones.
     """
     file, (free, occupied) = Path(source.file), source.meant_thresholds
-    image = (file.parent / source.image).resolve()
-    values = {"image": f'"{image}"', "free_thresh": f"{free:g}", "occupied_thresh": f"{occupied:g}"}
-    values |= more or {}
-    lines = file.read_text("utf-8").splitlines()
-    kept = [line for line in lines if not re.match(rf"({'|'.join(values)})\s*:", line)]
-    return "\n".join([*kept, *(f"{name}: {value}" for name, value in values.items())]) + "\n"
+    header = read_header(file)._replace(free_thresh=free, occupied_thresh=occupied)
+    image = str((file.parent / header.image).resolve())
+    return _text_of(header._replace(image=image), more or {})
+
+
+def _text_of(header: Header, more: Mapping[str, object]) -> str:
+    """A map's YAML, with some entries other ones."""
+    # ROS 1 does not read true and false.
+    entries = header._asdict() | {"negate": int(header.negate), **more}
+    return dumped(entries, default_flow_style=None, sort_keys=True, width=math.inf)
 
 
 def _read(file: Path, header: Header) -> tuple[OccupancyGrid, MapSource]:
@@ -265,10 +269,8 @@ def save_map(
     # Readers disagree on what negate does to raw values, so that it is never set there.
     negate = bool(negate) and mode != "raw"
     header = Header(image.name, grid.resolution, grid.origin, negate, 0.65, 0.196, mode)
-    entries = header._asdict() | {"negate": int(negate)}  # ROS 1 does not read true and false
-    text = dumped(entries, default_flow_style=None, sort_keys=True, width=math.inf)
     try:
-        _replace_both(file, text, image, _draw(grid, header))
+        _replace_both(file, _text_of(header, {}), image, _draw(grid, header))
     except (OSError, ValueError) as error:
         remedy = "choose a name in an existing, writable folder"
         raise fault_of(file, f"cannot be written ({reason_of(error)})", remedy) from error

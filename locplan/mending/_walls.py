@@ -177,10 +177,16 @@ def update_walls(grid: OccupancyGrid, recordings: Sequence[Recording]) -> WallUp
     for each in recordings:
         instance("recording", each, Recording, "read one with locplan.recordings.read_drive")
     deviation = max(_pose_deviation(grid, each) for each in recordings)
+    name = grid.name or "the map"
+    if math.isinf(deviation):
+        raise RecordingError(
+            f"no scan fits {name} near its pose, so that no wall can be drawn;"
+            " give a drive of this map, with poses on it"
+        )
     if deviation > BAD_POSES:
         raise RecordingError(
-            f"the poses are off by {deviation:.2f} m from where their scans fit"
-            f" {grid.name or 'the map'}, too much to draw walls by (at most {BAD_POSES:g} m);"
+            f"the poses are off by {deviation:.2f} m from where their scans fit {name},"
+            f" too much to draw walls by (at most {BAD_POSES:g} m);"
             " smooth them (--reference smoothed), or check with locplan trajectory"
         )
     parts = [_beams(grid, each) for each in recordings]
