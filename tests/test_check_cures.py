@@ -140,7 +140,8 @@ def test_poles_that_were_placed_before_are_not_placed_again(tmp_path, monkeypatc
         if np.array_equal(json.loads(each.read_text()), poses)
     )
     assert check(*asked).summary() == first.summary()
-    file.write_text(json.dumps(np.add(poses, [1.0, 0.0, 0.0]).tolist()))  # as if it had found others
+    # As if it had found others.
+    file.write_text(json.dumps(np.add(poses, [1.0, 0.0, 0.0]).tolist()))
     moved = check(*asked)
     assert moved.made["landmarks"].poses[:, 0] == pytest.approx(poses[:, 0] + 1.0)
     assert first.after.lost.high < first.before.lost.low
