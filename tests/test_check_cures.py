@@ -10,7 +10,7 @@ from test_check import CORNERS, ROBOT, room
 import locplan
 from locplan import check, save_map
 from locplan.field import FieldCache, clear_cache
-from locplan.maps import OCCUPIED, UNKNOWN, OccupancyGrid, environments
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments
 
 ALPHAS = {f"alpha{n}": 2.0 for n in range(1, 6)}
 
@@ -121,3 +121,27 @@ def test_a_mask_is_written_where_other_paths_keep_drives(tmp_path):
     mask = locplan.load_map(tmp_path / "mask" / "mask.yaml")
     assert mask.shape == grid.shape
     assert (grid.cells == OCCUPIED).any()
+
+
+@pytest.mark.long
+def test_poles_that_were_placed_before_are_not_placed_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path))
+    cells = np.full((24, 300), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    grid = OccupancyGrid(cells, 0.1, name="corridor")
+    robot = ROBOT.changed({"distance_drift": 0.1, "distance_bias": 0.1})
+    asked = grid, robot, [((1.0, 1.2), (29.0, 1.2))]
+    first = check(*asked)
+    assert first.recommended == ("landmarks",)
+    poses = first.made["landmarks"].poses
+    (file,) = (
+        each
+        for each in tmp_path.glob("*.kept/*.json")
+        if np.array_equal(json.loads(each.read_text()), poses)
+    )
+    assert check(*asked).summary() == first.summary()
+    # As if it had found others.
+    file.write_text(json.dumps(np.add(poses, [1.0, 0.0, 0.0]).tolist()))
+    moved = check(*asked)
+    assert moved.made["landmarks"].poses[:, 0] == pytest.approx(poses[:, 0] + 1.0)
+    assert first.after.lost.high < first.before.lost.low

@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from locplan._kernels.arrays import Floats
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path
 from locplan.diagnosis._driving import (
@@ -200,7 +203,16 @@ def _ways(
     return Remedy(PATHS, title, effort, apply, made=mask)
 
 
-def landmarks(site: Site, threads: int | None) -> Remedy | None:
+class Poles(NamedTuple):
+    """Where poles go."""
+
+    poses: Floats
+    """World x, y and heading of each, (n, 3) [m, m, rad]."""
+    grid: OccupancyGrid
+    """The map with them."""
+
+
+def landmarks(site: Site, threads: int | None, journal: Journal) -> Remedy | None:
     """Three poles beside the trips; None where none may stand or none helps.
 
     Parameters
@@ -209,25 +221,33 @@ def landmarks(site: Site, threads: int | None) -> Remedy | None:
         What is driven.
     threads : int or None
         Number of threads.
+    journal : Journal
+        What was found before.
     """
     kind = Pole(max(0.2, 2 * site.world.resolution))
-    try:
-        made = place_landmarks(
-            site.world, kind, POLES, paths=site.paths, robot=site.robot, threads=threads
-        )
-    except ConfigError:
-        return None
-    if not len(made):
+    about: Any = {"paths": site.paths, "robot": site.robot, "threads": threads}
+
+    def found() -> list[list[float]]:
+        try:
+            made = place_landmarks(site.world, kind, POLES, **about)
+        except ConfigError:
+            return []
+        return [[*map(float, pose)] for pose in made.poses]
+
+    poses = np.array(journal((site.digest, "poles", POLES), found))
+    if not len(poses):
         return None
 
     def apply(old: Site) -> Site:
-        world, own = (with_objects(each, kind, made.poses) for each in (old.world, old.filter_map))
+        world = with_objects(old.world, kind, poses)
         same = old.filter_map is old.world
-        return replace(old, world=world, filter_map=world if same else own)
+        own = world if same else with_objects(old.filter_map, kind, poses)
+        return replace(old, world=world, filter_map=own)
 
-    at = " and ".join(f"{x:.1f},{y:.1f}" for x, y in made.positions.tolist())
-    title = f"{len(made)} poles at {at}"
-    return Remedy(LANDMARKS, title, f"{len(made)} poles", apply, made=made)
+    at = " and ".join(f"{x:.1f},{y:.1f}" for x, y, _ in poses.tolist())
+    made = Poles(poses, with_objects(site.world, kind, poses))
+    title = f"{len(poses)} poles at {at}"
+    return Remedy(LANDMARKS, title, f"{len(poses)} poles", apply, made=made)
 
 
 def joined(tried: Mapping[str, Remedy], kinds: tuple[str, ...], site: Site) -> Site:

@@ -219,7 +219,7 @@ class Work:
     ) -> tuple[Outcome, Outcome]:
         """The fresh drives without and with all cures, landmarks among them if they help."""
         site = cures.joined(self.remedies, self.taken, self.site)
-        remedy = cures.landmarks(site, self.threads)
+        remedy = cures.landmarks(site, self.threads, self._journal)
         if remedy is None:
             return before, after
         self.remedies[remedy.kind] = remedy
