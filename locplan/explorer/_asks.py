@@ -47,6 +47,11 @@ class Ask:
         values = self._listed(name, most, _is_pair, what) if self.has(name) else []
         return [position(value, name=name) for value in values]
 
+    def angles(self, name: str, most: int) -> list[float] | None:
+        """Angles [rad]; None without a value."""
+        what = f"up to {most} numbers"
+        return self._listed(name, most, is_number, what) if self.has(name) else None
+
     def number(self, name: str, low: float, high: float, default: Default) -> float | Default:
         """A number within limits, or the default."""
         return self._read(name, lambda value: number(name, value, low, high), default)
