@@ -522,6 +522,20 @@ def test_all_candidates_of_a_car_can_be_driven_by_it(grid, costs):
     assert "cannot be driven: tight turn" in found.left_out["sharp"]
 
 
+def test_the_lattices_path_of_an_outline_is_driven_beside_those_without_headings(grid, costs):
+    box = Footprint([(0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2)])
+    robot = dataclasses.replace(ROBOT, footprint=box)
+    ends = (*START, 1.5), (*GOAL, 0.5)
+    found = choose(
+        grid, *ends, robot, costs=costs, drives=4, rival=None, candidates=["lattice", "grid"]
+    )
+    assert all(each.driven for each in found.candidates)
+    paths = {each.name: each.path for each in found.candidates}
+    assert paths["lattice"].heading[[0, -1]] == pytest.approx([1.5, 0.5])
+    assert paths["shortest"].heading is None
+    assert paths["grid"].heading is None
+
+
 def test_paths_of_a_car_within_a_budget_are_not_driven(grid, fielded):
     found = choose(grid, START, GOAL, CAR, costs=fielded, budget=50.0)
     assert found.judgement is None

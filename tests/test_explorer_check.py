@@ -26,6 +26,7 @@ from locplan.field import FieldConfig, Fisher, load_or_compute
 from locplan.maps import hollowed, load_map, save_map
 from locplan.planners import plan
 from locplan.robots import Footprint, Kinematics, Lidar, Robot
+from locplan.simulation import Simulator, drive_closed
 
 pytest.importorskip("starlette", reason="the explorer's server is not installed")
 in_browser = pytest.mark.skipif(browser_file() is None, reason="no chromium on this machine")
@@ -220,6 +221,20 @@ def test_the_lattice_plans_with_headings_only_where_they_are_set():
     assert "heading" not in circle
     held = answered(session, "plan", **way, hold="goal")["aware"]
     assert "heading" not in held  # it is the draft of the lattice's
+
+
+def test_a_path_that_leads_back_is_played_in_reverse():
+    x, y = START
+    xy = np.column_stack([np.linspace(x + 2, x, 9), np.full(9, y)])
+    session = session_of(robot=CAR)
+    way = {"xy": xy.tolist(), "heading": [0.0] * 9}
+    shown = answered(session, "steer", **WAY, **way)
+    simulator = Simulator(session.grid, session.robot)
+    own = drive_closed(simulator, {"": locplan.Path(xy, [0.0] * 9)}, range(16))[""]
+    assert own.words in shown["what"]
+    assert own.arrived.value == 1.0
+    assert np.abs(shown["heading"]).max() < 0.5
+    assert shown["x"][-1] == pytest.approx(x, abs=0.5)
 
 
 def test_the_robot_says_whether_the_lattice_is_offered():

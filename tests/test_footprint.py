@@ -131,6 +131,15 @@ def test_the_lattice_finds_a_way_on_which_neither_circle_is_clear():
     assert Footprint(BOX).first_collision(grid, result.path) is None
 
 
+def test_time_that_is_up_for_the_outline_is_told_with_the_bound():
+    cells = np.pad(door(8).cells, ((0, 600), (150, 150)), mode="edge")
+    costs = Costmap.blank(OccupancyGrid(cells, 0.1), robot=0.0)
+    limits = {"from_grid": True, "time_limit": 1e-3, "footprint": BOX}
+    result = plan(costs, (20.3, 60.0), (21.8, 60.0), planner="RRTstar", **limits)
+    assert result.status == "timeout"
+    assert "every path of the lattice costs at least" in result.note
+
+
 def test_what_is_only_not_found_is_not_called_infeasible():
     grid, way = corridor_of(6), [(0.7, 0.4), (2.3, 0.4)]
     assert Footprint(BOX).first_collision(grid, Path(way)) is None

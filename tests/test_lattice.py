@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import math
+import re
 from collections import defaultdict
 
 import naive
@@ -338,7 +339,11 @@ def test_a_search_out_of_time_says_how_far_it_came():
     )
     made = plan(costs, (1.0, 1.0), (38.0, 38.0), planner="lattice", time_limit=1e-6)
     assert made.status == "timeout"
-    assert "at least" in made.note
+    assert re.search(r"at least [\d.]+ m$", made.note)
+    robot = dataclasses.replace(costs.robot, footprint=LONG, margin=0.05)
+    costs = dataclasses.replace(costs, robot=robot)
+    made = plan(costs, (1.0, 1.0), (38.0, 38.0), planner="lattice", time_limit=1e-6)
+    assert made.note.endswith("m if it keeps the robot's margin of 0.05 m")
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,7 @@ def steer(session: Session, ask: Ask, work: Work) -> dict[str, object]:
 
     It is the robot's pose, what it believes and what it sees, twice a second.
     """
-    path = Path(np.array(ask.positions("xy", 5000)))
+    path = Path(np.array(ask.positions("xy", 5000)), ask.angles("heading", 5000))
     view = session.view(ask)
     own, threads = view.filter_map, session.opening.threads
     simulator = Simulator(view.grid, view.robot, filter_map=own, threads=threads)

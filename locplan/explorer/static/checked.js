@@ -10,9 +10,10 @@ import { model, on, tell } from "./store.js";
 import { haloedPath, haloedStroke, traceDisc, writeAt } from "./strokes.js";
 import { metres } from "./text.js";
 import { palette } from "./theme.js";
-import { screenOf } from "./view.js";
+import { perMetre, screenOf } from "./view.js";
 
 const OFTEN = 0.1; // share of lost drives from which on a trip is coloured as one that loses them
+const NAMED = 110; // pixels from which on a trip has room for its name on the map
 let tripLabels = [];
 
 /** Ask for the report, where the page was opened on one. */
@@ -50,7 +51,7 @@ export function paintSpots(pen) {
 /** Put the trips' names at the middle of their lines. */
 export function placeTrips() {
 	for (const { label, trip } of tripLabels) {
-		label.hidden = !isShown();
+		label.hidden = !isShown() || trip.length * perMetre() < NAMED;
 		const [px, py] = screenOf(...trip.place);
 		label.style.transform = `translate(${px.toFixed(1)}px, ${py.toFixed(1)}px) translate(-50%, -50%)`;
 	}
@@ -93,7 +94,8 @@ function noteOf({ recommended, trips, spots }) {
 		landmarks: "The proposed poles are on the map; Landmarks puts them in.",
 	};
 	const letters = spots.some(({ letter }) => letter) ? "Brown letters: weak spots." : "";
-	return [letters, "Red trips lose a tenth of their drives or more. A click takes a trip's ends.", ...recommended.map((kind) => words[kind])].filter(Boolean).join(" ");
+	const crosses = trips.some(({ lost_at }) => lost_at?.length) ? "Crosses: where a drive was first off by over 1 m." : "";
+	return [letters, crosses, "Red trips lose a tenth of their drives or more. A click takes a trip's ends.", ...recommended.map((kind) => words[kind])].filter(Boolean).join(" ");
 }
 
 // The name stands where it is farthest from those before, since trips share ways.
@@ -136,7 +138,8 @@ function rowCells(first, ...others) {
 function tripRow(trip) {
 	const button = make("button", { className: "plain", textContent: trip.name });
 	button.addEventListener("click", () => takeTrip(trip));
-	return make("tr", {}, ...rowCells(button, metres(trip.length), rateCell(trip.lost), rateCell(trip.arrives), trip.lost_near || "–"));
+	const name = make("span", {}, button, make("small", { textContent: trip.ends ? `else ${trip.ends}` : "" }));
+	return make("tr", {}, ...rowCells(name, metres(trip.length), rateCell(trip.lost), rateCell(trip.arrives), trip.lost_near || "–"));
 }
 
 function cureRow({ kind, title, lost, lost_low, lost_high, arrives, arrives_low, arrives_high, verdict }) {

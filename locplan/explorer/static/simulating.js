@@ -68,7 +68,7 @@ function paintPlaces(pen, { leaves, stops, end, outcome }, colour) {
 }
 
 function steer(candidate) {
-	return work("steer", "Steering drives", { ...routeAsked(), xy: candidate.path.xy }, (answer) => showSteered(answer), "Drives cancelled.");
+	return work("steer", "Steering drives", { ...routeAsked(), xy: candidate.path.xy, heading: candidate.path.heading }, (answer) => showSteered(answer), "Drives cancelled.");
 }
 
 function clearSimulated() {

@@ -205,18 +205,18 @@ class Ask:
         """Whether the robot turns on a radius, so that all paths are those of the lattice."""
         return self.robot.kinematics.turning_radius > 0 and self.settings.budget is None
 
-    def _planners(self, costs: Costmap, planner: Planner | None) -> tuple[Costmap, Planner | None]:
-        """The costmap with the robot, and the planner: the lattice where it must be."""
+    def _planners(
+        self, costs: Costmap, planner: Planner | None
+    ) -> tuple[Ask, Costmap, Planner | None]:
+        """What is asked, without headings where the planner has none, the costmap with the robot,
+        and the planner: the lattice where it must be."""
         if planner is None and self.by_lattice:
             planner = Lattice()
-        return dataclasses.replace(costs, robot=self.robot), planner
-
-    @property
-    def flat(self) -> Ask:
-        """The same without headings, except for the lattice."""
-        if self.by_lattice:
-            return self
-        return self._between([each[:2] for each in (self.start, *self.settings.via, self.goal)])
+        costs = dataclasses.replace(costs, robot=self.robot)
+        if planner is not None and planner.space != "R2":
+            return self, costs, planner
+        places = [each[:2] for each in (self.start, *self.settings.via, self.goal)]
+        return self._between(places), costs, planner
 
     def _between(self, places: Sequence[Position]) -> Ask:
         """The same between other places."""
@@ -274,23 +274,23 @@ class Ask:
     ) -> Plan:
         """The plan of least cost over the waypoints, for the outline; without limits of e or u
         unless it is to be limited."""
-        costs, planner = self._planners(costs, planner)
-        return plan(costs, self.start, self.goal, planner=planner, **self._limits(limited))
+        own, costs, planner = self._planners(costs, planner)
+        return plan(costs, own.start, own.goal, planner=planner, **own._limits(limited))
 
     def shortest(self, costs: Costmap) -> Path | None:
         """The shortest path without limits, as others that are shown beside an aware one."""
         if math.isnan(costs.weight):
             return None
-        costs, planner = self._planners(costs, None)
-        limits = self._limits(limited=False)
-        plans = plan_beside_shortest(costs, self.start, self.goal, planner=planner, **limits)
-        return plans[SHORTEST].path
+        return self.beside_shortest(costs, limited=False)[SHORTEST].path
 
-    def beside_shortest(self, costs: Costmap, planner: Planner | None = None) -> dict[str, Plan]:
-        """The aware plan within all limits, and the shortest one."""
-        limits = self._limits(limited=True)
-        costs, planner = self._planners(costs, planner if self.settings.budget is None else None)
-        return plan_beside_shortest(costs, self.start, self.goal, planner=planner, **limits)
+    def beside_shortest(
+        self, costs: Costmap, planner: Planner | None = None, *, limited: bool = True
+    ) -> dict[str, Plan]:
+        """The aware plan, within all limits if it is to be limited, and the shortest one."""
+        planner = planner if self.settings.budget is None else None
+        own, costs, planner = self._planners(costs, planner)
+        limits = own._limits(limited)
+        return plan_beside_shortest(costs, own.start, own.goal, planner=planner, **limits)
 
     def _limits(self, limited: bool) -> dict[str, Any]:
         asked = self.settings

@@ -139,7 +139,7 @@ def choose(
     check_filter_map(asked.filter_map, grid)
     whole("seed", seed, 0)
     check_threads(threads)
-    shortest = ask.flat.planned(ask.blank, limited=False)
+    shortest = ask.planned(ask.blank, limited=False)
     if shortest.path is None:
         return _made(ask, seed, shortest, given)
     if why_not := _why_not(ask, space):
@@ -211,7 +211,7 @@ def _robot_and_field(
 def _why_not(ask: Ask, space: str) -> str:
     """Why nothing is driven; empty if candidates are."""
     radius = ask.robot.kinematics.turning_radius
-    if not ask.by_lattice and (space != "R2" or radius):
+    if not ask.by_lattice and (radius or space not in ("R2", LATTICE)):
         what = "paths of a turning radius within a budget" if radius else "paths with headings"
         return f"{what} are not driven yet"
     if ask.robot.lidar is None:
@@ -244,7 +244,7 @@ def _planned_only(ask: Ask, own: Own, shortest: Plan, seed: int, why_not: str) -
     """The aware path of the field beside the shortest one, of which none is driven."""
 
     def drafted(costs: Costmap) -> list[Path]:
-        plans = ask.flat.beside_shortest(costs)
+        plans = ask.beside_shortest(costs)
         return [plan.path for plan in plans.values() if plan.path is not None]
 
     costs, field = ask.costs(drafted)
