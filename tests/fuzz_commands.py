@@ -38,7 +38,7 @@ from kernel_cache import keep_kernels
 
 CODES = (0, 1, 2, 3, 4)
 """Exit codes that are documented; the line is an error in the second and the third."""
-SECONDS = 20
+SECONDS = 60
 """Greatest processor time of a process, and in a second run if kernels were compiled [s]."""
 WALL = 180.0
 """Time without an answer after which the process is ended: it waits for something [s]."""
@@ -190,7 +190,7 @@ ASKED = {
     "tune": (("--paths", "--drives"),),
 }
 """Options, one of these groups of them, without which a command does nothing or takes long."""
-RARE = {"compare": 0.25, "completion": 0.2, "cache": 0.5, "calibrate": 0.7, "tune": 0.5}
+RARE = {"compare": 0.25, "completion": 0.2, "cache": 0.5, "calibrate": 0.7, "tune": 0.2}
 """Commands that are run less often than others."""
 
 
