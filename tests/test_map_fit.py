@@ -81,7 +81,15 @@ def test_another_map_does_not_fit(small, coarse_fit):
     assert not fit.fits
     assert not fit.shifted
     assert fit.best_share < 0.6
+    assert fit.ranges is None
     assert "The map does not fit" in fit.sentence
+
+
+def test_a_wrong_resolution_is_told(small, grid, coarse_fit):
+    fit = fit_to_map(replace(small, ranges=small.ranges * 0.9), grid)
+    assert not fit.fits
+    assert fit.ranges.factor.value == pytest.approx(0.9, abs=0.001)
+    assert "multiply resolution and origin in its YAML by 0.900" in fit.sentence
 
 
 @pytest.mark.parametrize("turn", few_of((90, 180, -90)))

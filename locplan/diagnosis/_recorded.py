@@ -55,9 +55,10 @@ def recorded(
     seed, threads
         See `locplan.check`.
     """
-    grid, said, fitting = reading.grid, [], []
+    grid, said, fitting, ranges = reading.grid, [], [], None
     for number, each in enumerate(recordings, 1):
         fit = fit_to_map(each, grid)
+        ranges = ranges or fit.ranges
         said.append(f"drive {number}: {fit.sentence.rstrip('.')}")
         if fit.fits:
             fitting.append(each)
@@ -74,16 +75,17 @@ def recorded(
             said.append(f"walls: {error}")
         else:
             update = found.walls
-    if update is None:
-        mended = grid
+    if update is not None:
+        ranges, world, mended = update.ranges, update.on(grid), found.filter_map
+        said.append(f"walls: {update.sentence}")
+    else:
+        world = mended = grid
         if any(each.kind in ("solid walls", "specks") for each in known):
             mended = mend(grid, robot, **few).filter_map  # type: ignore[arg-type]
-        return Recorded(robot, grid, mended, said=tuple(said))
-    ranges = update.ranges
-    faults = tuple(ranges.faults(grid))
-    said += [f"walls: {update.sentence}", *(each.what for each in faults)]
-    stretch = ranges.factor.value if ranges.is_scaled else 1.0
-    return Recorded(robot, update.on(grid), found.filter_map, stretch, faults, tuple(said))
+    faults = tuple(ranges.faults(grid)) if ranges else ()
+    said += [each.what for each in faults]
+    stretch = ranges.factor.value if ranges and ranges.is_scaled else 1.0
+    return Recorded(robot, world, mended, stretch, faults, tuple(said))
 
 
 def _replayed(drive: Recording, grid: OccupancyGrid, robot: Robot, seed: int) -> list[str]:

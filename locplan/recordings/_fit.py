@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from locplan._util.progress import ProgressCallback, parts
 from locplan.errors import RecordingError
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 from locplan.recordings._matches import FITS, at_walls, looked_up
+from locplan.recordings._range_fit import RangeFit, range_fit
 from locplan.recordings._recording import Recording
 
 Move = tuple[float, float, float]
@@ -45,6 +46,8 @@ class MapFit:
     """Origin of the map with which the drive fits best as it is [m, m, rad]."""
     mount: str = field(default="")
     """How the lidar seems to be mounted instead, if that explains a bad fit; else empty."""
+    ranges: RangeFit | None = None
+    """How the ranges differ from the map's, if its resolution explains a bad fit."""
 
     @property
     def fits(self) -> bool:
@@ -74,6 +77,11 @@ class MapFit:
                 f" {math.degrees(turn):.1f} deg about the origin and moved by {x:.2f},{y:.2f} m;"
                 f" set origin: [{origin}] in the map's YAML, or take"
                 f" drive.moved({x:.3f}, {y:.3f}, {turn:.4f})."
+            )
+        if self.ranges:
+            return (
+                f"The map's resolution seems wrong: {now}; multiply resolution and origin in its"
+                f" YAML by {self.ranges.factor.value:.4f}, if the lidar's ranges are right."
             )
         return (
             f"The map does not fit: {now}, and {self.best_share:.0%} at best wherever the drive is"
@@ -150,7 +158,17 @@ def fit_to_map(
     if best <= share:
         move, best = (0.0, 0.0, 0.0), share
     mount = _mount(grid, near, sample, best) if best < FITS else ""
-    return MapFit(share, best, move, distance, _origin(grid, move), mount)
+    ranges = None if best >= FITS or mount else _ranges(grid, near, recording)
+    return MapFit(share, best, move, distance, _origin(grid, move), mount, ranges)
+
+
+def _ranges(grid: OccupancyGrid, near: NDArray[np.bool_], recording: Recording) -> RangeFit | None:
+    """How ranges differ from the map's, if scans without that fit where they were taken."""
+    ranges = range_fit(grid, [recording])
+    if not ranges.is_scaled:
+        return None
+    scaled = replace(recording, ranges=recording.ranges / ranges.factor.value)
+    return ranges if _share(grid, near, _sample(scaled).ends()) >= FITS else None
 
 
 def _sample(recording: Recording) -> _Sample:
