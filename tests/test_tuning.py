@@ -575,6 +575,7 @@ def test_results_are_written_and_drawn(tuning, tmp_path):
     panels = tuning_figure(tuning).axes
     labels = [panel.get_ylabel() for panel in panels]
     assert labels[:2] == ["RMSE of the position [m]", "drives off by > 1 m at some time [%]"]
+    assert "lost drives' RMSE x 2.7" in panels[2].get_xlabel()
 
 
 @pytest.mark.parametrize(
