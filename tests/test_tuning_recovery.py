@@ -74,7 +74,9 @@ def test_what_a_filter_does_after_a_kidnapping_is_said(grid):
     shown = {each.after: each for each in found.to_use.recoveries}
     assert shown["after a kidnapping of 1 m"].drives == 10
     assert 0 < shown["after a kidnapping of 3 m"].drives <= 10
-    last = next(line for line in found.report().splitlines() if line.startswith("The filter is back"))
+    last = next(
+        line for line in found.report().splitlines() if line.startswith("The filter is back")
+    )
     assert last.startswith("The filter is back within 10 m of driving, or by the goal, after ")
     for each in shown.values():
         assert f"{each.after}, in {each.back} of {each.drives} drives [" in last
