@@ -147,6 +147,8 @@ def test_what_fails_on_the_whole_drive_is_refused(tuned, tmp_path):
         refused = dataclasses.replace(tuned, judged=judged)
         assert refused.changes == {}
         assert refused.conclusion.startswith("nothing that was tried holds on your drive: keep ")
+        assert "locplan calibrate --drive" in refused.conclusion
+        assert "locplan simulate" not in refused.conclusion  # which sends to tune --drive
         refused.save(tmp_path / "out")
         assert read_amcl(tmp_path / "out" / "nav2_params.yaml") == POOR
 
