@@ -16,6 +16,7 @@ from locplan.robots import OMNIDIRECTIONAL, Amcl, Disturbances, Lidar, Robot, re
 from locplan.simulation import (
     BeamsLeft,
     DisturbanceLevel,
+    Drives,
     SimulatedBench,
     Simulator,
     Tuning,
@@ -321,6 +322,21 @@ def test_what_loses_more_where_it_is_judged_is_left_for_the_next():
     assert not kept.better
     assert found.winner.sigma_hit == 0.1
     assert found.winner.max_beams != 60
+
+
+@pytest.mark.parametrize("losses", [1, 2])
+def test_of_two_that_are_better_the_one_lost_on_fewer_replays_is_found(losses):
+    class Replayed(Formula):
+        def whole(self, amcl):
+            errors = np.full((8, 1000, 3), [self.arguments(amcl)[0], 0.0, 0.0])
+            lost = 4 if amcl == Amcl() else {180: losses}.get(amcl.max_beams, 1)
+            errors[:lost, -1, 0] = 1.1
+            return [Drives(np.zeros((1000, 3)), errors)]
+
+    added = {"sigma_hit": {0.1: -1.0}, "max_beams": {180: -0.2}}
+    found = found_by(Replayed(added, (-4.0, -4.0, -4.0)))
+    assert found.found.better
+    assert (found.candidate.max_beams == 180) == (losses == 1)
 
 
 def test_settings_share_the_world_of_a_drive():

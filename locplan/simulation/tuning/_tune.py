@@ -224,7 +224,8 @@ def _judged(
     """Which of the settings found is the one to be used if it is better, and how all are judged.
 
     It is the first, but where that loses more drives here, or does not hold, the next that is
-    better. The levels named `searched` decide.
+    better; of the first two the one that is lost on fewer replays of the whole of recorded drives.
+    The levels named `searched` decide.
     """
     lines, defaults = len(judge.lines), nav2_defaults(own)
     decide = [n for n, level in enumerate(judge.levels) if level.name in searched]
@@ -240,8 +241,13 @@ def _judged(
         name = names.get(amcl) or described(own, amcl)
         return judged_beside(judge, name, amcl, own, wholes, searched)
 
-    choices = found[:1] if found[0] == own else found
-    candidate = next((each for each in choices if judged(each).better), found[0])
+    def losses(amcl: Amcl) -> int:
+        return sum(int(each.lost.sum()) for each in wholes[amcl])
+
+    # The third is driven only if neither of the others will do.
+    choices = (found[:1],) if found[0] == own else (found[:2], found[2:])
+    better = ([each for each in some if judged(each).better] for some in choices)
+    candidate = min(next(filter(None, better), found[:1]), key=losses)
     shown = own, candidate
     judge.drive([*shown], lines, drives)  # at levels that only these two are said for
     told = {each: replace(judged(each), recoveries=recoveries(judge, each)) for each in shown}
