@@ -339,6 +339,18 @@ def test_of_two_that_are_better_the_one_lost_on_fewer_replays_is_found(losses):
     assert (found.candidate.max_beams == 180) == (losses == 1)
 
 
+def test_settings_are_judged_with_random_numbers_of_their_own():
+    seeds = {}
+
+    def bench_of(seed, judging):
+        seeds[judging] = seed
+        return Formula()
+
+    about = {"left": BeamsLeft(60, 60.0), "others": None, "seed": 1, "progress": None}
+    search_settings(bench_of, Robot(LIDAR), 8, **about)
+    assert seeds[False] != seeds[True]
+
+
 def test_settings_share_the_world_of_a_drive():
     made = []
 
