@@ -131,13 +131,12 @@ def tune(
 
     left = min((BeamsLeft.on_map(each) for each in about), key=lambda each: each.returned)
     own: Any = {"left": left, "others": others, "seed": seed, "progress": progress}
-    return search_settings(bench_of, known, drives, **own)
+    return search_settings(bench_of, known, **own)
 
 
 def search_settings(
     bench_of: Callable[[int, bool], TuningBench],
     robot: Robot,
-    drives: int,
     *,
     left: BeamsLeft,
     others: Mapping[str, object] | None,
@@ -155,8 +154,6 @@ def search_settings(
         Makes a bench of a seed, and of whether settings are judged on it.
     robot : Robot
         The robot, with the user's own settings of the filter.
-    drives : int
-        Number of drives along each path of a bench.
     left : BeamsLeft
         Number of the beams compared that return.
     others, seed, progress
@@ -183,13 +180,13 @@ def search_settings(
     # judgement take.
     shares = 80, 60, 90, *[40] * STEPS, 150, 200, 300
     steps = iter([scaled(*step) for step in zip(parts(progress, shares), shares, strict=True)])
-    search = Search(bench(SEARCH), own, drives)
+    search = Search(bench(SEARCH), own)
     tried = candidates(own, random_of(seed, DRAW), like)
     kept, frugal, best, without = search.run(tried, steps)
     rungs, searched = tuple(search.rungs), {each.name for each in search.bench.levels}
     del search
     judge = bench(JUDGE)
-    found, judged = _judged(judge, own, (kept, frugal, best), searched, drives, next(steps))
+    found, judged = _judged(judge, own, (kept, frugal, best), searched, next(steps))
     warned: tuple[str, ...] = ()
     if found.multiplies and not own.multiplies and (others or {}).get("do_beamskip"):
         skips = "do_beamskip becomes false with the laser model, since only this one reads it"
@@ -204,7 +201,7 @@ def search_settings(
         (*warned, *filter_warnings(own, judge.lidar, others), *left.warnings()),
         rungs,
         len(judge.lines),
-        drives,
+        judge.drives,
         seed,
         judge.seed,
         drive,
@@ -218,7 +215,6 @@ def _judged(
     own: Amcl,
     found: tuple[Amcl, Amcl, Amcl],
     searched: Collection[str],
-    drives: int,
     progress: ProgressCallback,
 ) -> tuple[Amcl, tuple[Judged, ...]]:
     """Which of the settings found is the one to be used if it is better, and how all are judged.
@@ -227,15 +223,15 @@ def _judged(
     better; of the first two the one that is lost on fewer replays of the whole of recorded drives.
     The levels named `searched` decide.
     """
-    lines, defaults = len(judge.lines), nav2_defaults(own)
+    every, defaults = (len(judge.lines), judge.drives), nav2_defaults(own)
     decide = [n for n, level in enumerate(judge.levels) if level.name in searched]
     order = dict.fromkeys([own, *found[:2], defaults])
-    judge.drive([*order], lines, drives, decide, progress)
+    judge.drive([*order], *every, decide, progress)
     names = {own: OWN, defaults: "Nav2's defaults"}  # the latter's name if they are the same
     wholes: dict[Amcl, list[Drives]] = {}
 
     def judged(amcl: Amcl) -> Judged:
-        judge.drive([amcl], lines, drives, decide)
+        judge.drive([amcl], *every, decide)
         for each in (own, amcl):
             wholes[each] = wholes.get(each) or judge.whole(each)
         name = names.get(amcl) or described(own, amcl)
@@ -249,6 +245,6 @@ def _judged(
     better = ([each for each in some if judged(each).better] for some in choices)
     candidate = min(next(filter(None, better), found[:1]), key=losses)
     shown = own, candidate
-    judge.drive([*shown], lines, drives)  # at levels that only these two are said for
+    judge.drive([*shown], *every)  # at levels that only these two are said for
     told = {each: replace(judged(each), recoveries=recoveries(judge, each)) for each in shown}
     return candidate, tuple(told.get(each) or judged(each) for each in order | told)
