@@ -115,23 +115,16 @@ def tune(
         levels: tuple[DisturbanceLevel, ...] = LEVELS[odometry]
         if judging and TEN_TIMES not in levels:  # where they may no longer hold
             levels = (*levels, TEN_TIMES)
-        own: Any = {
-            "levels": levels,
-            "filter_map": filter_map,
-            "seed": own_seed,
-            "threads": threads,
-        }
+        own: Any = {"filter_map": filter_map, "seed": own_seed, "threads": threads}
+        ways = [SimulatedBench.paths(each, paths, own_seed) for each in costs]
         benches = [
-            SimulatedBench(
-                each.grid, known, SimulatedBench.paths(each, paths, own_seed), drives, **own
-            )
-            for each in costs
+            SimulatedBench(each, known, some, drives, levels=levels, **own)
+            for each, some in zip(grids, ways, strict=True)
         ]
         return joined(benches, [each.name or "map" for each in grids])
 
     left = min((BeamsLeft.on_map(each) for each in about), key=lambda each: each.returned)
-    own: Any = {"left": left, "others": others, "seed": seed, "progress": progress}
-    return search_settings(bench_of, known, **own)
+    return search_settings(bench_of, known, left=left, others=others, seed=seed, progress=progress)
 
 
 def search_settings(
