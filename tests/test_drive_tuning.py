@@ -84,9 +84,9 @@ def test_a_drive_on_the_bench_is_the_replay_of_its_stretch(benches, grid, drive)
     assert bench.lengths[0] == pytest.approx(stretch.length)
     other = Amcl(**FEW)
     bench.drive([other], 1, 2)
-    assert (
-        np.ptp(bench.driven[other].squares[:, 0]) > 0
-    )  # every replay has random numbers of its own
+    # Every replay has random numbers of its own.
+    assert np.ptp(bench.driven[other].squares[:, 0]) > 0
+    assert np.ptp(bench.whole(other)[0].mean_squares) > 0
 
 
 def test_a_stretch_is_tracked_as_a_drive_of_its_own(grid, drive):
