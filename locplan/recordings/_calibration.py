@@ -216,8 +216,8 @@ def calibrate_drive(
         notes += odometry.notes
         changes |= odometry.settings()
         notes.append(
-            "these alphas are the odometry's own, and not written as the filter's: most filters"
-            " with so little spread are soon lost; locplan tune --drive tries them, and larger ones"
+            "these alphas are the odometry's own, and not written as the filter's, whose particles"
+            " must mostly spread more; locplan tune --drive tries them, and larger ones"
         )
     elif recording.odometry is None:
         notes.append("the drive has no odometry: that of simulations stays as it was")
