@@ -84,9 +84,9 @@ def test_a_drive_on_the_bench_is_the_replay_of_its_stretch(benches, grid, drive)
     assert bench.lengths[0] == pytest.approx(stretch.length)
     other = Amcl(**FEW)
     bench.drive([other], 1, 2)
-    assert (
-        np.ptp(bench.driven[other].squares[:, 0]) > 0
-    )  # every replay has random numbers of its own
+    # Every replay has random numbers of its own.
+    assert np.ptp(bench.driven[other].squares[:, 0]) > 0
+    assert np.ptp(bench.whole(other)[0].mean_squares) > 0
 
 
 def test_a_stretch_is_tracked_as_a_drive_of_its_own(grid, drive):
@@ -147,6 +147,8 @@ def test_what_fails_on_the_whole_drive_is_refused(tuned, tmp_path):
         refused = dataclasses.replace(tuned, judged=judged)
         assert refused.changes == {}
         assert refused.conclusion.startswith("nothing that was tried holds on your drive: keep ")
+        assert "locplan calibrate --drive" in refused.conclusion
+        assert "locplan simulate" not in refused.conclusion  # which sends to tune --drive
         refused.save(tmp_path / "out")
         assert read_amcl(tmp_path / "out" / "nav2_params.yaml") == POOR
 

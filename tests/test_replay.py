@@ -219,6 +219,12 @@ def test_sparse_scans_are_noted(grid, drive, replayed):
     assert first.startswith("This log has too few scans to tell how often the filter is lost")
     assert "at some time" not in "".join(rest)
     assert "overconfident" not in sparse.report()
+    often = dataclasses.replace(SHARP, update_min_d=0.05)  # no log is sparse for this alone
+    assert replay(drive, grid, robot=Robot(filter=often), runs=2).notes == ()
+    holds = replay(drive.every(4), grid, robot=Robot(filter=SHARP), runs=2)
+    first = holds.report().splitlines()[0]
+    assert first.startswith("It was never off by more than 1 m, although the filter updated")
+    assert holds.report().count("for lack of scans") == 1
 
 
 def test_drives_that_cannot_be_replayed_are_refused(grid, drive):

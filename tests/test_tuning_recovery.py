@@ -74,8 +74,10 @@ def test_what_a_filter_does_after_a_kidnapping_is_said(grid):
     shown = {each.after: each for each in found.to_use.recoveries}
     assert shown["after a kidnapping of 1 m"].drives == 10
     assert 0 < shown["after a kidnapping of 3 m"].drives <= 10
-    last = next(line for line in found.report().splitlines() if line.startswith("They are back"))
-    assert last.startswith("They are back within 10 m of driving, or by the goal, after ")
+    last = next(
+        line for line in found.report().splitlines() if line.startswith("The filter is back")
+    )
+    assert last.startswith("The filter is back within 10 m of driving, or by the goal, after ")
     for each in shown.values():
         assert f"{each.after}, in {each.back} of {each.drives} drives [" in last
     judged = found.summary()["judged"]
@@ -92,4 +94,4 @@ def test_recorded_drives_are_replayed_with_a_kidnapping(grid):
     for metres in (1, 3):
         each = shown[f"after a kidnapping of {metres} m"]
         assert (each.back, each.drives) == (0, 10)  # five parts, twice each
-    assert "\nThey are back within 10 m of driving" in found.report()
+    assert "\nThe filter is back within 10 m of driving" in found.report()

@@ -216,8 +216,8 @@ def calibrate_drive(
         notes += odometry.notes
         changes |= odometry.settings()
         notes.append(
-            "these alphas are the odometry's own, and not written as the filter's: one with so"
-            " little spread is soon lost; locplan tune --drive finds those for a filter"
+            "these alphas are the odometry's own, and not written as the filter's, whose particles"
+            " must mostly spread more; locplan tune --drive tries them, and larger ones"
         )
     elif recording.odometry is None:
         notes.append("the drive has no odometry: that of simulations stays as it was")

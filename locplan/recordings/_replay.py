@@ -167,8 +167,11 @@ class Replay(Result):
         """What this means for the filter's user: whether it is lost, and if it knows its errors."""
         drives, lost = self.drives, self.drives.lost_rate.value
         if self.is_sparse:
+            note = self.notes[0]
+            if not drives.lost.any():
+                return f"It was never off by more than 1 m, although {note}."
             return (
-                f"This log has too few scans to tell how often the filter is lost: {self.notes[0]}."
+                f"This log has too few scans to tell how often the filter is lost: {note}."
                 " Record every scan."
             )
         if lost < 0.05:
@@ -325,7 +328,6 @@ def replay_report(replay: Replay) -> str:
         ("runs", f"{len(replay.errors)}, each of {found.updates} updates"),
         *Table.of(shown, [replay.drives]).turned(),
         *(of_filter if found.updates and not replay.is_sparse else ()),
-        *(("note", note) for note in replay.notes),
     ]
     about = (
         "errors against the recorded positions [95 % intervals over runs, of the ellipse by"

@@ -20,13 +20,16 @@ REPLAY = 14
 
 
 def sparse_notes(recording: Recording, amcl: Amcl) -> tuple[str, ...]:
-    """A note if the filter updates less often than it would with more scans."""
+    """A note if the filter updates less often than it would with more scans, and than Nav2's does.
+
+    Else settings that update often would make any log a sparse one.
+    """
     assert recording.odometry is not None
     updates = updates_of(recording.odometry, amcl.update_min_d, amcl.update_min_a)
     at = recording.odometry[updates, :2]
     steps = np.hypot(*np.diff(at, axis=0).T)
     spacing = float(np.median(steps)) if len(steps) else 0.0
-    if spacing <= 1.5 * amcl.update_min_d:
+    if spacing <= 1.5 * max(amcl.update_min_d, Amcl().update_min_d):
         return ()
     return (
         f"the filter updated every {spacing:.2g} m for lack of scans, in place of every"

@@ -188,7 +188,6 @@ def tune_on_drive(
     return search_settings(
         bench_of,
         known,
-        drives,
         left=min((each.left for each in parts), key=lambda left: left.returned),
         others=others,
         seed=seed,

@@ -106,7 +106,8 @@ def _holds_for(tuning: Tuning) -> list[str]:
 def _comes_back(tuning: Tuning) -> list[str]:
     """What the settings to use do after they were lost or kidnapped."""
     found = "; ".join(each.sentence for each in tuning.to_use.recoveries)
-    return [f"They are back within 10 m of driving, or by the goal, {found}."] if found else []
+    back = "The filter is back within 10 m of driving, or by the goal,"
+    return [f"{back} {found}."] if found else []
 
 
 def _gains(tuning: Tuning) -> list[str]:
@@ -116,12 +117,11 @@ def _gains(tuning: Tuning) -> list[str]:
         f"{name} {100 * (ratio - 1):+.0f} %{'' if name in kept else ' (put back)'}"
         for name, ratio in sorted(tuning.contributions.items(), key=lambda each: -each[1])
     ]
-    where = "" if tuning.drive else " at its worst level"
-    return (
-        [f"RMSE{where}, of lost drives e times, without a change: {', '.join(gains)}"]
-        if gains
-        else []
-    )
+    if not gains:
+        return []
+    where = "" if tuning.drive else " at the worst level"
+    counted = "where a lost drive's counts 2.7 times"
+    return [f"Without a change, the RMSE{where}, {counted}, would be: {', '.join(gains)}"]
 
 
 def _name(tuning: Tuning, judged: Judged) -> str:

@@ -163,7 +163,11 @@ class Tuning(Result):
         kept = f"keep {self.judged[0].name} (the best found, {changes}, {said})"
         if found.better:
             return f"nothing is clearly better on the half that nothing was chosen on: {kept}"
-        return f"nothing that was tried holds on your drive: {kept}"
+        return (
+            f"nothing that was tried holds on your drive: {kept}, and look where it is first off:"
+            " how few scans fit the map there (locplan evaluate --drive), and how far odometry"
+            " drifts (locplan calibrate --drive)"
+        )
 
     def changed_axes(self) -> list[Axis]:
         """What the search changed."""

@@ -33,19 +33,17 @@ class Search:
         What drives them.
     own : Amcl
         The user's own settings.
-    drives : int
-        Number of drives along each path of the last rung.
     """
 
-    def __init__(self, bench: TuningBench, own: Amcl, drives: int) -> None:
-        self.bench, self.own, paths = bench, own, len(bench.lines)
+    def __init__(self, bench: TuningBench, own: Amcl) -> None:
+        self.bench, self.own = bench, own
+        self.last = paths, drives = len(bench.lines), bench.drives
         # Paths and drives of the first rungs. One path alone would choose the settings that happen
         # to suit it.
         self.parts = [
             (max(bench.fewest_paths, paths // some), max(1, drives // few))
             for some, few in ((4, 8), (4, 4), (2, 2))
         ]
-        self.last = paths, drives
         self.rungs: list[tuple[int, int, int]] = []
 
     def run(

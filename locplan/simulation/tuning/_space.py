@@ -58,7 +58,8 @@ class Axis:
     def choices(self, own: Amcl) -> list[tuple[Value, ...]]:
         """Values to try: the user's own first, which take the place of listed ones near them."""
         mine = self.of(own)
-        listed = [self._each(value) for value in self.values]
+        count = len(self.fields)
+        listed = [each if isinstance(each, tuple) else (each,) * count for each in self.values]
         return [mine, *(each for each in listed if not all(map(_near, each, mine)))]
 
     def beside(self, amcl: Amcl, own: Amcl) -> list[tuple[Value, ...]]:
@@ -73,9 +74,6 @@ class Axis:
         """Number of listed values from the value of one setting to that of another."""
         choices: list[Any] = sorted({self.of(one), *self.choices(other)})
         return abs(choices.index(self.of(one)) - choices.index(self.of(other)))
-
-    def _each(self, value: Value | tuple[Value, ...]) -> tuple[Value, ...]:
-        return value if isinstance(value, tuple) else (value,) * len(self.fields)
 
     def put(self, amcl: Amcl, values: tuple[Value, ...]) -> Amcl:
         """Copy of the settings with these values."""
@@ -175,8 +173,8 @@ class BeamsLeft:
     """Mean number of these that return, over random places of the map."""
 
     @classmethod
-    def on_map(cls, simulator: Simulator, *, places: int = 200) -> BeamsLeft:
-        """Count the beams that return at random places of the map where the robot fits.
+    def on_map(cls, simulator: Simulator) -> BeamsLeft:
+        """Count the beams that return at 200 random places of the map where the robot fits.
 
         Where it fits nowhere, all free cells count.
 
@@ -184,8 +182,6 @@ class BeamsLeft:
         ----------
         simulator : Simulator
             The map, the lidar, the filter and the disturbances.
-        places : int, default 200
-            Number of places, each with a random heading.
         """
         from locplan._kernels.lidar import measured_ends
 
@@ -193,7 +189,7 @@ class BeamsLeft:
         grid, arguments = simulator.grid, simulator.arguments
         cells = np.argwhere(grid.free & (grid.clearance >= simulator.robot.radius))
         cells = cells if len(cells) else np.argwhere(grid.free)
-        some = cells[random.integers(0, len(cells), places)] if len(cells) else cells
+        some = cells[random.integers(0, len(cells), 200)] if len(cells) else cells
         ends = np.empty((arguments.lidar.angles.size, 2))
         returned = 0
         for n, cell in enumerate(some):
@@ -202,7 +198,7 @@ class BeamsLeft:
             sensed = arguments.lidar, arguments.disturbances
             measured_ends(random, world, grid.resolution, pose, *sensed, ends)
             returned += int(np.isfinite(ends[:, 0]).sum())
-        return cls(len(ends), returned / places)
+        return cls(len(ends), returned / 200)
 
     def __str__(self) -> str:
         return f"of {self.compared} beams compared, {self.returned:.0f} return on this map"

@@ -115,29 +115,21 @@ def tune(
         levels: tuple[DisturbanceLevel, ...] = LEVELS[odometry]
         if judging and TEN_TIMES not in levels:  # where they may no longer hold
             levels = (*levels, TEN_TIMES)
-        own: Any = {
-            "levels": levels,
-            "filter_map": filter_map,
-            "seed": own_seed,
-            "threads": threads,
-        }
+        own: Any = {"filter_map": filter_map, "seed": own_seed, "threads": threads}
+        ways = [SimulatedBench.paths(each, paths, own_seed) for each in costs]
         benches = [
-            SimulatedBench(
-                each.grid, known, SimulatedBench.paths(each, paths, own_seed), drives, **own
-            )
-            for each in costs
+            SimulatedBench(each, known, some, drives, levels=levels, **own)
+            for each, some in zip(grids, ways, strict=True)
         ]
         return joined(benches, [each.name or "map" for each in grids])
 
     left = min((BeamsLeft.on_map(each) for each in about), key=lambda each: each.returned)
-    own: Any = {"left": left, "others": others, "seed": seed, "progress": progress}
-    return search_settings(bench_of, known, drives, **own)
+    return search_settings(bench_of, known, left=left, others=others, seed=seed, progress=progress)
 
 
 def search_settings(
     bench_of: Callable[[int, bool], TuningBench],
     robot: Robot,
-    drives: int,
     *,
     left: BeamsLeft,
     others: Mapping[str, object] | None,
@@ -155,8 +147,6 @@ def search_settings(
         Makes a bench of a seed, and of whether settings are judged on it.
     robot : Robot
         The robot, with the user's own settings of the filter.
-    drives : int
-        Number of drives along each path of a bench.
     left : BeamsLeft
         Number of the beams compared that return.
     others, seed, progress
@@ -183,13 +173,13 @@ def search_settings(
     # judgement take.
     shares = 80, 60, 90, *[40] * STEPS, 150, 200, 300
     steps = iter([scaled(*step) for step in zip(parts(progress, shares), shares, strict=True)])
-    search = Search(bench(SEARCH), own, drives)
+    search = Search(bench(SEARCH), own)
     tried = candidates(own, random_of(seed, DRAW), like)
     kept, frugal, best, without = search.run(tried, steps)
     rungs, searched = tuple(search.rungs), {each.name for each in search.bench.levels}
     del search
     judge = bench(JUDGE)
-    found, judged = _judged(judge, own, (kept, frugal, best), searched, drives, next(steps))
+    found, judged = _judged(judge, own, (kept, frugal, best), searched, next(steps))
     warned: tuple[str, ...] = ()
     if found.multiplies and not own.multiplies and (others or {}).get("do_beamskip"):
         skips = "do_beamskip becomes false with the laser model, since only this one reads it"
@@ -204,7 +194,7 @@ def search_settings(
         (*warned, *filter_warnings(own, judge.lidar, others), *left.warnings()),
         rungs,
         len(judge.lines),
-        drives,
+        judge.drives,
         seed,
         judge.seed,
         drive,
@@ -218,31 +208,36 @@ def _judged(
     own: Amcl,
     found: tuple[Amcl, Amcl, Amcl],
     searched: Collection[str],
-    drives: int,
     progress: ProgressCallback,
 ) -> tuple[Amcl, tuple[Judged, ...]]:
     """Which of the settings found is the one to be used if it is better, and how all are judged.
 
     It is the first, but where that loses more drives here, or does not hold, the next that is
-    better. The levels named `searched` decide.
+    better; of the first two the one that is lost on fewer replays of the whole of recorded drives.
+    The levels named `searched` decide.
     """
-    lines, defaults = len(judge.lines), nav2_defaults(own)
+    every, defaults = (len(judge.lines), judge.drives), nav2_defaults(own)
     decide = [n for n, level in enumerate(judge.levels) if level.name in searched]
     order = dict.fromkeys([own, *found[:2], defaults])
-    judge.drive([*order], lines, drives, decide, progress)
+    judge.drive([*order], *every, decide, progress)
     names = {own: OWN, defaults: "Nav2's defaults"}  # the latter's name if they are the same
     wholes: dict[Amcl, list[Drives]] = {}
 
     def judged(amcl: Amcl) -> Judged:
-        judge.drive([amcl], lines, drives, decide)
+        judge.drive([amcl], *every, decide)
         for each in (own, amcl):
             wholes[each] = wholes.get(each) or judge.whole(each)
         name = names.get(amcl) or described(own, amcl)
         return judged_beside(judge, name, amcl, own, wholes, searched)
 
-    choices = found[:1] if found[0] == own else found
-    candidate = next((each for each in choices if judged(each).better), found[0])
+    def losses(amcl: Amcl) -> int:
+        return sum(int(each.lost.sum()) for each in wholes[amcl])
+
+    # The third is driven only if neither of the others will do.
+    choices = (found[:1],) if found[0] == own else (found[:2], found[2:])
+    better = ([each for each in some if judged(each).better] for some in choices)
+    candidate = min(next(filter(None, better), found[:1]), key=losses)
     shown = own, candidate
-    judge.drive([*shown], lines, drives)  # at levels that only these two are said for
+    judge.drive([*shown], *every)  # at levels that only these two are said for
     told = {each: replace(judged(each), recoveries=recoveries(judge, each)) for each in shown}
     return candidate, tuple(told.get(each) or judged(each) for each in order | told)
