@@ -124,13 +124,37 @@ def test_unknown_space_that_is_painted_black_is_named():
     assert "painted unknown" not in kinds(blocks())  # nor are a few racks
 
 
+def file_of(folder, name, pixels, free_thresh=0.196):
+    Image.fromarray(pixels).save(folder / "lab.png")
+    (folder / f"{name}.yaml").write_text(
+        "image: lab.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
+        f"occupied_thresh: 0.65\nfree_thresh: {free_thresh}\n"
+    )
+    return read_map(folder / f"{name}.yaml")
+
+
 def test_a_mask_is_not_searched_for_solid_walls(tmp_path):
-    Image.fromarray(blocks().cells).save(tmp_path / "lab.png")
-    entries = "resolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
-    entries += "occupied_thresh: 0.65\nfree_thresh: 0.196\nimage: lab.png\n"
-    for name, expected in (("keepout", ["mask"]), ("costmap", ["mask", "solid walls"])):
-        (tmp_path / f"{name}.yaml").write_text(entries)
-        assert [each.kind for each in faults(*read_map(tmp_path / f"{name}.yaml"))] == expected
+    for name, expected in (
+        ("keepout", "mask"),
+        ("lab_virtual_walls", "mask"),
+        ("virtual_lab", "solid walls"),
+        ("costmap", "solid walls"),
+    ):
+        found = faults(*file_of(tmp_path, name, blocks().cells))
+        assert [each.kind for each in found] == [expected]
+
+
+def test_cells_are_looked_at_as_the_file_is_meant(tmp_path):
+    pixels = np.full((60, 60), 254, np.uint8)
+    pixels[:, 30:] = 205  # map_saver's grey, here read as free
+    pixels[5:55:2, 35:55:2] = 0  # within it
+    pixels[[0, -1]] = pixels[:, [0, -1]] = 0
+    grid, source = file_of(tmp_path, "lab", pixels, free_thresh=0.25)
+    found = faults(grid, source)
+    assert [each.kind for each in found] == ["thresholds"]
+    assert [each.kind for each in faults(grid)] == ["specks"]
+    assert np.array_equal(found.mended.cells[::-1] == FREE, pixels == 254)
+    assert found.summary()["map"]["digest"] == grid.digest
 
 
 @pytest.mark.draws
@@ -156,11 +180,6 @@ def test_the_solid_ones_of_the_shared_maps_are_found_and_no_others(real_maps):
 @pytest.mark.parametrize(("values", "is_costmap"), [((50, 253, 254), True), ((0, 252, 254), False)])
 def test_a_costmap_that_is_read_as_a_map_is_said(tmp_path, values, is_costmap):
     pixels = np.random.default_rng(0).choice(np.array(values, np.uint8), (60, 80))
-    Image.fromarray(pixels).save(tmp_path / "lab.png")
-    (tmp_path / "lab.yaml").write_text(
-        "image: lab.png\nresolution: 0.05\norigin: [0, 0, 0]\n"
-        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
-    found = faults(*read_map(tmp_path / "lab.yaml"))
+    found = faults(*file_of(tmp_path, "lab", pixels))
     assert ("costmap" in [each.kind for each in found]) == is_costmap
     assert ("this is a costmap, not a map" in found.report()) == is_costmap
