@@ -13,7 +13,9 @@ from locplan.maps import (
     FREE,
     OCCUPIED,
     UNKNOWN,
+    MapFault,
     OccupancyGrid,
+    Solidity,
     faults,
     find_maps,
     hollowed,
@@ -79,6 +81,29 @@ def test_walls_that_are_not_deep_are_said_to_be_thick_only(monkeypatch):
     found = faults(replace(blocks(), origin=(1.0, 0.0, 0.0)))  # another map, which is checked anew
     assert [(each.kind, each.sure) for each in found] == [("thick walls", False)]
     assert not found.is_solid
+
+
+@pytest.mark.parametrize(
+    ("wins", "hollow", "depth", "kind"),
+    [
+        (0.2, 0.1, 0.15, "solid walls"),
+        (0.2, 0.1, 0.14, "thick walls"),
+        (0.19, 0.0, 0.5, None),
+        (0.6, 0.31, 0.5, None),
+    ],
+)
+def test_walls_mislead_that_win_a_fifth_of_scans_and_half_of_them_hollow(wins, hollow, depth, kind):
+    found = faults(blocks(), check=lambda _: Solidity(wins, hollow, depth))
+    assert [each.kind for each in found] == [kind] * (kind is not None)
+    assert found.mended == (hollowed(blocks()) if kind == "solid walls" else blocks())
+    deep = replace(found, found=(*found, MapFault("deep walls", "")))
+    assert deep.mended == blocks()  # the truth lies inside
+
+
+@pytest.mark.parametrize(("cells", "depth"), [(5, 0.0), (6, 1.0)])
+def test_walls_are_deep_with_over_half_a_metre_of_black(cells, depth):
+    room = np.pad(np.full((30, 40), FREE, np.uint8), cells, constant_values=OCCUPIED)
+    assert solidity(OccupancyGrid(room, 0.1)).depth == depth
 
 
 def test_the_check_is_made_once_of_equal_maps():

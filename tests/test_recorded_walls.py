@@ -118,8 +118,8 @@ def test_what_is_left_of_false_walls_is_out_of_view(office, drive):
 def standing(*posts):
     """A room with posts, the cell of each, and a recording of 12 scans from one place in it.
 
-    Of each post: whether the map has it, numbers of the scans that end at it and that pass it, and
-    the beam that does. The other beams end at the room's walls.
+    Of each post: whether the map has it, numbers of the scans that end at it and that pass it, the
+    beam that does, and perhaps how far away it is. The other beams end at the room's walls.
     """
     cells = np.full((80, 80), FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
@@ -128,8 +128,8 @@ def standing(*posts):
     ways = np.stack([np.cos(lidar.angles), np.sin(lidar.angles)])
     until = np.where(ways > 0, 7.95 - pose[:2, None], 0.05 - pose[:2, None]) / ways
     ranges = np.tile(until.min(axis=0), (12, 1))
-    for drawn, ended, passed, beam in posts:
-        far = np.arange(1.4, 1.7, 0.01)
+    for drawn, ended, passed, beam, *away in posts:
+        far = np.arange(0.0, 0.3, 0.01) + (away or [1.4])[0]
         at = (pose[:2, None] + far * ways[:, [beam]]) / 0.1
         best = np.abs(at % 1 - 0.5).max(axis=0).argmin()
         col, row = at[:, best].astype(int)
@@ -151,6 +151,30 @@ def test_a_wall_is_missing_where_three_scans_end_and_few_pass():
     posts = [(False, 3, 9, 3), (False, 2, 0, 9), (False, 2, 7, 15), (False, 3, 0, 21)]
     grid, where, drive = standing(*posts)
     assert update_walls(grid, [drive]).added[where].tolist() == [True, False, False, True]
+
+
+def test_what_is_seen_once_goes_with_what_touches_it_by_a_corner():
+    grid, where, drive = standing((True, 0, 3, 45), (True, 0, 1, 46))
+    assert np.abs(np.diff(where)).ravel().tolist() == [1, 1]
+    assert update_walls(grid, [drive]).removed[where].all()
+
+
+def test_no_beam_sees_through_a_wall_that_is_missing():
+    grid, where, drive = standing((False, 3, 9, 15), (True, 0, 12, 15, 2.4))
+    assert not update_walls(grid, [drive]).removed[where].any()
+
+
+def test_a_map_that_seems_true_is_changed_for_a_clear_gain_only(office, drive):
+    update = update_walls(without(office), [drive])
+    for at_walls, crossed, gain, better in (
+        (0.95, 0.01, 0.0015, False),
+        (0.95, 0.01, 0.0025, True),
+        (0.85, 0.01, 0.0015, True),
+        (0.95, 0.03, 0.0015, True),
+        (0.85, 0.01, -0.001, False),
+    ):
+        shares = {"at_walls": at_walls, "crossed": crossed, "gain": update.gain._replace(low=gain)}
+        assert replace(update, **shares).is_better == better
 
 
 def test_no_wall_is_drawn_beside_one_unless_five_scans_pass_that():

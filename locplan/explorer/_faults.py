@@ -11,7 +11,7 @@ from locplan.errors import LocplanError
 from locplan.explorer._scene import Opening
 from locplan.explorer._searches import Kept
 from locplan.field import kept_solidity
-from locplan.maps import MapFaults, OccupancyGrid, faults, hollowed, read_map
+from locplan.maps import MapFaults, OccupancyGrid, faults, read_map
 
 
 class FaultyMaps:
@@ -63,6 +63,4 @@ class FaultyMaps:
         """Cells (H, W) that have a fault ("faults"), or are others on the mended map ("mended")."""
         if name == "mended":
             return np.asarray(self.mended(grid).cells != grid.cells)
-        found = self.of(grid)
-        painted = any(each.kind == "painted unknown" for each in found)
-        return found.cells | (hollowed(grid).cells != grid.cells) if painted else found.cells
+        return self.of(grid).cells

@@ -62,11 +62,11 @@ class MapFaults(Result):
 
     @cached_property
     def cells(self) -> Bools:
-        """The cells that solid or thick walls and specks concern, (H, W)."""
-        where = np.zeros(self.meant.shape, np.bool_)
-        if any(each.kind in ("solid walls", "thick walls") for each in self):
+        """The cells that walls black inside, painted unknown space and specks concern, (H, W)."""
+        where, kinds = np.zeros(self.meant.shape, np.bool_), {each.kind for each in self}
+        if kinds & {"solid walls", "thick walls", "painted unknown"}:
             where |= inside_of_walls(self.meant)
-        if any(each.kind == "specks" for each in self):
+        if "specks" in kinds:
             where |= self.specks
         return where
 

@@ -30,12 +30,10 @@ from locplan.mending._walls import WallUpdate, update_walls
 from locplan.planners import plan, random_queries
 from locplan.recordings import Recording
 from locplan.robots import Amcl, Robot
-from locplan.simulation import Drives, Simulator, check_drives, drive_paths
+from locplan.simulation import FLOOR, Drives, Simulator, check_drives, drive_paths
 
 DISTANCES = 10.0, 5.0, 2.0, 0.5
 """Minimum distances from start to goal of the verdict's paths, the first that the map has [m]."""
-FLOOR = 1e-6
-"""Mean square error that is added, so that no drive without error decides alone [m^2]."""
 
 CONCERNED = (
     "this helps likelihood fields: AMCL's, als_ros, MRPT and beluga before 2.1.1; SLAM Toolbox and"
