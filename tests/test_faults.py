@@ -61,7 +61,9 @@ def test_kernels_are_those_of_plain_loops(seed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_hollowed_leaves_a_rim_of_one_cell(seed):
-    grid = OccupancyGrid(random_rooms((31, 24), seed), 0.05, (1.0, 2.0, 0.1), "rooms")
+    cells = random_rooms((31, 24), seed)
+    cells[:3, 4:9] = OCCUPIED  # black up to the edge of the map
+    grid = OccupancyGrid(cells, 0.05, (1.0, 2.0, 0.1), "rooms")
     hollow = hollowed(grid)
     assert np.array_equal(hollow.cells, naive.hollowed(grid.cells))
     assert (hollow.resolution, hollow.origin, hollow.name) == (0.05, (1.0, 2.0, 0.1), "rooms")
@@ -143,6 +145,8 @@ def test_unknown_space_that_is_painted_black_is_named():
     painted = OccupancyGrid(cells, 0.05)
     assert "painted unknown" in kinds(painted)
     assert "painted unknown" not in kinds(hollowed(painted))
+    some = np.where(np.arange(60) == 0, UNKNOWN, cells).astype(np.uint8)
+    assert "painted unknown" not in kinds(OccupancyGrid(some, 0.05))
     cells = cells.copy()
     cells[2:58, 2:58] = FREE  # walls of two cells are no painted space
     assert "painted unknown" not in kinds(OccupancyGrid(cells, 0.05))

@@ -214,7 +214,7 @@ def test_poses_that_are_off_are_refused(office, drive, far):
     for grid in (office, without(office)):
         with pytest.raises(RecordingError, match="too much to draw walls by"):
             update_walls(grid, [off(drive, far)])
-    for side in ([far, 0, 0], [0, far, 0]):
+    for side in ([far / 2, 0, 0], [0, far, 0]):
         with pytest.raises(RecordingError, match="too much"):
             update_walls(office, [replace(drive, poses=drive.poses + side)])
     with pytest.raises(RecordingError, match="too much"):  # of several drives the worst counts
