@@ -13,7 +13,9 @@ from locplan.maps import (
     FREE,
     OCCUPIED,
     UNKNOWN,
+    MapFault,
     OccupancyGrid,
+    Solidity,
     faults,
     find_maps,
     hollowed,
@@ -59,7 +61,9 @@ def test_kernels_are_those_of_plain_loops(seed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_hollowed_leaves_a_rim_of_one_cell(seed):
-    grid = OccupancyGrid(random_rooms((31, 24), seed), 0.05, (1.0, 2.0, 0.1), "rooms")
+    cells = random_rooms((31, 24), seed)
+    cells[:3, 4:9] = OCCUPIED  # black up to the edge of the map
+    grid = OccupancyGrid(cells, 0.05, (1.0, 2.0, 0.1), "rooms")
     hollow = hollowed(grid)
     assert np.array_equal(hollow.cells, naive.hollowed(grid.cells))
     assert (hollow.resolution, hollow.origin, hollow.name) == (0.05, (1.0, 2.0, 0.1), "rooms")
@@ -79,6 +83,29 @@ def test_walls_that_are_not_deep_are_said_to_be_thick_only(monkeypatch):
     found = faults(replace(blocks(), origin=(1.0, 0.0, 0.0)))  # another map, which is checked anew
     assert [(each.kind, each.sure) for each in found] == [("thick walls", False)]
     assert not found.is_solid
+
+
+@pytest.mark.parametrize(
+    ("wins", "hollow", "depth", "kind"),
+    [
+        (0.2, 0.1, 0.15, "solid walls"),
+        (0.2, 0.1, 0.14, "thick walls"),
+        (0.19, 0.0, 0.5, None),
+        (0.6, 0.31, 0.5, None),
+    ],
+)
+def test_walls_mislead_that_win_a_fifth_of_scans_and_half_of_them_hollow(wins, hollow, depth, kind):
+    found = faults(blocks(), check=lambda _: Solidity(wins, hollow, depth))
+    assert [each.kind for each in found] == [kind] * (kind is not None)
+    assert found.mended == (hollowed(blocks()) if kind == "solid walls" else blocks())
+    deep = replace(found, found=(*found, MapFault("deep walls", "")))
+    assert deep.mended == blocks()  # the truth lies inside
+
+
+@pytest.mark.parametrize(("cells", "depth"), [(5, 0.0), (6, 1.0)])
+def test_walls_are_deep_with_over_half_a_metre_of_black(cells, depth):
+    room = np.pad(np.full((30, 40), FREE, np.uint8), cells, constant_values=OCCUPIED)
+    assert solidity(OccupancyGrid(room, 0.1)).depth == depth
 
 
 def test_the_check_is_made_once_of_equal_maps():
@@ -118,19 +145,45 @@ def test_unknown_space_that_is_painted_black_is_named():
     painted = OccupancyGrid(cells, 0.05)
     assert "painted unknown" in kinds(painted)
     assert "painted unknown" not in kinds(hollowed(painted))
+    some = np.where(np.arange(60) == 0, UNKNOWN, cells).astype(np.uint8)
+    assert "painted unknown" not in kinds(OccupancyGrid(some, 0.05))
     cells = cells.copy()
     cells[2:58, 2:58] = FREE  # walls of two cells are no painted space
     assert "painted unknown" not in kinds(OccupancyGrid(cells, 0.05))
     assert "painted unknown" not in kinds(blocks())  # nor are a few racks
 
 
+def file_of(folder, name, pixels, free_thresh=0.196):
+    Image.fromarray(pixels).save(folder / "lab.png")
+    (folder / f"{name}.yaml").write_text(
+        "image: lab.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
+        f"occupied_thresh: 0.65\nfree_thresh: {free_thresh}\n"
+    )
+    return read_map(folder / f"{name}.yaml")
+
+
 def test_a_mask_is_not_searched_for_solid_walls(tmp_path):
-    Image.fromarray(blocks().cells).save(tmp_path / "lab.png")
-    entries = "resolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
-    entries += "occupied_thresh: 0.65\nfree_thresh: 0.196\nimage: lab.png\n"
-    for name, expected in (("keepout", ["mask"]), ("costmap", ["mask", "solid walls"])):
-        (tmp_path / f"{name}.yaml").write_text(entries)
-        assert [each.kind for each in faults(*read_map(tmp_path / f"{name}.yaml"))] == expected
+    for name, expected in (
+        ("keepout", "mask"),
+        ("lab_virtual_walls", "mask"),
+        ("virtual_lab", "solid walls"),
+        ("costmap", "solid walls"),
+    ):
+        found = faults(*file_of(tmp_path, name, blocks().cells))
+        assert [each.kind for each in found] == [expected]
+
+
+def test_cells_are_looked_at_as_the_file_is_meant(tmp_path):
+    pixels = np.full((60, 60), 254, np.uint8)
+    pixels[:, 30:] = 205  # map_saver's grey, here read as free
+    pixels[5:55:2, 35:55:2] = 0  # within it
+    pixels[[0, -1]] = pixels[:, [0, -1]] = 0
+    grid, source = file_of(tmp_path, "lab", pixels, free_thresh=0.25)
+    found = faults(grid, source)
+    assert [each.kind for each in found] == ["thresholds"]
+    assert [each.kind for each in faults(grid)] == ["specks"]
+    assert np.array_equal(found.mended.cells[::-1] == FREE, pixels == 254)
+    assert found.summary()["map"]["digest"] == grid.digest
 
 
 @pytest.mark.draws
@@ -156,11 +209,6 @@ def test_the_solid_ones_of_the_shared_maps_are_found_and_no_others(real_maps):
 @pytest.mark.parametrize(("values", "is_costmap"), [((50, 253, 254), True), ((0, 252, 254), False)])
 def test_a_costmap_that_is_read_as_a_map_is_said(tmp_path, values, is_costmap):
     pixels = np.random.default_rng(0).choice(np.array(values, np.uint8), (60, 80))
-    Image.fromarray(pixels).save(tmp_path / "lab.png")
-    (tmp_path / "lab.yaml").write_text(
-        "image: lab.png\nresolution: 0.05\norigin: [0, 0, 0]\n"
-        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
-    found = faults(*read_map(tmp_path / "lab.yaml"))
+    found = faults(*file_of(tmp_path, "lab", pixels))
     assert ("costmap" in [each.kind for each in found]) == is_costmap
     assert ("this is a costmap, not a map" in found.report()) == is_costmap

@@ -123,6 +123,10 @@ def test_wrong_numbers_are_refused(tmp_path, run):
     save_map(ROOM, tmp_path / "room.yaml")
     assert "drives" in refused(run("mend", tmp_path / "room.yaml", "--drives", "1"))
     assert "paths" in refused(run("mend", tmp_path / "room.yaml", "--paths", "0"))
+    save_map(ROOM, tmp_path / "speed_mask.yaml")
+    mask = "mend", tmp_path / "speed_mask.yaml", "-o", tmp_path / "mended"
+    assert "plan on the map that it belongs to" in refused(run(*mask))
+    assert not (tmp_path / "mended").exists()
 
 
 def test_mend_says_what_the_file_shows(tmp_path, run):
@@ -154,8 +158,9 @@ def test_thresholds_are_mended_for_the_filter_and_for_planning(tmp_path, run):
     assert np.array_equal(load_map(tmp_path / "mended" / "map_amcl.yaml").cells, read.cells)
     grid, source = maps.read_map(lab)
     assert maps.as_meant(grid, None) == grid
-    (verdict,) = mend(grid, source=source, paths=2, drives=2).verdicts
-    assert verdict.rmse_ratio.value < 1
+    made = mend(grid, source=source, paths=2, drives=2)
+    assert made.faults.found == maps.faults(grid, source).found
+    assert made.verdicts[0].rmse_ratio.value < 1
 
 
 @pytest.mark.parametrize(

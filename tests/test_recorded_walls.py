@@ -14,9 +14,9 @@ from small_drive import FILE, MAP
 from locplan import Costmap, Lidar, Robot, load_map, mend, plan, save_map
 from locplan._kernels.walls import count_scans, explained_beams
 from locplan.errors import RecordingError
-from locplan.maps import FREE, OCCUPIED, environments
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.mending import update_walls
-from locplan.recordings import range_fit, read_drive, record_drive
+from locplan.recordings import Recording, range_fit, read_drive, record_drive
 
 
 @pytest.fixture(scope="module")
@@ -115,6 +115,74 @@ def test_what_is_left_of_false_walls_is_out_of_view(office, drive):
     assert (update.removed & (office.cells == OCCUPIED)).sum() < 0.03 * update.removed.sum()
 
 
+def standing(*posts):
+    """A room with posts, the cell of each, and a recording of 12 scans from one place in it.
+
+    Of each post: whether the map has it, numbers of the scans that end at it and that pass it, the
+    beam that does, and perhaps how far away it is. The other beams end at the room's walls.
+    """
+    cells = np.full((80, 80), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    grid, lidar = OccupancyGrid(cells, 0.1), Lidar(range=12.0, beams=72)
+    pose, where = np.array([3.05, 3.55, 0.0]), []
+    ways = np.stack([np.cos(lidar.angles), np.sin(lidar.angles)])
+    until = np.where(ways > 0, 7.95 - pose[:2, None], 0.05 - pose[:2, None]) / ways
+    ranges = np.tile(until.min(axis=0), (12, 1))
+    for drawn, ended, passed, beam, *away in posts:
+        far = np.arange(0.0, 0.3, 0.01) + (away or [1.4])[0]
+        at = (pose[:2, None] + far * ways[:, [beam]]) / 0.1
+        best = np.abs(at % 1 - 0.5).max(axis=0).argmin()
+        col, row = at[:, best].astype(int)
+        cells[row, col] = OCCUPIED if drawn else FREE
+        ranges[:ended, beam] = far[best]
+        ranges[ended + passed :, beam] = np.inf
+        where.append((row, col))
+    grid = replace(grid, cells=cells)
+    return grid, tuple(np.transpose(where)), Recording(ranges, lidar, np.tile(pose, (12, 1)))
+
+
+def test_a_wall_is_false_if_over_three_times_as_many_scans_pass_as_end():
+    posts = [(True, 2, 7, 3), (True, 2, 6, 9), (True, 3, 9, 15), (True, 0, 3, 21), (True, 0, 2, 27)]
+    grid, where, drive = standing(*posts)
+    assert update_walls(grid, [drive]).removed[where].tolist() == [True, False, False, True, False]
+
+
+def test_a_wall_is_missing_where_three_scans_end_and_few_pass():
+    posts = [(False, 3, 9, 3), (False, 2, 0, 9), (False, 2, 7, 15), (False, 3, 0, 21)]
+    grid, where, drive = standing(*posts)
+    assert update_walls(grid, [drive]).added[where].tolist() == [True, False, False, True]
+
+
+def test_what_is_seen_once_goes_with_what_touches_it_by_a_corner():
+    grid, where, drive = standing((True, 0, 3, 45), (True, 0, 1, 46))
+    assert np.abs(np.diff(where)).ravel().tolist() == [1, 1]
+    assert update_walls(grid, [drive]).removed[where].all()
+
+
+def test_no_beam_sees_through_a_wall_that_is_missing():
+    grid, where, drive = standing((False, 3, 9, 15), (True, 0, 12, 15, 2.4))
+    assert not update_walls(grid, [drive]).removed[where].any()
+
+
+def test_a_map_that_seems_true_is_changed_for_a_clear_gain_only(office, drive):
+    update = update_walls(without(office), [drive])
+    for at_walls, crossed, gain, better in (
+        (0.95, 0.01, 0.0015, False),
+        (0.95, 0.01, 0.0025, True),
+        (0.85, 0.01, 0.0015, True),
+        (0.95, 0.03, 0.0015, True),
+        (0.85, 0.01, -0.001, False),
+    ):
+        shares = {"at_walls": at_walls, "crossed": crossed, "gain": update.gain._replace(low=gain)}
+        assert replace(update, **shares).is_better == better
+
+
+def test_no_wall_is_drawn_beside_one_unless_five_scans_pass_that():
+    posts = [(True, 0, 5, 3), (False, 3, 0, 4), (True, 0, 4, 15), (False, 3, 0, 16)]
+    grid, where, drive = standing(*posts)
+    assert update_walls(grid, [drive]).added[where].tolist() == [False, True, False, False]
+
+
 def test_false_and_missing_walls_are_faults_with_their_places(office, drive):
     cells = office.cells.copy()
     cells[140:148, 300:700] = OCCUPIED  # in the corridor
@@ -146,7 +214,7 @@ def test_poses_that_are_off_are_refused(office, drive, far):
     for grid in (office, without(office)):
         with pytest.raises(RecordingError, match="too much to draw walls by"):
             update_walls(grid, [off(drive, far)])
-    for side in ([far, 0, 0], [0, far, 0]):
+    for side in ([far / 2, 0, 0], [0, far, 0]):
         with pytest.raises(RecordingError, match="too much"):
             update_walls(office, [replace(drive, poses=drive.poses + side)])
     with pytest.raises(RecordingError, match="too much"):  # of several drives the worst counts

@@ -136,9 +136,8 @@ class FilterMap(RobotOptions):
         maps = getattr(self, "maps", None) or [getattr(self, "map_file", None)]
         for file in locplan.maps.find_maps(*filter(None, maps)):
             for fault in locplan.maps.of_mask(*locplan.maps.read_map(file)):
-                if fault.sure:
-                    said = one_line(f"{file}: {fault.sentence}")
-                    warnings.warn(locplan.maps.MapWarning(said), stacklevel=2)
+                said = one_line(f"{file}: {fault.sentence}")
+                warnings.warn(locplan.maps.MapWarning(said), stacklevel=2)
 
 
 @typed.option_group("Field")

@@ -17,7 +17,7 @@ from locplan.diagnosis._result import Check, is_better, misled, ranked
 from locplan.diagnosis._trips import Stations, trips_of
 from locplan.diagnosis._weak_spots import WeakSpot, weak_spots
 from locplan.diagnosis._work import EFFORTS, Work
-from locplan.errors import ConfigError, LocplanError
+from locplan.errors import LocplanError
 from locplan.field import (
     CovarianceField,
     FieldConfig,
@@ -26,7 +26,7 @@ from locplan.field import (
     kept_solidity,
     load_or_compute,
 )
-from locplan.maps import MapFaults, MapSource, OccupancyGrid, check_grid, faults, read_map
+from locplan.maps import MapSource, OccupancyGrid, check_grid, faults, read_map
 from locplan.recordings import Recording
 from locplan.robots import Amcl, Robot
 from locplan.simulation import check_filter_map
@@ -123,13 +123,12 @@ def check(
         name: scaled(part, size) for part, (name, size) in zip(stages, SHARES.items(), strict=True)
     }
     map_faults = faults(grid, source, check=kept_solidity)
-    _refuse_masks(map_faults)
+    map_faults.refuse_mask()
     told(in_short.faults(map_faults))
     reading, paths = _meant(grid, source, robot, stations, EFFORTS[effort].trips, seed)
     drives = recorded(recordings, reading, map_faults, robot, seed, threads)
     for each in drives.said:
         told(each)
-    map_faults = replace(map_faults, found=(*drives.faults, *map_faults))
     if filter_map is not None:  # the filter does not read the map's file
         reading = replace(reading, reasons=(), is_sure=False)
     if drives.stretch != 1:
@@ -149,10 +148,10 @@ def check(
             if is_better(cure):
                 told(in_short.cure(cure, as_is))
         before, after = work.together(tried, steps["together"])
-    spots = misled(spots, map_faults, tried)
+    spots = misled(spots, drives.faults, tried)
     return Check(
         grid=grid,
-        faults=map_faults,
+        faults=drives.faults,
         degenerate=float((costs.u[site.world.free] >= 0.5).mean()),
         spots=spots,
         trips=trips,
@@ -209,13 +208,6 @@ def _start(world: OccupancyGrid, robot: Robot, effort: str, threads: int | None)
         f"start: {found.share:.0%} of the places look like another one to a single scan; unlike any"
         f" other looks {best.x:.1f},{best.y:.1f}"
     )
-
-
-def _refuse_masks(found: MapFaults) -> None:
-    """Raise a ConfigError if what was given for a map is surely a mask."""
-    for each in found:
-        if each.kind == "mask" and each.sure:
-            raise ConfigError(f"{found.grid.name or 'the map'}: {each.sentence}")
 
 
 def _field_and_spots(

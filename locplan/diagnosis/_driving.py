@@ -26,6 +26,7 @@ from locplan.field import kept
 from locplan.maps import OccupancyGrid
 from locplan.robots import Amcl, Robot
 from locplan.simulation import (
+    FLOOR,
     LOST,
     Arrival,
     Arrivals,
@@ -37,8 +38,6 @@ from locplan.simulation import (
 
 STREAM = 2_000_000
 """Stream of the random numbers of the first trip's drives, above those of other recipes."""
-FLOOR = 1e-6
-"""Mean square error that is added, so that no drive without error decides alone [m^2]."""
 CRITICAL = 2.4
 """Critical value from which on a cure is clearly better: 95 % for some three that are tried."""
 WORTHWHILE = 0.9

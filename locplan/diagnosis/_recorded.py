@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from locplan._util.intervals import Interval, in_metres, in_percent
 from locplan.diagnosis._reading import Reading
 from locplan.errors import LocplanError
-from locplan.maps import MapFault, MapFaults, OccupancyGrid
-from locplan.mending import mend
+from locplan.maps import MapFaults, OccupancyGrid
+from locplan.mending import update_walls
 from locplan.recordings import Recording, fit_to_map, odometry_noise, replay, scan_noise
 from locplan.robots import Robot
 
@@ -24,10 +24,10 @@ class Recorded:
     """The map with the walls that were recorded."""
     mended: OccupancyGrid
     """The map for the filter that `mend` makes."""
+    faults: MapFaults
+    """Faults of the map, those that the drives show first."""
     stretch: float = 1.0
     """Ratio of the true lengths to those of the map; 1 unless it surely is another."""
-    faults: tuple[MapFault, ...] = ()
-    """Faults of the map that ranges show."""
     said: tuple[str, ...] = ()
     """What they say, in sentences without a full stop."""
 
@@ -63,29 +63,23 @@ def recorded(
         if fit.fits:
             fitting.append(each)
             said += [f"drive {number}: {text}" for text in _replayed(each, grid, robot, seed)]
-    few = {"paths": 1, "drives": 2, "seed": seed, "threads": threads}
-    update = None
+    known, update = replace(known, meant=grid), None
     if fitting:
         longest = max(fitting, key=len)
         robot, more = _calibrated(longest, grid, robot, threads)
         said += more
         try:
-            found = mend(grid, robot, recordings=fitting, **few)  # type: ignore[arg-type]
+            update = update_walls(grid, fitting)
         except LocplanError as error:  # of poses that are too bad to draw walls by
             said.append(f"walls: {error}")
-        else:
-            update = found.walls
+    world, mended, found = grid, known.mended, ranges.faults(grid) if ranges else ()
     if update is not None:
-        ranges, world, mended = update.ranges, update.on(grid), found.filter_map
         said.append(f"walls: {update.sentence}")
-    else:
-        world = mended = grid
-        if any(each.kind in ("solid walls", "specks") for each in known):
-            mended = mend(grid, robot, **few).filter_map  # type: ignore[arg-type]
-    faults = tuple(ranges.faults(grid)) if ranges else ()
-    said += [each.what for each in faults]
+        ranges, found = update.ranges, update.faults(grid)
+        world, mended = update.on(grid), update.on(mended)
     stretch = ranges.factor.value if ranges and ranges.is_scaled else 1.0
-    return Recorded(robot, world, mended, stretch, faults, tuple(said))
+    known = replace(known, found=(*found, *known))
+    return Recorded(robot, world, mended, known, stretch, tuple(said))
 
 
 def _replayed(drive: Recording, grid: OccupancyGrid, robot: Robot, seed: int) -> list[str]:

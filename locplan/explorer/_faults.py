@@ -11,7 +11,7 @@ from locplan.errors import LocplanError
 from locplan.explorer._scene import Opening
 from locplan.explorer._searches import Kept
 from locplan.field import kept_solidity
-from locplan.maps import FREE, MapFaults, OccupancyGrid, faults, hollowed, read_map
+from locplan.maps import MapFaults, OccupancyGrid, faults, read_map
 
 
 class FaultyMaps:
@@ -57,16 +57,10 @@ class FaultyMaps:
             same = grid.cells == self.original.cells
             cells = np.where(same, report.filter_map.cells, grid.cells)
             return dataclasses.replace(grid, cells=cells)
-        found = self.of(grid)
-        if any(each.kind == "specks" for each in found):
-            cells = np.where(found.specks, np.uint8(FREE), grid.cells)
-            grid = dataclasses.replace(grid, cells=cells)
-        return hollowed(grid) if found.is_solid else grid
+        return self.of(grid).mended
 
     def marked(self, grid: OccupancyGrid, name: str) -> Bools:
         """Cells (H, W) that have a fault ("faults"), or are others on the mended map ("mended")."""
         if name == "mended":
             return np.asarray(self.mended(grid).cells != grid.cells)
-        found = self.of(grid)
-        painted = any(each.kind == "painted unknown" for each in found)
-        return found.cells | (hollowed(grid).cells != grid.cells) if painted else found.cells
+        return self.of(grid).cells

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -12,6 +12,8 @@ import numpy as np
 from locplan._kernels.arrays import Bools
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
+from locplan.errors import ConfigError
+from locplan.maps._files import as_meant
 from locplan.maps._grid import OccupancyGrid, check_grid
 from locplan.maps._misleading import (
     MapFault,
@@ -23,7 +25,8 @@ from locplan.maps._misleading import (
     of_walls,
     specks_of,
 )
-from locplan.maps._solid import Solidity, inside_of_walls, solidity
+from locplan.maps._occupancy import FREE
+from locplan.maps._solid import Solidity, hollowed, inside_of_walls, solidity
 from locplan.maps._source import MapSource
 
 
@@ -39,6 +42,8 @@ class MapFaults(Result):
     """The map."""
     found: tuple[MapFault, ...]
     """The faults, the most important first."""
+    meant: OccupancyGrid
+    """The map as its file is meant, see `as_meant`, which the faults of walls and cells are of."""
 
     def __repr__(self) -> str:
         kinds = ", ".join(each.kind for each in self) or "none"
@@ -57,18 +62,33 @@ class MapFaults(Result):
 
     @cached_property
     def cells(self) -> Bools:
-        """The cells that solid or thick walls and specks concern, (H, W)."""
-        where = np.zeros(self.grid.shape, np.bool_)
-        if any(each.kind in ("solid walls", "thick walls") for each in self):
-            where |= inside_of_walls(self.grid)
-        if any(each.kind == "specks" for each in self):
+        """The cells that walls black inside, painted unknown space and specks concern, (H, W)."""
+        where, kinds = np.zeros(self.meant.shape, np.bool_), {each.kind for each in self}
+        if kinds & {"solid walls", "thick walls", "painted unknown"}:
+            where |= inside_of_walls(self.meant)
+        if "specks" in kinds:
             where |= self.specks
         return where
 
     @cached_property
     def specks(self) -> Bools:
         """The cells of up to 3 that touch each other, and else only free ones, (H, W)."""
-        return specks_of(self.grid)
+        return specks_of(self.meant)
+
+    @property
+    def mended(self) -> OccupancyGrid:
+        """The map for a filter: as its file is meant, without specks, solid walls hollowed."""
+        grid, kinds = self.meant, {each.kind for each in self}
+        if "specks" in kinds:
+            grid = replace(grid, cells=np.where(self.specks, np.uint8(FREE), grid.cells))
+        # Where beams end deep in the walls the truth lies inside, and hollowing may harm.
+        return hollowed(grid) if self.is_solid and "deep walls" not in kinds else grid
+
+    def refuse_mask(self) -> None:
+        """Raise a ConfigError if what was given for a map is a mask for a costmap filter."""
+        for each in self:
+            if each.kind == "mask":
+                raise ConfigError(f"{self.grid.name or 'the map'}: {each.sentence}")
 
     def summary(self) -> dict[str, object]:
         """The faults, fit for JSON."""
@@ -140,9 +160,9 @@ def faults(
     0
     """
     check_grid(grid)
-    masks = tuple(of_mask(grid, source)) if source else ()
-    of_file = tuple(of_source(grid, source)) if source else ()
+    of_file = (*of_mask(grid, source), *of_source(grid, source)) if source else ()
     # No filter has a mask for its map, whose areas are no walls.
-    is_mask = any(each.sure for each in masks)
-    walls = () if is_mask else (*of_walls(grid, check(grid)), *of_painted(grid))
-    return MapFaults(grid, (*masks, *of_file, *walls, *of_cells(grid), *of_origin(grid)))
+    is_mask = any(each.kind == "mask" for each in of_file)
+    meant = grid if is_mask else as_meant(grid, source)
+    walls = () if is_mask else (*of_walls(meant, check(meant)), *of_painted(meant))
+    return MapFaults(grid, (*of_file, *walls, *of_cells(meant), *of_origin(grid)), meant)

@@ -125,12 +125,11 @@ def of_mask(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
     Yields
     ------
     MapFault
-        One fault at most; it is `sure` where a name or two other signs say so.
+        One fault at most, where a name or two other signs say so.
     """
     signs = []
-    words = re.split(r"[^a-z]+", f"{grid.name} {Path(source.image).name}".lower())
-    of_masks = {"costmap", "filter", "keepout", "limit", "mask", "speed", "virtual"}
-    found = [word for word in words if word in of_masks]
+    words = " ".join(re.findall(r"[a-z]+", f"{grid.name} {Path(source.image).name}".lower()))
+    found = re.search(r"\b(filter|keepout|limit|mask|speed|virtual walls?)\b", words)
     if found:
         signs.append(f"its name has the word {found[0]}")
     if source.mode != "trinary":
@@ -145,7 +144,7 @@ def of_mask(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
             "mask",
             f"this seems to be a mask for a costmap filter, not a map: {', '.join(signs)};"
             " plan on the map that it belongs to",
-            sure=bool(set(found) - {"costmap", "virtual"}) or len(signs) >= 2,
+            sure=True,
         )
 
 

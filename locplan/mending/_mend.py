@@ -19,26 +19,21 @@ from locplan.errors import ConfigError
 from locplan.export import write_filter_map
 from locplan.field import equipped, kept_solidity
 from locplan.maps import (
-    FREE,
     OCCUPIED,
     MapFaults,
     MapSource,
     OccupancyGrid,
-    as_meant,
     faults,
-    hollowed,
     meant_header,
 )
 from locplan.mending._walls import WallUpdate, update_walls
 from locplan.planners import plan, random_queries
 from locplan.recordings import Recording
 from locplan.robots import Amcl, Robot
-from locplan.simulation import Drives, Simulator, check_drives, drive_paths
+from locplan.simulation import FLOOR, Drives, Simulator, check_drives, drive_paths
 
 DISTANCES = 10.0, 5.0, 2.0, 0.5
 """Minimum distances from start to goal of the verdict's paths, the first that the map has [m]."""
-FLOOR = 1e-6
-"""Mean square error that is added, so that no drive without error decides alone [m^2]."""
 
 CONCERNED = (
     "this helps likelihood fields: AMCL's, als_ros, MRPT and beluga before 2.1.1; SLAM Toolbox and"
@@ -218,8 +213,9 @@ def mend(
     Raises
     ------
     LocplanError
-        If a number is out of its range, or the poses of a recording are off by so much that walls
-        would be drawn beside their places. Where the robot can drive nowhere, there is no verdict.
+        If a number is out of its range, the map is a mask for a costmap filter, or the poses of a
+        recording are off by so much that walls would be drawn beside their places. Where the robot
+        can drive nowhere, there is no verdict.
 
     Examples
     --------
@@ -231,15 +227,13 @@ def mend(
     whole("paths", paths, 1, 1000)
     if recordings and (robot is None or robot.lidar is None):
         robot = recordings[0].robot(robot)
-    meant = as_meant(grid, source)
     robot, found = equipped(robot), faults(grid, source, check=kept_solidity)
-    if meant != grid:  # of the walls as they are meant it is to be known whether they are solid
-        of_file = [each for each in found if each.kind in ("mask", "costmap", "thresholds")]
-        found = replace(found, found=(*of_file, *faults(meant, check=kept_solidity)))
+    found.refuse_mask()
+    meant = found.meant
     update = update_walls(meant, recordings) if recordings else None
     if update is not None:
         found = replace(found, found=(*update.faults(meant), *found))
-    mended, world = _mended(replace(found, grid=meant)), meant
+    mended, world = found.mended, meant
     if update is not None:
         mended, world = update.on(mended), update.on(meant)
     file = None if meant == grid else source
@@ -270,15 +264,6 @@ def mend(
         )
         verdicts.append(_verdict(name, as_is, hollow))
     return Mended(grid, mended, found, tuple(verdicts), seed, update, source=file)
-
-
-def _mended(found: MapFaults) -> OccupancyGrid:
-    """The map without what it surely has of faults that a filter suffers from, and of specks."""
-    grid, kinds = found.grid, {each.kind for each in found}
-    if "specks" in kinds:
-        grid = replace(grid, cells=np.where(found.specks, np.uint8(FREE), grid.cells))
-    # Where beams end deep in the walls the truth lies inside, and hollowing may harm.
-    return hollowed(grid) if "solid walls" in kinds and "deep walls" not in kinds else grid
 
 
 def _ways(grid: OccupancyGrid, robot: Robot, count: int, seed: int) -> dict[str, Path]:

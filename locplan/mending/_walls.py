@@ -15,7 +15,7 @@ from locplan._util.poses import ends_in_map
 from locplan.errors import RecordingError
 from locplan.field import position_axes
 from locplan.maps import FREE, OCCUPIED, MapFault, OccupancyGrid, boxes_of
-from locplan.recordings import RangeFit, Recording, match_scans, range_fit
+from locplan.recordings import RangeFit, Recording, at_walls, match_scans, range_fit
 
 CROSSED, TIMES, HITS = 5, 3, 3
 """Number of scans that see through a wall that is none, in times of those that end there; and of
@@ -246,11 +246,6 @@ def _pose_deviation(grid: OccupancyGrid, recording: Recording) -> float:
     return max(deviations, default=0.0)
 
 
-def _margin(grid: OccupancyGrid) -> float:
-    """Distance within which a beam ends at a wall [m], as `fit_to_map` has it."""
-    return max(2 * grid.resolution, 0.1)
-
-
 def _changes(grid: OccupancyGrid, beams: _Beams) -> tuple[Bools, Bools, float]:
     """Cells of missing and of false walls, and the share of the walls in view that are such.
 
@@ -259,13 +254,13 @@ def _changes(grid: OccupancyGrid, beams: _Beams) -> tuple[Bools, Bools, float]:
     """
     import cv2
 
-    walls, margin = grid.cells == OCCUPIED, _margin(grid)
-    passed, hit, around = _counted(np.zeros_like(walls), beams, margin / grid.resolution)
+    walls = grid.cells == OCCUPIED
+    passed, hit, around = _counted(grid, np.zeros_like(walls), beams)
     kept = walls & ((passed < CROSSED) | (passed <= TIMES * around))
-    beside = _changed(grid, kept, walls).closer_than(margin) if kept.any() else kept
+    _, beside = at_walls(_changed(grid, kept, walls))
     missing = (hit >= HITS) & (passed <= TIMES * hit) & ~beside & ~walls
     met = (around >= HITS) & (passed <= TIMES * around)
-    passed, _, around = _counted(missing | (walls & met), beams, margin / grid.resolution)
+    passed, _, around = _counted(grid, missing | (walls & met), beams)
     seen = walls & (passed > TIMES * around)
     _, labels = cv2.connectedComponents(seen.view(np.uint8), connectivity=8)
     false = seen & np.isin(labels, labels[seen & (passed >= HITS)])
@@ -273,12 +268,13 @@ def _changes(grid: OccupancyGrid, beams: _Beams) -> tuple[Bools, Bools, float]:
     return missing, false, float(false.sum() / max(in_view, 1))
 
 
-def _counted(stops: Bools, beams: _Beams, margin: float) -> tuple[Ints, Ints, Floats]:
+def _counted(grid: OccupancyGrid, stops: Bools, beams: _Beams) -> tuple[Ints, Ints, Floats]:
     """Numbers of the scans that pass each cell, that end in it, and that end in it or beside it."""
     import cv2
 
     from locplan._kernels.walls import count_scans
 
+    margin = at_walls(grid)[0] / grid.resolution
     passed, hit = count_scans(stops, beams.origins, beams.ends, margin)
     # A beam ends a cell beside the one that it met, by its noise and by the map's rounding.
     return passed, hit, cv2.boxFilter(hit.astype(np.float64), -1, (3, 3), normalize=False)
@@ -294,10 +290,9 @@ def _explained(grid: OccupancyGrid, beams: _Beams) -> Floats:
     """Share of the beams of each scan that a map explains; NaN without a return."""
     from locplan._kernels.walls import explained_beams
 
-    margin, walls = _margin(grid), grid.cells == OCCUPIED
-    near = grid.closer_than(margin) if walls.any() else walls
+    margin, near = at_walls(grid)
     found, returns = explained_beams(
-        walls, near, beams.origins, beams.ends, margin / grid.resolution
+        grid.cells == OCCUPIED, near, beams.origins, beams.ends, margin / grid.resolution
     )
     with np.errstate(invalid="ignore"):
         return np.asarray(found / returns)
@@ -308,5 +303,5 @@ def _at_walls(grid: OccupancyGrid, beams: _Beams) -> float:
     ends = beams.ends[np.isfinite(beams.ends[..., 0])]
     row, col = np.floor(ends).astype(np.int64).T
     inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
-    near = grid.closer_than(_margin(grid))
+    _, near = at_walls(grid)
     return float((near[row * inside, col * inside] & inside).mean())

@@ -15,6 +15,7 @@ from ._logs import Source as Source, Topics as Topics
 from ._matches import (
     Agreement as Agreement,
     Matches as Matches,
+    at_walls as at_walls,
     match_scans as match_scans,
     scans_unlike as scans_unlike,
 )

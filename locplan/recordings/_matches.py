@@ -220,7 +220,13 @@ def scans_unlike(
 
 
 def at_walls(grid: OccupancyGrid) -> tuple[float, NDArray[np.bool_]]:
-    """Distance from a wall within which a beam ends at it [m], and the cells so near."""
+    """Distance from a wall within which a beam ends at it [m], and the cells so near.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    """
     # A cell's worth is lost by the map's and the end's own rounding, another one by the wall's
     # thickness in a map of many scans; and 0.1 m is three deviations of a lidar's noise.
     distance = max(2 * grid.resolution, 0.1)

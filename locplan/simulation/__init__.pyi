@@ -8,6 +8,7 @@ from ._calibration import (
 from ._closed_loop import drive_closed as drive_closed, seen_on as seen_on
 from ._drives import (
     DRIVEN as DRIVEN,
+    FLOOR as FLOOR,
     LOST as LOST,
     PROFILE as PROFILE,
     RATES as RATES,
