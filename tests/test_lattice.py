@@ -259,11 +259,30 @@ def test_where_the_goal_cannot_be_reached_the_path_ends_within_the_goal_toleranc
     assert made.status == "solved"
     assert 0.1 < math.dist(made.path.xy[-1], goal) <= 0.25
     assert "goal tolerance" in made.note
+    assert made.note.endswith("into its cell if it keeps the robot's margin of 0.05 m")
+    ahead = plan(corridor_with_a_dead_end(0.25), (*start, 0.0), (*goal, 0.0), planner="lattice")
+    assert ahead.status == "solved"
+    back = plan(corridor_with_a_dead_end(0.25), (*start, 0.0), (*goal, np.pi), planner="lattice")
+    assert back.status == "infeasible"  # too narrow to turn
     exact = plan(corridor_with_a_dead_end(0.25), start, (2.0, 0.35), planner="lattice")
     assert math.dist(exact.path.xy[-1], (2.0, 0.35)) < 1e-6
     assert not exact.note
     refused = plan(corridor_with_a_dead_end(0.05), start, goal, planner="lattice")
     assert refused.status == "infeasible"
+
+
+@pytest.mark.parametrize(
+    ("half", "tolerance", "start"), [(0.4, 0.25, (0.95, 1.05)), (1.2, 1.0, (2.05, 0.35, 0.0))]
+)
+def test_a_robot_that_cannot_stand_across_at_the_goal_does_so_beside_it(half, tolerance, start):
+    grid = drawn(*["." * 40] * 30, "#" * 40, resolution=0.1)
+    outline = Footprint([(half, 0.2), (half, -0.2), (-half, -0.2), (-half, 0.2)])
+    sideways = Kinematics(drive="omnidirectional")
+    robot = Robot(footprint=outline, margin=0.0, kinematics=sideways, goal_tolerance=tolerance)
+    goal = (2.05, 0.45, np.pi / 2)
+    made = plan(Costmap.blank(grid, robot=robot), start, goal, planner="lattice")
+    assert made.status == "solved"
+    assert half - 0.35 <= math.dist(made.path.xy[-1], goal[:2]) <= tolerance
 
 
 def test_masks_are_kept_for_the_next_query_and_stay_as_they_are():

@@ -86,11 +86,9 @@ class Lattice:
             return self._solved(costs, start, goal, until)
         wider = dataclasses.replace(costs, robot=_with_margin(robot, robot.outline))
         found = self._solved(wider, start, goal, until)
-        if found.status == "timeout":
-            note = f"{found.note} if it keeps the robot's margin of {robot.margin:g} m"
-            return dataclasses.replace(found, note=note)
         if found.status != "infeasible":
-            return found
+            kept = f" if it keeps the robot's margin of {robot.margin:g} m" if found.note else ""
+            return dataclasses.replace(found, note=found.note + kept)
         found = self._solved(costs, start, goal, until)
         if found.path is None:
             return found

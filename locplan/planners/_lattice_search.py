@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -58,10 +58,10 @@ class LatticeSearch:
         """The path from start to goal, or else into the robot's tolerance of it, or why neither."""
         robot, near = self._costs.robot, self._near(goal)
         try:
-            found = self._found_to([self._cell(goal)], start, goal)
+            found, may_come_near = self._found_to([self._cell(goal)], start, goal, near)
             if found.status != "infeasible" or robot is None or len(near) < 2:
                 return found
-            nearly = self._found_to(near, start, goal)
+            nearly = self._found_to(near, start, goal)[0] if may_come_near else found
         except OutOfTimeError as out:
             note = f"the time was up; every path of the lattice costs at least {out.args[0]:.2f} m"
             return Found(status="timeout", note=note)
@@ -72,20 +72,29 @@ class LatticeSearch:
         note = f"ends {away:.2f} m from the goal, within {tolerance}: none leads into its cell"
         return dataclasses.replace(nearly, note=note)
 
-    def _found_to(self, targets: list[int], start: Position, goal: Position) -> Found:
-        """The path from start to one of the cells `targets`, in the goal's heading, or why none."""
+    def _found_to(
+        self, targets: list[int], start: Position, goal: Position, others: Sequence[int] = ()
+    ) -> tuple[Found, bool]:
+        """The path from start to one of the cells `targets`, in the goal's heading, or why none.
+
+        The second value is False if surely none leads to any of the `others`, either.
+        """
         bound = self.bound_to(targets, self._cell(start))
         cap = float(bound[self._cell(start)]) * (1 - kernels.ROUNDING)
         if math.isinf(cap):
-            return self._none(start, goal, 0)
+            return self._none(start, goal, 0), True
         goal_headings = sum(1 << heading for heading in self._headings(goal))
         terms = self.graph.terms._replace(cap=cap, goal_headings=goal_headings)
         graph = self.graph._replace(terms=terms)
         cost, last, expanded = self.costs_from(start, bound, graph)
         if last < 0:
-            return self._none(start, goal, expanded)
+            # All that can be reached was, but for cells from which none leads to the targets.
+            of_others = cost.reshape(self._size, -1, len(self._angles))[others]
+            reached = of_others[:, :, self._headings(goal)].any(axis=(1, 2))
+            reached |= np.isinf(bound[others])
+            return self._none(start, goal, expanded), bool(reached.any())
         moves = kernels.traced(graph, cost, last)
-        return Found(self._path(moves), expanded=expanded)
+        return Found(self._path(moves), expanded=expanded), True
 
     def _near(self, goal: Position) -> list[int]:
         """The cells whose centres lie within the robot's goal tolerance of the goal."""
