@@ -83,7 +83,10 @@ def next_action(
     """
     if check.is_fine:
         cheap = (each for each in check.cures if is_better(each) and each.kind in CHEAP)
-        return Action(f"Nothing to do{_would(next(cheap, None), check.as_is)}.", "", {})
+        sentence = f"Nothing to do{_would(next(cheap, None), check.as_is)}."
+        if check.effort == "quick":
+            sentence += f" A loss of up to {check.as_is.lost.high:.0%} may hide from --quick."
+        return Action(sentence, "", {})
     map_file = str(Folder(check.source.file).resolve()) if check.source else "MAP"
     again = typed() or ["locplan", "check", map_file]
     if not check.recommended:

@@ -176,7 +176,7 @@ class Arrivals(Valued):
 
 ENDINGS = {
     ARRIVED: ("arrived", "arrives, steered by its filter"),
-    ELSEWHERE: ("elsewhere", "believes to be there, is elsewhere"),
+    ELSEWHERE: ("elsewhere", "stops at a wrong place"),
     STUCK: ("stuck", "gets stuck"),
     TIMED_OUT: ("timed_out", "runs out of time"),
     FOLLOWER: ("follower_fails", "fails with perfect localization, too"),
