@@ -201,11 +201,11 @@ def _start(world: OccupancyGrid, robot: Robot, effort: str, threads: int | None)
     best = next(iter(found.best_starts(1)), None)
     if best is None or found.share >= 0.9:  # no scan tells where the robot was put
         return (
-            f"start: {found.share:.0%} of the places look like another one to a single scan, so"
+            f"start: {100 * found.share:.0f} % of the places look like another one to a single scan, so"
             " global localization cannot work: set the pose"
         )
     return (
-        f"start: {found.share:.0%} of the places look like another one to a single scan; unlike any"
+        f"start: {100 * found.share:.0f} % of the places look like another one to a single scan; unlike any"
         f" other looks {best.x:.1f},{best.y:.1f}"
     )
 

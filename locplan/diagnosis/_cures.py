@@ -244,10 +244,9 @@ def landmarks(site: Site, threads: int | None, journal: Journal) -> Remedy | Non
         own = world if same else with_objects(old.filter_map, kind, poses)
         return replace(old, world=world, filter_map=own)
 
-    at = " and ".join(f"{x:.1f},{y:.1f}" for x, y, _ in poses.tolist())
     made = Poles(poses, with_objects(site.world, kind, poses))
-    title = f"{len(poses)} poles at {at}"
-    return Remedy(LANDMARKS, title, f"{len(poses)} poles", apply, made=made)
+    count = f"{len(poses)} poles"
+    return Remedy(LANDMARKS, count, count, apply, made=made)
 
 
 def joined(tried: Mapping[str, Remedy], kinds: tuple[str, ...], site: Site) -> Site:

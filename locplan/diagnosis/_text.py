@@ -28,7 +28,15 @@ from locplan.simulation import LOST
 
 LINES, HALF = 25, 0.5
 """Maximum number of lines of the text, and share of lost drives that is no cure."""
-ROWS = (3, 3, 3, 4), (2, 3, 3, 3), (1, 3, 3, 2), (1, 3, 2, 2), (1, 3, 1, 1), (0, 2, 1, 1)
+ROWS = (
+    (3, 3, 3, 4),
+    (2, 3, 3, 3),
+    (1, 3, 3, 2),
+    (1, 3, 2, 2),
+    (1, 3, 1, 2),
+    (0, 3, 1, 2),
+    (0, 2, 1, 1),
+)
 """Numbers of notes, places, trips and cures, of which the text has the first that fit."""
 
 
@@ -91,7 +99,7 @@ def next_action(
     again = typed() or ["locplan", "check", map_file]
     if not check.recommended:
         return Action(*_further(check, again, map_file), {})
-    doing = " and ".join(DO[each.kind].format(cure=each) for each in check.advised)
+    doing = "; ".join(DO[each.kind].format(cure=each) for each in check.advised)
     sentence = f"{doing[:1].upper()}{doing[1:]}: {_gains(check)}"
     files = check.written(params)
     if folder is None:
@@ -141,7 +149,7 @@ DO = {
     REACH: "let the filter read {cure.title}",
     SETTINGS: "change the filter's {cure.title}",
     PATHS: "give Nav2 {cure.title}",
-    LANDMARKS: "put {cure.title}",
+    LANDMARKS: "put up {cure.effort} where landmarks.csv says",
 }
 """What to do, of each kind of cure."""
 

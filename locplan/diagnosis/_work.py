@@ -227,7 +227,7 @@ class Work:
             before = after = fresh(self.site)
         more = fresh(remedy.apply(site))
         said = contrast(after, more)
-        title = f"{'besides, ' if self.taken else ''}{remedy.title}"
+        title = f"{remedy.title}{' besides' if self.taken else ''}"
         tried.append(self._cure(replace(remedy, title=title), site, _rates(more), said))
         if keeps_more(said.verdict, said.gain):
             self.taken, after = (*self.taken, remedy.kind), more
