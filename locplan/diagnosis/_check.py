@@ -199,15 +199,10 @@ def _start(world: OccupancyGrid, robot: Robot, effort: str, threads: int | None)
         return ""
     found = find_twins(world, robot, spacing=2 * PLACE_SPACING, threads=threads)
     best = next(iter(found.best_starts(1)), None)
+    alike = f"start: {100 * found.share:.0f} % of the places look like another one to a single scan"
     if best is None or found.share >= 0.9:  # no scan tells where the robot was put
-        return (
-            f"start: {100 * found.share:.0f} % of the places look like another one to a single scan, so"
-            " global localization cannot work: set the pose"
-        )
-    return (
-        f"start: {100 * found.share:.0f} % of the places look like another one to a single scan; unlike any"
-        f" other looks {best.x:.1f},{best.y:.1f}"
-    )
+        return f"{alike}, so global localization cannot work: set the pose"
+    return f"{alike}; unlike any other looks {best.x:.1f},{best.y:.1f}"
 
 
 def _field_and_spots(
