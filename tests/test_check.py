@@ -55,6 +55,13 @@ def test_a_tuned_robot_in_a_room_with_features_has_nothing_to_do(fine):
     assert f"Nothing to do. A loss of up to {high:.0%} may hide" in " ".join(fine.report().split())
 
 
+@pytest.mark.parametrize("columns", [58, 64, 71, 80])
+def test_figures_stay_in_one_line_with_their_intervals(solid, monkeypatch, columns):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    for line in solid.report().splitlines():
+        assert not re.match(r"%|\[\d|\d+\]", line)
+
+
 def test_trips_lead_between_each_two_stations(fine):
     assert [each.name for each in fine.trips] == ["door to desk", "door to shelf", "desk to shelf"]
     for each in fine.trips:

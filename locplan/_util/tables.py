@@ -126,10 +126,18 @@ def _without_broken_words(columns: Sequence[Sequence[str]], room: int) -> list[i
     return [*wide]
 
 
+JOINED = re.compile(r"(?<=\d) (?=%)|(?<=%) (?=\[)|(?<=\d,) (?=\d+\])")
+"""Spaces at which a line is not broken."""
+
+
 def wrapped(lines: Sequence[str]) -> list[str]:
-    """Lines broken where they are wider than the terminal, or than text is easy to read."""
+    """Lines broken where they are wider than the terminal, or than text is easy to read.
+
+    A figure stays with its % sign and its interval.
+    """
     width = min(shutil.get_terminal_size((TEXT_WIDTH, 24)).columns, TEXT_WIDTH)
-    return [part for line in lines for part in textwrap.wrap(line, width)]
+    joined = (JOINED.sub("\xa0", each) for each in lines)
+    return [part.replace("\xa0", " ") for line in joined for part in textwrap.wrap(line, width)]
 
 
 def rounded_up(value: float) -> str:
