@@ -117,6 +117,9 @@ def test_a_mask_is_written_where_other_paths_keep_drives(tmp_path):
     taken = locplan.plan(found.made["paths"], *ways[0]).path
     assert np.array_equal(taken.xy, found.cured.paths["query 1"].xy)
     found.save(tmp_path)
+    mask_first, nav2 = found.summary(tmp_path, tmp_path / "x.yaml")["next"]["command"].splitlines()
+    assert mask_first == f"ros2 launch {tmp_path}/mask/localizability.launch.xml"
+    assert nav2.endswith(f"params_file:={tmp_path}/mask/nav2.yaml")
     assert (tmp_path / "mask" / "localizability.launch.xml").exists()
     assert set(found.written()) == {"mask/nav2.yaml"}
     assert json.loads((tmp_path / "mask" / "export.json").read_text())["kind"] == "nav2-keepout"

@@ -15,7 +15,7 @@ from locplan.simulation import write_tuned
 def files_of(check: Check, params: Folder | None = None) -> dict[str, str]:
     """The files of the recommended cures, and what to do with each; see `Check.written`."""
     values = "your parameters, changed" if params else "put its lines under amcl in yours"
-    mask = {"mask/nav2.yaml": "parameters with the mask's; mask/README.md says how"}
+    mask = {"mask/nav2.yaml": "parameters with the mask's; see mask/README.md for its planner"}
     about = {
         WALLS: {"map.yaml": f"the map for all of Nav2, with {check.reading.title}"},
         MEND: {"map_amcl.yaml": "for AMCL alone: put amcl.yaml's line under amcl in yours"},

@@ -168,13 +168,15 @@ def _commands(
     """Commands that put what is recommended in force, or check that it helps, a line each."""
     taken, own = {*check.recommended}, folder.resolve()
     lines = []
-    if MEND in taken:  # before AMCL, which waits for its map
-        lines.append(["ros2", "launch", str(own / "localizability.launch.xml")])
+    mask = bool(check.made.get(PATHS))
+    # Before Nav2, which waits for its maps.
+    for place, needed in ((own, MEND in taken), (own / "mask", mask)):
+        if needed:
+            lines.append(["ros2", "launch", str(place / "localizability.launch.xml")])
     if {WALLS, LANDMARKS} & taken:
         name = "map_with_landmarks.yaml" if LANDMARKS in taken else "map.yaml"
         map_file = str(own / name)
     arguments = [f"map:={map_file}"]
-    mask = bool(check.made.get(PATHS))
     changed = str(own / "nav2_params.yaml") if {REACH, SETTINGS} & taken else ""
     if mask:  # which has the other changes, too
         changed = str(own / "mask" / "nav2.yaml")
@@ -182,9 +184,7 @@ def _commands(
         arguments.append(f"params_file:={changed}")
     if len(arguments) > 1 or {WALLS, LANDMARKS} & taken:
         lines.append(["ros2", "launch", "nav2_bringup", "bringup_launch.py", *arguments])
-    if mask:
-        lines.append(["ros2", "launch", str(own / "mask/localizability.launch.xml")])
-    elif PATHS in taken:
+    if PATHS in taken and not mask:
         paths = [f"--path={own / name}" for name in check.changed_paths]
         to = ["--to", "nav2-routes", *paths, "-o", str(own / "routes")]
         lines.append(["locplan", "export", map_file, *to])
