@@ -190,7 +190,7 @@ ASKED = {
     "tune": (("--paths", "--drives"),),
 }
 """Options, one of these groups of them, without which a command does nothing or takes long."""
-RARE = {"compare": 0.25, "completion": 0.2, "cache": 0.5, "calibrate": 0.7, "tune": 0.2}
+RARE = {"compare": 0.25, "completion": 0.2, "cache": 0.5, "calibrate": 0.7, "tune": 0.5}
 """Commands that are run less often than others."""
 
 
@@ -652,10 +652,12 @@ def fuzz(
     seed: int,
     command: str = "",
     *,
+    first: int = 0,
     leave_out: tuple[str, ...] = (),
     told: Any = None,
 ) -> list[dict[str, Any]]:
-    """Run so many lines, each made of the seed and its number; return the answers."""
+    """Run so many lines, each made of the seed and its number, from the first one on; return the
+    answers."""
     commands = {
         names: options
         for names, options in declared().items()
@@ -663,7 +665,7 @@ def fuzz(
     }
     served, answers = None, []
     try:
-        for number in range(count):
+        for number in range(first, first + count):
             chance = random.Random(f"{seed} {number}")
             line, around = line_of(chance, commands), surroundings_of(chance)
             if served is None or number % LINES_EACH == 0:
