@@ -166,7 +166,10 @@ COSTLY = (
 """Options of which a large value is right, and takes its time."""
 LARGE = ("1e12", "1e9", "1000000", "1000", "1_000", "65536")
 QUICK = tuple(each for each in NUMBERS if each not in LARGE)
-OWN_WARNINGS = ("the field is not cached", "not simulated: ", "the cache ", "damaged", "add up to")
+OWN_WARNINGS = (
+    *("the field is not cached", "not simulated: ", "the cache ", "damaged", "add up to"),
+    "does not follow a mask",
+)
 """Words of the warnings that tell users something."""
 FILES = (
     *("in/room.yaml", "in/room.pgm", "in", "in/broken.yaml", "in/absent", "in/empty"),
