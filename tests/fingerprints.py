@@ -3,9 +3,10 @@
     python tests/fingerprints.py now.npz                      # prints the digest of each result
     python tests/fingerprints.py now.npz --beside before.npz  # and how far each differs
 
-Results are fields of all estimators, costmaps, paths, Pareto fronts, drives by seed, and the images
-of exports, as pixels. Real maps are those of ../shared/data/rosmaps. The locplan that Python finds
-is the one that is run; with PYTHONPATH it can be another state than this file's.
+Results are fields of all estimators, costmaps, paths of every planner, Pareto fronts, drives by
+seed, choices, keepout masks, and the images of exports, as pixels. Real maps are those of
+../shared/data/rosmaps. The script runs the locplan that Python finds; PYTHONPATH can name another
+state than this file's.
 """
 
 from __future__ import annotations
@@ -22,9 +23,21 @@ import numpy as np
 from PIL import Image
 
 import locplan
-from locplan import FieldConfig, Fisher, Fused, Lidar, OccupancyGrid, Robot, Sad, Scan, export
+from locplan import (
+    FieldConfig,
+    Fisher,
+    Footprint,
+    Fused,
+    Lidar,
+    OccupancyGrid,
+    Robot,
+    Sad,
+    Scan,
+    export,
+)
 from locplan.maps import environments
-from locplan.planners import random_queries
+from locplan.planners import BudgetPlanner, random_queries
+from locplan.robots import Kinematics
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data" / "rosmaps"
 MAPS = ("tb4_maze", "aws_small_house", "nav2_depot", "fetch_4_26_15", "mit_stata_basement_yaw")
@@ -41,12 +54,35 @@ CONFIGS = {
     "fused, headings": FieldConfig(Fused.of(AHEAD), stride=1.6),
 }
 Arrays = dict[str, np.ndarray]
-PLANNERS = {
-    "grid": {},
-    "any-angle": {},
-    "RRTstar": {"iterations": 3000, "seed": 1},
-    "PRM": {"iterations": 1000, "seed": 1},
+OMPL_ITERATIONS = {
+    "RRTstar": 2000,
+    "InformedRRTstar": 5000,
+    "SORRTstar": 2000,
+    "BITstar": 4000,
+    "FMT": 3000,
+    "BFMT": 3000,
+    "PRM": 500,
+    "PRMstar": 500,
+    "RRT": 2000,
+    "RRTConnect": 20000,
+    "KPIECE1": 2000,
+    "BKPIECE1": 2000,
+    "LBKPIECE1": 10000,
 }
+PLANNERS: dict[str, dict[str, int]] = {
+    "grid": {},
+    "astar": {},
+    "dijkstra": {},
+    "any-angle": {},
+    "lattice": {},
+    **{name: {"iterations": count, "seed": 1} for name, count in OMPL_ITERATIONS.items()},
+}
+CAR = Robot(
+    ROUND,
+    footprint=Footprint([(0.45, 0.2), (0.45, -0.2), (-0.15, -0.2), (-0.15, 0.2)]),
+    kinematics=Kinematics(drive="car-like", turning_radius=0.6),
+)
+CURVES = {"space": "ReedsShepp", "turning_radius": 0.6, "iterations": 3000, "seed": 1}
 
 
 def results(grid: OccupancyGrid) -> Iterator[tuple[str, np.ndarray]]:
@@ -61,47 +97,89 @@ def results(grid: OccupancyGrid) -> Iterator[tuple[str, np.ndarray]]:
         yield f"costs/{name}/u", costs.u
         yield f"costs/{name}/density", costs.density
         yield from routes(grid, costs, name)
-        yield from images(costs, name)
-    with tempfile.TemporaryDirectory() as folder:
-        export.layer(Path(folder) / "layer", made["fused"])
-        yield from pixels(Path(folder), "layer")
+        yield from masks(costs, name)
+    car_costs = locplan.Costmap.from_field(grid, made["fused"], robot=CAR)
+    yield from car_paths(car_costs)
+    if (grid.shape[0] * grid.shape[1]) < 200_000:  # a minute otherwise
+        yield from default_choice(grid)
 
 
 def routes(
     grid: OccupancyGrid, costs: locplan.Costmap, name: str
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """Paths, fronts and drives on a costmap."""
+    """Paths, fronts, drives and choices on a costmap."""
     (query,) = random_queries(costs, 1, 1, min_distance=5.0)
     ends = query.start, query.goal
     for planner, options in PLANNERS.items():
         plan = locplan.plan(costs, *ends, planner=planner, **options)
-        yield f"path/{name}/{planner}/status", np.frombuffer(plan.status.encode(), np.uint8)
-        if plan.path:
-            yield f"path/{name}/{planner}", plan.path.xy
-            measured = plan.metrics.cost, plan.metrics.length
-            yield f"path/{name}/{planner}/cost", np.array(measured)
+        yield from plan_arrays(f"path/{name}/{planner}", plan)
     front = locplan.pareto_front(costs, *ends, time_limit=120.0, max_labels=2_000_000)
     yield f"front/{name}/length", front.length
     yield f"front/{name}/integral", front.integral
     yield f"front/{name}/epsilon", np.array([front.epsilon])
+    if front.epsilon == 0:  # otherwise the search depends on the time
+        budget = BudgetPlanner(float(np.median(front.integral)), time_limit=120.0)
+        yield from plan_arrays(f"path/{name}/budget", locplan.plan(costs, *ends, planner=budget))
     robot = Robot(ROUND)
     straight = {"any-angle": locplan.plan(costs, *ends).path}
     driven = locplan.simulation.simulate(grid, straight, robot, drives=8, seed=1)
     yield f"drives/{name}/errors", driven.drives["any-angle"].errors
     choice = locplan.choose(grid, *ends, robot, costs=costs, drives=8, seed=1, time_limit=3600.0)
-    yield f"choice/{name}/path", choice.path.xy
-    verdict = np.frombuffer(choice.verdict.encode(), np.uint8)
-    yield f"choice/{name}/verdict", verdict
+    yield from choice_arrays(f"choice/{name}", choice)
 
 
-def images(costs: locplan.Costmap, name: str) -> Iterator[tuple[str, np.ndarray]]:
-    """Pixels of the exports' images: masks, and their previews."""
-    writers = {"keepout": export.nav2_keepout, "static": export.nav2_static}
-    writers |= {"speed": export.nav2_speed, "ros-map": export.ros_map}
+def default_choice(grid: OccupancyGrid) -> Iterator[tuple[str, np.ndarray]]:
+    """The choice of default settings, with the field that it computes itself."""
+    field = locplan.covariance_field(grid, CONFIGS["sad"])
+    costs = locplan.Costmap.from_field(grid, field, robot=0.2)
+    (query,) = random_queries(costs, 1, 1, min_distance=5.0)
+    choice = locplan.choose(grid, query.start, query.goal, Robot(ROUND))
+    yield from choice_arrays("choice/default", choice)
+
+
+def choice_arrays(name: str, choice: locplan.Choice) -> Iterator[tuple[str, np.ndarray]]:
+    """The chosen path, its verdict, and its ratio of errors with the interval."""
+    yield f"{name}/path", choice.path.xy
+    yield f"{name}/verdict", as_bytes(choice.verdict)
+    if choice.judgement:
+        ratio = choice.judgement.ratio
+        yield f"{name}/ratio", np.array([ratio.value, ratio.low, ratio.high])
+
+
+def car_paths(costs: locplan.Costmap) -> Iterator[tuple[str, np.ndarray]]:
+    """Paths of a car with an outline: the lattice's, and OMPL's between the poses at its ends."""
+    (query,) = random_queries(costs, 1, 1, min_distance=5.0)
+    lattice = locplan.plan(costs, query.start, query.goal, planner="lattice")
+    yield from plan_arrays("path/car/lattice", lattice)
+    if lattice.path is None:
+        return
+    start, goal = lattice.path.poses[[0, -1]]
+    for planner in ("RRTstar", "RRTConnect"):
+        plan = locplan.plan(costs, start, goal, planner=planner, **CURVES)
+        yield from plan_arrays(f"path/car/{planner}", plan)
+
+
+def plan_arrays(name: str, plan: locplan.Plan) -> Iterator[tuple[str, np.ndarray]]:
+    """A plan's status, path, cost J and length."""
+    yield f"{name}/status", as_bytes(plan.status)
+    if plan.path:
+        yield name, plan.path.xy
+        yield f"{name}/cost", np.array([plan.metrics.cost, plan.metrics.length])
+
+
+def masks(costs: locplan.Costmap, name: str) -> Iterator[tuple[str, np.ndarray]]:
+    """Keepout masks for Nav2's planners, and the pixels of the exports' images."""
+    for planner in ("smac2d", "smac-hybrid", "thetastar"):
+        yield f"mask/{name}/{planner}", export.keepout_mask(costs, planner=planner)[0]
+    writers = {"keepout": export.nav2_keepout, "speed": export.nav2_speed}
     with tempfile.TemporaryDirectory() as folder:
         for kind, write in writers.items():
             write(Path(folder) / kind, costs)
         yield from pixels(Path(folder), name)
+
+
+def as_bytes(text: str) -> np.ndarray:
+    return np.frombuffer(text.encode(), np.uint8)
 
 
 def pixels(folder: Path, name: str) -> Iterator[tuple[str, np.ndarray]]:

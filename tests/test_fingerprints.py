@@ -33,5 +33,5 @@ def test_a_result_that_differs_is_named_with_how_far(changed, line):
 def test_results_of_a_map_are_the_same_again():
     grid = environments.make("places", resolution=0.1)
     one, other = (dict(fingerprints.results(grid)) for _ in range(2))
-    assert {name.split("/")[0] for name in one} >= {"field", "costs", "path", "front", "drives"}
+    assert {name.split("/")[0] for name in one} >= {"field", "costs", "path", "front", "mask"}
     assert fingerprints.compared(one, other) == []
