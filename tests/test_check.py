@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from test_faults import blocks
 
 import locplan
 from locplan import check, save_map
-from locplan.diagnosis import Limit, write_junit
+from locplan.diagnosis import Limit
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 
 TUNED = {
@@ -320,28 +319,18 @@ def test_a_limit_fails_where_the_whole_interval_is_beyond_it(fine):
     assert not Limit.parse("error > 1 m").fails(fine)
 
 
-def test_each_limit_is_a_case_of_junit(fine, tmp_path):
-    limits = [Limit.parse("lost > 50%"), Limit.parse("faults <= 0")]
-    write_junit(tmp_path / "check.xml", fine, limits)
-    suite = ElementTree.parse(tmp_path / "check.xml").getroot()
-    assert (suite.get("tests"), suite.get("failures")) == ("2", "1")
-    good, bad = suite.findall("testcase")
-    assert good.find("failure") is None
-    assert "faults is 0" in bad.find("failure").get("message")
-
-
 @pytest.mark.draws
 def test_the_command_ends_in_exit_code_4_beyond_a_limit(tmp_path):
     save_map(room(), tmp_path / "room.yaml")
     (tmp_path / "stations.csv").write_text("name,x,y\ndoor,1,1\ndesk,7,1\n")
     command = [sys.executable, "-m", "locplan", "check", "room.yaml", "--quick"]
     options = ["--stations", "stations.csv", "--set", "range=6", "-o", "report"]
-    options += ["--lidar", "turtlebot3", "--fail-if", "faults <= 0", "--junit", "check.xml"]
+    options += ["--lidar", "turtlebot3", "--fail-if", "faults <= 0"]
     done = subprocess.run([*command, *options], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 4, done.stderr
     assert "door to desk" in done.stdout
     assert "failed: faults is 0 [0, 0], it fails on faults <= 0" in done.stderr
-    for name in ("check.xml", "report/report.html", "report/run.yaml"):
+    for name in ("report/report.html", "report/run.yaml"):
         assert (tmp_path / name).exists()
 
 

@@ -1,4 +1,4 @@
-"""Paths of any planner checked for a robot, and its motions for Nav2's Smac."""
+"""Paths of any planner checked for a robot."""
 
 import json
 import math
@@ -9,7 +9,7 @@ import pytest
 from locplan.costs import Costmap, Path, path_cost
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.planners import check_path, plan, smac_lattice
+from locplan.planners import check_path, plan
 from locplan.robots import Footprint, Kinematics, Robot
 
 BOX = Footprint([(0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2)])
@@ -107,39 +107,3 @@ def test_what_cannot_be_checked_is_refused():
         check_path(grid, [(0, 2), (1, 2)], Robot(), costs=Costmap.blank(room(0.1), robot=0.1))
     with pytest.raises(LocplanError):
         check_path(grid, [(0, math.nan), (1, 2)], Robot())
-
-
-@pytest.mark.parametrize("drive", ["differential", "omnidirectional", "car-like"])
-def test_smacs_file_has_the_motions_by_their_headings_on_the_grid(tmp_path, drive):
-    radius = 0.5 if drive == "car-like" else 0.0
-    robot = Robot(kinematics=Kinematics(drive=drive, turning_radius=radius))
-    smac_lattice(tmp_path / "lattice.json", robot, 0.05)
-    read = json.loads((tmp_path / "lattice.json").read_text())
-    about, motions = read["lattice_metadata"], read["primitives"]
-    assert about["number_of_trajectories"] == len(motions)
-    assert [each["trajectory_id"] for each in motions] == list(range(len(motions)))
-    starts = [each["start_angle_index"] for each in motions]
-    assert starts == sorted(starts)  # Smac begins a new heading where this number changes
-    assert set(starts) == set(range(16))
-    angles = about["heading_angles"]
-    for each in motions:
-        begin = [0.0, 0.0, angles[each["start_angle_index"]]]
-        x, y, heading = each["poses"][-1]
-        assert np.array([x, y]) / 0.05 == pytest.approx(np.round(np.array([x, y]) / 0.05))
-        away = heading - angles[each["end_angle_index"]]
-        assert math.remainder(away, 2 * math.pi) == pytest.approx(0, abs=1e-9)
-        steps = np.diff(np.array([begin, *each["poses"]])[:, :2], axis=0)
-        assert np.hypot(*steps.T).max() <= 0.07
-        length = each["arc_length"] + each["straight_length"]
-        assert each["trajectory_length"] == pytest.approx(length)
-        if each["arc_length"]:
-            assert each["trajectory_radius"] >= radius * 0.999
-        turned = math.remainder(heading - begin[2], 2 * math.pi)
-        assert each["left_turn"] == (turned >= -1e-9)
-
-
-def test_smacs_file_is_json_of_a_robot_that_is_known(tmp_path):
-    with pytest.raises(LocplanError, match=r"\.json"):
-        smac_lattice(tmp_path / "lattice.yaml", Robot(), 0.05)
-    with pytest.raises(ConfigError, match="headings"):
-        smac_lattice(tmp_path / "lattice.json", Robot(), 0.05, headings=12)

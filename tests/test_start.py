@@ -1,15 +1,10 @@
 """The command line starts, reads and ends without work that nobody needs."""
 
 import gc
-import os
-import pickle
 import subprocess
 import sys
 import threading
 import tracemalloc
-from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,7 +14,7 @@ from conftest import drawn
 from google_crc32c import value as crc32c
 from numcodecs.zstd import Zstd
 
-from locplan import __main__ as program, _kernels as compilation, cli
+from locplan import __main__ as program, cli
 from locplan._util import progress
 from locplan.field import (
     FieldConfig,
@@ -29,9 +24,6 @@ from locplan.field import (
     field_path,
     load_or_compute,
 )
-from locplan.maps import save_map
-from locplan.planners import _ahead as ahead
-from locplan.simulation import _simulate as compiling
 
 CONFIG = FieldConfig(Sad(range=0.5))
 
@@ -119,97 +111,6 @@ def test_the_search_for_garbage_ends_with_the_program(monkeypatch, ompl):
         monkeypatch.setitem(sys.modules, "ompl", cli)  # its bindings would report leaks
     program.work()
     assert done == ["set_threshold", "work", *([] if ompl else ["disable", "freeze"])]
-
-
-@dataclass(frozen=True)
-class Noted:
-    """A planner that notes the process in which it was prepared."""
-
-    file: Path
-    fails: bool = False
-    name = "noted"
-
-    def prepare(self):
-        if self.fails:
-            raise RuntimeError("not here")
-        self.file.write_text(str(os.getpid()))
-
-
-def test_a_planner_is_prepared_in_another_process(tmp_path, monkeypatch):
-    monkeypatch.setattr(ahead, "_compiled", lambda: False)
-    with ahead.prepared_beside(Noted(tmp_path / "pid")) as ready:
-        ready()
-    assert int((tmp_path / "pid").read_text()) != os.getpid()
-
-
-def test_no_process_is_made_where_all_is_compiled_or_nothing_can_be_sent(tmp_path, monkeypatch):
-    monkeypatch.setattr(ahead.subprocess, "Popen", lambda *_, **__: pytest.fail("a process"))
-    monkeypatch.setattr(ahead, "_compiled", lambda: True)
-    with ahead.prepared_beside(Noted(tmp_path / "pid")) as ready:
-        ready()
-    monkeypatch.setattr(ahead, "_compiled", lambda: False)
-    with ahead.prepared_beside(lambda: None):
-        pass
-
-
-def test_one_plans_without_another_process_where_none_can_be_started(tmp_path, monkeypatch):
-    monkeypatch.setattr(ahead, "_compiled", lambda: False)
-    monkeypatch.setattr(ahead.sys, "executable", str(tmp_path / "no such program"))
-    with ahead.prepared_beside(Noted(tmp_path / "pid")) as ready:
-        ready()
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_process_that_fails_disturbs_nobody_and_one_that_is_not_needed_ends(
-    tmp_path, monkeypatch
-):
-    monkeypatch.setattr(ahead, "_compiled", lambda: False)
-    with ahead.prepared_beside(Noted(tmp_path / "pid", fails=True)) as ready:
-        ready()
-    made, popen = [], subprocess.Popen
-    monkeypatch.setattr(
-        ahead.subprocess, "Popen", lambda *a, **k: made.append(popen(*a, **k)) or made[0]
-    )
-    with pytest.raises(KeyError), ahead.prepared_beside(Noted(tmp_path / "pid")):
-        raise KeyError
-    assert made[0].poll() is not None
-
-
-def test_the_kernels_of_drives_are_prepared_beside_the_field_of_a_lidar(tmp_path, run, monkeypatch):
-    grid = drawn("#" * 20, *["#" + "." * 18 + "#"] * 8, "#" * 20, resolution=0.2)
-    save_map(grid, tmp_path / "room.yaml")
-    events = []
-
-    @contextmanager
-    def beside(user, compiled=None):
-        if isinstance(user, compiling.DriveKernels):
-            events.append(("begun", compiled()))
-        yield lambda: events.append(("awaited", user.name))
-
-    compiling.DriveKernels().prepare()  # "compiled" holds from here on
-    monkeypatch.setattr(compiling, "prepared_beside", beside)
-    ends = ("--start", "0.7,0.7", "--goal", "3.1,1.1", "--lidar", "rplidar-a1", "--set", "range=1")
-    kept = ("--estimator", "fisher", "--cache-dir", tmp_path / "c")
-    for options in ((), ("--drives", "0"), ()):
-        code, _, err = run("plan", tmp_path / "room.yaml", *ends, *kept, *options)
-        assert code == 0, err
-    awaited = ("awaited", "simulating")
-    assert [each for each in events if each != awaited] == [
-        ("begun", True),  # and none where nothing is driven
-        ("begun", True),
-    ]
-    assert events[1] == events[-1] == awaited
-
-
-def test_kernels_count_as_cached_only_where_the_cache_has_them(tmp_path, monkeypatch):
-    cache = SimpleNamespace(_load_index=dict)
-    kernel = SimpleNamespace(_cache=SimpleNamespace(_cache_file=cache))
-    assert not compilation.are_cached(kernel)
-    cache._load_index = lambda: {"signature": "file"}
-    assert compilation.are_cached(kernel)
-    assert compilation.are_cached(len)  # without numba there is no cache
-    cache._load_index = lambda: pickle.loads(b"cut")
-    assert compilation.are_cached(kernel)
 
 
 def test_the_bar_says_that_it_compiles_only_while_it_does():

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 import locplan
-from locplan._util.files import check_target
 from locplan._util.progress import progress_bar
 from locplan.cli import _options as shared, _types as typed
 from locplan.cli._application import BEYOND_LIMIT
@@ -28,7 +27,7 @@ def limit(_: str, text: str) -> Limit:
 @typed.command(
     "check lab.yaml --lidar turtlebot4 --robot nav2_params.yaml -o report",
     "check lab.yaml --lidar turtlebot4 --stations stations.csv --quick",
-    "check lab.yaml --robot robot.yaml --fail-if 'lost > 5%' --junit check.xml",
+    "check lab.yaml --robot robot.yaml --fail-if 'lost > 5%'",
 )
 class check(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, shared.Output):
     """Find where a robot gets lost on a map, and the cure that helps most, by driving it.
@@ -53,8 +52,6 @@ class check(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, sh
     fail_if: Annotated[tuple[Any, ...], typed.parsed(limit, "LIMIT", many=True)] = ()
     """Limit of arrives, lost, error, degenerate or faults, such as "lost > 5%"; the exit code is 4
     where the figure's whole interval is beyond it; repeatable."""
-    junit: Annotated[Path | None, typed.under("Output")] = None
-    """File for the limits as test cases of JUnit (.xml)."""
 
     def __call__(self) -> int:
         self._check()
@@ -77,19 +74,12 @@ class check(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, sh
         self.finish(found, self.output, self.nav2_file("amcl"))
         for each in self.fail_if:
             print(one_line(each.said(found)), file=sys.stderr)
-        if self.junit:
-            locplan.diagnosis.write_junit(self.junit, found, self.fail_if)
-            shared.say_written(self.junit)
         return BEYOND_LIMIT if any(each.fails(found) for each in self.fail_if) else 0
 
     def _check(self) -> None:
         """Raise a LocplanError for what cannot be done; before long work."""
         if self.quick and self.thorough:
             raise ConfigError("--quick and --thorough exclude each other; leave one out")
-        if not self.fail_if:
-            self.refuse("without --fail-if", "junit")
-        if self.junit:
-            check_target(self.junit, ".xml")
         self.check_drive()
         self.check_output(locplan.Check.files)
         if self.output:

@@ -11,7 +11,7 @@ import math
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
@@ -82,10 +82,8 @@ class Computing(Cached, Threads):
     """Dask cluster that computes the field."""
 
     @contextmanager
-    def fields_of(
-        self, config: FieldConfig, *, whole: bool = False, then: Callable[[], None] | None = None
-    ) -> Iterator[Compute]:
-        """A function that gives the field of a map, all of it if `whole`; it calls `then` last."""
+    def fields_of(self, config: FieldConfig, *, whole: bool = False) -> Iterator[Compute]:
+        """A function that gives the field of a map, all of it if `whole`."""
         scheduler = self.scheduler
         with locplan.field.executor_of(scheduler) if scheduler else nullcontext() as executor:
 
@@ -105,8 +103,6 @@ class Computing(Cached, Threads):
                     )
                 took = time.perf_counter() - started
                 LOG.info("field of %s: %.1f s, %s", grid.name, took, config)
-                if then:
-                    then()
                 return field
 
             yield compute

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
@@ -123,8 +122,7 @@ class plan(
     def __call__(self) -> None:
         config: Any
         robot, config = self.robot_and_field()
-        driven = robot.lidar is not None and self.drives != 0
-        if driven:
+        if robot.lidar is not None and self.drives != 0:
             self.warn(robot)
         if robot.outline and self.budget is not None:
             within = f"the circle of {robot.outline.inscribed_radius:.3g} m within its outline"
@@ -140,8 +138,7 @@ class plan(
         settings["time_limit"] = self.driving_time  # --time-limit is that of OMPL's planners
         settings["filter_map"] = self.load_filter_map(grid)
         with (
-            locplan.simulation.drives_prepared_beside() if driven else nullcontext() as drivable,
-            self.fields_of(config, whole=self.stride is not None, then=drivable) as compute,
+            self.fields_of(config, whole=self.stride is not None) as compute,
             later_progress_bar("driving the candidates", "drives") as progress,
         ):
             choice = locplan.choose(

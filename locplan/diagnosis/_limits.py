@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from xml.etree import ElementTree
 
 from locplan._util.checks import shown
-from locplan._util.files import replacing
 from locplan._util.intervals import Interval
 from locplan.diagnosis._result import Check
 from locplan.errors import ConfigError
@@ -99,27 +96,3 @@ class Limit:
         known = f"{scale * value:.3g} [{scale * low:.3g}, {scale * high:.3g}]{unit}"
         said = "failed" if self.fails(check) else "passed"
         return f"{said}: {self.figure} is {known}, it fails on {self.text}"
-
-
-def write_junit(file: Path, check: Check, limits: Sequence[Limit]) -> None:
-    """Write each limit as a test case of JUnit, whole or not at all.
-
-    Parameters
-    ----------
-    file : Path
-        The file.
-    check : Check
-        The check.
-    limits : sequence of Limit
-        The limits.
-    """
-    failed = [each for each in limits if each.fails(check)]
-    counts = {"tests": f"{len(limits)}", "failures": f"{len(failed)}", "errors": "0"}
-    about = {"name": f"locplan check {check.grid.name}", **counts}
-    suite = ElementTree.Element("testsuite", about)
-    for each in limits:
-        case = ElementTree.SubElement(suite, "testcase", classname="locplan", name=each.text)
-        if each in failed:
-            ElementTree.SubElement(case, "failure", message=each.said(check))
-    with replacing(file) as temporary:
-        temporary.write_bytes(ElementTree.tostring(suite, "utf-8", xml_declaration=True))

@@ -1,4 +1,3 @@
-from ._ahead import Prepared as Prepared, prepared_beside as prepared_beside
 from ._any_angle import AnyAngle as AnyAngle, any_angle_path as any_angle_path
 from ._cost_to_go import (
     CostToGo as CostToGo,
@@ -68,7 +67,6 @@ from ._request import (
     with_options as with_options,
 )
 from ._result import ParetoFront as ParetoFront, Plan as Plan
-from ._smac import smac_lattice as smac_lattice
 from ._smoothing import smoothed as smoothed
 from ._trade_offs import check_front_limits as check_front_limits
 from .ompl._planner import Ompl as Ompl

@@ -48,7 +48,6 @@ from ._routes import (
 from ._simulate import (
     Simulation as Simulation,
     drive_paths as drive_paths,
-    drives_prepared_beside as drives_prepared_beside,
     simulate as simulate,
 )
 from ._simulator import Simulator as Simulator

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any, ClassVar
@@ -19,9 +18,8 @@ from locplan._util.results import Results
 from locplan._util.tables import finite, table
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError
-from locplan.maps import FREE, OccupancyGrid
-from locplan.planners import prepared_beside
-from locplan.robots import Lidar, Robot
+from locplan.maps import OccupancyGrid
+from locplan.robots import Robot
 from locplan.simulation._arrivals import ARRIVING, Arrivals, Closed, ends_of
 from locplan.simulation._closed_loop import drive_closed
 from locplan.simulation._drives import DRIVEN, Drives, check_drives, contrasts, profiles
@@ -233,36 +231,3 @@ def drive_paths(
         name: simulator.drive_along(poses, drives, stream=stream, progress=part)
         for (name, poses), part in zip(lines.items(), callbacks, strict=True)
     }
-
-
-@dataclass(frozen=True)
-class DriveKernels:
-    """The kernels of simulated drives, which another process can prepare."""
-
-    name: str = "simulating"
-
-    def prepare(self) -> None:
-        """Compile them by a short drive through an empty room."""
-        grid = OccupancyGrid(np.full((8, 8), FREE), 0.5)
-        line = np.array([[1.0, 2.0, 0.0], [2.0, 2.0, 0.0]])
-        Simulator(grid, Robot(Lidar(range=2.0, beams=8)), threads=1).drive([line])
-
-
-def drives_prepared_beside() -> AbstractContextManager[Callable[[], None]]:
-    """Let another process compile the kernels of drives meanwhile.
-
-    Returns
-    -------
-    context manager
-        It gives a function that waits until the kernels are compiled; see
-        `locplan.planners.prepared_beside`.
-    """
-    return prepared_beside(DriveKernels(), compiled=_compiled)
-
-
-def _compiled() -> bool:
-    """Whether numba's cache holds the kernels of drives."""
-    from locplan._kernels import are_cached
-    from locplan._kernels.drives import drive
-
-    return are_cached(drive)
