@@ -72,60 +72,26 @@ save_figure(map_figure(locplan.load_map(sys.argv[1])), 'map.png')
     Entry(
         "Weak spots",
         "Dark places are where a scan match leaves the position open.",
-        "locplan plot {map} --lidar {lidar} -o position.png",
+        "locplan field {map} --lidar {lidar} -o position.png",
         "position.png",
     ),
     Entry(
         "Weak spots of the heading",
         "Round rooms and open space leave the heading open.",
-        "locplan plot {map} --lidar {lidar} --scalar heading_std -o heading.png",
+        "locplan field {map} --lidar {lidar} --picture heading_std -o heading.png",
         "heading.png",
     ),
     Entry(
         "The paper's field",
         "The paper's e [m² rad] knows the range of the lidar only.",
-        "locplan plot {map} -o paper_e.png",
+        "locplan field {map} --picture e -o paper_e.png",
         "paper_e.png",
     ),
     Entry(
         "Look-alike offsets within the search window",
         "The probability that a match lies outside the central mode.",
-        "locplan plot {map} --lidar {lidar} --scalar ambiguity -o ambiguity.png",
+        "locplan field {map} --lidar {lidar} --picture ambiguity -o ambiguity.png",
         "ambiguity.png",
-    ),
-    Entry(
-        "Error ellipses",
-        "Long ellipses lie along corridors.",
-        "locplan plot {map} --figure ellipses --ranges 6,8 -o ellipses.png",
-        "ellipses.png",
-    ),
-    Entry(
-        "The paper's e at two ranges",
-        "The scale is that of the paper's figures 30 and 32.",
-        "locplan plot {map} --figure e --ranges 6,8 -o e.png",
-        "e.png",
-    ),
-    Entry(
-        "Correlation at a place",
-        "A ridge is a direction in which the map looks the same.",
-        "locplan plot {map} --figure distribution --at {middle} -o distribution.png",
-        "distribution.png",
-    ),
-    Entry(
-        "Seven similarity models at a place",
-        "The paper compares these before it takes SAD.",
-        "locplan plot {map} --figure models --at {middle} -o models.png",
-        "models.png",
-    ),
-    Entry(
-        "Models of similarity, in one dimension",
-        "The paper's figures 4 to 8: where a pattern slides along itself, which models show it.",
-        """python -c "
-from locplan.paper import one_dimensional, slides_figure
-from locplan.plotting import save_figure
-save_figure(slides_figure(one_dimensional()), 'slides.png')
-" """,
-        "slides.png",
     ),
     Entry(
         "The estimators where they differ",
@@ -165,8 +131,8 @@ save_figure(locplan.plotting.path_figure(plan), 'path.png')
     Entry(
         "Every trade-off between length and degenerate metres",
         "The knee is where a longer path begins to pay less.",
-        f"locplan pareto {{map}} {QUERY} -o pareto",
-        "pareto/front.png",
+        f"locplan plan {{map}} {QUERY} --front -o front",
+        "front/front.png",
     ),
     Entry(
         "The simulated choice",
@@ -253,14 +219,8 @@ save_figure(locplan.plotting.path_figure(plan), 'path.png')
         "speed/preview.png",
     ),
     Entry(
-        "Lanes for Nav2's route server",
-        "Edges follow the cheap ways.",
-        "locplan export {map} --to route-graph --lidar {lidar} -o lanes",
-        "lanes/preview.png",
-    ),
-    Entry(
-        "The recommended ways of many queries",
-        "Lanes for Nav2's route server along paths that were chosen by driving.",
+        "Routes for Nav2's route server",
+        "The graph of given paths.",
         "locplan export {map} --to nav2-routes --start {start} --goal {goal} --lidar {lidar}"
         " -o ways",
         "ways/preview.png",
@@ -270,18 +230,6 @@ save_figure(locplan.plotting.path_figure(plan), 'path.png')
         "Cells hold u in per cent.",
         "locplan export {map} --to ros-map --lidar {lidar} -o ros_map",
         "ros_map/preview.png",
-    ),
-    Entry(
-        "Degenerate areas",
-        "Polygons for GeoJSON and Autoware.",
-        "locplan export {map} --to degenerate-areas --lidar {lidar} -o areas",
-        "areas/preview.png",
-    ),
-    Entry(
-        "Layers for other programs",
-        "The legend of the values and pictures that the folder holds.",
-        "locplan export {map} --to layer --lidar {lidar} -o layer",
-        "layer/legend.png",
     ),
     Entry(
         "A recorded drive, and where it is badly localized",

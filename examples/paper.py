@@ -4,21 +4,45 @@ Source: "Localizability estimation using correlation on occupancy grid maps", RO
 (2023), doi 10.1186/s40648-023-00256-w.
 
 Run: python examples/paper.py [FOLDER [RESOLUTION]]
+Or, for the figures of a place of your map: python examples/paper.py FOLDER MAP X,Y
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection, LineCollection, PatchCollection
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle, Wedge
 
 import locplan
-from locplan import paper, plotting
-from locplan.field import Sad
+from locplan import CovarianceField, paper, plotting
+from locplan.field import OffsetLattice, Sad, position_axes, sampled_covariances, scalar
+from locplan.maps import FREE, OCCUPIED, UNKNOWN
+from locplan.paper import template_matching
+from locplan.plotting.style import ERROR_COLOURS
+
+Floats = np.ndarray
+TURN = "#d62728"
+"""Colour of the heading's deviation."""
+MODEL_STYLES: dict[str, dict[str, Any]] = {
+    "SSD": {"color": "#d55e00", "linestyle": "-", "linewidth": 1.2},
+    "SAD": {"color": "#0072b2", "linestyle": "-", "linewidth": 3.5, "zorder": 1.5},
+    "NSSD": {"color": "#e69f00", "linestyle": (0, (5, 1.5))},
+    "NCC": {"color": "#009e73", "linestyle": (0, (5, 1.5))},
+    "ZNCC": {"color": "#cc79a7", "linestyle": "-", "linewidth": 2.8, "zorder": 1.6},
+    "ZCC": {"color": "black", "linestyle": (0, (1, 1))},
+    "CC": {"color": "#56b4e9", "linestyle": (0, (6, 1, 1, 1))},
+}
+"""Line styles of the models, which differ in dashes and colour; SAD, the paper's, is broad."""
 
 PRESETS = {"paper": Sad.paper, "default": Sad}
 RANGES = (6.0, 8.0)
@@ -54,6 +78,30 @@ def main(
     print(f"wrote {target / 'index.html'}")
 
 
+def draw_place(folder: str, map_file: str, at: str) -> None:
+    """Draw the field's ellipses and e, and the correlation and the seven models at a place."""
+    grid, (x, y) = locplan.load_map(map_file), map(float, at.split(","))
+    target, estimator = Path(folder), Sad()
+    target.mkdir(parents=True, exist_ok=True)
+    fields = {
+        f"{grid.name}, range {reach:g} m": locplan.load_or_compute(grid, Sad(range=reach))
+        for reach in RANGES
+    }
+    title = f"{grid.name} at {x:g}, {y:g} m, range {estimator.range:g} m"
+    mismatch = {title: template_matching.mismatch(grid, x, y, estimator)}
+    drawn = {
+        "ellipses": ellipses_figure(fields),
+        "e": e_figure(fields),
+        "distribution": distribution_figure(mismatch, estimator.lattice(grid.resolution)),
+    }
+    for axis in ("x", "y", "theta"):
+        curves = template_matching.along_axis(grid, x, y, axis, estimator)
+        drawn[f"models_{axis}"] = models_figure(*curves, axis, title)
+    for name, figure in drawn.items():
+        plotting.save_figure(figure, target / f"{name}.png", dpi=100)
+        print(f"wrote {target / name}.png")
+
+
 def figures(
     maps: dict[str, locplan.OccupancyGrid], presets: tuple[str, ...]
 ) -> Iterator[tuple[str, str, Figure]]:
@@ -61,7 +109,7 @@ def figures(
     yield (
         "figs_04-11_models.png",
         "Figs. 4-11: the seven models in one dimension. Templates of 6 m x 6 m slide by 9 m.",
-        paper.slides_figure(paper.one_dimensional()),
+        slides_figure(paper.one_dimensional()),
     )
     window = Sad().lattice(maps["places"].resolution)
     for place in paper.PLACES:
@@ -69,7 +117,7 @@ def figures(
         yield (
             f"figs_18-28_{place}.png",
             f"Figs. 18-28: correlation at {place} over x-y, x-θ and y-θ; 0 is a perfect match.",
-            paper.distribution_figure({title_of(place): mismatch}, window),
+            distribution_figure({title_of(place): mismatch}, window),
         )
     for preset in presets:
         for name, grid in maps.items():
@@ -82,12 +130,12 @@ def figures(
             yield (
                 f"figs_29_31_ellipses_{name}_{preset}.png",
                 f"Figs. 29 and 31: error ellipses in {name}, preset {preset}.",
-                labelled(plotting.ellipses_figure(fields), name),
+                labelled(ellipses_figure(fields), name),
             )
             yield (
                 f"figs_30_32_e_{name}_{preset}.png",
                 f"Figs. 30 and 32: e in {name}, preset {preset}; 0 in unknown and occupied cells.",
-                labelled(plotting.e_figure(fields), name),
+                labelled(e_figure(fields), name),
             )
 
 
@@ -180,6 +228,191 @@ def table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]]) -> str:
     return "<table>\n" + "\n".join(lines) + "\n</table>"
 
 
+def slides_figure(slides: Sequence[paper.Slide]) -> Figure:
+    """Draw slides of `locplan.paper.one_dimensional` side by side (Figs. 4-11).
+
+    Each is a template and a map above the curves of the seven models.
+    """
+    figure = plotting.Picture(figsize=(5 * len(slides), 6.4), layout="constrained")
+    rows = figure.subplots(2, len(slides), squeeze=False, height_ratios=(1, 2))
+    for upper, lower, slide in zip(*rows, slides, strict=True):
+        _draw_strip(upper, slide)
+        draw_models(lower, slide.shift, slide.curves)
+        lower.set_xlabel("shift of the template [m]")
+        upper.set_title(slide.title, fontsize="medium")
+    rows[1][0].set_ylabel("share of each model's own greatest value")
+    handles, labels = rows[1][-1].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=7, frameon=False)
+    return figure
+
+
+def ellipses_figure(
+    fields: Mapping[str, CovarianceField], *, spacing: float = 2.0, magnify: float = 1.0
+) -> Figure:
+    """Draw error ellipses of several fields side by side, at sampled poses (Figs. 29 and 31)."""
+    figure, grid_of_axes = _side_by_side(fields)
+    for axes, (title, field) in zip(grid_of_axes, fields.items(), strict=True):
+        draw_ellipses(axes, field, spacing=spacing, magnify=magnify)
+        axes.set_title(title, fontsize="medium")
+    factor = "" if magnify == 1 else f", {magnify:g} times as large"
+    handles = [
+        Line2D([], [], color=plotting.style.BLUE, label=f"position, one std. deviation{factor}"),
+        Line2D([], [], color="black", label="first eigenvector"),
+        Line2D([], [], color=TURN, linewidth=6, alpha=0.6, label="heading ± one std. deviation"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def draw_ellipses(
+    axes: Axes, field: CovarianceField, *, spacing: float = 2.0, magnify: float = 1.0
+) -> None:
+    """Draw the map with error ellipses, first eigenvectors and heading wedges at sampled poses."""
+    plotting.draw_map(axes, field.grid)
+    xy, covariance = sampled_covariances(field, spacing)
+    if not len(xy):
+        return
+    major, minor, direction = position_axes(covariance)
+    wedge = 0.4 * spacing
+    reach = np.maximum(magnify * major, wedge)[:, None]
+    corners = np.transpose([axes.get_xlim(), axes.get_ylim()])
+    every = np.concatenate([corners, xy - reach, xy + reach])
+    axes.set(**dict(zip(("xlim", "ylim"), np.transpose([every.min(0), every.max(0)]), strict=True)))
+    along = (magnify * major)[:, None] * np.stack([np.cos(direction), np.sin(direction)], axis=1)
+    where: dict[str, Any] = {"units": "xy", "offsets": xy, "offset_transform": axes.transData}
+    style: dict[str, Any] = {
+        "facecolors": "none",
+        "edgecolors": plotting.style.BLUE,
+        "linewidths": 1.4,
+    }
+    width, height, angle = 2 * magnify * major, 2 * magnify * minor, np.degrees(direction)
+    ellipses = EllipseCollection(width, height, angle, zorder=4, **where, **style)
+    if covariance.shape[-1] == 3:
+        half = np.degrees(scalar(covariance, "heading_std"))
+        wedges = [Wedge(at, wedge, -turn, turn) for at, turn in zip(xy, half, strict=True)]
+        axes.add_collection(PatchCollection(wedges, color=TURN, alpha=0.6, linewidth=0.8))
+    axes.add_collection(ellipses)
+    lines = np.stack([xy - along, xy + along], axis=1)
+    axes.add_collection(LineCollection(list(lines), colors="black", linewidths=0.8, zorder=3))
+
+
+def e_figure(fields: Mapping[str, CovarianceField]) -> Figure:
+    """Maps of e on one linear scale, 0 in unknown and occupied cells (Figs. 30 and 32).
+
+    The colours end at the 98 % quantile of the free cells' e.
+    """
+    maps = [field.e_map() for field in fields.values()]
+    known = np.concatenate([values[np.isfinite(values)] for values in maps])
+    norm = Normalize(0.0, float(np.quantile(known, 0.98)) if known.size else 1.0)
+    figure, grid_of_axes = _side_by_side(fields)
+    for axes, (title, field), e in zip(grid_of_axes, fields.items(), maps, strict=True):
+        plotting.draw_map(axes, field.grid)  # sets the axes; the values cover the map
+        shown = plotting.shrunk(np.nan_to_num(e), maximum=True)
+        image = plotting.draw_cells(axes, field.grid, shown, cmap=ERROR_COLOURS, norm=norm)
+        cells = plotting.shrunk(field.grid.cells)  # half white over e = 0 shows walls
+        walls = np.where(cells == OCCUPIED, 150, 0).astype(np.uint8)
+        white = np.full((*walls.shape, 3), 255, np.uint8)
+        plotting.draw_cells(axes, field.grid, np.dstack([white, walls]))
+        axes.set_title(title, fontsize="medium")
+    figure.colorbar(image, ax=grid_of_axes, label="e [m² rad]", extend="max", shrink=0.8)
+    return figure
+
+
+def _side_by_side(fields: Mapping[str, CovarianceField]) -> tuple[Figure, list[Axes]]:
+    """Figure and Axes for maps of one size, one above the other where that shows them larger."""
+    width, height = plotting.map_size(next(iter(fields.values())).grid)
+    shape = (len(fields), 1) if 1.4 * width > height else (1, len(fields))
+    figure = plotting.Picture(figsize=(width * shape[1], height * shape[0]), layout="constrained")
+    return figure, figure.subplots(*shape, squeeze=False).ravel().tolist()
+
+
+def models_figure(offsets: Floats, curves: Mapping[str, Floats], axis: str, title: str) -> Figure:
+    """Draw the seven models along one axis of the search window at a place."""
+    figure = plotting.Picture(figsize=(7, 4.6), layout="constrained")
+    axes = figure.subplots()
+    turned = axis == "theta"
+    draw_models(axes, np.degrees(offsets) if turned else offsets, curves)
+    axes.set_xlabel("turn θ of the template [°]" if turned else f"shift {axis} of the template [m]")
+    axes.set_ylabel("share of each model's own greatest value")
+    axes.set_title(title, fontsize="medium")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside right center", frameon=False)
+    return figure
+
+
+def draw_models(axes: Axes, offsets: Floats, curves: Mapping[str, Floats]) -> None:
+    """Draw the seven models over offsets, each divided by its own greatest magnitude."""
+    undefined = []
+    for name, values in curves.items():
+        known = values[np.isfinite(values)]
+        greatest = np.abs(known).max() if known.size else 0.0
+        style = {"linewidth": 1.8} | MODEL_STYLES[name]
+        axes.plot(offsets, values / (greatest or 1.0), label=name, **style)
+        if known.size < values.size:
+            undefined.append(name if known.size == 0 else f"{name} in parts")
+    if undefined:
+        text = f"undefined: {', '.join(undefined)}"
+        axes.set_title(text, fontsize="small", loc="right", color="0.3")
+    axes.axhline(0, color="0.8", linewidth=0.8, zorder=0)
+    axes.margins(x=0.01)
+
+
+def distribution_figure(distributions: Mapping[str, Floats], window: OffsetLattice) -> Figure:
+    """Draw mismatch over the window's planes, as surfaces and as heat maps (Figs. 18-28)."""
+    planes = [("x", "y"), ("x", "θ"), ("y", "θ")][: 3 if window.dimension == 3 else 1]
+    axes = dict.fromkeys("xy", (window.offsets, window.half_steps))
+    axes["θ"] = np.degrees(window.angles), window.half_rotations
+    figure = plotting.Picture(figsize=(4.2 * len(planes) + 0.8, 6.4 * len(distributions)))
+    parts = figure.subfigures(len(distributions), 1, squeeze=False)[:, 0]
+    for part, (label, mismatch) in zip(parts, distributions.items(), strict=True):
+        nothing = "" if mismatch.any() else ": S = 0 everywhere"
+        part.suptitle(label + nothing, fontsize="large")
+        # Up to 1 m^2 at least, so that a featureless place looks like one.
+        norm = Normalize(0, max(mismatch.max(), 1.0))
+        look: dict[str, Any] = {"cmap": "cividis", "norm": norm}
+        for column, plane in enumerate(planes):
+            offsets = [axes[name][0] for name in plane]
+            # The plane goes through the middle of the axis that it leaves out.
+            cut = tuple(
+                slice(None) if name in plane else middle for name, (_, middle) in axes.items()
+            )
+            values, names = (
+                mismatch[cut],
+                dict(zip(("xlabel", "ylabel"), map(_label, plane), strict=True)),
+            )
+            above: Any = part.add_subplot(2, len(planes), column + 1, projection="3d")
+            across, along = np.meshgrid(*offsets, indexing="ij")
+            above.plot_surface(across, along, values, rstride=1, cstride=1, linewidth=0.2, **look)
+            above.set(zlim=(norm.vmin, norm.vmax), zlabel="S [m²]", **names)
+            above.view_init(elev=32, azim=-55)
+            below = part.add_subplot(2, len(planes), len(planes) + column + 1, **names)
+            image = below.pcolormesh(*offsets, values.T, shading="nearest", **look)
+            below.plot(0, 0, "+", color="white", markersize=9, markeredgewidth=2)
+            part.colorbar(image, ax=below, label="mismatch S [m²]", shrink=0.9)
+        part.subplots_adjust(0.07, 0.09, 0.94, 0.92, wspace=0.35, hspace=0.22)
+    return figure
+
+
+def _label(axis: str) -> str:
+    return "turn θ [°]" if axis == "θ" else f"shift {axis} [m]"
+
+
+def _draw_strip(axes: Axes, slide: paper.Slide) -> None:
+    """Draw the strip of map, and the template above it where its slide begins."""
+    length = slide.shift[-1] / (len(slide.shift) - 1) if len(slide.shift) > 1 else 1.0
+    for levels, bottom in ((slide.strip, 0.0), (slide.template, 7.0)):
+        height, width = (size * length for size in levels.shape)
+        shades = np.select([levels == OCCUPIED, levels == UNKNOWN, levels == FREE], [0, 1, 2])
+        extent = (0, width, bottom, bottom + height)
+        axes.imshow(
+            shades, cmap=plotting.MAP_COLOURS, vmin=0, vmax=3, extent=extent, origin="lower"
+        )
+        axes.add_patch(Rectangle((0, bottom), width, height, fill=False, edgecolor="black"))
+    axes.annotate("template", (6.4, 10), va="center")
+    axes.annotate("", (9.0, 8.4), (6.4, 8.4), arrowprops={"arrowstyle": "->", "color": "#0072b2"})
+    axes.set(xlim=(-0.3, 15.3), ylim=(-0.3, 13.3), aspect="equal", yticks=(0, 6))
+    axes.set(xlabel="x [m]", ylabel="y [m]")
+
+
 PAGE = """<!doctype html>
 <html lang="en">
 <head>
@@ -214,4 +447,7 @@ Maps: “places” (A complex room, B corridor, C round room, D repeating corrid
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:2], *map(float, sys.argv[2:3]))
+    if len(sys.argv) > 3:
+        draw_place(*sys.argv[1:4])
+    else:
+        main(*sys.argv[1:2], *map(float, sys.argv[2:3]))

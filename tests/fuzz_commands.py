@@ -185,7 +185,6 @@ ASKED = {
     "check": (("--quick",),),
     "evaluate": (("--places", "--drives", "--scans"),),
     "export": ((), ("--start", "--goal")),
-    "plot": ((), ("--at", "--figure")),
     "simulate": (
         *(("--drives", "--path"), ("--drives", "--start", "--goal")),
         ("--drives", "--random", "--min-distance"),
@@ -193,7 +192,7 @@ ASKED = {
     "tune": (("--paths", "--drives"),),
 }
 """Options, one of these groups of them, without which a command does nothing or takes long."""
-RARE = {"compare": 0.25, "completion": 0.2, "cache": 0.5, "calibrate": 0.7, "tune": 0.5}
+RARE = {"compare": 0.25, "cache": 0.5, "calibrate": 0.7, "tune": 0.5}
 """Commands that are run less often than others."""
 
 
@@ -332,10 +331,10 @@ def _value(
 
 def _output(chance: random.Random, names: tuple[str, ...]) -> str:
     suffixes = {
-        "field": (".zarr", ""),
+        "field": (".zarr", ".npz", ".png", ".svg", ""),
         "calibrate": (".json",),
-        "plot": (".png", ".svg", ".pdf"),
-        "export": ("", ".csv", ".png", ".npz", ".geojson", ".mcap", ".tif", ".yaml"),
+        "info": (".png", ".svg", ".pdf"),
+        "export": ("", ".csv", ".json", ".yaml"),
     }
     stem = chance.choice(("out/result", "out/again", "out/[b]$_", "out/\udcff"))
     return stem + chance.choice(suffixes.get(names[0], ("",)))
@@ -410,7 +409,7 @@ def _may_be_written(line: list[str]) -> list[str]:
     given = [word for word in words if word.strip()]
     named = [os.path.abspath(each) for word in given for each in (word, os.path.expanduser(word))]
     stems = [os.path.splitext(each)[0] for each in named]
-    own = ["calibrated", "maps", "tmp/cache", "tmp/matplotlib", "home/.cache", "home/.config"]
+    own = ["calibrated", "tmp/cache", "tmp/matplotlib", "home/.cache", "home/.config"]
     own += ["small/cache", "small/matplotlib", "small/home"]
     own += [f"{Path(word).stem}-".replace("\udcff", "\ufffd") for word in (*words, *MAPS)]
     real = [os.path.realpath(each) for each in named]

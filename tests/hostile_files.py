@@ -474,7 +474,7 @@ def saved_files(folder: Path) -> None:
     ends = [GRID.cell_to_world(*np.argwhere(GRID.free)[0].tolist())] * 2
     made = plan(COSTS, *ends, planner=lambda *query: Route(query[1:]))
     made.write(folder / "plan.json")
-    run = Run("pareto", {"map": "a.yaml", "start": "1,2"}, frozenset({"map"}))
+    run = Run("plan", {"map": "a.yaml", "start": "1,2"}, frozenset({"map"}))
     (folder / "run.yaml").write_text(run.text(folder), encoding="utf-8")
 
 

@@ -650,54 +650,6 @@ def central_mode(losses, excess):
     return inside
 
 
-def joined_within(inside, start, reach):
-    """Cells to which steps over sides lead from a cell, all of them nearer to it than `reach`."""
-    near = {cell for cell in np.ndindex(inside.shape) if math.dist(cell, start) < reach}
-    near = {cell for cell in near if inside[cell]}
-    joined = {start}
-    while True:
-        more = {a for a in near - joined for b in joined if math.dist(a, b) == 1}
-        if not more:
-            return joined
-        joined |= more
-
-
-def cover(inside, cells, reach):
-    """The (row, col), in their order, that are not joined within `reach` to one taken before."""
-    taken = []
-    for cell in cells:
-        if not any(cell in joined_within(inside, node, reach) for node in taken):
-            taken.append(cell)
-    return taken
-
-
-def owners(inside, nodes):
-    """Which nodes come to each cell in the fewest steps, if every second one may be diagonal.
-
-    A set for each (row, col): each node's cells grow in turns over sides, and over corners as well
-    where both cells beside the corner are inside.
-    """
-    first = dict.fromkeys(np.ndindex(inside.shape), math.inf)
-    result = {cell: set() for cell in first}
-    for number, node in enumerate(nodes):
-        reached = {node: 0}
-        for step in range(1, 2 * inside.size):
-            for row, col in list(reached):
-                for up, across in itertools.product((-1, 0, 1), repeat=2):
-                    there = row + up, col + across
-                    if there in reached or there not in first or not inside[there]:
-                        continue
-                    beside = inside[row + up, col] and inside[row, col + across]
-                    if not (up and across) or (step % 2 == 0 and beside):
-                        reached[there] = step
-        for cell, step in reached.items():
-            if step < first[cell]:
-                first[cell], result[cell] = step, set()
-            if step == first[cell]:
-                result[cell].add(number)
-    return result
-
-
 def line_cost(density, resolution, origin, a, b):
     """Integral along a line between world positions [density x cells].
 
@@ -719,111 +671,6 @@ def line_cost(density, resolution, origin, a, b):
 def line_costs(density, resolution, origin, xy, pairs):
     """The same for pairs of positions."""
     return [line_cost(density, resolution, origin, xy[i], xy[j]) for i, j in pairs]
-
-
-def spanner(pairs, cost, detour, sure):
-    """Which pairs no way over those kept before replaces; the first `sure` ones need no reason."""
-    kept = []
-    for n, (i, j) in enumerate(pairs):
-        away = {i: 0.0}
-        for _ in range(len(kept)):
-            for edge in kept:
-                for a, b in itertools.permutations(pairs[edge]):
-                    if a in away:
-                        away[b] = min(away.get(b, math.inf), away[a] + cost[edge])
-        replaced = n >= sure and away.get(j, math.inf) <= detour * cost[n]
-        if not replaced and not math.isinf(cost[n]):
-            kept.append(n)
-    return [n in kept for n in range(len(pairs))]
-
-
-def uncrossed(xy, pairs):
-    """Which lines share no point within them with one kept before, unless they lie on one line."""
-    kept = []
-    for n, (i, j) in enumerate(pairs):
-        a, ab = complex(*xy[i]), complex(*xy[j]) - complex(*xy[i])
-        crossed = False
-        for other in kept:
-            c, d = (complex(*xy[end]) for end in pairs[other])
-            turn = (ab.conjugate() * (d - c)).imag
-            if turn != 0:  # a + s ab = c + t (d - c)
-                s = ((c - a).conjugate() * (d - c)).imag / turn
-                t = ((c - a).conjugate() * ab).imag / turn
-                crossed |= 1e-12 < s < 1 - 1e-12 and 1e-12 < t < 1 - 1e-12
-        if not crossed:
-            kept.append(n)
-    return [n in kept for n in range(len(pairs))]
-
-
-def sights(density, resolution, origin, points, xy, within):
-    """The pairs of a point and a position that is closer than `within`, with a free line."""
-    return [
-        (n, m)
-        for n, point in enumerate(points)
-        for m, position in enumerate(xy)
-        if math.dist(point, position) < within
-        and line_cost(density, resolution, origin, point, position) < math.inf
-    ]
-
-
-def usage(starts, before, indptr, indices):
-    """Routes from the starts to all nodes, counted at the edges of the nodes between their ends."""
-    use = np.zeros(len(indices))
-    for start, parents in zip(starts, before, strict=True):
-        for goal in range(len(parents)):
-            route = [goal]
-            while parents[route[-1]] >= 0:
-                route.append(parents[route[-1]])
-            if route[-1] != start:
-                continue
-            for pair in itertools.pairwise(route):
-                for node, other in itertools.permutations(pair):
-                    for n in range(indptr[node], indptr[node + 1]):
-                        if indices[n] == other and node not in (start, goal):
-                            use[n] += 1
-    return use
-
-
-def moved(density, resolution, origin, xy, indptr, indices, use, shift, apart):
-    """Nodes moved, in turn, by steps in eight directions while the routes through them cost less.
-
-    Steps are as long as half the shift at first [cells], and half as long once none is worth it,
-    down to half a cell.
-    """
-    now = [tuple(position) for position in xy]
-    for node in range(len(now)):
-        edges = range(indptr[node], indptr[node + 1])
-
-        def total(at, edges=edges):
-            costs = [line_cost(density, resolution, origin, at, now[indices[n]]) for n in edges]
-            if math.inf in costs:
-                return math.inf
-            return sum(use[n] * cost for n, cost in zip(edges, costs, strict=True))
-
-        def crowded(at, node=node, edges=edges):
-            ends = [now[indices[n]] for n in edges]
-            return any(
-                math.dist(at, end) < min(apart * resolution, math.dist(now[node], end))
-                for end in ends
-            )
-
-        step = shift / 2
-        while step >= 0.5:
-            best, least = now[node], total(now[node])
-            for eighth in range(8):
-                at = (
-                    np.float32(now[node][0] + step * resolution * math.cos(eighth * math.pi / 4)),
-                    np.float32(now[node][1] + step * resolution * math.sin(eighth * math.pi / 4)),
-                )
-                at = tuple(float(v) for v in at)
-                if math.dist(at, xy[node]) > shift * resolution or crowded(at):
-                    continue
-                if total(at) < least * (1 - 1e-6):
-                    best, least = at, total(at)
-            if best == now[node]:
-                step /= 2
-            now[node] = best
-    return np.array(now)
 
 
 def wrapped(angle):
@@ -1465,19 +1312,6 @@ def loss_tables(occupied, resolution, sigmas, z_rand, margin):
     return words
 
 
-def clearances(occupied, rows, cols, reach):
-    """Distances of cells' centres to the nearest occupied cell's edge, infinite beyond reach."""
-    found = []
-    for row, col in zip(rows, cols, strict=True):
-        least = math.inf
-        for up, across in np.argwhere(occupied) - (row, col):
-            if max(abs(up), abs(across)) <= reach:
-                gaps = (max(abs(up) - 0.5, 0.0), max(abs(across) - 0.5, 0.0))
-                least = min(least, math.hypot(*gaps))
-        found.append(least)
-    return np.array(found)
-
-
 def rotated(covariances, yaw):
     """Covariances (..., d, d) of poses whose axes are turned counter-clockwise by `yaw` [rad]."""
     turn = np.eye(covariances.shape[-1])
@@ -1900,46 +1734,6 @@ def shift_knots(knots, own, cost_of, steps):
         if knots == before:
             break
     return np.array(knots), np.array(own)
-
-
-def navfn_potential(costs, start, goal, bucket, buffer):
-    """NavFn's wave: lists of cells as buffers, the first of which is worked off in its order."""
-    shape, far = costs.shape, np.float32(1e10)
-    potential = dict.fromkeys(np.ndindex(shape), far)
-    potential[start] = np.float32(0)
-
-    def around(cell):
-        return [(cell[0] + r, cell[1] + c) for r, c in ((0, -1), (0, 1), (-1, 0), (1, 0))]
-
-    first = [around(start)[n] for n in (1, 0, 2, 3)]
-    now, after, over = [cell for cell in first if costs[cell] < 254], [], []
-    waiting, threshold = set(now), 254.0
-    for _ in range(max(costs.size // 20, sum(shape))):
-        if not now or potential[goal] < far:
-            break
-        waiting -= set(now)
-        for cell in now:
-            left, right, down, up = (potential[each] for each in around(cell))
-            p, q = sorted((min(left, right), min(down, up)))
-            h = np.float32(costs[cell])
-            d = (q - p) / h
-            v = np.float32(1.0 if d >= 1 else -0.2301 * d * d + 0.5307 * d + 0.7040)
-            reached = np.float32(p + h * v)
-            if reached >= potential[cell]:
-                continue
-            potential[cell] = reached
-            into = after if reached < threshold else over
-            for other in around(cell):
-                entry = np.float32(0.707106781) * np.float32(costs[other])
-                is_far = potential[other] > reached + entry
-                if is_far and other not in waiting and costs[other] < 254 and len(into) < buffer:
-                    into.append(other)
-                    waiting.add(other)
-        now, after = after, []
-        if not now:
-            threshold += bucket
-            now, over = over, []
-    return np.array([potential[cell] for cell in np.ndindex(shape)]).reshape(shape)
 
 
 def passed_cells(origin, end, margin):

@@ -620,7 +620,7 @@ def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
     params = "amcl: {ros__parameters: {alpha1: 0.1, beam_count: 3}}"
     (tmp_path / "nav2.yaml").write_text(params)
     Path([START, (2, 5), (10, 5), GOAL]).save(tmp_path / "my way?.csv")
-    own = "--path", tmp_path / "my way?.csv", "--planner", "grid", "--front"
+    own = "--path", tmp_path / "my way?.csv", "--planner", "grid"
     options = *own, "--robot", tmp_path / "nav2.yaml", "--set", "outliers=0.1"
     code, out, err = run("plan", box, *ENDS, *SETTINGS, *options, "-o", tmp_path / "out")
     assert code == 0
@@ -628,7 +628,7 @@ def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
     about = json.loads((tmp_path / "out" / "choice.json").read_text())
     names = [each["name"] for each in about["candidates"]]
     at = names.index("my way?")
-    assert names[at : at + 3] == ["my way?", "grid", "front 1"]
+    assert names[at : at + 2] == ["my way?", "grid"]
     files = {file.name for file in (tmp_path / "out").iterdir()}
     assert {*Choice.files.names, "01-shortest.csv", f"{at + 1:02}-my-way-.csv"} < files
     with (tmp_path / "out" / "candidates.csv").open() as file:

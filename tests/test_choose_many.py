@@ -16,7 +16,7 @@ from locplan.field import FieldConfig, Fisher
 from locplan.maps import environments
 from locplan.planners import Query
 from locplan.robots import Amcl, Robot
-from locplan.simulation import choose, choose_many
+from locplan.simulation import Choices, choose, choose_many, read_choices
 from locplan.simulation.choice import _choose_many as module
 
 LIDAR = Lidar(range=4.0, range_sigma=0.01, beams=60)
@@ -64,6 +64,22 @@ def test_each_choice_is_that_of_choose(costs, made):
         assert (each.map, each.query) == ("two_corridors", query)
         assert each.choice.summary() == single.summary()
         assert each.choice.robot.lidar == LIDAR
+
+
+def test_saved_choices_are_read_back(made, tmp_path):
+    made.save(tmp_path / "planned")
+    read = read_choices(tmp_path / "planned")
+    assert read == {each.query.name: each.choice for each in made}
+    header, *rows = (tmp_path / "planned" / "choices.csv").read_text().splitlines()
+    assert header.startswith("map,query,")
+    assert len(rows) == len(QUERIES)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "choices.csv").write_text("mine")
+    with pytest.raises(LocplanError, match=r"choices\.csv: is in the way"):
+        made.save(tmp_path / "mine")
+    same = Choices((made[0], made[0]))
+    with pytest.raises(ConfigError, match="two choices would be saved as far"):
+        same.save(tmp_path / "same")
 
 
 @pytest.mark.parametrize("kind", ["late", "threads", "processes"])

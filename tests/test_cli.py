@@ -28,11 +28,12 @@ def room(tmp_path):
 
 @pytest.mark.draws
 def test_field_prints_a_table_and_writes_what_was_asked(run, room, tmp_path):
-    code, out, err = run("field", room, "-o", tmp_path / "f.zarr", "--picture", tmp_path / "f.png")
+    assert run("field", room, "-o", tmp_path / "f.png")[0] == 0
+    code, out, err = run("field", room, "-o", tmp_path / "f.zarr")
     assert code == 0
     assert "cells evaluated" in out
     assert "saturated" in out
-    assert "f.png" in err
+    assert err == f"wrote {tmp_path / 'f.zarr'}\n"
     assert CovarianceField.load(tmp_path / "f.zarr").grid.digest == load_map(room).digest
     assert (tmp_path / "f.png").stat().st_size > 1000
 
@@ -104,12 +105,6 @@ def test_interrupting_says_so(run, room, monkeypatch):
     assert err == "locplan: interrupted\n"
 
 
-def test_maps_with_noise_say_so_in_their_names(run, tmp_path):
-    options = "--boundary-noise", "0.1", "--seed", "3", "--resolution", "0.1"
-    run("maps", tmp_path, "--name", "hall", *options)
-    assert load_map(tmp_path / "hall_noise0.1_seed3.yaml").name == "hall_noise0.1_seed3"
-
-
 def test_an_unreachable_goal_is_a_result(run, tmp_path):
     save_map(drawn("...#...", resolution=1.0), tmp_path / "parted.yaml")
     ends = "--start", "0.5,0.5", "--goal", "6.5,0.5"
@@ -149,9 +144,12 @@ def test_impossible_starts_are_refused_in_one_line(run, room, tmp_path, start, m
         (("--preset", "best"), "--preset must be one of"),
         (("--stride", "nan"), "stride"),
         (("--threads", "0"), "threads"),
-        (("-o", "field.txt"), "must end in .zarr"),
-        (("--picture", "field.txt"), ".png"),
-        (("--picture", "nowhere/field.png"), "nowhere"),
+        (("-o", "field.txt"), "must end in .zarr, .npz, .png"),
+        (("-o", "nowhere/field.png"), "nowhere"),
+        (("--picture", "e"), "name a file for the picture of e with --output"),
+        (("--picture", "e", "-o", "field.zarr"), "must end in .png"),
+        (("--picture", "mood", "-o", "field.png"), "the picture must be one of e"),
+        (("--picture", "ambiguity", "-o", "field.png"), "the picture must be one of e"),
     ],
 )
 def test_bad_options_are_refused_in_one_line(run, room, arguments, message):
@@ -164,20 +162,55 @@ def test_bad_planner_and_weight_are_refused(run, room):
     assert "weight" in refused(run("plan", room, *ends, "--weight", "-2"))
 
 
-def test_maps_writes_the_generated_maps(run, tmp_path):
-    code, _, err = run("maps", tmp_path / "maps", "--name", "two_corridors", "--resolution", "0.1")
+def test_info_writes_files_of_built_in_map(run, tmp_path):
+    code, _, err = run("info", "two_corridors", "-o", tmp_path / "maps")
     assert code == 0
-    assert "two_corridors.yaml" in err
-    assert load_map(tmp_path / "maps" / "two_corridors.yaml").resolution == 0.1
-    assert "two_corridors" in refused(run("maps", tmp_path, "--name", "moon"))
+    assert f"wrote {tmp_path / 'maps'}" in err
+    drawn = environments.make("two_corridors")
+    assert load_map(tmp_path / "maps" / "two_corridors.yaml").digest == drawn.digest
+    assert ".png" in refused(run("info", tmp_path / "maps", "-o", tmp_path / "others"))
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "hall.yaml").write_text("mine")
+    refused(run("info", "hall", "-o", tmp_path / "mine"))
+    assert (tmp_path / "mine" / "hall.yaml").read_text() == "mine"
+
+
+def test_commands_take_names_of_built_in_maps(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = run("info", "two_corridors")
+    assert code == 0
+    assert "locplan plan two_corridors --start" in out
+    ends = "--start", "2,3", "--goal", "38,3", "--no-field"
+    assert run("plan", "two_corridors", *ends, "-o", "planned")[0] == 0
+    assert "map: two_corridors\n" in (tmp_path / "planned" / "run.yaml").read_text()
+    assert "did you mean two_corridors?" in refused(run("plan", "two_coridors", *ends))
+    built_in = ", ".join(environments.names())
+    assert f"a built-in map: {built_in}" in refused(run("field", "moon"))
 
 
 @pytest.mark.draws
-def test_plot_draws_any_scalar(run, room, tmp_path):
+def test_field_draws_any_scalar(run, room, tmp_path):
     for scalar in ("position_rms", "heading_std"):  # the others are drawn elsewhere
-        assert run("plot", room, "-o", tmp_path / f"{scalar}.png", "--scalar", scalar)[0] == 0
-        assert (tmp_path / f"{scalar}.png").stat().st_size > 1000
-    assert "scalar must be one of" in refused(run("plot", room, "-o", "x.png", "--scalar", "mood"))
+        picture = tmp_path / f"{scalar}.png"
+        assert run("field", room, "-o", picture, "--picture", scalar)[0] == 0
+        assert picture.stat().st_size > 1000
+    code, _, err = run("field", room, "-o", tmp_path / "default.pdf")
+    assert (code, err) == (0, f"wrote {tmp_path / 'default.pdf'}\n")
+
+
+def test_field_writes_numpy_file(run, room, tmp_path):
+    assert run("field", room, "-o", tmp_path / "lab.npz")[0] == 0
+    with np.load(tmp_path / "lab.npz") as arrays:
+        assert arrays["cells"].shape == load_map(room).shape
+        assert arrays["u_map"].shape == load_map(room).shape
+        assert json.loads(str(arrays["config"]))["estimator"]["range"] == 6.0
+
+
+def test_field_draws_many_maps_into_folder(run, room, tmp_path):
+    save_map(load_map(room), tmp_path / "other.yaml")
+    assert run("field", tmp_path, "--picture", "e", "-o", tmp_path / "drawn")[0] == 0
+    names = {file.name for file in (tmp_path / "drawn").iterdir()}
+    assert names == {"room.png", "other.png", ".locplan.json", "run.yaml"}
 
 
 def test_warnings_are_one_line(run, tmp_path):
@@ -314,9 +347,9 @@ def test_a_footprint_sets_the_radius(run, room):
 
 
 @pytest.mark.draws
-def test_pareto_prints_the_front_and_writes_it(run, room, tmp_path):
+def test_plan_front_prints_and_writes_front(run, room, tmp_path):
     ends = "--start", "1,2", "--goal", "4,3.5"
-    code, out, _ = run("pareto", room, *ends, "-o", tmp_path / "front")
+    code, out, _ = run("plan", room, *ends, "--front", "-o", tmp_path / "front")
     assert code == 0
     assert "exact" in out
     assert "knee" in out
@@ -327,22 +360,27 @@ def test_pareto_prints_the_front_and_writes_it(run, room, tmp_path):
     ]
     about = json.loads((tmp_path / "front" / "front.json").read_text())
     assert integral.tolist() == about["integral"]  # with all digits: they are budgets
-    about = json.loads(run("pareto", room, *ends, "--objective", "e", "--json")[1])
+    lidar = "--lidar", "turtlebot4", "--set", "range=3", "--stride", "0.5"
+    about = json.loads(run("plan", room, *ends, "--front", *lidar, "--json")[1])
     assert about["epsilon"] == 0
     assert len(about["length"]) == len(about["integral"]) > 0
+    assert "drives" not in about
 
 
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (("--objective", "length"), "objective"),
         (("--time-limit", "0"), "time_limit"),
         (("--goal", "99,99"), "outside the map"),
+        (("--goal", "4,3.5,90"), "no headings"),
+        (("--drives", "4"), "--drives is not read with --front"),
+        (("--planner", "grid"), "--planner is not read with --front"),
+        (("--weight", "4"), "--weight is not read with --front"),
     ],
 )
-def test_wrong_options_of_pareto_are_refused(run, room, arguments, told):
+def test_plan_front_refuses_wrong_options(run, room, arguments, told):
     ends = ("--start", "1,2") + (() if "--goal" in arguments else ("--goal", "4,3.5"))
-    assert told in refused(run("pareto", room, *ends, *arguments))
+    assert told in refused(run("plan", room, *ends, "--front", *arguments))
 
 
 @pytest.mark.draws
@@ -409,7 +447,7 @@ def test_fields_that_know_the_sensor(run, room, tmp_path):
     assert code == 0
     for scalar in ("ambiguity", "position_std"):
         picture = tmp_path / f"{scalar}.png"
-        assert run("plot", room, *sensor, "-o", picture, "--scalar", scalar)[0] == 0
+        assert run("field", room, *sensor, "-o", picture, "--picture", scalar)[0] == 0
         assert picture.stat().st_size > 1000
 
 
@@ -487,60 +525,15 @@ def test_impossible_sensors_are_refused(run, room, options, message):
     assert message in refused(run("field", room, *options))
 
 
-@pytest.mark.draws
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("--figure", "e", "--ranges", "1,2"),
-        ("--figure", "e", "--limits", "0,0.1"),
-        ("--figure", "ellipses", "--ranges", "1,2", "--spacing", "0.5", "--magnify", "2"),
-        ("--figure", "distribution", "--at", "2,2"),
-        ("--figure", "models", "--at", "2,2", "--axis", "theta"),
-    ],
-)
-def test_plot_draws_the_papers_figures(run, room, tmp_path, arguments):
-    code, _, err = run("plot", room, "-o", tmp_path / "p.png", "--disc", "2", *arguments)
-    assert code == 0, err
-    assert (tmp_path / "p.png").stat().st_size > 5000
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--figure", "nothing"), "--figure must be one of field"),
-        (("--figure", "models"), "needs --at"),
-        (("--figure", "models", "--at", "2,2", "--axis", "z"), "axis must be"),
-        (("--figure", "distribution", "--at", "99,2"), "free space"),
-        (("--figure", "distribution", "--at", "2,2", "--estimator", "scan"), "of --estimator sad"),
-        (("--figure", "e", "--limits", "1"), "--limits must be 2 numbers"),
-        (("--spacing", "9"), "--spacing is for --figure ellipses, not for field"),
-        (("--at", "2,3"), "--at is for --figure distribution, models, not for field"),
-        (("--figure", "e", "--scalar", "e"), "--scalar is for --figure field, not for e"),
-        (("--figure", "e", "--limits", "2,1"), "limits must rise"),
-        (("--figure", "e", "--ranges", "6,x"), "--ranges must be numbers"),
-        (("--ranges", "6,8"), "--ranges is for"),
-        (("--figure", "e", "--ranges", "6,-8"), "range must be a positive number of m"),
-    ],
-)
-def test_plot_refuses_what_it_cannot_draw(run, room, tmp_path, arguments, message):
-    assert message in refused(run("plot", room, "-o", tmp_path / "p.png", *arguments))
-    assert not (tmp_path / "p.png").exists()
-
-
 @pytest.mark.parametrize(
     ("to", "name"),
     [
-        *((to, "out") for to in ("nav2-keepout", "nav2-static", "nav2-speed", "ros-map")),
-        pytest.param("route-graph", "out", marks=pytest.mark.draws),
-        *((to, "out") for to in ("layer", "degenerate-areas")),
-        ("lif", "out.json"),
-        ("bag", "out.mcap"),
+        *((to, "out") for to in ("nav2-keepout", "nav2-speed", "nav2-routes", "ros-map")),
         ("path", "out.yaml"),
-        *((to, f"out.{to}") for to in ("csv", "npz", "png")),
     ],
 )
 def test_export_writes_every_format(run, room, tmp_path, to, name):
-    ends = ("--start", "1,1", "--goal", "4,1") if to in ("path", "bag") else ()
+    ends = ("--start", "1,1", "--goal", "4,1") if to in ("path", "nav2-routes") else ()
     code, out, err = run("export", room, "--to", to, "-o", tmp_path / name, "--disc", 2, *ends)
     assert code == 0, err
     assert to in out
@@ -561,24 +554,19 @@ def test_export_writes_every_format(run, room, tmp_path, to, name):
     [
         (("--to", "nav2"), "--to must be one of nav2-keepout"),
         (("--to", "ros-map", "--planner", "smac2d"), "--planner is for --to nav2-keepout"),
-        (("--to", "csv", "--slowest", "0.5"), "--slowest is for --to nav2-speed"),
+        (("--to", "ros-map", "--slowest", "0.5"), "--slowest is for --to nav2-speed"),
         (("--to", "nav2-speed", "--slowest", "5"), "slowest must be 0.01 to 1"),
         (("--to", "nav2-keepout", "--planner", "teb"), "planner must be one of"),
         (("--to", "nav2-keepout", "--planner-param", "inf"), "must be a positive number"),
         (("--to", "nav2-keepout", "--distro", "foxy"), "distro must be one of"),
         (("--to", "nav2-keepout", "--robot", "none.yaml"), "none.yaml: there is no such file"),
-        (("--to", "degenerate-areas", "--threshold", "1.5"), "threshold must be 0 to 1, not 1.5"),
-        (("--to", "degenerate-areas", "--threshold", "nan"), "threshold must be 0 to 1, not nan"),
-        (("--to", "degenerate-areas", "--min-area", "-1"), "min_area must be at least 0, not -1"),
-        (("--to", "layer", "--threshold", "0.5"), "--threshold is for --to degenerate-areas"),
-        (("--to", "lif", "--stations", "none.csv"), "none.csv: cannot be read"),
-        (("--to", "lif", "--speed", "0"), "speed must be a positive number"),
         (("--to", "path"), "needs one --path CSV, or"),
         (("--to", "path", "--start", "1,1"), "belong together"),
         (("--to", "path", "--start", "1,1,90", "--goal", "2,2"), "--start must be X,Y in metres"),
         (("--to", "path", "--path", "none.csv"), "none.csv: cannot be read"),
-        (("--to", "bag", "-o", "bag"), "must end in .mcap"),
-        (("--to", "csv", "-o", "no/such/x.csv"), "does not exist"),
+        (("--to", "path", "--path", "none.csv", "-o", "p.txt"), "none.csv: cannot be read"),
+        (("--to", "nav2-routes"), "needs paths"),
+        (("--to", "nav2-speed", "-o", "no/such/x"), "does not exist"),
     ],
 )
 def test_export_refuses_before_it_computes(run, room, tmp_path, monkeypatch, arguments, message):
@@ -589,9 +577,9 @@ def test_export_refuses_before_it_computes(run, room, tmp_path, monkeypatch, arg
 
 
 def test_a_folder_with_one_map_stands_for_it(run, room, tmp_path):
-    assert run("plot", tmp_path, "-o", tmp_path / "p.png", "--disc", "2")[0] == 0
+    assert run("info", tmp_path)[0] == 0
     save_map(load_map(room), tmp_path / "other.yaml")
-    assert "holds 2 maps; name one" in refused(run("plot", tmp_path, "-o", tmp_path / "p.png"))
+    assert "holds 2 maps; name one" in refused(run("info", tmp_path))
 
 
 def test_the_help_of_every_command_has_headings_and_an_example(run):
@@ -720,12 +708,15 @@ def test_the_package_runs_as_a_module():
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_shells_complete_commands_and_options(run, shell):
-    code, out, _ = run("completion", shell)
+def test_install_completion_writes_script(run, tmp_path, monkeypatch, shell):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    code, out, _ = run("--install-completion", "--shell", shell, "-o", tmp_path / "plan")
     assert code == 0
+    assert str(tmp_path / "plan") in out
+    script = (tmp_path / "plan").read_text()
     for word in (*COMMANDS, "robot", "cache-dir", "InformedRRTstar"):
-        assert word in out
-    assert "must be one of bash, zsh, fish, not 'csh'" in refused(run("completion", "csh"))
+        assert word in script
+    assert "csh" in refused(run("--install-completion", "--shell", "csh"))
 
 
 def test_the_log_is_shown_when_asked_for(run, room):
@@ -796,11 +787,10 @@ def test_what_fails_leaves_no_folder(run, tmp_path, command):
 @pytest.mark.parametrize(
     "command",
     [
-        "field room.yaml --picture room.png",
-        "field . --picture .",
-        "field room.yaml --picture link/room.png",
-        "plot room.yaml -o room.png",
-        "export room.yaml --to png -o room.png",
+        "field room.yaml -o room.png",
+        "field . --picture e -o .",
+        "field room.yaml -o link/room.png",
+        "info room.yaml -o room.png",
         "export room.yaml --to path --path p.csv -o p.csv",
         "calibrate room.yaml --config c.json -o c.json",
         "plan choice.yaml --start 1,2 --goal 4,3 -o .",

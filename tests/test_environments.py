@@ -12,8 +12,8 @@ from conftest import few_of
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from locplan.errors import ConfigError
-from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments, load_map
+from locplan.errors import ConfigError, MapError
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments, load_map, save_map
 
 NAMES = environments.names()
 MAPS = Path(__file__).resolve().parent.parent / "maps"
@@ -328,3 +328,32 @@ class TestErrors:
 def test_landmarks_are_the_callers_to_change() -> None:
     environments.landmarks("hall").clear()
     assert environments.landmarks("hall")
+
+
+def test_load_map_draws_built_in_map(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in NAMES:
+        grid = load_map(name)
+        assert grid.name == name
+        assert grid.digest == make(name).digest
+
+
+def test_load_map_prefers_existing_path(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    drawn = OccupancyGrid(np.full((3, 4), FREE, np.uint8), 0.1, (0.0, 0.0, 0.0), "room")
+    (tmp_path / "hall").mkdir()
+    save_map(drawn, tmp_path / "hall" / "room.yaml")
+    assert load_map("hall").shape == (3, 4)
+    (tmp_path / "office").mkdir()
+    with pytest.raises(MapError, match="folder without any map"):
+        load_map("office")
+
+
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    [("hal", "did you mean hall"), ("moon", "give a map's YAML"), ("hall.yaml", "no such file")],
+)
+def test_load_map_names_built_in_maps(tmp_path, monkeypatch, name, remedy):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(MapError, match=remedy):
+        load_map(name)

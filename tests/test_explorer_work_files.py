@@ -19,7 +19,6 @@ from explorer_views import (
     MIDDLE,
     START,
     WAY,
-    Ended,
     answered,
     corridors,
     session_of,
@@ -163,7 +162,7 @@ def test_a_drive_is_read_from_its_file(tmp_path):
 # Exports
 
 
-PAGE_FORMATS = ("nav2-keepout", "nav2-static", "nav2-speed", "route-graph", "path")
+PAGE_FORMATS = ("nav2-keepout", "nav2-speed", "path")
 
 
 def exported(folder, *, force=False, grid=None, progress=lambda *_: None, **asked):
@@ -192,7 +191,7 @@ def test_an_export_is_that_of_the_library(tmp_path):
         assert mine == (tmp_path / "own" / name).read_bytes(), name
 
 
-@pytest.mark.parametrize("to", [name for name in PAGE_FORMATS if name != "route-graph"])
+@pytest.mark.parametrize("to", PAGE_FORMATS)
 def test_each_format_is_written(tmp_path, to):
     files = exported(tmp_path, to=to)["files"]
     assert files
@@ -203,23 +202,6 @@ def test_a_path_is_exported_through_its_waypoints(tmp_path):
     (file,) = exported(tmp_path, to="path", via=[list(MIDDLE)])["files"]
     xy = locplan.Path.load(tmp_path / file).xy
     assert np.isclose(xy, MIDDLE, atol=1e-6).all(axis=1).any()
-
-
-def test_a_route_graph_shows_how_far_it_is_and_leaves_nothing_when_it_is_ended(tmp_path):
-    steps = []
-    exported(tmp_path, to="route-graph", progress=lambda *step: steps.append(step[:2]))
-    steps = steps[1:]  # the first one is of the plan
-    assert steps == sorted(steps)
-    assert len({done for done, _ in steps}) > 10
-    (folder,) = tmp_path.iterdir()
-
-    def stop(done, total, doing=""):
-        if done > 90:  # the files are being written
-            raise Ended
-
-    with pytest.raises(Ended):
-        exported(tmp_path, to="route-graph", progress=stop)
-    assert [*tmp_path.iterdir()] == [folder]
 
 
 def test_an_export_beside_another_gets_a_number(tmp_path):

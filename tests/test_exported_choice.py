@@ -174,3 +174,35 @@ def test_the_command_exports_a_choice(run, tmp_path, driven):
     words = "--lidar is not read with --choice"
     assert words in refused(run(*line, "path", "--lidar", "turtlebot4"))
     assert "--choice is for --to" in refused(run(*line, "nav2-speed"))
+
+
+def test_command_exports_choices_as_routes(run, tmp_path, driven):
+    grid = driven.costs.grid
+    save_map(grid, tmp_path / "lab.yaml")
+    near = dataclasses.replace(driven, candidates=(), judgement=None, status="unreachable")
+    for name, choice in (
+        ("there", taking(driven, "around")),
+        ("short", taking(driven, "shortest")),
+        ("nowhere", near),
+    ):
+        choice.save(tmp_path / "planned" / name)
+    Path([(2.0, 3.0), (6.0, 3.0)]).save(tmp_path / "mine.csv")
+    line = "export", tmp_path / "lab.yaml", "--cache-dir", tmp_path / "cache", "--to"
+    routes = *line, "nav2-routes", "--path", tmp_path / "mine.csv", "--choice"
+    code, out, _ = run(*routes, tmp_path / "planned", "-o", tmp_path / "r", "--json")
+    assert code == 0
+    assert {*json.loads(out)["followed"]} <= {"there", "short", "mine"}
+    table = (tmp_path / "r" / "routes.csv").read_text().splitlines()
+    assert [row.split(",")[0] for row in table[1:]] == ["short", "there", "mine"]
+    there, short = tmp_path / "planned" / "there", tmp_path / "planned" / "short" / "choice.json"
+    code, out, _ = run(*routes, there, "--choice", short, "-o", tmp_path / "s", "--json")
+    assert code == 0
+    two = "--choice", tmp_path / "planned"
+    assert "--to path takes one --choice, not 3" in refused(run(*line, "path", *two))
+    again = "--choice", there, "--choice", there
+    assert "two folders of choices are called there" in refused(run(*line, "path", *again))
+    assert "has no choice" in refused(run(*line, "path", "--choice", tmp_path))
+    other = dataclasses.replace(driven, robot=dataclasses.replace(ROBOT, footprint=0.3))
+    other.save(tmp_path / "other")
+    refusal = refused(run(*routes, there, "--choice", tmp_path / "other", "-o", tmp_path / "t"))
+    assert "the choices there and other differ in the map, the field or the robot's size" in refusal

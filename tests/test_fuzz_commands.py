@@ -56,7 +56,8 @@ def around(stdin=None, stdout=None, stderr=None, out=None, file_size=None, **var
 
 def test_lines_run_in_their_surroundings():
     field = ["field", "in/room.yaml", "-o", "out/result.zarr", "--estimator", "sad"]
-    drawn = ["plot", "in/room.yaml", "-o", "out/result.pdf"]
+    drawn = ["field", "in/room.yaml", "-o", "out/result.pdf"]
+    maps = ["info", "hall", "-o", "out/maps"]
     served = fuzz_commands.Served()
     try:
         for line, where, code, words in (
@@ -64,8 +65,8 @@ def test_lines_run_in_their_surroundings():
             (["info", "in/room.yaml"], around(stdout="full"), "1", "No space left"),
             (["info", "in/absent"], around(LC_ALL="C", COLUMNS="7"), "2", "in/absent"),
             (["info", "in/absent"], around(stderr="full"), "2", ""),
-            (["maps"], around(stdin="closed", stderr="full"), "1", ""),
-            (["maps"], around(file_size=0), "2", "File too large"),
+            (maps, around(stdin="closed", stderr="full"), "1", ""),
+            (maps, around(file_size=0), "2", "File too large"),
             (drawn, around(file_size=5000), "2", "cannot be written"),
             (field, around(out="in/empty"), "2", "out"),
         ):

@@ -245,7 +245,7 @@ ENDS = "--start", "1,2", "--goal", "4,3.5"
 def stops() -> list:
     """Where commands stand still, and their arguments."""
     each = [
-        ("locplan.field.Sad.covariances", ("field", "-o", "out.zarr", "--picture", "out.png")),
+        ("locplan.field.Sad.covariances", ("field", "-o", "out.zarr")),
         (
             "locplan.comparison._workers.Workers.run",
             ("compare", "--min-distance", "2", "-o", "out"),
@@ -255,10 +255,10 @@ def stops() -> list:
             "locplan.simulation.Simulator.arguments",
             ("plan", *ENDS, "--no-field", "--lidar", "rplidar-a1", "-o", "out"),
         ),
-        ("locplan.plotting._picture.Picture.savefig", ("plot", "-o", "out.png")),
+        ("locplan.plotting._picture.Picture.savefig", ("field", "-o", "out.png")),
         ("locplan.field.Sad.covariances", ("calibrate", "--places", "10", "-o", "out.json")),
         ("locplan.field.Sad.prepare", ("export", "--to", "nav2-keepout", "-o", "out")),
-        ("locplan.costs.Costmap.from_field", ("pareto", *ENDS, "-o", "out")),
+        ("locplan.costs.Costmap.from_field", ("plan", *ENDS, "--front", "-o", "out")),
         ("locplan.planners.plan_beside_shortest", ("plan", *ENDS, "-o", "out")),
         ("locplan.simulation.Simulator.arguments", ("simulate", *ENDS, "-o", "out")),
         ("locplan.simulation._places.measure", ("evaluate", "-o", "out")),

@@ -43,7 +43,6 @@ HOMES = {
     "matplotlib": ("plotting", "_figures"),
     "ompl": ("planners.ompl._settings",),
     "yaml": ("_util.reading", "export._parameters"),
-    "mcap": ("export._bags",),
     "rosbags": ("recordings._bag_files",),
     "cloudpickle": ("comparison._workers",),
     "jinja2": ("_util.public",),

@@ -9,7 +9,7 @@ from conftest import drawn, few_of
 from figure_looks import check_looks
 
 import locplan
-from locplan import export, paper, plotting, simulation
+from locplan import export, plotting, simulation
 from locplan._util.tables import table
 from locplan.maps import OccupancyGrid
 from locplan.planners import pareto_front
@@ -38,8 +38,6 @@ def figures_of(name: str):
     plans = {name: locplan.plan(costs, *ends), "other": locplan.plan(costs, *ends)}
     yield "map", plotting.map_figure(grid)
     yield "field", plotting.field_figure(field)
-    yield "fields", plotting.e_figure({name: field})
-    yield "ellipses", plotting.ellipses_figure({name: field})
     yield "plans", plotting.plan_figure(costs, field, plans)
     yield "costs", plotting.costmap_figure(costs)
     yield "front", plotting.front_figure(pareto_front(costs, *ends))
@@ -47,11 +45,9 @@ def figures_of(name: str):
         grid, {name: plans[name].path, "other": plans["other"].path}, drives=2, costs=costs
     )
     yield "drives", simulation.simulation_figure(driven)
-    lines = paper.template_matching.along_axis(grid, 4.5, 3.5, "x", locplan.Sad(range=3.0))
     values = np.arange(grid.cells.size).reshape(grid.shape) - 1
     yield "values", export.values_figure(grid, values, "mask", name)
     yield "falling values", export.values_figure(grid, values, "limit", name, falling=True)
-    yield "models", paper.models_figure(*lines, "x", name)
 
 
 @pytest.mark.parametrize("name", NAMES, ids=ascii)

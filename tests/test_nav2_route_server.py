@@ -1,14 +1,12 @@
-"""The route server's parameters in a robot's own file, and how near graphs are to starts."""
+"""The route server's parameters in a robot's own file."""
 
 import json
 import warnings
 
-import numpy as np
 import pytest
 import yaml
-from scipy.spatial import cKDTree
 
-from locplan import Costmap, export, load_map, plan
+from locplan import Costmap, export, plan
 from locplan.export import ParametersChanged
 from locplan.maps import environments
 
@@ -44,21 +42,22 @@ def costs():
     return Costmap.blank(environments.make("two_corridors", resolution=0.1), robot=0.25)
 
 
-def written(folder, costs, distro="jazzy", name="route_graph", *args):
+@pytest.fixture(scope="module")
+def paths(costs):
+    return {"there": plan(costs, (2, 3), (38, 3)).path}
+
+
+def written(folder, costs, paths):
     (folder / "own.yaml").write_text(PARAMS)
     with warnings.catch_warnings(record=True, action="always") as caught:
-        settings = {"params": folder / "own.yaml", "distro": distro}
-        getattr(export, name)(folder / "g", costs, *args, **settings)
+        export.nav2_routes(folder / "g", costs, paths, params=folder / "own.yaml")
     changed = [str(w.message) for w in caught if w.category is ParametersChanged]
     text = (folder / "g" / "nav2.yaml").read_text()
     return text, yaml.safe_load(text)["route_server"]["ros__parameters"], changed
 
 
-@pytest.mark.parametrize("name", ["route_graph", "nav2_routes"])
-def test_a_robots_operations_and_comments_stay(tmp_path, costs, name):
-    path = plan(costs, (2, 3), (38, 3)).path
-    args = [{"there": path}] * (name == "nav2_routes")
-    text, own, changed = written(tmp_path, costs, "jazzy", name, *args)
+def test_a_robots_operations_and_comments_stay(tmp_path, costs, paths):
+    text, own, changed = written(tmp_path, costs, paths)
     assert "1.0  # as the hall is" in text
     assert "max_collision_dist: 3.0  # metres" in text
     assert own["operations"] == ["AdjustSpeedLimit", "CollisionMonitor"]
@@ -75,8 +74,8 @@ def test_a_robots_operations_and_comments_stay(tmp_path, costs, name):
     assert alone.keys() == own.keys() - {"graph_filepath"}
 
 
-def test_the_server_gets_the_types_that_it_declares(tmp_path, costs):
-    _, own, _ = written(tmp_path, costs)
+def test_the_server_gets_the_types_that_it_declares(tmp_path, costs, paths):
+    _, own, _ = written(tmp_path, costs, paths)
     for name, kind in TYPES.items():
         value = own
         for key in name.split("."):
@@ -94,10 +93,11 @@ def test_the_server_gets_the_types_that_it_declares(tmp_path, costs):
         ("kilted", "params_file:=$PWD/nav2.yaml graph:=$PWD/graph.geojson`"),
     ],
 )
-def test_the_folder_says_how_the_server_is_started_and_asked(tmp_path, costs, distro, words):
+def test_the_folder_says_how_the_server_is_started_and_asked(tmp_path, costs, paths, distro, words):
     (tmp_path / "own.yaml").write_text(PARAMS)
     with warnings.catch_warnings(action="ignore"):
-        export.route_graph(tmp_path / "g", costs, params=tmp_path / "own.yaml", distro=distro)
+        settings = {"params": tmp_path / "own.yaml", "distro": distro}
+        export.nav2_routes(tmp_path / "g", costs, paths, **settings)
     text = (tmp_path / "g" / "README.md").read_text()
     assert words in text
     assert "/compute_route nav2_msgs/action/ComputeRoute" in text
@@ -106,17 +106,3 @@ def test_the_folder_says_how_the_server_is_started_and_asked(tmp_path, costs, di
     x, y = nodes[-1]["coordinates"]
     assert f"position: {{x: {x:.2f}, y: {y:.2f}}}" in text  # a place on this map
     assert ("names the graph by its place on this machine" in text) == (distro == "jazzy")
-
-
-@pytest.mark.parametrize("name", ["warehouse", "aws_small_house", "tb4_depot"])
-def test_no_start_is_far_from_a_node(tmp_path, real_maps, name):
-    file = f"maps/{name}.yaml" if name == "warehouse" else next((real_maps / name).glob("*.yaml"))
-    costs = Costmap.blank(load_map(file), robot=0.25)
-    graph = export.route_graph(tmp_path / "g", costs)
-    rows, cols = np.nonzero(np.isfinite(costs.density))
-    xy = np.column_stack(costs.grid.grid_to_world(rows + 0.5, cols + 0.5))
-    away = cKDTree(graph.nodes).query(xy)[0]
-    assert (away > 2.0).mean() < 0.005
-    lanes = export.roadmap(costs)
-    assert graph.components == lanes.components
-    np.testing.assert_array_equal(graph.nodes[: len(lanes.nodes)], lanes.nodes)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from conftest import drawn, refused
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.csgraph import connected_components, dijkstra
 
 from locplan import export, load_or_compute, save_map
 from locplan.costs import Costmap, Path, path_metrics
@@ -55,7 +55,7 @@ def test_ways_are_joined_and_free_and_cost_what_the_paths_cost(costs, paths):
     found = export.recommended_ways(costs, paths)
     apart = sum(path.length for path in paths.values())
     assert found.graph.length.sum() < 0.7 * apart  # most of the corridor is one lane
-    assert found.graph.components == 1
+    assert connected_components(found.graph.matrix)[0] == 1
     for name, way in found.ways.items():
         xy = found.graph.nodes[list(way)]
         np.testing.assert_allclose(xy[[0, -1]], paths[name].xy[[0, -1]], atol=0.02)
@@ -173,30 +173,7 @@ def features_of(folder):
     return points, [f["properties"] for f in found if f["geometry"]["type"] == "LineString"]
 
 
-def test_names_that_make_one_topic_are_numbered(tmp_path):
-    """Names may have no letter that a topic can hold, such as those of Japanese rooms."""
-    from mcap.reader import make_reader
-
-    expected = {
-        "a b": "/locplan/path/a_b",
-        "a/b": "/locplan/path/a_b_2",
-        "受付": "/locplan/path/path",
-        "会議室": "/locplan/path/path_2",
-        "a b 2": "/locplan/path/a_b_2_2",
-        "3": "/locplan/path/path_3",
-    }
-    grid = OccupancyGrid(np.full((5, 5), 254), 0.1)
-    paths = {name: Path(np.array([[0.1, 0.1], [0.3, 0.3]])) for name in expected}
-    export.bag(tmp_path / "a.mcap", grid, paths=paths)
-    with open(tmp_path / "a.mcap", "rb") as file:
-        topics = [channel.topic for _, channel, _ in make_reader(file).iter_messages()]
-    assert [topic for topic in topics if "path" in topic] == [*expected.values()]
-
-
-def test_a_folder_holds_graph_bag_and_table(tmp_path, costs, paths):
-    from rosbags.rosbag2 import Reader
-    from rosbags.typesys import Stores, get_typestore
-
+def test_a_folder_holds_graph_and_table(tmp_path, costs, paths):
     found = export.nav2_routes(tmp_path / "routes", costs, paths, distro="humble")
     points, lines = features_of(tmp_path / "routes")
     assert len(points) == len(found.graph.nodes)
@@ -213,19 +190,8 @@ def test_a_folder_holds_graph_bag_and_table(tmp_path, costs, paths):
         start, goal = (points[int(rows[name][end])] for end in ("start_id", "goal_id"))
         np.testing.assert_allclose(start["geometry"]["coordinates"], paths[name].xy[0], atol=0.02)
         np.testing.assert_allclose(goal["geometry"]["coordinates"], paths[name].xy[-1], atol=0.02)
-        assert rows[name]["topic"] == f"/locplan/path/{name.replace(' ', '_')}"
         total = sum(costs_of[one + 1, other + 1] for one, other in pairwise(way))
         assert float(rows[name]["cost"]) == pytest.approx(total, abs=1e-3)
-    types = get_typestore(Stores.ROS2_HUMBLE)
-    with Reader(tmp_path / "routes" / "routes.mcap") as bag:
-        kinds = {c.topic: c.msgtype for c in bag.connections}
-        assert {t for t, kind in kinds.items() if kind == "nav_msgs/msg/Path"} == {
-            f"/locplan/path/{name.replace(' ', '_')}" for name in paths
-        }
-        for connection, _, raw in bag.messages():
-            if connection.topic == "/locplan/path/dock_to_gate":
-                poses = types.deserialize_cdr(raw, connection.msgtype).poses
-                assert len(poses) == len(paths["dock to gate"])
     readme = (tmp_path / "routes" / "README.md").read_text()
     assert "nav2_bringup has none in humble" in readme
 
@@ -267,40 +233,6 @@ def test_routes_lie_where_stacks_that_ignore_the_yaw_have_the_map(tmp_path, cost
     np.testing.assert_allclose(one, other, atol=1e-4)
 
 
-def test_the_command_drives_stations_and_says_what_is_missing(run, tmp_path):
-    rows = ["#" * 60, *["#" + "." * 58 + "#"] * 18, "#" * 60, "#" + "." * 58 + "#", "#" * 60]
-    save_map(drawn(*rows, resolution=0.25), tmp_path / "hall.yaml")
-    stations = tmp_path / "stations.csv"
-    stations.write_text("name,x,y\na,1,2\nb,13,2\nisland,2,0.37\n")
-    ask = "export", tmp_path / "hall.yaml", "--to", "nav2-routes", "-o", tmp_path / "out"
-    assert "needs --queries FILE, or paths" in refused(run(*ask))
-    assert "cannot be read" in refused(run(*ask, "--queries", tmp_path / "none.csv"))
-    small = "--set", "footprint=0.1", "--set", "margin=0"
-    code, out, err = run(*ask, "--queries", stations, "--drives", "2", "--json", *small)
-    assert (code, err) == (0, f"wrote {tmp_path / 'out'}\n")
-    about = json.loads(out)
-    assert about["no_path"] == ["a to island", "b to island"]
-    assert about["followed"] == ["a to b"]
-    assert about["nodes"] >= 2
-
-
-def test_given_paths_are_checked_before_queries_are_driven(run, tmp_path, monkeypatch):
-    save_map(drawn(*["." * 40] * 12, resolution=0.25), tmp_path / "hall.yaml")
-    (tmp_path / "stations.csv").write_text("name,x,y\na,1,1\nb,9,1\n")
-    (tmp_path / "a to b.csv").write_text("x,y\n1,1\n9,1\n")
-    (tmp_path / "round.csv").write_text("x,y\n1,1\n9,1\n1,1\n")
-
-    def drive(*_, **__):
-        raise AssertionError("driven")
-
-    monkeypatch.setattr("locplan.simulation.choose_many", drive)
-    ask = "export", tmp_path / "hall.yaml", "--to", "nav2-routes", "-o", tmp_path / "out"
-    ask = *ask, "--queries", tmp_path / "stations.csv", "--path"
-    assert "path round ends where it starts" in refused(run(*ask, tmp_path / "round.csv"))
-    said = refused(run(*ask, tmp_path / "a to b.csv"))
-    assert "a path and a query are both named a to b" in said
-
-
 def test_a_path_along_an_edge_is_exported_in_single_precision():
     density = np.ones((16, 60))
     density[8:] = np.inf
@@ -310,3 +242,54 @@ def test_a_path_along_an_edge_is_exported_in_single_precision():
     along = Path(np.array([[0.35, y], [3.0, y], [5.05, y]]))
     ways = export.recommended_ways(costs, {"along": along})
     assert ways.graph.cost.sum() / 2 == pytest.approx(along.length, rel=1e-3)
+
+
+def test_command_writes_paths_as_routes(run, tmp_path):
+    save_map(drawn(*["." * 40] * 12, resolution=0.25), tmp_path / "hall.yaml")
+    for name, rows in (("there", "1,1\n9,1"), ("up", "1,1\n1,2.5"), ("round", "1,1\n9,1\n1,1")):
+        (tmp_path / f"{name}.csv").write_text(f"x,y\n{rows}\n")
+    ask = "export", tmp_path / "hall.yaml", "--to", "nav2-routes", "-o", tmp_path / "out"
+    assert "needs paths: --path CSV or --choice FOLDER" in refused(run(*ask))
+    refusal = refused(run(*ask, "--path", tmp_path / "round.csv"))
+    assert "path round ends where it starts" in refusal
+    given = "--path", tmp_path / "there.csv", "--path", tmp_path / "up.csv"
+    code, out, _ = run(*ask, *given, "--start", "9,1", "--goal", "9,2.5", "--json")
+    assert code == 0
+    assert json.loads(out)["followed"] == ["there", "up", "aware"]
+
+
+@pytest.mark.draws
+def test_routes_figure_colours_cost_per_metre(costs, paths):
+    graph = export.recommended_ways(costs, paths).graph
+    figure = export.routes_figure(costs, graph, "routes")
+    axes, bar = figure.axes
+    (lines,) = axes.collections
+    order = np.argsort(graph.cost / graph.length, kind="stable")
+    assert np.allclose(lines.get_array(), (graph.cost / graph.length)[order])
+    assert np.allclose(np.array(lines.get_segments()), graph.nodes[graph.edges[order]])
+    assert lines.get_clim() == (1.0, (graph.cost / graph.length).max())
+    assert bar.get_ylabel() == "cost per metre of an edge"
+
+
+def test_geojson_adds_up_by_nav2_scorers(costs, paths):
+    graph = export.recommended_ways(costs, paths).graph
+    features = json.loads(json.dumps(export.to_geojson(graph), allow_nan=False))["features"]
+    points = [f for f in features if f["geometry"]["type"] == "Point"]
+    lines = [f["properties"] for f in features if f["geometry"]["type"] == "LineString"]
+    nodes = {p["properties"]["id"]: p["geometry"]["coordinates"] for p in points}
+    ids = [*nodes, *(line["id"] for line in lines)]
+    assert len(set(ids)) == len(ids) == len(graph.nodes) + len(graph.edges)
+    assert all(type(n) is int and 1 <= n <= 2**16 - 1 for n in ids)
+    for line in lines:
+        metadata, ends = line["metadata"], (nodes[line["startid"]], nodes[line["endid"]])
+        assert all(type(v) is float and v >= 0 for v in (*metadata.values(), line["cost"]))
+        assert line["overridable"] is True
+        assert math.dist(*ends) + metadata["penalty"] == pytest.approx(line["cost"], rel=1e-5)
+
+
+def test_geojson_writes_whole_numbers_as_floats():
+    one = np.ones(1)
+    ends, edge = np.array([[0.0, 0.0], [3.0, 0.0]]), np.array([[0, 1]])
+    graph = export.RouteGraph(ends, edge, 3 * one, 3 * one, np.nan * one, np.nan * one)
+    (line,) = export.to_geojson(graph)["features"][2:]
+    assert '"length": 3.0, "penalty": 0.0' in json.dumps(line)

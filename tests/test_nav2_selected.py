@@ -87,7 +87,6 @@ def test_a_mask_of_an_exports_own_parameters_is_warned_of(tmp_path, costs):
     for write, params, warned in (
         (export.nav2_keepout, own, False),
         (export.nav2_keepout, merged, True),
-        (export.nav2_static, merged, True),
         (export.nav2_speed, merged, False),  # it goes beside the mask
     ):
         with warnings.catch_warnings(record=True, action="always") as caught:
@@ -207,7 +206,8 @@ def test_topics_are_those_of_the_robots_namespace(tmp_path, costs, namespace):
     costmap = (merged["r1"] if namespace else merged)["global_costmap"]["global_costmap"]
     own = costmap["ros__parameters"]["localizability_speed_filter"]
     assert own["speed_limit_topic"] == f"{namespace}/speed_limit"
-    export.route_graph(tmp_path / "graph", costs, params=tmp_path / "own.yaml")
+    path = plan(costs, (2, 3), (38, 3)).path
+    export.nav2_routes(tmp_path / "graph", costs, {"there": path}, params=tmp_path / "own.yaml")
     text = (tmp_path / "graph" / "README.md").read_text()
     assert f"send_goal {namespace}/compute_route" in text
 
@@ -226,15 +226,14 @@ def test_a_tree_that_plans_nothing_is_refused(tmp_path, costs):
     assert not (tmp_path / "m").exists()
 
 
-def test_what_each_planner_takes_is_said(tmp_path, costs):
+def test_what_the_planner_takes_is_said(tmp_path, costs):
     aware = plan(costs, (2, 3), (38, 3)).path
     found = exported(tmp_path, costs, paths={"aware": aware})
-    smac, navfn = found.paths
-    assert (smac.planner, smac.name, navfn.planner) == ("smac2d", "aware", "navfn")
+    (smac,) = found.paths
+    assert (smac.planner, smac.name) == ("smac2d", "aware")
     assert smac.follows
     assert smac.ratio < 1.12
     assert 0.25 < smac.least_clearance <= smac.clearance
-    assert navfn.ratio > 1
     text = (tmp_path / "m" / "README.md").read_text()
     assert f"smac2d for aware: {smac.text}" in text
     about = json.loads((tmp_path / "m" / "export.json").read_text())

@@ -1,12 +1,22 @@
 """The paper's experiments: the one-dimensional comparison in closed form, and its claims."""
 
+import importlib.util
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import drawn
 
 from locplan import paper
-from locplan.field import Sad
+from locplan.field import (
+    FieldConfig,
+    Sad,
+    SearchWindow,
+    covariance_field,
+    position_axes,
+    sampled_covariances,
+)
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
 from locplan.paper.template_matching import MODELS
 
@@ -164,3 +174,51 @@ def test_mismatch_at_a_place_is_least_where_it_is():
     assert (at_b[:, 10, 6] == 0).all()  # along the corridor nothing changes
     assert at_b[10, 11, 6] > 1  # across it walls move by 0.2 m
     assert (paper.mismatch_at(maps, "E", Sad()) == 0).all()
+
+
+@pytest.fixture(scope="module")
+def program():
+    """examples/paper.py, which draws the figures."""
+    file = Path(__file__).resolve().parent.parent / "examples" / "paper.py"
+    spec = importlib.util.spec_from_file_location("paper_program", file)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("rotation", [60, 0])
+def test_distributions_show_every_plane_of_the_window(program, rotation):
+    config = FieldConfig(Sad(window=SearchWindow(half_rotation_deg=rotation)))
+    window = config.estimator.window.on(0.1)
+    shape = 21, 21, len(window.angles)
+    mismatch = np.arange(np.prod(shape), dtype=float).reshape(shape)
+    figure = program.distribution_figure({"here": mismatch}, window)
+    flat = [axes for axes in figure.axes if axes.name == "rectilinear" and axes.collections]
+    planes = {(a.get_xlabel(), a.get_ylabel()): a.collections[0] for a in flat if a.get_xlabel()}
+    xy = planes["shift x [m]", "shift y [m]"].get_array()
+    middle = len(window.angles) // 2
+    np.testing.assert_array_equal(xy, mismatch[:, :, middle].T)
+    if rotation:
+        turned = planes["shift y [m]", "turn θ [°]"].get_array()
+        np.testing.assert_array_equal(turned, mismatch[10].T)
+    assert len(planes) == (3 if rotation else 1)
+
+
+def test_ellipses_have_the_size_and_direction_of_the_covariances(program):
+    grid = drawn(*["." * 30] * 20, resolution=0.2)
+    field = covariance_field(grid, Sad(range=1.0))
+    figure = program.ellipses_figure({"six": field, "again": field}, spacing=1.0, magnify=3.0)
+    assert [axes.get_title() for axes in figure.axes] == ["six", "again"]
+    xy, covariance = sampled_covariances(field, 1.0)
+    assert len(xy) > 20
+    major, minor, direction = position_axes(covariance)
+    wedges, ellipses, lines = figure.axes[0].collections
+    np.testing.assert_allclose(ellipses.get_widths(), 6 * major)
+    np.testing.assert_allclose(ellipses.get_heights(), 6 * minor)
+    np.testing.assert_allclose(ellipses.get_angles() % 180, np.degrees(direction) % 180)
+    np.testing.assert_allclose(ellipses.get_offsets(), xy)
+    ends = np.array(lines.get_segments())
+    np.testing.assert_allclose(ends.mean(axis=1), xy)
+    np.testing.assert_allclose(np.hypot(*(ends[:, 1] - ends[:, 0]).T), 6 * major)
+    assert len(wedges.get_paths()) == len(xy)
+    assert "3 times" in figure.legends[0].get_texts()[0].get_text()

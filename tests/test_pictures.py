@@ -120,9 +120,6 @@ def test_large_maps_are_drawn_in_blocks_with_the_field_in_their_middles(field, m
     assert values[10, 10] == pytest.approx(between, rel=0.02)
     (_, u) = plotting.costmap_figure(Costmap.from_field(field.grid, field)).axes[0].images
     assert u.get_array().shape == (20, 30)
-    (_, e, shade) = plotting.e_figure({"one": field}).axes[0].images
-    assert e.get_array().shape == (20, 30)
-    assert shade.get_array().shape == (20, 30, 4)
 
 
 @pytest.mark.parametrize("logarithmic", [True, False])

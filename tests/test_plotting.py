@@ -1,5 +1,4 @@
 import dataclasses
-import re
 
 import numpy as np
 import pytest
@@ -7,17 +6,14 @@ from conftest import drawn, random_rooms
 from figure_looks import check_looks
 from PIL import Image
 
-from locplan import paper, plotting
+from locplan import plotting
 from locplan.costs import Costmap
 from locplan.errors import LocplanError
 from locplan.field import (
     FieldConfig,
     Sad,
     Scan,
-    SearchWindow,
     covariance_field,
-    position_axes,
-    sampled_covariances,
 )
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Plan, pareto_front, plan
@@ -117,69 +113,6 @@ def test_plan_figure_says_what_was_asked(field):
     assert "budget 2.5 m" in title
 
 
-def test_ellipses_have_the_size_and_direction_of_the_covariances(field):
-    figure = plotting.ellipses_figure({"six": field, "again": field}, spacing=1.0, magnify=3.0)
-    assert [axes.get_title() for axes in figure.axes] == ["six", "again"]
-    xy, covariance = sampled_covariances(field, 1.0)
-    assert len(xy) > 20
-    major, minor, direction = position_axes(covariance)
-    wedges, ellipses, lines = figure.axes[0].collections
-    np.testing.assert_allclose(ellipses.get_widths(), 6 * major)
-    np.testing.assert_allclose(ellipses.get_heights(), 6 * minor)
-    np.testing.assert_allclose(ellipses.get_angles() % 180, np.degrees(direction) % 180)
-    np.testing.assert_allclose(ellipses.get_offsets(), xy)
-    ends = np.array(lines.get_segments())
-    np.testing.assert_allclose(ends.mean(axis=1), xy)
-    np.testing.assert_allclose(np.hypot(*(ends[:, 1] - ends[:, 0]).T), 6 * major)
-    assert len(wedges.get_paths()) == len(xy)
-    assert "3 times" in figure.legends[0].get_texts()[0].get_text()
-
-
-def test_the_map_of_e_is_zero_outside_free_space(field):
-    figure = plotting.e_figure({"one": field})
-    image = figure.axes[0].images[1]
-    values = np.asarray(image.get_array())
-    assert (values[~field.grid.free] == 0).all()
-    np.testing.assert_allclose(values[field.grid.free], field.e_map()[field.grid.free])
-    assert image.norm.vmin == 0
-    assert np.mean(values[field.grid.free] <= image.norm.vmax) == pytest.approx(0.98, abs=0.01)
-    assert plotting.e_figure({"one": field}, (0.1, 0.2)).axes[0].images[1].norm.vmax == 0.2
-    assert re.match(r"one\n(.*% weak|no weak spot)", figure.axes[0].get_title())
-
-
-def test_slides_are_drawn_with_their_templates():
-    figure = paper.slides_figure(paper.one_dimensional(resolution=0.5))
-    check_looks(figure, "slides")
-    assert figure.get_size_inches().tolist() == [15.0, 6.4]
-    assert len(figure.axes) == 6
-    lower = figure.axes[3:]
-    assert [axes.get_xlabel() for axes in lower] == ["shift of the template [m]"] * 3
-    assert [line.get_label() for line in lower[0].lines[:7]] == [
-        *("SSD", "SAD", "NSSD", "NCC", "ZNCC", "ZCC", "CC")
-    ]
-    assert lower[0].get_title("right") == "undefined: NSSD in parts, NCC in parts, ZNCC"
-    assert lower[2].get_title("right") == ""
-
-
-@pytest.mark.parametrize("rotation", [60, 0])
-def test_distributions_show_every_plane_of_the_window(rotation):
-    config = FieldConfig(Sad(window=SearchWindow(half_rotation_deg=rotation)))
-    window = config.estimator.window.on(0.1)
-    shape = 21, 21, len(window.angles)
-    mismatch = np.arange(np.prod(shape), dtype=float).reshape(shape)
-    figure = paper.distribution_figure({"here": mismatch}, window)
-    check_looks(figure, f"distribution over {rotation} deg")
-    flat = [axes for axes in figure.axes if axes.name == "rectilinear" and axes.collections]
-    planes = {(a.get_xlabel(), a.get_ylabel()): a.collections[0] for a in flat if a.get_xlabel()}
-    xy = planes["shift x [m]", "shift y [m]"].get_array()
-    middle = len(window.angles) // 2
-    np.testing.assert_array_equal(xy, mismatch[:, :, middle].T)
-    if rotation:
-        turned = planes["shift y [m]", "turn θ [°]"].get_array()
-        np.testing.assert_array_equal(turned, mismatch[10].T)
-    assert len(planes) == (3 if rotation else 1)
-
-
 def test_fields_of_several_estimators_are_drawn_on_one_scale():
     grid = drawn("#" * 20, *["#" + "." * 18 + "#"] * 8, "#" * 20, resolution=0.2)
     estimators = Sad(range=2.0), Scan(Lidar(range=2.0))
@@ -192,18 +125,3 @@ def test_fields_of_several_estimators_are_drawn_on_one_scale():
     ((low, high),) = scales
     assert low == pytest.approx(min(least))
     assert high == pytest.approx(max(greatest))
-
-
-def test_a_script_draws_what_the_command_draws(field):
-    configs = [FieldConfig(Sad(range=reach)) for reach in (1.0, 1.5)]
-
-    def compute(grid, config):
-        return covariance_field(grid, config)
-
-    figure = plotting.figure_of(field.grid, "ellipses", configs, compute=compute, spacing=3.0)
-    titles = [axes.get_title() for axes in figure.axes]
-    assert titles == [f"rooms: {each.summary}" for each in configs]
-    xy, _ = sampled_covariances(field, 3.0)
-    assert len(figure.axes[0].collections[1].get_offsets()) == len(xy)
-    with pytest.raises(LocplanError, match="an option of the figure e must be one of limits"):
-        plotting.figure_of(field.grid, "e", configs, compute=None, spacing=3.0)

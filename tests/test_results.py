@@ -294,13 +294,13 @@ def test_a_plan_that_is_interrupted_while_it_draws_leaves_its_folder_as_it_was(
     [
         ((*PLAN, "ROOM", "-o", "OUT", "--planner", "BITstar"), "history.png"),
         ((*PLAN, "ROOM", "-o", "OUT"), "chosen.csv"),
-        (("pareto", *ENDS, "ROOM", "-o", "OUT"), "front.csv"),
+        (("plan", "ROOM", *ENDS, "--front", "-o", "OUT"), "front.csv"),
         (("simulate", *ENDS, "--drives", "2", "ROOM", "-o", "OUT"), "errors.csv"),
         (("simulate", "--random", "2", "--drives", "2", "ROOM", "-o", "OUT"), "01-room.png"),
         (("evaluate", "ROOM", "-o", "OUT"), "places.csv"),
         (("compare", "ROOM", "-o", "OUT"), "runs.csv"),
-        (("maps", "--name", "hall", "OUT"), "hall.pgm"),
-        (("field", "ROOM", "OTHER", "--picture", "OUT"), "room.png"),
+        (("info", "hall", "-o", "OUT"), "hall.pgm"),
+        (("field", "ROOM", "OTHER", "--picture", "e", "-o", "OUT"), "room.png"),
     ],
     ids=lambda value: value if isinstance(value, str) else value[0],
 )
@@ -367,7 +367,7 @@ def test_only_a_picture_that_calibrate_drew_is_replaced(run, room, tmp_path):
 def test_no_picture_takes_the_place_of_another_maps_image(run, room, tmp_path):
     save_map(load_map(room), tmp_path / "lab.yaml", image_format="png")
     before = (tmp_path / "lab.png").read_bytes()
-    code, _, err = run("field", room, "--picture", tmp_path / "lab.png")
+    code, _, err = run("field", room, "-o", tmp_path / "lab.png")
     assert code == 2
     assert "replaces lab.png, a map" in err
     assert (tmp_path / "lab.png").read_bytes() == before

@@ -77,7 +77,7 @@ SAID = "robot: tim571, 25 m, 270°; radius 0.5 m, margin 0.01 m; AMCL's alpha1 0
 @pytest.mark.parametrize(
     ("command", "options", "stopped_by"),
     [
-        ("pareto", ENDS, "locplan.planners.check_ends"),
+        ("plan", (*ENDS, "--front"), "locplan.planners.check_ends"),
         ("plan", ENDS, "locplan.simulation.choice._ask.check_ends"),
         ("simulate", ENDS, "locplan.planners.check_ends"),
         ("simulate", ("--random", "2"), "locplan.planners.random_queries"),
@@ -164,21 +164,6 @@ def test_a_robots_file_is_not_written_over(run, hall):
     assert code == 2
     assert "another input; choose another name" in err
     assert (hall / "nav2.yaml").read_text() == before
-
-
-def test_the_ways_of_queries_are_driven_by_the_robot(run, hall, monkeypatch):
-    driven = []
-
-    def stop(costs, queries, robot, **_):
-        driven.append(robot)
-        raise ConfigError("stopped")
-
-    monkeypatch.setattr("locplan.simulation.choose_many", stop)
-    (hall / "q.csv").write_text("name,x,y\na,0.75,0.75\nb,7.5,0.75\n")
-    asked = "export", hall / "m.yaml", "--to", "nav2-routes", "--queries", hall / "q.csv"
-    given = "--robot", hall / "nav2.yaml", "--set", "range=1", "--set", "outliers=0.5"
-    assert "stopped" in run(*asked, *given, "-o", hall / "out")[2]
-    assert driven == [Robot.load(hall / "nav2.yaml").changed({"range": 1, "outliers": 0.5})]
 
 
 def test_calibrate_writes_the_robot(run, hall):

@@ -225,7 +225,7 @@ def test_a_file_that_is_no_field_is_said_in_one_line(tmp_path, name):
 
 def test_without_locplan_an_npz_is_asked_for(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "locplan", None)
-    with pytest.raises(ValueError, match=r"needs locplan .* export the field as \.npz"):
+    with pytest.raises(ValueError, match=r"needs locplan .* write the field as \.npz"):
         part("field_file").FieldFile.load(str(tmp_path / "f.zarr"))
 
 
@@ -493,19 +493,20 @@ def launched(monkeypatch):
 
 @pytest.fixture
 def folders(tmp_path):
-    costs = locplan.Costmap.from_density(turned_room(0.0), np.ones((30, 60)))
+    u = np.full((30, 60), 0.5)
+    costs = locplan.Costmap.from_layers(turned_room(0.0), u=u)
     export.nav2_keepout(tmp_path / "mask", costs)
-    export.nav2_static(tmp_path / "layer", costs)
+    export.nav2_speed(tmp_path / "speed", costs)
     (tmp_path / "field.npz").touch()
     (tmp_path / "map.yaml").touch()
     return tmp_path
 
 
 def test_the_launch_file_includes_each_folder(launched, folders):
-    exports = f"{folders / 'mask'}, {folders / 'layer'}, "
+    exports = f"{folders / 'mask'}, {folders / 'speed'}, "
     included = launched(exports=exports, rviz="false")
     assert [action.given[0] for action in included] == [
-        str(folders / name / LAUNCH) for name in ("mask", "layer")
+        str(folders / name / LAUNCH) for name in ("mask", "speed")
     ]
 
 

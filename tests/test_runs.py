@@ -38,7 +38,7 @@ def content(folder):
     "command",
     [
         ("plan", "hall.yaml", *ENDS, "--via", "4,2", "--weight", "6"),
-        ("pareto", "hall.yaml", *ENDS, "--objective", "e"),
+        ("plan", "hall.yaml", *ENDS, "--front"),
         ("twins", "hall.yaml", "--lidar", "rplidar-a1", "--set", "range=3", "--spacing", "1.5"),
         ("landmarks", "hall.yaml", *ENDS, "--set", "range=3", "--count", "1", "--drives", "0"),
         ("export", "hall.yaml", "--to", "nav2-keepout"),
@@ -65,7 +65,7 @@ def test_a_run_is_repeated_to_the_same_files_from_anywhere(run, place, monkeypat
 
 
 def test_without_another_folder_the_runs_own_results_are_replaced(run, place):
-    run("pareto", "hall.yaml", *ENDS, "-o", "front")
+    run("plan", "hall.yaml", *ENDS, "--front", "-o", "front")
     before = (place / "front/front.csv").read_bytes()
     assert run("run", "front/run.yaml")[0] == 0
     assert (place / "front/front.csv").read_bytes() == before
@@ -76,7 +76,7 @@ def test_without_another_folder_the_runs_own_results_are_replaced(run, place):
 
 def test_a_map_or_a_robot_that_has_changed_is_said_in_one_line(run, place):
     Robot(footprint=0.2).save("robot.yaml")
-    run("pareto", "hall.yaml", *ENDS, "--robot", "robot.yaml", "-o", "front")
+    run("plan", "hall.yaml", *ENDS, "--front", "--robot", "robot.yaml", "-o", "front")
     assert "changed" not in run("run", "front")[2]
     Robot(footprint=0.3).save("robot.yaml")
     (line,) = [line for line in run("run", "front", "-o", "b")[2].splitlines() if "changed" in line]
@@ -96,8 +96,8 @@ def test_a_map_or_a_robot_that_has_changed_is_said_in_one_line(run, place):
         ("- 1", "is damaged, or no run"),
         ("kind: robot\nversion: 1", "holds a robot, not a run"),
         ("kind: run\nversion: 2", "is of a newer locplan"),
-        ("kind: run\nversion: 1\ncommand: pareto", "is damaged"),
-        ("kind: run\nversion: 1\ncommand: pareto\nsettings: 3\nfiles: []", "is damaged"),
+        ("kind: run\nversion: 1\ncommand: plan", "is damaged"),
+        ("kind: run\nversion: 1\ncommand: plan\nsettings: 3\nfiles: []", "is damaged"),
         ("kind: run\nversion: 1\ncommand: fly\nsettings: {}\nfiles: []", "fly"),
         (
             "kind: run\nversion: 1\ncommand: run\nsettings: {}\nfiles: []",
@@ -124,7 +124,7 @@ def test_a_recipe_gives_the_same_path_in_a_shell_and_in_python(run, place):
     robot = Robot(footprint=0.3).changed({"margin": 0.1})
     config = FieldConfig(Sad(range=3.0), stride=0.5)
     recipe = Recipe(
-        "pareto",
+        "plan",
         "pareto_front",
         "hall.yaml",
         {
@@ -132,7 +132,7 @@ def test_a_recipe_gives_the_same_path_in_a_shell_and_in_python(run, place):
             "goal": (8.1, 1 / 3 + 0.7),
             "robot": robot_spelled(robot),
             "config": config_spelled(config, None),
-            "objective": "u",
+            "front": True,
             "time_limit": 20,
         },
         ("the first note",),
@@ -156,7 +156,7 @@ def test_a_recipe_gives_the_same_path_in_a_shell_and_in_python(run, place):
         "ends": ends,
         "robot": robot,
         "config": config,
-        "objective": "u",
+        "front": True,
         "time_limit": 20,
         "shape": (8, 20),
     }
@@ -173,7 +173,7 @@ def test_a_recipe_says_lists_switches_and_hard_names():
 @pytest.mark.parametrize(
     ("command", "file"),
     [
-        (("export", "hall.yaml", "--to", "csv"), "values.csv"),
+        (("export", "hall.yaml", "--to", "path", *ENDS), "values.csv"),
         (("field", "hall.yaml", "--stride", "0.5"), "field.zarr"),
     ],
 )
@@ -190,5 +190,5 @@ def test_a_run_beside_a_file_is_repeated_in_its_place_or_another(run, place, com
 
 def test_an_export_without_an_output_has_its_run_beside_it(run, place, monkeypatch):
     monkeypatch.chdir(place)
-    assert run("export", "hall.yaml", "--to", "csv", "--disc", "3")[0] == 0
-    assert (place / "hall-csv.csv.run.yaml").exists()
+    assert run("export", "hall.yaml", "--to", "path", *ENDS, "--disc", "3")[0] == 0
+    assert (place / "hall-path.csv.run.yaml").exists()

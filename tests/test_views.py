@@ -7,7 +7,7 @@ import pytest
 from figure_looks import check_looks
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from locplan import Sad, Scan, covariance_field, plotting
+from locplan import Scan, covariance_field, plotting
 from locplan.costs import Costmap, Path
 from locplan.field import FieldConfig
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
@@ -185,20 +185,6 @@ def test_a_well_marked_map_has_no_weak_spot_in_words():
         Costmap.from_field(grid, field, robot=0.0), u=np.full(grid.shape, 0.2)
     )
     assert "no weak spot: u is 0.20" in plotting.costmap_figure(unclear).axes[0].get_title()
-
-
-def test_ellipses_and_headings_stay_within_the_axes():
-    grid = hall(30, 40, (0.0, 0.0, 0.0))
-    field = covariance_field(grid, FieldConfig(Sad(range=2.0), stride=0.4))
-    axes = plotting.ellipses_figure({"one": field}, spacing=1.0, magnify=5.0).axes[0]
-    wedges, ellipses, _ = axes.collections
-    low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
-    for path in wedges.get_paths():
-        assert (path.vertices >= low).all()
-        assert (path.vertices <= high).all()
-    reach = ellipses.get_widths()[:, None] / 2
-    assert (ellipses.get_offsets() - reach >= low - 1e-9).all()
-    assert (ellipses.get_offsets() + reach <= high + 1e-9).all()
 
 
 @pytest.mark.parametrize(

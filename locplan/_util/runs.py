@@ -159,7 +159,12 @@ def _each(value: Any, change: Any) -> Setting:
 
 
 def _relative(text: str, home: Path) -> str:
-    """A file as it is named from a folder; on another drive it stays as it is."""
+    """A file as it is named from a folder; on another drive it stays as it is.
+
+    So does the name of a built-in map, which is no file.
+    """
+    if not os.path.lexists(text):
+        return text
     try:
         return PurePath(os.path.relpath(text, home)).as_posix()
     except ValueError:
@@ -168,7 +173,8 @@ def _relative(text: str, home: Path) -> str:
 
 def _from(home: Path, text: str) -> str:
     """A file that is named from a folder, as it is named from here."""
-    return os.path.normpath(home / text)
+    file = os.path.normpath(home / text)
+    return file if os.path.lexists(file) else text
 
 
 def as_argument(text: str) -> str:

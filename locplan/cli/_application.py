@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
 
 SYSTEM_ERROR, WRONG_INPUT, NOT_IN_METRES, BEYOND_LIMIT = 1, 2, 3, 4
+INSTALL_COMPLETION = "--install-completion"
 COMMANDS = {
     "check": ("Start", "_check"),
     "explore": ("Start", "_explore"),
     "info": ("Start", "_upkeep"),
     "plan": ("Plan", "_plan"),
-    "pareto": ("Plan", "_plan"),
     "compare": ("Plan", "_compare"),
     "tune": ("Localize", "_simulate"),
     "simulate": ("Localize", "_simulate"),
@@ -41,12 +41,9 @@ COMMANDS = {
     "features": ("The site", "_landmarks"),
     "twins": ("The site", "_localize"),
     "export": ("Hand over", "_export"),
-    "plot": ("Hand over", "_export"),
     "field": ("Upkeep", "_upkeep"),
     "cache": ("Upkeep", "_upkeep"),
-    "maps": ("Upkeep", "_upkeep"),
     "run": ("Upkeep", "_upkeep"),
-    "completion": ("Upkeep", "_upkeep"),
 }
 """The heading of each command in the help, and the module that has it by its name."""
 
@@ -84,7 +81,10 @@ def application(*names: str) -> App:
             # It is imported now, so that the help knows its first sentence.
             app[name].group, app[name].sort_key = headings[title], n
     flags = (Group("Help", sort_key=len(headings)),)
-    for flag in (*app.help_flags, *app.version_flags):
+    app.register_install_completion_command(
+        INSTALL_COMPLETION, help="Install the completion of commands and options for your shell."
+    )
+    for flag in (*app.help_flags, *app.version_flags, INSTALL_COMPLETION):
         app[flag].group = flags
     return app
 
@@ -92,7 +92,8 @@ def application(*names: str) -> App:
 def launched(tokens: list[str]) -> tuple[int | None, Run]:
     """Run the command that is named, and import no other; return its exit code and its run."""
     first = next((token for token in tokens if not token.startswith("-")), "")
-    app = application(*({first} & COMMANDS.keys()))
+    completing = INSTALL_COMPLETION in tokens  # which needs all commands
+    app = application(*({first} & COMMANDS.keys() if not completing else ()))
     app.meta.suppress_keyboard_interrupt = False
 
     @app.meta.default

@@ -1,18 +1,15 @@
-"""The commands that export to navigation stacks and plain files, and that draw fields."""
+"""The command that exports to navigation stacks."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, cast, get_type_hints
 
 from cyclopts import Parameter
-from cyclopts.validators import Number
 
 import locplan
-from locplan._util.files import PICTURES, check_target
 from locplan._util.progress import working
 from locplan._util.public import field_docs
 from locplan.cli import _options as shared, _types as typed
@@ -85,7 +82,7 @@ class export(
     shared.Computing,
     shared.Output,
 ):
-    """Write cost maps, route graphs, bags and paths for navigation stacks, or plain files."""
+    """Write cost maps, route graphs and paths for navigation stacks."""
 
     to: Annotated[
         str, Parameter(choices=tuple(FORMATS), show_choices=False, help=f"Format: {ABOUT}.")
@@ -99,14 +96,15 @@ class export(
         ),
     ] = None
     choice: Annotated[
-        Path | None,
+        tuple[Path, ...],
         typed.INPUT,
         Parameter(
             metavar="FOLDER",
             help="Choice whose path is exported, and masks by the density of this path: the folder"
-            f" that plan -o wrote, or its choice.json ({', '.join(PATHS)}).",
+            " that plan -o wrote, or its choice.json; repeatable for nav2-routes, as is a folder of"
+            f" such folders ({', '.join(PATHS)}).",
         ),
-    ] = None
+    ] = ()
     output: Annotated[Path | None, typed.Target, typed.under("Output")] = None
     """File or folder; MAP-FORMAT here by default."""
 
@@ -115,18 +113,17 @@ class export(
 
         to, format, named = self.to, FORMATS[self.to], ("path", "start", "goal", "choice")
         typed.check_read(self.given(*named), "--to", to, dict.fromkeys(PATHS, named))
-        file = self.choice
-        chosen, making = self._chosen(), self._of_choice(file) if file else self._of_options()
+        chosen, making = self._chosen(), self._of_choices() if self.choice else self._of_options()
         grid = locplan.load_map(self.map_file)
         target = self.output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
         format.check_target(target, force=self.force)
-        count = len(self.path) + bool(self.start or self.choice)
+        count = len(self.path) + len(self.choice) + bool(self.start)
         if format.paths == "one" and count != 1:
             raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal, or --choice")
         format.check(chosen, count)
         config, job_of = making
         job = job_of(self.field_of(grid, config))
-        with nullcontext() if format.shows_progress else working(f"writing {target.name}"):
+        with working(f"writing {target.name}"):
             summary = format.write(target, job, chosen)
         about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
         rows = [("map", grid.name), ("format", to), ("field", config.estimator.summary)]
@@ -146,16 +143,24 @@ class export(
 
         return config, made
 
-    def _of_choice(self, file: Path) -> tuple[FieldConfig, Callable[[CovarianceField], ExportJob]]:
-        """Settings of the field of a choice, and its objects on it."""
-        others = "lidar", "set", "path", "start", "goal", *FIELD
+    def _of_choices(self) -> tuple[FieldConfig, Callable[[CovarianceField], ExportJob]]:
+        """Settings of the field of choices, and their objects on it."""
+        others = "lidar", "set", "start", "goal", *FIELD
         self.refuse("with --choice, which has its own", *others, shared.CostOptions)
-        choice = locplan.Choice.load(file)
+        several = self.to == "nav2-routes"
+        if not several:
+            self.refuse("with --choice, which has its own", "path")
+        choices = locplan.simulation.read_choices(*self.choice)
+        if len(choices) > 1 and not several:
+            raise ConfigError(f"--to {self.to} takes one --choice, not {len(choices)}")
+        paths, (first, *_) = shared.read_paths(self.path), choices.values()
 
         def made(field: CovarianceField) -> ExportJob:
-            return locplan.export.ExportJob.of_choice(choice, field)
+            if several:
+                return locplan.export.ExportJob.of_choices(choices, field, paths)
+            return locplan.export.ExportJob.of_choice(first, field)
 
-        return choice.config, made
+        return first.config, made
 
     def _chosen(self) -> Any:
         """The options of the format from those given; a ConfigError if one is not for it."""
@@ -175,66 +180,3 @@ def _planned(costs: locplan.Costmap, *ends: tuple[float, float]) -> locplan.Path
         why = found.note or found.status
         raise ConfigError(f"no path leads from --start to --goal: {why}")
     return found.path
-
-
-READ = {
-    "field": ("scalar",),
-    "e": ("ranges", "limits"),
-    "ellipses": ("ranges", "spacing", "magnify"),
-    "distribution": ("at",),
-    "models": ("at", "axis"),
-}
-"""The options that each figure reads."""
-
-
-@typed.command(
-    "plot lab.yaml -o heading.png --scalar heading_std",
-    "plot lab.yaml -o ellipses.png --figure ellipses --ranges 6,8",
-    "plot lab.yaml -o models.png --figure models --at 2,3 --axis theta",
-)
-class plot(typed.OneMap, FieldOptions, shared.Computing):
-    """Draw the map with its field, or how well a place matches its surroundings."""
-
-    figure: Literal["field", "e", "ellipses", "distribution", "models"] = "field"
-    """Figure of a field (default), of the paper's e or ellipses, or of a place (--at)."""
-    scalar: str | None = None
-    """Scalar in the figure field: what degeneracy is made of by default, or e, position_std,
-    position_rms, heading_std, ambiguity or entropy."""
-    ranges: typed.Ranges = None
-    """Ranges of the lidar side by side in the figures e and ellipses, in metres."""
-    limits: Annotated[Any, typed.parsed(typed.two_numbers, "LOW,HIGH")] = None
-    """Ends of the colours of the figure e, in m² rad."""
-    spacing: Annotated[float | None, Parameter(validator=Number(gte=0.1))] = None
-    """Minimum distance between ellipses, in metres; 2 by default."""
-    magnify: Annotated[float | None, Parameter(validator=Number(gte=0.01))] = None
-    """Factor by which ellipses are enlarged."""
-    at: typed.XY = None
-    """Place of the figures distribution and models (all seven), x,y in metres."""
-    axis: Literal["x", "y", "theta"] | None = None
-    """Axis along which the models are drawn; x by default."""
-    output: Annotated[Path, typed.Target, typed.under("Output")]
-    """File for the picture (.png, .pdf, .svg)."""
-
-    def __call__(self) -> None:
-        _, configs = self.robot_and_fields(self.ranges)
-        name, given = self.figure, self.given(*(name for names in READ.values() for name in names))
-        typed.check_read(given, "--figure", name, READ)
-        of_place = "at" in READ[name]
-        if of_place and "at" not in given:
-            raise ConfigError(f"--figure {name} needs --at X,Y")
-        given.pop("ranges", None)
-        if name == "models":
-            given = {"axis": "x"} | given
-        check_target(self.output, *PICTURES)
-        grid = locplan.load_map(self.map_file)
-        if of_place:
-            estimator: Any = configs[0].estimator
-            if estimator.name != "sad":
-                raise ConfigError(f"--figure {name} is of --estimator sad")
-            drawn = locplan.paper.place_figure(grid, estimator=estimator, **given)
-        else:
-            compute = self.field_of
-            drawn = locplan.plotting.figure_of(grid, name, configs, compute=compute, **given)
-        with working("drawing"):
-            locplan.plotting.save_figure(drawn, self.output)
-        shared.say_written(self.output)

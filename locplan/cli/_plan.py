@@ -1,4 +1,4 @@
-"""The commands that choose the path to take, and that find all best trade-offs."""
+"""The command that chooses the path to take, or finds all best trade-offs."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ class PlannerOptions(typed.Options):
     turning_radius: float | None = None
     """Radius of the curves of Dubins and ReedsShepp, in metres."""
     time_limit: float | None = None
-    """Time of OMPL's planners (5 by default) and of lattice for each path, in seconds."""
+    """Time of OMPL's planners (5 by default) and of lattice for each path, or of --front (30 by
+    default), in seconds."""
     iterations: int | None = None
     """Number of iterations of OMPL's planners; one seed then always gives one path."""
     convergence: float | None = None
@@ -92,6 +93,7 @@ class Driving(typed.Options):
 @typed.command(
     "plan lab.yaml --start 2,3 --goal 38,3 --lidar turtlebot4 --robot nav2.yaml -o planned",
     "plan lab.yaml --start 2,3 --goal 38,3 --planner BITstar --time-limit 2",
+    "plan lab.yaml --start 2,3 --goal 38,3 --front -o front",
 )
 class plan(
     typed.OneMap, FieldOptions, FilterMap, PlannerOptions, Driving, CostOptions, Computing, Output
@@ -111,7 +113,7 @@ class plan(
     path: typed.Csv = ()
     """Further candidate (CSV of positions); repeatable."""
     front: bool = False
-    """Take up to 5 paths of the Pareto front of length against degeneracy as candidates, too."""
+    """Compute and draw the Pareto front of length and degeneracy; no drive is simulated."""
     max_e: float | None = None
     """Maximum e of the cells that a path enters, in m² rad."""
     budget: float | None = None
@@ -120,6 +122,8 @@ class plan(
     """Maximum length of a candidate, in lengths of the shortest path; 1.5 by default."""
 
     def __call__(self) -> None:
+        if self.front:
+            return self._find_front()
         config: Any
         robot, config = self.robot_and_field()
         if robot.lidar is not None and self.drives != 0:
@@ -132,7 +136,7 @@ class plan(
         self.check_output(locplan.Choice.files, "history.png")
         grid, basis = locplan.load_map(self.map_file), config
         if self.no_field:
-            self.refuse("with --no-field", *FIELD, CostOptions, "max_e", "budget", "front")
+            self.refuse("with --no-field", *FIELD, CostOptions, "max_e", "budget")
             basis = locplan.Costmap.blank(grid, robot=robot)
         settings = self.given("seed", "threads", locplan.simulation.ChoiceSettings)
         settings["time_limit"] = self.driving_time  # --time-limit is that of OMPL's planners
@@ -162,34 +166,30 @@ class plan(
             raise ConfigError(f"a --path file has the name of a --planner, {name}; rename it")
         return {**paths, **made}
 
-
-@typed.command("pareto lab.yaml --start 2,3 --goal 38,3 -o front")
-class pareto(typed.OneMap, FieldOptions, Computing, Output):
-    """Find all best trade-offs between length and localizability, and where they bend.
-
-    The knee is the path farthest below the chord between the front's ends, or else the shortest.
-    """
-
-    start: Annotated[Any, typed.parsed(typed.position, "X,Y")]
-    """Start, x,y in metres."""
-    goal: Annotated[Any, typed.parsed(typed.position, "X,Y")]
-    """Goal, x,y in metres."""
-    objective: Literal["u", "e"] = "u"
-    """Second objective: the degenerate metres (u, by default), or the integral of e."""
-    time_limit: float = 30.0
-    """Time of the search, in seconds, exact or not; 30 by default."""
-
-    def __call__(self) -> None:
-        limits, ends = self.given("objective", "time_limit"), (self.start, self.goal)
-        locplan.planners.check_front_limits(**limits)
-        grid = locplan.load_map(self.map_file)
+    def _find_front(self) -> None:
+        """Find all best trade-offs of length and degeneracy, and where they bend."""
+        self.refuse("with --front", *NOT_OF_FRONT, Driving)
+        limits = self.given("time_limit")
+        locplan.planners.check_front_limits("u", **{"time_limit": 30.0, **limits})
+        ends: Any = (self.start, self.goal)
+        if any(len(end) > 2 for end in ends):
+            raise ConfigError("--front has no headings; give --start and --goal as X,Y")
         robot, config = self.robot_and_field()
+        self.check_costs(config)
+        grid = locplan.load_map(self.map_file)
         locplan.planners.check_ends(locplan.Costmap.blank(grid, robot=robot), *ends)
         self.check_output(locplan.ParetoFront.files)
         field = self.field_of(grid, config)
-        costs = locplan.Costmap.from_field(grid, field, robot=robot)
+        costs = self.costmap(grid, field, robot)
         with working("searching the front"):
             front = locplan.pareto_front(costs, *ends, **limits)
         self.finish(front)
         if not self.json:
             print(locplan.field.about_field(field))
+
+
+NOT_OF_FRONT = (
+    *(name for name in typed.field_names(PlannerOptions) if name != "time_limit"),
+    *("weight", "via", "path", "max_e", "budget", "longest", "filter_map"),
+)
+"""The options that --front does not read."""

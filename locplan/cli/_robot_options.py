@@ -135,7 +135,8 @@ class FilterMap(RobotOptions):
         """Warn of maps that are masks for a costmap filter, as `info` does."""
         maps = getattr(self, "maps", None) or [getattr(self, "map_file", None)]
         for file in locplan.maps.find_maps(*filter(None, maps)):
-            for fault in locplan.maps.of_mask(*locplan.maps.read_map(file)):
+            grid, source = locplan.maps.read_map(file)
+            for fault in locplan.maps.of_mask(grid, source) if source else ():
                 said = one_line(f"{file}: {fault.sentence}")
                 warnings.warn(locplan.maps.MapWarning(said), stacklevel=2)
 

@@ -237,7 +237,12 @@ class OneMap(Options):
     """The map of a command."""
 
     map_file: Annotated[
-        Path, *MAPS, Parameter(help="Map: a map_server YAML file, or a folder with one.")
+        Path,
+        *MAPS,
+        Parameter(
+            help="Map: a map_server YAML file, a folder with one, or a built-in map:"
+            f" {', '.join(locplan.maps.BUILT_IN)}."
+        ),
     ]
 
 
@@ -246,7 +251,9 @@ class ManyMaps(Options):
     """The maps of a command."""
 
     maps: Annotated[
-        list[Path], *MAPS, Parameter(help="Maps: map_server YAML files, or folders of them.")
+        list[Path],
+        *MAPS,
+        Parameter(help="Maps: map_server YAML files, folders of them, or built-in maps."),
     ]
 
 

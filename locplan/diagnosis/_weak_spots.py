@@ -13,7 +13,8 @@ import numpy as np
 
 from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan.costs import Costmap, Path
-from locplan.export import DegenerateArea, degenerate_areas
+from locplan.diagnosis._areas import degenerate_areas
+from locplan.diagnosis._outlines import DegenerateArea
 from locplan.field import CovarianceField
 from locplan.maps import OCCUPIED, OccupancyGrid
 

@@ -47,7 +47,7 @@ def export(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     Nothing that is there is replaced without `force`: the export gets a number behind its name.
     With it, a file is replaced, and a folder if it is an export of ours without changes.
     """
-    offered = ("nav2-keepout", "nav2-static", "nav2-speed", "route-graph", "path")
+    offered = ("nav2-keepout", "nav2-speed", "path")
     to = ask.one_of("to", offered, offered[0])
     distro, opening = ask.text("distro", None), session.opening
     folder, force = opening.folder, opening.force
@@ -66,7 +66,7 @@ def export(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     paths = {AWARE: view.path()} if format.paths == "one" else {}
     make_folder(folder)
     format.check_target(target, force=force)
-    job = ExportJob(view.costs, view.field, paths, work.progress, view.robot)
+    job = ExportJob(view.costs, view.field, paths, view.robot)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         format.write(target, job, options)

@@ -1,4 +1,4 @@
-"""Files for navigation stacks: ROS 2 Nav2, ROS 1, Foxglove, and for anything that reads tables.
+"""Files for navigation stacks: ROS 2 Nav2 and ROS 1.
 
 Folders are written whole or not at all, with a README.md that says what each file is and how to
 launch it.

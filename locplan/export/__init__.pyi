@@ -1,8 +1,3 @@
-from ._areas import (
-    degenerate_areas as degenerate_areas,
-    save_degenerate_areas as save_degenerate_areas,
-)
-from ._bags import bag as bag
 from ._batch import (
     FieldJob as FieldJob,
     FieldRun as FieldRun,
@@ -15,20 +10,12 @@ from ._charges import (
     keepout_mask as keepout_mask,
 )
 from ._costmap import CostmapInflation as CostmapInflation, PlannedPath as PlannedPath
-from ._entries import with_stations as with_stations
 from ._figures import routes_figure as routes_figure, values_figure as values_figure
-from ._graph_files import (
-    lif as lif,
-    route_graph as route_graph,
-    to_geojson as to_geojson,
-    to_lif as to_lif,
-)
+from ._graph_files import to_geojson as to_geojson
 from ._nav2 import (
     nav2_keepout as nav2_keepout,
     nav2_speed as nav2_speed,
-    nav2_static as nav2_static,
 )
-from ._outlines import DegenerateArea as DegenerateArea
 from ._parameters import (
     DISTRIBUTIONS as DISTRIBUTIONS,
     Distribution as Distribution,
@@ -37,7 +24,7 @@ from ._parameters import (
     RobotWarning as RobotWarning,
     distribution as distribution,
 )
-from ._plain_files import field as field, layer as layer, path as path
+from ._plain_files import field as field, path as path
 from ._recommended import (
     RecommendedWays as RecommendedWays,
     nav2_routes as nav2_routes,
@@ -49,6 +36,6 @@ from ._registry import (
     Format as Format,
     formats as formats,
 )
-from ._roadmap import RouteGraph as RouteGraph, roadmap as roadmap
+from ._route_graph import RouteGraph as RouteGraph
 from ._servers import write_filter_map as write_filter_map
 from ._values import YawWarning as YawWarning, percent as percent, ros_map as ros_map

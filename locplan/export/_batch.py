@@ -9,75 +9,110 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from locplan._util.checks import one_of
 from locplan._util.files import PICTURES, check_target, make_folder
 from locplan._util.progress import working
 from locplan._util.results import ResultFolder
 from locplan._util.tables import table
 from locplan.errors import LocplanError
-from locplan.field import FIELD_SUFFIX, SCALARS, CovarianceField, FieldSummary, check_field_target
+from locplan.export._plain_files import NUMPY_SUFFIX, field
+from locplan.field import (
+    FIELD_SUFFIX,
+    SCALARS,
+    CovarianceField,
+    FieldConfig,
+    FieldSummary,
+    check_field_target,
+)
 from locplan.maps import OccupancyGrid, find_maps, load_map, name_of
 
 
 @dataclass(frozen=True)
 class FieldJob:
-    """A map, and the files of its field and its picture, if they are to be written."""
+    """A map, and the file that is written of its field."""
 
     map_file: Path
     """The map's file."""
     output: Path | None = None
-    """File of the field; None for none."""
-    picture: Path | None = None
-    """File of the picture; None for none."""
+    """File of the field (.zarr, .npz) or of a picture of it (.png, .pdf, .svg); None for none."""
+    scalar: str | None = None
+    """Scalar that a picture shows; by default what degeneracy is made of."""
     pictures: ResultFolder | None = None
     """The folder of the picture, unless the user named the file."""
     force: bool = False
     """Whether files in the way are replaced."""
 
     def check(self) -> None:
-        """Raise a LocplanError unless both can be written."""
-        if self.output:
+        """Raise a LocplanError unless the file can be written."""
+        if self.output is None:
+            if self.scalar:
+                raise LocplanError(f"name a file for the picture of {self.scalar} with --output")
+            return
+        suffix = self.output.suffix.lower()
+        if self.scalar or suffix in PICTURES:
+            check_target(self.output, *PICTURES)
+        elif suffix == NUMPY_SUFFIX:
+            check_target(self.output, NUMPY_SUFFIX)
+        elif suffix == FIELD_SUFFIX:
             check_field_target(self.output, force=self.force)
-        if self.picture:
-            check_target(self.picture, *PICTURES)
-        if self.picture and self.pictures:
-            self.pictures.check(self.picture.name)
+        else:
+            check_target(self.output, FIELD_SUFFIX, NUMPY_SUFFIX, *PICTURES)
+        if self.pictures:
+            self.pictures.check(self.output.name)
 
     def run(self, compute: Callable[[OccupancyGrid], CovarianceField]) -> CovarianceField:
-        """Load the map, compute its field, and write the files that are asked for.
+        """Load the map, compute its field, and write the file that is asked for.
 
         Parameters
         ----------
         compute : callable
             Computes the field of a map.
         """
-        field = compute(load_map(self.map_file))
+        computed = compute(load_map(self.map_file))
         if self.output:
-            with working(f"writing {self.output.name}"):
-                field.save(self.output, force=self.force)
-        if self.picture:
+            home = nullcontext(self.output.parent)
+            with (
+                working(f"writing {self.output.name}"),
+                self.pictures.writing(others_stay=True) if self.pictures else home as folder,
+            ):
+                self._write(folder / self.output.name, computed)
+        return computed
+
+    def _write(self, file: Path, computed: CovarianceField) -> None:
+        if file.suffix.lower() == FIELD_SUFFIX:
+            computed.save(file, force=self.force)
+        elif file.suffix.lower() == NUMPY_SUFFIX:
+            field(file, computed)
+        else:
             from locplan import plotting
 
-            named = nullcontext(self.picture.parent)
-            home = self.pictures.writing(others_stay=True) if self.pictures else named
-            with working(f"drawing {self.picture.name}"), home as folder:
-                plotting.save_figure(plotting.field_figure(field), folder / self.picture.name)
-        return field
+            plotting.save_figure(plotting.field_figure(computed, self.scalar), file)
 
 
 def field_jobs(
-    maps: Sequence[Path], output: Path | None, picture: Path | None, *, force: bool = False
+    maps: Sequence[Path],
+    output: Path | None,
+    scalar: str | None,
+    config: FieldConfig,
+    *,
+    force: bool = False,
 ) -> list[FieldJob]:
     """One job for each map file that is named or lies in a folder that is named.
 
-    For a single map `output` is its field and `picture` its picture; for several they are
-    folders, with a file by the name of each map.
+    For a single map `output` is a file; for several it is a folder, with a file by the name of
+    each map.
 
     Parameters
     ----------
     maps : sequence of Path
         Map files, and folders of them.
-    output, picture : Path or None
-        Where fields and pictures go; None for none.
+    output : Path or None
+        Where fields or pictures go; None for none.
+    scalar : str or None
+        Scalar of the pictures, if pictures are to be written of several maps; of a single map the
+        suffix of `output` says so, too.
+    config : FieldConfig
+        Settings of the fields.
     force : bool, default False
         True replaces files in the way.
 
@@ -89,32 +124,31 @@ def field_jobs(
     Raises
     ------
     LocplanError
-        If a file cannot be written, or two maps have one name.
+        If a file cannot be written, the fields have no such scalar, or two maps have one name.
     """
+    if scalar:
+        one_of("the picture", scalar, [*SCALARS, *(each.name for each in config.estimator.layers)])
     files = find_maps(*maps)
     if len(files) == 1:
-        job = FieldJob(files[0], output, picture, force=force)
+        job = FieldJob(files[0], output, scalar, force=force)
         job.check()
         return [job]
-    for folder, suffixes in ((output, [FIELD_SUFFIX]), (picture, PICTURES)):
-        if folder and folder.suffix in suffixes:
-            raise LocplanError(f"{folder}: of {len(files)} maps; name a folder, for a file each")
-    if output or picture:
-        homes: dict[str, Path] = {}
-        for file in files:
-            other = homes.setdefault(name_of(file), file)
-            if other != file:
-                raise LocplanError(f"{other} and {file} have one name; run them apart, or rename")
-    for folder in filter(None, (output, picture)):
-        make_folder(folder)
+    if output is None:
+        jobs = [FieldJob(file, None, scalar) for file in files]
+        jobs[0].check()
+        return jobs
+    if output.suffix in (FIELD_SUFFIX, NUMPY_SUFFIX, *PICTURES):
+        raise LocplanError(f"{output}: of {len(files)} maps; name a folder, for a file each")
+    homes: dict[str, Path] = {}
+    for file in files:
+        other = homes.setdefault(name_of(file), file)
+        if other != file:
+            raise LocplanError(f"{other} and {file} have one name; run them apart, or rename")
+    make_folder(output)
+    suffix = ".png" if scalar else FIELD_SUFFIX
+    pictures = ResultFolder(output, "pictures", force) if scalar else None
     return [
-        FieldJob(
-            file,
-            output / f"{name_of(file)}{FIELD_SUFFIX}" if output else None,
-            picture / f"{name_of(file)}.png" if picture else None,
-            ResultFolder(picture, "pictures", force) if picture else None,
-            force,
-        )
+        FieldJob(file, output / f"{name_of(file)}{suffix}", scalar, pictures, force)
         for file in files
     ]
 

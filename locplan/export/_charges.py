@@ -171,20 +171,17 @@ def checked_planner(name: str, param: float | None) -> NavPlanner:
 
 
 def values_for(
-    density: Floats, planner: NavPlanner, greatest: float, param: float | None, static: bool
+    density: Floats, planner: NavPlanner, greatest: float, param: float | None
 ) -> tuple[NDArray[np.int8], Conversion]:
-    """The values of a mask, or of a `static` layer, by which a planner has `density` as costs.
+    """The values of a mask by which a planner has `density` as costs.
 
     Where the density is infinite the values are -1. By default the planner's parameter is such
     that the excess `greatest` over 1 just fits.
     """
     excess = density[np.isfinite(density)] - 1
-    if static:  # a StaticLayer truncates with trinary_costmap false, and may take 99 for inscribed
-        choices = np.arange(99)
-        costs = np.trunc(choices / 100 * 254)
-    else:  # a KeepoutFilter rounds to the nearest, and 100 would be lethal
-        choices = np.arange(100)
-        costs = np.floor(choices * 254 / 100 + 0.5)
+    # A KeepoutFilter rounds to the nearest, and 100 would be lethal.
+    choices = np.arange(100)
+    costs = np.floor(choices * 254 / 100 + 0.5)
     if planner.parameter is None:
         param = math.nan
     elif param is None:  # the least of three decimals
@@ -206,7 +203,6 @@ def keepout_mask(
     *,
     planner: str = "smac2d",
     planner_param: float | None = None,
-    static: bool = False,
     inflation: CostmapInflation | None = None,
 ) -> tuple[NDArray[np.int8], Conversion]:
     """The values of a mask that make a planner's costs J, (H, W): 0..99, or -1 to change nothing.
@@ -221,8 +217,6 @@ def keepout_mask(
         See `nav2_keepout`.
     planner : str, default "smac2d"
         "smac2d", "smac-hybrid", "navfn" or "thetastar".
-    static : bool, default False
-        Whether the values are for a StaticLayer, up to 98.
     inflation : CostmapInflation, optional
         The costmap's inflation, which the values carry, too, with an excess of 2.5 at walls.
 
@@ -251,7 +245,7 @@ def keepout_mask(
     if inflation:
         greatest += AT_WALLS
         density = density + AT_WALLS * np.minimum(inflation.costs(costs.grid) / 252, 1)
-    values, conversion = values_for(density, runs, greatest, planner_param, static)
+    values, conversion = values_for(density, runs, greatest, planner_param)
     near = costs.grid.closer_than(costs.robot_radius - 1e-9)
     values[~passable & costs.grid.free & ~near] = 100  # lethal
     return values, conversion

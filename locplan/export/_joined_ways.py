@@ -16,8 +16,7 @@ from locplan._kernels.arrays import Floats, Ints
 from locplan._kernels.route import line_costs
 from locplan._kernels.search import bordered_half
 from locplan.costs import Costmap, Path
-from locplan.export._net import Pairs, Positions
-from locplan.export._roadmap import space_of
+from locplan.export._route_graph import Pairs, Positions, space_of
 
 MERGED = 2.0
 """Maximum distance of a lane that a way can join [m]."""

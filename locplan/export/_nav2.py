@@ -1,7 +1,7 @@
-"""Filter masks and layers for ROS 2 Nav2, with the parameters and the launch file to use them.
+"""Filter masks for ROS 2 Nav2, with the parameters and the launch file to use them.
 
 Formats read from ros-navigation/navigation2, branches humble to main (2026-08): keepout_filter.cpp,
-speed_filter.cpp, static_layer.cpp and the documentation of their servers.
+speed_filter.cpp and the documentation of their servers.
 """
 
 from __future__ import annotations
@@ -88,28 +88,36 @@ def nav2_keepout(
     LocplanError
         If the folder cannot be written, or a setting is out of its range.
     """
-    own: Any = {
-        "planner": planner,
-        "planner_param": planner_param,
-        "distro": distro,
-        "params": params,
-    }
-    return _write_charged(folder, "keepout", costs, **own, tree=tree, paths=paths)
-
-
-def nav2_static(folder: str | Path, costs: Costmap | Choice, **settings: Any) -> Conversion:
-    """Write a map for a second StaticLayer that makes a planner's costs the costmap's J.
-
-    The result and the errors are those of `nav2_keepout`. In Nav2 `trinary_costmap` (false),
-    `use_maximum` (true) and `lethal_cost_threshold` (100) hold for all static layers of a costmap,
-    the robot's own included.
-
-    Parameters
-    ----------
-    folder, costs, **settings
-        Those of `nav2_keepout`.
-    """
-    return _write_charged(folder, "static", costs, **settings)
+    robot, paths, choice = Robot.of(params, distro, tree), paths or {}, None
+    if not isinstance(costs, Costmap):
+        choice, costs = costs, costs.costmap()
+        paths = {each.name: each.path for each in [choice.chosen] if each} | {**paths}
+    planner = planner or robot.planner(costs.grid.free.size)
+    caveat = checked_planner(planner, None).caveat
+    inflation = None if caveat else CostmapInflation.of(robot.file)
+    values, conversion = keepout_mask(
+        costs, planner=planner, inflation=inflation, planner_param=planner_param
+    )
+    merged, called = with_planner(robot, with_costmap(robot, "keepout"), conversion)
+    if inflation:
+        robot.warn(robot.of_mask())
+        steep = inflation.below_a_mask.inflation.cost_scaling_factor
+        merged = merged.changed(GLOBAL_COSTMAP, {f"{inflation.layer}.cost_scaling_factor": steep})
+    merged, edited = with_tree(robot, merged, called, conversion.planner, Path(folder))
+    robot.warn(robot.of_planner(called))
+    if caveat:
+        robot.warn(iter([f"{planner} does not follow a mask: {caveat}"]))
+    conversion = dataclasses.replace(
+        conversion, paths=tuple(checked_paths(costs, values, robot, conversion, paths))
+    )
+    title = f"Localizability mask for {conversion.planner.plugin} ({called})"
+    about = {"planner_id": called, "conversion": conversion.summary()}
+    if choice:
+        about["choice"] = {"taken": choice.taken, "said": choice.said}
+    planning = _Planning(conversion, called, edited, bool(inflation), choice)
+    _write(folder, "keepout", title, costs, values, robot, merged, about, planning)
+    _write_left(Path(folder), costs, robot, planning, paths)
+    return conversion
 
 
 def nav2_speed(
@@ -158,52 +166,6 @@ def nav2_speed(
     robot.warn(robot.of_speed("localizability_speed_filter"))
     _write(folder, "speed", title, costs, values, robot, with_costmap(robot, "speed"), about)
     return least
-
-
-def _write_charged(
-    folder: str | Path,
-    kind: str,
-    costs: Costmap | Choice,
-    *,
-    planner: str | None = None,
-    planner_param: float | None = None,
-    distro: str = "jazzy",
-    params: str | Path | None = None,
-    tree: str | Path | None = None,
-    paths: Mapping[str, Route] | None = None,
-) -> Conversion:
-    """Write the mask of a filter or a layer that makes a planner's costs J."""
-    robot, paths, choice = Robot.of(params, distro, tree), paths or {}, None
-    if not isinstance(costs, Costmap):
-        choice, costs = costs, costs.costmap()
-        paths = {each.name: each.path for each in [choice.chosen] if each} | {**paths}
-    planner, static = planner or robot.planner(costs.grid.free.size), kind == "static"
-    caveat = checked_planner(planner, None).caveat
-    inflation = None if caveat else CostmapInflation.of(robot.file)
-    values, conversion = keepout_mask(
-        costs, planner=planner, static=static, inflation=inflation, planner_param=planner_param
-    )
-    merged, called = with_planner(robot, with_costmap(robot, kind), conversion)
-    if inflation:
-        robot.warn(robot.of_mask())
-        steep = inflation.below_a_mask.inflation.cost_scaling_factor
-        merged = merged.changed(GLOBAL_COSTMAP, {f"{inflation.layer}.cost_scaling_factor": steep})
-    merged, edited = with_tree(robot, merged, called, conversion.planner, Path(folder))
-    robot.warn(robot.of_planner(called))
-    if caveat:
-        robot.warn(iter([f"{planner} does not follow a mask: {caveat}"]))
-    conversion = dataclasses.replace(
-        conversion, paths=tuple(checked_paths(costs, values, robot, conversion, paths))
-    )
-    what = "layer" if kind == "static" else "mask"
-    title = f"Localizability {what} for {conversion.planner.plugin} ({called})"
-    about = {"planner_id": called, "conversion": conversion.summary()}
-    if choice:
-        about["choice"] = {"taken": choice.taken, "said": choice.said}
-    planning = _Planning(conversion, called, edited, bool(inflation), choice)
-    _write(folder, kind, title, costs, values, robot, merged, about, planning)
-    _write_left(Path(folder), costs, robot, planning, paths)
-    return conversion
 
 
 def _write_left(
@@ -266,11 +228,10 @@ def _write(
     servers = [Server("nav2_map_server", "map_server", f"{base}_mask_server", parameters, files)]
     # The linear map from the mask's values to costs, or to speeds in per cent.
     laws = {"keepout": (0, 0.0, 1.0), "speed": (1, 100.0, -1.0)}
-    if kind in laws:
-        topics = {"filter_info_topic": f"/{base}_info", "mask_topic": f"/{base}_mask"}
-        law = topics | dict(zip(("type", "base", "multiplier"), laws[kind], strict=True))
-        node = "costmap_filter_info_server", f"{base}_info_server"
-        servers.append(Server("nav2_map_server", *node, law))
+    topics = {"filter_info_topic": f"/{base}_info", "mask_topic": f"/{base}_mask"}
+    law = topics | dict(zip(("type", "base", "multiplier"), laws[kind], strict=True))
+    node = "costmap_filter_info_server", f"{base}_info_server"
+    servers.append(Server("nav2_map_server", *node, law))
     about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
     grid, file = without_yaw(costs.grid), robot.file and robot.file.name

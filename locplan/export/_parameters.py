@@ -42,9 +42,6 @@ class Distribution:
     """How the route server gets its graph (nav2_bringup/launch): bringup starts none in humble, so
     that our launch file does; one with graph_filepath of its parameters in jazzy; and one with the
     argument ``graph:=``, which replaces graph_filepath, from kilted on."""
-    inscribed_value: bool = True
-    """Whether a StaticLayer takes one value of a map for the inscribed cost, by default 99
-    (nav2_costmap_2d/plugins/static_layer.cpp, inscribed_obstacle_cost_value), from lyrical on."""
     unsure_field: bool = True
     """Whether AMCL's likelihood field is made from an uninitialised variable (`CellData cell` in
     nav2_amcl/src/map/map_cspace.cpp), from kilted on."""
@@ -65,9 +62,9 @@ class Distribution:
 DISTRIBUTIONS = {
     each.name: each
     for each in (
-        Distribution("humble", True, False, "launch", inscribed_value=False, unsure_field=False),
-        Distribution("jazzy", graph_by="parameters", inscribed_value=False, unsure_field=False),
-        Distribution("kilted", inscribed_value=False),
+        Distribution("humble", True, False, "launch", unsure_field=False),
+        Distribution("jazzy", graph_by="parameters", unsure_field=False),
+        Distribution("kilted"),
         Distribution("lyrical"),
         Distribution("rolling"),
     )
@@ -191,8 +188,7 @@ class Robot:
 
     def of_mask(self) -> Iterator[str]:
         """That its inflation is no longer its own."""
-        masks = "localizability_keepout_filter.plugin", "localizability_static_layer.plugin"
-        if any(name in self.parameters.of(GLOBAL_COSTMAP) for name in masks):
+        if "localizability_keepout_filter.plugin" in self.parameters.of(GLOBAL_COSTMAP):
             yield (
                 "it has a mask of an export, and an inflation as steep as goes below one; give the"
                 " robot's own file, whose inflation the mask is to carry"
@@ -233,42 +229,17 @@ class Robot:
 
 
 def with_costmap(robot: Robot, kind: str) -> Nav2Parameters:
-    """Parameters with our filter or static layer in the global costmap, and in its list of them."""
-    changes: dict[str, Any]
-    costmap = robot.parameters.of(GLOBAL_COSTMAP)
+    """Parameters with our filter in the global costmap, and in its list of them."""
     base = f"localizability_{kind}"  # topics are absolute: Kilted is the first to resolve others
-    if kind == "static":
-        plugin = f"{base}_layer"
-        names = robot.parameters.names(
-            GLOBAL_COSTMAP, "plugins", ["static_layer", "inflation_layer"]
-        )
-        if plugin not in names:  # before the inflation, and behind what knows the walls
-            at = names.index("static_layer") + 1 if "static_layer" in names else len(names)
-            names.insert(at, plugin)
-        first = {"plugin": "nav2_costmap_2d::StaticLayer"}
-        late = {"map_subscribe_transient_local": True}
-        layers = {plugin: {**first, "enabled": True, "map_topic": f"/{base}_mask", **late}}
-        if not costmap.get("plugins"):  # obstacles are left to the robot's own layers
-            layers["static_layer"] = {**first, **late}
-            layers["inflation_layer"] = {"plugin": "nav2_costmap_2d::InflationLayer"}
-        # Nav2 applies these to all static layers of a costmap; layers hold less than 99.
-        changes = {"trinary_costmap": False, "use_maximum": True, "lethal_cost_threshold": 100}
-        if robot.distribution.inscribed_value:
-            changes["inscribed_obstacle_cost_value"] = 99
-        changes["plugins"] = names
-        for layer, settings in layers.items():
-            changes |= _settings(layer, settings)
-    else:
-        plugin = f"{base}_filter"
-        names = robot.parameters.names(GLOBAL_COSTMAP, "filters")
-        own = {"plugin": f"nav2_costmap_2d::{kind.title()}Filter", "enabled": True}
-        own |= {"filter_info_topic": f"/{base}_info"}
-        if kind == "speed":
-            # The controller server obeys this one.
-            own |= {"speed_limit_topic": f"{robot.parameters.namespace}/speed_limit"}
-        names = names if plugin in names else [*names, plugin]
-        changes = {"filters": names, **_settings(plugin, own)}
-    return robot.parameters.changed(GLOBAL_COSTMAP, changes)
+    plugin = f"{base}_filter"
+    names = robot.parameters.names(GLOBAL_COSTMAP, "filters")
+    own = {"plugin": f"nav2_costmap_2d::{kind.title()}Filter", "enabled": True}
+    own |= {"filter_info_topic": f"/{base}_info"}
+    if kind == "speed":
+        # The controller server obeys this one.
+        own |= {"speed_limit_topic": f"{robot.parameters.namespace}/speed_limit"}
+    names = names if plugin in names else [*names, plugin]
+    return robot.parameters.changed(GLOBAL_COSTMAP, {"filters": names, **_settings(plugin, own)})
 
 
 def with_planner(

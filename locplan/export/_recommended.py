@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,16 +10,14 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from locplan._util.progress import progress_bar
 from locplan._util.records import Column, Table
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError
-from locplan.export._bags import bag, topics_of
 from locplan.export._graph_files import write_graph
 from locplan.export._joined_ways import SAME, Lines, divided, followed_costs, joined, straightened
 from locplan.export._parameters import Robot
-from locplan.export._registry import ExportJob, ExportSummary, export_folder
-from locplan.export._roadmap import FINENESS, RouteGraph, check_precision
+from locplan.export._registry import export_folder
+from locplan.export._route_graph import FINENESS, RouteGraph, check_precision
 from locplan.export._values import where_unturned, without_yaw
 from locplan.maps import OccupancyGrid
 
@@ -56,7 +53,8 @@ class RecommendedWays:
         """The same for people: labels and texts."""
         followed = "ways that the server takes", f"{len(self.followed)} of {len(self.ways)}"
         other = "other routes are cheaper", ", ".join(self.contradicted)
-        return (self.graph.rows()[0], followed, *([other] if self.contradicted else []))
+        size = "nodes, edges", f"{len(self.graph.nodes):,}, {len(self.graph.edges):,}"
+        return (size, followed, *([other] if self.contradicted else []))
 
     def __repr__(self) -> str:
         return f"RecommendedWays({len(self.followed)} of {len(self.ways)} followed, {self.graph})"
@@ -115,40 +113,11 @@ def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWa
     cost, followed = followed_costs(nodes, edges, price, length, both, worth)
     e, u = (lines.integrals(layer, nodes, edges) for layer in (costs.e, costs.u))
     return RecommendedWays(
-        RouteGraph(nodes, edges, length, cost, e, u, directed=True),
+        RouteGraph(nodes, edges, length, cost, e, u),
         {name: tuple(way) for name, way in ways.items()},
         int((np.abs(cost - price) > 1e-6).sum()),
         tuple(name for name, is_followed in zip(ways, followed, strict=False) if is_followed),
     )
-
-
-def chosen_ways(
-    job: ExportJob, queries: str | os.PathLike[str], drives: int
-) -> tuple[dict[str, Path], ExportSummary]:
-    """The paths of the queries in a file, chosen by driving, and what the choices bring."""
-    from locplan.planners import read_queries
-    from locplan.simulation import RATES, choose_many
-
-    asked = read_queries(queries)
-    for query in asked:
-        if query.name in job.paths:
-            raise ConfigError(f"a path and a query are both named {query.name}; rename one")
-    with progress_bar("driving the candidates", "queries") as progress:
-        choices = choose_many(job.costs, asked, job.robot, drives=drives, progress=progress)
-    paths = {each.query.name: each.choice.path for each in choices}
-    without = [name for name, path in paths.items() if path is None]
-    rows = [
-        ("queries", f"{len(choices)}, {choices.left} leave the shortest path"),
-        *(
-            (f"drives {rate.title}", "{:.0%} -> {:.0%}".format(*both))
-            for rate, both in zip(RATES, (choices.lost, choices.off_at_goal), strict=True)
-        ),
-    ]
-    if without:
-        rows.append(("without a path", ", ".join(without)))
-    values = {"left_the_shortest": choices.left, "lost": list(choices.lost), "no_path": without}
-    found = {name: path for name, path in paths.items() if path is not None}
-    return found, ExportSummary(values, tuple(rows))
 
 
 def check_ways(costs: Costmap, paths: Mapping[str, Path]) -> None:
@@ -174,7 +143,7 @@ def nav2_routes(
     distro: str = "jazzy",
     params: str | FilePath | None = None,
 ) -> RecommendedWays:
-    """Write recommended paths as a route graph that Nav2's server follows, and into a bag.
+    """Write recommended paths as a route graph that Nav2's server follows.
 
     The graph's edges are the paths, joined where they run side by side, and its costs make each
     path the cheapest route between its ends, as far as the paths do not contradict one another.
@@ -188,11 +157,12 @@ def nav2_routes(
     paths : dict of Path
         The recommended path of each query by its name, such as those of `choose_many`.
     frame : str, default "map"
-        Frame of the nodes and of the paths.
+        Frame of the nodes.
     distro : str, default "jazzy"
         The distribution of ROS 2, as for `nav2_keepout`.
     params : path, optional
-        A Nav2 parameter file to merge the server's into, as for `route_graph`.
+        A Nav2 parameter file to merge the server's into, as for `nav2_keepout`: its operations
+        stay, its scorers give way to ours.
 
     Returns
     -------
@@ -202,8 +172,7 @@ def nav2_routes(
     Raises
     ------
     LocplanError
-        If the package mcap is missing, the folder cannot be written, or a path does not lie in the
-        map's free space.
+        If the folder cannot be written, or a path does not lie in the map's free space.
     """
     robot = Robot.of(params, distro)
     grid = costs.grid
@@ -218,9 +187,8 @@ def nav2_routes(
     with export_folder(folder, "nav2-routes.md", about, **known) as temporary:
         count = len(ways.ways)
         title = f"{name}: recommended ways of {count} quer{'y' if count == 1 else 'ies'}"
-        write_graph(temporary, unturned, ways.graph, robot, FilePath(folder), frame, title, None)
-        bag(temporary / "routes.mcap", unturned.grid, paths=paths, frame=frame)
-        _table(ways, topics_of(paths)).write_csv(temporary / "routes.csv")
+        write_graph(temporary, unturned, ways.graph, robot, FilePath(folder), frame, title)
+        _table(ways).write_csv(temporary / "routes.csv")
     return ways
 
 
@@ -230,13 +198,13 @@ def _unturned(grid: OccupancyGrid, path: Path) -> Path:
     return Path(where_unturned(grid, path.xy), heading)
 
 
-def _table(ways: RecommendedWays, topics: Mapping[str, str]) -> Table:
-    """A row for each query, with the ids of its ends in the graph's file and its topic."""
+def _table(ways: RecommendedWays) -> Table:
+    """A row for each query, with the ids of its ends in the graph's file."""
     matrix, rows = ways.graph.matrix, []
     for name, way in ways.ways.items():
         cost = round(float(sum(matrix[two] for two in pairwise(way))), 3)
         followed = "yes" if name in ways.followed else "no"
-        rows.append((name, way[0] + 1, way[-1] + 1, cost, followed, topics[name]))
+        rows.append((name, way[0] + 1, way[-1] + 1, cost, followed))
     ends = Column("query"), Column("start_id"), Column("goal_id")
-    columns = *ends, Column("cost", "m"), Column("followed"), Column("topic")
+    columns = *ends, Column("cost", "m"), Column("followed")
     return Table(columns, tuple(rows))

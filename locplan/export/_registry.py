@@ -12,14 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from locplan._util.files import check_folder_target, check_target, replacing_folder
-from locplan._util.public import needed, templates_of
+from locplan._util.public import templates_of
 from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_text
 from locplan._util.results import digest_of
 from locplan._util.runs import write_run
 from locplan.errors import ConfigError, LocplanError
 
 if TYPE_CHECKING:
-    from locplan._util.progress import ProgressCallback
     from locplan.costs import Costmap, Path as Route
     from locplan.field import CovarianceField
     from locplan.robots import Robot
@@ -43,11 +42,8 @@ class ExportJob:
     """The covariance field of the map."""
     paths: Mapping[str, Route] = dataclasses.field(default_factory=dict)
     """The paths by name."""
-    progress: ProgressCallback | None = None
-    """The function that is called with (done, total) by formats whose work has steps; what it
-    raises ends the work."""
     robot: Robot | None = None
-    """The robot, for formats that simulate drives; None for one with the field's lidar."""
+    """The robot; None if it is not known."""
     choice: Choice | None = None
     """The choice that the costs and the path are of; None without one."""
 
@@ -70,6 +66,45 @@ class ExportJob:
         choice = choice.with_field(field)
         paths = {each.name: each.path for each in [choice.chosen] if each}
         return cls(choice.costmap(), field, paths, robot=choice.robot, choice=choice)
+
+    @classmethod
+    def of_choices(
+        cls, choices: Mapping[str, Choice], field: CovarianceField, paths: Mapping[str, Route]
+    ) -> ExportJob:
+        """The paths of choices, with further ones, on the costmap of the first choice's field.
+
+        Parameters
+        ----------
+        choices : mapping of str to Choice
+            Choices on one map by the names that their paths get; those without a path are left out.
+        field : CovarianceField
+            The field of the map, by the choices' `config`.
+        paths : mapping of str to Path
+            The further paths by name.
+
+        Raises
+        ------
+        ConfigError
+            If the choices differ in the map, the field or the robot's size, or two paths have one
+            name.
+        """
+        name, first = next(iter(choices.items()))
+        for other, each in choices.items():
+            if (each.map, each.config, each.robot.radius) != (
+                *(first.map, first.config, first.robot.radius),
+            ):
+                raise ConfigError(
+                    f"the choices {name} and {other} differ in the map, the field or the robot's"
+                    " size; export them separately"
+                )
+            if other in paths:
+                raise ConfigError(f"a path and a choice are both named {other}; rename one")
+        chosen = {other: each.path for other, each in choices.items() if each.path is not None}
+        if not chosen and not paths:
+            raise ConfigError(f"the choice {name} has no path: {first.sentence}")
+        costs = first.with_field(field).costs
+        assert costs is not None
+        return cls(costs, field, {**chosen, **paths}, robot=first.robot)
 
 
 @dataclass(frozen=True)
@@ -120,12 +155,8 @@ class Format:
     """A frozen dataclass whose docstrings say what each field does; it checks itself when made."""
     suffixes: tuple[str, ...] = ()
     """The suffixes of a file, the usual one first; a folder has none."""
-    library: str = ""
-    """The library of the extra `ros` that it needs."""
     paths: Literal["none", "one", "several"] = "none"
     """The number of paths that it takes."""
-    shows_progress: bool = False
-    """Whether it shows how far it is; else only that it is being written is shown."""
     check: Callable[[Any, int], None] = lambda options, paths: None
     """The function that raises a ConfigError where the options and the number of paths do not go
     together; it is called before long work."""
@@ -141,8 +172,6 @@ class Format:
         force : bool, default False
             Whether a file that is there is replaced.
         """
-        if self.library:
-            needed(self.library, "ros", f"--to {self.name}")
         if self.suffixes:
             check_target(target, *self.suffixes)
             if target.exists() and not force:

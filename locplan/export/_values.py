@@ -63,7 +63,9 @@ def write_values(stem: Path, values: NDArray[np.int8], grid: OccupancyGrid) -> N
 
 
 def percent(costs: Costmap) -> NDArray[np.int8]:
-    """u in per cent, 0..100, and -1 where it is not known, (H, W).
+    """u in per cent, 0..98, and -1 where it is not known, (H, W).
+
+    A StaticLayer of Nav2 takes 99 and 100 for obstacles.
 
     Parameters
     ----------
@@ -76,7 +78,7 @@ def percent(costs: Costmap) -> NDArray[np.int8]:
         If the costmap was made without a field.
     """
     check_has_field(costs)
-    values = np.floor(100 * np.nan_to_num(costs.u) + 0.5)
+    values = np.minimum(np.floor(100 * np.nan_to_num(costs.u) + 0.5), 98)
     return np.where(np.isnan(costs.u), -1, values).astype(np.int8)
 
 
@@ -101,7 +103,7 @@ def speed_mask(costs: Costmap, slowest: float, lead: float) -> NDArray[np.int8]:
 
 
 def ros_map(folder: str | Path, costs: Costmap) -> None:
-    """Write u in per cent as a map in the mode raw.
+    """Write u in per cent, 98 at most, as a map in the mode raw, as for a StaticLayer of Nav2.
 
     Parameters
     ----------

@@ -1,4 +1,5 @@
 from . import environments as environments
+from ._built_in import BUILT_IN as BUILT_IN, is_built_in as is_built_in
 from ._faults import MapFaults as MapFaults, faults as faults
 from ._files import (
     MapWarning as MapWarning,

@@ -20,6 +20,8 @@ from locplan._util.results import move_together
 from locplan._util.runs import note_map
 from locplan._util.supervision import temporary_folder
 from locplan.errors import MapError
+from locplan.maps import environments
+from locplan.maps._built_in import is_built_in, remedy_for
 from locplan.maps._grid import OccupancyGrid, check_grid
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
 from locplan.maps._source import (
@@ -41,7 +43,7 @@ class MapWarning(UserWarning):
 
 
 def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
-    """Read a map_server YAML and its image (PGM, PBM, PNG or BMP).
+    """Read a map_server YAML and its image (PGM, PBM, PNG or BMP), or return a built-in map.
 
     Thresholds are compared as in Nav2, ends included. Values between them are unknown, also in
     mode ``scale``; in mode ``raw`` they apply to the pixel's per cent. The image's bottom row
@@ -51,7 +53,9 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
     Parameters
     ----------
     path : path
-        The YAML file, or a folder with a single map in it. The image may have 2^28 pixels.
+        The YAML file, a folder with a single map in it, or the name of a built-in map
+        (`locplan.maps.environments.names`), with cells of 0.05 m. A path that exists wins over a
+        built-in name. The image may have 2^28 pixels.
 
     Raises
     ------
@@ -71,10 +75,12 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
     ...     grid = load_map(folder + "/room.yaml")
     >>> grid.name, grid.cells.tolist()
     ('room', [[0, 254], [127, 254]])
+    >>> load_map("two_corridors").shape
+    (316, 824)
     """
     grid, source = read_map(path)
     note_map(grid.name, lambda: grid.digest)
-    if source.has_free_grey:
+    if source and source.has_free_grey:
         count = source.saver_grey_free
         fault = (
             f"{count} pixels ({count / grid.cells.size:.0%}) of map_saver's unknown grey are free"
@@ -84,7 +90,7 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
     return grid
 
 
-def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource]:
+def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource | None]:
     """Read a map as `load_map` does, without its warning, and tell how its pixels were read.
 
     Parameters
@@ -94,8 +100,9 @@ def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource]:
 
     Returns
     -------
-    grid, source : OccupancyGrid, MapSource
-        The map, and the entries of the YAML with the number of pixels that they make what.
+    grid, source : OccupancyGrid, MapSource or None
+        The map, and the entries of the YAML with the number of pixels that they make what; None
+        for a built-in map, which has no file.
 
     Raises
     ------
@@ -110,6 +117,10 @@ def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource]:
             raise fault_of(file, "is a folder without any map", "give a map's YAML")
         if others:
             raise fault_of(folder, f"holds {1 + len(others)} maps", f"name one, such as {file}")
+    elif is_built_in(file):
+        return environments.make(str(file)), None
+    elif not os.path.lexists(file) and file.name == str(file) and not file.suffix:
+        raise fault_of(file, "is no file and no built-in map", remedy_for(str(file)))
     return _read(file, read_header(file))
 
 
@@ -192,6 +203,8 @@ def source_files(path: Path) -> list[Path]:
     path : path
         The map's file, or a folder.
     """
+    if is_built_in(path):
+        return []
     beside = [] if os.path.isdir(path) else sorted(path.parent.glob("*.y*ml"))
     maps = [*find_maps(path), *(file for file in beside if _names_an_image(file))]
     return [*maps, *(image for file in maps if (image := _image_of(file)))]
@@ -199,6 +212,8 @@ def source_files(path: Path) -> list[Path]:
 
 def find_maps(*paths: str | os.PathLike[str]) -> list[Path]:
     """List map files: the given files, and in given folders each YAML that names an image.
+
+    The name of a built-in map is listed as it is.
 
     Subfolders count, too, but not what was exported there. A folder without any is listed itself,
     so that `load_map` reports it. The order is that of the arguments, in a folder by name.

@@ -17,11 +17,11 @@ import numpy as np
 
 from locplan._kernels.arrays import Bools
 from locplan._util.checks import number, one_of, whole
+from locplan.maps._built_in import BUILT_IN
 from locplan.maps._grid import OccupancyGrid
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
 
 _FINEST, _COARSEST = 0.01, 0.1  # limits of the resolution at which plans keep their walls [m]
-_NAMES = ("places", "hall", "two_corridors", "office", "warehouse")
 _WALL = 0.1  # thickness of the walls [m]
 _MARGIN = 0.6  # from the drawing to the grid's edge [m]: the wall, and 0.5 m of unknown
 _GAP = 0.6  # least gap between pieces of furniture, so that a robot can pass [m]
@@ -48,7 +48,7 @@ def _plan(name: str) -> tuple[list[_Shape], dict[str, tuple[float, float]]]:
 
 def names() -> tuple[str, ...]:
     """Names of the environments that `make` draws."""
-    return _NAMES
+    return BUILT_IN
 
 
 def landmarks(name: str) -> dict[str, tuple[float, float]]:
@@ -77,7 +77,7 @@ def landmarks(name: str) -> dict[str, tuple[float, float]]:
     >>> landmarks("two_corridors")["goal"]
     (38.0, 3.0)
     """
-    one_of("the environment", name, _NAMES)
+    one_of("the environment", name, BUILT_IN)
     return dict(_plan(name)[1])
 
 
@@ -114,7 +114,7 @@ def make(
     >>> grid.shape, grid.name
     ((158, 412), 'two_corridors')
     """
-    one_of("the environment", name, _NAMES)
+    one_of("the environment", name, BUILT_IN)
     number("resolution", resolution, _FINEST, _COARSEST)
     (_, size), *shapes = _plan(name)[0]
     canvas = _Canvas(size, resolution)

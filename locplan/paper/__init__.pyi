@@ -10,10 +10,3 @@ from ._claims import (
     share_smaller_with_range as share_smaller_with_range,
     shares_of_claims as shares_of_claims,
 )
-from ._figures import (
-    distribution_figure as distribution_figure,
-    draw_models as draw_models,
-    models_figure as models_figure,
-    place_figure as place_figure,
-    slides_figure as slides_figure,
-)

@@ -23,6 +23,7 @@ from locplan.maps import (
     MapSource,
     OccupancyGrid,
     check_grid,
+    environments,
     faults,
     read_map,
 )
@@ -118,7 +119,9 @@ class MapInfo(Pictured):
         pair : PlacePair
             Start and goal, such as one of `pairs`.
         """
-        file = self.source.file if self.source else f"{self.grid.name or 'MAP'}.yaml"
+        name = self.grid.name or "MAP"
+        drawn = name if name in environments.names() else f"{name}.yaml"
+        file = self.source.file if self.source else drawn
         radius = f" --set footprint={self.robot_radius:g} --set margin=0"
         return (
             f"locplan plan {shlex.quote(file)} --start {pair.start.xy} --goal {pair.goal.xy}"

@@ -11,12 +11,8 @@ from ._cells import (
     zoomed_to as zoomed_to,
 )
 from ._fields import (
-    draw_ellipses as draw_ellipses,
-    e_figure as e_figure,
-    ellipses_figure as ellipses_figure,
     field_figure as field_figure,
     fields_figure as fields_figure,
-    figure_of as figure_of,
     info_figure as info_figure,
     map_figure as map_figure,
 )

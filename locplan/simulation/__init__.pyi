@@ -60,10 +60,13 @@ from ._worlds import (
 )
 from .choice._ask import ChoiceSettings as ChoiceSettings
 from .choice._choice import Choice as Choice
-from .choice._choose import SimulatedChoice as SimulatedChoice, choose as choose
-from .choice._choose_many import (
+from .choice._choices import (
     Choices as Choices,
     MapChoice as MapChoice,
+    read_choices as read_choices,
+)
+from .choice._choose import SimulatedChoice as SimulatedChoice, choose as choose
+from .choice._choose_many import (
     choose_many as choose_many,
 )
 from .choice._driven import Candidate as Candidate, Driven as Driven

@@ -10,7 +10,7 @@ import pytest
 from test_export import compare_with_smac, far_apart
 
 from locplan import export, load_map
-from locplan.costs import Costmap, Path
+from locplan.costs import Costmap
 from locplan.field import CovarianceField, FieldConfig, load_or_compute
 from locplan.maps import OccupancyGrid, environments
 
@@ -53,25 +53,9 @@ def fresh(made) -> OccupancyGrid:
 
 WRITERS = {
     "nav2-keepout": lambda folder, _, costs: export.nav2_keepout(folder, costs),
-    "nav2-static": lambda folder, _, costs: export.nav2_static(folder, costs),
     "nav2-speed": lambda folder, _, costs: export.nav2_speed(folder, costs),
     "ros-map": lambda folder, _, costs: export.ros_map(folder, costs),
-    "route-graph": lambda folder, _, costs: export.route_graph(folder, costs),
-    "lif": lambda folder, _, costs: export.lif(folder.with_suffix(".json"), costs),
-    "bag": lambda folder, field, costs: export.bag(
-        folder.with_suffix(".mcap"),
-        costs.grid,
-        mask=export.percent(costs),
-        field=field,
-        paths={"a": Path(np.random.default_rng(0).uniform(0, 100, (3000, 2)))},
-    ),
-    "layer": lambda folder, field, _: export.layer(folder, field),
-    "degenerate-areas": lambda folder, field, costs: export.save_degenerate_areas(
-        folder, costs, field
-    ),
-    "csv": lambda folder, field, _: export.field(folder.with_suffix(".csv"), field),
     "npz": lambda folder, field, _: export.field(folder.with_suffix(".npz"), field),
-    "png": lambda folder, field, _: export.field(folder.with_suffix(".png"), field),
 }
 
 

@@ -40,7 +40,7 @@ class FieldFile:
 
     @classmethod
     def load(cls, path: str) -> FieldFile:
-        """Read what ``locplan export MAP.yaml --to npz`` or ``locplan field -o`` (.zarr) wrote.
+        """Read what ``locplan field MAP.yaml -o`` wrote (.npz or .zarr).
 
         Only .zarr needs locplan. A ValueError says what is wrong with a file.
         """
@@ -53,8 +53,7 @@ class FieldFile:
             step = float(json.loads(str(config))["stride"])
         except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
             raise ValueError(
-                f"{path!r} is no field: {error}; write one by"
-                " locplan export MAP.yaml --to npz -o field.npz"
+                f"{path!r} is no field: {error}; write one by locplan field MAP.yaml -o field.npz"
             ) from error
         return cls._of(covariance, u, cells, resolution, origin, step)
 
@@ -64,7 +63,7 @@ class FieldFile:
             import locplan
         except ImportError as error:
             raise ValueError(
-                f"{path!r} needs locplan ({error}); export the field as .npz instead"
+                f"{path!r} needs locplan ({error}); write the field as .npz instead"
             ) from error
         try:
             field = locplan.CovarianceField.load(path)

@@ -25,37 +25,22 @@ _CHUNK = 256
 class DegenerateArea:
     """A polygon of cells whose degeneracy u is high, in the world frame."""
 
-    name: str
-    """Name, such as area-1; the largest area comes first."""
     outline: Floats
     """Corners [m], counter-clockwise, the first one only once, (n, 2)."""
     holes: tuple[Floats, ...]
     """Corners of the holes [m], clockwise, (n, 2) each."""
     middle: tuple[float, float]
-    """Position well inside the area, such as for its name [m]."""
+    """Position well inside the area [m]."""
     area: float
     """Area of the cells [m^2]."""
-    u_mean: float
-    """Mean of u over the cells, 0..1."""
-    u_max: float
-    """Maximum u, 0..1."""
     position_std: float
     """Median of the largest standard deviation of the position [m]."""
-    worst_position_std: float
-    """Maximum of the largest standard deviations of the position [m]."""
-    minor_position_std: float
-    """Median of the standard deviation of the position across the largest [m]."""
     heading_std: float
     """Median of the heading's standard deviation [rad]; NaN in a field without rotation."""
-    worst_heading_std: float
-    """Maximum standard deviation of the heading [rad]; NaN in a field without rotation."""
     direction: float
     """Direction along which the position is uncertain, from x, in (-pi/2, pi/2] [rad]."""
     agreement: float
     """1 where all places are uncertain along that line only, 0 where there is no common one."""
-    covariance: Floats
-    """Covariance of the mean information over the area, (d, d) [m, m, rad]; d = 2 without
-    rotation. Where directions differ, it is smaller than each place's."""
 
     @property
     def agrees(self) -> bool:
@@ -64,7 +49,7 @@ class DegenerateArea:
 
     def __repr__(self) -> str:
         return (
-            f"DegenerateArea({self.name}: {self.area:.3g} m², u {self.u_mean:.2f},"
+            f"DegenerateArea({self.area:.3g} m²,"
             f" position std. deviation {100 * self.position_std:.3g} cm)"
         )
 
@@ -261,25 +246,3 @@ def middle_of(inside: Bools) -> tuple[int, int]:
     cells = np.argwhere(distance[1:-1, 1:-1] >= 0.9 * distance.max())
     row, col = cells[np.argmin(((cells - cells.mean(axis=0)) ** 2).sum(axis=1))].tolist()
     return row, col
-
-
-def without_holes(outline: Floats, holes: Sequence[Floats]) -> Floats:
-    """One ring around an area without its holes, (n, 2): Lanelet2's polygons have none.
-
-    A cut leads to each hole and back, from its leftmost corner straight to the left, where the
-    outline lies or a hole that has been joined before.
-    """
-    ring = outline
-    for hole in sorted(holes, key=lambda hole: float(hole[:, 0].min())):
-        first = np.lexsort((hole[:, 1], hole[:, 0]))[0]
-        hole = np.roll(hole, -int(first), axis=0)
-        x, y = hole[0]
-        start, end = ring, np.roll(ring, -1, axis=0)
-        crosses = (start[:, 1] <= y) != (end[:, 1] <= y)
-        rise = np.where(crosses, end[:, 1] - start[:, 1], 1.0)
-        hit = start[:, 0] + (y - start[:, 1]) / rise * (end[:, 0] - start[:, 0])
-        hit = np.where(crosses & (hit < x), hit, -np.inf)
-        line = int(np.argmax(hit))
-        cut = np.array([[hit[line], y]])
-        ring = np.concatenate([ring[: line + 1], cut, hole, hole[:1], cut, ring[line + 1 :]])
-    return ring
