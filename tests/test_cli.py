@@ -710,7 +710,8 @@ def test_the_package_runs_as_a_module():
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_install_completion_writes_script(run, tmp_path, monkeypatch, shell):
     monkeypatch.setenv("HOME", str(tmp_path))
-    code, out, _ = run("--install-completion", "--shell", shell, "-o", tmp_path / "plan")
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = run("--install-completion", "-o", "plan", "--shell", shell)
     assert code == 0
     assert str(tmp_path / "plan") in out
     script = (tmp_path / "plan").read_text()

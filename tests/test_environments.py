@@ -344,8 +344,8 @@ def test_load_map_prefers_existing_path(tmp_path, monkeypatch):
     (tmp_path / "hall").mkdir()
     save_map(drawn, tmp_path / "hall" / "room.yaml")
     assert load_map("hall").shape == (3, 4)
-    (tmp_path / "office").mkdir()
-    with pytest.raises(MapError, match="folder without any map"):
+    (tmp_path / "office").write_text("no map")
+    with pytest.raises(MapError, match="office: "):
         load_map("office")
 
 
