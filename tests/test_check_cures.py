@@ -9,51 +9,9 @@ from test_check import CORNERS, ROBOT, room
 
 import locplan
 from locplan import check, save_map
-from locplan.field import FieldCache, clear_cache
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments
 
 ALPHAS = {f"alpha{n}": 2.0 for n in range(1, 6)}
-
-
-def test_an_interrupted_check_goes_on_where_it_was(tmp_path, monkeypatch):
-    driven = []
-    for name in ("drive_together", "in_threads"):
-        own = getattr(locplan.simulation.Simulator, name)
-
-        def counted(*given, own=own, **more):
-            driven.append(own.__name__)
-            return own(*given, **more)
-
-        monkeypatch.setattr(locplan.simulation.Simulator, name, counted)
-    grid = environments.make("two_corridors", resolution=0.1)
-    asked = grid, ROBOT.changed(ALPHAS), [((2.0, 3.0), (20.0, 3.0))]
-
-    def stop(finding):
-        if finding.startswith("settings"):
-            raise KeyboardInterrupt
-
-    monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path / "whole"))
-    whole = check(*asked, effort="quick")
-    in_one_go = len(driven)
-    monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path / "twice"))
-    driven.clear()
-    with pytest.raises(KeyboardInterrupt):
-        check(*asked, effort="quick", found=stop)
-    before = len(driven)
-    assert 0 < before < in_one_go
-    found = FieldCache.of()
-    assert "driven check" in found.table()
-    (begun,) = (each for each in found.entries if "driven check" in str(each.about))
-    assert begun.share == 0.0
-    again = check(*asked, effort="quick")
-    assert len(driven) == in_one_go
-    assert again.summary() == whole.summary()
-    assert check(*asked, effort="quick").summary() == whole.summary()
-    assert len(driven) == in_one_go
-    other = check(*asked, effort="quick", seed=2)  # nothing of another seed
-    assert other.as_is != whole.as_is
-    assert not clear_cache(tmp_path / "twice")[1]
-    assert not FieldCache.of().entries
 
 
 def test_map_savers_grey_that_is_read_as_free_is_cured_by_the_threshold(tmp_path):

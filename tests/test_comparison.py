@@ -149,24 +149,6 @@ def test_a_planner_cannot_change_what_any_path_is_measured_on():
     assert spoilt.metrics.clearance == metrics.clearance
 
 
-@pytest.mark.usefixtures("inline_workers")
-def test_what_a_function_has_closed_over_decides_its_paths(tmp_path):
-    def planner_with(factor):
-        def mine(costs, start, goal):
-            return locplan.plan(costs.with_weight(factor), start, goal)
-
-        return mine
-
-    execution = Execution(workers=1, journal=tmp_path / "runs.jsonl", resume=True)
-    settings = {"weights": [4.0], "configs": QUICK, "execution": execution}
-    two = RandomQueries(2, min_distance=2.0)
-    for count, factor in ((2, 0.0), (2, 0.0), (4, 8.0)):
-        locplan.compare(rooms(), planner_with(factor), two, **settings)
-        assert len((tmp_path / "runs.jsonl").read_text().splitlines()) == 1 + count
-    locplan.compare(rooms(), planner_with(8.0), two, SMALL, **settings)
-    assert len((tmp_path / "runs.jsonl").read_text().splitlines()) == 1 + 6
-
-
 def test_what_ended_by_chance_is_made_anew(tmp_path):
     awake = tmp_path / "awake"
 

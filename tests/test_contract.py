@@ -278,9 +278,42 @@ def test_a_field_whose_estimator_could_not_be_made_again_is_not_saved(
 def test_settings_that_are_not_fit_for_json_are_computed_and_not_cached(grid, tmp_path):
     @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
     class WithTable(Own):
+        version: ClassVar[int] = 1
         table: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
 
     with pytest.warns(locplan.field.CacheWarning, match="not cached: estimator 'own': .* ndarray"):
         field = locplan.load_or_compute(grid, WithTable(), cache_dir=tmp_path)
     assert field.evaluated.sum() == 224
     assert not list(tmp_path.iterdir())
+
+
+def test_estimator_with_version_is_cached_and_read_aloud(grid, tmp_path, caplog):
+    first = type("Mine", (Own,), {"version": 3})()
+    field = locplan.load_or_compute(grid, first, cache_dir=tmp_path)
+    assert not caplog.messages
+    again = locplan.load_or_compute(grid, first, cache_dir=tmp_path)
+    assert caplog.messages == [f"field of {grid.name}: cached, version 3"]
+    np.testing.assert_array_equal(again.covariance, field.covariance)
+    locplan.load_or_compute(grid, type("Mine", (Own,), {"version": 4})(), cache_dir=tmp_path)
+    assert len(caplog.messages) == 1
+    assert len(list(tmp_path.glob("*.zarr"))) == 2
+
+
+def test_estimator_without_version_is_not_cached(grid, tmp_path):
+    with pytest.warns(locplan.field.CacheWarning, match="Own declares no version"):
+        locplan.load_or_compute(grid, Own(), cache_dir=tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_fused_estimator_needs_version_of_inner_class(grid):
+    class Mine(locplan.Scan):
+        """A user's scan."""
+
+    lidar = locplan.Lidar(range=3.0, beams=30)
+    config = FieldConfig(locplan.Fused(locplan.Fisher(lidar), Mine(lidar)))
+    with pytest.raises(FieldError, match="Mine declares no version"):
+        locplan.field.field_path(grid, config)
+    Mine.version = 1
+    before = locplan.field.field_path(grid, config)
+    Mine.version = 2
+    assert locplan.field.field_path(grid, config) != before

@@ -270,7 +270,9 @@ def test_a_worker_killed_from_outside_costs_one_run(tmp_path):
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_what_is_done_is_not_done_again(tmp_path):
+def test_what_is_done_is_not_done_again(tmp_path, monkeypatch, caplog):
+    for function in (counting, fail):
+        monkeypatch.setattr(function, "version", 2, raising=False)
     calls, file = tmp_path / "calls", tmp_path / "runs.jsonl"
     calls.mkdir()
     mine = PlannerSpec("mine", FunctionPlanner(counting, {"folder": str(calls)}))
@@ -285,6 +287,7 @@ def test_what_is_done_is_not_done_again(tmp_path):
     assert count == 4
     again, count = added()
     assert count == 0
+    assert "planner mine: 4 runs cached, version 2" in caplog.messages
     assert again == first
     more, count = added(seeds=[1, 2, 3])
     assert count == 2
@@ -471,3 +474,13 @@ def test_a_costmap_without_a_field_has_the_weight_zero():
     (run,) = made("grid", QUERIES[:1], costs=blank, weights=[0])
     assert run.measures["cost"] == pytest.approx(run.measures["length"])
     assert math.isnan(run.measures["integrated_u"])
+
+
+@pytest.mark.usefixtures("inline_workers")
+def test_planner_without_version_runs_again(tmp_path):
+    calls, file = tmp_path / "calls", tmp_path / "runs.jsonl"
+    calls.mkdir()
+    mine = PlannerSpec("mine", FunctionPlanner(counting, {"folder": str(calls)}))
+    for resume in (False, True):
+        made(mine, weights=[1.0], seeds=[1], journal=file, resume=resume)
+    assert len(list(calls.iterdir())) == 2 * len(QUERIES)

@@ -6,13 +6,11 @@ import ast
 import dataclasses
 import inspect
 import io
-import re
 import textwrap
 from collections.abc import Callable
-from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, ClassVar, SupportsIndex
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import lazy_loader
 
@@ -27,13 +25,7 @@ def attach(
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """`__getattr__`, `__dir__` and `__all__` of a package whose names stand in its stub."""
     get, names, public = lazy_loader.attach_stub(package, file)
-
-    def found(name: str) -> Any:
-        thing = get(name)
-        document_fields(thing)
-        return thing
-
-    return found, names, public
+    return get, names, public
 
 
 def field_docs(kind: type) -> dict[str, str]:
@@ -56,49 +48,6 @@ def field_docs(kind: type) -> dict[str, str]:
                 ):
                     docs[name] = " ".join(text.split())
     return docs
-
-
-class WithFields(str):
-    """The docstring of a class, with what stands below its fields, which Python does not show.
-
-    The source is read where the docstring is looked at.
-    """
-
-    kind: type
-    """The class."""
-
-    def expandtabs(self, tabsize: SupportsIndex = 8) -> str:
-        """All of the text: help() asks no descriptor where the class has a metaclass."""
-        return self.__get__(None, self.kind).expandtabs(tabsize)
-
-    def __get__(self, _: object, kind: type) -> str:
-        text = str(self)
-        if re.search(r"^Parameters\n---", text, re.MULTILINE):
-            return text
-        docs, lines = field_docs(kind), []
-        wrapped = partial(
-            textwrap.wrap,
-            width=96,
-            initial_indent="    ",
-            subsequent_indent="    ",
-            break_on_hyphens=False,
-        )
-        for name, type_ in _types_of(kind).items():
-            if docs[name]:
-                lines += [f"{name} : {type_}", *wrapped(docs[name])]
-        if not lines:
-            return text
-        about, *sections = re.split(r"\n\n(?=[A-Z][\w ]+\n---)", text, maxsplit=1)
-        return "\n\n".join([about, "\n".join(["Parameters", "-" * 10, *lines]), *sections])
-
-
-def document_fields(thing: object) -> None:
-    """Add the fields of a class to its help; nothing happens where there are none."""
-    if isinstance(thing, type) and _types_of(thing):
-        text = vars(thing)["__doc__"]
-        if type(text) is str:  # and has no fields yet
-            thing.__doc__ = documented = WithFields(inspect.cleandoc(text))
-            documented.kind = thing
 
 
 def _types_of(kind: type) -> dict[str, str]:

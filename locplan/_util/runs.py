@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 
 from locplan._util.files import replacing
 from locplan._util.reading import MAX_JSON_BYTES, check_stamp, document, dumped, read_content, stamp
-from locplan.errors import LocplanError, one_line
+from locplan.errors import LocplanError
 
 RUN_FILE = "run.yaml"
-"""The file in a folder of results that `locplan run` repeats."""
+"""The file in a folder of results that records the command, its settings and the version."""
 BESIDE = f".{RUN_FILE}"
 """Ending of the run beside a file."""
 KIND, VERSION = "run", 1
@@ -50,14 +50,6 @@ class Run:
         content |= {name: each for name in ("maps", "robot") if (each := getattr(self, name))}
         content["files"] = sorted(self.files & settings.keys())
         return dumped(content)
-
-    @staticmethod
-    def home(path: Path) -> Path:
-        """Where a run wrote: the folder of its file, or the file that it stands beside."""
-        if path.is_dir():
-            return path
-        name = path.name.removesuffix(BESIDE)
-        return path.parent if name in (path.name, "") else path.with_name(name)
 
     @classmethod
     def read(cls, path: Path) -> Run:
@@ -98,18 +90,6 @@ class Run:
                     else f"{option}={each}"
                 )  # fmt: skip
         return words
-
-    def changes(self, now: Run) -> list[str]:
-        """What the run now read that differs from what this one had read, a line each."""
-        lines = [
-            f"the map {name} has changed since the run"
-            for name, digest in self.maps.items()
-            if now.maps.get(name, digest) != digest
-        ]
-        before, after = self.robot.get("digest"), now.robot.get("digest")
-        if before and after and before != after:
-            lines.append(f"the robot has changed since the run: it was {self.robot.get('title')}")
-        return [one_line(line) for line in lines]
 
 
 @contextmanager

@@ -43,7 +43,6 @@ COMMANDS = {
     "export": ("Hand over", "_export"),
     "field": ("Upkeep", "_upkeep"),
     "cache": ("Upkeep", "_upkeep"),
-    "run": ("Upkeep", "_upkeep"),
 }
 """The heading of each command in the help, and the module that has it by its name."""
 

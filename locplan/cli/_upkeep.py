@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -14,11 +12,8 @@ import locplan
 from locplan._util.files import PICTURES, check_target
 from locplan._util.progress import progress_bar, working
 from locplan._util.results import ResultFolder
-from locplan._util.runs import Run
 from locplan.cli import _options as shared, _types as typed
-from locplan.cli._application import launched
 from locplan.cli._robot_options import FieldOptions, RobotOptions
-from locplan.errors import LocplanError
 
 
 @typed.command("info lab.yaml -o lab_map.png", "info lab.yaml --lidars", "info hall -o maps")
@@ -131,25 +126,3 @@ def clear(*, older_than: Days = 0.0, cache_dir: shared.CacheDir = None) -> None:
 def path(*, cache_dir: shared.CacheDir = None) -> None:
     """Print the folder of the cached fields."""
     print(locplan.field.cache_folder(cache_dir))
-
-
-@typed.command("run planned/run.yaml -o again", "run planned")
-class run(shared.Output):
-    """Repeat the command that wrote results, to the same numbers.
-
-    Results replace those of the run, unless --output names another folder or file.
-    """
-
-    file: Path = dataclasses.field(kw_only=False)
-    """Run of some results: their folder, its run.yaml, or FILE.run.yaml."""
-
-    def __call__(self) -> int | None:
-        before = Run.read(self.file)
-        if before.command in ("run", "explore"):  # they write no results of their own
-            raise LocplanError(f"{self.file}: {before.command} is not one that is repeated")
-        words = [*before.words(), f"--output={self.output or Run.home(self.file)}"]
-        words += ["--force"] * self.force + ["--json"] * self.json
-        code, now = launched(words)
-        for line in before.changes(now) if now else ():
-            print(f"locplan: warning: {line}", file=sys.stderr)
-        return code

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import logging
 import math
 import os
 import pickle
@@ -36,6 +37,7 @@ from locplan.planners import Position, check_ends
 if TYPE_CHECKING:
     from locplan.comparison._result import Case
 
+LOG = logging.getLogger(__name__)
 Key = tuple[Task, str]
 """A task, and the digest of everything that decides its result."""
 
@@ -241,6 +243,10 @@ def runs_of(
     done = {order.task: known.get((order.task, order.digest)) for order in orders}
     runs = {task: run for task, run in done.items() if run and not run.ended}
     left = [order for order in orders if order.task not in runs]
+    for spec in specs:
+        count = sum(task.planner == spec.label for task in runs)
+        if spec.guarded and count:
+            LOG.warning("planner %s: %d runs cached, version %s", spec.label, count, spec.version)
     digests = {order.task: order.digest for order in left}
     if progress:
         progress(len(runs), len(orders))

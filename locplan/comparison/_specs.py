@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import secrets
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -11,7 +10,6 @@ from typing import Any
 
 from locplan import planners as library
 from locplan._util.checks import shown
-from locplan._util.code_digest import code_digest
 from locplan._util.public import needed
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
@@ -120,23 +118,27 @@ class PlannerSpec:
             return (int(own),)
         return tuple(seeds) if library.takes(self.planner, "seed") else (0,)
 
+    @property
+    def version(self) -> str | None:
+        """The version that a user's planner declares; None without one."""
+        planner = library.own_planner(self.planner)
+        code = planner.function if isinstance(planner, FunctionPlanner) else planner
+        version = getattr(code, "version", None)
+        return None if version is None else str(version)
+
     def identity(self) -> list[Any]:
         """Everything that decides the planner's paths, fit for JSON.
 
-        For a user's planner that is a digest of its code and options. One whose code cannot be
-        digested is never the same again.
+        A user's planner counts as the same if its name, its declared version and its options are
+        the same. One without a version is never the same again.
         """
-        options, own = options_of(self.planner), library.own_planner(self.planner)
-        if own is None:
+        options, planner = options_of(self.planner), library.own_planner(self.planner)
+        if planner is None:
             return [self.planner.name, {name: _plain(value) for name, value in options.items()}]
-        code: Any = own.function if isinstance(own, FunctionPlanner) else own
-        code = code if inspect.isroutine(code) else type(code)
-        try:
-            digest = code_digest(self.planner, [code])
-        except LocplanError:
-            digest = secrets.token_hex(16)
+        code: Any = planner.function if isinstance(planner, FunctionPlanner) else type(planner)
+        known = secrets.token_hex(16) if self.version is None else f"version {self.version}"
         texts = {name: shown(value) for name, value in options.items()}
-        return [getattr(code, "__qualname__", ""), digest, texts]
+        return [getattr(code, "__qualname__", ""), known, texts]
 
     def plan(self, costs: Costmap, start: Position, goal: Position, seed: int) -> Plan:
         """Plan once; the path is measured on the costmap.

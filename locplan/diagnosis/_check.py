@@ -10,7 +10,7 @@ from locplan._util.checks import check_threads, one_of, whole
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap, Path
 from locplan.diagnosis import _cures as cures, _in_short as in_short
-from locplan.diagnosis._driving import Journal, Site
+from locplan.diagnosis._driving import Site
 from locplan.diagnosis._reading import Reading
 from locplan.diagnosis._recorded import recorded
 from locplan.diagnosis._result import Check, is_better, misled, ranked
@@ -138,16 +138,15 @@ def check(
     site = Site(drives.world, own, drives.robot, paths, drives.stretch)
     field, costs, spots = _field_and_spots(site, threads, steps["field"])
     told(in_short.spots(spots))
-    with Journal.of(site, seed) as journal:
-        work = Work(site, EFFORTS[effort], seed, threads, journal)
-        as_is, trips, spots = work.as_it_is(spots, steps["as it is"])
-        told(in_short.as_it_is(as_is))
-        tried = []
-        for cure in work.cures(reading, drives.mended, costs, field, steps["cures"]):
-            tried.append(cure)
-            if is_better(cure):
-                told(in_short.cure(cure, as_is))
-        before, after = work.together(tried, steps["together"])
+    work = Work(site, EFFORTS[effort], seed, threads)
+    as_is, trips, spots = work.as_it_is(spots, steps["as it is"])
+    told(in_short.as_it_is(as_is))
+    tried = []
+    for cure in work.cures(reading, drives.mended, costs, field, steps["cures"]):
+        tried.append(cure)
+        if is_better(cure):
+            told(in_short.cure(cure, as_is))
+    before, after = work.together(tried, steps["together"])
     spots = misled(spots, drives.faults, tried)
     return Check(
         grid=grid,

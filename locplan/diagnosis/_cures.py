@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from locplan._kernels.arrays import Floats
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path
@@ -16,7 +14,6 @@ from locplan.diagnosis._driving import (
     BETTER,
     WORTHWHILE,
     Driver,
-    Journal,
     Outcome,
     Site,
     contrast,
@@ -138,21 +135,21 @@ def searched(
     site: Site,
     seed: int,
     threads: int | None,
-    journal: Journal,
     progress: ProgressCallback | None,
 ) -> Remedy | None:
     """The settings that `tune` finds on random paths of the map; None if none is clearly better."""
     if not isinstance(site.robot.filter, Amcl):
         return None
 
-    def found() -> list[Any]:
-        own: Any = {"filter_map": None if site.filter_map is site.world else site.filter_map}
-        own |= {"seed": seed, "threads": threads, "progress": progress}
-        best = tune(site.world, site.robot, **own)
-        return [best.to_use.name, best.changes]
-
-    title, changes = journal((site.digest, "tune", seed), found)
-    return _settings(f"settings: {title}", changes) if changes else None
+    best = tune(
+        site.world,
+        site.robot,
+        filter_map=None if site.filter_map is site.world else site.filter_map,
+        seed=seed,
+        threads=threads,
+        progress=progress,
+    )
+    return _settings(f"settings: {best.to_use.name}", best.changes) if best.changes else None
 
 
 def chosen_paths(
@@ -212,7 +209,7 @@ class Poles(NamedTuple):
     """The map with them."""
 
 
-def landmarks(site: Site, threads: int | None, journal: Journal) -> Remedy | None:
+def landmarks(site: Site, threads: int | None) -> Remedy | None:
     """Three poles beside the trips; None where none may stand or none helps.
 
     Parameters
@@ -221,20 +218,14 @@ def landmarks(site: Site, threads: int | None, journal: Journal) -> Remedy | Non
         What is driven.
     threads : int or None
         Number of threads.
-    journal : Journal
-        What was found before.
     """
     kind = Pole(max(0.2, 2 * site.world.resolution))
     about: Any = {"paths": site.paths, "robot": site.robot, "threads": threads}
 
-    def found() -> list[list[float]]:
-        try:
-            made = place_landmarks(site.world, kind, POLES, **about)
-        except ConfigError:
-            return []
-        return [[*map(float, pose)] for pose in made.poses]
-
-    poses = np.array(journal((site.digest, "poles", POLES), found))
+    try:
+        poses = place_landmarks(site.world, kind, POLES, **about).poses
+    except ConfigError:
+        return None
     if not len(poses):
         return None
 
@@ -298,8 +289,6 @@ def combined(
     return taken, before, after
 
 
-def driver_of(
-    seed: int, threads: int | None, numbers: range, journal: Journal
-) -> Callable[[Site], Outcome]:
+def driver_of(seed: int, threads: int | None, numbers: range) -> Callable[[Site], Outcome]:
     """A function that drives sites with the drives of some numbers."""
-    return lambda site: Driver(site, seed, threads, journal)(numbers)
+    return lambda site: Driver(site, seed, threads)(numbers)

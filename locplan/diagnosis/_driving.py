@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path as File
 from typing import Any, NamedTuple
 
 import numpy as np
 
-import locplan
 from locplan._kernels.arrays import Bools, Floats
-from locplan._util.files import replacing
 from locplan._util.intervals import Interval, of_mean, wilson
 from locplan._util.progress import ProgressCallback, parts
-from locplan._util.reading import parsed_json, read_text
 from locplan.costs import Path
-from locplan.errors import LocplanError
-from locplan.field import kept
 from locplan.maps import OccupancyGrid
-from locplan.robots import Amcl, Robot
+from locplan.robots import Robot
 from locplan.simulation import (
     FLOOR,
     LOST,
@@ -69,51 +61,6 @@ class Site:
         for path in self.paths.values():
             found.update(path.poses.tobytes())
         return found.hexdigest()
-
-
-class Journal:
-    """What was found before by what it depends on, as files of a folder; none keeps nothing."""
-
-    def __init__(self, folder: File | None) -> None:
-        self._folder = folder
-
-    @classmethod
-    @contextmanager
-    def of(cls, site: Site, seed: int) -> Iterator[Journal]:
-        """The journal of a site's drives in the cache, of this version of locplan."""
-        # The 1 rises when drives, cures or choices of the same version find something else.
-        key = hashlib.sha256(repr(("check", 1, locplan.__version__, site.digest, seed)).encode())
-        folder = None
-        with ExitStack() as stack:
-            with suppress(LocplanError):  # a cache that cannot be written keeps nothing
-                if isinstance(site.robot.filter, Amcl):  # the code of another has no digest
-                    entry = kept(key.hexdigest()[:32], "driven check", site.world.name)
-                    folder = stack.enter_context(entry)
-            yield cls(folder)
-
-    def __call__(
-        self,
-        about: object,
-        make: Callable[[], Any],
-        load: Callable[[File], Any] = lambda file: parsed_json(read_text(file)),
-        write: Callable[[Any, File], None] | None = None,
-    ) -> Any:
-        """What was found before; else it is made and kept, by default as JSON."""
-        if self._folder is None:
-            return make()
-        name = hashlib.sha256(repr(about).encode()).hexdigest()[:32]
-        file = self._folder / f"{name}.json"
-        with suppress(LocplanError, ValueError):
-            return load(file)
-        made = make()
-        with suppress(LocplanError):  # what cannot be kept is made anew
-            (write or _write_json)(made, file)
-        return made
-
-
-def _write_json(found: object, file: File) -> None:
-    with replacing(file) as temporary:
-        temporary.write_text(json.dumps(found), "utf-8")
 
 
 class _Stretched(Simulator):
@@ -173,14 +120,10 @@ class Driver:
         Seed of all random numbers.
     threads : int or None
         Number of threads.
-    journal : Journal, optional
-        What was driven before.
     """
 
-    def __init__(
-        self, site: Site, seed: int, threads: int | None, journal: Journal | None = None
-    ) -> None:
-        self.site, self._journal, self._seed = site, journal or Journal(None), seed
+    def __init__(self, site: Site, seed: int, threads: int | None) -> None:
+        self.site = site
         own = None if site.filter_map is site.world else site.filter_map
         self._simulator = _Stretched(
             site.world, site.robot, filter_map=own, seed=seed, threads=threads
@@ -194,29 +137,15 @@ class Driver:
 
     def __call__(self, numbers: range, progress: ProgressCallback | None = None) -> Outcome:
         """Drive each trip with the drives of some numbers."""
-        found = self._kept("open", numbers, progress, self._driven)
+        found = self._driven(numbers, progress)
         return Outcome(*map(np.array, zip(*found, strict=True)))
 
     def arrivals(self, numbers: range, progress: ProgressCallback | None = None) -> list[Arrivals]:
         """Drive each trip steered by the filter's pose; none in a world that is stretched."""
         if self.site.stretch != 1:
             return []
-        found = self._kept("closed", numbers, progress, self._arrived)
+        found = self._arrived(numbers, progress)
         return [Arrivals(tuple(Arrival(*each) for each in trip)) for trip in found]
-
-    def _kept(
-        self,
-        how: str,
-        numbers: range,
-        progress: ProgressCallback | None,
-        drive: Callable[[range, ProgressCallback | None], list[Any]],
-    ) -> list[Any]:
-        about = self.site.digest, self._seed, how, numbers
-        found: list[Any] = self._journal(about, lambda: drive(numbers, progress))
-        if progress:  # of what was found before nothing else tells
-            count = len(numbers) * len(self.site.paths)
-            progress(count, count)
-        return found
 
     def _driven(self, numbers: range, progress: ProgressCallback | None) -> list[Any]:
         rows = []

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 from locplan._util.intervals import wilson
@@ -17,7 +16,6 @@ from locplan.diagnosis._driving import (
     NO_BETTER,
     Contrast,
     Driver,
-    Journal,
     Outcome,
     Site,
     contrast,
@@ -80,25 +78,20 @@ class Work:
         Seed of all random numbers.
     threads : int or None
         Number of threads.
-    journal : Journal
-        What was driven before.
     """
 
-    def __init__(
-        self, site: Site, effort: Effort, seed: int, threads: int | None, journal: Journal
-    ) -> None:
+    def __init__(self, site: Site, effort: Effort, seed: int, threads: int | None) -> None:
         self.site, self.effort, self.seed, self.threads = site, effort, seed, threads
         self.remedies: dict[str, Remedy] = {}
         self.taken: tuple[str, ...] = ()
-        self._journal = journal
         few, many, closed = (
             -(-number // len(site.paths)) for number in (effort.few, effort.drives, effort.closed)
         )
         # Cures are chosen, judged, and what is recommended confirmed, each on drives of its own.
         self._few, self._many = range(few), range(few, few + many)
         self._fresh, self._closed = range(few + many, few + 2 * many), range(closed)
-        self._driver = Driver(site, seed, threads, journal)
-        self._drive_few = cures.driver_of(seed, threads, self._few, journal)
+        self._driver = Driver(site, seed, threads)
+        self._drive_few = cures.driver_of(seed, threads, self._few)
 
     def as_it_is(
         self, spots: Sequence[WeakSpot], progress: ProgressCallback
@@ -147,7 +140,7 @@ class Work:
 
     def _settings(self, progress: ProgressCallback) -> Remedy | None:
         """Settings of the filter: of a few, or where there is time of the search of `tune`."""
-        own = self.seed, self.threads, self._journal, scaled(progress, 100)
+        own = self.seed, self.threads, scaled(progress, 100)
         found = cures.searched(self.site, *own) if self.effort.search else None
         return found or cures.tuned(self.site, self._score)
 
@@ -163,10 +156,8 @@ class Work:
         own |= {"seed": self.seed, "threads": self.threads}
         for name, step in zip(losing, parts(progress, [100] * len(losing)), strict=True):
             start, goal = map(tuple, site.paths[name].xy[[0, -1]].tolist())
-            about = site.digest, self.seed, "choice", name, self.effort.choosing
-            make = partial(choose, site.world, start, goal, site.robot, **own)
-            made = self._journal(about, make, Choice.load, Choice.write)
-            found[name] = made.with_field(field)
+            choice = choose(site.world, start, goal, site.robot, **own)
+            found[name] = choice.with_field(field)
             step(100, 100)
         return found
 
@@ -174,7 +165,7 @@ class Work:
         """A cure as it was driven, after a few drives no further if it does not lead."""
         self.remedies[remedy.kind] = remedy
         site = remedy.apply(self.site)
-        driver = Driver(site, self.seed, self.threads, self._journal)
+        driver = Driver(site, self.seed, self.threads)
         few = driver(self._few)
         if is_hopeless(self._before_few, few):
             said = contrast(self._before_few, few)._replace(verdict=NO_BETTER)
@@ -191,7 +182,7 @@ class Work:
 
     def together(self, tried: list[Cure], progress: ProgressCallback) -> tuple[Rates, Rates]:
         """What is to be done together, and fresh drives without and with it."""
-        fresh = cures.driver_of(self.seed, self.threads, self._fresh, self._journal)
+        fresh = cures.driver_of(self.seed, self.threads, self._fresh)
         sure = tuple(kind for kind, each in self.remedies.items() if each.is_sure)
         order = [each.kind for each in ranked(tried) if helps(each, self._as_is)]
         order = [kind for kind in order if kind not in sure]
@@ -205,7 +196,7 @@ class Work:
         if not self.taken:
             return _rates(before), _rates(before)
         site = cures.joined(self.remedies, self.taken, self.site)
-        cured = Driver(site, self.seed, self.threads, self._journal)
+        cured = Driver(site, self.seed, self.threads)
         closed = [each.arrivals(self._closed) for each in (self._driver, cured)]
         progress(200, 200)
         return _rates(before, closed[0]), _rates(after, closed[1])
@@ -219,7 +210,7 @@ class Work:
     ) -> tuple[Outcome, Outcome]:
         """The fresh drives without and with all cures, landmarks among them if they help."""
         site = cures.joined(self.remedies, self.taken, self.site)
-        remedy = cures.landmarks(site, self.threads, self._journal)
+        remedy = cures.landmarks(site, self.threads)
         if remedy is None:
             return before, after
         self.remedies[remedy.kind] = remedy

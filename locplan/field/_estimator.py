@@ -12,7 +12,7 @@ import numpy as np
 
 from locplan._kernels.arrays import Floats, Ints, Octets
 from locplan._util.checks import Settings, positive, setting, shown
-from locplan.errors import ConfigError
+from locplan.errors import ConfigError, FieldError
 from locplan.field._search_window import OffsetLattice
 from locplan.robots import Lidar
 
@@ -310,6 +310,17 @@ def kinds_of(owner: Any) -> list[type]:
 def is_ours(owner: Any) -> bool:
     """Return whether settings, and all settings in them, are of locplan's own classes."""
     return all(kind.__module__.startswith("locplan.") for kind in kinds_of(owner))
+
+
+def declared_versions(owner: Any) -> list[str]:
+    """Return the versions of the user's own classes in settings; a FieldError if one has none."""
+    user_kinds = [kind for kind in kinds_of(owner) if not kind.__module__.startswith("locplan.")]
+    versions = [getattr(kind, "version", None) for kind in user_kinds]
+    for kind, version in zip(user_kinds, versions, strict=True):
+        if version is None:
+            remedy = "add `version = 1` to the class, and raise it when its values change"
+            raise FieldError(f"{kind.__name__} declares no version; {remedy}")
+    return [str(version) for version in versions]
 
 
 def made_of(kind: type[T], settings: Mapping[str, object]) -> T:

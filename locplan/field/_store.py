@@ -7,6 +7,7 @@ loses only those under way. A lock lets only one process at a time compute a fie
 
 from __future__ import annotations
 
+import logging
 import os
 import warnings
 from collections.abc import Callable, Iterator
@@ -25,10 +26,11 @@ from locplan.errors import FieldError
 from locplan.field import _cache as cache, _tiles as tiles, _zarr as field_files
 from locplan.field._compute import finished_chunks
 from locplan.field._config import FieldConfig, config_of
-from locplan.field._estimator import Estimator, Values
+from locplan.field._estimator import Estimator, Values, is_ours
 from locplan.field._field import CovarianceField
 from locplan.maps import OccupancyGrid, check_grid
 
+LOG = logging.getLogger(__name__)
 _PATIENCE = 0.3
 """Interval of checks whether another process has finished [s]."""
 
@@ -139,8 +141,8 @@ def load_or_compute(
     Warns
     -----
     CacheWarning
-        If the cache cannot be written, holds damaged chunks (which are computed anew), or cannot
-        know an estimator of your own again.
+        If the cache cannot be written, holds damaged chunks (which are computed anew), or the
+        caller's estimator declares no version.
     """
     check_grid(grid)
     config = config_of(config)
@@ -157,6 +159,9 @@ def load_or_compute(
         )
     path = cache.cache_folder(cache_dir) / field_files.name_of(about)
     found = _Found.at(path, about, grid, config, needed)
+    if not is_ours(config.estimator) and not found.lacking.any():
+        version = about["identity"]["version"]
+        LOG.warning("field of %s: cached, version %s", grid.name, version)
     if lacking := int(found.lacking.sum()):
         del found  # saves memory on a large map
         with _alone(path, lacking, progress) as writable:

@@ -21,14 +21,13 @@ import numpy as np
 
 from locplan import __version__
 from locplan._util.checks import shown
-from locplan._util.code_digest import code_digest
 from locplan._util.files import check_folder_target
 from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_bytes
 from locplan.errors import FieldError, LocplanError
 from locplan.field import _tiles as tiles
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import check_values
-from locplan.field._estimator import MapPart, Values, is_ours, kinds_of
+from locplan.field._estimator import MapPart, Values, declared_versions, is_ours
 from locplan.field._lattice import evaluated_points
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
@@ -64,7 +63,7 @@ def cached_attributes(grid: OccupancyGrid, config: FieldConfig, in_part: bool) -
     identity, estimator = {"points": "some"} if in_part else {}, config.estimator
     try:
         if not is_ours(estimator):
-            identity["code"] = code_digest(estimator, kinds_of(estimator))
+            identity["version"] = ", ".join(declared_versions(estimator))
         about = attributes(grid, config, **identity)
         json.dumps(about)
     except (LocplanError, TypeError, ValueError) as error:  # the others are of JSON
