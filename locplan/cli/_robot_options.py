@@ -51,10 +51,12 @@ class RobotOptions(typed.Options):
 
         It has this lidar where the options name none, or, where it was recorded, in any case.
         """
-        robot = locplan.Robot.load(*self.robot)
-        named = locplan.Lidar.preset(self.lidar) if self.lidar else robot.lidar
-        own = lidar if recorded else named or lidar
         settings = typed.settings_of(self.set, "set", "alpha1=0.05", words=True)
+        with warnings.catch_warnings():
+            if recorded or any(name.startswith("mount_") for name in settings):
+                warnings.filterwarnings("ignore", ".*set mount_x", locplan.robots.ParameterWarning)
+            robot = locplan.Robot.load(*self.robot, lidar=lidar if recorded else self.lidar)
+        own = lidar if recorded else robot.lidar or lidar
         robot = dataclasses.replace(robot, lidar=own).changed(settings)
         # Ten times the range of the data sheet was hardly meant in metres.
         if self.lidar and robot.known_lidar.range > 10 * PRESETS[self.lidar].range:

@@ -128,7 +128,7 @@ class Robot(Settings):
         return cls(lidar, **parts_of(path))
 
     @classmethod
-    def load(cls, *paths: str | os.PathLike[str]) -> Robot:
+    def load(cls, *paths: str | os.PathLike[str], lidar: Lidar | str | None = None) -> Robot:
         """Robot of one or more files, of which later ones replace what earlier ones say.
 
         Parameters
@@ -136,15 +136,25 @@ class Robot(Settings):
         *paths : path
             Files that `save` or ``locplan calibrate`` wrote, parameters of Nav2 (see `from_nav2`),
             or a URDF or SDF with the lidar.
+        lidar : Lidar or str, optional
+            The lidar, or its name, in place of the files'. A URDF or SDF then needs no sensor.
+            Unless the lidar has a mount, its mount is that of the file's sensor, or of the only
+            link that is named as a scanner's frame, such as laser_frame or base_scan.
 
         Raises
         ------
         LocplanError
             If a file cannot be read, says nothing of a robot, or a value is out of its range.
+
+        Warns
+        -----
+        ParameterWarning
+            If parameters are not simulated, or a URDF or SDF does not have the lidar's mount.
         """
-        parts: dict[str, Any] = {}
+        known = cls(lidar).lidar
+        parts: dict[str, Any] = {"lidar": known}
         for path in paths:
-            found = parts_in(path)
+            found = parts_in(path, known)
             with errors_at(path):
                 cls(**found)  # refuses what is out of range, beside the file's name
             parts |= found
