@@ -118,7 +118,7 @@ class plan(
     budget: float | None = None
     """Maximum ∫u ds of a path, in metres."""
     longest: float | None = None
-    """Maximum length of a candidate, in lengths of the shortest path; 1.5 by default."""
+    """Maximum length of other candidates, in lengths of the shortest path; 1.5 by default."""
 
     def __call__(self) -> None:
         config: Any

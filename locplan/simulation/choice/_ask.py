@@ -66,8 +66,8 @@ class ChoiceSettings(Settings):
     budget: float | None = None
     """Maximum integral of u of a candidate, >= 0 [m]; None sets no limit."""
     longest: float = 1.5
-    """Maximum length of a candidate, in lengths of the shortest path, >= 1; paths that are given
-    may be longer."""
+    """Maximum length of a candidate, in lengths of the shortest path, >= 1. The aware path of the
+    default weight and all that you ask for may be longer."""
     front: bool = False
     """Whether up to 5 paths of the Pareto front of length against degeneracy are candidates."""
     weight: float | None = None

@@ -64,7 +64,7 @@ class Choice(Result, Stored):
     note: str = ""
     """What there is to say beside: why nothing was driven, or why there is no path."""
     left_out: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    """Why a planner's or a user's path is no candidate, by its name."""
+    """Why each other path that was planned or given is no candidate, by its name."""
     judgement: Judgement | None = None
     """The race and its confirmation; None where nothing was driven."""
     rival: Driven | None = None
@@ -144,7 +144,7 @@ class Choice(Result, Stored):
             return f"take {chosen.quoted}, untested: {self.note}"
         if found.leader == 0:
             if len(self.candidates) == 1:
-                return "take the shortest: there is no other path that is not much longer"
+                return "take the shortest: no other path is a candidate"
             return f"take the shortest: no other path led by 1 % in the race of {ROUNDS[-1]} drives"
         leader = self.candidates[found.leader]
         error = f"x{short(found.ratio)} of its error {leader.at_length(shortest)}"
@@ -304,7 +304,10 @@ class Choice(Result, Stored):
             " path had other drives, 4 to 8: its ratio is to the shortest in these",
         ]
         left = [f"{each.name}: {each.note}" for each in self.candidates if each.note]
-        left += [f"left out: {name}: {why}" for name, why in self.left_out.items()]
+        names: dict[str, list[str]] = {}
+        for name, why in self.left_out.items():
+            names.setdefault(why, []).append(name)
+        left += [f"left out: {', '.join(group)}: {why}" for why, group in names.items()]
         below = [*left, *([self.driven, *heads] if self.judgement else [])]
         if self.costs is not None and not self.costs.has_weak_spots:
             below.append("no weak spot for this lidar: u is 0 all over the map")

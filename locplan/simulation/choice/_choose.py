@@ -166,8 +166,10 @@ def _driven(
     paths, left_out = candidates_of(part, own)
     if asked.is_limited:  # planners find short paths, not always the shortest, within limits
         name = min(paths, key=lambda each: paths[each].length)
-        others = {each: path for each, path in paths.items() if each not in (name, SHORTEST)}
-        paths = {SHORTEST: paths[name], **others}
+        if name != SHORTEST:
+            left_out[name] = f"races as {SHORTEST!r}: no path within the limits is shorter"
+            left_out[f"planned {SHORTEST}"] = f"{name!r} keeps the limits and is shorter"
+            paths[SHORTEST] = paths.pop(name)
     driver = Driver(simulator, paths, asked, progress)
     until = math.inf if asked.time_limit is None else time.monotonic() + asked.time_limit
     found = judged(
