@@ -12,7 +12,8 @@ import numpy as np
 from locplan._kernels.arrays import Array, Floats, Ints
 from locplan.costs import Costmap, Path, check_costs
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
-from locplan.planners._grid import GridPlanner, bands, bordered_index, cells_of, through_centres
+from locplan.planners._grid import GridPlanner, bands, bordered_index, cells_of
+from locplan.planners._grid_paths import grid_path
 from locplan.planners._protocol import Found, Position
 from locplan.planners._result import Plan, finished
 
@@ -65,7 +66,7 @@ class CostToGo:
         return cells_of(flat[::-1], columns)
 
     def path(self, start: Position) -> Path | None:
-        """The path of least cost over the cells' centres, or None if there is none.
+        """The grid planner's path of least cost, or None if there is none.
 
         Parameters
         ----------
@@ -78,7 +79,7 @@ class CostToGo:
             If the start lies outside the map or in a blocked cell.
         """
         cells = self.cells(start)
-        return None if cells is None else through_centres(self.costs, cells, start, self.goal)
+        return None if cells is None else self._path_over(cells, start)
 
     def plan(self, start: Position) -> Plan:
         """The path and its metrics, as `locplan.plan` gives them with the grid planner.
@@ -101,8 +102,12 @@ class CostToGo:
         began = time.perf_counter()
         cells, found = self.cells(start), Found(status="unreachable")
         if cells is not None:
-            found = Found(through_centres(self.costs, cells, start, self.goal, trim=True))
+            found = Found(self._path_over(cells, start))
         return finished("grid", self.costs, start, self.goal, found, time.perf_counter() - began)
+
+    def _path_over(self, cells: Ints, start: Position) -> Path:
+        """The path over cells (n, 2) from a start."""
+        return grid_path(self.costs, cells, start, self.goal, self.allow_corner_cutting)
 
 
 def plan_field(costs: Costmap, goal: Position, *, allow_corner_cutting: bool = False) -> CostToGo:

@@ -17,7 +17,7 @@ from locplan._util.saved import Stored, listed, tree_of
 from locplan._util.tables import finite, rounded_up, table, write_csv
 from locplan.costs import DEGENERATE, Costmap, Path, PathMetrics, about_costs, path_metrics
 from locplan.errors import ConfigError
-from locplan.planners._grid import through_centres
+from locplan.planners._grid_paths import through_centres
 from locplan.planners._protocol import Found, Position, Status
 
 METRICS = (
@@ -183,7 +183,7 @@ class ParetoFront(Result, Stored):
     solve_time: float
     """Time spent on the search, without compilation [s]."""
     cells: tuple[Ints, ...]
-    """The cells of each path as (row, col), (n, 2)."""
+    """The cells of each path as (row, col), (n, 2); none of the straight line."""
     _drawn_by: ClassVar[str] = "locplan.plotting:front_figure"
 
     def __repr__(self) -> str:

@@ -16,7 +16,8 @@ from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners._any_angle import AnyAngle, straightened
-from locplan.planners._grid import blank_costs, cheapest_cells, connected_parts, through_centres
+from locplan.planners._grid import blank_costs, cheapest_cells, connected_parts
+from locplan.planners._grid_paths import grid_path
 from locplan.planners._lattice import Lattice
 from locplan.planners._protocol import CURVED, MAX_SEED, Found, Position, check_space
 from locplan.planners.ompl._motions import Motions
@@ -162,7 +163,7 @@ class Ompl:
         if self.space == "R2":
             cells, _ = cheapest_cells(costs, start, goal, allow_corner_cutting=False)
             assert cells is not None
-            return [through_centres(costs, cells, start, goal, trim=True)]
+            return [grid_path(costs, cells, start, goal)]
         kinematics = Kinematics(
             drive="car-like",
             turning_radius=self.turning_radius or 0.0,
