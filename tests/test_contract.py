@@ -52,6 +52,12 @@ def own(change: Callable[[dict[str, np.ndarray], object], object], **members: ob
     return type("Mine", (Own,), {"covariances": covariances, **members})()
 
 
+def test_estimator_without_name_is_refused():
+    unnamed = {name: value for name, value in vars(Own).items() if name != "name"}
+    with pytest.raises(LocplanError, match="estimator Unnamed has no name; add name"):
+        type("Unnamed", (Estimator,), unnamed)()
+
+
 def refused(grid: locplan.OccupancyGrid, estimator: Estimator, **how: object) -> str:
     with pytest.raises(LocplanError) as caught:
         locplan.covariance_field(grid, estimator, **how)

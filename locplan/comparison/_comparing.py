@@ -7,12 +7,14 @@ import itertools
 import math
 import os
 import platform
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -165,8 +167,14 @@ def compare(
     ------
     LocplanError
         If anything is wrong with the input, before the first run.
+
+    Warns
+    -----
+    MissingLibraryWarning
+        If pandas is missing, which `Comparison.to_frame` needs.
     """
     check_platform()
+    _warn_without_pandas()
     execution = execution or Execution()
     queries = RandomQueries(queries) if is_whole(queries) else queries
     asked = [float(weights)] if isinstance(weights, (int, float)) else weights
@@ -204,6 +212,16 @@ def compare(
         "robot": robot and robot.summary(),
     }
     return Comparison(tuple(runs), baseline, {case.key: case for case in cases}, about)
+
+
+class MissingLibraryWarning(UserWarning):
+    """Warning that a result will lack what a missing library makes."""
+
+
+def _warn_without_pandas() -> None:
+    if find_spec("pandas") is None:
+        fault = "to_frame() and runs.parquet need pandas: pip install 'locplan[tables]'"
+        warnings.warn(MissingLibraryWarning(fault), stacklevel=3)
 
 
 def _about(

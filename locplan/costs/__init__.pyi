@@ -27,4 +27,9 @@ from ._metrics import (
     path_metrics as path_metrics,
     profile as profile,
 )
-from ._path import Path as Path, divided_poses as divided_poses
+from ._path import (
+    AnyPath as AnyPath,
+    Path as Path,
+    divided_poses as divided_poses,
+    path_from as path_from,
+)

@@ -116,6 +116,12 @@ class Estimator(Settings, ABC):
     noise_level: float = setting(1.0, positive, "times Sigma")
     """Factor k on the covariance (Eq. 8), above 0; a calibration finds the one of your filter."""
 
+    def __post_init__(self) -> None:
+        if not (isinstance(getattr(self, "name", None), str) and self.name.strip()):
+            kind = type(self).__name__
+            raise ConfigError(f'estimator {kind} has no name; add name = "..." to the class')
+        super().__post_init__()
+
     @abstractmethod
     def lattice(self, resolution: float) -> OffsetLattice:
         """Lattice of pose offsets that bounds the covariance.

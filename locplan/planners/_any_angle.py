@@ -135,7 +135,8 @@ def any_angle_path(
     positions = np.vstack([ends[:1], inner, ends[1:]])
     straight = _improved(costs, bordered, positions, start, goal, allow_corner_cutting)
     # Rounding can push a line along a wall's edge into the wall; the grid's path then wins.
-    return min(straight, *others, key=lambda path: path_cost(costs, path))
+    best: Path = min(straight, *others, key=lambda path: path_cost(costs, path))
+    return best
 
 
 def _without_end_centres(costs: Costmap, cells: Ints, start: Position, goal: Position) -> Path:

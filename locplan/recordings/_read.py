@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from locplan._util.checks import file_path, instance, positive
+from locplan._util.checks import file_path, positive
 from locplan._util.files import keep_input
 from locplan._util.poses import way_along
 from locplan._util.progress import ProgressCallback
@@ -24,7 +24,7 @@ from locplan.recordings._tables import read_csv, read_npz
 from locplan.robots import Robot
 
 if TYPE_CHECKING:
-    from locplan.costs import Path
+    from locplan.costs import AnyPath
 
 READERS: dict[str, Callable[[FilePath, Options], Recording]] = {
     **dict.fromkeys(BAGS, read_bag),
@@ -141,7 +141,7 @@ def read_drive(
 
 def record_drive(
     grid: OccupancyGrid,
-    path: Path,
+    path: AnyPath,
     robot: Robot | None = None,
     *,
     spacing: float = 0.2,
@@ -156,8 +156,8 @@ def record_drive(
     ----------
     grid : OccupancyGrid
         The map.
-    path : Path
-        The way of the robot, in the world.
+    path : Path, Plan, or (n, 2) or (n, 3) array
+        The way of the robot, in the world [m, m, rad].
     robot : Robot, optional
         The robot with the lidar that is recorded; by default one of 6 m that sees all round.
     spacing : float, default 0.2
@@ -187,10 +187,10 @@ def record_drive(
     """
     from locplan._kernels.drives import odometry_along
     from locplan._kernels.lidar import measured_ends
-    from locplan.costs import Path
+    from locplan.costs import path_from
     from locplan.simulation import POSE_SPACING, Simulator, poses_along
 
-    instance("path", path, Path)
+    path = path_from(path)
     every = max(1, round(positive("spacing", spacing, "m") / POSE_SPACING))
     positive("speed", speed, "m/s")
     simulator = Simulator(grid, robot, seed=seed, threads=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,7 +35,7 @@ class Recording:
     Examples
     --------
     >>> lidar = Lidar(range=10.0, field_of_view_deg=180.0, beams=3)
-    >>> drive = Recording([[2.0, 1.0, 2.0], [2.0, 0.5, 12.0]], lidar, [[0, 0, 0], [0.5, 0, 0]])
+    >>> drive = Recording([[2.0, 1.0, 2.0], [2.0, 0.5, 12.0]], lidar, [[0.0, 0, 0], [0.5, 0, 0]])
     >>> drive
     Recording(2 scans of 3 beams, 0.5 m)
     >>> drive.ranges[1].tolist()
@@ -58,6 +58,18 @@ class Recording:
     """Poses by odometry at the scans, (n, 3) [m, m, rad], in a frame of its own; or None."""
     source: Source = field(default_factory=Source)
     """The file, topics and frames that it was read from."""
+
+    if TYPE_CHECKING:  # lists are taken, but arrays kept
+
+        def __init__(
+            self,
+            ranges: ArrayLike,
+            lidar: Lidar,
+            poses: ArrayLike,
+            times: ArrayLike | None = None,
+            odometry: ArrayLike | None = None,
+            source: Source = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         instance("lidar", self.lidar, Lidar)
