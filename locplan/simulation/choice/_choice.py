@@ -17,9 +17,9 @@ from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, FieldConfig
 from locplan.planners import Plan, Position
-from locplan.robots import Amcl, Robot
+from locplan.robots import Robot
 from locplan.simulation._arrivals import Arrivals, faults_of
-from locplan.simulation.choice._ask import TUNED, ChoiceSettings
+from locplan.simulation.choice._ask import ChoiceSettings
 from locplan.simulation.choice._densities import config_of, costmap_of, costs_again
 from locplan.simulation.choice._driven import DRIVEN, PLANNED, Candidate, Driven, comparable
 from locplan.simulation.choice._race import (
@@ -29,6 +29,7 @@ from locplan.simulation.choice._race import (
     ROUNDS,
     Judgement,
 )
+from locplan.simulation.choice._tuning_advice import tuning_advice
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -189,25 +190,7 @@ class Choice(Result, Stored):
     @property
     def advice(self) -> list[str]:
         """Sentences on the filter, which may matter more than the path."""
-        chosen, found = self.chosen, []
-        if chosen is None or chosen.driven is None or self.judgement is None:
-            return []
-        if chosen.driven.lost_rate.value >= 0.5:  # paths are not the remedy
-            tool = " with `locplan tune`" if isinstance(self.robot.filter, Amcl) else ""
-            found.append(
-                f"half of its drives or more are off by over 1 m: tune the filter first{tool};"
-                " `locplan evaluate` tells if single scans fail as well"
-            )
-        taken = self.judgement.ratio.value if self.best else 1.0
-        rival, filter = self.rival and self.rival.ratio, self.settings.rival
-        if rival and filter and rival.high < 1 and rival.value < 0.9 * taken:
-            which = "this filter" if isinstance(self.robot.filter, Amcl) else "AMCL"
-            preset = f"{which} with all alphas 0.05 and likelihood_field_prob"
-            found.append(
-                "tune first, with `locplan tune`: on the shortest path"
-                f" {preset if filter == TUNED else filter.title} has x{short(rival)} of the error"
-            )
-        return found
+        return tuning_advice(self)
 
     @property
     def said(self) -> list[str]:
