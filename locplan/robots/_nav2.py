@@ -325,7 +325,7 @@ def _replacement(text: str, key: Any, value: Any, new: Any) -> tuple[int, int, s
     anchor = re.compile(r"&[^\s,\[\]{}]+\s*").match(text, start)
     quote = text[start] if text[start : start + 1] in ("'", '"') else ""
     quote = quote if isinstance(new, str) else ""
-    written = f"{quote}{flow_text(new)}{quote}"
+    written = f"{quote}{new}{quote}" if quote else flow_text(new)
     return (anchor.end() if anchor else start), end, written
 
 
