@@ -100,7 +100,8 @@ def yaml_text(content: Mapping[str, Any]) -> str:
         """A dumper that quotes what is a text to PyYAML only."""
 
     def represent(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
-        plain = text in ROS_BOOLEANS or ROS_NUMBER.fullmatch(text)
+        # libyaml below 0.2.2 fails on an unquoted :: between braces.
+        plain = text in ROS_BOOLEANS or ROS_NUMBER.fullmatch(text) or "::" in text
         return dumper.represent_scalar("tag:yaml.org,2002:str", text, '"' if plain else None)
 
     Dumper.add_representer(str, represent)
@@ -187,15 +188,6 @@ class Robot:
             yield (
                 f"its planners are {', '.join(others)}{why}; {called} is added for the mask, and"
                 " plans only where it is selected, as the folder's README.md says"
-            )
-
-    def of_mask(self) -> Iterator[str]:
-        """That its inflation is no longer its own."""
-        masks = "localizability_keepout_filter.plugin", "localizability_static_layer.plugin"
-        if any(name in self.parameters.of(GLOBAL_COSTMAP) for name in masks):
-            yield (
-                "it has a mask of an export, and an inflation as steep as goes below one; give the"
-                " robot's own file, whose inflation the mask is to carry"
             )
 
     def of_speed(self, own: str) -> Iterator[str]:
