@@ -379,6 +379,18 @@ def test_the_modes_of_a_scan_have_their_covariance(located):
     )
 
 
+def test_scans_without_poses_are_located(located, office):
+    recording = located.recording[:3]
+    unplaced = replace(recording, poses=np.full((3, 3), np.nan))
+    found = locate_drive(unplaced, office, threads=1)
+    np.testing.assert_array_equal(found.poses, located.poses[:3])
+    certain = int(found.certain.sum())
+    assert found.sentence.startswith(f"{certain} of 3 scans have no second place within 3 nats.")
+    assert found.summary()["right"] is None
+    assert "certain" in found.figure().axes[0].get_legend_handles_labels()[1][0]
+    assert "recorded" not in locate_drive(unplaced[:1], office, threads=1).report()
+
+
 def test_one_scan_gives_a_table_of_places(located, office):
     found = locate_drive(located.recording[2:3], office)
     text, about = found.report(), found.summary()

@@ -73,6 +73,7 @@ class Options(Topics):
     window: tuple[float, float] | None = None
     range_limits: tuple[float, float] | None = None
     mount: tuple[float, float, float] | None = None
+    needs_poses: bool = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
