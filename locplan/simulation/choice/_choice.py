@@ -190,7 +190,16 @@ class Choice(Result, Stored):
     @property
     def advice(self) -> list[str]:
         """Sentences on the filter, which may matter more than the path."""
-        return tuning_advice(self)
+        if self.shortest is None or self.chosen is None or self.judgement is None:
+            return []
+        return tuning_advice(
+            self.shortest,
+            self.chosen,
+            self.judgement.ratio.value if self.best else 1.0,
+            self.robot.filter,
+            self.rival,
+            self.settings.rival,
+        )
 
     @property
     def said(self) -> list[str]:
