@@ -36,7 +36,8 @@ def main() -> None:
         _flush()
     except (LocplanError, CycloptsError, MemoryError) as error:
         wrong = NOT_IN_METRES if isinstance(error, CalibrationError) else WRONG_INPUT
-        code = _complain(f"error: {_fault(error)}", wrong)
+        notes = getattr(error, "__notes__", ())  # such as lines to save in a file
+        code = _complain(f"error: {_fault(error)}", wrong, *notes)
     except KeyboardInterrupt:
         end_if_supervised()
         code = _complain("interrupted", INTERRUPTED)
@@ -139,9 +140,9 @@ def _short(word: str) -> str:
     return word if len(word) <= 80 else f"{word[:70]}...{word[-7:]}"
 
 
-def _complain(line: str, code: int) -> int:
+def _complain(line: str, code: int, *notes: str) -> int:
     try:
-        print(f"locplan: {one_line(line)}", file=sys.stderr, flush=True)
+        print(f"locplan: {one_line(line)}", *notes, sep="\n", file=sys.stderr, flush=True)
     except OSError:  # a full disk: the exit code alone says it
         sys.stderr = None
     return code

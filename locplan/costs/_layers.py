@@ -17,7 +17,7 @@ from locplan._util.checks import number, one_of, position, shown
 from locplan._util.public import Pictured
 from locplan.errors import ConfigError, PoseError
 from locplan.field import SCALARS, CovarianceField, FieldConfig
-from locplan.maps import OCCUPIED, UNKNOWN, OccupancyGrid
+from locplan.maps import OCCUPIED, UNKNOWN, OccupancyGrid, extent_text
 from locplan.robots import Robot
 
 LAYERS = ("density", "u", "e")
@@ -139,7 +139,7 @@ class CostLayers(Pictured):
     def _fault(self, row: int, col: int) -> str | None:
         """Why a robot cannot stand in a cell; None if it can."""
         if not self.grid.contains(row, col):
-            return "lies outside the map"
+            return f"lies outside the map, which reaches from {extent_text(self.grid)}"
         if np.isfinite(self.density[row, col]):
             return None
         level = self.grid.cells[row, col]

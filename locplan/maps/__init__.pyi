@@ -1,4 +1,5 @@
 from . import environments as environments
+from ._extent import extent_text as extent_text
 from ._faults import MapFaults as MapFaults, faults as faults
 from ._files import (
     MapWarning as MapWarning,
