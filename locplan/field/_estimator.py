@@ -11,7 +11,7 @@ from typing import Any, ClassVar, TypeVar, get_args, get_type_hints
 import numpy as np
 
 from locplan._kernels.arrays import Floats, Ints, Octets
-from locplan._util.checks import Settings, positive, setting, shown
+from locplan._util.checks import Settings, positive, setting, shown, suggestion
 from locplan.errors import ConfigError
 from locplan.field._search_window import OffsetLattice
 from locplan.robots import Lidar
@@ -325,7 +325,8 @@ def made_of(kind: type[T], settings: Mapping[str, object]) -> T:
     for name in given:
         if name not in known:
             what = getattr(kind, "name", kind.__name__)
-            raise ConfigError(f"{what} has no setting {shown(name)}; it has: {', '.join(known)}")
+            names = f"{', '.join(known)}{suggestion(name, known)}"
+            raise ConfigError(f"{what} has no setting {shown(name)}; it has: {names}")
     made = {name: _nested(name, hints[name], value) for name, value in given.items()}
     try:
         return kind(**made)

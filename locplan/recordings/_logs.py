@@ -18,6 +18,7 @@ from locplan._util.checks import (
     finite_numbers,
     keep,
     shown,
+    suggestion,
     whole,
 )
 from locplan._util.poses import wrapped
@@ -108,6 +109,7 @@ class Options(Topics):
             if name not in known:
                 raise RecordingError(
                     f"its lidar has no {shown(name)}; known are {', '.join(known)}"
+                    f"{suggestion(name, known)}"
                 )
         try:
             lidar = Lidar(**values)

@@ -51,7 +51,7 @@ class Tracks:
         if recording.odometry is None:
             raise RecordingError(
                 f"{recording.source.file or 'the recording'} has no odometry, which a replay needs;"
-                " record it, too, or name its topic (--odom-topic, odom_topic=)"
+                " record it, too, or name its topic with odom_topic="
             )
         moved, reported = recording.length, way_length(recording.odometry)
         if reported < 0.1 * moved:

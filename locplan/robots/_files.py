@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from locplan._util.checks import file_path, shown
+from locplan._util.checks import file_path, shown, suggestion
 from locplan._util.reading import check_stamp, read_content
 from locplan.errors import ConfigError
 from locplan.robots._amcl import Amcl, NamedFilter
@@ -101,4 +101,5 @@ def _part(name: str, value: Any) -> Any:
 def _check_known(what: str, given: Mapping[str, Any], known: list[str]) -> None:
     for each in given:
         if each not in known:
-            raise ConfigError(f"{what} has no {shown(each)}; it has {', '.join(known)}")
+            names = f"{', '.join(known)}{suggestion(each, known)}"
+            raise ConfigError(f"{what} has no {shown(each)}; it has {names}")

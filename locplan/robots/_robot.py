@@ -18,6 +18,7 @@ from locplan._util.checks import (
     number,
     setting,
     shown,
+    suggestion,
 )
 from locplan._util.files import check_target, replacing
 from locplan._util.reading import dumped, stamp
@@ -273,8 +274,9 @@ class Robot(Settings):
             elif name in OWN:
                 own[name] = outline_of(value) if name == "footprint" else value
             else:
-                known = ", ".join((*OWN, *of_part))
-                raise ConfigError(f"a robot has no setting {shown(name)}; it has {known}")
+                known = (*OWN, *of_part)
+                names = f"{', '.join(known)}{suggestion(name, known)}"
+                raise ConfigError(f"a robot has no setting {shown(name)}; it has {names}")
         for part, given in parts.items():
             before = self.amcl if part == "filter" else getattr(self, part) or PARTS[part]()
             own[part] = replace(before, **given)

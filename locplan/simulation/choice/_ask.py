@@ -12,7 +12,17 @@ from typing import Any, Literal, Protocol, get_args
 import numpy as np
 
 from locplan._kernels.arrays import Bools, Floats
-from locplan._util.checks import Settings, instance, keep, number, one_of, positive, shown, whole
+from locplan._util.checks import (
+    Settings,
+    instance,
+    keep,
+    number,
+    one_of,
+    positive,
+    shown,
+    suggestion,
+    whole,
+)
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, FieldConfig
@@ -133,6 +143,7 @@ class ChoiceSettings(Settings):
             if name not in known:
                 raise ConfigError(
                     f"a choice has no setting {shown(name)}; it has {', '.join(known)}"
+                    f"{suggestion(name, known)}"
                 )
         return cls(**settings)
 
