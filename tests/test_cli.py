@@ -123,7 +123,7 @@ def test_an_unreachable_goal_is_a_result(run, tmp_path):
     ("start", "message"),
     [
         ("0.2,2", "lies in a wall; the nearest free position is"),
-        ("9,9", "lies outside the map; the nearest free position is"),
+        ("9,9", "lies outside the map, which reaches from 0,0 to 5,4.5 m; the nearest free"),
         ("3.7,0.7", "lies in unknown space; the nearest free position is"),
         ("0.75,2", "closer than the robot's radius"),
         ("1;2", "must be X,Y in metres"),
@@ -336,7 +336,7 @@ def test_pareto_prints_the_front_and_writes_it(run, room, tmp_path):
     ("arguments", "told"),
     [
         (("--objective", "length"), "objective"),
-        (("--time-limit", "0"), "time_limit"),
+        (("--time-limit", "0"), "--time-limit"),
         (("--goal", "99,99"), "outside the map"),
     ],
 )
@@ -569,7 +569,7 @@ def test_export_writes_every_format(run, room, tmp_path, to, name):
         (("--to", "nav2-keepout", "--robot", "none.yaml"), "none.yaml: there is no such file"),
         (("--to", "degenerate-areas", "--threshold", "1.5"), "threshold must be 0 to 1, not 1.5"),
         (("--to", "degenerate-areas", "--threshold", "nan"), "threshold must be 0 to 1, not nan"),
-        (("--to", "degenerate-areas", "--min-area", "-1"), "min_area must be at least 0, not -1"),
+        (("--to", "degenerate-areas", "--min-area", "-1"), "--min-area must be at least 0, not -1"),
         (("--to", "layer", "--threshold", "0.5"), "--threshold is for --to degenerate-areas"),
         (("--to", "lif", "--stations", "none.csv"), "none.csv: cannot be read"),
         (("--to", "lif", "--speed", "0"), "speed must be a positive number"),
