@@ -17,7 +17,7 @@ from locplan.export import CostmapInflation, _planned as planned
 from locplan.export._charges import PLANNERS, mask_density
 from locplan.field import FieldConfig, Scan
 from locplan.maps import FREE, OccupancyGrid, environments
-from locplan.robots import Inflation, Lidar, Robot
+from locplan.robots import Inflation, Lidar, Robot, read_parameters
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -123,11 +123,11 @@ def test_the_inscribed_radius_is_that_of_the_padded_corners(tmp_path, costmap, i
     layer = 'plugins: [walls], walls: {plugin: "nav2_costmap_2d::InflationLayer"}'
     start = "global_costmap: {global_costmap: {ros__parameters: {"
     file.write_text(f"{start}{costmap}, {layer}}}}}}}\n")
-    found = CostmapInflation.of(file)
+    found = CostmapInflation.of(read_parameters(file))
     assert (found.layer, found.inflation) == ("walls", Inflation())
     assert found.inscribed_radius == pytest.approx(inscribed, abs=1e-4)
     file.write_text(f"{start}{costmap}}}}}}}\n")
-    assert CostmapInflation.of(file) is None
+    assert CostmapInflation.of(read_parameters(file)) is None
 
 
 PARAMS = """\

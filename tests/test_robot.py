@@ -224,7 +224,7 @@ def test_later_files_replace_what_earlier_ones_say(tmp_path):
     own = written(tmp_path, "robot: {margin: 0.02, lidar: tim571}", "own.yaml")
     robot = Robot.load(saved, nav2, urdf)
     assert robot.lidar == Lidar.from_file(urdf)
-    assert robot.filter == Amcl(alpha1=0.1)
+    assert robot.filter == dataclasses.replace(FULL.amcl, alpha1=0.1)
     assert (robot.kinematics, robot.footprint) == (FULL.kinematics, FULL.footprint)
     assert Robot.load(urdf, nav2, saved) == FULL
     last = Robot.load(saved, own)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from locplan._kernels.arrays import Floats
 from locplan.costs import Costmap
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.robots import Inflation, nav2_inflation
+from locplan.robots import Inflation, Nav2Parameters, nav2_inflation
 
 LETHAL, INSCRIBED = 254, 253
 AT_WALLS = 2.5
@@ -69,15 +68,15 @@ class CostmapInflation:
     """Distance from the centre of an occupied cell up to which the robot would touch it [m]."""
 
     @classmethod
-    def of(cls, params: str | Path | None) -> CostmapInflation | None:
-        """That of a parameter file, or None where it has none.
+    def of(cls, parameters: Nav2Parameters) -> CostmapInflation | None:
+        """That of a robot's parameters, or None where they have none.
 
         Parameters
         ----------
-        params : path, optional
-            The parameter file of Nav2; None for none.
+        parameters : Nav2Parameters
+            The parameters of Nav2.
         """
-        found = nav2_inflation(params) if params else None
+        found = nav2_inflation(parameters)
         return cls(*found) if found else None
 
     @property

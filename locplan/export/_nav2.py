@@ -184,7 +184,7 @@ def _write_charged(
         paths = {each.name: each.path for each in [choice.chosen] if each} | {**paths}
     planner, static = planner or robot.planner(costs.grid.free.size), kind == "static"
     caveat = checked_planner(planner, None).caveat
-    layer = CostmapInflation.of(robot.file)
+    layer = CostmapInflation.of(robot.parameters)
     inflation = None if caveat else CostmapInflation.carried(costs, layer)
     values, conversion = keepout_mask(
         costs, planner=planner, static=static, inflation=inflation, planner_param=planner_param

@@ -18,8 +18,8 @@ from locplan.robots import (
     LOCAL_COSTMAP,
     PLANNER_SERVER,
     Nav2Parameters,
+    edited_files,
     read_parameters,
-    rewritten_parameters,
 )
 
 
@@ -114,9 +114,11 @@ def merged_text(robot: Robot, merged: Nav2Parameters) -> tuple[bytes, bool]:
 
     They are, except where anchors and aliases stand for what has to be changed.
     """
-    if robot.file:
+    files = robot.parameters.files
+    if len(files) == 1 and (path := files[0].path):
         try:
-            return rewritten_parameters(robot.file, merged), True
+            texts = edited_files(robot.parameters, merged)
+            return texts.get(path) or path.read_bytes(), True
         except LocplanError:
             pass
     return yaml_text(merged.content).encode(), False

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Mapping
-from pathlib import Path
+import warnings
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,14 @@ from locplan.errors import ConfigError
 from locplan.robots._amcl import Amcl, NamedFilter
 from locplan.robots._descriptions import SUFFIXES as DESCRIPTIONS, lidar_in
 from locplan.robots._lidar import Lidar
-from locplan.robots._nav2 import errors_at, parts_of
-from locplan.robots._parameters import MAX_BYTES, values_in
+from locplan.robots._nav2 import ParameterWarning, errors_at, parameter_notes, read_settings
+from locplan.robots._parameter_entries import PARAMETERS, ParameterFile
+from locplan.robots._parameter_files import (
+    MAX_BYTES,
+    file_and_robot,
+    parameters_of,
+    values_in,
+)
 from locplan.robots._parts import Disturbances, Footprint, Inflation, Kinematics, Odometry
 
 REMEDY = "give a robot's file, Nav2's parameters, or a URDF or SDF"
@@ -46,52 +52,128 @@ def outline_of(value: Any) -> Any:
     return Footprint(np.asarray(value)) if isinstance(value, (list, tuple)) else value
 
 
-def parts_in(path: str | os.PathLike[str], lidar: Lidar | None = None) -> dict[str, Any]:
-    """What a file of any kind says of a robot, by the names of `Robot`'s fields.
+def read_parts(
+    *paths: str | os.PathLike[str], lidar: Lidar | None = None
+) -> Iterator[tuple[str | os.PathLike[str], dict[str, Any]]]:
+    """Yield the last of the files read so far, and all that they say of a robot.
 
-    A lidar that is known gets its mount from a URDF or SDF, and replaces that of any file.
+    Later files replace single settings. The parameter files of Nav2 are merged by ROS's rules. The
+    parts have the names of `Robot`'s fields. A lidar that is known gets its mount from a URDF or
+    SDF, and replaces that of any file.
     """
+    contents = [_content_of(path, lidar) for path in paths]
+    parts: dict[str, Any] = {"lidar": lidar}
+    nav2: list[tuple[ParameterFile, str | None]] = []
+    before: dict[str, Any] = {}
+    for at, (path, content) in enumerate(zip(paths, contents, strict=True)):
+        if isinstance(content, tuple):
+            nav2.append(content)
+            if at + 1 < len(paths) and isinstance(contents[at + 1], tuple):
+                continue
+            now = read_settings(parameters_of(*zip(*nav2, strict=True)))
+            content, before = _changes(before, now), now
+        with errors_at(path):
+            parts = _with_settings(parts, content)
+        yield path, parts
+    if nav2:
+        for note in parameter_notes(parameters_of(*zip(*nav2, strict=True))):
+            warnings.warn(ParameterWarning(note), stacklevel=3)
+
+
+def _content_of(
+    path: str | os.PathLike[str], lidar: Lidar | None
+) -> dict[str, Any] | tuple[ParameterFile, str | None]:
+    """Settings by the names of `Robot`'s fields, or a file of Nav2 and the robot named in it."""
     file = file_path("a robot's file", path)
     suffix = file.suffix.lower()
     if suffix in DESCRIPTIONS:
         return {"lidar": lidar_in(file, lidar)}
-    parts = _parameters_in(path, file, suffix)
-    if lidar:
-        parts.pop("lidar", None)
-    return parts
+    file, robot = file_and_robot(path)
+    content = values_in(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
+    if isinstance(content.get("robot"), dict) and not _has_nodes(content["robot"]):
+        if "version" in content:  # what calibrate wrote has settings of a field besides
+            check_stamp(path, content, "robot", VERSION)
+        with errors_at(path):
+            settings = _known_settings(content["robot"])
+        return {name: each for name, each in settings.items() if not (lidar and name == "lidar")}
+    if suffix == ".json":  # a calibration that is older, or one of a field alone
+        raise ConfigError(f'{path}: has no entry "robot"; {REMEDY}, or calibrate it again')
+    return ParameterFile(file, content), robot
 
 
-def _parameters_in(path: str | os.PathLike[str], file: Path, suffix: str) -> dict[str, Any]:
-    if suffix in (".yaml", ".yml", ".json") and file.exists():
-        content = values_in(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
-        if isinstance(content.get("robot"), dict):
-            if "version" in content:  # what calibrate wrote has settings of a field besides
-                check_stamp(path, content, "robot", VERSION)
-            with errors_at(path):
-                return made(content["robot"])
-        if suffix == ".json":  # a calibration that is older, or one of a field alone
-            raise ConfigError(f'{path}: has no entry "robot"; {REMEDY}, or calibrate it again')
-    return parts_of(path)
+def _has_nodes(content: Mapping[str, Any]) -> bool:
+    """True if parameters of nodes stand in a namespace."""
+    return any(
+        name == PARAMETERS or (isinstance(value, Mapping) and _has_nodes(value))
+        for name, value in content.items()
+    )
+
+
+def _changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings that are new or others, of parts in which they have names one by one."""
+    changes: dict[str, Any] = {}
+    for name, value in after.items():
+        earlier = before.get(name)
+        if isinstance(value, Mapping) and isinstance(earlier, Mapping):
+            value = _changes(earlier, value)
+            if not value:
+                continue
+        elif name in before and value == earlier:
+            continue
+        changes[name] = value
+    return changes
+
+
+def _with_settings(parts: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Parts of a robot with other settings; those that have no value stay as they are."""
+    changed = dict(parts)
+    for name, value in settings.items():
+        kind, earlier = PARTS.get(name), parts.get(name)
+        if kind and isinstance(value, Mapping) and isinstance(earlier, kind):
+            if name == "kinematics" and value.get("drive") not in (None, "car-like"):
+                value = {"turning_radius": 0.0, **value}
+            try:
+                value = dataclasses.replace(earlier, **value)  # type: ignore[type-var]
+            except ConfigError as error:
+                raise ConfigError(f"{name}: {error}") from None
+        if name == "lidar" and isinstance(value, str):
+            value = Lidar.preset(value)
+        changed |= made({name: value})
+    return changed
 
 
 def made(about: Mapping[str, Any]) -> dict[str, Any]:
     """Parts of a robot that plain data describe."""
-    _check_known("a robot", about, [*PARTS, *OWN])
+    _known_settings(about)
     found = {name: _part(name, value) if name in PARTS else value for name, value in about.items()}
     if "footprint" in found:
         found["footprint"] = outline_of(found["footprint"])
     return found
 
 
+def _known_settings(about: Mapping[str, Any]) -> dict[str, Any]:
+    """Plain data of a robot, of which all names are known."""
+    _check_known("a robot", about, [*PARTS, *OWN])
+    for name, value in about.items():
+        if name in PARTS and isinstance(value, Mapping) and not _is_named_filter(name, value):
+            _check_known(name, value, names_of(PARTS[name]))
+    return dict(about)
+
+
+def _is_named_filter(name: str, value: Mapping[str, Any]) -> bool:
+    return name == "filter" and value.keys() == {"title", "settings"}
+
+
 def _part(name: str, value: Any) -> Any:
     kind = PARTS[name]
     if value is None or isinstance(value, str):
         return value  # no such part, or the name of a lidar
+    if isinstance(value, kind):
+        return value
     if not isinstance(value, Mapping):
         raise ConfigError(f"{name} must hold settings by name, not {shown(value)}")
-    if name == "filter" and value.keys() == {"title", "settings"}:
+    if _is_named_filter(name, value):
         return NamedFilter(**value)
-    _check_known(name, value, names_of(kind))
     try:
         return kind(**value)
     except ConfigError as error:

@@ -25,9 +25,9 @@ from locplan._util.reading import dumped, stamp
 from locplan._util.runs import Spelled
 from locplan.errors import ConfigError
 from locplan.robots._amcl import Amcl, Filter
-from locplan.robots._files import OWN, PARTS, VERSION, made, names_of, outline_of, parts_in
+from locplan.robots._files import OWN, PARTS, VERSION, made, names_of, outline_of, read_parts
 from locplan.robots._lidar import PRESETS, Lidar
-from locplan.robots._nav2 import errors_at, parts_of
+from locplan.robots._nav2 import errors_at
 from locplan.robots._parts import Disturbances, Footprint, Inflation, Kinematics, Odometry
 
 
@@ -126,7 +126,8 @@ class Robot(Settings):
         ParameterWarning
             If parameters in the file are not simulated.
         """
-        return cls(lidar, **parts_of(path))
+        lidar = Lidar.preset(lidar) if isinstance(lidar, str) else lidar
+        return replace(cls.load(path), lidar=lidar)
 
     @classmethod
     def load(cls, *paths: str | os.PathLike[str], lidar: Lidar | str | None = None) -> Robot:
@@ -152,14 +153,11 @@ class Robot(Settings):
         ParameterWarning
             If parameters are not simulated, or a URDF or SDF does not have the lidar's mount.
         """
-        known = cls(lidar).lidar
-        parts: dict[str, Any] = {"lidar": known}
-        for path in paths:
-            found = parts_in(path, known)
+        robot = cls(lidar)
+        for path, parts in read_parts(*paths, lidar=robot.lidar):
             with errors_at(path):
-                cls(**found)  # refuses what is out of range, beside the file's name
-            parts |= found
-        return cls(**parts)
+                robot = cls(**parts)
+        return robot
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the robot as YAML, for `load` and every command's ``--robot``.
