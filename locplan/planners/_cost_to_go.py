@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from locplan._kernels.arrays import Array, Floats, Ints
+from locplan._kernels.arrays import Array, Bools, Floats, Ints
 from locplan.costs import Costmap, Path, check_costs
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
 from locplan.planners._grid import GridPlanner, bands, bordered_index, cells_of
@@ -193,7 +193,12 @@ class PlacePair:
 
 
 def farthest_pairs(
-    grid: OccupancyGrid, room_of_cell: Array, room: int, names: Sequence[str], min_distance: float
+    grid: OccupancyGrid,
+    room_of_cell: Array,
+    room: int,
+    names: Sequence[str],
+    min_distance: float,
+    part: Bools | None = None,
 ) -> list[PlacePair]:
     """Pairs of the places in a room that are farthest apart by path length, the farthest first.
 
@@ -213,8 +218,10 @@ def farthest_pairs(
         Names of the places, as many as there may be; fewer are found where the room is small.
     min_distance : float
         Minimum distance of any two places [m].
+    part : (H, W) array of bool, optional
+        The part of the room that places lie in; paths between them may leave it.
     """
-    searched = _Room(grid, room_of_cell, room)
+    searched = _Room(grid, room_of_cell, room, part)
     chosen = [searched.farthest(searched.distance(searched.deepest))]
     distances = [searched.distance(chosen[0])]
     while len(chosen) < len(names):
@@ -245,7 +252,9 @@ class _Room:
     Its cells are counted row by row; a coarse cell is free if any of its cells is in the room.
     """
 
-    def __init__(self, grid: OccupancyGrid, room_of_cell: Array, room: int) -> None:
+    def __init__(
+        self, grid: OccupancyGrid, room_of_cell: Array, room: int, part: Bools | None
+    ) -> None:
         import cv2
 
         self._grid, self._room_of_cell, self._room = grid, room_of_cell, room
@@ -275,8 +284,18 @@ class _Room:
         edge = grid.resolution * factor
         self._costs = Costmap.blank(OccupancyGrid(cells, edge), robot=0.0)
         # A place keeps half a metre from all that the robot must not touch, where the room allows.
-        self._clear = self._depth >= min(float(np.median(self._depth[free])), 0.5)
-        self.deepest = int(self._depth.argmax())
+        suits = free if part is None else free & self._lies_in(part)
+        self._clear = suits & (self._depth >= min(float(np.median(self._depth[suits])), 0.5))
+        self.deepest = int(np.where(suits, self._depth, -1.0).argmax())
+
+    def _lies_in(self, part: Bools) -> Bools:
+        """Mark the coarse cells whose deepest cell lies in a part of the map, flat."""
+        coarse_rows, coarse_cols = np.indices(self._place.shape)
+        deep_rows, deep_cols = np.divmod(self._place, self._factor)
+        rows = self._top + coarse_rows * self._factor + deep_rows
+        cols = self._left + coarse_cols * self._factor + deep_cols
+        height, width = part.shape
+        return np.asarray(part[np.minimum(rows, height - 1), np.minimum(cols, width - 1)]).ravel()
 
     def distance(self, place: int) -> Floats:
         """Length of the shortest path from a cell to each other, flat [m]."""
