@@ -179,7 +179,7 @@ def test_the_shortest_is_the_shortest_whatever_the_costmaps_weight(grid, fielded
 
 def test_without_a_costmap_the_field_is_fused_for_the_lidar(grid):
     found = choose(grid, START, GOAL, **QUICK)
-    assert found.costs.settings.config.estimator == Fused.of(ROBOT.lidar)
+    assert found.costs.settings.config.estimator == Fused(ROBOT.lidar)
     assert found.costs.robot_radius == ROBOT.radius
     of_field = choose(grid, START, GOAL, Robot(), costs=FieldConfig(Fisher(SHORT_LIDAR)), drives=0)
     assert of_field.robot.lidar == SHORT_LIDAR

@@ -458,7 +458,7 @@ def test_a_plan_tells_the_deviation_along_its_paths_in_centimetres(run, room):
     asked = "plan", room, *ends, "--lidar", "turtlebot4", "--drives", "0"
     out, about = run(*asked)[1], json.loads(run(*asked, "--json")[1])
     lidar = locplan.Lidar.preset("turtlebot4")
-    field = locplan.load_or_compute(load_map(room), locplan.Fused.of(lidar))
+    field = locplan.load_or_compute(load_map(room), locplan.Fused(lidar))
     shortest = about["candidates"][0]
     xy = locplan.Path(shortest["path"]["xy"]).resampled(0.05).xy
     std = np.array([scalar_of(field.at(x, y), "position_std") for x, y in xy])

@@ -207,9 +207,7 @@ def test_an_edited_estimator_within_one_of_ours_gets_no_old_field(grid):
                 values = super().covariances(part)
                 return values | {"covariance": factor * values["covariance"]}
 
-        return store.field_path(
-            grid, locplan.FieldConfig(locplan.Fused(locplan.Fisher(lidar), Mine(lidar)))
-        )
+        return store.field_path(grid, locplan.FieldConfig(locplan.Fused(lidar, scan=Mine(lidar))))
 
     assert path(1.0) == path(1.0) != path(2.0)
 
@@ -217,7 +215,7 @@ def test_an_edited_estimator_within_one_of_ours_gets_no_old_field(grid):
 def test_our_own_estimators_are_found_by_their_settings_alone(grid, monkeypatch):
     asked = []
     monkeypatch.setattr(field_files, "code_digest", lambda *_: asked.append(1))
-    for estimator in (locplan.Sad(), locplan.Fused.of(locplan.Lidar())):
+    for estimator in (locplan.Sad(), locplan.Fused(locplan.Lidar())):
         store.field_path(grid, locplan.FieldConfig(estimator))
     assert not asked
 

@@ -52,7 +52,7 @@ def test_robots_have_the_lidars_that_they_carry():
     assert Lidar.preset("turtlebot3") == Lidar.preset("lds-02")
 
 
-@pytest.mark.parametrize("of", [Sad.of, Scan, Fisher, Fused.of])
+@pytest.mark.parametrize("of", [Sad().with_lidar, Scan, Fisher, Fused])
 def test_the_name_of_a_lidar_decides_nothing(of):
     named = Lidar.preset("tim571")
     plain = dataclasses.replace(named, model="")
@@ -62,7 +62,7 @@ def test_the_name_of_a_lidar_decides_nothing(of):
     assert "tim571" not in of(plain).summary
 
 
-@pytest.mark.parametrize("of", [Sad.of, Scan, Fisher, Fused.of])
+@pytest.mark.parametrize("of", [Sad().with_lidar, Scan, Fisher, Fused])
 def test_an_estimator_takes_another_lidar_and_keeps_its_settings(of):
     estimator = dataclasses.replace(of(Lidar(range=8.0)), noise_level=2.0)
     other = estimator.with_lidar(Lidar.preset("utm-30lx"))

@@ -299,7 +299,7 @@ def test_dark_grey_walls_at_the_edge_of_the_image_are_walls(tmp_path):
 
 def test_lidars_are_compared_by_fused(monkeypatch):
     def load(grid, config, **_):
-        assert config.estimator == Fused.of(lidar)
+        assert config.estimator == Fused(lidar)
         return covariance_field(grid, config)
 
     monkeypatch.setattr("locplan.costs._metrics.load_or_compute", load)

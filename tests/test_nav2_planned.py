@@ -52,7 +52,7 @@ def test_navfn_enters_what_costs_five_times_as_much():
 def corridors():
     """two_corridors with the field of the TurtleBot 4's lidar."""
     grid = environments.make("two_corridors", resolution=0.05)
-    field = load_or_compute(grid, FieldConfig(Scan.of(Lidar.preset("turtlebot4")), stride=0.4))
+    field = load_or_compute(grid, FieldConfig(Scan(Lidar.preset("turtlebot4")), stride=0.4))
     return Costmap.from_field(grid, field, weight=8.0, robot=0.25)
 
 

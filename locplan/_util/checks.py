@@ -7,7 +7,7 @@ import difflib
 import math
 import os
 import reprlib
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -171,6 +171,14 @@ def setting(default: object, *limits: Any) -> Any:
     return dataclasses.field(default=default, metadata={"check": check})
 
 
+def default_of(make: Callable[[Any], object]) -> Any:
+    """A field of `Settings` whose default follows from the other settings, by a function of them.
+
+    It is None until `__post_init__` sets it.
+    """
+    return dataclasses.field(default=None, metadata={"default": make})
+
+
 class Settings:
     """Settings in a dataclass, which are checked; its repr names only what is not by default."""
 
@@ -201,6 +209,8 @@ def _changed(settings: Any) -> Iterator[tuple[str, Any]]:
     for each in dataclasses.fields(settings):
         value, made = getattr(settings, each.name), each.default_factory
         default = each.default if made is dataclasses.MISSING else made()
+        if make := each.metadata.get("default"):
+            default = make(settings)
         if hasattr(value, "shape") or value != default:  # arrays have no one truth
             yield each.name, value
 

@@ -204,7 +204,7 @@ class FieldOptions(RobotOptions):
         if kind.casts_rays:
             short, what = locplan.field.SHORT_LIDAR, "no lidar named, one assumed"
             assumed = dataclasses.replace(short, model=what)
-            return locplan.FieldConfig(kind.of(lidar or assumed), **others)
+            return locplan.FieldConfig(kind(lidar or assumed), **others)
         return locplan.FieldConfig(_with_template(kind, lidar, given), **others)
 
 

@@ -257,7 +257,7 @@ def named_configs(
     if robot is not None:
         instance("robot", robot, Robot)
     if configs is None and robot is not None and robot.lidar is not None:
-        configs = Fused.of(robot.lidar)
+        configs = Fused(robot.lidar)
     if configs is None or isinstance(configs, (FieldConfig, Estimator)):
         config = config_of(configs)
         return {f"{config.estimator.name}, {config.estimator.reach:g} m": config}

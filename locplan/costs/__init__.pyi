@@ -9,9 +9,9 @@ from ._costmap import (
     about_costs as about_costs,
     check_costs as check_costs,
 )
+from ._degeneracy import check_criterion as check_criterion
 from ._layers import (
     CostSettings as CostSettings,
-    check_criterion as check_criterion,
     check_weight as check_weight,
 )
 from ._metrics import (

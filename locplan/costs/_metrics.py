@@ -227,7 +227,7 @@ def compare_lidars(
     robot: Robot | float = ROBOT_RADIUS,
     progress: ProgressCallback | None = None,
 ) -> list[LidarShare]:
-    """Find for each lidar how much of a map is degenerate by `Fused`.
+    """Find for each lidar how much of a map is degenerate by `Fused`, in its worst heading.
 
     Parameters
     ----------
@@ -252,9 +252,9 @@ def compare_lidars(
     """
     shares, each_in_turn = [], in_turn(progress, len(lidars)) if progress else None
     for lidar in lidars:
-        config = FieldConfig(Fused.of(lidar), stride=0.4)  # fine enough for shares of an area
+        config = FieldConfig(Fused(lidar), stride=0.4)  # fine enough for shares of an area
         field = load_or_compute(grid, config, progress=each_in_turn)
-        costs = Costmap.from_field(grid, field, robot=robot)
+        costs = Costmap.from_field(grid, field, robot=robot, headings="worst")
         u = costs.u[np.isfinite(costs.density)]
         shares.append(LidarShare(lidar, float(np.mean(u > DEGENERATE)) if u.size else np.nan))
     return shares

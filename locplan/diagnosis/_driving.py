@@ -81,8 +81,8 @@ class Journal:
     @contextmanager
     def of(cls, site: Site, seed: int) -> Iterator[Journal]:
         """The journal of a site's drives in the cache, of this version of locplan."""
-        # The 1 rises when drives, cures or choices of the same version find something else.
-        key = hashlib.sha256(repr(("check", 1, locplan.__version__, site.digest, seed)).encode())
+        # The 2 rises when drives, cures or choices of the same version find something else.
+        key = hashlib.sha256(repr(("check", 2, locplan.__version__, site.digest, seed)).encode())
         folder = None
         with ExitStack() as stack:
             with suppress(LocplanError):  # a cache that cannot be written keeps nothing

@@ -111,7 +111,10 @@ class Estimator(Settings, ABC):
     criterion: ClassVar[str] = "e"
     """Scalar or layer that the degeneracy u is made of, by default."""
     casts_rays: ClassVar[bool] = False
-    """True if the estimator simulates a lidar, which must not stand in a wall."""
+    """True if the estimator simulates a lidar, which must not stand in a wall.
+
+    Its first setting is the lidar.
+    """
 
     noise_level: float = setting(1.0, positive, "times Sigma")
     """Factor k on the covariance (Eq. 8), above 0; a calibration finds the one of your filter."""
@@ -147,24 +150,6 @@ class Estimator(Settings, ABC):
     def summary(self) -> str:
         """Name of the estimator, its lidar and range, and its most important settings."""
 
-    @classmethod
-    def of(cls, lidar: Lidar, **settings: Any) -> Estimator:
-        """This estimator for a lidar.
-
-        Parameters
-        ----------
-        lidar : Lidar
-            The lidar.
-        **settings
-            Further settings of the estimator by name; the others take their defaults.
-
-        Raises
-        ------
-        ConfigError
-            If the estimator has nothing to do with a lidar, or a setting is out of its range.
-        """
-        raise ConfigError(f"estimator {cls.name} knows no lidar; leave the lidar out")
-
     def with_lidar(self, lidar: Lidar) -> Estimator:
         """This estimator with another lidar, and its other settings as they are.
 
@@ -178,7 +163,7 @@ class Estimator(Settings, ABC):
         ConfigError
             If the estimator has nothing to do with a lidar.
         """
-        return type(self).of(lidar)
+        raise ConfigError(f"estimator {self.name} knows no lidar; leave the lidar out")
 
     @property
     def headings(self) -> int:

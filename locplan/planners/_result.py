@@ -84,7 +84,8 @@ class Plan(Result, Stored):
     """Time since a sampling planner began [s] and its best J [m], whenever that fell; there is
     none over waypoints."""
     note: str = ""
-    """A text on why there is no path and what would help; empty if that is not known."""
+    """A text on why there is no path and what would help, or on what the path does not respect;
+    empty if there is nothing to say."""
     costs: Costmap | None = field(default=None, compare=False)
     """The costmap that `metrics` were measured on; None if that is not known."""
 
@@ -141,6 +142,8 @@ def finished(
     if found.status == "unreachable" and not note:
         note = f"no path joins start and goal for a robot of radius {costs.robot_radius:g} m"
     known = {each.name: getattr(found, each.name) for each in dataclasses.fields(found)}
+    if found.path is not None:
+        note = "; ".join(filter(None, [note, costs.note]))
     known |= {"note": note, "solve_time": elapsed, "costs": costs}
     metrics = None if found.path is None else path_metrics(costs, found.path)
     return Plan(planner=planner, start=tuple(start), goal=tuple(goal), metrics=metrics, **known)

@@ -301,6 +301,8 @@ class Choice(Result, Stored):
             names.setdefault(why, []).append(name)
         left += [f"left out: {', '.join(group)}: {why}" for why, group in names.items()]
         below = [*left, *([self.driven, *heads] if self.judgement else [])]
+        if self.costs is not None and self.costs.note:
+            below.append(self.costs.note)
         if self.costs is not None and not self.costs.has_weak_spots:
             below.append("no weak spot for this lidar: u is 0 all over the map")
         return "\n".join(

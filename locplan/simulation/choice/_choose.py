@@ -273,8 +273,9 @@ def _planned_only(ask: Ask, own: Own, shortest: Plan, seed: int, why_not: str) -
 
 
 def _note_on(made: Plan) -> str:
-    """What a plan says of its path beside its metrics."""
-    said = [made.note] if made.note else []
+    """What a plan says of its path beside its metrics, and beside the note of its costmap."""
+    note = made.note.removesuffix(made.costs.note).rstrip("; ") if made.costs else made.note
+    said = [note] if note else []
     if not made.minimises:
         said.append("any path, since its planner minimises nothing")
     if made.bound is not None:
