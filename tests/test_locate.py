@@ -299,7 +299,7 @@ def test_the_beams_that_count_are_few_and_all_round(different):
     lidar = replace(LIDAR, beams=1000)
     on_robot = lidar.ends_on_robot(np.full((1, 1000), 2.0, np.float32))
     ends = ScanDatabase(different, lidar).compared_ends(on_robot[0])
-    assert ends.shape == (2, 180)
+    assert ends.shape == (2, 360)
     np.testing.assert_allclose(np.hypot(*ends), 2.0 / different.resolution, rtol=1e-5)
 
 

@@ -14,13 +14,15 @@ from locplan.field import (
     Fisher,
     Fused,
     MapPart,
+    Sad,
     Scan,
     covariance_field,
     load_or_compute,
     scalar,
 )
-from locplan.maps import OccupancyGrid, environments
-from locplan.robots import Lidar
+from locplan.maps import FREE, OccupancyGrid, environments, save_map
+from locplan.planners import plan
+from locplan.robots import Lidar, Robot
 
 MAPS = "hall", "office", "places", "two_corridors", "warehouse"
 ROUND = Lidar(range=12.0, beams=360)
@@ -118,3 +120,32 @@ def test_costmap_takes_mean_of_u_and_worst_heading():
         np.testing.assert_allclose(costs.u, join(costs.u_of_heading, axis=0), atol=1e-6)
         np.testing.assert_allclose(costs.e, join(costs.e_of_heading, axis=0), rtol=1e-6)
     assert np.nanmean(worst.u) > np.nanmean(mean.u) + 0.05
+
+
+@pytest.mark.parametrize("with_lidar", [False, True])
+def test_costmap_of_sad_has_note_if_robot_has_lidar(with_lidar):
+    """The plan has it, too; a shortest path does not depend on u."""
+    grid = OccupancyGrid(np.pad(np.full((20, 30), FREE, np.uint8), 1), 0.1)
+    robot = Robot(Lidar(range=2.0)) if with_lidar else Robot()
+    field = covariance_field(grid, FieldConfig(Sad(range=2.0), stride=0.8))
+    costs = Costmap.from_field(grid, field, robot=robot)
+    aware, shortest = (
+        plan(each, (0.6, 0.6), (2.4, 1.4)) for each in (costs, costs.with_weight(0.0))
+    )
+    assert ("locplan.Fused(robot.lidar)" in costs.note) == with_lidar
+    assert aware.note == costs.note
+    assert costs.note in aware.report()
+    assert shortest.note == ""
+    fused = covariance_field(grid, FieldConfig(Fused(Lidar(range=2.0)), stride=0.8))
+    assert Costmap.from_field(grid, fused, robot=robot).note == ""
+
+
+def test_plan_command_prints_note_of_sad_once(run, tmp_path):
+    grid = OccupancyGrid(np.pad(np.full((30, 40), FREE, np.uint8), 1), 0.1)
+    save_map(grid, tmp_path / "room.yaml")
+    options = "--start", "0.8,0.8", "--goal", "3.2,2.2", "--lidar", "lds-01", "--stride", "0.8"
+    for drives in ((), ("--drives", 0)):
+        _, out, _ = run("plan", tmp_path / "room.yaml", *options, "--estimator", "sad", *drives)
+        assert " ".join(out.split()).count("the field with locplan.Fused(robot.lidar)") == 1
+    _, out, _ = run("plan", tmp_path / "room.yaml", *options, "--drives", 0)
+    assert "locplan.Fused(robot.lidar)" not in out

@@ -41,7 +41,7 @@ class Fisher(LidarEstimator):
     --------
     >>> from locplan.robots import Lidar
     >>> Fisher(Lidar.preset("utm-30lx")).beams_compared
-    180
+    270
     """
 
     name: ClassVar[str] = "fisher"
