@@ -295,7 +295,7 @@ def test_lidar_warns_if_mount_is_unknown(tmp_path, text, fault):
             model("<link name='l'><pose relative_to='l'>0 0 0 0 0 0</pose>{sensor}</link>"),
             "frames form a circle",
         ),
-        (joints(rpy="0 0 ${pi}"), "joint 'c' must be six numbers, .*run xacro"),
+        (joints(rpy="0 0 ${pi}"), "joint 'c' must be six numbers .*run xacro"),
         (joints(rpy="0 0.5 0"), "is tilted"),
     ],
 )

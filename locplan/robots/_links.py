@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from locplan._kernels.arrays import Floats
-from locplan._util.checks import finite_numbers, shown
+from locplan._util.checks import FARTHEST, finite_numbers, shown
 from locplan._util.poses import composed, inverse, is_transform
 from locplan.errors import ConfigError
 from locplan.robots._nav2 import ParameterWarning
@@ -200,9 +200,9 @@ def _pose_of(part: Element, what: str) -> Floats:
 
 def _six(text: str, what: str) -> tuple[float, ...]:
     values = finite_numbers(text.split())
-    if len(values) != 6:
+    if len(values) != 6 or max(map(abs, values)) > FARTHEST:
         macro = "; run xacro on a .xacro file first" if "$" in text else ""
-        raise ConfigError(f"{what} must be six numbers, not {shown(text)}{macro}")
+        raise ConfigError(f"{what} must be six numbers [m, rad], not {shown(text)}{macro}")
     return values
 
 
