@@ -16,6 +16,7 @@ from locplan.planners._grid import GridPlanner, bands, bordered_index, cells_of
 from locplan.planners._grid_paths import grid_path
 from locplan.planners._protocol import Found, Position
 from locplan.planners._result import Plan, finished
+from locplan.planners._robot_fit import unfit_note
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -102,7 +103,8 @@ class CostToGo:
         began = time.perf_counter()
         cells, found = self.cells(start), Found(status="unreachable")
         if cells is not None:
-            found = Found(self._path_over(cells, start))
+            note = unfit_note("grid", self.costs.robot)
+            found = Found(self._path_over(cells, start), note=note)
         return finished("grid", self.costs, start, self.goal, found, time.perf_counter() - began)
 
     def _path_over(self, cells: Ints, start: Position) -> Path:

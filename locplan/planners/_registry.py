@@ -17,7 +17,7 @@ from locplan.errors import ConfigError
 from locplan.planners._protocol import LATTICE, SPACES, Planner
 
 DEFAULT = "any-angle"
-"""The planner that is taken where none is named."""
+"""The planner that is used if none is named and the robot counts as a circle."""
 
 
 @dataclass(frozen=True)

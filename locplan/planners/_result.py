@@ -19,6 +19,7 @@ from locplan.costs import DEGENERATE, Costmap, Path, PathMetrics, about_costs, p
 from locplan.errors import ConfigError
 from locplan.planners._grid_paths import through_centres
 from locplan.planners._protocol import Found, Position, Status
+from locplan.planners._robot_fit import unfit_note
 
 METRICS = (
     Column("length", "m", "length"),
@@ -233,7 +234,8 @@ class ParetoFront(Result, Stored):
         if not -len(self) <= index < len(self):
             raise ConfigError(f"the front has {len(self)} paths, from 0 on; there is no {index}")
         path = through_centres(self.costs, self.cells[index], self.start, self.goal)
-        return finished("pareto", self.costs, self.start, self.goal, Found(path), self.solve_time)
+        found = Found(path, note=unfit_note("pareto", self.costs.robot))
+        return finished("pareto", self.costs, self.start, self.goal, found, self.solve_time)
 
     def summary(self) -> dict[str, object]:
         """The front without its cells, fit for JSON."""

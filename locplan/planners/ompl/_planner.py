@@ -29,6 +29,7 @@ from locplan.robots import Kinematics, Robot
 class Ompl:
     """One of OMPL's sampling-based planners.
 
+    In spaces with headings the outline of the costmap's robot keeps clear of walls, too.
     RRT, RRTConnect, KPIECE1, BKPIECE1 and LBKPIECE1 do not look at costs and stop at the first
     path; the others seek the least J.
     """
@@ -135,6 +136,10 @@ class Ompl:
         one, other = (part[costs.grid.world_to_cell(*pose[:2])] for pose in (start, goal))
         if one != other:
             return Found(status="unreachable")  # what no path over the grid joins, no motion does
+        for name, pose in (("start", start), ("goal", goal)):
+            if motions.meets_wall(pose):
+                note = f"the robot's outline meets a wall at the {name}; move or turn it"
+                return Found(status="infeasible", note=note)
         direct = motions.path(np.array([start, goal]))
         if motions.cost(start, goal) <= direct.length * (1 + OPTIMAL) + OPTIMAL:
             return Found(direct, history=((0.0, path_metrics(costs, direct).cost),))
@@ -169,7 +174,9 @@ class Ompl:
             turning_radius=self.turning_radius or 0.0,
             reverse=self.space == "ReedsShepp",
         )
-        own = dataclasses.replace(costs, robot=Robot(kinematics=kinematics, goal_tolerance=0.0))
+        robot = costs.robot or Robot()
+        robot = dataclasses.replace(robot, kinematics=kinematics, goal_tolerance=0.0)
+        own = dataclasses.replace(costs, robot=robot)
         path = Lattice(time_limit=self.seconds).solve(own, start, goal).path
         if path is None:
             return []

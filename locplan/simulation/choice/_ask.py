@@ -34,6 +34,7 @@ from locplan.planners import (
     Planner,
     Position,
     check_ends,
+    needs_lattice,
     path_faults,
     plan,
     plan_beside_shortest,
@@ -213,8 +214,8 @@ class Ask:
 
     @property
     def by_lattice(self) -> bool:
-        """Whether the robot turns on a radius, so that all paths are those of the lattice."""
-        return self.robot.kinematics.turning_radius > 0 and self.settings.budget is None
+        """Whether the robot has an outline or turns on a radius, so that the lattice plans all."""
+        return needs_lattice(self.robot) and self.settings.budget is None
 
     def _planners(
         self, costs: Costmap, planner: Planner | None
@@ -312,17 +313,13 @@ class Ask:
 
     def fault_of(self, path: Path, costs: Costmap) -> str:
         """Which limit a path does not keep; empty if it keeps all."""
-        asked, outline = self.settings, self.robot.outline
+        asked = self.settings
         for x, y, *_ in asked.via:
             if not len(path) or distances_to(np.array([[x, y]]), path)[0] > NEAR:
                 return f"does not visit {x:g},{y:g}"
         if self.by_lattice:
             for each in path_faults(self.grid, path, self.robot):
                 return f"cannot be driven: {each.kind} near {each.x:.2f},{each.y:.2f}"
-        elif asked.budget is None and outline is not None:
-            collision = outline.first_collision(self.grid, path)
-            if collision:
-                return "the robot's outline meets a wall near {:.2f},{:.2f}".format(*collision)
         if asked.max_e is None and asked.budget is None:
             return ""
         metrics = path_metrics(costs, path)

@@ -62,8 +62,8 @@ def choose(
     the robot, steered by its filter in some closed-loop drives of both, arrives about as often.
     Where the shortest path is kept, such drives of it show how often the robot arrives.
 
-    Candidates of a robot that turns on a radius are those of the lattice planner, so that it can
-    drive all of them.
+    Candidates of a robot with an outline or a turning radius are those of the lattice planner, so
+    that it can drive all of them.
 
     Where the robot's lidar is not known, nothing is driven: the aware path of the field is then
     the path to take, untested, beside the shortest one.
