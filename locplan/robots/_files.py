@@ -53,13 +53,13 @@ def outline_of(value: Any) -> Any:
 
 
 def read_parts(
-    *paths: str | os.PathLike[str], lidar: Lidar | None = None
+    *paths: str | os.PathLike[str], lidar: Lidar | None = None, planner: str | None = None
 ) -> Iterator[tuple[str | os.PathLike[str], dict[str, Any]]]:
     """Yield the last of the files read so far, and all that they say of a robot.
 
     Later files replace single settings. The parameter files of Nav2 are merged by ROS's rules. The
     parts have the names of `Robot`'s fields. A lidar that is known gets its mount from a URDF or
-    SDF, and replaces that of any file.
+    SDF, and replaces that of any file. The drive is that of the planner that is named, if one is.
     """
     contents = [_content_of(path, lidar) for path in paths]
     parts: dict[str, Any] = {"lidar": lidar}
@@ -70,13 +70,15 @@ def read_parts(
             nav2.append(content)
             if at + 1 < len(paths) and isinstance(contents[at + 1], tuple):
                 continue
-            now = read_settings(parameters_of(*zip(*nav2, strict=True)))
+            now = read_settings(parameters_of(*zip(*nav2, strict=True)), planner)
             content, before = _changes(before, now), now
         with errors_at(path):
             parts = _with_settings(parts, content)
         yield path, parts
+    if planner is not None and not nav2:
+        raise ConfigError(f"no file has the planner {shown(planner)}; give Nav2's parameters")
     if nav2:
-        for note in parameter_notes(parameters_of(*zip(*nav2, strict=True))):
+        for note in parameter_notes(parameters_of(*zip(*nav2, strict=True)), planner):
             warnings.warn(ParameterWarning(note), stacklevel=3)
 
 

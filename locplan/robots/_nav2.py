@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from locplan._util.checks import number, positive
+from locplan._util.checks import number, positive, shown
 from locplan.errors import ConfigError, LocplanError, one_line
-from locplan.robots._amcl import DIFFERENTIAL, OMNIDIRECTIONAL, Amcl
+from locplan.robots._amcl import DIFFERENTIAL, MODELS, OMNIDIRECTIONAL, Amcl
+from locplan.robots._layers import inflating_layer, layer_notes, zone_notes
 from locplan.robots._parameter_files import read_parameters
 from locplan.robots._parameters import (
     AMCL,
@@ -23,6 +24,12 @@ from locplan.robots._parameters import (
     Nav2Parameters,
 )
 from locplan.robots._parts import Footprint, Inflation, Kinematics
+from locplan.robots._planner_drive import (
+    describe_drive,
+    planner_drives,
+    planner_in_use,
+    unread_lattice,
+)
 
 NOT_SIMULATED: dict[str, float | str | bool] = {
     "base_frame_id": "base_footprint",
@@ -83,7 +90,7 @@ def read_amcl(path: str | os.PathLike[str]) -> Amcl:
     return Amcl(**settings)
 
 
-def read_settings(parameters: Nav2Parameters) -> dict[str, Any]:
+def read_settings(parameters: Nav2Parameters, planner: str | None = None) -> dict[str, Any]:
     """Return a robot's settings in parameters of Nav2, by the names of `Robot`'s fields.
 
     Those of its filter and its inflation are mappings by the names of the settings.
@@ -92,31 +99,42 @@ def read_settings(parameters: Nav2Parameters) -> dict[str, Any]:
     ----------
     parameters : Nav2Parameters
         The parameters.
+    planner : str, optional
+        Name of the planner in use; by default GridBased, or else the first one.
 
     Raises
     ------
     ConfigError
-        If a value is out of its range.
+        If a value is out of its range, or there is no such planner.
     """
     inflation = _inflation(parameters)
     settings = {
         "filter": _filter(parameters),
         **_outline(parameters),
         "inflation": inflation[1] if inflation else None,
-        "kinematics": _kinematics(parameters),
+        "kinematics": _kinematics(parameters, planner),
     }
     return {name: value for name, value in settings.items() if value is not None}
 
 
-def parameter_notes(parameters: Nav2Parameters) -> list[str]:
+def parameter_notes(parameters: Nav2Parameters, planner: str | None = None) -> list[str]:
     """Return sentences on parameters of Nav2 that are not simulated, or that contradict others.
 
     Parameters
     ----------
     parameters : Nav2Parameters
         The parameters.
+    planner : str, optional
+        Name of the planner in use.
     """
-    return [*_filter_notes(parameters), *_conflict_notes(parameters)]
+    notes = [
+        *_filter_notes(parameters),
+        *_conflict_notes(parameters),
+        *layer_notes(parameters),
+        *_drive_notes(parameters, planner),
+        *zone_notes(parameters),
+    ]
+    return [one_line(note) for note in notes]
 
 
 def nav2_inflation(parameters: Nav2Parameters) -> tuple[str, Inflation, float] | None:
@@ -156,6 +174,9 @@ def _filter(parameters: Nav2Parameters) -> dict[str, Any] | None:
     model = _motion_model(str(taken.pop("robot_model_type", DIFFERENTIAL)))
     if model in (DIFFERENTIAL, OMNIDIRECTIONAL):
         taken["robot_model_type"] = model
+    laser = taken.get("laser_model_type")
+    if isinstance(laser, str) and laser not in MODELS:  # as amcl_node.cpp has it, except "beam"
+        taken["laser_model_type"] = MODELS[0]
     with errors_in(parameters, AMCL):
         Amcl(**taken)
     return taken
@@ -164,6 +185,14 @@ def _filter(parameters: Nav2Parameters) -> dict[str, Any] | None:
 def _filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
     """A note on AMCL's parameters that are not simulated."""
     given, own = parameters.of(AMCL), parameters.of(AMCL, shared=False)
+    laser = given.get("laser_model_type")
+    if isinstance(laser, str) and laser not in MODELS:
+        file = parameters.files[parameters.values(AMCL)["laser_model_type"].file].path
+        yield (
+            f"{file}: AMCL's beam model is not simulated; {MODELS[0]} is used instead"
+            if laser == "beam"
+            else f"{file}: AMCL has no laser_model_type {shown(laser)}; Nav2 takes {MODELS[0]}"
+        )
     model = _motion_model(str(given.get("robot_model_type", DIFFERENTIAL)))
     foreign = model not in (DIFFERENTIAL, OMNIDIRECTIONAL)
     unknown = sorted({name.partition(".")[0] for name in own} - AMCL_SETTINGS - NO_MATTER)
@@ -204,30 +233,51 @@ def _outline(parameters: Nav2Parameters) -> dict[str, Any]:
 
 
 def _inflation(parameters: Nav2Parameters) -> tuple[str, dict[str, Any]] | None:
-    """Inflation layer of the global costmap by name, or None where it has no such layer."""
+    """Layer that inflates the global costmap's walls, and its settings; None without one."""
+    layer = inflating_layer(parameters)
+    if layer is None:
+        return None
     own = parameters.of(GLOBAL_COSTMAP)
-    for layer in parameters.names(GLOBAL_COSTMAP, "plugins"):
-        if own.get(f"{layer}.plugin") == "nav2_costmap_2d::InflationLayer":
-            names = [each.name for each in dataclasses.fields(Inflation)]
-            given = {name: own[f"{layer}.{name}"] for name in names if f"{layer}.{name}" in own}
-            with errors_in(parameters, GLOBAL_COSTMAP, layer):
-                Inflation(**given)
-            return layer, given
-    return None
+    names = [each.name for each in dataclasses.fields(Inflation)]
+    given = {name: own[f"{layer}.{name}"] for name in names if f"{layer}.{name}" in own}
+    with errors_in(parameters, GLOBAL_COSTMAP, layer):
+        Inflation(**given)
+    return layer, given
 
 
-def _kinematics(parameters: Nav2Parameters) -> Kinematics | None:
-    """Kinematics of the first planner with a car-like motion model, or of AMCL's motion model."""
-    own = parameters.of(PLANNER_SERVER)
-    for planner in parameters.names(PLANNER_SERVER, "planner_plugins"):
-        model = own.get(f"{planner}.motion_model_for_search")
-        if model in ("DUBIN", "REEDS_SHEPP"):  # the latter drives in reverse, too
-            radius = own.get(f"{planner}.minimum_turning_radius", 0.4)
-            with errors_in(parameters, PLANNER_SERVER, planner):
-                reverse = model == "REEDS_SHEPP"
-                return Kinematics(drive="car-like", turning_radius=radius, reverse=reverse)
-    sideways = _motion_model(str(parameters.of(AMCL).get("robot_model_type"))) == OMNIDIRECTIONAL
-    return Kinematics(drive="omnidirectional") if sideways else None
+def _kinematics(parameters: Nav2Parameters, planner: str | None) -> Kinematics | None:
+    """Kinematics of the planner in use, or of AMCL's motion model if the planner has none."""
+    used = planner_in_use(parameters, planner)
+    with errors_in(parameters, PLANNER_SERVER, used or ""):
+        drive = planner_drives(parameters)[used] if used else None
+    if drive is None and _amcl_drive(parameters) == Kinematics(drive="omnidirectional"):
+        return _amcl_drive(parameters)
+    return drive
+
+
+def _amcl_drive(parameters: Nav2Parameters) -> Kinematics:
+    model = _motion_model(str(parameters.of(AMCL).get("robot_model_type")))
+    return Kinematics(drive="omnidirectional" if model == OMNIDIRECTIONAL else "differential")
+
+
+def _drive_notes(parameters: Nav2Parameters, planner: str | None) -> Iterator[str]:
+    """Notes on a choice between planners, and on a lattice that cannot be read."""
+    used = planner_in_use(parameters, planner)
+    if used is None:
+        return
+    drives = planner_drives(parameters)
+    texts = {name: describe_drive(each or _amcl_drive(parameters)) for name, each in drives.items()}
+    if file := unread_lattice(parameters, used):
+        yield (
+            f"the motion model of {used} is in {shown(file)}, which cannot be read; the robot is"
+            f" {texts[used]}, as AMCL has it, unless --set names drive and turning_radius"
+        )
+    others = [f"{name} is {text}" for name, text in texts.items() if text != texts[used]]
+    if planner is None and others:
+        yield (
+            f"the robot is {texts[used]}, by its planner {used}; {', '.join(others)}: if Nav2"
+            " plans with that, name it, as --set planner=NAME"
+        )
 
 
 def _motion_model(name: str) -> str:

@@ -80,6 +80,11 @@ def parameters_of(
 ) -> Nav2Parameters:
     """Parameters in files, with the robots that their paths name; see `read_parameters`."""
     for file in files:
+        if (key := _ros1_key(file)) is not None:
+            raise LocplanError(
+                f"{file.path}: holds parameters of ROS 1 ({shown(key)}), which has no"
+                f" {PARAMETERS}; {REMEDY} of ROS 2, or single values by --set, as --set alpha1=0.1"
+            )
         for entry in file.entries:
             if not isinstance(entry.parameters, dict):
                 raise LocplanError(
@@ -103,6 +108,29 @@ def parameters_of(
                 at, _ = parameters.place(node, name)
                 raise LocplanError(f"{files[at].path}: {error}") from None
     return parameters
+
+
+ROS1_NAMES = {
+    *("base_global_planner", "base_local_planner", "costmap_common_params", "kld_err", "kld_z"),
+    *("laser_max_beams", "laser_sigma_hit", "laser_z_hit", "laser_z_rand", "move_base"),
+    *("obstacle_range", "odom_alpha1", "odom_model_type", "raytrace_range", "static_map"),
+    *("DWAPlannerROS", "NavfnROS", "TebLocalPlannerROS", "TrajectoryPlannerROS"),
+}
+"""Names of parameters and nodes that amcl and move_base have in ROS 1 only."""
+
+
+def _ros1_key(file: ParameterFile) -> str | None:
+    """A name by which a file is one of ROS 1, or None."""
+    if next(file.entries, None) is not None:
+        return None
+    contents = [file.content]
+    while contents:
+        for key, value in contents.pop().items():
+            if key in ROS1_NAMES:
+                return key
+            if isinstance(value, dict):
+                contents.append(value)
+    return None
 
 
 def _namespaces(files: Sequence[ParameterFile], robots: Sequence[str | None]) -> list[str]:

@@ -104,9 +104,9 @@ class Robot(Settings):
         """Robot of a parameter file of Nav2.
 
         Its filter is amcl's; footprint or robot_radius, footprint_padding and inflation are those
-        of the global costmap (or the local one, where the global one has no size); the turning
-        radius is that of the first planner that has a car-like motion model; without one, the robot
-        moves sideways if amcl's motion model does.
+        of the global costmap (or the local one, where the global one has no size); the drive is
+        that of the planner in use, see `load`; if it has none, the robot moves sideways if amcl's
+        motion model does.
 
         Parameters
         ----------
@@ -130,8 +130,13 @@ class Robot(Settings):
         return replace(cls.load(path), lidar=lidar)
 
     @classmethod
-    def load(cls, *paths: str | os.PathLike[str], lidar: Lidar | str | None = None) -> Robot:
-        """Robot of one or more files, of which later ones replace what earlier ones say.
+    def load(
+        cls,
+        *paths: str | os.PathLike[str],
+        lidar: Lidar | str | None = None,
+        planner: str | None = None,
+    ) -> Robot:
+        """Robot of one or more files, of which later ones replace single settings of earlier ones.
 
         Parameters
         ----------
@@ -142,6 +147,9 @@ class Robot(Settings):
             The lidar, or its name, in place of the files'. A URDF or SDF then needs no sensor.
             Unless the lidar has a mount, its mount is that of the file's sensor, or of the only
             link that is named as a scanner's frame, such as laser_frame or base_scan.
+        planner : str, optional
+            Name of the planner in Nav2's parameters that has the robot's drive; by default
+            GridBased, with which Nav2's default tree plans, or else the first one.
 
         Raises
         ------
@@ -154,7 +162,7 @@ class Robot(Settings):
             If parameters are not simulated, or a URDF or SDF does not have the lidar's mount.
         """
         robot = cls(lidar)
-        for path, parts in read_parts(*paths, lidar=robot.lidar):
+        for path, parts in read_parts(*paths, lidar=robot.lidar, planner=planner):
             with errors_at(path):
                 robot = cls(**parts)
         return robot
