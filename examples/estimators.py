@@ -29,7 +29,7 @@ def main(folder: str = "estimators", *maps: str) -> None:
         "sad, 6 m": locplan.Sad(),
         "fisher, 30 m": locplan.Fisher(lidar),
         "scan, 30 m": locplan.Scan(lidar),
-        "fused, 30 m": locplan.Fused.of(lidar),
+        "fused, 30 m": locplan.Fused(lidar),
     }
     rows, parts = [], []
     for grid in grids:

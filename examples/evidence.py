@@ -159,7 +159,7 @@ def judged(
     def compute(of: locplan.OccupancyGrid, points: np.ndarray | None = None) -> object:
         nonlocal in_fields
         began = time.perf_counter()
-        field = locplan.load_or_compute(of, locplan.Fused.of(robot.lidar), points=points)
+        field = locplan.load_or_compute(of, locplan.Fused(robot.lidar), points=points)
         in_fields += time.perf_counter() - began
         return field
 

@@ -48,7 +48,7 @@ COSTS = """
 import sys, locplan
 from locplan.plotting import save_figure
 grid = locplan.load_map(sys.argv[1])
-field = locplan.load_or_compute(grid, locplan.Fused.of(locplan.Lidar.preset('{lidar}')))
+field = locplan.load_or_compute(grid, locplan.Fused(locplan.Lidar.preset('{lidar}')))
 costs = locplan.Costmap.from_field(grid, field, robot=0.25)
 """
 """Beginning of a program that draws with the library."""

@@ -102,7 +102,7 @@ def predict(log: Log, name: str) -> np.ndarray:
         "sad": locplan.Sad(),
         "fisher": locplan.Fisher(log.lidar),
         "scan": locplan.Scan(log.lidar),
-        "fused": locplan.Fused.of(log.lidar),
+        "fused": locplan.Fused(log.lidar),
     }[name]
     field = locplan.load_or_compute(log.grid, estimator)
     return np.array([field.at(x, y, heading) for x, y, heading in log.poses])

@@ -15,11 +15,12 @@ MAP = Path(__file__).resolve().parent.parent / "maps" / "two_corridors.yaml"
 
 def main(folder: str = "two_corridors") -> None:
     grid = locplan.load_map(MAP)
-    field = locplan.load_or_compute(grid, locplan.Sad())
-    costs = locplan.Costmap.from_field(grid, field)
+    robot = locplan.Robot("turtlebot3")
+    field = locplan.load_or_compute(grid, locplan.Fused(robot.lidar))
+    costs = locplan.Costmap.from_field(grid, field, robot=robot)
     start, goal = (2.0, 3.0), (38.0, 3.0)
     plans = {"shortest": locplan.plan(costs.with_weight(0.0), start, goal).measured_on(costs)}
-    for weight in (1.0, 4.0):
+    for weight in (0.2, 8.0):
         plans[f"weight {weight:g}"] = locplan.plan(costs.with_weight(weight), start, goal)
     for label, plan in plans.items():
         metrics = plan.metrics

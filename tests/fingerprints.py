@@ -50,8 +50,8 @@ CONFIGS = {
     "fisher": FieldConfig(Fisher(ROUND), stride=0.4),
     "fisher of ranges": FieldConfig(Fisher(ROUND, model="range"), stride=0.8),
     "scan": FieldConfig(Scan(ROUND), stride=0.8),
-    "fused": FieldConfig(Fused.of(ROUND), stride=0.8),
-    "fused, headings": FieldConfig(Fused.of(AHEAD), stride=1.6),
+    "fused": FieldConfig(Fused(ROUND), stride=0.8),
+    "fused, headings": FieldConfig(Fused(AHEAD), stride=1.6),
 }
 Arrays = dict[str, np.ndarray]
 OMPL_ITERATIONS = {

@@ -457,7 +457,8 @@ def faults(
     if broken and code == 1 and not lines:
         return
     if code in (1, 2) and not failed:
-        if len(lines) != 1 or not lines[0].startswith("locplan: error: "):
+        given = lines and "is an image, not a map's YAML; save" in lines[0]  # six lines follow
+        if len(lines) != (7 if given else 1) or not lines[0].startswith("locplan: error: "):
             yield "no single line"
         elif len(lines[0]) > 1050:
             yield "long line"

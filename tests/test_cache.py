@@ -168,8 +168,8 @@ def test_the_folder_is_the_argument_then_the_environment_then_the_users(tmp_path
         (Sad(), "sad, range 6 "),
         (Sad.paper(), "sad, quantisation False, range 6, weights inverse-square "),
         (Scan(Lidar.preset("turtlebot3")), "scan, turtlebot3 "),
-        (Fused.of(Lidar.preset("turtlebot3")), "fused, turtlebot3 "),
-        (Fused.of(Lidar(range=6.0)), "fused, range 6 "),
+        (Fused(Lidar.preset("turtlebot3")), "fused, turtlebot3 "),
+        (Fused(Lidar(range=6.0)), "fused, range 6 "),
     ],
 )
 def test_the_list_names_the_lidar_and_the_settings_that_differ(

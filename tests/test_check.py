@@ -165,6 +165,19 @@ def test_weak_spots_are_long_corridors_along_which_no_feature_is(two_corridors_a
     assert first.trips
 
 
+def test_weak_spots_lie_where_routes_can_pass():
+    """A strip between a drawn frame and the edge of the image is wide and featureless."""
+    cells = np.full((100, 240), FREE, np.uint8)
+    cells[20:80:59, 20:220] = cells[20:80, 20:220:199] = OCCUPIED
+    grid = OccupancyGrid(cells, 0.1, name="framed")
+    larger = OccupancyGrid(np.pad(cells, 5, constant_values=FREE), 0.1, (-0.5, -0.5, 0.0))
+    found = check(grid, ROBOT, [((3.0, 5.0), (20.0, 5.0))], effort="quick", filter_map=larger)
+    assert found.spots
+    assert all(2 <= each.x <= 22 and 2 <= each.y <= 8 for each in found.spots)
+    sizes = "the map measures 24.00 x 10.00 m, the filter's map 25.00 x 11.00 m"
+    assert sizes in " ".join(found.report().split())
+
+
 def test_cures_that_do_not_lead_are_stopped_after_a_few_drives(fine):
     stopped = [each for each in fine.cures if each.rates.drives < fine.as_is.drives]
     assert stopped  # the alphas that differ from tuned ones are no better here

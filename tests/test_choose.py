@@ -179,7 +179,7 @@ def test_the_shortest_is_the_shortest_whatever_the_costmaps_weight(grid, fielded
 
 def test_without_a_costmap_the_field_is_fused_for_the_lidar(grid):
     found = choose(grid, START, GOAL, **QUICK)
-    assert found.costs.settings.config.estimator == Fused.of(ROBOT.lidar)
+    assert found.costs.settings.config.estimator == Fused(ROBOT.lidar)
     assert found.costs.robot_radius == ROBOT.radius
     of_field = choose(grid, START, GOAL, Robot(), costs=FieldConfig(Fisher(SHORT_LIDAR)), drives=0)
     assert of_field.robot.lidar == SHORT_LIDAR
@@ -208,7 +208,7 @@ def test_a_users_paths_are_kept_whatever_their_names_and_lengths(grid, costs):
     assert names_of(found)[-3:] == [f"own {name}" for name in own]
 
 
-def test_a_planners_path_that_is_too_long_is_left_out(grid, costs):
+def test_choose_races_requested_paths_of_any_length(grid, costs, fielded):
     class Winding(AnyAngle):
         name = "winding"
 
@@ -216,11 +216,60 @@ def test_a_planners_path_that_is_too_long_is_left_out(grid, costs):
             xy = [start, (1, 5), (11, 4.5), (1, 5), (11, 4.5), goal]
             return Found(Path(xy), "solved")
 
+    asked = {"candidates": Winding(), "longest": 1.0}
     for drives in (QUICK["drives"], 0):
-        asked = {**QUICK, "drives": drives}
-        found = choose(grid, START, GOAL, costs=costs, candidates=Winding(), **asked)
-        assert "winding" not in names_of(found)
-        assert "1.5 times the shortest" in found.left_out["winding"]
+        own = {**QUICK, "drives": drives, "costs": costs}
+        found = choose(grid, START, GOAL, **own, **asked)
+        assert found.candidates[-1].name == "winding"
+        assert "winding" not in found.left_out
+    asked |= {"costs": fielded, "front": True, "weight": 40.0}
+    found = choose(grid, START, GOAL, **QUICK, **asked)
+    requested = {"winding", "front 5", "aware, weight 8", "aware, weight 40"}
+    assert requested <= {*names_of(found), *found.left_out}
+    for name in requested & {*found.left_out}:
+        assert "the same path as" in found.left_out[name]
+    lengths = {each.name: each.path.length for each in found.candidates}
+    assert lengths["aware, weight 40"] > lengths["shortest"]
+
+
+PLANNED = {
+    *("shortest", "inflated", "clear of walls", "along walls", "a metre off walls", "detour"),
+    *("way around 1", "way around 2", "clear way around 1", "clear way around 2"),
+    *("aware, weight 4", "aware, weight 8", "aware, weight 12", "aware and clear"),
+}
+
+
+@pytest.mark.parametrize(
+    ("longest", "reason"),
+    [
+        (1.0, r"\d+\.\d m, more than 1 times the shortest"),
+        (1.5, r"(nearly )?the same path as '[a-z ]+'"),
+    ],
+)
+def test_choose_reports_every_dropped_candidate(grid, fielded, tmp_path, longest, reason):
+    found = choose(grid, START, GOAL, costs=fielded, longest=longest, **QUICK)
+    assert {*names_of(found), *found.left_out} == PLANNED
+    assert not {*names_of(found)} & {*found.left_out}
+    assert any(re.fullmatch(reason, why) for why in found.left_out.values())
+    report = " ".join(found.report().split())
+    assert all(name in report and why in report for name, why in found.left_out.items())
+    found.save(tmp_path)
+    assert json.loads((tmp_path / "choice.json").read_text())["left_out"] == found.left_out
+    assert Choice.load(tmp_path).report() == found.report()
+
+
+def test_choose_verdict_ignores_length_limit(corridors):
+    """The aware path from end to end of the lower corridor is 1.5 times as long as the shortest."""
+    robot = Robot(Lidar(range=6.0), filter=Amcl(min_particles=300, max_particles=300))
+    field = covariance_field(corridors.grid, FieldConfig(Fisher(robot.lidar), stride=0.5))
+    asked = {"costs": Costmap.from_field(corridors.grid, field), "drives": 8, "rival": None}
+    ends = (5.0, 3.0), (34.0, 3.0)
+    limited, free = (
+        choose(corridors.grid, *ends, robot, longest=longest, **asked) for longest in (1.2, 3.0)
+    )
+    assert "aware, weight 8" in names_of(limited)
+    assert limited.verdict == free.verdict == "clearly better"
+    assert limited.path.length > 1.4 * limited.shortest.path.length
 
 
 def test_without_drives_or_a_field_the_shortest_is_taken(grid, costs):
@@ -283,7 +332,7 @@ def test_waypoints_bind_all_candidates(grid, costs):
     assert len(found.candidates) > 1
     for each in found.candidates:
         assert np.hypot(*(each.path.xy - above).T).min() < 1e-9
-    assert found.left_out == {"below": "does not visit 6,5"}
+    assert found.left_out["below"] == "does not visit 6,5"
 
 
 def test_limits_of_the_field_bind_all_candidates(grid, fielded):

@@ -231,7 +231,7 @@ def test_fields_are_those_of_the_lidar(monkeypatch):
     monkeypatch.setattr(module, "load_or_compute", field_of)
     grid = environments.make("hall", resolution=0.1)
     found = choose_many(grid, 2, robot=Robot(LIDAR, footprint=0.4, margin=0.0), drives=2, threads=1)
-    assert asked == [("hall", locplan.Fused.of(LIDAR), 1)]
+    assert asked == [("hall", locplan.Fused(LIDAR), 1)]
     assert {each.choice.costs.robot_radius for each in found} == {0.4}
 
 

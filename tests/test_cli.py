@@ -118,7 +118,7 @@ def test_an_unreachable_goal_is_a_result(run, tmp_path):
     ("start", "message"),
     [
         ("0.2,2", "lies in a wall; the nearest free position is"),
-        ("9,9", "lies outside the map; the nearest free position is"),
+        ("9,9", "lies outside the map, which reaches from 0,0 to 5,4.5 m; the nearest free"),
         ("3.7,0.7", "lies in unknown space; the nearest free position is"),
         ("0.75,2", "closer than the robot's radius"),
         ("1;2", "must be X,Y in metres"),
@@ -370,7 +370,7 @@ def test_plan_front_prints_and_writes_front(run, room, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (("--time-limit", "0"), "time_limit"),
+        (("--time-limit", "0"), "--time-limit"),
         (("--goal", "99,99"), "outside the map"),
         (("--goal", "4,3.5,90"), "no headings"),
         (("--drives", "4"), "--drives is not read with --front"),
@@ -496,7 +496,7 @@ def test_a_plan_tells_the_deviation_along_its_paths_in_centimetres(run, room):
     asked = "plan", room, *ends, "--lidar", "turtlebot4", "--drives", "0"
     out, about = run(*asked)[1], json.loads(run(*asked, "--json")[1])
     lidar = locplan.Lidar.preset("turtlebot4")
-    field = locplan.load_or_compute(load_map(room), locplan.Fused.of(lidar))
+    field = locplan.load_or_compute(load_map(room), locplan.Fused(lidar))
     shortest = about["candidates"][0]
     xy = locplan.Path(shortest["path"]["xy"]).resampled(0.05).xy
     std = np.array([scalar_of(field.at(x, y), "position_std") for x, y in xy])

@@ -5,6 +5,7 @@ import dataclasses
 import json
 import math
 import pickle
+import sys
 import types
 
 import numpy as np
@@ -35,6 +36,10 @@ def detour(costs, start, goal, *, time_limit=None, seed=0):
     half = costs.with_weight(costs.weight / 2)
     found = locplan.plan(half, start, goal, planner="grid")
     return dataclasses.replace(found, note=f"{time_limit:g} s, seed {seed}")
+
+
+def raising(costs, start, goal):
+    raise ValueError("no idea\nat all")
 
 
 @pytest.fixture(scope="module")
@@ -94,6 +99,25 @@ def test_a_users_planner_is_measured_like_the_others(compared):
         least = by_task[dataclasses.replace(run.task, planner="grid", seed=0)]
         assert run.measures["cost"] >= least.measures["cost"] - 1e-9
         assert run.measures["length"] <= least.measures["length"] + 1e-9
+
+
+def test_report_names_exception_if_all_runs_raise():
+    result = locplan.compare(
+        rooms(), ["grid", raising], RandomQueries(2), SMALL, configs=QUICK, execution=ONE
+    )
+    fault = "raising raises in all 2 runs, first ValueError: no idea"
+    assert fault in result.report()
+    assert repr(result) == f"Comparison(4 runs of grid, raising; {fault})"
+
+
+def test_compare_warns_if_pandas_is_missing(monkeypatch):
+    """The user learns it before the runs, not from `to_frame` after them."""
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with (
+        pytest.warns(UserWarning, match=r"to_frame\(\) and runs.parquet need pandas: pip install"),
+        pytest.raises(LocplanError, match="at least one planner"),
+    ):
+        locplan.compare(rooms(), [], execution=ONE)
 
 
 def test_a_planner_cannot_change_what_any_path_is_measured_on():

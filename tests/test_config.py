@@ -64,8 +64,14 @@ BEAMS = Lidar(range=9.0, field_of_view_deg=180.0, min_range=0.2)
         FieldConfig(Sad(template="visible", weights=Exponential(0.4))),
         FieldConfig(Fisher(Lidar.preset("rplidar-a1"), window=SearchWindow(half_width=1.0))),
         FieldConfig(Scan(Lidar(field_of_view_deg=180.0), max_beams=np.int64(9)), headings=4),
-        FieldConfig(Fused(Fisher(BEAMS, model="range"), Scan(BEAMS, endpoint_noise=(0.1, 0.0)))),
-        FieldConfig(Fused.of(BEAMS), stride=0.4),
+        FieldConfig(
+            Fused(
+                BEAMS,
+                fisher=Fisher(BEAMS, model="range"),
+                scan=Scan(BEAMS, endpoint_noise=(0.1, 0.0)),
+            )
+        ),
+        FieldConfig(Fused(BEAMS), stride=0.4),
     ],
 )
 def test_settings_survive_json(config):
@@ -155,7 +161,7 @@ def test_uniform_covariance_is_that_of_the_offsets():
 
 
 def test_the_settings_for_a_lidar_are_those_that_real_lasers_bear_out():
-    fused = Fused.of(BEAMS)
+    fused = Fused(BEAMS)
     window = SearchWindow(half_width=1.5, step=0.1, half_rotation_deg=4.0, rotation_step_deg=1.0)
     assert fused.fisher == Fisher(
         BEAMS, window=window, sigma_hit=0.1, effective_beams=12.6, max_beams=180, model="endpoint"
@@ -177,7 +183,7 @@ def test_the_settings_for_a_lidar_are_those_that_real_lasers_bear_out():
     assert Sad().weight == 4.0
     assert fused.scan.temperature == fused.fisher.temperature == pytest.approx(0.07)
     few = Lidar(range=9.0, beams=8)
-    assert (Scan(few).temperature, Scan(few, effective_beams=5).temperature) == (1.0, 0.625)
+    assert (Scan(few).temperature, Scan(few, effective_beams=2).temperature) == (1.0, 0.5)
 
 
 @pytest.mark.parametrize(

@@ -52,6 +52,12 @@ def own(change: Callable[[dict[str, np.ndarray], object], object], **members: ob
     return type("Mine", (Own,), {"covariances": covariances, **members})()
 
 
+def test_estimator_without_name_is_refused():
+    unnamed = {name: value for name, value in vars(Own).items() if name != "name"}
+    with pytest.raises(LocplanError, match="estimator Unnamed has no name; add name"):
+        type("Unnamed", (Estimator,), unnamed)()
+
+
 def refused(grid: locplan.OccupancyGrid, estimator: Estimator, **how: object) -> str:
     with pytest.raises(LocplanError) as caught:
         locplan.covariance_field(grid, estimator, **how)
@@ -138,7 +144,9 @@ def test_later_tiles_are_checked_too(grid):
 def test_several_headings_are_checked_like_one(grid):
     def change(values, part):
         several = {name: np.repeat(each[:, None], 8, axis=1) for name, each in values.items()}
-        several["covariance"][5, 3] *= -1
+        # A cell of the map, not of a tile: threads finish the tiles in any order.
+        wrong = (part.rows == 1) & (part.cols == 6)
+        several["covariance"][wrong, 3] *= -1
         return several
 
     headed = own(change, headings=8)

@@ -194,7 +194,10 @@ def test_bad_layers_are_refused(layers, message):
 @pytest.mark.parametrize(
     ("xy", "message"),
     [
-        ((9.0, 0.5), "start 9,0.5 lies outside the map; the nearest free position is 3.50,0.50"),
+        (
+            (9, 0.5),
+            "start 9,0.5 lies outside the map, which reaches from 0,0 to 4,2 m; the nearest",
+        ),
         ((0.5, 1.5), "lies in a wall; the nearest"),
         ((1.5, 1.5), "lies in unknown space; the nearest"),
         ((math.nan, 0.0), "finite"),

@@ -50,8 +50,8 @@ def test_limits_mount_and_alignment_are_texts_of_numbers_and_degrees(drive_file)
         ("--mount=1,2", "--mount must be 3 numbers"),
         ("--align=a,b,c", "--align must be 3 numbers"),
         ("--range-limits=1", "--range-limits must be 2 numbers"),
-        ("--range-limits=3,2", "range_limits must be a least and a greatest"),
-        ("--pose-topic=/pose", "pose_topic is for bags"),
+        ("--range-limits=3,2", "--range-limits must be a least and a greatest"),
+        ("--pose-topic=/pose", "--pose-topic is for bags"),
     ],
 )
 def test_wrong_options_are_one_clear_line(run, tmp_path, drive_file, given, said):

@@ -48,7 +48,8 @@ def made(name, lidar=ALL_ROUND, **settings) -> Estimator:
     """An estimator with a small window, unless another one is given."""
     settings = {"window": SMALL} | settings
     if name == "fused":
-        return Fused(made("fisher", lidar, **settings), made("scan", lidar, **settings))
+        both = {kind: made(kind, lidar, **settings) for kind in ("fisher", "scan")}
+        return Fused(lidar, **both)
     return {"fisher": Fisher, "scan": Scan}[name](lidar, **settings)
 
 
@@ -191,7 +192,7 @@ def test_a_quarter_turn_of_the_map_turns_covariances_and_headings(estimator):
     # An odd number of cells, so that the lattice turns onto itself.
     grid = OccupancyGrid(random_rooms((101, 101), seed=3), 0.05)
     turned = OccupancyGrid(np.rot90(grid.cells, -1), 0.05)
-    wanted = config(estimator, dataclasses.replace(AHEAD, beams=41), headings=4)
+    wanted = config(estimator, AHEAD, headings=4)
     before, after = covariance_field(grid, wanted), covariance_field(turned, wanted)
     both = np.rot90(before.evaluated, -1) & after.evaluated
     expected = rotated(np.rot90(before.covariance, -1), math.pi / 2)
@@ -291,7 +292,7 @@ def test_the_papers_places_are_told_apart():
     fisher = covariance_field(grid, FieldConfig(Fisher(Lidar(range=6.0)), stride=0.4))
     corridor_, complex_ = (fisher.at(*at[name]) for name in "BA")
     assert scalar(corridor_, "position_std") > 5 * scalar(complex_, "position_std")
-    fused = covariance_field(grid, FieldConfig(Fused.of(Lidar(range=6.0)), stride=0.4))
+    fused = covariance_field(grid, FieldConfig(Fused(Lidar(range=6.0)), stride=0.4))
     costs = Costmap.from_field(grid, fused, robot=0.0)
     u = {name: costs.u[grid.world_to_cell(*xy)] for name, xy in at.items()}
     assert u["A"] < 0.1
@@ -360,9 +361,12 @@ def part_of(rooms, count=5, headings=2, **more) -> MapPart:
 
 
 def fishers_share(covariance) -> float:
-    """Half where the ellipse of the scan is round, up to 1.5 : 1, and nothing from 4 : 1 on."""
+    """Half where the ellipse of the scan is round, up to 1.5 : 1, and small, up to 0.25 m.
+
+    Nothing from 4 : 1 or 0.35 m on.
+    """
     minor, major = np.sqrt(np.linalg.eigvalsh(covariance[:2, :2]))
-    return 0.5 * min(1.0, max(0.0, (4.0 - major / minor) / 2.5))
+    return 0.5 * min(1.0, max(0.0, min((4.0 - major / minor) / 2.5, (0.35 - major) / 0.1)))
 
 
 @pytest.mark.filterwarnings("ignore:logm result may be inaccurate")  # by 1e-12
@@ -370,7 +374,8 @@ def fishers_share(covariance) -> float:
 def test_fused_is_a_mean_of_the_logarithms(rooms, half_rotation_deg):
     sharp = {"window": replace(SMALL, half_rotation_deg=half_rotation_deg), "effective_beams": 120}
     fisher, scan = (made(name, AHEAD, **sharp) for name in ("fisher", "scan"))
-    fused, part = Fused(fisher, scan, noise_level=2.5), part_of(rooms, 60)
+    fused = Fused(AHEAD, fisher=fisher, scan=scan, noise_level=2.5)
+    part = part_of(rooms, 60)
     one, other, both = (each.covariances(part) for each in (fisher, scan, fused))
     shares = []
     for n, k in np.ndindex(60, 2):
@@ -394,7 +399,7 @@ def test_in_a_corridor_fused_is_as_uncertain_along_it_as_the_scan():
             for name in ("fisher", "scan", "fused")
         )
         np.testing.assert_allclose(fused, scan, atol=1e-12)
-    assert scalar(fisher, "position_std") < 0.9 * scalar(scan, "position_std")
+    assert scalar(fisher, "position_std") < 0.95 * scalar(scan, "position_std")
 
 
 def test_e_of_a_fused_field_is_a_geometric_mean(rooms):
@@ -404,7 +409,7 @@ def test_e_of_a_fused_field_is_a_geometric_mean(rooms):
     shares = np.array([fishers_share(each) for each in fields[1].covariance[known]])
     assert e[2] == pytest.approx(e[0] ** shares * e[1] ** (1 - shares))
     anchors = [field.anchors("e") for field in fields]
-    assert anchors[2][1] == pytest.approx(math.sqrt(anchors[0][1] * anchors[1][1]))
+    assert anchors[2][1] == anchors[1][1]  # a featureless place is large
 
 
 def test_cells_are_counted_once_and_a_stop_is_heeded(rooms, estimator):
@@ -433,14 +438,18 @@ def test_a_stop_is_heeded_by_both_parts_of_a_fused_field(rooms, monkeypatch):
 
 
 def test_a_fused_estimator_has_one_lidar_and_one_window():
-    both = Fused.of(AHEAD)
-    assert both == Fused(Fisher(AHEAD), Scan(AHEAD))
-    assert both.lidar == AHEAD
-    for other in (Scan(ALL_ROUND), Scan(AHEAD, window=SMALL)):
-        with pytest.raises(ConfigError, match="one lidar and one window"):
-            Fused(Fisher(AHEAD), other)
+    both = Fused(AHEAD)
+    assert both == Fused(AHEAD, fisher=Fisher(AHEAD), scan=Scan(AHEAD))
+    assert repr(both) == f"Fused(lidar={AHEAD!r})"
+    assert both.fisher.lidar == both.scan.lidar == AHEAD
+    with pytest.raises(ConfigError, match="must have the lidar of the fused"):
+        Fused(AHEAD, scan=Scan(ALL_ROUND))
+    with pytest.raises(ConfigError, match="one window"):
+        Fused(AHEAD, scan=Scan(AHEAD, window=SMALL))
     with pytest.raises(ConfigError, match="scan must be a Scan"):
-        Fused(Fisher(AHEAD), Fisher(AHEAD))
+        Fused(AHEAD, scan=Fisher(AHEAD))
+    with pytest.raises(ConfigError, match="lidar must be a Lidar"):
+        Fused(Fisher(AHEAD))
 
 
 def test_the_variance_of_steps_is_the_scans_alone(rooms):
@@ -489,7 +498,7 @@ def test_information_falls_with_the_square_of_sigma_which_is_at_least_a_cell(roo
 
 
 def test_fisher_is_scaled_to_the_scans_effective_beams(rooms):
-    """At most `max_beams` count, each as the share of an independent one."""
+    """At most `max_beams` in half a turn count, each as the share of an independent one."""
     many = replace(ALL_ROUND, beams=720)
     part = part_of(rooms)
 
@@ -499,17 +508,17 @@ def test_fisher_is_scaled_to_the_scans_effective_beams(rooms):
         return np.linalg.inv(fisher.covariances(part)["covariance"]) - prior
 
     tolerance = {"rtol": 1e-6, "atol": 1e-6 * np.abs(information(many)).max()}
-    all_of_them = information(many, max_beams=720, effective_beams=720)
+    all_of_them = information(many, max_beams=360, effective_beams=360)
     np.testing.assert_allclose(
-        information(many, max_beams=720), all_of_them * 12.6 / 720, **tolerance
+        information(many, max_beams=360), all_of_them * 25.2 / 720, **tolerance
     )
     np.testing.assert_allclose(
-        information(many, max_beams=720, effective_beams=1e9), all_of_them, **tolerance
+        information(many, max_beams=360, effective_beams=1e9), all_of_them, **tolerance
     )
-    fewer = information(many, max_beams=180)
+    fewer = information(many, max_beams=90)
     total, of_fewer = (np.trace(each, axis1=-2, axis2=-1) for each in (all_of_them, fewer))
     # Another number of beams tells about as much.
-    assert of_fewer.sum() == pytest.approx(total.sum() * 12.6 / 720, rel=0.05)
+    assert of_fewer.sum() == pytest.approx(total.sum() * 25.2 / 720, rel=0.05)
 
 
 EFFECTIVE = Lidar(range=5.0, field_of_view_deg=180.0, beams=90, min_range=0.1)
@@ -537,10 +546,10 @@ EFFECTIVE = Lidar(range=5.0, field_of_view_deg=180.0, beams=90, min_range=0.1)
             False,
         ),
         (Fisher(EFFECTIVE, model="range"), Fisher(EFFECTIVE, model="range", sigma_hit=0.2), True),
-        (Fused.of(EFFECTIVE), Fused.of(replace(EFFECTIVE, range_sigma=0.2)), True),
-        (Fused.of(EFFECTIVE), Fused(Fisher(EFFECTIVE, sigma_hit=0.2), Scan(EFFECTIVE)), False),
-        (Fused.of(EFFECTIVE), Fused(Fisher(EFFECTIVE), Scan(EFFECTIVE, z_rand=0.1)), False),
-        (Fused.of(EFFECTIVE), Fused(Fisher(EFFECTIVE), Scan(EFFECTIVE), noise_level=2.0), False),
+        (Fused(EFFECTIVE), Fused(replace(EFFECTIVE, range_sigma=0.2)), True),
+        (Fused(EFFECTIVE), Fused(EFFECTIVE, fisher=Fisher(EFFECTIVE, sigma_hit=0.2)), False),
+        (Fused(EFFECTIVE), Fused(EFFECTIVE, scan=Scan(EFFECTIVE, z_rand=0.1)), False),
+        (Fused(EFFECTIVE), Fused(EFFECTIVE, noise_level=2.0), False),
     ],
 )
 def test_only_what_decides_the_values_tells_cached_fields_apart(one, other, same):

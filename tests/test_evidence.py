@@ -123,7 +123,7 @@ def test_predictions_are_what_the_fields_say(grid):
     assert found[Predictor("sad", "e")] == pytest.approx(field.e[at])
     paper = locplan.load_or_compute(grid, FieldConfig(Sad.paper()))
     assert found[Predictor("paper", "e")] == pytest.approx(paper.e[at])
-    fused = locplan.load_or_compute(grid, locplan.Fused.of(SHORT_LIDAR))
+    fused = locplan.load_or_compute(grid, locplan.Fused(SHORT_LIDAR))
     assert found[Predictor("fused", "e")] == pytest.approx(fused.e[at])
     cells = places.points * 2
     assert found[Predictor("clearance", "")].tolist() == grid.clearance[tuple(cells.T)].tolist()

@@ -166,7 +166,7 @@ def test_from_python_the_lidar_decides_the_estimator(monkeypatch):
     monkeypatch.setattr(begun, lambda *_: None)
     lidar = locplan.Lidar(range=3.0, beams=20)
     with locplan.explore(room(), robot=locplan.Robot(lidar)) as page:
-        assert page.session.config.estimator == locplan.Fused.of(lidar)
+        assert page.session.config.estimator == locplan.Fused(lidar)
         assert page.session.robot.lidar == lidar
         assert opened == [page.address]
     with locplan.explore(room(), open_browser=False) as page:

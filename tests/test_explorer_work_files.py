@@ -285,7 +285,7 @@ CONFIGS = {
     "a range": (FieldConfig(Sad(range=4.0), stride=0.8), True),
     "the paper's": (FieldConfig(Sad.paper(range=5.0)), True),
     "what is seen": (FieldConfig(Sad(template="visible"), stride=0.4), True),
-    "a disc as wide as a lidar": (FieldConfig(Sad.of(Lidar.preset("lds-01"))), True),
+    "a disc as wide as a lidar": (FieldConfig(Sad().with_lidar(Lidar.preset("lds-01"))), True),
     "a preset": (FieldConfig(Scan(Lidar.preset("turtlebot4")), stride=0.4), True),
     "half of a preset": (
         FieldConfig(
@@ -296,7 +296,7 @@ CONFIGS = {
         ),
         True,
     ),
-    "the lidar by default": (FieldConfig(Fused.of(Lidar()), stride=0.4), True),
+    "the lidar by default": (FieldConfig(Fused(Lidar()), stride=0.4), True),
     "a lidar of one's own": (FieldConfig(Fisher(Lidar(range=7.5, beams=91)), stride=0.4), True),
     "a mounted one": (FieldConfig(Scan(Lidar(range=9.0, mount_x=0.1, model="mine"))), True),
     "other weights": (FieldConfig(Sad(weights=Exponential(tau=0.4)), stride=0.4), False),
@@ -304,7 +304,7 @@ CONFIGS = {
         FieldConfig(Sad(window=SearchWindow(half_width=1.0)), stride=0.4),
         False,
     ),
-    "a fused one": (FieldConfig(Fused(Fisher(LIDAR), Scan(LIDAR, z_rand=0.1))), False),
+    "a fused one": (FieldConfig(Fused(LIDAR, scan=Scan(LIDAR, z_rand=0.1))), False),
     "one's own noise": (FieldConfig(Scan(Lidar(range=9.0, mount_x=0.1), z_rand=0.1)), False),
 }
 OUTLINE = locplan.Footprint([(0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2), (0.3, -0.2)])

@@ -26,6 +26,7 @@ from locplan.export import (
     YawWarning,
     _registry as registry,
 )
+from locplan.export._charges import mask_density
 from locplan.field import FieldConfig, Sad, covariance_field, load_or_compute
 from locplan.maps import FREE, OccupancyGrid, environments
 from locplan.planners import plan
@@ -126,11 +127,11 @@ def test_each_planner_charges_the_density_but_for_rounding(tmp_path, costs, name
             )
         ),
     }[name]()
-    error = np.abs(charged - costs.density)[passable]
+    error = np.abs(charged - mask_density(costs))[passable & (master < 251)]
     assert conversion.saturated_share == 0
     assert error.max() <= conversion.quantisation + 1e-5
-    assert conversion.quantisation < 0.05
-    assert error.mean() == pytest.approx(conversion.mean_quantisation, rel=0.1)
+    assert conversion.quantisation < 0.06
+    assert error.mean() == pytest.approx(conversion.mean_quantisation, rel=0.2)
 
 
 def test_where_a_planner_saturates_is_said(tmp_path, costs):
@@ -139,9 +140,13 @@ def test_where_a_planner_saturates_is_said(tmp_path, costs):
     k = float(np.median(excess))
     conversion = export.nav2_keepout(tmp_path / "mask", heavy, planner="smac2d", planner_param=k)
     assert conversion.greatest == pytest.approx(k * 251 / 252)
-    above = excess > conversion.greatest
+    above = excess[heavy.grid.clearance[heavy.grid.free] >= 0.45] > conversion.greatest
     assert conversion.saturated_share == pytest.approx(above.mean())
     assert 0 < conversion.saturated_share < 1
+    row, col = heavy.grid.world_to_cell(*conversion.most_saturated)
+    assert 10.0 * heavy.u[row, col] > k
+    x, y = conversion.most_saturated
+    assert f"room for a follower, most around ({x:.2f}, {y:.2f})" in readme_of(tmp_path / "mask")
     values = stacks.load(tmp_path / "mask" / "mask.yaml", "main").data
     assert (values[10.0 * np.nan_to_num(heavy.u) > k] == 99).all()
     about = json.loads((tmp_path / "mask" / "export.json").read_text())
@@ -257,8 +262,15 @@ def test_thetastar_realises_j_too(tmp_path):
     cells, _ = stacks.grid_path(step, blocked, *ends, fixed)
     path = Path(np.array([grid.cell_to_world(*cell) for cell in cells]))
     centres = [grid.cell_to_world(*cell) for cell in ends]
+    costs = roomy(costs)
     ours = plan(costs, *centres, planner="grid", allow_corner_cutting=True)
     assert path_metrics(costs, path).cost <= 1.01 * ours.metrics.cost
+
+
+def roomy(costs):
+    """The costmap that a mask stands for, which has a follower's room."""
+    density = np.where(np.isfinite(costs.density), mask_density(costs), np.inf)
+    return Costmap.from_density(costs.grid, density)
 
 
 def planned_by_smac(folder, costs, start, goal):
@@ -279,8 +291,9 @@ def compare_with_smac(folder, costs, start, goal, **settings):
     """J of Smac2D's path on the mask, and of the grid planner's, by the same measure."""
     conversion = export.nav2_keepout(folder, costs, **settings)
     centres = [costs.grid.cell_to_world(*costs.cell_of(xy)) for xy in (start, goal)]
-    own = plan(costs, *centres, planner="grid", allow_corner_cutting=True)
     path = planned_by_smac(folder, costs, start, goal)
+    costs = roomy(costs)
+    own = plan(costs, *centres, planner="grid", allow_corner_cutting=True)
     return path_metrics(costs, path), own.metrics, conversion
 
 
@@ -367,7 +380,7 @@ def test_a_density_of_ones_own_can_be_exported(tmp_path, costs):
 
 
 def test_values_are_the_nearest_of_all(costs):
-    density = 1 + np.linspace(0, 5, 400)[None]
+    density = 1 + np.linspace(0, 8.125, 400)[None]  # 6.5 fits
     blank = Costmap.blank(OccupancyGrid(np.full((1, 400), FREE), 0.1))
     steep = dataclasses.replace(blank, weight=4.0, u=(density - 1) / 4)
     values, conversion = export.keepout_mask(steep, planner="thetastar")
@@ -420,8 +433,8 @@ def readme_of(folder):
 @pytest.mark.parametrize(
     ("planner", "words"),
     [
-        ("smac2d", ("`cost_travel_multiplier: 4.016` (Nav2's own default is 1)", "iterations: -1")),
-        ("smac-hybrid", ("`cost_penalty: 3.956`", "`max_planning_time: 25` [s]")),
+        ("smac2d", ("`cost_travel_multiplier: 6.526` (Nav2's own default is 1)", "iterations: -1")),
+        ("smac-hybrid", ("`cost_penalty: 6.429`", "may take up to 25 s (`max_planning_time`")),
         ("thetastar", ("`w_traversal_cost: ",)),
     ],
 )
@@ -488,7 +501,7 @@ def test_a_folder_says_what_it_holds_in_a_few_lines(tmp_path, costs, write):
     write(tmp_path / "out", costs)
     files = folder_of(tmp_path / "out")
     lines = [line for line in files["README.md"].decode().splitlines() if line]
-    assert len(lines) <= 12
+    assert len(lines) <= 15
     for name in set(files) - {"README.md"}:
         assert name in "".join(lines) or name.endswith(".png"), name
     about = json.loads(files["export.json"])
@@ -552,7 +565,7 @@ def test_parameters_are_merged_into_the_robots_own(tmp_path, costs):
     assert server["planner_plugins"] == ["Fast", "Good"]
     assert server["Good"]["tolerance"] == 0.25
     assert server["Good"]["allow_unknown"] is False
-    assert server["Good"]["cost_travel_multiplier"] == pytest.approx(4 * 252 / 251, abs=1e-3)
+    assert server["Good"]["cost_travel_multiplier"] == pytest.approx(6.5 * 252 / 251, abs=1e-3)
     assert "cost_travel_multiplier" not in server["Fast"]
     assert server["Good"]["max_iterations"] == -1
     assert server["Good"]["max_planning_time"] == 10.0

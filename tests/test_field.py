@@ -301,7 +301,7 @@ LIDAR = Lidar(range=20.0, beams=360, field_of_view_deg=180.0)
         Sad(window=SearchWindow(half_width=6.0, step=0.05)),
         Fisher(LIDAR),
         Scan(LIDAR),
-        Fused.of(LIDAR),
+        Fused(LIDAR),
     ],
 )
 @pytest.mark.parametrize("resolution", [0.02, 0.05, 0.5])

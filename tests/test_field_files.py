@@ -171,6 +171,15 @@ def test_covariances_of_another_shape_are_not_believed(field, saved, tmp_path):
         CovarianceField.load(saved)
 
 
+def test_field_of_another_engine_is_refused(field, saved, monkeypatch):
+    """Its values may differ from those that its settings give now."""
+    monkeypatch.setattr("locplan.field._tiles.ENGINE", 99)
+    with pytest.raises(
+        FieldError, match=r"another locplan \(engine .*, not 99\); compute it again"
+    ):
+        CovarianceField.load(saved)
+
+
 def test_a_field_of_another_format_says_so(saved):
     path = saved / "zarr.json"
     about = json.loads(path.read_text())

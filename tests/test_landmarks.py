@@ -982,7 +982,7 @@ def test_matches_on_the_way_are_those_of_fused():
     before, after = made.verify(2, random_sets=1).fields["a"]
     poses = np.column_stack([1.0 + before[:, 0], np.ones(5), np.zeros(5)])
     for grid, profile in ((room, before), (made.grid, after)):
-        found = covariances_along(grid, FieldConfig(Fused.of(SHORT)), poses)
+        found = covariances_along(grid, FieldConfig(Fused(SHORT)), poses)
         assert profile[:, 1] == pytest.approx(scalar(found, "position_std"))
 
 

@@ -57,7 +57,7 @@ def scan(logs) -> list[np.ndarray]:
 
 @pytest.fixture(scope="module")
 def fused(logs) -> list[np.ndarray]:
-    return [covariances(log, Fused.of(log.lidar)) for log in logs]
+    return [covariances(log, Fused(log.lidar)) for log in logs]
 
 
 def ranks(logs: list[Log], column: str, predicted: list[np.ndarray]) -> tuple[float, float]:

@@ -8,10 +8,11 @@ import pytest
 
 from locplan.errors import ConfigError
 from locplan.field import Fisher, Fused, Sad, Scan
-from locplan.robots import PRESETS, Amcl, Lidar, Robot
+from locplan.robots import PRESETS, Amcl, Lidar, ParameterWarning, Robot
 from locplan.simulation import drive_arguments
 
-URDF = """<robot name="r"><gazebo reference="laser"><sensor name="front" type="{kind}">
+URDF = """<robot name="r"><link name="laser"/>
+<gazebo reference="laser"><sensor name="front" type="{kind}">
 <pose>0.1 0.02 0.3 0 0 0.5</pose><ray><scan><horizontal><samples>{samples}</samples>
 <resolution>1</resolution><min_angle>{first}</min_angle><max_angle>{last}</max_angle></horizontal>
 </scan><range><min>0.12</min><max>8.0</max></range>
@@ -51,7 +52,7 @@ def test_robots_have_the_lidars_that_they_carry():
     assert Lidar.preset("turtlebot3") == Lidar.preset("lds-02")
 
 
-@pytest.mark.parametrize("of", [Sad.of, Scan, Fisher, Fused.of])
+@pytest.mark.parametrize("of", [Sad().with_lidar, Scan, Fisher, Fused])
 def test_the_name_of_a_lidar_decides_nothing(of):
     named = Lidar.preset("tim571")
     plain = dataclasses.replace(named, model="")
@@ -61,7 +62,7 @@ def test_the_name_of_a_lidar_decides_nothing(of):
     assert "tim571" not in of(plain).summary
 
 
-@pytest.mark.parametrize("of", [Sad.of, Scan, Fisher, Fused.of])
+@pytest.mark.parametrize("of", [Sad().with_lidar, Scan, Fisher, Fused])
 def test_an_estimator_takes_another_lidar_and_keeps_its_settings(of):
     estimator = dataclasses.replace(of(Lidar(range=8.0)), noise_level=2.0)
     other = estimator.with_lidar(Lidar.preset("utm-30lx"))
@@ -174,7 +175,14 @@ def test_noise_that_is_not_gaussian_is_left_out(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"text": "no xml"}, "is no XML; name a URDF or SDF file"),
+        ({"text": "no xml"}, "is no XML, see line 1; name a URDF or SDF file"),
+        ({"text": "<!-- a\n -->\n<?xml version='1.0'?>\n<robot>"}, "is no XML, see line 4"),
+        ({"text": "<launch><node pkg='amcl' type='amcl'/></launch>"}, "is a launch file of ROS 1"),
+        ({"text": "<launch><node pkg='a' exec='b'/></launch>"}, "is a launch file; give the YAML"),
+        (
+            {"text": '<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:a/></robot>'},
+            "run xacro",
+        ),
         ({"text": "<robot/>"}, "has no planar lidar"),
         ({"text": "<a>" * 5000}, "is no XML"),
         ({"text": '<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>'}, "is no robot's description"),
@@ -195,6 +203,129 @@ def test_several_lidars_in_a_file_are_named(tmp_path):
     two = one.replace("</robot>", "").replace("<?xml?>", "") + one[one.index("<gazebo") :]
     with pytest.raises(ConfigError, match=r"has 2 planar lidars .'front', 'front'."):
         Lidar.from_file(described(tmp_path, text=two))
+
+
+# The mount on the robot
+
+SENSOR = """<sensor name="back" type="gpu_lidar">{pose}<lidar><scan><horizontal>
+<samples>181</samples><min_angle>-1.5708</min_angle><max_angle>1.5708</max_angle></horizontal></scan>
+<range><min>0.1</min><max>8</max></range></lidar></sensor>"""
+JOINTS = """<?xml version="1.0"?><robot name="r"><link name="world"/>
+<joint name="a" type="fixed"><parent link="world"/><child link="base_link"/><origin xyz="9 9 0"/>
+</joint><joint name="b" type="fixed"><parent link="base_link"/><child link="mast"/>
+<origin xyz="-0.3 0.1 0.2" rpy="0 0 1.5707963"/></joint>
+<joint name="c" type="fixed"><parent link="mast"/><child link="{link}"/>
+<origin xyz="0.2 0 0.1" rpy="{rpy}"/></joint>
+<link name="base_link"/><link name="mast"/><link name="{link}"/>{sensor}</robot>"""
+ON_JOINTS = """<gazebo reference="scan_link">{sensor}</gazebo>"""
+MODEL = """<!-- a comment first --><?xml version="1.0"?><sdf version="1.9"><model name="r">
+<pose>5 5 0 0 0 2</pose><link name="base_link"><pose>1 0 0 0 0 1.5707963</pose></link>{links}
+</model></sdf>"""
+
+
+def joints(link="scan_link", rpy="0 0 1.5707963", pose="", sensor=ON_JOINTS):
+    sensor = sensor.format(sensor=SENSOR.format(pose=pose))
+    return JOINTS.format(link=link, rpy=rpy, sensor=sensor)
+
+
+def model(links, pose=""):
+    return MODEL.format(links=links.format(sensor=SENSOR.format(pose=pose)))
+
+
+@pytest.mark.parametrize(
+    ("text", "mount"),
+    [
+        (joints(), (-0.3, 0.3, 180)),
+        (joints(pose="<pose>0.05 0 0 0 0 0</pose>"), (-0.35, 0.3, 180)),
+        (joints(rpy="3.1415926 0 0"), (-0.3, 0.3, 90)),
+        (model("<link name='l'><pose>1 -0.3 0.2 0 0 0</pose>{sensor}</link>"), (-0.3, 0, -90)),
+        (
+            model(
+                "<link name='l'><pose relative_to='base_link'>0.2 0 0 0 0 1</pose>{sensor}</link>"
+            ),
+            (0.2, 0, math.degrees(1)),
+        ),
+        (
+            model(
+                "<frame name='f' attached_to='base_link'><pose degrees='true'>0.2 0 0 0 0 90</pose>"
+                "</frame><link name='l'><pose relative_to='f'>0.1 0 0 0 0 0</pose>{sensor}</link>"
+            ),
+            (0.2, 0.1, 90),
+        ),
+        (
+            model(
+                "<model name='m'><pose relative_to='base_link'>0.2 0 0 0 0 0</pose>"
+                "<link name='l'><pose>0.1 0 0 0 0 0</pose>{sensor}</link></model>"
+            ),
+            (0.3, 0, 0),
+        ),
+        (
+            model(
+                "<link name='l'>{sensor}</link><joint name='j'><child>l</child></joint>",
+                "<pose relative_to='base_link' rotation_format='quat_xyzw'>0.4 0 0 0 0 0 1</pose>",
+            ),
+            (0.4, 0, 0),
+        ),
+    ],
+)
+def test_lidar_has_mount_of_description(tmp_path, text, mount):
+    lidar = Lidar.from_file(described(tmp_path, text=text))
+    assert (lidar.range, lidar.beams) == (8.0, 181)
+    assert (lidar.mount_x, lidar.mount_y) == pytest.approx(mount[:2], abs=1e-6)
+    assert math.remainder(lidar.mount_yaw_deg - mount[2], 360) == pytest.approx(0, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        (joints(sensor=ON_JOINTS.replace("scan_link", "mast2")), "where 'mast2' is"),
+        (model("<link name='l'><pose relative_to='x'>0 0 0 0 0 0</pose>{sensor}</link>"), "'x' is"),
+    ],
+)
+def test_lidar_warns_if_mount_is_unknown(tmp_path, text, fault):
+    with pytest.warns(ParameterWarning, match=f"{fault}.*set mount_x, mount_y"):
+        assert Lidar.from_file(described(tmp_path, text=text)).mount_x == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        (joints().replace('link="world"/><child', 'link="scan_link"/><child'), "form a circle"),
+        (
+            model("<link name='l'><pose relative_to='l'>0 0 0 0 0 0</pose>{sensor}</link>"),
+            "frames form a circle",
+        ),
+        (joints(rpy="0 0 ${pi}"), "joint 'c' must be six numbers .*run xacro"),
+        (joints(rpy="0 0.5 0"), "is tilted"),
+    ],
+)
+def test_lidar_rejects_impossible_mounts(tmp_path, text, fault):
+    with pytest.raises(ConfigError, match=fault):
+        Lidar.from_file(described(tmp_path, text=text))
+
+
+def test_named_lidar_has_mount_of_scanner_link(tmp_path):
+    """A real robot's URDF has no sensor of Gazebo, but the link that carries the scanner."""
+    bare = described(tmp_path, text=joints("laser_frame", sensor=""))
+    with pytest.raises(ConfigError, match="has no planar lidar; name the robot's, such as lidar="):
+        Robot.load(bare)
+    lidar = Robot.load(bare, lidar="tim571").lidar
+    assert (lidar.range, lidar.mount_yaw_deg) == pytest.approx((25.0, 180), abs=1e-4)
+    assert (lidar.mount_x, lidar.mount_y) == pytest.approx((-0.3, 0.3), abs=1e-6)
+    mounted = Lidar.preset("tim571")
+    mounted = dataclasses.replace(mounted, mount_x=0.7)
+    assert Robot.load(bare, lidar=mounted).lidar == mounted
+    with_sensor = described(tmp_path, text=joints())
+    assert Robot.load(with_sensor, lidar="tim571").lidar.mount_x == pytest.approx(-0.3)
+
+
+def test_named_lidar_warns_if_no_link_is_scanner(tmp_path):
+    with pytest.warns(ParameterWarning, match="no link that is named as a scanner's frame"):
+        Robot.load(described(tmp_path, text=joints("camera", sensor="")), lidar="tim571")
+    two = joints("laser", sensor='<link name="rear_laser"/>')
+    with pytest.warns(ParameterWarning, match="has 2 links for one .*set mount_x"):
+        robot = Robot.load(described(tmp_path, text=two), lidar="tim571")
+    assert robot.lidar == Lidar.preset("tim571")
 
 
 def test_parameters_of_nav2_name_no_lidar(tmp_path):

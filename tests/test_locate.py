@@ -299,7 +299,7 @@ def test_the_beams_that_count_are_few_and_all_round(different):
     lidar = replace(LIDAR, beams=1000)
     on_robot = lidar.ends_on_robot(np.full((1, 1000), 2.0, np.float32))
     ends = ScanDatabase(different, lidar).compared_ends(on_robot[0])
-    assert ends.shape == (2, 180)
+    assert ends.shape == (2, 360)
     np.testing.assert_allclose(np.hypot(*ends), 2.0 / different.resolution, rtol=1e-5)
 
 
@@ -377,6 +377,18 @@ def test_the_modes_of_a_scan_have_their_covariance(located):
         covariance[0, 2],
         covariance[1, 1],
     )
+
+
+def test_scans_without_poses_are_located(located, office):
+    recording = located.recording[:3]
+    unplaced = replace(recording, poses=np.full((3, 3), np.nan))
+    found = locate_drive(unplaced, office, threads=1)
+    np.testing.assert_array_equal(found.poses, located.poses[:3])
+    certain = int(found.certain.sum())
+    assert found.sentence.startswith(f"{certain} of 3 scans have no second place within 3 nats.")
+    assert found.summary()["right"] is None
+    assert "certain" in found.figure().axes[0].get_legend_handles_labels()[1][0]
+    assert "recorded" not in locate_drive(unplaced[:1], office, threads=1).report()
 
 
 def test_one_scan_gives_a_table_of_places(located, office):

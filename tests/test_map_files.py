@@ -254,10 +254,10 @@ def test_grey_is_not_warned_of_where_it_is_rare_raw_or_unknown(tmp_path):
         ({"image": '""'}, "image must be the name"),
         ({"image": "[map.pgm]"}, "image must be the name"),
         ({"image": "!!python/name:os.system"}, "image must be the name"),
-        ({"image": '"no\\nsuch.pgm"'}, r"no\?such.pgm: there is no such file"),
+        ({"image": '"no\\nsuch.png"'}, r"image: there is no such file as 'no\\nsuch.png'"),
         *(({"image": v}, "image must be the name") for v in ('"a\\0b"', '"\\ud800"')),
         *(({"image": v}, "image must be the name .* missing") for v in ("~", "null", "")),
-        ({"image": "x" * 5000}, "cannot be read"),
+        ({"image": "x" * 5000}, "there is no such file as"),
         ({"image": "."}, "Is a directory"),
         *(({"resolution": v}, "resolution must be") for v in ("0", "-1", ".nan", ".inf", "true")),
         ({"resolution": "9" * 5000}, "resolution must be"),
@@ -290,7 +290,7 @@ def test_bad_entries_are_refused_by_name(tmp_path, changes, phrase):
         (b"image: \xff\n", "not YAML in UTF-8"),
         (b"image: \0\n", "not YAML in UTF-8"),
         (b"a: " + b"[" * 20000, "brackets over 100 deep"),
-        (b"a: b\n" * 2**16, "not its image"),
+        (b"a: b\n" * 2**16, "give a map YAML, which is a few lines"),
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "git lfs pull"),
     ],
 )
@@ -323,6 +323,32 @@ def test_a_map_is_read_in_a_few_bytes_for_each_pixel(tmp_path, mode):
     taken = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert taken < 6 * 512 * 8192
+
+
+@pytest.mark.parametrize("name", ["map.pgm", "my map.png", "map.bmp"])
+def test_image_as_map_gets_yaml_to_save(tmp_path, name):
+    Image.fromarray(np.full((20, 30), 254, np.uint8)).save(tmp_path / name)
+    with pytest.raises(MapError, match="is an image, not a map's YAML; save these lines") as fault:
+        load_map(tmp_path / name)
+    (yaml,) = fault.value.__notes__
+    assert len(yaml.splitlines()) == 6
+    saved = (tmp_path / name).with_suffix(".yaml")
+    saved.write_text(yaml)
+    assert load_map(saved).shape == (20, 30)
+    with pytest.raises(MapError, match=f"is an image, not a map's YAML; give {saved.name} next"):
+        load_map(tmp_path / name)
+
+
+@pytest.mark.parametrize("folder", ["/home/someone/maps/", "C:\\maps\\"])
+def test_image_of_another_machine_is_named(tmp_path, folder):
+    file = write_yaml(tmp_path, image=f"{folder}map.pgm")
+    line = file.read_text().splitlines().index(f"image: {folder}map.pgm") + 1
+    expected = f"{file}: line {line}, image: there is no such file as "
+    assert refusal(file).startswith(expected)
+    assert refusal(file).endswith("; put the image next to the YAML, and write its name there")
+    write_pgm(tmp_path, [[254]])
+    assert refusal(file).startswith(expected)
+    assert refusal(file).endswith("; 'map.pgm' lies next to the YAML: write image: map.pgm")
 
 
 def test_missing_files_folders_and_pipes_are_refused(tmp_path):

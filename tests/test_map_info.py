@@ -178,12 +178,36 @@ def test_a_large_map_takes_a_few_bytes_for_each_cell(monkeypatch):
     assert peak < 6 * cells.size
 
 
-def test_a_room_around_the_others_has_the_last_places():
+def test_describe_map_skips_surroundings_of_rooms():
     lines = ["............", ".##########.", *[".#........#."] * 3, ".##########.", "............"]
     info = describe_map(drawn(*lines), robot=0.0)
     assert info.rooms[0].area > info.rooms[1].area
-    assert info.pairs[0].start.room == 2
-    assert info.pairs[-1].start.room == 1
+    assert {pair.start.room for pair in info.pairs} == {2}
+    assert (info.main_part == (info.room_of_cell == 2)).all()
+
+
+def test_describe_map_chooses_places_in_open_building():
+    """A closet is no building, and the ground around an open building is none of its rooms."""
+    cells = np.full((80, 120), FREE, np.uint8)
+    for box in np.s_[20:61:40, 20:101], np.s_[20:61, 20:101:80]:
+        cells[box] = OCCUPIED
+    cells[40:44, 20] = FREE  # the door to the outside
+    cells[48:57, [60, 68]] = cells[[48, 56], 60:69] = OCCUPIED
+    info = describe_map(OccupancyGrid(cells, 0.25), robot=0.2)
+    assert len(info.rooms) == 2
+    assert all(5 < place.x < 25.25 and 5 < place.y < 15.25 for place in info.places)
+    assert info.pairs[0].distance > 15
+    assert not info.main_part[:20].any()
+    assert info.main_part[25:35, 25:55].all()
+
+
+def test_describe_map_uses_ground_around_obstacles():
+    """Two obstacles and a closet on free ground are no building."""
+    cells = np.full((80, 80), FREE, np.uint8)
+    cells[60:, 30], cells[60:, 40], cells[60, 30:41] = OCCUPIED, OCCUPIED, OCCUPIED
+    info = describe_map(OccupancyGrid(cells, 0.25), robot=0.2)
+    assert {pair.start.room for pair in info.pairs} == {1}
+    assert info.pairs[0].distance > 15
 
 
 @pytest.mark.parametrize("level", [FREE, UNKNOWN, OCCUPIED])
@@ -275,7 +299,7 @@ def test_dark_grey_walls_at_the_edge_of_the_image_are_walls(tmp_path):
 
 def test_lidars_are_compared_by_fused(monkeypatch):
     def load(grid, config, **_):
-        assert config.estimator == Fused.of(lidar)
+        assert config.estimator == Fused(lidar)
         return covariance_field(grid, config)
 
     monkeypatch.setattr("locplan.costs._metrics.load_or_compute", load)

@@ -5,11 +5,15 @@ import pickle
 
 import numpy as np
 import pytest
+from conftest import refused
+from drive_bags import BEGIN, writing
 
 from locplan._util import checks
 from locplan.errors import MAX_MESSAGE, ConfigError, LocplanError, PoseError
-from locplan.field import Sad, Scan
-from locplan.robots import Lidar
+from locplan.field import Sad, Scan, estimator_class
+from locplan.maps import OccupancyGrid, save_map
+from locplan.planners import planner_for
+from locplan.robots import Lidar, Robot
 
 
 def bomb(depth: int) -> list:
@@ -99,3 +103,55 @@ def test_positions_farther_than_any_map_are_refused(x):
 def test_estimators_refuse_numbers_that_would_overflow(settings):
     with pytest.raises(ConfigError):
         settings()
+
+
+@pytest.mark.parametrize(
+    ("call", "guess"),
+    [
+        (lambda: Robot("turtlebot_4"), "turtlebot4"),
+        (lambda: Robot("TurtleBot3"), "turtlebot3"),
+        (lambda: planner_for("anyangle"), "any-angle"),
+        (lambda: planner_for("RRTstr"), "RRTstar"),
+        (lambda: planner_for("RRTstar", {"timelimit": 2}), "time_limit"),
+        (lambda: Robot().changed({"inflaton_radius": 1.0}), "inflation_radius"),
+        (lambda: Robot.from_summary({"filter": {"alpha_1": 1}}), "alpha1"),
+        (lambda: estimator_class("fusd"), "fused"),
+    ],
+)
+def test_unknown_name_suggests_similar_one(call, guess):
+    with pytest.raises(ConfigError, match=rf"; did you mean '{guess}'\?$"):
+        call()
+
+
+def test_unlike_name_suggests_nothing():
+    with pytest.raises(ConfigError, match=r"not 'sonar'$"):
+        Robot("sonar")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--map-frame", "world"), "name others with --map-frame and --base-frame"),
+        (
+            ("--base-frame", "rob"),
+            "has no frame 'rob'; --base-frame can be: base_link, laser",
+        ),
+        (("--scan-topic", "/s"), "has no scans on /s; --scan-topic can be: /scan"),
+    ],
+)
+def test_command_line_names_options_as_typed(run, tmp_path, options, said):
+    lidar = Lidar(range=5.0, beams=7, field_of_view_deg=180.0)
+    with writing(tmp_path, "mcap") as (path, bag):
+        bag.tf(BEGIN, bag.transform(BEGIN, "odom", "base_link", (0, 0, 0)))
+        bag.tf(BEGIN, bag.transform(BEGIN, "base_link", "laser", (0, 0, 0)), topic="/tf_static")
+        bag.scan(BEGIN, lidar, np.ones(7))
+    room = OccupancyGrid(np.full((20, 20), 254), resolution=0.1)
+    save_map(room, tmp_path / "room.yaml")
+    assert said in refused(run("trajectory", tmp_path / "room.yaml", "--drive", path, *options))
+
+
+def test_command_line_names_lidar_option_if_urdf_has_no_sensor(run, tmp_path):
+    (tmp_path / "bot.urdf").write_text("<robot><link name='base_link'/></robot>")
+    save_map(OccupancyGrid([[254]], resolution=0.1), tmp_path / "room.yaml")
+    error = refused(run("info", tmp_path / "room.yaml", "--robot", tmp_path / "bot.urdf"))
+    assert "has no planar lidar; name the robot's, such as --lidar turtlebot4" in error

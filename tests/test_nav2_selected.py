@@ -11,8 +11,10 @@ import yaml
 from locplan import export, plan
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
-from locplan.export import RobotWarning
+from locplan.export import RobotWarning, write_filter_map
 from locplan.maps import OccupancyGrid, environments
+from locplan.robots import Amcl, edited_parameters
+from locplan.simulation import write_tuned
 
 PARAMS = """# The robot of hall 3.
 bt_navigator:
@@ -69,7 +71,7 @@ def test_a_robots_comments_stay(tmp_path, costs):
     for line in ("# The robot of hall 3.", "global_frame: map  # not odom", "# The old one."):
         assert line in text
     assert "robot_radius: 0.22  # measured" in text
-    assert "cost_scaling_factor: 10.0  # wide" in text
+    assert "cost_scaling_factor: 3.0  # wide" in text  # people inflate as before
     own = yaml.safe_load(text)
     costmap = own["global_costmap"]["global_costmap"]["ros__parameters"]
     assert costmap["filters"] == ["mine", "localizability_keepout_filter"]
@@ -78,20 +80,6 @@ def test_a_robots_comments_stay(tmp_path, costs):
     assert server["planner_plugins"] == ["GridBased", "Localizability"]
     assert server["Localizability"]["cost_travel_multiplier"] == pytest.approx(10.542, abs=1e-3)
     assert "but its comments" not in (tmp_path / "m" / "README.md").read_text()
-
-
-def test_a_mask_of_an_exports_own_parameters_is_warned_of(tmp_path, costs):
-    """Their inflation is the steep one below a mask, which would be taken for the robot's."""
-    exported(tmp_path, costs)
-    own, merged = tmp_path / "own.yaml", tmp_path / "m" / "nav2.yaml"
-    for write, params, warned in (
-        (export.nav2_keepout, own, False),
-        (export.nav2_keepout, merged, True),
-        (export.nav2_speed, merged, False),  # it goes beside the mask
-    ):
-        with warnings.catch_warnings(record=True, action="always") as caught:
-            write(tmp_path / write.__name__, costs, params=params)
-        assert any("has a mask of an export" in str(each.message) for each in caught) == warned
 
 
 def test_navfn_is_not_chosen_and_it_is_said_why(tmp_path, costs):
@@ -242,7 +230,8 @@ def test_what_the_planner_takes_is_said(tmp_path, costs):
 
 def test_a_path_that_the_planner_does_not_take_is_said(tmp_path, costs):
     around = plan(costs, (2, 3), (38, 3)).path
-    assert export.nav2_keepout(tmp_path / "m", costs, paths={"around": around}).paths[0].follows
+    with pytest.warns(RobotWarning, match=r"around passes 0\.4. m from walls at \(\d+\.\d\d, "):
+        assert export.nav2_keepout(tmp_path / "m", costs, paths={"around": around}).paths[0].follows
     settings = {"planner_param": 0.5, "paths": {"around": around}}  # far too little
     with pytest.warns(
         RobotWarning, match="smac2d would not take around .*m-routes has it as a route"
@@ -284,3 +273,39 @@ def test_parameters_have_the_types_that_nav2_declares(tmp_path, costs, planner, 
     }
     layer = own["global_costmap"]["global_costmap"]["ros__parameters"]["inflation_layer"]
     assert type(layer["cost_scaling_factor"]) is float
+
+
+FLOW = """\
+amcl: {ros__parameters: {alpha1: 0.2, robot_model_type: "nav2_amcl::DifferentialMotionModel"}}
+planner_server: {ros__parameters: {planner_plugins: [GridBased],
+  GridBased: {plugin: "nav2_navfn_planner::NavfnPlanner"}}}
+global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.22}}}
+local_costmap: {local_costmap: {ros__parameters: {robot_radius: 0.22}}}
+"""
+
+
+@pytest.mark.parametrize("params", ["", FLOW, FLOW.replace("amcl: {ros", "amcl: &all {ros")])
+def test_written_plugin_names_are_quoted(tmp_path, costs, params):
+    """A plain :: between braces ends every node that reads it with libyaml below 0.2.2."""
+    (tmp_path / "own.yaml").write_text(params)
+    file = tmp_path / "own.yaml" if params else None
+    there = {"there": plan(costs, (2, 3), (38, 3)).path}
+    (tmp_path / "own.xml").write_text(NAMING)
+    settings = {"params": file, "planner": "thetastar", "tree": tmp_path / "own.xml"}
+    with warnings.catch_warnings(record=True, action="always"):
+        export.nav2_keepout(tmp_path / "keepout", costs, **settings, paths=there)
+        export.nav2_static(tmp_path / "static", costs, params=file)
+        export.nav2_speed(tmp_path / "speed", costs, params=file)
+        export.nav2_routes(tmp_path / "routes", costs, there, params=file)
+        export.route_graph(tmp_path / "graph", costs, params=file)
+    write_filter_map(tmp_path, costs.grid)
+    write_tuned(tmp_path / "tuned.yaml", Amcl(alpha1=0.05), file)
+    if file:
+        omni = {"robot_model_type": "nav2_amcl::OmniMotionModel", "other": "a::b"}
+        (tmp_path / "edited.yaml").write_bytes(edited_parameters(file, "amcl", omni))
+    written = [path for path in tmp_path.rglob("*.yaml") if path != file]
+    assert len(written) > 10
+    for path in written:
+        for token in yaml.scan(path.read_text()):
+            if isinstance(token, yaml.ScalarToken) and "::" in token.value:
+                assert not token.plain, (path, token.value)

@@ -15,6 +15,7 @@ import pytest
 from locplan import Costmap, Path, export, plan, save_map
 from locplan.costs import path_metrics
 from locplan.maps import environments
+from locplan.robots import read_parameters
 
 rclpy = pytest.importorskip("rclpy", reason="no ROS 2 is sourced here")
 pytestmark = [
@@ -161,7 +162,8 @@ def test_the_mask_is_served_as_it_was_made(tmp_path, costs, started, node):
     exported(tmp_path, costs, planner="smac2d")
     started("ros2", "launch", tmp_path / "mask" / "localizability.launch.xml")
     mask = latched(node, OccupancyGrid, "/localizability_keepout_mask")
-    inflation = export.CostmapInflation.of(tmp_path / "own.yaml")
+    layer = export.CostmapInflation.of(read_parameters(tmp_path / "own.yaml"))
+    inflation = export.CostmapInflation.carried(costs, layer)
     values, _ = export.keepout_mask(costs, inflation=inflation)
     np.testing.assert_array_equal(np.reshape(mask.data, values.shape), values)
     info = latched(node, CostmapFilterInfo, "/localizability_keepout_info")

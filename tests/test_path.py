@@ -1,12 +1,14 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from conftest import drawn, few_of
 
 from locplan.comparison import Journal
-from locplan.costs import Costmap, Path, path_cost, path_metrics
+from locplan.costs import Costmap, Path, path_cost, path_metrics, profile
 from locplan.errors import LocplanError
 from locplan.field import CovarianceField, load_config
-from locplan.maps import load_map
+from locplan.maps import OccupancyGrid, load_map
 from locplan.planners import plan, random_queries, read_queries
 
 ANGLED = Path([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [2.0, 1.0]])
@@ -104,3 +106,18 @@ def test_files_that_are_too_large_are_refused(tmp_path):
         file.truncate(2**24 + 1)
     with pytest.raises(LocplanError, match=r"over 16\.8 MB"):
         Path.load(tmp_path / "p.csv")
+
+
+def test_path_cost_takes_arrays_and_plans():
+    costs = Costmap.blank(OccupancyGrid(np.full((20, 40), 254), resolution=0.1))
+    result = plan(costs, (0.5, 1.0), (3.5, 1.0))
+    cost = path_cost(costs, result.path)
+    assert cost == pytest.approx(3.0)
+    assert path_cost(costs, result) == cost == path_cost(costs, result.path.xy)
+    poses = np.column_stack([result.path.xy, np.zeros(len(result.path))])
+    assert path_metrics(costs, poses).cost == cost
+    assert profile(costs, poses.tolist(), costs.u)[0][-1] == pytest.approx(3.0)
+    nowhere = dataclasses.replace(result, path=None)
+    for given, fault in ((nowhere, "the plan has no path"), ([1.0, 2.0], "a path must be a Path")):
+        with pytest.raises(LocplanError, match=fault):
+            path_cost(costs, given)

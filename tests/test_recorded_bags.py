@@ -288,6 +288,38 @@ def test_several_topics_are_named(tmp_path):
         read_drive(path)
 
 
+@pytest.mark.parametrize("source", ["topic", "TF"])
+def test_odometry_stands_for_missing_poses(tmp_path, source):
+    """A drive without localization is what `trajectory` is for."""
+    with writing(tmp_path, "mcap") as (path, bag):
+        for n in range(3):
+            time, pose = BEGIN + 0.1 * n, (0.1 * n, 0.0, 0.0)
+            bag.scan(time, LIDAR, np.ones(7), frame="tb1/laser")
+            if source == "TF":
+                bag.tf(time, bag.transform(time, "tb1/odom", "tb1/base_link", pose))
+            else:
+                bag.odometry(time, pose, topic="/tb1/odom")
+        if source == "TF":
+            mount = bag.transform(BEGIN, "tb1/base_link", "tb1/laser", (0.2, 0, 0))
+            bag.tf(BEGIN, mount, topic="/tf_static")
+    drive = read_with(path)
+    assert drive.poses[:, 0].tolist() == pytest.approx([0.0, 0.1, 0.2])
+    np.testing.assert_array_equal(drive.odometry, drive.poses)
+    assert any("no poses on the map: those of odometry" in note for note in drive.source.notes)
+    assert drive.lidar.mount_x == pytest.approx(0.2 if source == "TF" else 0.0)
+    unplaced = read_with(path, needs_poses=False)
+    assert len(unplaced) == 3
+    assert not unplaced.has_poses
+
+
+def test_scans_alone_are_read_for_locating(tmp_path):
+    with writing(tmp_path, "mcap") as (path, bag):
+        bag.scan(BEGIN, LIDAR, np.ones(7))
+    drive = read_with(path, needs_poses=False)
+    assert repr(drive).endswith("1 scans of 7 beams, no poses)")
+    assert np.isnan(drive.poses).all()
+
+
 def test_missing_things_are_told(tmp_path):
     def refused(words, kind="mcap", write=lambda bag: None, **options):
         shutil.rmtree(tmp_path / "drive_mcap", ignore_errors=True)
@@ -314,8 +346,13 @@ def test_missing_things_are_told(tmp_path):
     )
     refused("has no poses: neither TF nor", write=lambda bag: bag.scan(BEGIN, LIDAR, np.ones(7)))
     refused(
-        "TF does not connect 'map' with 'base_link'; connected are: base_link - laser - odom;",
+        "TF does not connect 'map' with 'base_link'; connected are: .*base_link - laser - odom",
+        write=with_frames(("odom", "base_link"), ("map", "dock")),
+    )
+    refused(
+        "TF does not connect 'world' with 'base_link'; connected are: base_link - laser - odom;",
         write=with_frames(("odom", "base_link")),
+        map_frame="world",
     )
     refused(
         "does not connect the lidar's frame 'laser' with the robot's 'base_link'; connected are:",

@@ -54,7 +54,7 @@ def test_posteriors_are_those_of_the_plain_loops():
     random = np.random.default_rng(3)
     levels = np.full((24, 30), FREE, np.uint8)
     levels[random.random(levels.shape) < 0.06] = OCCUPIED
-    resolution, effective, beams = 0.1, 6.0, 14
+    resolution, share, beams = 0.1, 6.0 / 14, 14
     searched = SearchWindow(half_width=0.3, step=0.1, half_rotation_deg=8.0, rotation_step_deg=4.0)
     window = searched.on(resolution)
     field = Scan(Lidar(), window=searched).prepare(levels, resolution).likelihood
@@ -64,13 +64,13 @@ def test_posteriors_are_those_of_the_plain_loops():
     mean, covariance = np.empty((3, 3)), np.empty((3, 3, 3))
     best, summary = np.empty((3, 3), np.int64), np.empty((3, 3))
     lattice = make_lattice(window.half_steps, window.angles)
-    recorded_posteriors(field, lattice, cells, ends, effective, mean, covariance, best, summary)
+    recorded_posteriors(field, lattice, cells, ends, share, mean, covariance, best, summary)
     table = likelihood.costs_of_squared_distance(resolution, 0.1, 0.05)
     nats = -math.log(0.05) / TOP
     expected = naive.recorded_posteriors(
         *(levels, cells, ends, window.step_cells, window.half_steps, window.angles),
         lambda squared: nats * table[int(min(squared, table.size - 1))],
-        effective / beams,
+        share,
         -math.log(posterior.CONNECTED),
     )
     for n, (m, c, b, entropy, ambiguity, score) in enumerate(expected):

@@ -224,7 +224,7 @@ def test_later_files_replace_what_earlier_ones_say(tmp_path):
     own = written(tmp_path, "robot: {margin: 0.02, lidar: tim571}", "own.yaml")
     robot = Robot.load(saved, nav2, urdf)
     assert robot.lidar == Lidar.from_file(urdf)
-    assert robot.filter == Amcl(alpha1=0.1)
+    assert robot.filter == dataclasses.replace(FULL.amcl, alpha1=0.1)
     assert (robot.kinematics, robot.footprint) == (FULL.kinematics, FULL.footprint)
     assert Robot.load(urdf, nav2, saved) == FULL
     last = Robot.load(saved, own)
@@ -280,9 +280,10 @@ GLOBAL = "global_costmap: {global_costmap: {ros__parameters: {%s}}}"
 def test_inflation_is_that_of_the_costmaps_layer(tmp_path):
     kind = "plugin: 'nav2_costmap_2d::InflationLayer'"
     layer = f"blown: {{{kind}, cost_scaling_factor: 2.0}}"
-    robot = from_nav2(tmp_path, GLOBAL % f"plugins: [walls, blown], {layer}")
+    walls = "walls: {plugin: 'nav2_costmap_2d::StaticLayer'}"
+    robot = from_nav2(tmp_path, GLOBAL % f"plugins: [walls, blown], {walls}, {layer}")
     assert robot.inflation == Inflation(cost_scaling_factor=2.0)
-    assert from_nav2(tmp_path, GLOBAL % f"plugins: [walls], {layer}").inflation is None
+    assert from_nav2(tmp_path, GLOBAL % f"plugins: [walls], {walls}, {layer}").inflation is None
     wrong = f"plugins: [blown], blown: {{{kind}, inflation_radius: -1.0}}"
     with pytest.raises(ConfigError, match=r"global_costmap: blown: inflation_radius must be at"):
         from_nav2(tmp_path, GLOBAL % wrong)
@@ -297,16 +298,16 @@ def test_inflation_is_that_of_the_costmaps_layer(tmp_path):
     ],
 )
 def test_a_planners_motion_model_is_the_robots(tmp_path, planner, expected):
-    planners = f"planner_plugins: [a, b, c], b: {{{planner}}}"
-    others = "a: {motion_model_for_search: MOORE}, c: {motion_model_for_search: DUBIN}"
-    text = f"planner_server: {{ros__parameters: {{{planners}, {others}}}}}"
+    plugin = "plugin: 'nav2_smac_planner::SmacPlannerHybrid'"
+    planners = f"planner_plugins: [a], a: {{{plugin}, {planner}}}"
+    text = f"planner_server: {{ros__parameters: {{{planners}}}}}"
     kinematics = from_nav2(tmp_path, text).kinematics
     assert kinematics.drive == "car-like"
     assert (kinematics.turning_radius, kinematics.reverse) == expected
 
 
 def test_a_turning_radius_that_cannot_be_is_refused(tmp_path):
-    own = "a: {motion_model_for_search: DUBIN, minimum_turning_radius: 0.0}"
+    own = "a: {plugin: nav2_smac_planner/SmacPlannerHybrid, minimum_turning_radius: 0.0}"
     text = f"planner_server: {{ros__parameters: {{planner_plugins: [a], {own}}}}}"
     with pytest.raises(ConfigError, match=r"nav2\.yaml: planner_server: a: a car-like robot"):
         from_nav2(tmp_path, text)

@@ -354,9 +354,11 @@ def test_the_ends_noise_is_that_of_van_der_corputs_sequence():
     ahead = Settings(range=5.0, field_of_view_deg=180.0, beams=180)
     left = Scan(ahead).pattern[90:]
     np.testing.assert_allclose(left, stats.norm.ppf(quantiles), rtol=1e-12, atol=1e-15)
-    odd = Scan(ahead, max_beams=41).pattern[20:]
-    np.testing.assert_array_equal(odd, left[:21])
-    many = stats.norm.cdf(Scan(replace(ahead, beams=2045), max_beams=2045).pattern[1022:])
+    few = Scan(ahead, max_beams=41).pattern[20:]
+    np.testing.assert_array_equal(few, left[:20])
+    own = Scan(replace(ahead, beams=41)).pattern[20:]  # 4.5 deg apart, which divide a quarter
+    np.testing.assert_array_equal(own, left[:21])
+    many = stats.norm.cdf(Scan(replace(ahead, beams=2046), max_beams=2046).pattern[1023:])
     np.testing.assert_allclose(np.sort(many), np.arange(1, 1024) / 1024, rtol=1e-9)
 
 
@@ -371,7 +373,7 @@ def test_beams_that_a_mirror_or_a_quarter_turn_exchanges_have_one_noise(beams):
         assert len(np.unique(around)) == math.ceil(beams / 8)
 
 
-@pytest.mark.parametrize(("beams", "counted"), [(360, 180), (90, 88), (4, 4), (3, 3)])
+@pytest.mark.parametrize(("beams", "counted"), [(1600, 360), (360, 360), (90, 88), (4, 4), (3, 3)])
 def test_of_a_lidar_that_sees_all_round_whole_quarters_count(beams, counted):
     """Then a quarter turn takes each beam to another."""
     assert Scan(Settings(range=5.0, beams=beams)).beams_compared == counted
@@ -385,15 +387,18 @@ BEAMS = Settings(
 
 def covariance_in_plain_loops(scan_, levels, resolution, row, col, heading):
     """Sigma + Q, ambiguity and entropy of one pose."""
-    beams, window = scan_.max_beams, scan_.lattice(resolution)
-    spacing = math.radians(scan_.lidar.field_of_view_deg) / (beams - 1)
+    window, yaw, half = scan_.lattice(resolution), 25, 100  # [deg], of BEAMS
+    pitch = 90 // (scan_.max_beams // 2)  # [deg]
     shift, growth = scan_.endpoint_noise
     angles, noise = [], []
-    for b in range(beams):
-        angles.append((b - (beams - 1) / 2) * spacing)
-        from_middle = abs(b - (beams - 1) // 2)  # of an odd number of beams
-        z = stats.norm.ppf(naive.radical_inverse(from_middle + 1))
-        noise.append((shift * z, growth * z))
+    for side in (-1, 1):
+        for number in range(1, 180 // pitch + 1):
+            bearing = side * (number - 0.5) * pitch
+            if abs(bearing - yaw) <= half:
+                angles.append(math.radians(bearing - yaw))
+                z = stats.norm.ppf(naive.radical_inverse(number))
+                noise.append((shift * z, growth * z))
+    assert len(angles) == scan_.beams_compared
     pose, sigma = (row + 0.5, col + 0.5, heading), max(scan_.sigma_hit, resolution)
     ends = naive.moved_ends(levels, resolution, *pose, scan_.lidar, angles, noise)
     table = likelihood.costs_of_squared_distance(resolution, sigma, scan_.z_rand)
@@ -401,7 +406,7 @@ def covariance_in_plain_loops(scan_, levels, resolution, row, col, heading):
     losses = naive.score(
         levels, row, col, ends, window.step_cells, window.half_steps, window.angles,
         lambda squared: nats * table[int(min(squared, table.size - 1))],
-    ) * (scan_.effective_beams / beams)  # fmt: skip
+    ) * (scan_.effective_beams * pitch / 180)  # fmt: skip
     mode = naive.central_mode(losses, -math.log(scan.CONNECTED))
     _, in_steps, entropy, ambiguity = naive.moments(losses, mode)
     covariance = scan_.noise_level * in_steps * np.outer(window.steps, window.steps)
@@ -434,16 +439,22 @@ def test_a_scans_covariance_is_that_of_the_plain_loops(resolution, noise, half_r
 
 
 def test_the_beams_that_count_are_spread_over_the_lidars():
-    for beams, most in ((7, 180), (180, 180), (360, 180), (1081, 180), (10, 3)):
-        lidar = Settings(range=5.0, field_of_view_deg=200.0, beams=beams)
-        settings = Scan(lidar, max_beams=most)
-        count = min(beams, most)
-        simulated = np.radians(np.linspace(-100.0, 100.0, count))
-        np.testing.assert_allclose(settings.beams().angles, simulated, atol=1e-12)
-        chosen = lidar.angles[settings.beam_numbers]
-        assert len(chosen) == count
-        ideal = lidar.angles[0] + (np.arange(len(chosen)) + 0.5) * (
-            np.ptp(lidar.angles) + np.diff(lidar.angles)[0]
-        ) / len(chosen)
-        step = np.diff(lidar.angles)[0]
-        assert (abs(chosen - (ideal - step / 2)) <= step / 2 + 1e-12).all()
+    for beams, in_quarter in ((10, 4), (180, 81), (361, 90), (1081, 90)):
+        lidar = Settings(range=5.0, field_of_view_deg=200.0, beams=beams, mount_yaw_deg=10.0)
+        settings, pitch = Scan(lidar), 90 / in_quarter
+        bearings = np.degrees(settings.beams().angles + settings.beams().yaw)
+        np.testing.assert_allclose(np.diff(bearings), pitch, rtol=1e-9)
+        assert bearings[0] - pitch < -90.0 <= bearings[0] + 1e-6
+        assert bearings[-1] - 1e-6 <= 110.0 < bearings[-1] + pitch
+        own = np.degrees(lidar.angles[settings.beam_numbers]) + 10.0
+        assert abs(own - bearings).max() <= np.degrees(np.diff(lidar.angles)[0]) / 2 + 1e-5
+
+
+def test_a_lidar_keeps_beams_as_far_apart_as_those_that_count():
+    """Such are the lasers that the settings are fitted to."""
+    for width, beams in ((179.0, 180), (180.0, 181), (180.0, 61)):
+        lidar = Settings(range=5.0, field_of_view_deg=width, beams=beams, mount_yaw_deg=-0.5)
+        settings = Scan(lidar)
+        np.testing.assert_array_equal(settings.beam_numbers, np.arange(beams))
+        np.testing.assert_array_equal(settings.beams().angles, lidar.angles)
+        assert settings.temperature == pytest.approx(min(1.0, 12.6 / 180 * width / (beams - 1)))

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import cv2
 import naive
 import numpy as np
 import pytest
@@ -80,6 +81,86 @@ def test_the_ends_count_from_where_they_are():
     front = pareto_front(costs, (0.2, 1.5), (5.9, 1.5))
     assert front.length[0] == pytest.approx(0.3 + 5 + 0.4, abs=1e-4)
     assert front.integral[0] == pytest.approx(0.5 * 5.7, abs=1e-4)
+
+
+def smooth_costs(grid, seed) -> Costmap:
+    """A costmap whose u varies smoothly, for a robot of 0.2 m."""
+    noise = cv2.GaussianBlur(np.random.default_rng(seed).random(grid.shape), (0, 0), 3.0)
+    u = (noise - noise.min()) / np.ptp(noise)
+    return Costmap.from_layers(grid, u=u, weight=4.0, robot=0.2)
+
+
+def random_ends(costs: Costmap, rng, within=np.inf) -> list[tuple[float, float]]:
+    """Two positions anywhere in free cells, at most so many cells apart."""
+    free = np.argwhere(np.isfinite(costs.density))
+    cell = free[rng.integers(len(free))]
+    near = free[np.hypot(*(free - cell).T) <= within]
+    cells = np.array([cell, near[rng.integers(len(near))]]) + rng.uniform(0.001, 0.999, (2, 2))
+    return [tuple(xy) for xy in np.column_stack(costs.grid.grid_to_world(*cells.T)).tolist()]
+
+
+def check_exact_planners_agree(costs: Costmap, start, goal, *, cutting: bool = False) -> None:
+    """The front holds or dominates grid paths of any weight, and a budget finds its paths."""
+    options = {"allow_corner_cutting": cutting}
+    front = pareto_front(costs, start, goal, time_limit=600.0, **options)
+    for weight in (1e-6, 1.0, 16.0):
+        weighted = costs.with_weight(weight)
+        found = plan(weighted, start, goal, planner="grid", **options)
+        if not len(front):
+            assert found.status == front.status == "unreachable"
+            return
+        best, slack = found.metrics, 1e-9 * (1 + found.metrics.length)
+        as_short = front.length <= best.length + slack
+        assert (as_short & (front.integral <= best.integrated_u + slack)).any()
+        least = (front.length + weight * front.integral).min()
+        assert least == pytest.approx(best.cost, rel=1e-6, abs=1e-9)
+        assert plan(weighted, start, goal, **options).metrics.cost <= best.cost * (1 + 1e-12)
+    for index in (0, len(front) // 2, -1):
+        budget = float(front.integral[index])
+        within = plan(costs, start, goal, budget=budget, **options)
+        assert within.metrics.length == pytest.approx(front.length[index], rel=1e-9, abs=1e-9)
+        assert within.bound == pytest.approx(within.metrics.length)
+
+
+@pytest.mark.parametrize("name", ["two_corridors", "places"])
+def test_front_dominates_grid_paths(name):
+    """Ends lie anywhere in their cells, for which all exact planners have the same end legs."""
+    costs, rng = smooth_costs(environments.make(name, resolution=0.1), 1), np.random.default_rng(2)
+    for within in [*[np.inf] * 4, *[4.0] * 6]:
+        check_exact_planners_agree(costs, *random_ends(costs, rng, within))
+
+
+@pytest.mark.parametrize("resolution", [0.05, 0.1])
+def test_exact_planners_agree_off_centre(resolution):
+    grid = environments.make("two_corridors", resolution=resolution)
+    costs = Costmap.from_layers(grid, u=np.full(grid.shape, 0.5))
+    ends = (2.0, 3.0), (38.0, 3.0)
+    assert plan(costs, *ends, planner="grid").metrics.length == pytest.approx(36.0)
+    assert plan(costs, *ends, budget=100.0).metrics.length == pytest.approx(36.0)
+    assert pareto_front(costs, *ends).length == pytest.approx([36.0])
+
+
+@pytest.mark.parametrize("cutting", [False, True])
+@pytest.mark.parametrize(
+    "ends",
+    [
+        ((1.2, 1.3), (1.9, 1.6)),  # in one cell
+        ((1.2, 1.3), (1.2, 1.3)),  # equal
+        ((1.5, 1.5), (1.5, 1.5)),  # equal, and a centre
+        ((1.2, 1.3), (2.9, 1.1)),  # in adjacent cells
+        ((1.2, 1.3), (2.9, 2.8)),  # in diagonal ones
+        ((1.0, 1.0), (3.0, 1.0)),  # on the edge of walls
+        ((3.9, 1.1), (4.9, 2.9)),  # past the corner of a wall
+        ((3.9, 1.9), (4.1, 2.1)),  # close to it
+        ((1.2, 1.3), (6.9, 2.1)),
+    ],
+)
+def test_exact_planners_agree_in_degenerate_cases(ends, cutting):
+    free = np.zeros((5, 9), bool)
+    free[1:4, 1:8] = True
+    free[1, 4] = False
+    u = np.random.default_rng(0).random(free.shape)
+    check_exact_planners_agree(costs_of(u, free), *ends, cutting=cutting)
 
 
 def test_every_weighted_optimum_lies_on_the_front():

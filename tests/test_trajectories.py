@@ -328,7 +328,7 @@ def test_the_start_may_be_known(drive):
     for start in ("here", (1.0, 2.0), (math.nan, 0, 0), {}):
         with pytest.raises(ConfigError, match="start must be"):
             smooth(GRID, drive, start=start)
-    with pytest.raises(ConfigError, match="is not on places"):
+    with pytest.raises(ConfigError, match="lies outside places, which reaches from"):
         smooth(GRID, drive, start=(-5.0, 2.0, 0.0))
 
 

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from conftest import corridor, refused
 from figure_looks import check_looks
+from locplan._util.code_digest import code_digest
 from scipy.ndimage import affine_transform
 
 import locplan
 from locplan import Lidar, LocplanError, ScanDatabase, find_twins
-from locplan._util.code_digest import code_digest
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, save_map
 from locplan.matching import Matching, ScanOnMap, find_all_modes, make_database, places_every
 from locplan.robots import Disturbances, Robot

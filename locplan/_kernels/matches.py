@@ -112,7 +112,7 @@ def recorded_posteriors(
     lattice: Lattice,
     cells: Ints,
     ends: Floats,
-    effective_beams: float,
+    temperature: float,
     mean: Floats,
     covariance: Floats,
     best: Ints,
@@ -129,8 +129,8 @@ def recorded_posteriors(
     ends : (n, beam, 2) array
         Ends of the beams, columns and rows from that cell's centre [cells], in the map's axes; NaN
         without a return.
-    effective_beams : float
-        Number of independent beams that tell as much as all.
+    temperature : float
+        Factor on the log-likelihood.
     mean : (n, 3) array
         Filled with the mean of (dx, dy, theta) in steps of the lattice.
     covariance : (n, 3, 3) array
@@ -141,7 +141,7 @@ def recorded_posteriors(
         Filled with entropy [nat], ambiguity, and the log-likelihood a return at the best offset.
     """
     beams = ends.shape[1]
-    weights = make_weights(min(1.0, effective_beams / beams) * field.nats, beams * TOP)
+    weights = make_weights(temperature * field.nats, beams * TOP)
     rows, half_headings = lattice.plane // lattice.width, (lattice.cos.size - 1) // 2
     costs = np.empty_like(lattice.empty)
     for n in range(len(cells)):

@@ -16,6 +16,7 @@ from numba import njit
 from locplan._kernels import curves
 from locplan._kernels.arrays import Array, Floats, Ints, Numbers
 from locplan._kernels.curves import QUARTER, STRAIGHT, TURN
+from locplan._kernels.outlines import Body, first_hit
 from locplan._kernels.rays import TOUCH, segment_cost
 
 
@@ -194,6 +195,7 @@ def world_cost(
     kind: int,
     radius: float,
     frame: Numbers,
+    body: Body,
     start: Numbers,
     end: Numbers,
     blocked: float,
@@ -201,7 +203,8 @@ def world_cost(
     """Cost of a motion between poses in the world [m], at least their distance, or `blocked`.
 
     `frame` holds the cosine and the sine of the grid's yaw, both per cell [1/m], the column and
-    the row of the world's origin, and the yaw; the radius is in cells.
+    the row of the world's origin, and the yaw; the radius is in cells. A motion on which the
+    outline of `body` meets an occupied cell is blocked; a circle has no outline.
     """
     (x0, y0, heading0), (x1, y1, heading1) = start, end
     if not (stands(half, columns, frame, x0, y0) and stands(half, columns, frame, x1, y1)):
@@ -211,20 +214,34 @@ def world_cost(
     ends = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
     cost = motion_cost(Ground(half, columns, -frame[4], False), kind, radius, *ends)
     cost /= math.hypot(frame[0], frame[1])
+    if cost < np.inf and len(body.outline):
+        poses = motion_poses(kind, radius, *ends)
+        for pose in poses:  # on the grid without its border
+            pose[0] -= 1.0
+            pose[1] -= 1.0
+        if first_hit(body.sums, body.outline, poses) >= 0:
+            return blocked
     # After rounding, too, no motion costs less than its length.
     return max(cost, (1 + 1e-14) * math.hypot(x1 - x0, y1 - y0)) if cost < np.inf else blocked
 
 
 @njit(nogil=True, cache=True)
 def world_costs(
-    half: Floats, columns: int, kind: int, radius: float, frame: Numbers, poses: Floats, pairs: Ints
+    half: Floats,
+    columns: int,
+    kind: int,
+    radius: float,
+    frame: Numbers,
+    body: Body,
+    poses: Floats,
+    pairs: Ints,
 ) -> Array:
     """Costs of motions between pairs (m, 2) of poses (n, 3) in the world [m], or infinite."""
     result = np.empty(len(pairs))
     for n, (i, j) in enumerate(pairs):
         start = poses[i, 0], poses[i, 1], poses[i, 2]
         end = poses[j, 0], poses[j, 1], poses[j, 2]
-        result[n] = world_cost(half, columns, kind, radius, frame, start, end, np.inf)
+        result[n] = world_cost(half, columns, kind, radius, frame, body, start, end, np.inf)
     return result
 
 

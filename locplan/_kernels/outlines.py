@@ -8,6 +8,7 @@ much as a chord of their corners' arcs falls short. Poses are (col, row, heading
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -18,6 +19,13 @@ PART = math.radians(2)
 """Maximum turn of a part [rad]."""
 TOUCH = 1e-9
 """Depth up to which an outline only touches a cell [cells]."""
+
+
+class Body(NamedTuple):
+    """The outline, and the occupied cells that it must not meet."""
+
+    sums: Ints  # see `sums_of`
+    outline: Floats  # (k, 2) corners [cells]; none for a circle, which the density has kept clear
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

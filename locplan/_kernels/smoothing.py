@@ -13,9 +13,9 @@ import numpy as np
 from numba import njit
 
 from locplan._kernels import curves
-from locplan._kernels.arrays import Array, Bools, Floats, Ints, Numbers
+from locplan._kernels.arrays import Array, Bools, Floats, Numbers
 from locplan._kernels.motions import Ground, arc_cost, motion_poses, word_of
-from locplan._kernels.outlines import first_hit
+from locplan._kernels.outlines import Body, first_hit
 from locplan._kernels.rays import segment_cost
 
 ASLANT = 0.05
@@ -33,13 +33,6 @@ class Drive(NamedTuple):
     reverse: float  # factor on the cost in reverse and sideways
     gear_change: float  # [cells]
     turn: float  # of turning on the spot [cells/rad]; 0 for a car
-
-
-class Body(NamedTuple):
-    """The outline, and the occupied cells that it must not meet."""
-
-    sums: Ints  # see `outlines.sums_of`
-    outline: Floats  # (k, 2) corners [cells]; none for a circle, which the density has kept clear
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

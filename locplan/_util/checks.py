@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import math
 import os
 import reprlib
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -62,8 +63,21 @@ def whole(name: str, value: object, low: int = 1, high: float = math.inf) -> int
 def one_of(name: str, value: object, choices: Collection[str]) -> object:
     """Return the value, which must be one of some words."""
     if not (isinstance(value, str) and value in choices):
-        raise ConfigError(f"{name} must be one of {', '.join(choices)}, not {shown(value)}")
+        known, guess = ", ".join(choices), suggestion(value, choices)
+        raise ConfigError(f"{name} must be one of {known}, not {shown(value)}{guess}")
     return value
+
+
+def suggestion(value: object, choices: Iterable[str]) -> str:
+    """Return the end of an error about an unknown name: the most similar known one, if any.
+
+    >>> suggestion("turtlebot_4", ["turtlebot3", "turtlebot4"])
+    "; did you mean 'turtlebot4'?"
+    """
+    names = {name.lower(): name for name in choices}
+    typed = value.lower()[:100] if isinstance(value, str) else ""
+    similar = difflib.get_close_matches(typed, names, n=1) if typed else []
+    return f"; did you mean {names[similar[0]]!r}?" if similar else ""
 
 
 def instance(name: str, value: object, kind: type, remedy: str = "") -> object:
@@ -157,6 +171,14 @@ def setting(default: object, *limits: Any) -> Any:
     return dataclasses.field(default=default, metadata={"check": check})
 
 
+def default_of(make: Callable[[Any], object]) -> Any:
+    """A field of `Settings` whose default follows from the other settings, by a function of them.
+
+    It is None until `__post_init__` sets it.
+    """
+    return dataclasses.field(default=None, metadata={"default": make})
+
+
 class Settings:
     """Settings in a dataclass, which are checked; its repr names only what is not by default."""
 
@@ -187,6 +209,8 @@ def _changed(settings: Any) -> Iterator[tuple[str, Any]]:
     for each in dataclasses.fields(settings):
         value, made = getattr(settings, each.name), each.default_factory
         default = each.default if made is dataclasses.MISSING else made()
+        if make := each.metadata.get("default"):
+            default = make(settings)
         if hasattr(value, "shape") or value != default:  # arrays have no one truth
             yield each.name, value
 

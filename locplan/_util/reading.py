@@ -206,7 +206,12 @@ def scalar_text(value: float | str | bool) -> str:
 
 
 def flow_text(value: Any) -> str:
-    """Text of a value, a list or a mapping in a line, which YAML and ROS read as the same."""
+    """Text of a value, a list or a mapping in a line, which YAML and ROS read as the same.
+
+    Names of plugins are quoted: libyaml below 0.2.2 fails on an unquoted :: between braces.
+    """
+    if isinstance(value, str) and "::" in value:
+        return f'"{value}"'
     if isinstance(value, dict):
         return f"{{{', '.join(f'{key}: {flow_text(each)}' for key, each in value.items())}}}"
     if isinstance(value, list):

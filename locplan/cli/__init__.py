@@ -15,10 +15,11 @@ from typing import Any
 
 from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnusedCliTokensError
 
-from locplan._util.checks import shown
+from locplan._util.checks import shown, suggestion
 from locplan._util.files import inputs_are_kept
 from locplan._util.supervision import INTERRUPTED, end_if_supervised
 from locplan.cli._application import COMMANDS, NOT_IN_METRES, SYSTEM_ERROR, WRONG_INPUT, launched
+from locplan.cli._wording import options_as_typed
 from locplan.errors import CalibrationError, LocplanError, one_line
 
 __all__ = ["COMMANDS", "main"]
@@ -36,7 +37,8 @@ def main() -> None:
         _flush()
     except (LocplanError, CycloptsError, MemoryError) as error:
         wrong = NOT_IN_METRES if isinstance(error, CalibrationError) else WRONG_INPUT
-        code = _complain(f"error: {_fault(error)}", wrong)
+        notes = getattr(error, "__notes__", ())  # such as lines to save in a file
+        code = _complain(f"error: {_fault(error)}", wrong, *notes)
     except KeyboardInterrupt:
         end_if_supervised()
         code = _complain("interrupted", INTERRUPTED)
@@ -88,7 +90,7 @@ def _check_none_is_empty(tokens: list[str]) -> None:
 def _warnings_as_lines() -> Iterator[None]:
     def show(message: Any, category: type[Warning], *_: Any, **__: Any) -> None:
         if category.__module__.startswith("locplan."):
-            _complain(f"warning: {message}", 0)
+            _complain(f"warning: {options_as_typed(str(message))}", 0)
         else:  # that of a library says nothing to users
             logging.getLogger("locplan.cli").debug("%s: %s", category.__name__, message)
 
@@ -104,7 +106,7 @@ def _fault(error: Exception) -> str:
         return f"{_in_one_line(error)} (--help shows how)"
     if isinstance(error, MemoryError):
         return "the memory does not suffice; give less at a time"
-    return str(error)
+    return options_as_typed(str(error))
 
 
 def _in_one_line(error: CycloptsError) -> str:
@@ -123,9 +125,12 @@ def _no_choice(error: CoercionError) -> str:
     """The line about a value that is none of an option's choices; empty where it has none."""
     if not (error.argument and error.token):
         return ""
-    choices = ", ".join(error.argument.get_choices(force=True) or ())
-    name = error.token.keyword or error.argument.name
-    return f"{name} must be one of {choices}, not {shown(error.token.value)}" if choices else ""
+    choices = error.argument.get_choices(force=True) or ()
+    name, value = error.token.keyword or error.argument.name, error.token.value
+    if not choices:
+        return ""
+    guess = suggestion(value, choices)
+    return f"{name} must be one of {', '.join(choices)}, not {shown(value)}{guess}"
 
 
 def _unexpected(tokens: Sequence[str]) -> str:
@@ -139,9 +144,9 @@ def _short(word: str) -> str:
     return word if len(word) <= 80 else f"{word[:70]}...{word[-7:]}"
 
 
-def _complain(line: str, code: int) -> int:
+def _complain(line: str, code: int, *notes: str) -> int:
     try:
-        print(f"locplan: {one_line(line)}", file=sys.stderr, flush=True)
+        print(f"locplan: {one_line(line)}", *notes, sep="\n", file=sys.stderr, flush=True)
     except OSError:  # a full disk: the exit code alone says it
         sys.stderr = None
     return code

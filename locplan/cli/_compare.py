@@ -28,13 +28,13 @@ class Compared(typed.Options):
 
     planner: Annotated[tuple[str, ...], Parameter(metavar="NAME[:OPTION=VALUE,...]")] = ()
     """Planner, such as BITstar:time_limit=2, or 'simulated choice', which drives its paths;
-    repeatable; grid and any-angle by default."""
+    repeatable; by default grid and any-angle, or lattice for an outline or a turning radius."""
     seeds: typed.Count = 1
     """Number of runs of a planner with random numbers; 1 by default."""
     time_limit: float | None = None
     """Time of OMPL's planners, in seconds; 5 by default."""
     baseline: str | None = None
-    """Planner that the others are compared with; any-angle if it is there."""
+    """Planner that the others are compared with; that for the robot if it is there."""
 
 
 @typed.option_group("Computing")
@@ -85,8 +85,9 @@ class compare(typed.ManyMaps, FieldOptions, Criterion, Compared, Computing, Runn
         comparison = locplan.comparison
         queries = self._queries()
         robot, made = self.robot_and_fields(self.ranges)
-        planners = self.planner or comparison.PLANNERS
-        comparison.specs_of(planners)
+        planners = self.planner or None
+        if planners:
+            comparison.specs_of(planners)
         self.check_output(locplan.Comparison.files)
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # and clean up
         with progress_bar("runs", "runs") as progress:

@@ -204,7 +204,7 @@ class locate(typed.OneMap, DriveOptions, Threads, Output):
         if self.near_path:
             given["near"] = locplan.Path.load(self.near_path)
         self.check_output(locplan.twins.LocatedDrive.files)
-        grid, drive = locplan.load_map(self.map_file), self._chosen(self.read())
+        grid, drive = locplan.load_map(self.map_file), self._chosen(self.read(needs_poses=False))
         with working("looking around at all places of the map"):
             database = locplan.ScanDatabase(grid, drive.lidar)
             _ = database.everywhere

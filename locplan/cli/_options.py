@@ -205,14 +205,14 @@ class DriveOptions(typed.Options):
         if not self.drive:
             self.refuse("without --drive", DriveOptions, "reference")
 
-    def read(self, file: Path | None = None) -> Recording:
+    def read(self, file: Path | None = None, *, needs_poses: bool = True) -> Recording:
         """The drive, or one of several by its file; a ConfigError if none was named."""
         self.check_drive()
         file = file or self.drive
         if file is None:
             raise ConfigError("name a recorded drive with --drive")
         topics = locplan.recordings.Topics(**self.given(locplan.recordings.Topics))
-        own = self.given("every", "range_limits", "mount")
+        own = self.given("every", "range_limits", "mount") | {"needs_poses": needs_poses}
         with progress_bar(f"reading {file.name}", "messages") as progress:
             recording = locplan.recordings.read_drive(file, topics=topics, progress=progress, **own)
         return recording.moved(*self.align) if self.align else recording

@@ -18,6 +18,7 @@ from locplan.planners import names
 
 if TYPE_CHECKING:
     from locplan.planners import Planner
+    from locplan.robots import Robot
 
 
 @typed.option_group("Planner")
@@ -50,15 +51,15 @@ class PlannerOptions(typed.Options):
     setting: Annotated[tuple[str, ...], Parameter(metavar="NAME=VALUE")] = ()
     """Setting of OMPL's own, such as range=2.0; repeatable."""
 
-    def planners(self, **limits: Any) -> dict[str, Planner]:
-        """The planners by name, with the options that were given."""
+    def planners(self, robot: Robot, **limits: Any) -> dict[str, Planner]:
+        """The planners by name, with the options that were given, or the one for the robot."""
         planner_for, takes = locplan.planners.planner_for, locplan.planners.takes
         given = self.given(PlannerOptions)
         asked, seed = given.pop("planner", ()), given.pop("seed", None)  # that of the drives, too
         if settings := typed.settings_of(given.pop("setting", ()), "setting", "range=2.0"):
             given["settings"] = settings
-        made = {}
-        for name in dict.fromkeys(asked or ((locplan.planners.DEFAULT,) if given else ())):
+        made, usual = {}, locplan.planners.default_planner(robot)
+        for name in dict.fromkeys(asked or ((usual,) if given else ())):
             own = {"seed": seed} if seed is not None and takes(planner_for(name), "seed") else {}
             planner_for(name, given | own, **limits)  # refuses limits that it does not keep
             made[name] = planner_for(name, given | own)
@@ -119,7 +120,7 @@ class plan(
     budget: float | None = None
     """Maximum ∫u ds of a path, in metres."""
     longest: float | None = None
-    """Maximum length of a candidate, in lengths of the shortest path; 1.5 by default."""
+    """Maximum length of other candidates, in lengths of the shortest path; 1.5 by default."""
 
     def __call__(self) -> None:
         if self.front:
@@ -132,7 +133,7 @@ class plan(
             within = f"the circle of {robot.outline.inscribed_radius:.3g} m within its outline"
             print(f"with a budget the robot counts as {within}", file=sys.stderr)
         self.check_costs(config)
-        candidates = self._candidates()
+        candidates = self._candidates(robot)
         self.check_output(locplan.Choice.files, "history.png")
         grid, basis = locplan.load_map(self.map_file), config
         if self.no_field:
@@ -158,9 +159,9 @@ class plan(
             )
         self.finish(choice)
 
-    def _candidates(self) -> dict[str, Any]:
+    def _candidates(self, robot: Robot) -> dict[str, Any]:
         """The paths in files, and the planners."""
-        made = self.planners(via=[*self.via], max_e=self.max_e, budget=self.budget)
+        made = self.planners(robot, via=[*self.via], max_e=self.max_e, budget=self.budget)
         paths = read_paths(self.path)
         for name in made.keys() & paths.keys():
             raise ConfigError(f"a --path file has the name of a --planner, {name}; rename it")

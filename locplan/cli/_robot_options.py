@@ -51,10 +51,14 @@ class RobotOptions(typed.Options):
 
         It has this lidar where the options name none, or, where it was recorded, in any case.
         """
-        robot = locplan.Robot.load(*self.robot)
-        named = locplan.Lidar.preset(self.lidar) if self.lidar else robot.lidar
-        own = lidar if recorded else named or lidar
         settings = typed.settings_of(self.set, "set", "alpha1=0.05", words=True)
+        planner = settings.pop("planner", None)
+        with warnings.catch_warnings():
+            if recorded or any(name.startswith("mount_") for name in settings):
+                warnings.filterwarnings("ignore", ".*set mount_x", locplan.robots.ParameterWarning)
+            known = lidar if recorded else self.lidar
+            robot = locplan.Robot.load(*self.robot, lidar=known, planner=planner)
+        own = lidar if recorded else robot.lidar or lidar
         robot = dataclasses.replace(robot, lidar=own).changed(settings)
         # Ten times the range of the data sheet was hardly meant in metres.
         if self.lidar and robot.known_lidar.range > 10 * PRESETS[self.lidar].range:
@@ -92,18 +96,29 @@ class RobotOptions(typed.Options):
 
     def warn(self, robot: Robot) -> None:
         """Warn of settings of the filter that work badly with the robot's lidar."""
-        others = locplan.robots.read_parameters(self.nav2_file("amcl")).of("amcl")
+        others = locplan.robots.read_parameters(*self.nav2_files()).of("amcl")
         for fault in locplan.simulation.filter_warnings(robot.amcl, robot.known_lidar, others):
             warnings.warn(locplan.robots.ParameterWarning(fault), stacklevel=2)
 
     def nav2_file(self, node: str = "") -> Path | None:
-        """The last file, of those read, that has Nav2's parameters, or a node's; None without."""
-        for file in reversed(self.robot):
+        """The file that has most of a node's parameters, or the last of Nav2; None without."""
+        files = self.nav2_files()
+        if not (node and files):
+            return files[-1] if files else None
+        parameters = locplan.robots.read_parameters(*files)
+        at = parameters.file_of(node)
+        if at is not None:
+            return files[at]
+        return files[-1] if parameters.of(node) else None
+
+    def nav2_files(self) -> list[Path]:
+        """The files of Nav2's parameters, of those that the options name."""
+        files = []
+        for file in self.robot:
             with suppress(LocplanError):  # a file of another kind
-                parameters = locplan.robots.read_parameters(file)
-                if not node or parameters.of(node):
-                    return file
-        return None
+                locplan.robots.read_parameters(file)
+                files.append(file)
+        return files
 
 
 @typed.option_group("Robot")
@@ -203,7 +218,7 @@ class FieldOptions(RobotOptions):
         if kind.casts_rays:
             short, what = locplan.field.SHORT_LIDAR, "no lidar named, one assumed"
             assumed = dataclasses.replace(short, model=what)
-            return locplan.FieldConfig(kind.of(lidar or assumed), **others)
+            return locplan.FieldConfig(kind(lidar or assumed), **others)
         return locplan.FieldConfig(_with_template(kind, lidar, given), **others)
 
 

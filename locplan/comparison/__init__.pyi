@@ -4,7 +4,6 @@ from ._benchmarks import (
     write_ompl_logs as write_ompl_logs,
 )
 from ._comparing import (
-    PLANNERS as PLANNERS,
     Execution as Execution,
     RandomQueries as RandomQueries,
     compare as compare,

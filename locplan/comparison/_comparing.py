@@ -7,12 +7,14 @@ import itertools
 import math
 import os
 import platform
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -40,19 +42,17 @@ from locplan.errors import ConfigError
 from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, config_of, load_or_compute
 from locplan.maps import OccupancyGrid
 from locplan.planners import (
-    DEFAULT,
     LATTICE,
     MAX_SEED,
     AnyPlanner,
     Planner,
     Query,
     check_random,
+    default_planner,
+    needs_lattice,
     queries_of,
 )
 from locplan.robots import Robot
-
-PLANNERS = ("grid", DEFAULT)
-"""The planners that are compared by default."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Execution:
 
 def compare(
     maps: Any,
-    planners: AnyPlanner | PlannerSpec | Sequence[AnyPlanner | PlannerSpec] = PLANNERS,
+    planners: AnyPlanner | PlannerSpec | Sequence[AnyPlanner | PlannerSpec] | None = None,
     queries: Any = 10,
     robot: Robot | None = None,
     *,
@@ -126,12 +126,13 @@ def compare(
     ----------
     maps : map, or sequence or mapping of them
         Each map is a map_server YAML file, an OccupancyGrid or a Costmap; a mapping names them.
-    planners : sequence, or one of them, default ("grid", "any-angle")
-        Names with options, such as "BITstar:time_limit=2"; "simulated choice", which drives each
-        candidate path with the robot, and takes drives, minimise, price, longest and robot (a file
-        of another robot) as options; functions ``f(costs, start, goal, **options)`` that return a
-        `Path`, each with a costmap of its own; objects such as
-        ``planners.Ompl("BITstar", time_limit=2)``; or `PlannerSpec`.
+    planners : sequence, or one of them, optional
+        By default "grid" and the planner for the robot: "lattice" if it has an outline or a turning
+        radius, otherwise "any-angle". Names with options, such as "BITstar:time_limit=2";
+        "simulated choice", which drives each candidate path with the robot, and takes drives,
+        minimise, price, longest and robot (a file of another robot) as options; functions
+        ``f(costs, start, goal, **options)`` that return a `Path`, each with a costmap of its own;
+        objects such as ``planners.Ompl("BITstar", time_limit=2)``; or `PlannerSpec`.
     queries : int, RandomQueries, path, sequence, or mapping of them by map, default 10
         Number of random queries, 1 to 10,000 a map; a CSV file of name, start_x, start_y, goal_x,
         goal_y [m], or a MovingAI .scen file (100 of its queries); `Query` objects, or (start, goal)
@@ -152,7 +153,8 @@ def compare(
         Seeds of planners with random numbers, each 1 to 2^32 - 1; the others run once. Give several
         where a planner's paths scatter.
     baseline : str, optional
-        Label of the planner to compare with; by default any-angle if it is there, else the first.
+        Label of the planner to compare with; by default the planner for the robot if it is there,
+        otherwise the first.
     execution : Execution, optional
         Number of workers, limits of time and memory, and the journal.
 
@@ -165,8 +167,14 @@ def compare(
     ------
     LocplanError
         If anything is wrong with the input, before the first run.
+
+    Warns
+    -----
+    MissingLibraryWarning
+        If pandas is missing, which `Comparison.to_frame` needs.
     """
     check_platform()
+    _warn_without_pandas()
     execution = execution or Execution()
     queries = RandomQueries(queries) if is_whole(queries) else queries
     asked = [float(weights)] if isinstance(weights, (int, float)) else weights
@@ -174,9 +182,11 @@ def compare(
         _check_each_once("weight", asked)
     seeds = _checked_seeds(seeds)
     fields = named_configs(configs, robot)
+    usual = default_planner(robot or _robot_of(maps))
+    planners = ("grid", usual) if planners is None else planners
     specs = _specs(planners, _driven(robot, fields), execution.time_limit)
     labels = [spec.label for spec in specs]
-    baseline = baseline or max(labels, key=lambda label: label == DEFAULT)
+    baseline = baseline or max(labels, key=lambda label: label == usual)
     one_of("baseline", baseline, labels)
     began = datetime.now(UTC).astimezone()
     limits: Any = {"memory": execution.memory, "patience": execution.patience}
@@ -204,6 +214,24 @@ def compare(
         "robot": robot and robot.summary(),
     }
     return Comparison(tuple(runs), baseline, {case.key: case for case in cases}, about)
+
+
+class MissingLibraryWarning(UserWarning):
+    """Warning that a result will lack what a missing library makes."""
+
+
+def _warn_without_pandas() -> None:
+    if find_spec("pandas") is None:
+        fault = "to_frame() and runs.parquet need pandas: pip install 'locplan[tables]'"
+        warnings.warn(MissingLibraryWarning(fault), stacklevel=3)
+
+
+def _robot_of(maps: Any) -> Robot | None:
+    """The robot of the first map that is a costmap for one that is no circle."""
+    every = maps.values() if isinstance(maps, Mapping) else maps
+    every = every if isinstance(every, Iterable) else [every]
+    robots = [each.robot for each in every if isinstance(each, Costmap)]
+    return next((robot for robot in robots if needs_lattice(robot)), None)
 
 
 def _about(
@@ -239,7 +267,7 @@ def named_configs(
     if robot is not None:
         instance("robot", robot, Robot)
     if configs is None and robot is not None and robot.lidar is not None:
-        configs = Fused.of(robot.lidar)
+        configs = Fused(robot.lidar)
     if configs is None or isinstance(configs, (FieldConfig, Estimator)):
         config = config_of(configs)
         return {f"{config.estimator.name}, {config.estimator.reach:g} m": config}

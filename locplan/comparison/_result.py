@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from importlib.util import find_spec
@@ -109,6 +109,14 @@ class Standing:
         return f"{self.summary.planner}: {text}" if text else ""
 
 
+def _failure(runs: Sequence[Run], planner: str) -> str:
+    """Return the first exception of a planner all of whose runs raise one; empty otherwise."""
+    notes = [run.note for run in runs if run.task.planner == planner and run.status == "error"]
+    if not notes or len(notes) < sum(run.task.planner == planner for run in runs):
+        return ""
+    return f"{planner} raises in all {len(notes)} runs, first {notes[0]}"
+
+
 def _median(name: str) -> Callable[[Standing], float]:
     return lambda each: each.contrasts[name].ours.median
 
@@ -155,7 +163,9 @@ class Comparison(Result):
 
     def __repr__(self) -> str:
         planners = dict.fromkeys(run.task.planner for run in self.runs)
-        return f"Comparison({len(self.runs)} runs of {', '.join(planners)})"
+        failures = filter(None, (_failure(self.runs, planner) for planner in planners))
+        about = "; ".join([", ".join(planners), *failures])
+        return f"Comparison({len(self.runs)} runs of {about})"
 
     def summaries(self, *, pooled: bool = False) -> list[Summary]:
         """Success, medians and quartiles of each planner.
@@ -222,8 +232,10 @@ class Comparison(Result):
             rows = list(group)
             parts.append(f"{setting.map}, {setting.config}, weight {setting.weight:g}")
             parts.append(str(Table.of(STANDINGS, rows)))
+            runs = [run for run in self.runs if statistics.setting_of(run) == setting]
             said = [
-                f"{r.summary.planner}: {r.cost.sentence or 'the baseline'}{self._undriven(r)}"
+                _failure(runs, r.summary.planner)
+                or f"{r.summary.planner}: {r.cost.sentence or 'the baseline'}{self._undriven(r)}"
                 for r in rows
             ]
             parts += wrapped(said)

@@ -9,9 +9,9 @@ from ._costmap import (
     about_costs as about_costs,
     check_costs as check_costs,
 )
+from ._degeneracy import check_criterion as check_criterion
 from ._layers import (
     CostSettings as CostSettings,
-    check_criterion as check_criterion,
     check_weight as check_weight,
 )
 from ._metrics import (
@@ -27,4 +27,9 @@ from ._metrics import (
     path_metrics as path_metrics,
     profile as profile,
 )
-from ._path import Path as Path, divided_poses as divided_poses
+from ._path import (
+    AnyPath as AnyPath,
+    Path as Path,
+    divided_poses as divided_poses,
+    path_from as path_from,
+)

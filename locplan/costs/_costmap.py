@@ -16,6 +16,7 @@ from locplan._util.checks import instance, one_of
 from locplan._util.saved import Saved
 from locplan._util.tables import finite
 from locplan.costs._cells import CellWindow, changed_window, joined_windows, part_around
+from locplan.costs._degeneracy import degeneracy
 from locplan.costs._layers import (
     LAYERS,
     MAX_DENSITY,
@@ -25,7 +26,6 @@ from locplan.costs._layers import (
     blocked_near,
     check_weight,
     checked_layer,
-    degeneracy,
     density_of,
     sealed,
     shaped,
@@ -88,9 +88,9 @@ class Costmap(CostLayers, Saved):
             `locplan.field.scalar`), or a layer of the field, "ambiguity" or "entropy", which is
             always linear between its anchors.
         headings : str, default "mean"
-            Value that counts in a field with several headings where the robot's own is not known:
-            that of the "mean" information, or of the "worst" heading. Planners whose states have
-            a heading take its own.
+            Value of u and e in a field with several headings where the robot's own is not known:
+            their "mean" over the headings, or that of the "worst" heading. Planners whose states
+            have a heading take its own.
 
         Raises
         ------

@@ -7,21 +7,24 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._kernels.arrays import Array, Floats, Singles
-from locplan._util.checks import number, one_of, position, shown
+from locplan._util.checks import number, position
 from locplan._util.public import Pictured
+from locplan.costs._degeneracy import degeneracy
 from locplan.errors import ConfigError, PoseError
-from locplan.field import SCALARS, CovarianceField, FieldConfig
-from locplan.maps import OCCUPIED, UNKNOWN, OccupancyGrid
+from locplan.field import CovarianceField, FieldConfig, Sad
+from locplan.maps import OCCUPIED, UNKNOWN, OccupancyGrid, extent_text
 from locplan.robots import Robot
 
 LAYERS = ("density", "u", "e")
 """Names of the arrays of a costmap."""
+SHORTEST_WEIGHT = 1e-3
+"""Weight up to which the cheapest path is a shortest one, whatever u is."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -99,6 +102,19 @@ class CostLayers(Pictured):
         return "m²" if flat else "m² rad"
 
     @property
+    def note(self) -> str:
+        """A text on a better estimator for the robot's lidar; empty if there is nothing to say."""
+        estimator = self.settings and self.settings.config.estimator
+        if not isinstance(estimator, Sad) or not self.weight > SHORTEST_WEIGHT:
+            return ""
+        if not (estimator.lidar or (self.robot and self.robot.lidar)):
+            return ""
+        return (
+            "u is made of Sad, which does not simulate the robot's lidar; make the field with"
+            " locplan.Fused(robot.lidar), on the command line --estimator fused"
+        )
+
+    @property
     def has_weak_spots(self) -> bool:
         """Whether u is above 0 anywhere; True where there is no field."""
         return bool((self.u > 0).any() or np.isnan(self.u).all())
@@ -139,7 +155,7 @@ class CostLayers(Pictured):
     def _fault(self, row: int, col: int) -> str | None:
         """Why a robot cannot stand in a cell; None if it can."""
         if not self.grid.contains(row, col):
-            return "lies outside the map"
+            return f"lies outside the map, which reaches from {extent_text(self.grid)}"
         if np.isfinite(self.density[row, col]):
             return None
         level = self.grid.cells[row, col]
@@ -175,52 +191,6 @@ class CostSettings:
     def to_json(self) -> dict[str, object]:
         """All settings, fit for JSON."""
         return {**vars(self), "config": self.config.to_json()}
-
-
-def check_criterion(criterion: str, config: FieldConfig) -> None:
-    """Check that fields have a scalar, before they are computed.
-
-    Parameters
-    ----------
-    criterion : str
-        The scalar or layer that degeneracy is to be made of, see `Costmap.from_field`.
-    config : FieldConfig
-        Settings of the fields.
-
-    Raises
-    ------
-    ConfigError
-        If they have none of this name.
-    """
-    layers = [layer.name for layer in config.estimator.layers]
-    one_of("criterion", criterion, [*SCALARS, *layers])
-
-
-def degeneracy(
-    field: CovarianceField, criterion: str, law: str, headings: Literal["mean", "worst"] | None
-) -> tuple[Floats, Floats]:
-    """u and e of a field, (H, W), or without `headings` of each one, (n, H, W)."""
-    check_criterion(criterion, field.config)
-    least, greatest = field.anchors(criterion)
-    if not greatest > least:
-        raise ConfigError(f"criterion {shown(criterion)} says nothing in a field without rotation")
-    values = field.scalar(criterion, headings=headings, with_q=True)
-    of_e = field.scalar("e", headings=headings)
-    e = field.on_map(of_e)
-    if criterion in field.layers:
-        u = field.on_map((values - least) / (greatest - least), logarithmic=False)
-    elif law == "logarithmic" and values is of_e:
-        u = e / least
-        u = np.log(u, out=u)
-        u /= math.log(greatest / least)
-    elif law == "logarithmic":
-        values = np.log(np.maximum(values, np.finfo(float).tiny) / least)
-        u = field.on_map(values / math.log(greatest / least), logarithmic=False)
-    else:
-        u = field.on_map(values / greatest)
-        u = np.cbrt(u, out=u) if law == "cube-root" else u
-    u = np.clip(u, 0.0, 1.0, out=u)
-    return (u, e) if headings else (np.moveaxis(u, 2, 0), np.moveaxis(e, 2, 0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from locplan._util.progress import ProgressCallback, in_turn
 from locplan._util.records import Column, Table
 from locplan._util.saved import Valued
 from locplan.costs._costmap import ROBOT_RADIUS, Costmap
-from locplan.costs._path import Path
+from locplan.costs._path import AnyPath, Path, path_from
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import FieldConfig, Fused, load_or_compute
 from locplan.maps import OccupancyGrid, find_maps, load_map
@@ -61,7 +61,7 @@ class PathMetrics(Valued):
         )
 
 
-def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
+def path_metrics(costs: Costmap, path: AnyPath) -> PathMetrics:
     """Measure a path on a costmap, in the path's headings if it and the costmap have headings.
 
     Where the path leaves the map or touches cells that are not free, the cost is infinite and the
@@ -71,14 +71,15 @@ def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
     ----------
     costs : Costmap
         The costmap; its e and u count whatever the path was planned on.
-    path : Path
-        The path in the world [m].
+    path : Path, Plan, or (n, 2) or (n, 3) array
+        The path in the world [m, m, rad].
 
     Raises
     ------
     LocplanError
-        If the path crosses over 1e7 cells.
+        If it is no path, or crosses over 1e7 cells.
     """
+    path = path_from(path)
     layers: list[Any] = [costs.e[None], costs.u[None], costs.density[None]]
     if path.heading is not None and costs.u_of_heading is not None:
         layers = [costs.e_of_heading, costs.u_of_heading, costs.density_of_heading]
@@ -101,21 +102,22 @@ def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
     )
 
 
-def path_cost(costs: Costmap, path: Path) -> float:
+def path_cost(costs: Costmap, path: AnyPath) -> float:
     """J of a path [m], as `path_metrics` has it, without the other metrics.
 
     Parameters
     ----------
     costs : Costmap
         The costmap whose density is integrated.
-    path : Path
-        The path in the world [m].
+    path : Path, Plan, or (n, 2) or (n, 3) array
+        The path in the world [m, m, rad].
 
     Raises
     ------
     LocplanError
-        If the path crosses over 1e7 cells.
+        If it is no path, or crosses over 1e7 cells.
     """
+    path = path_from(path)
     density: Any = costs.density[None]
     if path.heading is not None and costs.u_of_heading is not None:
         density = costs.density_of_heading
@@ -128,15 +130,15 @@ def _integral(density: Floats, lengths: Floats) -> float:
     return float(density @ lengths) if np.isfinite(density).all() else np.inf
 
 
-def profile(costs: Costmap, path: Path, layer: NDArray[np.floating]) -> tuple[Floats, Floats]:
+def profile(costs: Costmap, path: AnyPath, layer: NDArray[np.floating]) -> tuple[Floats, Floats]:
     """Steps of a layer along a path.
 
     Parameters
     ----------
     costs : Costmap
         The costmap, whose map has the layer's cells.
-    path : Path
-        The path in the world [m]; with headings if the layer has several.
+    path : Path, Plan, or (n, 2) or (n, 3) array
+        The path in the world [m, m, rad]; with headings if the layer has several.
     layer : (H, W) or (n, H, W) array
         Values of the cells, such as `costs.u`, or those for n headings evenly spaced from 0 on,
         such as `costs.u_of_heading`.
@@ -154,7 +156,7 @@ def profile(costs: Costmap, path: Path, layer: NDArray[np.floating]) -> tuple[Fl
         If the path crosses over 1e7 cells.
     """
     layers = layer.reshape(-1, *layer.shape[-2:])
-    *at, lengths = crossed_cells(costs.grid, path, len(layers))
+    *at, lengths = crossed_cells(costs.grid, path_from(path), len(layers))
     return np.concatenate([[0.0], np.cumsum(lengths)]), _along(layers, at, np.nan)
 
 
@@ -225,7 +227,7 @@ def compare_lidars(
     robot: Robot | float = ROBOT_RADIUS,
     progress: ProgressCallback | None = None,
 ) -> list[LidarShare]:
-    """Find for each lidar how much of a map is degenerate by `Fused`.
+    """Find for each lidar how much of a map is degenerate by `Fused`, in its worst heading.
 
     Parameters
     ----------
@@ -250,9 +252,9 @@ def compare_lidars(
     """
     shares, each_in_turn = [], in_turn(progress, len(lidars)) if progress else None
     for lidar in lidars:
-        config = FieldConfig(Fused.of(lidar), stride=0.4)  # fine enough for shares of an area
+        config = FieldConfig(Fused(lidar), stride=0.4)  # fine enough for shares of an area
         field = load_or_compute(grid, config, progress=each_in_turn)
-        costs = Costmap.from_field(grid, field, robot=robot)
+        costs = Costmap.from_field(grid, field, robot=robot, headings="worst")
         u = costs.u[np.isfinite(costs.density)]
         shares.append(LidarShare(lidar, float(np.mean(u > DEGENERATE)) if u.size else np.nan))
     return shares

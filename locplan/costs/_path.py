@@ -7,9 +7,10 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import DTypeLike
+from numpy.typing import ArrayLike, DTypeLike
 
 from locplan._kernels.arrays import Floats
 from locplan._util.checks import FARTHEST, file_path, positive
@@ -53,6 +54,10 @@ class Path(Valued):
 
     xy: Floats
     heading: Floats | None = None
+
+    if TYPE_CHECKING:  # lists are taken, but arrays kept
+
+        def __init__(self, xy: ArrayLike, heading: ArrayLike | None = None) -> None: ...
 
     def __post_init__(self) -> None:
         xy = _numbers(self.xy, "a path needs an (n, 2) array of metres")
@@ -264,6 +269,43 @@ class Path(Valued):
                 stretch, current = [stretch[-1]], current + way
             stretch.append(self.xy[n + 1])
         yield current % count, np.array(stretch)
+
+
+class HasPath(Protocol):
+    """A result with a path, such as a `Plan`."""
+
+    @property
+    def path(self) -> Path | None:
+        """The path; None if there is none."""
+
+
+AnyPath = Path | HasPath | ArrayLike
+"""A path, a plan that has one, or an (n, 2) or (n, 3) array of positions or poses [m, m, rad]."""
+
+
+def path_from(given: AnyPath) -> Path:
+    """Return the path that a path, a plan or an array is.
+
+    Parameters
+    ----------
+    given : Path, Plan, or (n, 2) or (n, 3) array
+        The path; the third column of an array has headings [rad].
+
+    Raises
+    ------
+    LocplanError
+        If it is none of them, or a plan without a path.
+    """
+    path = getattr(given, "path", given)
+    if isinstance(path, Path):
+        return path
+    if path is None and given is not None:
+        raise LocplanError("the plan has no path; its status and note tell why")
+    fault = "a path must be a Path, a plan, or an (n, 2) or (n, 3) array [m, m, rad]"
+    poses = _numbers(path, fault)
+    if poses.ndim != 2 or poses.shape[1] not in (2, 3):
+        raise LocplanError(f"{fault}, not {poses.shape}")
+    return Path(poses[:, :2], poses[:, 2] if poses.shape[1] == 3 else None)
 
 
 def _numbers(values: object, fault: str) -> Floats:

@@ -210,7 +210,7 @@ def _field_and_spots(
     """The field, its costmap, and the weak spots."""
     lidar = site.robot.known_lidar
     # Weak spots are metres large: a lattice of 0.4 m shows them in a quarter of the time.
-    config = FieldConfig(Fused.of(lidar), stride=0.4)
+    config = FieldConfig(Fused(lidar), stride=0.4)
     field = load_or_compute(site.world, config, threads=threads, progress=progress)
     costs = Costmap.from_field(site.world, field, robot=site.robot)
     own = site.robot.filter

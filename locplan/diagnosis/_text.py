@@ -14,6 +14,7 @@ from locplan._util.records import Column, Table
 from locplan._util.runs import typed
 from locplan._util.tables import wrapped
 from locplan.diagnosis._cures import CHEAP, LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
+from locplan.diagnosis._driving import Site
 from locplan.diagnosis._in_short import share
 from locplan.diagnosis._result import (
     NOTHING,
@@ -212,7 +213,8 @@ def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str
     last = wrapped([f"Next: {action.sentence}", *filter(None, [files])])
     last += [f"  {line}" for line in action.command.splitlines()]
     assumed = " (assumed: name yours)" if check.assumed else ""
-    first = wrapped([verdict(check), f"with {check.site.robot.title}{assumed}"])
+    heads = [verdict(check), f"with {check.site.robot.title}{assumed}", _map_sizes(check.site)]
+    first = wrapped([*filter(None, heads)])
     notes = [*check.recorded, *(f"map: {each.sentence}" for each in check.faults), check.start]
     said: list[str] = []
     for count, *rows in ROWS:
@@ -221,6 +223,20 @@ def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str
         if len(said) <= LINES:
             break
     return "\n".join(said)
+
+
+def _map_sizes(site: Site) -> str:
+    """Return the sizes of the map and of the filter's map, or nothing if they are the same."""
+    (width, height), (filter_width, filter_height) = (
+        (each.shape[1] * each.resolution, each.shape[0] * each.resolution)
+        for each in (site.world, site.filter_map)
+    )
+    if math.isclose(width, filter_width) and math.isclose(height, filter_height):
+        return ""
+    return (
+        f"the map measures {width:.2f} x {height:.2f} m, the filter's map"
+        f" {filter_width:.2f} x {filter_height:.2f} m"
+    )
 
 
 def _tables(check: Check, spots: int, trips: int, cures: int) -> list[str]:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
+
+import numpy as np
 
 from locplan._util.checks import shown
 from locplan.costs import Costmap, Path
@@ -81,7 +84,10 @@ def _between(costs: Costmap, stations: Stations) -> Sequence[Query]:
 
 
 def _far_apart(costs: Costmap, count: int, seed: int) -> Sequence[Query]:
-    """Queries between places far apart in each room, and others spread over the map."""
+    """Queries between the places far apart of `locplan.planners.describe_map`, and more if needed.
+
+    Further ones are drawn in the main part of the map.
+    """
     info = describe_map(costs.grid, robot=costs.robot_radius)
     if not info.pairs:
         return _named(random_queries(costs, count, seed, min_distance=0.5))
@@ -90,7 +96,8 @@ def _far_apart(costs: Costmap, count: int, seed: int) -> Sequence[Query]:
     (x, y), (to_x, to_y) = (each[:2] for each in (found[0].start, found[0].goal))
     if len(found) < count:
         apart = min(10.0, math.hypot(x - to_x, y - to_y) / 2)
-        found += random_queries(costs, count - len(found), seed, min_distance=apart)
+        main = replace(costs, density=np.where(info.main_part, costs.density, np.inf))
+        found += random_queries(main, count - len(found), seed, min_distance=apart)
     return _named(found)
 
 

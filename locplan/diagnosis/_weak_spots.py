@@ -17,6 +17,7 @@ from locplan.diagnosis._areas import degenerate_areas
 from locplan.diagnosis._outlines import DegenerateArea
 from locplan.field import CovarianceField
 from locplan.maps import OCCUPIED, OccupancyGrid
+from locplan.planners import connected_parts
 
 LETTERS = ascii_uppercase[:8]
 """Letters of the worst places; further weak spots have none."""
@@ -97,6 +98,8 @@ def weak_spots(
 ) -> tuple[WeakSpot, ...]:
     """The weak spots of a map, first those of the largest deviation x length x trips that pass.
 
+    They lie in the parts of the map that the robot can reach from the trips.
+
     Parameters
     ----------
     costs : Costmap
@@ -109,13 +112,34 @@ def weak_spots(
         The trips by name.
     """
     lines = {name: points_of(path) for name, path in paths.items()}
-    spots = [_spot(area, costs.grid, reach, lines) for area in _areas(costs, field)]
+    reachable = _mark_reachable(costs, lines)
+    costs = replace(costs, u=np.where(reachable, costs.u, np.nan))
+    free = np.count_nonzero(reachable) * costs.grid.resolution**2
+    spots = [_spot(area, costs.grid, reach, lines) for area in _areas(costs, field, free)]
     return tuple(sorted(spots, key=lambda each: each.hurts, reverse=True))
 
 
-def _areas(costs: Costmap, field: CovarianceField) -> tuple[DegenerateArea, ...]:
+def _mark_reachable(costs: Costmap, lines: Mapping[str, Floats]) -> Bools:
+    """Mark the free cells that the robot covers in the parts of the map where trips lie."""
+    import cv2
+
+    _, labels = connected_parts(costs)
+    rows, cols = (
+        np.clip(np.floor(each).astype(int), 0, size - 1)
+        for each, size in zip(
+            costs.grid.world_to_grid(*np.concatenate([*lines.values()]).T),
+            labels.shape,
+            strict=True,
+        )
+    )
+    drivable = np.isin(labels, np.setdiff1d(labels[rows, cols], [0]))
+    distance = cv2.distanceTransform((~drivable).astype(np.uint8), cv2.DIST_L2, 5)
+    near = distance * costs.grid.resolution <= costs.robot_radius + costs.grid.resolution
+    return np.asarray(near & costs.grid.free)
+
+
+def _areas(costs: Costmap, field: CovarianceField, free: float) -> tuple[DegenerateArea, ...]:
     """Degenerate areas, none of which takes most of the map unless nothing divides it."""
-    free = np.count_nonzero(costs.grid.free) * costs.grid.resolution**2
     found: tuple[DegenerateArea, ...] = ()
     for threshold in (None, 0.6, 0.7, 0.8, 0.9):  # minimum u of a spot's cells
         before, found = found, degenerate_areas(costs, field, threshold=threshold)

@@ -193,7 +193,7 @@ def config_of(session: Session, ask: Ask) -> FieldConfig:
     if kind.casts_rays:
         lidar = lidar or dataclasses.replace(SHORT_LIDAR, model="no lidar named, one assumed")
         lidar = dataclasses.replace(lidar, **asked)
-        estimator = now.estimator.with_lidar(lidar) if same else kind.of(lidar)
+        estimator = now.estimator.with_lidar(lidar) if same else kind(lidar)
     else:
         estimator = now.estimator if same else kind()
         if lidar is None:

@@ -164,7 +164,7 @@ def explore(
     if field is not None and estimator is None:
         config = field.config
     elif estimator is None:
-        config = FieldConfig(Fused.of(robot.lidar) if robot.lidar else Sad())
+        config = FieldConfig(Fused(robot.lidar) if robot.lidar else Sad())
     else:
         config = config_of(estimator)
     opening = Opening(

@@ -304,8 +304,9 @@ def textures_of(field: CovarianceField) -> dict[str, Texture]:
 def degeneracy_of(field: CovarianceField) -> Floats:
     """u of the estimator's own criterion on the lattice, (h, w), as costmaps have it."""
     criterion = field.config.estimator.criterion
-    values = field.scalar(criterion, headings="mean", with_q=True)
-    return share_between(values, field.anchors(criterion), criterion not in field.layers)
+    values = field.scalar(criterion, with_q=True)
+    u = share_between(values, field.anchors(criterion), criterion not in field.layers)
+    return u.mean(axis=2) if u.ndim == 3 else u
 
 
 def share_between(values: Floats, anchors: tuple[float, float], logarithmic: bool) -> Floats:

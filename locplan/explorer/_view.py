@@ -13,7 +13,7 @@ from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
-from locplan.planners import AWARE, LATTICE, Position, plan_beside_shortest
+from locplan.planners import AWARE, DEFAULT, LATTICE, Position, plan_beside_shortest
 from locplan.robots import Robot
 
 if TYPE_CHECKING:
@@ -85,9 +85,8 @@ class View:
     def path(self) -> Path:
         """The localizability-aware path; a ConfigError says that there is none."""
         start, *via, goal = self.stops
-        path = plan_beside_shortest(self.costs, start, goal, via=via, planner=self.planner)[
-            AWARE
-        ].path
+        planner = self.planner or DEFAULT  # drafts are paths of a circle
+        path = plan_beside_shortest(self.costs, start, goal, via=via, planner=planner)[AWARE].path
         if path is None:
             raise ConfigError("no path joins start and goal; move one of them")
         return path

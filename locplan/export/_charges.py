@@ -15,12 +15,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Bools, Floats
 from locplan._util.checks import one_of
 from locplan._util.tables import finite
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
-from locplan.export._costmap import AT_WALLS, CostmapInflation, PlannedPath
+from locplan.export._costmap import (
+    AT_WALLS,
+    CostmapInflation,
+    PlannedPath,
+    follower_room,
+    room_excess,
+)
 
 
 @dataclass(frozen=True)
@@ -123,13 +129,17 @@ class Conversion:
     greatest: float
     """The excess weight u at which the planner saturates [m per m]."""
     saturated_share: float
-    """Share of the cells whose excess is above that, 0..1."""
+    """Share of the cells whose excess is above that, 0..1, of those with a follower's room."""
     quantisation: float
     """Largest difference of weight u and the planner's charge [m per m], where none saturates."""
     mean_quantisation: float
     """Mean of that difference over the cells that do not saturate [m per m]."""
     paths: tuple[PlannedPath, ...] = ()
     """The paths that planners take on the exported mask, of those that were asked for."""
+    most_saturated: tuple[float, float] | None = None
+    """Middle of the widest place with a follower's room that saturates [m]; None without one."""
+    closed: tuple[tuple[float, float, float], ...] = ()
+    """Gaps that the mask closes: position and distance from walls [m]."""
 
     def summary(self) -> dict[str, Any]:
         """The facts by name, fit for JSON."""
@@ -142,6 +152,8 @@ class Conversion:
             "saturated_share": self.saturated_share,
             "largest_quantisation_error": self.quantisation,
             "mean_quantisation_error": self.mean_quantisation,
+            "most_saturated": self.most_saturated,
+            "closed_gaps": [list(each) for each in self.closed],
             "paths": paths,
         }
 
@@ -156,6 +168,10 @@ class Conversion:
             ("rounding of this cost", f"{self.mean_quantisation:.4f} a metre on average,"),
             ("", f"{self.quantisation:.4f} at most"),
             *((f"{each.planner} for {each.name}", each.text) for each in self.paths),
+            *(
+                ("closed gap", "{:.2f}, {:.2f}: {:.2f} m from walls".format(*gap))
+                for gap in self.closed
+            ),
         )
 
 
@@ -171,14 +187,20 @@ def checked_planner(name: str, param: float | None) -> NavPlanner:
 
 
 def values_for(
-    density: Floats, planner: NavPlanner, greatest: float, param: float | None
-) -> tuple[NDArray[np.int8], Conversion]:
+    density: Floats,
+    planner: NavPlanner,
+    greatest: float,
+    param: float | None,
+    counted: Bools | None = None,
+) -> tuple[NDArray[np.int8], Conversion, Bools]:
     """The values of a mask by which a planner has `density` as costs.
 
     Where the density is infinite the values are -1. By default the planner's parameter is such
-    that the excess `greatest` over 1 just fits.
+    that the excess `greatest` over 1 just fits. The last array is True in the cells that saturate,
+    of the `counted` ones, by default of all.
     """
-    excess = density[np.isfinite(density)] - 1
+    known = np.isfinite(density)
+    excess = density[known] - 1
     # A KeepoutFilter rounds to the nearest, and 100 would be lethal.
     choices = np.arange(100)
     costs = np.floor(choices * 254 / 100 + 0.5)
@@ -190,12 +212,32 @@ def values_for(
     charged = planner.excess(costs, param)
     nearest = np.searchsorted((charged[1:] + charged[:-1]) / 2, excess)
     values = np.full(density.shape, -1, np.int8)
-    values[np.isfinite(density)] = choices[nearest]
+    values[known] = choices[nearest]
     above = excess > charged[-1] * (1 + 1e-9)
     error = np.abs(charged[nearest] - excess)[~above]
     largest, mean = (float(error.max()), float(error.mean())) if error.size else (0.0, 0.0)
-    charges = float(charged[-1]), float(above.mean())
-    return values, Conversion(planner, param, *charges, largest, mean)
+    saturated = np.zeros(density.shape, bool)
+    saturated[known] = above
+    counted = known if counted is None else counted & known
+    share = float(saturated[counted].mean()) if counted.any() else 0.0
+    conversion = Conversion(planner, param, float(charged[-1]), share, largest, mean)
+    return values, conversion, saturated & counted
+
+
+def mask_density(costs: Costmap, inflation: CostmapInflation | None = None) -> Floats:
+    """Return the density that a mask stands for, (H, W): J's, and what places near walls cost.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap.
+    inflation : CostmapInflation, optional
+        The inflation that the mask carries.
+    """
+    density = costs.unblocked_density + room_excess(costs)
+    if inflation:
+        density = density + AT_WALLS * np.minimum(inflation.costs(costs.grid) / 252, 1)
+    return density
 
 
 def keepout_mask(
@@ -209,7 +251,9 @@ def keepout_mask(
 
     Every free cell whose u is known has a value, or where a density of one's own is finite. Free
     cells that are blocked farther from walls than the robot's radius, as by `blocked_where`, have
-    100, which is lethal.
+    100, which is lethal. Cells closer to walls than the robot's radius and 0.2 m, and at least
+    0.45 m, cost more, since a path follower stops there. A planner that does not follow masks has
+    J alone.
 
     Parameters
     ----------
@@ -218,7 +262,7 @@ def keepout_mask(
     planner : str, default "smac2d"
         "smac2d", "smac-hybrid", "navfn" or "thetastar".
     inflation : CostmapInflation, optional
-        The costmap's inflation, which the values carry, too, with an excess of 2.5 at walls.
+        The inflation that the values carry, too, with an excess of 2.5 at walls.
 
     Returns
     -------
@@ -242,10 +286,24 @@ def keepout_mask(
     if np.isnan(greatest):
         greatest = float(costs.density[passable].max()) - 1
     runs = checked_planner(planner, planner_param)
-    if inflation:
+    counted = None
+    if not runs.caveat:
         greatest += AT_WALLS
-        density = density + AT_WALLS * np.minimum(inflation.costs(costs.grid) / 252, 1)
-    values, conversion = values_for(density, runs, greatest, planner_param)
+        density = mask_density(costs, inflation)
+        counted = costs.grid.clearance >= follower_room(costs.robot_radius)
+    values, conversion, saturated = values_for(density, runs, greatest, planner_param, counted)
+    if saturated.any():
+        middle = costs.grid.cell_to_world(*_middle(saturated))
+        conversion = dataclasses.replace(conversion, most_saturated=middle)
     near = costs.grid.closer_than(costs.robot_radius - 1e-9)
     values[~passable & costs.grid.free & ~near] = 100  # lethal
     return values, conversion
+
+
+def _middle(cells: Bools) -> tuple[int, int]:
+    """Row and column of the cell that lies deepest among cells of its kind."""
+    import cv2
+
+    away = cv2.distanceTransform(np.pad(cells, 1).astype(np.uint8), cv2.DIST_L2, 3)
+    row, col = np.unravel_index(int(np.argmax(away)), away.shape)
+    return int(row) - 1, int(col) - 1

@@ -1,21 +1,54 @@
-"""The inflation of Nav2's costmap, and the paths that planners take on it."""
+"""The room that masked paths keep from walls, and the paths that planners take on costmaps."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from locplan._kernels.arrays import Floats
+from locplan.costs import Costmap
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.robots import Inflation, nav2_inflation
+from locplan.robots import Inflation, Nav2Parameters, nav2_inflation
 
 LETHAL, INSCRIBED = 254, 253
 AT_WALLS = 2.5
 """Excess at walls for which a mask carries the inflation, beside weight u [m per m]."""
+FOLLOWER_ROOM, MIN_ROOM = 0.2, 0.45
+"""Room that a path follower needs beyond the robot's radius, and the least from walls [m].
+
+Regulated pure pursuit stopped again and again ("collision ahead") where a plan passed 0.33 m from
+walls, beside a robot of 0.22 m whose pose was off by 0.05 m."""
+TOO_NARROW = 8.0
+"""Excess of cells at the robot's radius from walls, falling to 0 at the follower's room."""
+STEEP = 10.0
+"""A cost_scaling_factor with which an inflation hides no mask."""
+
+
+def follower_room(radius: float) -> float:
+    """Return the distance from walls that a path follower needs [m].
+
+    Parameters
+    ----------
+    radius : float
+        Radius of the robot, with its margin [m].
+    """
+    return max(MIN_ROOM, radius + FOLLOWER_ROOM)
+
+
+def room_excess(costs: Costmap) -> Floats:
+    """Return what a mask charges where a follower has too little room, (H, W) [m per m].
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap, with the robot's radius.
+    """
+    room, radius = follower_room(costs.robot_radius), costs.robot_radius
+    shortfall: Floats = np.clip((room - costs.grid.clearance) / (room - radius), 0, 1)
+    return TOO_NARROW * shortfall
 
 
 @dataclass(frozen=True)
@@ -23,8 +56,8 @@ class CostmapInflation:
     """The inflation layer of a robot's global costmap.
 
     Nav2 takes the larger one of mask and costmap. So the slope that keeps paths off the walls is
-    lost under high values of a mask, and a mask under that of a wide inflation, unless the mask
-    carries the sum of both and the layer alone is steep.
+    lost under high values of a mask unless the mask carries the sum of both, and a mask may be
+    hidden by a wide and flat inflation.
     """
 
     layer: str
@@ -35,24 +68,51 @@ class CostmapInflation:
     """Distance from the centre of an occupied cell up to which the robot would touch it [m]."""
 
     @classmethod
-    def of(cls, params: str | Path | None) -> CostmapInflation | None:
-        """That of a parameter file, or None where it has none.
+    def of(cls, parameters: Nav2Parameters) -> CostmapInflation | None:
+        """That of a robot's parameters, or None where they have none.
 
         Parameters
         ----------
-        params : path, optional
-            The parameter file of Nav2; None for none.
+        parameters : Nav2Parameters
+            The parameters of Nav2.
         """
-        found = nav2_inflation(params) if params else None
+        found = nav2_inflation(parameters)
         return cls(*found) if found else None
 
     @property
-    def below_a_mask(self) -> CostmapInflation:
-        """The layer as it has to be below a mask: as steep, or steeper."""
-        # A wide and flat inflation would hide the mask below it.
-        factor = max(self.inflation.cost_scaling_factor, 10.0)
-        inflation = dataclasses.replace(self.inflation, cost_scaling_factor=factor)
+    def steeper(self) -> CostmapInflation | None:
+        """The layer with a factor that hides no mask; None if its own factor is as steep."""
+        if self.inflation.cost_scaling_factor >= STEEP:
+            return None
+        inflation = dataclasses.replace(self.inflation, cost_scaling_factor=STEEP)
         return dataclasses.replace(self, inflation=inflation)
+
+    @classmethod
+    def carried(cls, costs: Costmap, layer: CostmapInflation | None) -> CostmapInflation | None:
+        """Return the inflation that a mask carries, of the costmap's robot; None without any.
+
+        Parameters
+        ----------
+        costs : Costmap
+            The costmap. The inflation of its robot, if it has one, replaces that of the layer.
+        layer : CostmapInflation or None
+            The layer of the robot's parameters.
+        """
+        inflation = (costs.robot and costs.robot.inflation) or (layer and layer.inflation)
+        name = layer.layer if layer else ""
+        return cls(name, inflation, costs.robot_radius) if inflation else None
+
+    def share_beyond(self, distance: float) -> float:
+        """Return the cost at a distance beyond the robot's edge, as a share of the highest, 0..1.
+
+        Parameters
+        ----------
+        distance : float
+            The distance [m].
+        """
+        if distance > self.inflation.inflation_radius - self.inscribed_radius:
+            return 0.0
+        return math.exp(-self.inflation.cost_scaling_factor * distance)
 
     def costs(self, grid: OccupancyGrid) -> Floats:
         """The costs 0..254 of a map's cells, (H, W), as inflation_layer.cpp has them.
@@ -91,11 +151,17 @@ class PlannedPath:
     """Median distance from walls along the path [m]."""
     least_clearance: float
     """Least distance from walls along the path [m]."""
+    narrowest: tuple[float, float] = (math.nan, math.nan)
+    """Position of the least distance, farther than half a metre from both ends [m]."""
+    room: float = math.inf
+    """Distance from walls there [m]."""
+    roomy_ratio: float = 1.0
+    """J of the best path that keeps a follower's room, over that of the recommended path."""
 
     @property
     def follows(self) -> bool:
-        """Whether the path costs about as much as the recommended one."""
-        return self.ratio <= 1.12
+        """True if the path costs about as much as the recommended one with a follower's room."""
+        return self.ratio <= 1.12 * self.roomy_ratio
 
     @property
     def text(self) -> str:

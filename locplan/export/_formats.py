@@ -29,7 +29,8 @@ class MaskOptions(NoOptions):
     """The planner whose costs a mask makes J."""
 
     planner: NavPlannerName | None = None
-    """Planner of Nav2 whose costs become J; by default the one in --robot, or smac2d."""
+    """Planner of Nav2 whose costs become J; by default the first in --robot that follows masks,
+    otherwise smac2d up to a million cells and thetastar on larger maps."""
     planner_param: float | None = None
     """The planner's cost_travel_multiplier, cost_penalty or w_traversal_cost; by default such
     that weight · u just fits."""

@@ -93,7 +93,7 @@ def write_graph(
     }
     theirs, file = robot.parameters.of(node := "route_server"), "graph.geojson"
     theirs.pop("graph_filepath", None)
-    alone = Nav2Parameters({}).changed(node, theirs | own).content[node]["ros__parameters"]
+    alone = Nav2Parameters().changed(node, theirs | own).content[node]["ros__parameters"]
     server = Server("nav2_route", node, node, alone, {"graph_filepath": file})
     write_servers(folder, [server], "lifecycle_manager_localizability_routes")
     if robot.file:

@@ -18,14 +18,15 @@ from numpy.typing import NDArray
 from locplan.costs import Costmap, Path as Route, about_costs, costs_caption
 from locplan.errors import LocplanError
 from locplan.export._charges import Conversion, checked_planner, keepout_mask
-from locplan.export._costmap import CostmapInflation, PlannedPath
+from locplan.export._costmap import CostmapInflation, PlannedPath, follower_room
+from locplan.export._gaps import close_gaps, narrow_places
 from locplan.export._parameters import Robot, differences, merged_text, with_costmap, with_planner
-from locplan.export._planned import checked_paths
+from locplan.export._planned import check_paths, checked_paths, steeper_inflation
 from locplan.export._registry import export_folder
 from locplan.export._selected import with_tree
 from locplan.export._servers import Server, write_servers
 from locplan.export._values import speed_mask, without_yaw, write_values
-from locplan.robots import GLOBAL_COSTMAP, Nav2Parameters
+from locplan.robots import Nav2Parameters
 
 if TYPE_CHECKING:
     from locplan.simulation import Choice
@@ -66,17 +67,21 @@ def nav2_keepout(
         The robot's distribution of ROS 2: "humble", "jazzy", "kilted", "lyrical" or "rolling".
     params : path, optional
         A Nav2 parameter file to merge ours into; by default nav2.yaml holds ours alone. The mask
-        carries the inflation of its global costmap, too, whose own layer gets a steeper decay: Nav2
-        takes the larger one of mask and costmap, not their sum. Where a value of the file has to be
-        another one, a `ParametersChanged` warning and the folder's README.md name it. The planner
-        gets ``allow_unknown: false``, since J knows no way through unknown space.
+        carries the inflation of its global costmap, too: Nav2 takes the larger one of mask and
+        costmap, not their sum. The inflation itself stays. If it hides the mask from the planner of
+        `paths`, a `RobotWarning` and the folder's README.md name a ``cost_scaling_factor`` that
+        does not. Where a value of the file has to be another one, a `ParametersChanged` warning and
+        the README.md name it. The planner gets ``allow_unknown: false``, since J knows no way
+        through unknown space.
     tree : path, optional
         The robot's behaviour tree, which the folder then holds with our planner's name in it, and
         which the parameters name; paths of Theta* are smoothed in it, since they zigzag.
     paths : dict of Path, optional
         Recommended paths by name, with which those that Nav2's planners take between their ends are
         compared, by the planners' formulas. Those that the mask's planner does not take are written
-        as a route graph beside the folder, see `nav2_routes`.
+        as a route graph beside the folder, see `nav2_routes`. If the planner passes a gap that is
+        too narrow for a path follower, and a wider way costs at most 5 % more, the mask closes the
+        gap. A `RobotWarning` names the narrowest place that is left.
 
     Returns
     -------
@@ -94,27 +99,31 @@ def nav2_keepout(
         paths = {each.name: each.path for each in [choice.chosen] if each} | {**paths}
     planner = planner or robot.planner(costs.grid.free.size)
     caveat = checked_planner(planner, None).caveat
-    inflation = None if caveat else CostmapInflation.of(robot.file)
+    layer = CostmapInflation.of(robot.parameters)
+    inflation = None if caveat else CostmapInflation.carried(costs, layer)
     values, conversion = keepout_mask(
         costs, planner=planner, inflation=inflation, planner_param=planner_param
     )
+    check_paths(costs, paths)
+    if not caveat:
+        values, gaps = close_gaps(costs, values, conversion, paths, layer)
+        conversion = dataclasses.replace(conversion, closed=tuple(gaps))
     merged, called = with_planner(robot, with_costmap(robot, "keepout"), conversion)
-    if inflation:
-        robot.warn(robot.of_mask())
-        steep = inflation.below_a_mask.inflation.cost_scaling_factor
-        merged = merged.changed(GLOBAL_COSTMAP, {f"{inflation.layer}.cost_scaling_factor": steep})
     merged, edited = with_tree(robot, merged, called, conversion.planner, Path(folder))
     robot.warn(robot.of_planner(called))
     if caveat:
         robot.warn(iter([f"{planner} does not follow a mask: {caveat}"]))
-    conversion = dataclasses.replace(
-        conversion, paths=tuple(checked_paths(costs, values, robot, conversion, paths))
-    )
+    compared = checked_paths(costs, values, conversion, paths, layer)
+    conversion = dataclasses.replace(conversion, paths=tuple(compared))
     title = f"Localizability mask for {conversion.planner.plugin} ({called})"
     about = {"planner_id": called, "conversion": conversion.summary()}
     if choice:
         about["choice"] = {"taken": choice.taken, "said": choice.said}
     planning = _Planning(conversion, called, edited, bool(inflation), choice)
+    if layer and planning.left:
+        option = steeper_inflation(costs, values, robot, planning.left, conversion, paths, layer)
+        planning = dataclasses.replace(planning, option=option)
+    robot.warn(narrow_places(planning.planned, costs.robot_radius))
     _write(folder, "keepout", title, costs, values, robot, merged, about, planning)
     _write_left(Path(folder), costs, robot, planning, paths)
     return conversion
@@ -187,6 +196,8 @@ def _write_left(
     robot.warn(
         f"{each.planner} would not take {each.name} ({each.text}); {then}" for each in planning.left
     )
+    if planning.option:
+        robot.warn(iter([planning.option]))
 
 
 @dataclass(frozen=True)
@@ -198,12 +209,19 @@ class _Planning:
     tree: str | None
     inflated: bool
     choice: Choice | None = None
+    option: str = ""
+    """A change of the inflation with which the planner takes more of the paths; empty without."""
+
+    @property
+    def planned(self) -> list[PlannedPath]:
+        """The paths that the mask's planner takes."""
+        own = self.conversion.planner.name
+        return [each for each in self.conversion.paths if each.planner == own]
 
     @property
     def left(self) -> list[PlannedPath]:
         """What the mask's planner takes in place of recommended paths."""
-        own = self.conversion.planner.name
-        return [each for each in self.conversion.paths if each.planner == own and not each.follows]
+        return [each for each in self.planned if not each.follows]
 
 
 def _write(
@@ -239,7 +257,8 @@ def _write(
     known = {"title": title, "costs": costs, "kind": kind, "file": file, "planning": planning}
     known |= {"changed": changed, "added": added, "comments": comments}
     known |= {"distro": robot.distribution.name, "before": next(iter(robot.planners), "")}
-    known |= {"namespace": robot.parameters.namespace, "lead": about.get("lead")}
+    known |= {"namespace": robot.parameters.namespace, "lead": about.get("lead"), "base": base}
+    known |= {"room": follower_room(costs.robot_radius)}
     with export_folder(folder, "nav2-mask.md", about, **known) as temporary:
         (temporary / "nav2.yaml").write_bytes(content)
         if planning and planning.tree is not None:

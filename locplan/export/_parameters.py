@@ -18,8 +18,8 @@ from locplan.robots import (
     LOCAL_COSTMAP,
     PLANNER_SERVER,
     Nav2Parameters,
+    edited_files,
     read_parameters,
-    rewritten_parameters,
 )
 
 
@@ -97,7 +97,8 @@ def yaml_text(content: Mapping[str, Any]) -> str:
         """A dumper that quotes what is a text to PyYAML only."""
 
     def represent(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
-        plain = text in ROS_BOOLEANS or ROS_NUMBER.fullmatch(text)
+        # libyaml below 0.2.2 fails on an unquoted :: between braces.
+        plain = text in ROS_BOOLEANS or ROS_NUMBER.fullmatch(text) or "::" in text
         return dumper.represent_scalar("tag:yaml.org,2002:str", text, '"' if plain else None)
 
     Dumper.add_representer(str, represent)
@@ -110,9 +111,11 @@ def merged_text(robot: Robot, merged: Nav2Parameters) -> tuple[bytes, bool]:
 
     They are, except where anchors and aliases stand for what has to be changed.
     """
-    if robot.file:
+    files = robot.parameters.files
+    if len(files) == 1 and (path := files[0].path):
         try:
-            return rewritten_parameters(robot.file, merged), True
+            texts = edited_files(robot.parameters, merged)
+            return texts.get(path) or path.read_bytes(), True
         except LocplanError:
             pass
     return yaml_text(merged.content).encode(), False
@@ -184,14 +187,6 @@ class Robot:
             yield (
                 f"its planners are {', '.join(others)}{why}; {called} is added for the mask, and"
                 " plans only where it is selected, as the folder's README.md says"
-            )
-
-    def of_mask(self) -> Iterator[str]:
-        """That its inflation is no longer its own."""
-        if "localizability_keepout_filter.plugin" in self.parameters.of(GLOBAL_COSTMAP):
-            yield (
-                "it has a mask of an export, and an inflation as steep as goes below one; give the"
-                " robot's own file, whose inflation the mask is to carry"
             )
 
     def of_speed(self, own: str) -> Iterator[str]:

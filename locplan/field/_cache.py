@@ -322,9 +322,11 @@ def _short(value: object) -> str:
 
 def _usual(estimator: str, lidar: str) -> dict[str, object]:
     """The settings of an estimator with a lidar by default; few where either is not known."""
-    kind = estimator_class(estimator if estimator in ESTIMATORS else "sad")
+    kind: Any = estimator_class(estimator if estimator in ESTIMATORS else "sad")
     sheet = Lidar.preset(lidar) if lidar in PRESETS else Lidar()
-    return dict(_leaves(FieldConfig(kind.of(sheet)).to_json()))
+    return dict(
+        _leaves(FieldConfig(kind(sheet) if kind.casts_rays else kind().with_lidar(sheet)).to_json())
+    )
 
 
 def _leaves(settings: Mapping[str, Any], depth: int = 4) -> Iterator[tuple[str, Any]]:

@@ -310,12 +310,10 @@ def _options(config: FieldConfig, lidar: Lidar | None, whole: bool) -> list[str]
     return words
 
 
-def _made(
-    kind: type[Estimator], lidar: Lidar | None, reach: float
-) -> Iterator[tuple[list[str], Estimator]]:
+def _made(kind: Any, lidar: Lidar | None, reach: float) -> Iterator[tuple[list[str], Estimator]]:
     """Further options, and the estimator that the commands make with each of them."""
     if kind.casts_rays and lidar:
-        yield [], kind.of(lidar)
+        yield [], kind(lidar)
     elif kind is Sad:
         disc = ["--disc", number_text(reach)] if lidar or reach != Sad.range else []
         for preset, made in (([], Sad()), (["--preset", "paper"], Sad.paper())):

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, TypeVar, get_args, get_type_hints
 import numpy as np
 
 from locplan._kernels.arrays import Floats, Ints, Octets
-from locplan._util.checks import Settings, positive, setting, shown
+from locplan._util.checks import Settings, positive, setting, shown, suggestion
 from locplan.errors import ConfigError, FieldError
 from locplan.field._search_window import OffsetLattice
 from locplan.robots import Lidar
@@ -111,10 +111,19 @@ class Estimator(Settings, ABC):
     criterion: ClassVar[str] = "e"
     """Scalar or layer that the degeneracy u is made of, by default."""
     casts_rays: ClassVar[bool] = False
-    """True if the estimator simulates a lidar, which must not stand in a wall."""
+    """True if the estimator simulates a lidar, which must not stand in a wall.
+
+    Its first setting is the lidar.
+    """
 
     noise_level: float = setting(1.0, positive, "times Sigma")
     """Factor k on the covariance (Eq. 8), above 0; a calibration finds the one of your filter."""
+
+    def __post_init__(self) -> None:
+        if not (isinstance(getattr(self, "name", None), str) and self.name.strip()):
+            kind = type(self).__name__
+            raise ConfigError(f'estimator {kind} has no name; add name = "..." to the class')
+        super().__post_init__()
 
     @abstractmethod
     def lattice(self, resolution: float) -> OffsetLattice:
@@ -141,24 +150,6 @@ class Estimator(Settings, ABC):
     def summary(self) -> str:
         """Name of the estimator, its lidar and range, and its most important settings."""
 
-    @classmethod
-    def of(cls, lidar: Lidar, **settings: Any) -> Estimator:
-        """This estimator for a lidar.
-
-        Parameters
-        ----------
-        lidar : Lidar
-            The lidar.
-        **settings
-            Further settings of the estimator by name; the others take their defaults.
-
-        Raises
-        ------
-        ConfigError
-            If the estimator has nothing to do with a lidar, or a setting is out of its range.
-        """
-        raise ConfigError(f"estimator {cls.name} knows no lidar; leave the lidar out")
-
     def with_lidar(self, lidar: Lidar) -> Estimator:
         """This estimator with another lidar, and its other settings as they are.
 
@@ -172,7 +163,7 @@ class Estimator(Settings, ABC):
         ConfigError
             If the estimator has nothing to do with a lidar.
         """
-        return type(self).of(lidar)
+        raise ConfigError(f"estimator {self.name} knows no lidar; leave the lidar out")
 
     @property
     def headings(self) -> int:
@@ -330,7 +321,8 @@ def made_of(kind: type[T], settings: Mapping[str, object]) -> T:
     for name in given:
         if name not in known:
             what = getattr(kind, "name", kind.__name__)
-            raise ConfigError(f"{what} has no setting {shown(name)}; it has: {', '.join(known)}")
+            names = f"{', '.join(known)}{suggestion(name, known)}"
+            raise ConfigError(f"{what} has no setting {shown(name)}; it has: {names}")
     made = {name: _nested(name, hints[name], value) for name, value in given.items()}
     try:
         return kind(**made)

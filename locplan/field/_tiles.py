@@ -30,7 +30,7 @@ from locplan.maps import OccupancyGrid
 if TYPE_CHECKING:
     from xarray import Dataset
 
-ENGINE = 4
+ENGINE = 5
 """Version of the computation; it grows when the same map and config give other values."""
 TILE = 64
 """Maximum edge length of a tile, which is computed and stored as a whole [lattice points]."""

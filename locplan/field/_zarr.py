@@ -294,6 +294,11 @@ def read_grid(folder: Path, about: dict[str, Any]) -> OccupancyGrid:
 def read(folder: Path) -> tuple[Values, OccupancyGrid, FieldConfig]:
     """Read a whole field: its arrays, map and config."""
     about = read_attributes(folder)
+    if about.get("engine") != tiles.ENGINE:
+        raise FieldError(
+            f"{folder}: its values are those of another locplan (engine {about.get('engine')!s:.9},"
+            f" not {tiles.ENGINE}); compute it again"
+        )
     grid = read_grid(folder, about)
     try:
         config = FieldConfig.from_json(about["config"])

@@ -243,7 +243,7 @@ def fields_along(
     setting: Setting, maps: tuple[OccupancyGrid, OccupancyGrid], threads: int | None
 ) -> dict[str, tuple[Profile, Profile]]:
     """Deviations of a match by `Fused` along each route on the maps before and after."""
-    config = FieldConfig(Fused.of(setting.robot.known_lidar))
+    config = FieldConfig(Fused(setting.robot.known_lidar))
 
     def along(grid: OccupancyGrid, path: Path) -> Profile:
         fine = path.resampled(0.5, even=True)

@@ -1,5 +1,6 @@
 from . import environments as environments
 from ._built_in import BUILT_IN as BUILT_IN, is_built_in as is_built_in
+from ._extent import extent_text as extent_text
 from ._faults import MapFaults as MapFaults, faults as faults
 from ._files import (
     MapWarning as MapWarning,

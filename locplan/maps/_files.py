@@ -23,6 +23,7 @@ from locplan.errors import MapError
 from locplan.maps import environments
 from locplan.maps._built_in import is_built_in, remedy_for
 from locplan.maps._grid import OccupancyGrid, check_grid
+from locplan.maps._image_faults import missing_image
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
 from locplan.maps._source import (
     MAX_YAML_BYTES,
@@ -167,6 +168,8 @@ def _text_of(header: Header, more: Mapping[str, object]) -> str:
 def _read(file: Path, header: Header) -> tuple[OccupancyGrid, MapSource]:
     """The map of a file's image under some header, and how its pixels were read."""
     image = file.parent / header.image
+    if not os.path.lexists(image):
+        raise missing_image(file, header.image)
     pixels, seen, rescaled = read_pixels(image)
     raw = header.mode == "raw"
     if raw and (pixels.dtype != np.uint8 or rescaled):

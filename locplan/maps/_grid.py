@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,6 +62,12 @@ class OccupancyGrid(Pictured):
     resolution: float
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     name: str = ""
+
+    if TYPE_CHECKING:  # lists are taken, but arrays kept
+
+        def __init__(
+            self, cells: ArrayLike, resolution: float, origin: Sequence[float] = ..., name: str = ""
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         cells = np.asarray(self.cells)
@@ -268,9 +274,7 @@ class OccupancyGrid(Pictured):
         return x0 + cos * u - sin * v, y0 + sin * u + cos * v
 
     def world_to_cell(self, x: float | Sequence[float], y: float | None = None) -> tuple[int, int]:
-        """Row and column of the cell at a world position.
-
-        The cell may lie outside the grid, see `contains`.
+        """Row and column of the cell at a world position, which may lie outside the grid.
 
         Parameters
         ----------

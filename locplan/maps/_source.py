@@ -16,6 +16,7 @@ import numpy as np
 from locplan._kernels.arrays import Array, Bools, Ints, Octets, Singles
 from locplan._util.checks import FARTHEST, RESOLUTIONS, is_file_name, shown
 from locplan._util.reading import SCALAR_TAGS, compose, fault_of, read_content, reason_of
+from locplan.maps._image_faults import check_no_image
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
 
 if TYPE_CHECKING:
@@ -73,9 +74,8 @@ def read_header(file: Path) -> Header:
 
 def _read_entries(file: Path) -> dict[str, Entry]:
     """Read the top level of a map YAML, as nodes only: no tag is obeyed, no alias expanded."""
-    content = read_content(
-        file, MAX_YAML_BYTES, "give a map YAML, which is a few lines, not its image"
-    )
+    check_no_image(file)
+    content = read_content(file, MAX_YAML_BYTES, "give a map YAML, which is a few lines")
     remedy = "write lines such as image: map.pgm"
     root = compose(file, content, remedy)
     if root is None or root.id != "mapping":

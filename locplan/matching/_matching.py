@@ -236,7 +236,7 @@ class Matcher:
         lidar : Lidar
             The lidar, with its mount on the robot.
         """
-        # So many independent beams tell as much as a whole scan.
+        # So many independent beams tell as much as a scan of half a turn.
         return cls(grid, Scan(lidar, effective_beams=15.0))
 
     @cached_property
@@ -270,7 +270,7 @@ class Matcher:
         best, summary = np.zeros((count, 3), np.int64), np.empty((count, 3))
         found = mean, covariance, best, summary
         field, lattice = self.prepared
-        recorded_posteriors(field, lattice, cells, from_cell, self.settings.effective_beams, *found)
+        recorded_posteriors(field, lattice, cells, from_cell, self.settings.temperature, *found)
         turn, steps = turning(self.grid.origin[2]), self.window.steps
         return Posteriors(
             mean * steps @ turn.T,

@@ -101,7 +101,7 @@ class ScanDatabase:
         return matching.nats_a_loss * float(matching.seen.sum()) / beams
 
     def compared_ends(self, on_robot: Floats) -> Singles:
-        """Ends of up to 180 beams that return, (2, k) [cells], those that `locplan.Scan` compares.
+        """Ends of the beams that return, (2, k) [cells], of those that `locplan.Scan` compares.
 
         Parameters
         ----------

@@ -67,6 +67,7 @@ from ._request import (
     with_options as with_options,
 )
 from ._result import ParetoFront as ParetoFront, Plan as Plan
+from ._robot_fit import default_planner as default_planner, needs_lattice as needs_lattice
 from ._smoothing import smoothed as smoothed
 from ._trade_offs import check_front_limits as check_front_limits
 from .ompl._planner import Ompl as Ompl

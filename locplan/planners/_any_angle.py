@@ -21,9 +21,8 @@ from locplan.planners._grid import (
     bordered_ends,
     cells_of,
     cheapest_cells,
-    distinct,
-    through_centres,
 )
+from locplan.planners._grid_paths import distinct, straight_line, turning_centres
 from locplan.planners._protocol import Found, Position
 
 REACH = 3
@@ -128,13 +127,27 @@ def any_angle_path(
     wider : (m, 2) array, optional
         Cells to straighten in place of those, if they were searched over more moves.
     """
-    on_grid = through_centres(costs, cells, start, goal, trim=True)
+    others = [_without_end_centres(costs, cells, start, goal)]
+    if (line := straight_line(costs, start, goal, allow_corner_cutting)) is not None:
+        others.append(line)
     ends = np.array(costs.grid.world_to_grid(*np.transpose([start, goal]))).T
     inner = (cells if wider is None else wider) + 0.5
     positions = np.vstack([ends[:1], inner, ends[1:]])
     straight = _improved(costs, bordered, positions, start, goal, allow_corner_cutting)
     # Rounding can push a line along a wall's edge into the wall; the grid's path then wins.
-    return min(straight, on_grid, key=lambda path: path_cost(costs, path))
+    best: Path = min(straight, *others, key=lambda path: path_cost(costs, path))
+    return best
+
+
+def _without_end_centres(costs: Costmap, cells: Ints, start: Position, goal: Position) -> Path:
+    """The path over cells without the centres of its ends' cells, where that costs no more."""
+    xy = np.vstack([start, turning_centres(costs, cells), goal])
+    for end, between, beyond in ((0, 1, 2), (-1, -2, -3)):
+        if len(xy) > 2:
+            direct, around = Path(xy[[end, beyond]]), Path(xy[[end, between, beyond]])
+            if path_cost(costs, direct) <= path_cost(costs, around):
+                xy = np.delete(xy, between, axis=0)
+    return distinct(costs, xy)
 
 
 def straightened(costs: Costmap, path: Path, *, allow_corner_cutting: bool = False) -> Path:

@@ -9,12 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from locplan._kernels.arrays import Array, Floats, Ints
+from locplan._kernels.arrays import Array, Bools, Floats, Ints
 from locplan.costs import Costmap, Path, check_costs
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
-from locplan.planners._grid import GridPlanner, bands, bordered_index, cells_of, through_centres
+from locplan.planners._grid import GridPlanner, bands, bordered_index, cells_of
+from locplan.planners._grid_paths import grid_path
 from locplan.planners._protocol import Found, Position
 from locplan.planners._result import Plan, finished
+from locplan.planners._robot_fit import unfit_note
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -65,7 +67,7 @@ class CostToGo:
         return cells_of(flat[::-1], columns)
 
     def path(self, start: Position) -> Path | None:
-        """The path of least cost over the cells' centres, or None if there is none.
+        """The grid planner's path of least cost, or None if there is none.
 
         Parameters
         ----------
@@ -78,7 +80,7 @@ class CostToGo:
             If the start lies outside the map or in a blocked cell.
         """
         cells = self.cells(start)
-        return None if cells is None else through_centres(self.costs, cells, start, self.goal)
+        return None if cells is None else self._path_over(cells, start)
 
     def plan(self, start: Position) -> Plan:
         """The path and its metrics, as `locplan.plan` gives them with the grid planner.
@@ -101,8 +103,13 @@ class CostToGo:
         began = time.perf_counter()
         cells, found = self.cells(start), Found(status="unreachable")
         if cells is not None:
-            found = Found(through_centres(self.costs, cells, start, self.goal, trim=True))
+            note = unfit_note("grid", self.costs.robot)
+            found = Found(self._path_over(cells, start), note=note)
         return finished("grid", self.costs, start, self.goal, found, time.perf_counter() - began)
+
+    def _path_over(self, cells: Ints, start: Position) -> Path:
+        """The path over cells (n, 2) from a start."""
+        return grid_path(self.costs, cells, start, self.goal, self.allow_corner_cutting)
 
 
 def plan_field(costs: Costmap, goal: Position, *, allow_corner_cutting: bool = False) -> CostToGo:
@@ -188,7 +195,12 @@ class PlacePair:
 
 
 def farthest_pairs(
-    grid: OccupancyGrid, room_of_cell: Array, room: int, names: Sequence[str], min_distance: float
+    grid: OccupancyGrid,
+    room_of_cell: Array,
+    room: int,
+    names: Sequence[str],
+    min_distance: float,
+    part: Bools | None = None,
 ) -> list[PlacePair]:
     """Pairs of the places in a room that are farthest apart by path length, the farthest first.
 
@@ -208,8 +220,10 @@ def farthest_pairs(
         Names of the places, as many as there may be; fewer are found where the room is small.
     min_distance : float
         Minimum distance of any two places [m].
+    part : (H, W) array of bool, optional
+        The part of the room that places lie in; paths between them may leave it.
     """
-    searched = _Room(grid, room_of_cell, room)
+    searched = _Room(grid, room_of_cell, room, part)
     chosen = [searched.farthest(searched.distance(searched.deepest))]
     distances = [searched.distance(chosen[0])]
     while len(chosen) < len(names):
@@ -240,7 +254,9 @@ class _Room:
     Its cells are counted row by row; a coarse cell is free if any of its cells is in the room.
     """
 
-    def __init__(self, grid: OccupancyGrid, room_of_cell: Array, room: int) -> None:
+    def __init__(
+        self, grid: OccupancyGrid, room_of_cell: Array, room: int, part: Bools | None
+    ) -> None:
         import cv2
 
         self._grid, self._room_of_cell, self._room = grid, room_of_cell, room
@@ -270,8 +286,18 @@ class _Room:
         edge = grid.resolution * factor
         self._costs = Costmap.blank(OccupancyGrid(cells, edge), robot=0.0)
         # A place keeps half a metre from all that the robot must not touch, where the room allows.
-        self._clear = self._depth >= min(float(np.median(self._depth[free])), 0.5)
-        self.deepest = int(self._depth.argmax())
+        suits = free if part is None else free & self._lies_in(part)
+        self._clear = suits & (self._depth >= min(float(np.median(self._depth[suits])), 0.5))
+        self.deepest = int(np.where(suits, self._depth, -1.0).argmax())
+
+    def _lies_in(self, part: Bools) -> Bools:
+        """Mark the coarse cells whose deepest cell lies in a part of the map, flat."""
+        coarse_rows, coarse_cols = np.indices(self._place.shape)
+        deep_rows, deep_cols = np.divmod(self._place, self._factor)
+        rows = self._top + coarse_rows * self._factor + deep_rows
+        cols = self._left + coarse_cols * self._factor + deep_cols
+        height, width = part.shape
+        return np.asarray(part[np.minimum(rows, height - 1), np.minimum(cols, width - 1)]).ravel()
 
     def distance(self, place: int) -> Floats:
         """Length of the shortest path from a cell to each other, flat [m]."""

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from locplan._kernels.arrays import Array, Floats, Ints
 from locplan._util.checks import number
-from locplan.costs import Costmap, Path, path_cost
+from locplan.costs import Costmap
 from locplan.maps import OccupancyGrid
+from locplan.planners._grid_paths import grid_path
 from locplan.planners._protocol import Found, Position
 
 if TYPE_CHECKING:
@@ -72,6 +73,9 @@ class Bordered:
 class GridPlanner:
     """This planner finds the path of least cost over the centres of neighbouring cells.
 
+    The path leads from the start to the centre of its cell, over centres, and to the goal; or
+    straight to the goal, where the cells of both lie in one row, column or diagonal.
+
     It searches with A* or Dijkstra's algorithm, whichever is quicker at the map's contrast. Both
     are exact and find the same path: where several cost the same, the same one of them.
     """
@@ -102,7 +106,8 @@ class GridPlanner:
         )
         if cells is None:
             return Found(status="unreachable", expanded=expanded)
-        return Found(through_centres(costs, cells, start, goal, trim=True), expanded=expanded)
+        path = grid_path(costs, cells, start, goal, self.allow_corner_cutting)
+        return Found(path, expanded=expanded)
 
 
 @dataclass(frozen=True)
@@ -299,31 +304,3 @@ def bordered_index(costs: Costmap, xy: Position, role: str, border: int = 1) -> 
 def cells_of(flat: Ints, columns: int, border: int = 1) -> Ints:
     """The cells (n, 2) of (row, col) at flat indices in a grid with a border."""
     return np.column_stack([flat // columns - border, flat % columns - border])
-
-
-def through_centres(
-    costs: Costmap, cells: Ints, start: Position, goal: Position, *, trim: bool = False
-) -> Path:
-    """A path from start over the centres of cells (n, 2) to goal, where it turns.
-
-    With `trim` it leaves out the centres of the ends' cells where the way without costs no more.
-    """
-    direction = np.diff(cells, axis=0)
-    turns = np.any(direction[1:] != direction[:-1], axis=1)
-    kept = cells[np.concatenate([[True], turns, [True]])] if len(cells) > 1 else cells
-    centres = np.column_stack(costs.grid.grid_to_world(kept[:, 0] + 0.5, kept[:, 1] + 0.5))
-    xy = np.vstack([start, centres, goal])
-    if trim:
-        for end, between, beyond in ((0, 1, 2), (-1, -2, -3)):
-            if len(xy) > 2:
-                direct, around = Path(xy[[end, beyond]]), Path(xy[[end, between, beyond]])
-                if path_cost(costs, direct) <= path_cost(costs, around):
-                    xy = np.delete(xy, between, axis=0)
-    return distinct(costs, xy)
-
-
-def distinct(costs: Costmap, xy: Floats) -> Path:
-    """The path over positions (n, 2) [m] without those that repeat the one before."""
-    moved = np.hypot(*np.diff(xy, axis=0).T) > 1e-9 * costs.grid.resolution
-    moved[-1] |= not moved.any()  # a path has two ends, even in one place
-    return Path(xy[np.concatenate([[True], moved])])

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from locplan._kernels.arrays import Array
+from locplan._kernels.arrays import Array, Bools
 from locplan._util.public import Pictured
 from locplan._util.records import POSITION, Column, Table
 from locplan._util.tables import in_square_metres, table
@@ -29,6 +29,7 @@ from locplan.maps import (
 )
 from locplan.planners._cost_to_go import NamedPlace, PlacePair, farthest_pairs
 from locplan.planners._grid import bands, parts_of_map
+from locplan.planners._main_part import find_main_part, find_surroundings
 from locplan.robots import Robot, radius_of
 
 LISTED = 8
@@ -84,7 +85,7 @@ class MapInfo(Pictured):
     room_of_cell: Array
     """Number of the room of each cell, (H, W), of an unsigned type; 0 where there is none."""
     pairs: tuple[PlacePair, ...]
-    """Pairs of places far apart in one room, the farthest of each room first."""
+    """Pairs of places far apart in the largest rooms, the farthest of each room first."""
     warnings: tuple[str, ...]
     """What of the map misleads, each in one sentence."""
 
@@ -97,6 +98,15 @@ class MapInfo(Pictured):
         """The named places, in the order of their names."""
         by_name = {place.name: place for pair in self.pairs for place in (pair.start, pair.goal)}
         return tuple(by_name[name] for name in sorted(by_name))
+
+    @property
+    def main_part(self) -> Bools:
+        """The cells of the largest part of the building that the robot can reach, (H, W)."""
+        areas = [room.area for room in self.rooms]
+        room, cells = find_main_part(self.grid, self.room_of_cell, areas)
+        if cells is None:
+            cells = self.room_of_cell == room if room else np.zeros(self.grid.shape, np.bool_)
+        return cells
 
     @property
     def size(self) -> tuple[float, float]:
@@ -277,7 +287,7 @@ def describe_map(
         specks=len(areas) - len(rooms),
         specks_area=float(areas[~counted].sum()),
         room_of_cell=room_of_cell,
-        pairs=_pairs(grid, room_of_cell, rooms, radius),
+        pairs=_choose_routes(grid, room_of_cell, rooms, radius),
         warnings=(
             *(each.sentence for each in faults(grid, source, check=kept_solidity)),
             *_of_robot(grid, radius, bool(rooms)),
@@ -285,20 +295,24 @@ def describe_map(
     )
 
 
-def _pairs(
+def _choose_routes(
     grid: OccupancyGrid, room_of_cell: Array, rooms: tuple[Room, ...], radius: float
 ) -> tuple[PlacePair, ...]:
-    """Pairs of places in the largest rooms, first in those inside."""
-    rim = [room_of_cell[0], room_of_cell[-1], room_of_cell[1:-1, 0], room_of_cell[1:-1, -1]]
-    on_edge = np.bincount(np.concatenate(rim), minlength=len(rooms) + 1)
-    outside = on_edge > on_edge.sum() / 2  # it lies around the others, as on a drawing
-    inner_first = sorted(rooms, key=lambda room: bool(outside[room.number]))
+    """Choose pairs of places far apart in the main part of a map, and in rooms of its size."""
+    areas = [room.area for room in rooms]
+    main, cells = find_main_part(grid, room_of_cell, areas)
+    if not main:
+        return ()
+    outside = find_surroundings(room_of_cell, len(rooms))
+    others = [room.number for room in rooms if room.number not in (main, outside)]
+    large = areas[main - 1] if cells is None else np.count_nonzero(cells) * grid.resolution**2
     pairs: list[PlacePair] = []
     used = 0
-    for room, count in zip(inner_first, (4, 2, 2), strict=False):
-        if room.area >= inner_first[0].area / 10:
+    for number, count in zip((main, *others), (4, 2, 2), strict=False):
+        if number == main or areas[number - 1] >= large / 3:
             names = "ABCDEFGH"[used : used + count]
-            found = farthest_pairs(grid, room_of_cell, room.number, names, 2 * radius)
+            part = cells if number == main else None
+            found = farthest_pairs(grid, room_of_cell, number, names, 2 * radius, part)
             used += len(found) + 1 if found else 0
             pairs += found
     return tuple(pairs)

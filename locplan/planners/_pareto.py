@@ -13,7 +13,8 @@ from locplan._kernels.arrays import Floats, Ints
 from locplan._util.checks import number
 from locplan._util.tables import rounded_up
 from locplan.costs import Costmap, check_costs
-from locplan.planners._grid import cells_of, through_centres
+from locplan.planners._grid import cells_of
+from locplan.planners._grid_paths import through_centres
 from locplan.planners._protocol import Found, Position
 from locplan.planners._result import ParetoFront
 from locplan.planners._trade_offs import (
@@ -87,9 +88,13 @@ class BudgetPlanner:
         if frugal is None:
             return Found(status="unreachable")
         allowed = (self.budget - problem.ends[1]) * problem.per_integral
-        within = np.floor(allowed + problem.tolerance(frugal))
+        within, line = np.floor(allowed + problem.tolerance(frugal)), problem.line
+        if line is not None and line.units[1] <= within:
+            return Found(line.path, bound=line.path.length)
         if problem.measured(frugal)[1] > within:
             needed = problem.unrounded(cells_of(frugal, problem.columns))[1]
+            if line is not None:
+                needed = min(needed, line.measures[1])
             note = (
                 f"no path over the grid has an integral of {self.objective} within {self.budget:g};"
                 f" the least is {rounded_up(needed)}"
@@ -174,10 +179,14 @@ def pareto_front(
 ) -> ParetoFront:
     """The exact front of length against an integral along the path, over 8 neighbours.
 
-    A path leads from the start to the centre of its cell, over centres, and to the goal. Where
-    time or labels run out, paths of least weighted sums complete the front, and `epsilon` says
-    how good it is for certain. Before the exact search come two searches over all cells, for the
-    front's ends; if the time does not suffice for these, the front is empty, with the status
+    The paths are those of the grid planner: from the start to the centre of its cell, over
+    centres, and to the goal; or straight to the goal, where the cells of both lie in one row,
+    column or diagonal. So each of the grid planner's paths, with any weight, is on the front, or
+    is dominated by one that is.
+
+    Where time or labels run out, paths of least weighted sums complete the front, and `epsilon`
+    says how good it is for certain. Before the exact search come two searches over all cells, for
+    the front's ends; if the time does not suffice for these, the front is empty, with the status
     "timeout".
 
     Parameters
@@ -237,6 +246,8 @@ def pareto_front(
         labels = search.labels
         for label, first, second in zip(found, *search.costs_of(found), strict=True):
             points.append((float(first), float(second), search.cells_of(int(label))))
+        if problem.line is not None:
+            points.append((*problem.line.units, np.empty((0, 2), np.int64)))
         exact = math.isinf(to_come)
         bounds = [] if exact else _weighted_sums(problem, points, short, frugal)
         longest = problem.measured(frugal)[0]

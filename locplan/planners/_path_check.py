@@ -8,14 +8,13 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from locplan._kernels.arrays import Array, Bools, Floats
 from locplan._util.records import POSE, Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.saved import Valued
 from locplan._util.tables import finite
-from locplan.costs import Costmap, Path, path_cost
+from locplan.costs import AnyPath, Costmap, Path, path_cost, path_from
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 from locplan.robots import Footprint, Robot
@@ -119,7 +118,7 @@ class PathCheck(Result, Valued):
 
 
 def check_path(
-    grid: OccupancyGrid, path: Path | ArrayLike, robot: Robot, *, costs: Costmap | None = None
+    grid: OccupancyGrid, path: AnyPath, robot: Robot, *, costs: Costmap | None = None
 ) -> PathCheck:
     """Check whether a robot can drive a path that any planner made.
 
@@ -131,7 +130,7 @@ def check_path(
     ----------
     grid : OccupancyGrid
         The map.
-    path : Path, or (n, 2) or (n, 3) array
+    path : Path, Plan, or (n, 2) or (n, 3) array
         Positions in the world, with headings or without [m, m, rad]. Without headings the robot
         heads along each line and turns on the spot where two meet.
     robot : Robot
@@ -164,10 +163,7 @@ def check_path(
         raise ConfigError(f"robot must be a locplan.Robot, not {type(robot).__name__}")
     if costs is not None and costs.grid != grid:
         raise ConfigError("the costmap is of another map than the one that is given")
-    if not isinstance(path, Path):
-        numbers = np.asarray(path, np.float64)
-        with_headings = numbers.ndim == 2 and numbers.shape[1] == 3
-        path = Path(numbers[:, :2], numbers[:, 2]) if with_headings else Path(numbers)
+    path = path_from(path)
     poses = path.driven
     driven = Path(poses[:, :2], poses[:, 2])
     outline = outline_of(robot)

@@ -17,6 +17,7 @@ from locplan.maps import OccupancyGrid
 from locplan.planners._protocol import LATTICE, Planner, Position, check_pose
 from locplan.planners._request import AnyPlanner, outline_of, planner_for, takes
 from locplan.planners._result import Plan, finished
+from locplan.planners._robot_fit import robot_note
 from locplan.robots import Footprint
 
 SHORTEST, AWARE = "shortest", "localizability-aware"
@@ -80,10 +81,11 @@ def plan(
     start, goal : (x, y) or (x, y, heading)
         Positions in the world [m], with a heading [rad] where the planner's `space` has one.
     planner : str, function or Planner, optional
-        One of `names`, by default "any-angle"; a function ``f(costs, start, goal, **options)``
-        that returns a `Path`, a `Plan` or a `planners.Found`; or an object such as
-        ``planners.AnyAngle(accuracy="high")``. Take "lattice" for a robot with an outline or a
-        turning radius.
+        One of `names`; a function ``f(costs, start, goal, **options)`` that returns a `Path`, a
+        `Plan` or a `planners.Found`; or an object such as ``planners.AnyAngle(accuracy="high")``.
+        By default "lattice" if the robot of the costmap has an outline or a turning radius,
+        otherwise "any-angle". If a planner ignores the outline or the turning radius, the plan's
+        note says so.
     via : sequence of (x, y) or (x, y, heading), default ()
         Positions in the world to visit on the way, in this order [m, rad].
     max_e : float, optional
@@ -132,6 +134,7 @@ def plan(
     check_costs(costs)
     outline = outline_of(footprint)
     limits: dict[str, Any] = {"max_e": max_e, "budget": budget, "footprint": outline}
+    limits["robot"] = costs.robot
     space = planner_for(planner, options, via=via, **limits).space
     start, *over, goal = check_ends(costs, start, goal, via, space=space)
     asked = planner_for(planner, options, via=over, **limits)
@@ -166,6 +169,8 @@ def run_planner(planner: Planner, costs: Costmap, start: Position, goal: Positio
     began = time.perf_counter()
     found = planner.solve(costs, start, goal)
     elapsed = time.perf_counter() - began if found.solve_time is None else found.solve_time
+    if found.path is not None and (note := robot_note(planner, costs, found.path)):
+        found = dataclasses.replace(found, note="; ".join(filter(None, [found.note, note])))
     made = finished(planner.name, costs, start, goal, found, elapsed)
     return dataclasses.replace(made, minimises=planner.minimises is not None)
 
@@ -219,7 +224,8 @@ def plan_beside_shortest(
     aware = plan(costs, start, goal, max_e=max_e, budget=budget, **request)
     both = [one for one in (shortest, aware) if one.metrics]
     free = max_e is None and budget is None
-    if free and len(both) == 2 and not takes(planner_for(planner, options), "seed"):
+    own = planner_for(planner, options, robot=costs.robot)
+    if free and len(both) == 2 and not takes(own, "seed"):
         shortest, aware = (
             min(both, key=lambda one: getattr(one.metrics, measure))
             for measure in ("length", "cost")

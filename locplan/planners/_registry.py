@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-from locplan._util.checks import shown
+from locplan._util.checks import shown, suggestion
 from locplan.errors import ConfigError
 from locplan.planners._protocol import LATTICE, SPACES, Planner
 
 DEFAULT = "any-angle"
-"""The planner that is taken where none is named."""
+"""The planner that is used if none is named and the robot counts as a circle."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,8 @@ def named_planner(
     """
     entries = PLANNERS if entries is None else entries
     if name not in entries:
-        raise ConfigError(f"planner must be one of {', '.join(entries)}, not {shown(name)}")
+        known, guess = ", ".join(entries), suggestion(name, entries)
+        raise ConfigError(f"planner must be one of {known}, not {shown(name)}{guess}")
     entry = entries[name]
     check_names(f"planner {shown(name)}", options, entry.options())
     kind = entry.kind()
@@ -149,4 +150,5 @@ def check_names(whose: str, options: Iterable[str], known: Iterable[str]) -> Non
     for name in options:
         if name not in known:
             names_known = ", ".join(known) or "none"
-            raise ConfigError(f"{whose} has no option {shown(name)}; it has: {names_known}")
+            guess = suggestion(name, known)
+            raise ConfigError(f"{whose} has no option {shown(name)}; it has: {names_known}{guess}")

@@ -21,9 +21,10 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.planners._limits import Limited
 from locplan.planners._pareto import BudgetPlanner
 from locplan.planners._protocol import Found, Planner, Position, Status, Wrapper
-from locplan.planners._registry import DEFAULT, check_names, defaults_of, named_planner
+from locplan.planners._registry import check_names, defaults_of, named_planner
 from locplan.planners._result import Plan
-from locplan.robots import Footprint
+from locplan.planners._robot_fit import default_planner
+from locplan.robots import Footprint, Robot
 
 PlannerFunction: TypeAlias = Callable[..., Plan | Path | Found]
 """A function ``f(costs, start, goal, **options)`` that returns a path, a `Found` or a `Plan`."""
@@ -136,17 +137,21 @@ def planner_for(
     max_e: float | None = None,
     budget: float | None = None,
     footprint: Footprint | ArrayLike | None = None,
+    robot: Robot | None = None,
 ) -> Planner:
     """Make the planner, with its options and limits, that `locplan.plan` uses for these arguments.
 
     Parameters
     ----------
     planner : str, function or Planner, optional
-        The planner; "any-angle" by default, or "grid" with a budget.
+        The planner; by default "grid" with a budget, otherwise the one for the robot.
     options : mapping of str to object, optional
         The planner's options by name; those that are left out have their defaults.
     via, max_e, budget, footprint
         Limits that a path must keep; see `locplan.plan`. By default there are none.
+    robot : Robot, optional
+        The robot of the costmap, which decides the default: "lattice" if it has an outline or a
+        turning radius, otherwise "any-angle".
 
     Returns
     -------
@@ -165,7 +170,7 @@ def planner_for(
     """
     options, stops, outline = options or {}, tuple(via), outline_of(footprint)
     if budget is None:
-        made = _unlimited(DEFAULT if planner is None else planner, options)
+        made = _unlimited(default_planner(robot) if planner is None else planner, options)
     else:
         if planner not in (None, "grid") or stops or outline is not None or max_e is not None:
             raise ConfigError("a budget is for planner 'grid', without via, footprint and max_e")

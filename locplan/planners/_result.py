@@ -17,8 +17,9 @@ from locplan._util.saved import Stored, listed, tree_of
 from locplan._util.tables import finite, rounded_up, table, write_csv
 from locplan.costs import DEGENERATE, Costmap, Path, PathMetrics, about_costs, path_metrics
 from locplan.errors import ConfigError
-from locplan.planners._grid import through_centres
+from locplan.planners._grid_paths import through_centres
 from locplan.planners._protocol import Found, Position, Status
+from locplan.planners._robot_fit import unfit_note
 
 METRICS = (
     Column("length", "m", "length"),
@@ -84,7 +85,8 @@ class Plan(Result, Stored):
     """Time since a sampling planner began [s] and its best J [m], whenever that fell; there is
     none over waypoints."""
     note: str = ""
-    """A text on why there is no path and what would help; empty if that is not known."""
+    """A text on why there is no path and what would help, or on what the path does not respect;
+    empty if there is nothing to say."""
     costs: Costmap | None = field(default=None, compare=False)
     """The costmap that `metrics` were measured on; None if that is not known."""
 
@@ -141,6 +143,8 @@ def finished(
     if found.status == "unreachable" and not note:
         note = f"no path joins start and goal for a robot of radius {costs.robot_radius:g} m"
     known = {each.name: getattr(found, each.name) for each in dataclasses.fields(found)}
+    if found.path is not None:
+        note = "; ".join(filter(None, [note, costs.note]))
     known |= {"note": note, "solve_time": elapsed, "costs": costs}
     metrics = None if found.path is None else path_metrics(costs, found.path)
     return Plan(planner=planner, start=tuple(start), goal=tuple(goal), metrics=metrics, **known)
@@ -183,7 +187,7 @@ class ParetoFront(Result, Stored):
     solve_time: float
     """Time spent on the search, without compilation [s]."""
     cells: tuple[Ints, ...]
-    """The cells of each path as (row, col), (n, 2)."""
+    """The cells of each path as (row, col), (n, 2); none of the straight line."""
     _drawn_by: ClassVar[str] = "locplan.plotting:front_figure"
 
     def __repr__(self) -> str:
@@ -230,7 +234,8 @@ class ParetoFront(Result, Stored):
         if not -len(self) <= index < len(self):
             raise ConfigError(f"the front has {len(self)} paths, from 0 on; there is no {index}")
         path = through_centres(self.costs, self.cells[index], self.start, self.goal)
-        return finished("pareto", self.costs, self.start, self.goal, Found(path), self.solve_time)
+        found = Found(path, note=unfit_note("pareto", self.costs.robot))
+        return finished("pareto", self.costs, self.start, self.goal, found, self.solve_time)
 
     def summary(self) -> dict[str, object]:
         """The front without its cells, fit for JSON."""

@@ -15,7 +15,7 @@ from locplan.planners._protocol import Position
 from locplan.robots import Kinematics, Robot
 
 if TYPE_CHECKING:
-    from locplan._kernels.smoothing import Body, Drive
+    from locplan._kernels.smoothing import Drive
 
 REVERSE, GEAR_CHANGE, TURN = 2.0, 0.5, 0.3
 """Default prices: factor on the cost in reverse and sideways, a change of the gear [m], and a turn
@@ -81,9 +81,9 @@ class Smoother:
     ) -> None:
         from locplan._kernels.curves import DUBINS, REEDS_SHEPP
         from locplan._kernels.motions import Ground
-        from locplan._kernels.outlines import sums_of
+        from locplan._kernels.outlines import Body, sums_of
         from locplan._kernels.search import bordered_half
-        from locplan._kernels.smoothing import Body, Drive
+        from locplan._kernels.smoothing import Drive
 
         grid, self._costs = costs.grid, costs
         kinematics = robot.kinematics if robot else Kinematics()

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from locplan._kernels.arrays import Array, Floats, Ints
 from locplan._util.checks import one_of, positive
-from locplan.costs import Costmap
+from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError
 from locplan.planners._grid import blank_costs, bordered_ends, cells_of
+from locplan.planners._grid_paths import straight_line
 from locplan.planners._protocol import Position
 
 GAIN = 1e-10
@@ -32,10 +33,23 @@ class OutOfTime(Exception):
 
 
 @dataclass(frozen=True, eq=False)
+class Line:
+    """The straight line from start to goal, which is the shortest of all grid paths."""
+
+    path: Path
+    """The line."""
+    measures: tuple[float, float]
+    """Its length [m], and the integral along it."""
+    units: tuple[float, float]
+    """Both costs in whole units, less those of the ways from the ends to their cells' centres."""
+
+
+@dataclass(frozen=True, eq=False)
 class Problem:
     """Two costs on the bordered grid, in whole units as `locplan._kernels.pareto` wants them.
 
-    A path leads from the start to the centre of its cell, over centres, and to the goal.
+    A path leads from the start to the centre of its cell, over centres, and to the goal, or along
+    the straight `line`, as those of the grid planner do.
     """
 
     costs: Costmap
@@ -56,6 +70,8 @@ class Problem:
     """Both costs of the ways from the ends to their cells' centres: [m], and the integral."""
     allow_corner_cutting: bool
     """True lets a diagonal step pass the corner of a blocked cell."""
+    line: Line | None
+    """The straight line, which the search over cells does not know; None if it is no grid path."""
     until: float = np.inf
     """Time of `time.perf_counter` at which searches over the grid are given up [s]."""
 
@@ -89,16 +105,26 @@ class Problem:
             apart = float(np.hypot(*np.subtract(xy, costs.grid.cell_to_world(*cell))))
             ends_length += apart
             ends_integral += apart * float(layer[cell])
+        per_metre = SCALE / costs.grid.resolution
+        per_integral = SCALE / (costs.grid.resolution * greatest)
+        line, path = None, straight_line(costs, start, goal, cutting)
+        if path is not None:
+            metrics = path_metrics(costs, path)
+            integral = metrics.integrated_e if objective == "e" else metrics.integrated_u
+            first = np.ceil((metrics.length - ends_length) * per_metre)
+            second = np.floor((integral - ends_integral) * per_integral)
+            line = Line(path, (metrics.length, integral), (float(first), float(second)))
         return cls(
             costs=costs,
             half=half.reshape(-1),
             layer=layer,
             source=source,
             target=target,
-            per_metre=SCALE / costs.grid.resolution,
-            per_integral=SCALE / (costs.grid.resolution * greatest),
+            per_metre=per_metre,
+            per_integral=per_integral,
             ends=(ends_length, ends_integral),
             allow_corner_cutting=cutting,
+            line=line,
             until=until,
         )
 
@@ -146,7 +172,12 @@ class Problem:
         return float(first), float(second)
 
     def unrounded(self, cells: Ints) -> tuple[float, float]:
-        """The length [m] of a path over cells (n, 2) with its ends, and the integral along it."""
+        """The length [m] of a path over cells (n, 2) with its ends, and the integral along it.
+
+        Without cells they are those of the line.
+        """
+        if self.line is not None and not len(cells):
+            return self.line.measures
         apart = self.costs.grid.resolution * np.hypot(*np.diff(cells, axis=0).T)
         rates = np.asarray(self.layer[cells[:, 0], cells[:, 1]], np.float64)
         integral = float(apart @ (rates[1:] + rates[:-1]) / 2)
@@ -158,7 +189,10 @@ class Problem:
 
     def tolerance(self, frugal: Ints) -> float:
         """Units by which integrals may differ, from the path of least integral (`TOLERANCE`)."""
-        return TOLERANCE * (self.measured(frugal)[0] + self.ends[0] * self.per_metre)
+        first, second = self.measured(frugal)
+        if self.line is not None and self.line.units[1] <= second:
+            first = self.line.units[0]
+        return TOLERANCE * (first + self.ends[0] * self.per_metre)
 
 
 def check_front_limits(objective: str, time_limit: float, max_labels: int = 1) -> None:

@@ -106,8 +106,8 @@ def _read_scans(
         if stamp < latest - 0.5:  # messages overtake each other, but not by as much
             raise RecordingError(
                 f"the clock of {topic} runs backwards by {latest - stamp:.3g} s at"
-                f" {(message.logged - bag.start) / 1e9:.3g} s; was simulated time reset? Read a"
-                " part with window=(start, end) in seconds"
+                f" {(message.logged - bag.start) / 1e9:.3g} s; was simulated time reset? In"
+                " Python, read a part with window=(start, end) in seconds"
             )
         latest = max(latest, stamp)
         frame = frame or frame_name(scan.header.frame_id)

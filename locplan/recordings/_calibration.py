@@ -200,7 +200,7 @@ def calibrate_drive(
     """
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
-    config = config_of(Fused.of(recording.lidar) if config is None else config)
+    config = config_of(Fused(recording.lidar) if config is None else config)
     robot = recording.robot(robot)
     first, second = parts(progress, [500, 500])
     scans = scan_noise(recording, grid, threads=threads, progress=first)

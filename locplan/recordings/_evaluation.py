@@ -270,7 +270,7 @@ def estimators_for(lidar: Lidar) -> dict[str, Estimator]:
     lidar : Lidar
         The lidar.
     """
-    return {"sad": Sad(), "fisher": Fisher(lidar), "scan": Scan(lidar), "fused": Fused.of(lidar)}
+    return {"sad": Sad(), "fisher": Fisher(lidar), "scan": Scan(lidar), "fused": Fused(lidar)}
 
 
 def drive_report(found: DriveEvaluation) -> str:

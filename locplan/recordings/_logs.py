@@ -18,6 +18,7 @@ from locplan._util.checks import (
     finite_numbers,
     keep,
     shown,
+    suggestion,
     whole,
 )
 from locplan._util.poses import wrapped
@@ -73,6 +74,7 @@ class Options(Topics):
     window: tuple[float, float] | None = None
     range_limits: tuple[float, float] | None = None
     mount: tuple[float, float, float] | None = None
+    needs_poses: bool = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -107,6 +109,7 @@ class Options(Topics):
             if name not in known:
                 raise RecordingError(
                     f"its lidar has no {shown(name)}; known are {', '.join(known)}"
+                    f"{suggestion(name, known)}"
                 )
         try:
             lidar = Lidar(**values)

@@ -47,8 +47,10 @@ class Place:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Mask of the scans with a pose, and odometry if there is any."""
+        """Mask of the scans with a pose, and odometry if there is any; all without any pose."""
         found = np.isfinite(self.poses).all(1)
+        if not found.any():
+            return np.ones(len(self.poses), np.bool_)
         if self.odometry is not None:
             found &= np.isfinite(self.odometry).all(1)
         return np.asarray(found)
@@ -97,9 +99,11 @@ class Heard:
         base = self._base_frame()
         mount, upside_down = self._mount(base)
         reported, odometry_from = self._odometry(base)
-        poses, poses_from, map_frame = self._poses(base, reported)
+        poses, poses_from, map_frame = self._poses(base, reported, odometry_from)
         located = np.isfinite(poses).all(axis=1)
-        if not located.any():
+        if not poses_from:
+            reported, odometry_from = None, ""
+        elif not located.any():
             own = self.topics.get(poses_from)
             begin, end = (own.track.begin, own.track.end) if own else self.tree.clock
             raise RecordingError(
@@ -192,14 +196,30 @@ class Heard:
         x, y, yaw = flat[0].tolist()
         return (x, y, yaw), bool(up[0] < 0)
 
-    def _poses(self, base: str, reported: Floats | None) -> tuple[Floats, str, str]:
-        """Poses of the robot at the scans, where they come from, and the frame they are in."""
+    def _poses(
+        self, base: str, reported: Floats | None, odometry_from: str
+    ) -> tuple[Floats, str, str]:
+        """Poses of the robot at the scans, where they come from, and the frame they are in.
+
+        Without poses on the map they are those of odometry; or NaN, if none are needed.
+        """
         tree, frame, topic = self.tree, self.map_frame, self.options.pose_topic
         if topic is None:
             pose = tree.pose(frame, base) if {frame, base} <= set(tree.frames) else None
             if pose is not None:
                 return in_plane(pose)[self.at_scans], f"TF {frame} -> {base}", frame
-            topic = self._only_topic(base)
+            topic = self._only_topic()
+        if topic is None and not self.options.needs_poses:
+            return np.full((len(self.times), 3), np.nan), "", ""
+        is_expected = frame in tree.frames or self.options.map_frame != Options.map_frame
+        if topic is None and reported is not None and not is_expected:
+            self.notes.append(
+                f"there are no poses on the map: those of odometry ({odometry_from}) are taken, in"
+                " their own frame"
+            )
+            return reported[self.at_scans], odometry_from, ""
+        if topic is None:
+            raise self._no_poses(base)
         found = self.topics[topic]
         if found.track.left_out:
             self.notes.append(
@@ -218,8 +238,8 @@ class Heard:
             poses = np.where(np.isfinite(carried), carried, poses)
         return poses, topic, found.frame
 
-    def _only_topic(self, base: str) -> str:
-        """The only topic of poses, of the type that tells most; where TF does not lead there."""
+    def _only_topic(self) -> str | None:
+        """The only topic of poses, of the type that tells most; None without any."""
         for kind in (Kind.POSE_WITH_COVARIANCE, Kind.POSE, Kind.ODOMETRY):
             topics = [
                 name
@@ -232,16 +252,20 @@ class Heard:
                 raise RecordingError(
                     f"has poses on {' and '.join(topics)}; choose one with pose_topic={topics[0]!r}"
                 )
-        reported = next(iter(self.of_odometry()), None)
-        other = f", or pose_topic={reported!r} for odometry alone" if reported else ""
+        return None
+
+    def _no_poses(self, base: str) -> RecordingError:
+        """Return the error of a bag that has neither poses nor one odometry."""
+        several = [*self.of_odometry()]
+        other = f", or one odometry with odom_topic={several[0]!r}" if several else ""
         if not self.tree.frames:
-            raise RecordingError(
+            return RecordingError(
                 f"has no poses: neither TF nor a topic of poses; its topics are {self.listed};"
                 f" record /tf and /tf_static too{other}"
             )
-        raise RecordingError(
+        return RecordingError(
             f"has no poses: TF does not connect {self.map_frame!r} with {base!r}; connected are:"
-            f" {self.tree.described()}; name others with map_frame=, base_frame={other}"
+            f" {self.tree.described()}; name others with map_frame= and base_frame={other}"
         )
 
     def _odometry(self, base: str) -> tuple[Floats | None, str]:

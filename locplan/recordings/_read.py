@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from locplan._util.checks import file_path, instance, positive
+from locplan._util.checks import file_path, positive
 from locplan._util.files import keep_input
 from locplan._util.poses import way_along
 from locplan._util.progress import ProgressCallback
@@ -24,7 +24,7 @@ from locplan.recordings._tables import read_csv, read_npz
 from locplan.robots import Robot
 
 if TYPE_CHECKING:
-    from locplan.costs import Path
+    from locplan.costs import AnyPath
 
 READERS: dict[str, Callable[[FilePath, Options], Recording]] = {
     **dict.fromkeys(BAGS, read_bag),
@@ -43,6 +43,7 @@ def read_drive(
     topics: Topics | None = None,
     range_limits: tuple[float, float] | None = None,
     mount: tuple[float, float, float] | None = None,
+    needs_poses: bool = True,
     progress: ProgressCallback | None = None,
 ) -> Recording:
     """Read a recorded drive: a bag of ROS 1 or 2, a log of CARMEN, CSV or NPZ.
@@ -50,7 +51,8 @@ def read_drive(
     Bags (.bag, .mcap, .db3, or a folder of rosbag2) are read by PyPI's rosbags, without ROS. Topics
     are found by their type. Poses are those of TF from the map to the robot; where TF does not
     lead there, those of the only topic of PoseWithCovarianceStamped (as AMCL's), PoseStamped (as of
-    motion capture), or Odometry in the map's frame. They are interpolated at the stamps of the
+    motion capture), or Odometry in the map's frame. Without any of them they are those of odometry
+    in its own frame, as `trajectory_of` needs them. They are interpolated at the stamps of the
     scans, but not over more than a second of motion; those of AMCL are carried there by odometry if
     there is some. Scans without a pose are left out. The motion of the robot during a scan is not
     undone. AMCL dates its transform ahead by transform_tolerance:
@@ -88,6 +90,9 @@ def read_drive(
         log's own are wrong.
     mount : (x, y, yaw), optional
         Pose of the lidar on the robot [m, m, rad], where the log does not tell it.
+    needs_poses : bool, default True
+        False reads a bag without poses on the map, too, for `locplan.twins.locate_drive`: then all
+        poses of the recording are NaN.
     progress : callable, optional
         Called with (done, total) messages of a bag, in each pass.
 
@@ -117,6 +122,7 @@ def read_drive(
     Recording(drive.csv, 2 scans of 1 beams, 0.5 m)
     """
     limits: Any = {"window": window, "range_limits": range_limits, "mount": mount}
+    limits["needs_poses"] = needs_poses
     options = Options(every=every, **vars(topics or Topics()), **limits)
     path = file_path("a recorded drive", path)
     if not path.exists():
@@ -141,7 +147,7 @@ def read_drive(
 
 def record_drive(
     grid: OccupancyGrid,
-    path: Path,
+    path: AnyPath,
     robot: Robot | None = None,
     *,
     spacing: float = 0.2,
@@ -156,8 +162,8 @@ def record_drive(
     ----------
     grid : OccupancyGrid
         The map.
-    path : Path
-        The way of the robot, in the world.
+    path : Path, Plan, or (n, 2) or (n, 3) array
+        The way of the robot, in the world [m, m, rad].
     robot : Robot, optional
         The robot with the lidar that is recorded; by default one of 6 m that sees all round.
     spacing : float, default 0.2
@@ -187,10 +193,10 @@ def record_drive(
     """
     from locplan._kernels.drives import odometry_along
     from locplan._kernels.lidar import measured_ends
-    from locplan.costs import Path
+    from locplan.costs import path_from
     from locplan.simulation import POSE_SPACING, Simulator, poses_along
 
-    instance("path", path, Path)
+    path = path_from(path)
     every = max(1, round(positive("spacing", spacing, "m") / POSE_SPACING))
     positive("speed", speed, "m/s")
     simulator = Simulator(grid, robot, seed=seed, threads=1)

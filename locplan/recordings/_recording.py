@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,7 +35,7 @@ class Recording:
     Examples
     --------
     >>> lidar = Lidar(range=10.0, field_of_view_deg=180.0, beams=3)
-    >>> drive = Recording([[2.0, 1.0, 2.0], [2.0, 0.5, 12.0]], lidar, [[0, 0, 0], [0.5, 0, 0]])
+    >>> drive = Recording([[2.0, 1.0, 2.0], [2.0, 0.5, 12.0]], lidar, [[0.0, 0, 0], [0.5, 0, 0]])
     >>> drive
     Recording(2 scans of 3 beams, 0.5 m)
     >>> drive.ranges[1].tolist()
@@ -51,7 +51,8 @@ class Recording:
     lidar: Lidar
     """The lidar, with its mount on the robot."""
     poses: Floats
-    """Poses x, y, heading of the robot in the map's frame at the scans, (n, 3) [m, m, rad]."""
+    """Poses x, y, heading of the robot in the map's frame at the scans, (n, 3) [m, m, rad]; all NaN
+    if the log has none, see `read_drive`."""
     times: Floats | None = None
     """Times of the scans, (n,) [s]; None where the log has none that can be relied on."""
     odometry: Floats | None = None
@@ -59,10 +60,24 @@ class Recording:
     source: Source = field(default_factory=Source)
     """The file, topics and frames that it was read from."""
 
+    if TYPE_CHECKING:  # lists are taken, but arrays kept
+
+        def __init__(
+            self,
+            ranges: ArrayLike,
+            lidar: Lidar,
+            poses: ArrayLike,
+            times: ArrayLike | None = None,
+            odometry: ArrayLike | None = None,
+            source: Source = ...,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         instance("lidar", self.lidar, Lidar)
         instance("source", self.source, Source)
-        poses = poses_of("pose", self.poses)
+        poses = array_of("poses", self.poses, np.dtype(np.float64), 2)
+        if not len(poses) or not np.isnan(poses).all():
+            poses = poses_of("pose", poses)
         ranges = array_of("ranges", self.ranges, np.dtype(np.float32), 2)
         if len(ranges) == 0 or ranges.shape != (len(poses), self.lidar.beams):
             raise RecordingError(
@@ -100,7 +115,8 @@ class Recording:
         name = f"{printable(self.source.file)}, " if self.source.file else ""
         without = "" if self.odometry is None else ", with odometry"
         scans, beams = self.ranges.shape
-        return f"Recording({name}{scans} scans of {beams} beams, {self.length:.4g} m{without})"
+        length = f"{self.length:.4g} m" if self.has_poses else "no poses"
+        return f"Recording({name}{scans} scans of {beams} beams, {length}{without})"
 
     def __len__(self) -> int:
         """Return the number of scans."""
@@ -187,6 +203,11 @@ class Recording:
         """
         x, y, turn = number("x", x), number("y", y), number("turn", turn)
         return replace(self, poses=moved(self.poses, (x, y, turn)))
+
+    @property
+    def has_poses(self) -> bool:
+        """True if the poses are known."""
+        return not bool(np.isnan(self.poses).all())
 
     @property
     def length(self) -> float:

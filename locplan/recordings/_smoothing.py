@@ -16,7 +16,7 @@ from locplan._util.poses import after_way, turning, way_between, wrapped
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.errors import ConfigError, RecordingError
 from locplan.field import position_axes
-from locplan.maps import OCCUPIED, OccupancyGrid, check_grid, own_axes
+from locplan.maps import OCCUPIED, OccupancyGrid, check_grid, extent_text, own_axes
 from locplan.matching import CLEARANCE, checked_database
 from locplan.recordings._chain import Chain
 from locplan.recordings._odometry_model import Moves, OdometryModel
@@ -144,7 +144,10 @@ def _first(
         raise ConfigError(f'start must be x, y, heading [m, m, rad], or "log", not {shown(start)}')
     own = np.asarray(own_axes(grid, pose[None])[0])
     if not grid.contains(*(int(own[axis] // grid.resolution) for axis in (1, 0))):
-        raise ConfigError(f"start {pose[0]:g},{pose[1]:g} is not on {grid.name or 'the map'}")
+        raise ConfigError(
+            f"start {pose[0]:g},{pose[1]:g} lies outside {grid.name or 'the map'}, which reaches"
+            f" from {extent_text(grid)}"
+        )
     return own
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from locplan._kernels.arrays import Floats
 from locplan._util.poses import turning, updates_of, way_between, way_length, wrapped
 from locplan.errors import RecordingError
-from locplan.maps import OccupancyGrid, own_axes
+from locplan.maps import OccupancyGrid, extent_text, own_axes
 from locplan.recordings._recording import Recording
 from locplan.robots import Amcl, Robot, compared_ends
 from locplan.simulation import DriveArguments, drive_arguments
@@ -51,7 +51,7 @@ class Tracks:
         if recording.odometry is None:
             raise RecordingError(
                 f"{recording.source.file or 'the recording'} has no odometry, which a replay needs;"
-                " record it, too, or name its topic (--odom-topic, odom_topic=)"
+                " record it, too, or name its topic with odom_topic="
             )
         moved, reported = recording.length, way_length(recording.odometry)
         if reported < 0.1 * moved:
@@ -62,8 +62,9 @@ class Tracks:
         x, y, _ = recording.poses[0].tolist()
         if not grid.contains(*grid.world_to_cell(x, y)):
             raise RecordingError(
-                f"the drive begins at {x:.2f},{y:.2f}, off {grid.name or 'the map'}; is it the"
-                " right one? See locplan.recordings.fit_to_map"
+                f"the drive begins at {x:.2f},{y:.2f}, off {grid.name or 'the map'}, which reaches"
+                f" from {extent_text(grid)}; is it the right one? See"
+                " locplan.recordings.fit_to_map"
             )
         self.odometry: Floats = recording.odometry
         self.truth = own_axes(grid, recording.poses)

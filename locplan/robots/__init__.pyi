@@ -6,6 +6,10 @@ from ._amcl import (
     Filter as Filter,
     Tracker as Tracker,
 )
+from ._edits import (
+    edited_files as edited_files,
+    edited_parameters as edited_parameters,
+)
 from ._lidar import (
     MAX_BEAMS as MAX_BEAMS,
     PRESETS as PRESETS,
@@ -15,18 +19,18 @@ from ._lidar import (
 from ._nav2 import (
     NOT_SIMULATED as NOT_SIMULATED,
     ParameterWarning as ParameterWarning,
-    edited_parameters as edited_parameters,
     nav2_inflation as nav2_inflation,
     read_amcl as read_amcl,
-    rewritten_parameters as rewritten_parameters,
+)
+from ._parameter_files import (
+    file_and_robot as file_and_robot,
+    read_parameters as read_parameters,
 )
 from ._parameters import (
     GLOBAL_COSTMAP as GLOBAL_COSTMAP,
     LOCAL_COSTMAP as LOCAL_COSTMAP,
     PLANNER_SERVER as PLANNER_SERVER,
     Nav2Parameters as Nav2Parameters,
-    file_and_robot as file_and_robot,
-    read_parameters as read_parameters,
 )
 from ._particles import (
     beam_scores as beam_scores,

@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import os
-from collections.abc import Mapping
-from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+import warnings
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
-from locplan._util.checks import file_path, finite_numbers, shown
-from locplan._util.reading import MAX_BYTES as MAX_XML_BYTES, check_stamp, read_bytes, read_content
+from locplan._util.checks import file_path, shown, suggestion
+from locplan._util.reading import check_stamp, read_content
 from locplan.errors import ConfigError
 from locplan.robots._amcl import Amcl, NamedFilter
+from locplan.robots._descriptions import SUFFIXES as DESCRIPTIONS, lidar_in
 from locplan.robots._lidar import Lidar
-from locplan.robots._nav2 import errors_at, parts_of
-from locplan.robots._parameters import MAX_BYTES, values_in
+from locplan.robots._nav2 import ParameterWarning, errors_at, parameter_notes, read_settings
+from locplan.robots._parameter_entries import PARAMETERS, ParameterFile
+from locplan.robots._parameter_files import (
+    MAX_BYTES,
+    file_and_robot,
+    parameters_of,
+    values_in,
+)
 from locplan.robots._parts import Disturbances, Footprint, Inflation, Kinematics, Odometry
-
-if TYPE_CHECKING:
-    from xml.etree.ElementTree import Element
 
 REMEDY = "give a robot's file, Nav2's parameters, or a URDF or SDF"
 VERSION = 1
@@ -50,42 +52,130 @@ def outline_of(value: Any) -> Any:
     return Footprint(np.asarray(value)) if isinstance(value, (list, tuple)) else value
 
 
-def parts_in(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """What a file of any kind says of a robot, by the names of `Robot`'s fields."""
+def read_parts(
+    *paths: str | os.PathLike[str], lidar: Lidar | None = None, planner: str | None = None
+) -> Iterator[tuple[str | os.PathLike[str], dict[str, Any]]]:
+    """Yield the last of the files read so far, and all that they say of a robot.
+
+    Later files replace single settings. The parameter files of Nav2 are merged by ROS's rules. The
+    parts have the names of `Robot`'s fields. A lidar that is known gets its mount from a URDF or
+    SDF, and replaces that of any file. The drive is that of the planner that is named, if one is.
+    """
+    contents = [_content_of(path, lidar) for path in paths]
+    parts: dict[str, Any] = {"lidar": lidar}
+    nav2: list[tuple[ParameterFile, str | None]] = []
+    before: dict[str, Any] = {}
+    for at, (path, content) in enumerate(zip(paths, contents, strict=True)):
+        if isinstance(content, tuple):
+            nav2.append(content)
+            if at + 1 < len(paths) and isinstance(contents[at + 1], tuple):
+                continue
+            now = read_settings(parameters_of(*zip(*nav2, strict=True)), planner)
+            content, before = _changes(before, now), now
+        with errors_at(path):
+            parts = _with_settings(parts, content)
+        yield path, parts
+    if planner is not None and not nav2:
+        raise ConfigError(f"no file has the planner {shown(planner)}; give Nav2's parameters")
+    if nav2:
+        for note in parameter_notes(parameters_of(*zip(*nav2, strict=True)), planner):
+            warnings.warn(ParameterWarning(note), stacklevel=3)
+
+
+def _content_of(
+    path: str | os.PathLike[str], lidar: Lidar | None
+) -> dict[str, Any] | tuple[ParameterFile, str | None]:
+    """Settings by the names of `Robot`'s fields, or a file of Nav2 and the robot named in it."""
     file = file_path("a robot's file", path)
     suffix = file.suffix.lower()
-    if suffix in (".urdf", ".sdf", ".xml", ".world", ".xacro"):
-        return {"lidar": Lidar.from_file(file)}
-    if suffix in (".yaml", ".yml", ".json") and file.exists():
-        content = values_in(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
-        if isinstance(content.get("robot"), dict):
-            if "version" in content:  # what calibrate wrote has settings of a field besides
-                check_stamp(path, content, "robot", VERSION)
-            with errors_at(path):
-                return made(content["robot"])
-        if suffix == ".json":  # a calibration that is older, or one of a field alone
-            raise ConfigError(f'{path}: has no entry "robot"; {REMEDY}, or calibrate it again')
-    return parts_of(path)
+    if suffix in DESCRIPTIONS:
+        return {"lidar": lidar_in(file, lidar)}
+    file, robot = file_and_robot(path)
+    content = values_in(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
+    if isinstance(content.get("robot"), dict) and not _has_nodes(content["robot"]):
+        if "version" in content:  # what calibrate wrote has settings of a field besides
+            check_stamp(path, content, "robot", VERSION)
+        with errors_at(path):
+            settings = _known_settings(content["robot"])
+        return {name: each for name, each in settings.items() if not (lidar and name == "lidar")}
+    if suffix == ".json":  # a calibration that is older, or one of a field alone
+        raise ConfigError(f'{path}: has no entry "robot"; {REMEDY}, or calibrate it again')
+    return ParameterFile(file, content), robot
+
+
+def _has_nodes(content: Mapping[str, Any]) -> bool:
+    """True if parameters of nodes stand in a namespace."""
+    return any(
+        name == PARAMETERS or (isinstance(value, Mapping) and _has_nodes(value))
+        for name, value in content.items()
+    )
+
+
+def _changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings that are new or others, of parts in which they have names one by one."""
+    changes: dict[str, Any] = {}
+    for name, value in after.items():
+        earlier = before.get(name)
+        if isinstance(value, Mapping) and isinstance(earlier, Mapping):
+            value = _changes(earlier, value)
+            if not value:
+                continue
+        elif name in before and value == earlier:
+            continue
+        changes[name] = value
+    return changes
+
+
+def _with_settings(parts: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Parts of a robot with other settings; those that have no value stay as they are."""
+    changed = dict(parts)
+    for name, value in settings.items():
+        kind, earlier = PARTS.get(name), parts.get(name)
+        if kind and isinstance(value, Mapping) and isinstance(earlier, kind):
+            if name == "kinematics" and value.get("drive") not in (None, "car-like"):
+                value = {"turning_radius": 0.0, **value}
+            try:
+                value = dataclasses.replace(earlier, **value)  # type: ignore[type-var]
+            except ConfigError as error:
+                raise ConfigError(f"{name}: {error}") from None
+        if name == "lidar" and isinstance(value, str):
+            value = Lidar.preset(value)
+        changed |= made({name: value})
+    return changed
 
 
 def made(about: Mapping[str, Any]) -> dict[str, Any]:
     """Parts of a robot that plain data describe."""
-    _check_known("a robot", about, [*PARTS, *OWN])
+    _known_settings(about)
     found = {name: _part(name, value) if name in PARTS else value for name, value in about.items()}
     if "footprint" in found:
         found["footprint"] = outline_of(found["footprint"])
     return found
 
 
+def _known_settings(about: Mapping[str, Any]) -> dict[str, Any]:
+    """Plain data of a robot, of which all names are known."""
+    _check_known("a robot", about, [*PARTS, *OWN])
+    for name, value in about.items():
+        if name in PARTS and isinstance(value, Mapping) and not _is_named_filter(name, value):
+            _check_known(name, value, names_of(PARTS[name]))
+    return dict(about)
+
+
+def _is_named_filter(name: str, value: Mapping[str, Any]) -> bool:
+    return name == "filter" and value.keys() == {"title", "settings"}
+
+
 def _part(name: str, value: Any) -> Any:
     kind = PARTS[name]
     if value is None or isinstance(value, str):
         return value  # no such part, or the name of a lidar
+    if isinstance(value, kind):
+        return value
     if not isinstance(value, Mapping):
         raise ConfigError(f"{name} must hold settings by name, not {shown(value)}")
-    if name == "filter" and value.keys() == {"title", "settings"}:
+    if _is_named_filter(name, value):
         return NamedFilter(**value)
-    _check_known(name, value, names_of(kind))
     try:
         return kind(**value)
     except ConfigError as error:
@@ -95,91 +185,5 @@ def _part(name: str, value: Any) -> Any:
 def _check_known(what: str, given: Mapping[str, Any], known: list[str]) -> None:
     for each in given:
         if each not in known:
-            raise ConfigError(f"{what} has no {shown(each)}; it has {', '.join(known)}")
-
-
-def lidar_in(file: Path) -> Lidar:
-    """The only planar lidar that a file describes; see `Lidar.from_file`."""
-    with errors_at(file):
-        return _described(_sensor(file))
-
-
-def _sensor(file: Path) -> Element:
-    if file.suffix.lower() in (".yaml", ".yml"):
-        raise ConfigError(
-            "parameters name no lidar, their ranges only limit one; name a lidar of"
-            " locplan.robots.PRESETS, or give the robot's URDF or SDF"
-        )
-    kinds = ("ray", "gpu_ray", "lidar", "gpu_lidar")  # in the words of all versions of Gazebo
-    sensors = [each for each in _root(file).iter("sensor") if each.get("type") in kinds]
-    planar = [each for each in sensors if _number(each, ".//vertical/samples", 1.0) <= 1]
-    if len(planar) != 1:
-        names = ", ".join(shown(each.get("name")) for each in planar[:5])
-        what = f"has {len(planar)} planar lidars ({names})" if planar else "has no planar lidar"
-        raise ConfigError(f"{what}; leave one sensor of type ray or lidar in the file")
-    return planar[0]
-
-
-def _described(sensor: Element) -> Lidar:
-    value = partial(_number, sensor)
-    first, last = value(".//horizontal/min_angle"), value(".//horizontal/max_angle")
-    beams = int(value(".//horizontal/samples") * value(".//horizontal/resolution", 1.0))
-    if beams < 2:
-        raise ConfigError(f"its lidar has {beams} beams; there must be 2 at least")
-    x, y, _, roll, pitch, yaw = _pose(sensor)
-    if max(abs(math.sin(roll)), abs(math.sin(pitch))) > 0.1 or math.cos(pitch) < 0:
-        raise ConfigError("its lidar is tilted; locplan knows horizontal ones only")
-    if math.cos(roll) < 0:  # it is mounted upside down
-        first, last = -last, -first
-    noise = sensor.find(".//noise")
-    kind = "" if noise is None else noise.get("type") or noise.findtext("type") or ""
-    gaussian = kind.strip().startswith("gaussian")
-    lidar = Lidar.from_scan(
-        angle_min=first,
-        angle_max=last,
-        angle_increment=(last - first) / (beams - 1),
-        range_min=value(".//range/min", 0.0),
-        range_max=value(".//range/max"),
-        mount=(x, y, yaw),
-        range_sigma=(value(".//noise/stddev", 0.0) if gaussian else 0.0) or None,
-        model=sensor.get("name") or "",
-    )
-    # Gazebo casts all samples, also where the last one of a full circle meets the first.
-    return dataclasses.replace(lidar, beams=beams)
-
-
-def _root(file: Path) -> Element:
-    from xml.etree import ElementTree
-
-    try:
-        content = read_bytes(file, MAX_XML_BYTES)
-    except OSError as error:
-        raise ConfigError(f"cannot be read ({error.strerror or error})") from None
-    if b"<!ENTITY" in content:
-        raise ConfigError("is no robot's description; name a URDF or SDF file")
-    try:
-        return ElementTree.fromstring(content)
-    except (ElementTree.ParseError, ValueError, LookupError):
-        raise ConfigError("is no XML; name a URDF or SDF file, not a .xacro") from None
-
-
-def _pose(sensor: Element) -> tuple[float, ...]:
-    pose = sensor.find("pose")
-    text = sensor.findtext("pose") or "0 0 0 0 0 0"
-    values = finite_numbers(text.split())
-    if len(values) != 6:
-        raise ConfigError(f"the lidar's pose must be six numbers, not {shown(text)}")
-    if pose is not None and pose.get("degrees") in ("true", "1"):
-        return (*values[:3], *map(math.radians, values[3:]))
-    return values
-
-
-def _number(sensor: Element, where: str, default: float | None = None) -> float:
-    text, name = sensor.findtext(where), where.removeprefix(".//")
-    if text is None and default is None:
-        raise ConfigError(f"its lidar has no {name}")
-    values = finite_numbers(default if text is None else text)
-    if not values:
-        what = f"{name} must be a number, not {shown(text)}"
-        raise ConfigError(f"{what}; run xacro on a .xacro file first")
-    return values[0]
+            names = f"{', '.join(known)}{suggestion(each, known)}"
+            raise ConfigError(f"{what} has no {shown(each)}; it has {names}")

@@ -234,9 +234,9 @@ class Lidar(Settings):
     def from_file(cls, path: str | os.PathLike[str]) -> Lidar:
         """Lidar of a robot's description: the only ray sensor in a URDF or SDF file.
 
-        Its pose on the link that carries it is taken, but not that link's pose on the robot: put
-        it right by ``dataclasses.replace(lidar, mount_x=...)``. The noise is the file's, where it
-        is Gaussian.
+        Its mount is its pose on the base link (`base_footprint`, `base_link`, or otherwise the root
+        of the joints or the model): along the joints of a URDF, or by the poses of an SDF's links,
+        models and frames. The noise is the file's if it is Gaussian.
 
         Parameters
         ----------
@@ -246,9 +246,15 @@ class Lidar(Settings):
         Raises
         ------
         ConfigError
-            If the file cannot be read, or has no ray sensor, or several.
+            If the file cannot be read, or has no ray sensor, or several. With `Robot.load`, a
+            lidar can be named for a file without sensor.
+
+        Warns
+        -----
+        ParameterWarning
+            If the file does not say where the link of the sensor is.
         """
-        reads = "locplan.robots._files:lidar_in"
+        reads = "locplan.robots._descriptions:lidar_in"
         lidar: Lidar = called(reads, file_path("a robot's description", path))
         return lidar
 

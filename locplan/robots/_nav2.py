@@ -1,34 +1,35 @@
-"""What Nav2's parameters say of a robot, and changes of them that leave all else as it is."""
+"""A robot's settings in Nav2's parameters."""
 
 from __future__ import annotations
 
 import dataclasses
 import os
-import re
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
-from locplan._util.checks import number, positive
-from locplan._util.reading import compose, flow_text, read_content
+from locplan._util.checks import number, positive, shown
 from locplan.errors import ConfigError, LocplanError, one_line
-from locplan.robots._amcl import DIFFERENTIAL, OMNIDIRECTIONAL, Amcl
+from locplan.robots._amcl import DIFFERENTIAL, MODELS, OMNIDIRECTIONAL, Amcl
+from locplan.robots._layers import inflating_layer, layer_notes, zone_notes
+from locplan.robots._parameter_files import read_parameters
 from locplan.robots._parameters import (
     AMCL,
     GLOBAL_COSTMAP,
     LOCAL_COSTMAP,
-    MAX_BYTES,
     PLANNER_SERVER,
-    REMEDY,
     Nav2Parameters,
-    file_and_robot,
-    parameters_of,
-    read_parameters,
 )
 from locplan.robots._parts import Footprint, Inflation, Kinematics
+from locplan.robots._planner_drive import (
+    describe_drive,
+    planner_drives,
+    planner_in_use,
+    unread_lattice,
+)
 
 NOT_SIMULATED: dict[str, float | str | bool] = {
     "base_frame_id": "base_footprint",
@@ -56,6 +57,10 @@ NO_MATTER = {
 """All parameters of AMCL beside those simulated, most of which do not matter for that."""
 
 
+AMCL_SETTINGS = {each.name for each in dataclasses.fields(Amcl)} - {"half_cell"}
+"""Parameters of AMCL that are simulated."""
+
+
 class ParameterWarning(UserWarning):
     """Warning that a robot's parameters are simulated in part only."""
 
@@ -76,74 +81,137 @@ def read_amcl(path: str | os.PathLike[str]) -> Amcl:
     LocplanError
         If the file cannot be read, has no parameters of amcl, or a value is out of its range.
     """
-    amcl = filter_of(path, read_parameters(path))
-    if amcl is None:
-        raise LocplanError(f"{path}: has no parameters of amcl; give the file that starts it")
-    return amcl
-
-
-def parts_of(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """What a parameter file says of a robot, by the names of `Robot`'s fields."""
     parameters = read_parameters(path)
-    found = {
-        "filter": filter_of(path, parameters),
-        **_outline(path, parameters),
-        "inflation": (_inflation(path, parameters) or (None, None))[1],
-        "kinematics": _kinematics(path, parameters),
+    settings = _filter(parameters)
+    if settings is None:
+        raise LocplanError(f"{path}: has no parameters of amcl; give the file that starts it")
+    for note in _filter_notes(parameters):
+        warnings.warn(ParameterWarning(note), stacklevel=2)
+    return Amcl(**settings)
+
+
+def read_settings(parameters: Nav2Parameters, planner: str | None = None) -> dict[str, Any]:
+    """Return a robot's settings in parameters of Nav2, by the names of `Robot`'s fields.
+
+    Those of its filter and its inflation are mappings by the names of the settings.
+
+    Parameters
+    ----------
+    parameters : Nav2Parameters
+        The parameters.
+    planner : str, optional
+        Name of the planner in use; by default GridBased, or else the first one.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range, or there is no such planner.
+    """
+    inflation = _inflation(parameters)
+    settings = {
+        "filter": _filter(parameters),
+        **_outline(parameters),
+        "inflation": inflation[1] if inflation else None,
+        "kinematics": _kinematics(parameters, planner),
     }
-    return {name: part for name, part in found.items() if part is not None}
+    return {name: value for name, value in settings.items() if value is not None}
 
 
-def nav2_inflation(path: str | os.PathLike[str]) -> tuple[str, Inflation, float] | None:
+def parameter_notes(parameters: Nav2Parameters, planner: str | None = None) -> list[str]:
+    """Return sentences on parameters of Nav2 that are not simulated, or that contradict others.
+
+    Parameters
+    ----------
+    parameters : Nav2Parameters
+        The parameters.
+    planner : str, optional
+        Name of the planner in use.
+    """
+    notes = [
+        *_filter_notes(parameters),
+        *_conflict_notes(parameters),
+        *layer_notes(parameters),
+        *_drive_notes(parameters, planner),
+        *zone_notes(parameters),
+    ]
+    return [one_line(note) for note in notes]
+
+
+def nav2_inflation(parameters: Nav2Parameters) -> tuple[str, Inflation, float] | None:
     """Inflation layer of a global costmap by name, and the inscribed radius that it reads [m].
 
     None where no layer inflates. The radius is that of the padded corners, 16 of a circle.
 
     Parameters
     ----------
-    path : path
-        A parameter file of Nav2.
+    parameters : Nav2Parameters
+        The parameters.
 
     Raises
     ------
     LocplanError
-        If the file cannot be read, or a value is out of its range.
+        If a value is out of its range.
     """
-    parameters = read_parameters(path)
-    found = _inflation(path, parameters)
+    found = _inflation(parameters)
     if found is None:
         return None
-    parts = {"footprint": 0.1, "margin": 0.01} | _outline(path, parameters)  # as Nav2 has them
+    layer, settings = found
+    parts = {"footprint": 0.1, "margin": 0.01} | _outline(parameters)  # as Nav2 has them
     outline, padding = parts["footprint"], parts["margin"]
     if not isinstance(outline, Footprint):
         angles = np.arange(16) * 2 * np.pi / 16
         outline = Footprint(outline * np.column_stack([np.cos(angles), np.sin(angles)]))
     padded = outline.vertices + np.sign(outline.vertices) * padding
-    return (*found, Footprint(padded).inscribed_radius)
+    return layer, Inflation(**settings), Footprint(padded).inscribed_radius
 
 
-def filter_of(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Amcl | None:
-    """AMCL's parameters, or None without any; warns of those that are not simulated."""
-    given, own = parameters.of(AMCL), parameters.of(AMCL, shared=False)
-    known = {each.name for each in dataclasses.fields(Amcl)} - {"half_cell"}
-    taken = {name: value for name, value in given.items() if name in known}
-    if not taken and all(each.is_shared for each in parameters.entries(AMCL)):
+def _filter(parameters: Nav2Parameters) -> dict[str, Any] | None:
+    """Settings of AMCL, or None without any."""
+    given = parameters.of(AMCL)
+    taken = {name: value for name, value in given.items() if name in AMCL_SETTINGS}
+    if not taken and all(each.is_shared for _, each in parameters.entries(AMCL)):
         return None
     model = _motion_model(str(taken.pop("robot_model_type", DIFFERENTIAL)))
-    foreign = model not in (DIFFERENTIAL, OMNIDIRECTIONAL)
-    if not foreign:
+    if model in (DIFFERENTIAL, OMNIDIRECTIONAL):
         taken["robot_model_type"] = model
-    with errors_at(path, AMCL):
-        amcl = Amcl(**taken)
-    unknown = sorted({name.partition(".")[0] for name in own} - known - NO_MATTER)
-    left_out = (*_not_simulated(given), *["robot_model_type"] * foreign, *unknown)
-    if left_out:
-        message = one_line(f"{path}: not simulated: {', '.join(left_out)}")
-        warnings.warn(ParameterWarning(message), stacklevel=4)
-    return amcl
+    laser = taken.get("laser_model_type")
+    if isinstance(laser, str) and laser not in MODELS:  # as amcl_node.cpp has it, except "beam"
+        taken["laser_model_type"] = MODELS[0]
+    with errors_in(parameters, AMCL):
+        Amcl(**taken)
+    return taken
 
 
-def _outline(path: str | os.PathLike[str], parameters: Nav2Parameters) -> dict[str, Any]:
+def _filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
+    """A note on AMCL's parameters that are not simulated."""
+    given, own = parameters.of(AMCL), parameters.of(AMCL, shared=False)
+    laser = given.get("laser_model_type")
+    if isinstance(laser, str) and laser not in MODELS:
+        file = parameters.files[parameters.values(AMCL)["laser_model_type"].file].path
+        yield (
+            f"{file}: AMCL's beam model is not simulated; {MODELS[0]} is used instead"
+            if laser == "beam"
+            else f"{file}: AMCL has no laser_model_type {shown(laser)}; Nav2 takes {MODELS[0]}"
+        )
+    model = _motion_model(str(given.get("robot_model_type", DIFFERENTIAL)))
+    foreign = model not in (DIFFERENTIAL, OMNIDIRECTIONAL)
+    unknown = sorted({name.partition(".")[0] for name in own} - AMCL_SETTINGS - NO_MATTER)
+    if left_out := (*_not_simulated(given), *["robot_model_type"] * foreign, *unknown):
+        values = parameters.values(AMCL)
+        files = {each.file for name, each in values.items() if name.partition(".")[0] in left_out}
+        where = ", ".join(str(parameters.files[at].path) for at in sorted(files))
+        yield one_line(f"{where}: not simulated: {', '.join(left_out)}")
+
+
+def _conflict_notes(parameters: Nav2Parameters) -> Iterator[str]:
+    """Notes on parameters of which a wildcard and a name have different values."""
+    for node in (AMCL, PLANNER_SERVER, GLOBAL_COSTMAP, LOCAL_COSTMAP):
+        for conflict in parameters.conflicts(node):
+            if node != AMCL or conflict.name in AMCL_SETTINGS:
+                yield one_line(conflict.text)
+
+
+def _outline(parameters: Nav2Parameters) -> dict[str, Any]:
     """Footprint or radius, and its padding, of the first costmap that has one.
 
     As in Nav2, `footprint` counts where it is not "[]", and else `robot_radius`.
@@ -153,7 +221,7 @@ def _outline(path: str | os.PathLike[str], parameters: Nav2Parameters) -> dict[s
         footprint, radius = str(own.get("footprint") or "[]"), own.get("robot_radius")
         if footprint == "[]" and radius is None:
             continue
-        with errors_at(path, costmap.partition("/")[0]):
+        with errors_in(parameters, costmap):
             outline: Footprint | float = (
                 positive("robot_radius", radius, "m")
                 if footprint == "[]"
@@ -164,32 +232,52 @@ def _outline(path: str | os.PathLike[str], parameters: Nav2Parameters) -> dict[s
     return {}
 
 
-def _inflation(
-    path: str | os.PathLike[str], parameters: Nav2Parameters
-) -> tuple[str, Inflation] | None:
-    """Inflation layer of the global costmap by name, or None where it has no such layer."""
+def _inflation(parameters: Nav2Parameters) -> tuple[str, dict[str, Any]] | None:
+    """Layer that inflates the global costmap's walls, and its settings; None without one."""
+    layer = inflating_layer(parameters)
+    if layer is None:
+        return None
     own = parameters.of(GLOBAL_COSTMAP)
-    for layer in parameters.names(GLOBAL_COSTMAP, "plugins"):
-        if own.get(f"{layer}.plugin") == "nav2_costmap_2d::InflationLayer":
-            names = [each.name for each in dataclasses.fields(Inflation)]
-            given = {name: own[f"{layer}.{name}"] for name in names if f"{layer}.{name}" in own}
-            with errors_at(path, f"global_costmap: {layer}"):
-                return layer, Inflation(**given)
-    return None
+    names = [each.name for each in dataclasses.fields(Inflation)]
+    given = {name: own[f"{layer}.{name}"] for name in names if f"{layer}.{name}" in own}
+    with errors_in(parameters, GLOBAL_COSTMAP, layer):
+        Inflation(**given)
+    return layer, given
 
 
-def _kinematics(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Kinematics | None:
-    """Kinematics of the first planner with a car-like motion model, or of AMCL's motion model."""
-    own = parameters.of(PLANNER_SERVER)
-    for planner in parameters.names(PLANNER_SERVER, "planner_plugins"):
-        model = own.get(f"{planner}.motion_model_for_search")
-        if model in ("DUBIN", "REEDS_SHEPP"):  # the latter drives in reverse, too
-            radius = own.get(f"{planner}.minimum_turning_radius", 0.4)
-            with errors_at(path, f"planner_server: {planner}"):
-                reverse = model == "REEDS_SHEPP"
-                return Kinematics(drive="car-like", turning_radius=radius, reverse=reverse)
-    sideways = _motion_model(str(parameters.of(AMCL).get("robot_model_type"))) == OMNIDIRECTIONAL
-    return Kinematics(drive="omnidirectional") if sideways else None
+def _kinematics(parameters: Nav2Parameters, planner: str | None) -> Kinematics | None:
+    """Kinematics of the planner in use, or of AMCL's motion model if the planner has none."""
+    used = planner_in_use(parameters, planner)
+    with errors_in(parameters, PLANNER_SERVER, used or ""):
+        drive = planner_drives(parameters)[used] if used else None
+    if drive is None and _amcl_drive(parameters) == Kinematics(drive="omnidirectional"):
+        return _amcl_drive(parameters)
+    return drive
+
+
+def _amcl_drive(parameters: Nav2Parameters) -> Kinematics:
+    model = _motion_model(str(parameters.of(AMCL).get("robot_model_type")))
+    return Kinematics(drive="omnidirectional" if model == OMNIDIRECTIONAL else "differential")
+
+
+def _drive_notes(parameters: Nav2Parameters, planner: str | None) -> Iterator[str]:
+    """Notes on a choice between planners, and on a lattice that cannot be read."""
+    used = planner_in_use(parameters, planner)
+    if used is None:
+        return
+    drives = planner_drives(parameters)
+    texts = {name: describe_drive(each or _amcl_drive(parameters)) for name, each in drives.items()}
+    if file := unread_lattice(parameters, used):
+        yield (
+            f"the motion model of {used} is in {shown(file)}, which cannot be read; the robot is"
+            f" {texts[used]}, as AMCL has it, unless --set names drive and turning_radius"
+        )
+    others = [f"{name} is {text}" for name, text in texts.items() if text != texts[used]]
+    if planner is None and others:
+        yield (
+            f"the robot is {texts[used]}, by its planner {used}; {', '.join(others)}: if Nav2"
+            " plans with that, name it, as --set planner=NAME"
+        )
 
 
 def _motion_model(name: str) -> str:
@@ -207,139 +295,24 @@ def errors_at(path: str | os.PathLike[str], where: str = "") -> Iterator[None]:
         raise ConfigError(f"{path}: {where}{': ' if where else ''}{error}") from None
 
 
+@contextmanager
+def errors_in(parameters: Nav2Parameters, node: str, plugin: str = "") -> Iterator[None]:
+    """Name the file of a parameter, the node and the plugin in an error of the block.
+
+    It is the file that has the parameter with which the error begins.
+    """
+    try:
+        yield
+    except ConfigError as error:
+        values = parameters.values(node)
+        name = str(error).partition(" ")[0]
+        value = values.get(f"{plugin}.{name}" if plugin else name)
+        at = value.file if value else parameters.file_of(node) or 0
+        where = ": ".join(filter(None, (node.partition("/")[0], plugin)))
+        raise ConfigError(f"{parameters.files[at].path}: {where}: {error}") from None
+
+
 def _not_simulated(given: Mapping[str, object]) -> Iterator[str]:
     """Names of parameters in `NO_MATTER` that do matter with the values given."""
     if given.get("do_beamskip") and given.get("laser_model_type") == "likelihood_field_prob":
         yield "do_beamskip"
-
-
-def edited_parameters(
-    path: str | os.PathLike[str], node: str, values: Mapping[str, float | str | bool]
-) -> bytes:
-    """Content of a parameter file with other values of one node's parameters.
-
-    They stand where the values in force stood; comments and layout stay. Parameters that are
-    missing are inserted above the first one of an entry for this node, or in a new entry.
-
-    Parameters
-    ----------
-    path : path
-        The file, which `read_parameters` reads, and the robot in it.
-    node : str
-        Name of the node, such as amcl.
-    values : mapping
-        Values by the names of the parameters.
-
-    Raises
-    ------
-    LocplanError
-        If the file cannot be read, or if anchors, aliases or tags make one value stand for
-        several, so that it cannot be changed alone.
-    """
-    return rewritten_parameters(path, read_parameters(path).changed(node, values))
-
-
-def rewritten_parameters(path: str | os.PathLike[str], changed: Nav2Parameters) -> bytes:
-    """Content of a parameter file that has become another one, as `edited_parameters` writes it.
-
-    Parameters
-    ----------
-    path : path
-        The file, which `read_parameters` reads, and the robot in it.
-    changed : Nav2Parameters
-        Its parameters with other values, or with more.
-
-    Raises
-    ------
-    LocplanError
-        If the file cannot be read, or one value stands for several.
-    """
-    before = read_parameters(path)
-    file, robot = file_and_robot(path)
-    content = read_content(file, MAX_BYTES, REMEDY)
-    text = content.decode("utf-8-sig")
-    root = compose(file, content, REMEDY)
-    fault = LocplanError(
-        f"{path}: its values cannot be changed alone; write out its anchors and aliases"
-    )
-    edits = []
-    missing: dict[tuple[str, ...], Any] = {}
-    for keys, value in _changes(before.content, changed.content):
-        found = _found(root, keys)
-        if found is None:
-            missing.setdefault(keys[:-1], {})[keys[-1]] = value
-        else:
-            edits.append(_replacement(text, *found, value))
-    for keys, new in missing.items():
-        edits.append(_insertion(text, root, keys, new))
-    for start, end, new_text in sorted(edits, reverse=True):
-        text = text[:start] + new_text + text[end:]
-    made = text.encode("utf-8-sig" if content.startswith(b"\xef\xbb\xbf") else "utf-8")
-    try:
-        read = parameters_of(file, made, robot)
-    except LocplanError:
-        raise fault from None
-    if read != changed:
-        raise fault
-    return made
-
-
-def _changes(
-    before: Mapping[str, Any], after: Mapping[str, Any], above: tuple[str, ...] = ()
-) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Keys and value of what is another, or new, in a mapping of mappings."""
-    for key, value in after.items():
-        own, keys = before.get(key), (*above, key)
-        if isinstance(own, dict) and isinstance(value, dict):
-            yield from _changes(own, value, keys)
-        elif key not in before or own != value:
-            yield keys, value
-
-
-def _found(mapping: Any, keys: Sequence[str]) -> tuple[Any, Any] | None:
-    """Key and value at the end of keys, the last ones where a key stands several times."""
-    if not (keys and mapping is not None and mapping.id == "mapping"):
-        return None
-    first, *inner = keys
-    for key, value in reversed(mapping.value):
-        if key.value == first:
-            found = _found(value, inner) if inner else (key, value)
-            if found is not None:
-                return found
-    return None
-
-
-def _replacement(text: str, key: Any, value: Any, new: Any) -> tuple[int, int, str]:
-    """Beginning, end and new text of a value."""
-    start, end = value.start_mark.index, value.end_mark.index
-    if value.id == "sequence" and not value.flow_style:  # which ends where the next thing begins
-        return (
-            text.index(":", key.end_mark.index) + 1,
-            value.value[-1].end_mark.index,
-            (f" {flow_text(new)}"),
-        )
-    if start < key.end_mark.index:  # an alias, whose node stands where its anchor is
-        alias = re.compile(r"\s*:\s*(\*[^\s,\[\]{}]+)").match(text, key.end_mark.index)
-        assert alias is not None
-        return alias.start(1), alias.end(1), flow_text(new)
-    anchor = re.compile(r"&[^\s,\[\]{}]+\s*").match(text, start)
-    quote = text[start] if text[start : start + 1] in ("'", '"') else ""
-    quote = quote if isinstance(new, str) else ""
-    written = f"{quote}{flow_text(new)}{quote}"
-    return (anchor.end() if anchor else start), end, written
-
-
-def _insertion(
-    text: str, root: Any, keys: Sequence[str], values: Mapping[str, Any]
-) -> tuple[int, int, str]:
-    """Where missing parameters are inserted, twice, and their text."""
-    entries = [f"{name}: {flow_text(value)}" for name, value in values.items()]
-    found = _found(root, keys)
-    mapping: Any = found[1] if found else root
-    if mapping.flow_style:
-        at = text.index("{", mapping.start_mark.index) + 1
-        return at, at, ", ".join(entries) + (", " if mapping.value else "")
-    first = mapping.value[0][0].start_mark
-    indent = text[first.index - first.column : first.index]
-    newline = "\r\n" if "\r\n" in text else "\n"
-    return first.index, first.index, "".join(f"{entry}{newline}{indent}" for entry in entries)

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -176,6 +176,10 @@ class Footprint:
     """
 
     vertices: Floats
+
+    if TYPE_CHECKING:  # a list is taken, but an array kept
+
+        def __init__(self, vertices: ArrayLike) -> None: ...
 
     def __post_init__(self) -> None:
         hull = _hull(_corners(self.vertices))

@@ -18,15 +18,16 @@ from locplan._util.checks import (
     number,
     setting,
     shown,
+    suggestion,
 )
 from locplan._util.files import check_target, replacing
 from locplan._util.reading import dumped, stamp
 from locplan._util.runs import Spelled
 from locplan.errors import ConfigError
 from locplan.robots._amcl import Amcl, Filter
-from locplan.robots._files import OWN, PARTS, VERSION, made, names_of, outline_of, parts_in
+from locplan.robots._files import OWN, PARTS, VERSION, made, names_of, outline_of, read_parts
 from locplan.robots._lidar import PRESETS, Lidar
-from locplan.robots._nav2 import errors_at, parts_of
+from locplan.robots._nav2 import errors_at
 from locplan.robots._parts import Disturbances, Footprint, Inflation, Kinematics, Odometry
 
 
@@ -103,9 +104,9 @@ class Robot(Settings):
         """Robot of a parameter file of Nav2.
 
         Its filter is amcl's; footprint or robot_radius, footprint_padding and inflation are those
-        of the global costmap (or the local one, where the global one has no size); the turning
-        radius is that of the first planner that has a car-like motion model; without one, the robot
-        moves sideways if amcl's motion model does.
+        of the global costmap (or the local one, where the global one has no size); the drive is
+        that of the planner in use, see `load`; if it has none, the robot moves sideways if amcl's
+        motion model does.
 
         Parameters
         ----------
@@ -125,30 +126,46 @@ class Robot(Settings):
         ParameterWarning
             If parameters in the file are not simulated.
         """
-        return cls(lidar, **parts_of(path))
+        lidar = Lidar.preset(lidar) if isinstance(lidar, str) else lidar
+        return replace(cls.load(path), lidar=lidar)
 
     @classmethod
-    def load(cls, *paths: str | os.PathLike[str]) -> Robot:
-        """Robot of one or more files, of which later ones replace what earlier ones say.
+    def load(
+        cls,
+        *paths: str | os.PathLike[str],
+        lidar: Lidar | str | None = None,
+        planner: str | None = None,
+    ) -> Robot:
+        """Robot of one or more files, of which later ones replace single settings of earlier ones.
 
         Parameters
         ----------
         *paths : path
             Files that `save` or ``locplan calibrate`` wrote, parameters of Nav2 (see `from_nav2`),
             or a URDF or SDF with the lidar.
+        lidar : Lidar or str, optional
+            The lidar, or its name, in place of the files'. A URDF or SDF then needs no sensor.
+            Unless the lidar has a mount, its mount is that of the file's sensor, or of the only
+            link that is named as a scanner's frame, such as laser_frame or base_scan.
+        planner : str, optional
+            Name of the planner in Nav2's parameters that has the robot's drive; by default
+            GridBased, with which Nav2's default tree plans, or else the first one.
 
         Raises
         ------
         LocplanError
             If a file cannot be read, says nothing of a robot, or a value is out of its range.
+
+        Warns
+        -----
+        ParameterWarning
+            If parameters are not simulated, or a URDF or SDF does not have the lidar's mount.
         """
-        parts: dict[str, Any] = {}
-        for path in paths:
-            found = parts_in(path)
+        robot = cls(lidar)
+        for path, parts in read_parts(*paths, lidar=robot.lidar, planner=planner):
             with errors_at(path):
-                cls(**found)  # refuses what is out of range, beside the file's name
-            parts |= found
-        return cls(**parts)
+                robot = cls(**parts)
+        return robot
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the robot as YAML, for `load` and every command's ``--robot``.
@@ -263,8 +280,9 @@ class Robot(Settings):
             elif name in OWN:
                 own[name] = outline_of(value) if name == "footprint" else value
             else:
-                known = ", ".join((*OWN, *of_part))
-                raise ConfigError(f"a robot has no setting {shown(name)}; it has {known}")
+                known = (*OWN, *of_part)
+                names = f"{', '.join(known)}{suggestion(name, known)}"
+                raise ConfigError(f"a robot has no setting {shown(name)}; it has {names}")
         for part, given in parts.items():
             before = self.amcl if part == "filter" else getattr(self, part) or PARTS[part]()
             own[part] = replace(before, **given)

@@ -56,7 +56,7 @@ def configs(lidar: Lidar, disc: float | None = None) -> dict[str, FieldConfig]:
         "paper visible": dataclasses.replace(paper, template="visible"),
         "fisher": Fisher(lidar),
         "scan": Scan(lidar),
-        "fused": Fused.of(lidar),
+        "fused": Fused(lidar),
     }
     return {name: FieldConfig(estimator) for name, estimator in estimators.items()}
 

@@ -14,7 +14,7 @@ from locplan._util.intervals import random_of
 from locplan._util.poses import Poses, window_around
 from locplan.costs import Costmap, Path, divided_poses
 from locplan.errors import ConfigError, LocplanError
-from locplan.maps import OccupancyGrid, check_grid
+from locplan.maps import OccupancyGrid, check_grid, extent_text
 from locplan.planners import plan_field
 from locplan.robots import Inflation, Robot
 from locplan.simulation._drives import DriveArguments, Line
@@ -57,8 +57,9 @@ def poses_along(path: Path, grid: OccupancyGrid, name: str = "") -> Poses:
     free = inside & grid.free[np.where(inside, rows, 0), np.where(inside, cols, 0)]
     if not free.all():
         x, y = fine.xy[np.argmin(free)]
+        extent = "" if inside.all() else f", which reaches from {extent_text(grid)},"
         raise LocplanError(
-            f"{called}leaves the free cells of {grid.name or 'the map'} at {x:.2f},{y:.2f};"
+            f"{called}leaves the free cells of {grid.name or 'the map'}{extent} at {x:.2f},{y:.2f};"
             " drive a path that was planned on this map"
         )
     if fine.heading is not None:

@@ -301,11 +301,14 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
         What `locate_drive` returned.
     """
     if found.alone:
-        return locate_figure(found.alone, recorded=found.recording.poses[0])
-    grid, drive = found.grid, found.recording.poses[:, :2]
-    poses, right, certain = found.poses[:, :2], found.right, found.certain
+        recorded = found.recording.poses[0] if found.recording.has_poses else None
+        return locate_figure(found.alone, recorded=recorded)
+    grid, poses, right, certain = found.grid, found.poses[:, :2], found.right, found.certain
     known = np.isfinite(poses[:, 0])
-    shown = [Path(np.concatenate([drive, poses[known]]))]
+    drive = found.recording.poses[:, :2]
+    if not found.recording.has_poses:  # then the best places are drawn by themselves
+        drive, right = np.where(known[:, None], poses, 0.0), known
+    shown = [Path(np.concatenate([drive[known | found.recording.has_poses], poses[known]]))]
     part = plotting.zoomed_to(grid, shown)
     figure, axes = _on_map(part, 1.4)
     plotting.draw_inset(axes, grid, part, shown)
@@ -315,7 +318,7 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
         ("right, other places alike", right & ~certain, "o", style.BLUE),
         ("elsewhere, other places alike", wrong & ~certain, "s", style.VERMILION),
         ("elsewhere, certain", wrong & certain, "s", style.VERMILION),
-        ("too few returns", ~known, "x", "0.4"),
+        ("too few returns", ~known & found.recording.has_poses, "x", "0.4"),
     ]
     joined = list(np.stack([drive[wrong], poses[wrong]], axis=1))
     dotted: dict[str, Any] = {"linewidths": 0.8, "linestyles": "dotted", "zorder": 3}
@@ -324,7 +327,8 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
     for label, chosen, marker, colour in kinds:
         if chosen.any():
             face = "white" if "alike" in label else colour
-            named: dict[str, Any] = {"label": f"{label}: {int(chosen.sum())}", "zorder": 5}
+            text = label if found.recording.has_poses else label.removeprefix("right, ")
+            named: dict[str, Any] = {"label": f"{text}: {int(chosen.sum())}", "zorder": 5}
             axes.plot(*drive[chosen].T, marker, color=colour, mfc=face, markersize=5, **named)
     if wrong.any():
         axes.plot([], [], "+", color=style.VERMILION, label="where they were found")

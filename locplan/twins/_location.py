@@ -22,14 +22,7 @@ from locplan.field import position_axes
 from locplan.maps import OccupancyGrid
 from locplan.recordings import Recording
 from locplan.robots import Lidar
-
-CERTAIN = 3.0
-"""Excess of the second place from which on the best one is certain [nats]."""
-NEAR, TURNED = 0.3, float(np.radians(3.0))
-"""Distance [m] and angle [rad] from the recorded pose up to which a scan is located rightly."""
-AGREE = 0.5
-"""Share of the certain scans that are right, or of all that fit, below which the recorded poses
-seem to be of another map."""
+from locplan.twins._located_text import CERTAIN, NEAR, TURNED, drive_sentence
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -207,13 +200,15 @@ class LocatedDrive(Result):
     )
 
     recording: Recording
-    """The scans, with their recorded poses."""
+    """The scans, with their recorded poses if there are any."""
     grid: OccupancyGrid
     """The map."""
     locations: tuple[Location | None, ...]
     """Where each was taken; None where it has too few returns."""
 
     def __repr__(self) -> str:
+        if not self.recording.has_poses:
+            return f"LocatedDrive({len(self)} scans, {self.certain.mean():.0%} certain)"
         return f"LocatedDrive({len(self)} scans, {self.right.mean():.0%} right)"
 
     def __len__(self) -> int:
@@ -258,24 +253,7 @@ class LocatedDrive(Result):
     @property
     def sentence(self) -> str:
         """How many scans are located, and whether the certain ones are right."""
-        count, right, certain = len(self), self.right, self.certain
-        limits = f"{NEAR:g} m and {np.degrees(TURNED):.0f}°"
-        text = (
-            f"{int(right.sum())} of {count} scans are located within {limits} of the recorded pose."
-            f" {int(certain.sum())} have no second place within {CERTAIN:g} nats, and"
-            f" {int((right & certain).sum())} of these are right."
-        )
-        if certain.any() and right[certain].mean() < AGREE:
-            text += (
-                " The recorded poses hardly agree with the map: check that they are in its frame,"
-                " and how the lidar is mounted."
-            )
-        elif (fits := self.fits).mean() < AGREE:
-            text += (
-                f" Careful: only {int(fits.sum())} of {count} scans have most of their returns at"
-                " walls: people, changes, or the map of another place."
-            )
-        return text
+        return drive_sentence(self)
 
     def table(self) -> Table:
         """The scans: where each was taken, and how far that is from the recorded pose."""
@@ -300,6 +278,8 @@ class LocatedDrive(Result):
             about = [f"{self.grid.name or 'map'}, {drive}", *few]
             return "\n".join(map(_wrapped, [*about, self.sentence, *self._errors()]))
         modes = self.alone.table()
+        if not self.recording.has_poses:
+            return f"{modes}\n{_wrapped(self.alone.sentence)}"
         recorded = ("recorded", *self.recording.poses[0].tolist())
         unknown = (math.nan,) * (len(modes.columns) - len(recorded))
         away = (
@@ -337,9 +317,11 @@ class LocatedDrive(Result):
                 **about,
                 "sentence": self.sentence,
                 "scans": len(self),
-                "right": float(right.mean()),
+                "right": float(right.mean()) if self.recording.has_poses else None,
                 "certain": float(certain.mean()),
-                "right_of_certain": float(right[certain].mean()) if certain.any() else None,
+                "right_of_certain": float(right[certain].mean())
+                if certain.any() and self.recording.has_poses
+                else None,
                 "median_distance": float(np.median(self.distance[right])) if right.any() else None,
                 "median_turn": float(np.median(self.turn[right])) if right.any() else None,
             }

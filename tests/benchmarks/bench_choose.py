@@ -31,7 +31,7 @@ def depot():
 def test_a_choice_of_20_metres(benchmark, depot):
     """Some ten candidates, beside the field; the drives alone are the peer."""
     lidar = locplan.Lidar.preset("turtlebot4")
-    field = locplan.load_or_compute(depot, locplan.Fused.of(lidar))
+    field = locplan.load_or_compute(depot, locplan.Fused(lidar))
     costs = locplan.Costmap.from_field(depot, field)
 
     def chosen():

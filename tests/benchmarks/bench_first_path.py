@@ -17,7 +17,7 @@ QUERIES = {
     "fetch_3_1_16_png": ((3.6, 36.2), (44.2, 3.0)),
     "fetch_4_26_15": ((-16.3, 30.0), (22.2, -2.8)),
 }
-CONFIG = FieldConfig(Fused.of(Lidar.preset("lms291")))
+CONFIG = FieldConfig(Fused(Lidar.preset("lms291")))
 """It looks forward only: 8 headings."""
 
 

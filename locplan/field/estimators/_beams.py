@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -44,15 +45,16 @@ class LidarEstimator(Estimator):
     At least a cell counts. More suits a map that is drawn roughly, and makes covariances larger.
     """
     effective_beams: float = setting(12.6, positive, "beams")
-    """Number of independent beams that tell as much as all, above 0.
+    """Number of independent beams in half a turn that tell as much as all beams there, above 0.
 
-    Neighbouring beams err alike; the default is fitted to real lasers. Covariances shrink as it
-    grows. Of fewer beams than these, each tells as much as an independent one.
+    It grows with the field of view: a lidar that sees all round has twice as many. Neighbouring
+    beams err alike; the default is fitted to real lasers, which see half a turn. Covariances shrink
+    as it grows. Of fewer beams than these, each tells as much as an independent one.
     """
     max_beams: int = setting(180)
-    """Maximum number of beams that count, >= 1; fewer are faster.
+    """Maximum number of beams in half a turn that count, >= 1; fewer are faster.
 
-    Of a lidar with more, as many are simulated, evenly spaced over its field of view.
+    It grows with the field of view, too. An odd number counts as the even one below it.
     """
 
     def __post_init__(self) -> None:
@@ -79,7 +81,7 @@ class LidarEstimator(Estimator):
         return {
             **super().identity(),
             "lidar": {name: getattr(self.lidar, name) for name in (*view, *mount)},
-            "effective_beams": float(min(self.effective_beams, self.beams_compared)),
+            "effective_beams": self.temperature * 180 / self._beams.pitch_deg,
             "max_beams": self.beams_compared,
         }
 
@@ -93,22 +95,27 @@ class LidarEstimator(Estimator):
         """
         return max(self.sigma_hit, resolution)
 
+    @cached_property
+    def _beams(self) -> ComparedBeams:
+        return ComparedBeams.of(self.lidar, self.max_beams)
+
     @property
     def beams_compared(self) -> int:
-        """Number of beams that count; whole quarters of them where the lidar sees all round."""
-        count = min(self.lidar.beams, self.max_beams)
-        return count // 4 * 4 or count if self.lidar.sees_all_round else count
+        """Number of beams that count."""
+        return len(self._beams.places)
 
     @property
     def beam_numbers(self) -> Ints:
-        """Numbers of a real lidar's beams that count, evenly spaced, (beams_compared,)."""
-        count = self.beams_compared
-        return (2 * np.arange(count) + 1) * self.lidar.beams // (2 * count)
+        """Numbers of a real lidar's beams that count, those nearest to the simulated ones, (n,)."""
+        return self._beams.nearest_of(self.lidar)
 
     @property
     def temperature(self) -> float:
-        """Factor on the log-likelihood of the beams that count."""
-        return min(1.0, self.effective_beams / self.beams_compared)
+        """Factor on the log-likelihood of the beams that count.
+
+        It is the same for all fields of view, so that each beam more tells more.
+        """
+        return min(1.0, self.effective_beams * self._beams.pitch_deg / 180)
 
     @property
     def reach(self) -> float:
@@ -120,10 +127,6 @@ class LidarEstimator(Estimator):
         """Name of the estimator, its lidar, range and field of view."""
         return f"{self.name}, {self.lidar.title}"
 
-    @classmethod
-    def of(cls, lidar: Lidar, **settings: Any) -> LidarEstimator:
-        return cls(lidar, **settings)
-
     def with_lidar(self, lidar: Lidar) -> LidarEstimator:
         return replace(self, lidar=lidar)
 
@@ -134,8 +137,86 @@ class LidarEstimator(Estimator):
 
     def beams(self) -> Any:
         """The simulated lidar with the beams that count, in the form that the kernels take."""
-        # A choice of the lidar's own beams would lie aside of the middle, and not turn with a map.
-        return replace(self.lidar, beams=self.beams_compared).for_kernels()
+        angles, yaw = self._beams.angles_and_yaw(self.lidar)
+        return self.lidar.for_kernels()._replace(angles=angles, yaw=yaw)
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedBeams:
+    """The beams of a lidar that count.
+
+    Their bearings are places of one lattice, whose points lie half a pitch from the robot's axis,
+    one pitch from each other, and whole in a quarter turn. So a part of a field of view has a part
+    of the beams, and never tells more than all of it; and what a lidar sees turns with a map.
+    A lidar whose own beams are one pitch apart keeps them.
+    """
+
+    pitch_deg: float
+    """Angle from one beam to the next [deg]."""
+    places: Ints
+    """Places of the beams on the lattice, 0 and -1 beside the axis, (n,); from 0 on of own ones."""
+    is_own: bool
+    """Whether they are all of the lidar's own beams."""
+
+    @classmethod
+    def of(cls, lidar: Lidar, max_beams: int) -> ComparedBeams:
+        """Choose the beams of a lidar that count.
+
+        Parameters
+        ----------
+        lidar : Lidar
+            The lidar.
+        max_beams : int
+            Maximum number of beams in half a turn.
+        """
+        width, count, all_round = lidar.field_of_view_deg, lidar.beams, lidar.sees_all_round
+        if count < 4:
+            return cls(width / count, np.arange(count), True)
+        # A part of a lidar's view has a rounded number of its beams.
+        in_quarter = count // 4 if all_round else int(90 * (count + 0.5) / width)
+        in_quarter = max(1, min(in_quarter, max_beams // 2))
+        pitch = 90 / in_quarter
+        if all_round:
+            return cls(pitch, np.arange(-2 * in_quarter, 2 * in_quarter), False)
+        if math.isclose(width / (count - 1), pitch, rel_tol=1e-3):
+            return cls(pitch, np.arange(count), True)
+        first, last = (
+            (lidar.mount_yaw_deg + side * (width / 2 + 1e-6)) / pitch - 0.5 for side in (-1, 1)
+        )
+        places = np.arange(math.ceil(first), math.floor(last) + 1)
+        middle = math.floor(lidar.mount_yaw_deg / pitch)  # of a view that is narrower than a pitch
+        return cls(pitch, places if places.size else np.array([middle]), False)
+
+    def angles_and_yaw(self, lidar: Lidar) -> tuple[Floats, float]:
+        """Angles of the beams (n,) from an axis, and the axis' angle on the robot [rad]."""
+        if self.is_own:
+            return lidar.angles, lidar.mount_yaw
+        return np.radians((self.places + 0.5) * self.pitch_deg), 0.0
+
+    def nearest_of(self, lidar: Lidar) -> Ints:
+        """Numbers of the lidar's own beams that are nearest to these, rising."""
+        if self.is_own:
+            return self.places
+        on_lidar = (self.places + 0.5) * self.pitch_deg - lidar.mount_yaw_deg
+        between = np.degrees(lidar.angles[1] - lidar.angles[0])
+        numbers = np.rint((on_lidar - np.degrees(lidar.angles[0])) / between - 1e-6).astype(int)
+        if lidar.sees_all_round:
+            return np.unique(numbers % lidar.beams)
+        return np.unique(np.clip(numbers, 0, lidar.beams - 1))
+
+    def from_axis(self, lidar: Lidar) -> Ints:
+        """Places of the beams from an axis, 1 beside it; beams that a symmetry exchanges have one.
+
+        The axis is the middle of own beams, or the robot's. Where a lidar sees all round, quarter
+        turns are symmetries, too.
+        """
+        half_pitches = abs(2 * self.places + 1)
+        if self.is_own:
+            half_pitches = abs(2 * self.places + 1 - len(self.places))
+        if lidar.sees_all_round:
+            quarter = len(self.places) / 2
+            half_pitches = np.minimum(half_pitches % quarter, -half_pitches % quarter)
+        return (half_pitches // 2).astype(np.int64) + 1
 
 
 def reach_of_beams(lidar: Lidar, resolution: float) -> int:

@@ -9,13 +9,13 @@ variance is the prior, so that a place without any return is exactly featureless
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Literal
+from dataclasses import KW_ONLY, dataclass, field, replace
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from locplan._kernels.arrays import Floats, Octets, Singles
-from locplan._util.checks import instance, one_of
+from locplan._util.checks import default_of, instance, keep, one_of
 from locplan.errors import ConfigError
 from locplan.field._covariance import log_euclidean_means, position_axes
 from locplan.field._estimator import Estimator, Layer, MapPart, Values
@@ -41,7 +41,7 @@ class Fisher(LidarEstimator):
     --------
     >>> from locplan.robots import Lidar
     >>> Fisher(Lidar.preset("utm-30lx")).beams_compared
-    180
+    270
     """
 
     name: ClassVar[str] = "fisher"
@@ -140,19 +140,26 @@ ROUND, ELONGATED = 1.5, 4.0
 
 In a corridor the derivatives say half the deviation that is measured, or less.
 """
+SMALL, LARGE = 0.25, 0.35
+"""Largest deviations of the scan up to which both count alike, and from which it alone [m].
+
+A lidar that sees less may have a rounder ellipse, but not a smaller one: so large deviations stay
+large. There, too, the derivatives say half of what is measured, or less.
+"""
 
 
 @dataclass(frozen=True, repr=False)
 class Fused(Estimator):
     """The mean of the covariances of `Fisher` and `Scan` in the matrix logarithm.
 
-    Both count alike where the scan's ellipse of positions is round; where it is long and narrow,
-    the scan alone counts. It ranks the uncertainty of real lasers best, and is nearest to it in
-    metres.
+    Both count alike where the scan's ellipse of positions is round and small; where it is long and
+    narrow, or large, the scan alone counts. It ranks the uncertainty of real lasers best, and is
+    nearest to it in metres.
 
     Examples
     --------
-    >>> Fused.of(Lidar.preset("utm-30lx")).reach
+    >>> from locplan.robots import Lidar
+    >>> Fused(Lidar.preset("utm-30lx")).reach
     30.0
     """
 
@@ -163,42 +170,31 @@ class Fused(Estimator):
     criterion: ClassVar[str] = LidarEstimator.criterion
     casts_rays: ClassVar[bool] = True
 
-    fisher: Fisher
-    """The estimator of the derivatives."""
-    scan: Scan
-    """The estimator of the simulated scan, whose layers the field has.
+    lidar: Lidar
+    """The lidar: its range, field of view, beams and mount."""
+    _: KW_ONLY
+    fisher: Fisher = default_of(lambda fused: Fisher(fused.lidar))
+    """The estimator of the derivatives; by default `Fisher` for the lidar."""
+    scan: Scan = default_of(lambda fused: Scan(fused.lidar))
+    """The estimator of the simulated scan, whose layers the field has; by default `Scan`.
 
     Its lidar and its window are those of `fisher`.
     """
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+        keep(self, fisher=self.fisher or Fisher(self.lidar), scan=self.scan or Scan(self.lidar))
         instance("fisher", self.fisher, Fisher)
         instance("scan", self.scan, Scan)
-        if (self.fisher.lidar, self.fisher.window) != (self.scan.lidar, self.scan.window):
-            raise ConfigError("fisher and scan must have one lidar and one window to be fused")
-
-    @classmethod
-    def of(cls, lidar: Lidar, **settings: Any) -> Fused:
-        """Both estimators with their default settings for a lidar.
-
-        Parameters
-        ----------
-        lidar
-            See `locplan.field.Estimator.of`.
-        **settings
-            Settings of `Fused` alone, which is its noise level.
-        """
-        return cls(Fisher(lidar), Scan(lidar), **settings)
+        if {self.fisher.lidar, self.scan.lidar} != {self.lidar}:
+            raise ConfigError("fisher and scan must have the lidar of the fused estimator")
+        if self.fisher.window != self.scan.window:
+            raise ConfigError("fisher and scan must have one window to be fused")
 
     def with_lidar(self, lidar: Lidar) -> Fused:
         fisher, scan = replace(self.fisher, lidar=lidar), replace(self.scan, lidar=lidar)
-        return replace(self, fisher=fisher, scan=scan)
-
-    @property
-    def lidar(self) -> Lidar:
-        """The lidar of both estimators."""
-        return self.scan.lidar
+        return replace(self, lidar=lidar, fisher=fisher, scan=scan)
 
     @property
     def reach(self) -> float:
@@ -218,7 +214,7 @@ class Fused(Estimator):
     def identity(self) -> dict[str, object]:
         """What decides the values of both."""
         both = {"fisher": self.fisher.identity(), "scan": self.scan.identity()}
-        return {**super().identity(), **both}
+        return {"name": self.name, "noise_level": self.noise_level, **both}
 
     def lattice(self, resolution: float) -> OffsetLattice:
         return self.scan.lattice(resolution)
@@ -246,7 +242,9 @@ class Fused(Estimator):
 
     def _mean(self, of_fisher: Floats, of_scan: Floats) -> Floats:
         major, minor, _ = position_axes(of_scan)
-        of_both = np.clip((ELONGATED - major / minor) / (ELONGATED - ROUND), 0.0, 1.0)
+        is_round = (ELONGATED - major / minor) / (ELONGATED - ROUND)
+        is_small = (LARGE - major) / (LARGE - SMALL)
+        of_both = np.clip(np.minimum(is_round, is_small), 0.0, 1.0)
         return self.noise_level * log_euclidean_means(of_fisher, of_scan, 1 - of_both / 2)
 
     def prepare(self, levels: Octets, resolution: float) -> tuple[object, object]:

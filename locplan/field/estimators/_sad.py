@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -163,12 +163,11 @@ class Sad(Estimator):
         disc = "the paper's disc, 6 m assumed" if self.range == PAPER_RANGE else f"{self.range:g} m"
         return f"{how}; no lidar named: {disc}"
 
-    @classmethod
-    def of(cls, lidar: Lidar, **settings: Any) -> Sad:
-        """The estimator whose disc reaches as far as a lidar. See `locplan.field.Estimator.of`."""
-        return replace(cls(**settings), range=lidar.range, lidar=lidar)
-
     def with_lidar(self, lidar: Lidar) -> Sad:
+        """The estimator whose disc reaches as far as a lidar.
+
+        See `locplan.field.Estimator.with_lidar`.
+        """
         return replace(self, range=lidar.range, lidar=lidar)
 
     @property

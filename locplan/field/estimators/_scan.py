@@ -95,16 +95,11 @@ class Scan(LidarEstimator):
         They are the quantiles at the base-2 van der Corput sequence: evenly spread, and different
         for neighbouring beams. Beams that a mirror exchanges have the same one, and so have, of a
         lidar that sees all round, those that a quarter turn exchanges: then the covariances turn
-        with the map.
+        with the map. Of a part of a view, the beams keep theirs.
         """
         from scipy.special import ndtri
 
-        beams = self.beams_compared
-        from_middle = abs(2 * np.arange(beams) + 1 - beams)  # half spacings
-        if self.lidar.sees_all_round:
-            quarter = beams / 2
-            from_middle = np.minimum(from_middle % quarter, -from_middle % quarter)
-        numbers = (from_middle // 2).astype(np.int64) + 1
+        numbers = self._beams.from_axis(self.lidar)
         digits = np.arange(MAX_BEAMS.bit_length())
         reversed_digits = numbers[:, None] >> digits & 1
         return np.asarray(ndtri(reversed_digits @ 0.5 ** (digits + 1.0)))

@@ -14,6 +14,7 @@ import numpy as np
 from locplan._kernels.arrays import Floats, Ints
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
+from locplan.maps import OCCUPIED
 from locplan.planners._protocol import CURVED, check_pose, check_space
 
 MIN_RADIUS, MAX_RADIUS = 0.01, 10.0
@@ -26,7 +27,8 @@ class Motions:
 
     A motion's cost is the exact integral of the costmap's density along its true curve, found in
     one compiled call. In "R2" headings do not count; in the other spaces the density for the
-    heading counts, where the costmap has several.
+    heading counts, where the costmap has several. There the outline of the costmap's robot must
+    meet no occupied cell, either.
 
     Raises
     ------
@@ -91,7 +93,7 @@ class Motions:
         """
         from locplan._kernels.motions import world_cost
 
-        return float(world_cost(*self.arguments, _pose(start), _pose(end), math.inf))
+        return float(world_cost(*self.arguments, self.body, _pose(start), _pose(end), math.inf))
 
     def is_free(self, x: float, y: float) -> bool:
         """Return whether the robot can stand at a position.
@@ -105,6 +107,19 @@ class Motions:
 
         half, columns, _, _, frame = self.arguments
         return bool(stands(half, columns, frame, float(x), float(y)))
+
+    def meets_wall(self, pose: Sequence[float]) -> bool:
+        """True if the outline of the costmap's robot meets a wall at a pose; never in "R2".
+
+        Parameters
+        ----------
+        pose : (x, y, heading)
+            The pose in the world [m, rad].
+        """
+        robot = self.costs.robot
+        if self.space == "R2" or robot is None or robot.outline is None:
+            return False
+        return robot.outline.collisions(self.costs.grid, np.array([pose, pose])).size > 0
 
     def costs_between(self, poses: Floats, pairs: Ints) -> Floats:
         """Costs J of motions between pairs of poses.
@@ -123,7 +138,7 @@ class Motions:
         """
         from locplan._kernels.motions import world_costs
 
-        return np.asarray(world_costs(*self.arguments, poses, pairs))
+        return np.asarray(world_costs(*self.arguments, self.body, poses, pairs))
 
     def path(self, poses: Floats) -> Path:
         """The path of the motions through poses; its lines cross the cells of the curves.
@@ -144,6 +159,16 @@ class Motions:
             ]
             poses = np.vstack([poses[:1], *(piece[1:] for piece in pieces)])
         return Path(poses[:, :2], poses[:, 2])
+
+    @cached_property
+    def body(self) -> Any:
+        """The outline of the costmap's robot for the kernels; none in "R2", and of a circle."""
+        from locplan._kernels.outlines import Body, sums_of
+
+        robot, grid = self.costs.robot, self.costs.grid
+        if robot is None or robot.outline is None or self.space == "R2":
+            return Body(np.empty((0, 1), np.int32), np.empty((0, 2)))
+        return Body(sums_of(grid.cells == OCCUPIED), robot.outline.vertices / grid.resolution)
 
     @cached_property
     def arguments(self) -> tuple[Any, ...]:

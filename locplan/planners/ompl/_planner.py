@@ -16,7 +16,8 @@ from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners._any_angle import AnyAngle, straightened
-from locplan.planners._grid import blank_costs, cheapest_cells, connected_parts, through_centres
+from locplan.planners._grid import blank_costs, cheapest_cells, connected_parts
+from locplan.planners._grid_paths import grid_path
 from locplan.planners._lattice import Lattice
 from locplan.planners._protocol import CURVED, MAX_SEED, Found, Position, check_space
 from locplan.planners.ompl._motions import Motions
@@ -28,6 +29,7 @@ from locplan.robots import Kinematics, Robot
 class Ompl:
     """One of OMPL's sampling-based planners.
 
+    In spaces with headings the outline of the costmap's robot keeps clear of walls, too.
     RRT, RRTConnect, KPIECE1, BKPIECE1 and LBKPIECE1 do not look at costs and stop at the first
     path; the others seek the least J.
     """
@@ -134,6 +136,10 @@ class Ompl:
         one, other = (part[costs.grid.world_to_cell(*pose[:2])] for pose in (start, goal))
         if one != other:
             return Found(status="unreachable")  # what no path over the grid joins, no motion does
+        for name, pose in (("start", start), ("goal", goal)):
+            if motions.meets_wall(pose):
+                note = f"the robot's outline meets a wall at the {name}; move or turn it"
+                return Found(status="infeasible", note=note)
         direct = motions.path(np.array([start, goal]))
         if motions.cost(start, goal) <= direct.length * (1 + OPTIMAL) + OPTIMAL:
             return Found(direct, history=((0.0, path_metrics(costs, direct).cost),))
@@ -162,13 +168,15 @@ class Ompl:
         if self.space == "R2":
             cells, _ = cheapest_cells(costs, start, goal, allow_corner_cutting=False)
             assert cells is not None
-            return [through_centres(costs, cells, start, goal, trim=True)]
+            return [grid_path(costs, cells, start, goal)]
         kinematics = Kinematics(
             drive="car-like",
             turning_radius=self.turning_radius or 0.0,
             reverse=self.space == "ReedsShepp",
         )
-        own = dataclasses.replace(costs, robot=Robot(kinematics=kinematics, goal_tolerance=0.0))
+        robot = costs.robot or Robot()
+        robot = dataclasses.replace(robot, kinematics=kinematics, goal_tolerance=0.0)
+        own = dataclasses.replace(costs, robot=robot)
         path = Lattice(time_limit=self.seconds).solve(own, start, goal).path
         if path is None:
             return []

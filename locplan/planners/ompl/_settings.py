@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from locplan._util.checks import number, shown
+from locplan._util.checks import number, shown, suggestion
 from locplan._util.supervision import temporary_folder
 from locplan.errors import ConfigError, LocplanError
 
@@ -82,7 +82,8 @@ def check_settings(planner: str, settings: Mapping[str, Any]) -> None:
         )
     for name, value in settings.items():
         if name not in known:
-            raise ConfigError(f"{planner} has no setting {shown(name)}; it has: {', '.join(known)}")
+            names = f"{', '.join(known)}{suggestion(name, known)}"
+            raise ConfigError(f"{planner} has no setting {shown(name)}; it has: {names}")
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             number(f"{planner}'s setting {name}", value, 1 if isinstance(value, int) else 0)
 

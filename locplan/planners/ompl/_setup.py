@@ -185,15 +185,16 @@ def _cost_of(motions: Motions) -> Callable[[base.State, base.State], float]:
     from locplan._kernels.motions import world_cost
 
     half, columns, kind, radius, frame = motions.arguments
+    body = motions.body
 
     def between_positions(state: base.State, other: base.State) -> float:
         start, end = (state[0], state[1], 0.0), (other[0], other[1], 0.0)
-        return float(world_cost(half, columns, kind, radius, frame, start, end, BLOCKED))
+        return float(world_cost(half, columns, kind, radius, frame, body, start, end, BLOCKED))
 
     def between_poses(state: base.State, other: base.State) -> float:
         start = state.getX(), state.getY(), state.getYaw()
         end = other.getX(), other.getY(), other.getYaw()
-        return float(world_cost(half, columns, kind, radius, frame, start, end, BLOCKED))
+        return float(world_cost(half, columns, kind, radius, frame, body, start, end, BLOCKED))
 
     return between_positions if motions.space == "R2" else between_poses
 

@@ -12,7 +12,17 @@ from typing import Any, Literal, Protocol, get_args
 import numpy as np
 
 from locplan._kernels.arrays import Bools, Floats
-from locplan._util.checks import Settings, instance, keep, number, one_of, positive, shown, whole
+from locplan._util.checks import (
+    Settings,
+    instance,
+    keep,
+    number,
+    one_of,
+    positive,
+    shown,
+    suggestion,
+    whole,
+)
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, FieldConfig
@@ -24,6 +34,7 @@ from locplan.planners import (
     Planner,
     Position,
     check_ends,
+    needs_lattice,
     path_faults,
     plan,
     plan_beside_shortest,
@@ -66,8 +77,8 @@ class ChoiceSettings(Settings):
     budget: float | None = None
     """Maximum integral of u of a candidate, >= 0 [m]; None sets no limit."""
     longest: float = 1.5
-    """Maximum length of a candidate, in lengths of the shortest path, >= 1; paths that are given
-    may be longer."""
+    """Maximum length of a candidate, in lengths of the shortest path, >= 1. The aware path of the
+    default weight and all that you ask for may be longer."""
     front: bool = False
     """Whether up to 5 paths of the Pareto front of length against degeneracy are candidates."""
     weight: float | None = None
@@ -133,6 +144,7 @@ class ChoiceSettings(Settings):
             if name not in known:
                 raise ConfigError(
                     f"a choice has no setting {shown(name)}; it has {', '.join(known)}"
+                    f"{suggestion(name, known)}"
                 )
         return cls(**settings)
 
@@ -202,8 +214,8 @@ class Ask:
 
     @property
     def by_lattice(self) -> bool:
-        """Whether the robot turns on a radius, so that all paths are those of the lattice."""
-        return self.robot.kinematics.turning_radius > 0 and self.settings.budget is None
+        """Whether the robot has an outline or turns on a radius, so that the lattice plans all."""
+        return needs_lattice(self.robot) and self.settings.budget is None
 
     def _planners(
         self, costs: Costmap, planner: Planner | None
@@ -301,17 +313,13 @@ class Ask:
 
     def fault_of(self, path: Path, costs: Costmap) -> str:
         """Which limit a path does not keep; empty if it keeps all."""
-        asked, outline = self.settings, self.robot.outline
+        asked = self.settings
         for x, y, *_ in asked.via:
             if not len(path) or distances_to(np.array([[x, y]]), path)[0] > NEAR:
                 return f"does not visit {x:g},{y:g}"
         if self.by_lattice:
             for each in path_faults(self.grid, path, self.robot):
                 return f"cannot be driven: {each.kind} near {each.x:.2f},{each.y:.2f}"
-        elif asked.budget is None and outline is not None:
-            collision = outline.first_collision(self.grid, path)
-            if collision:
-                return "the robot's outline meets a wall near {:.2f},{:.2f}".format(*collision)
         if asked.max_e is None and asked.budget is None:
             return ""
         metrics = path_metrics(costs, path)

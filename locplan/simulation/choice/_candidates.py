@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from functools import cached_property
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +22,7 @@ from locplan.simulation.choice._densities import (
     AWARE,
     DENSITIES,
     INFLATED,
+    Density,
     Ground,
     aware,
     blocked_of,
@@ -76,49 +78,83 @@ class Part(Ground):
         grid, u = costs.grid.part(*window), costs.u[window]
         return cls(grid, u, ask.robot, {SHORTEST: shortest}, costs, window, ask, longest)
 
-    def planned(self, density: NDArray[np.float64]) -> Path | None:
-        """The path of least cost on a density of the part, if it keeps all limits."""
+    @cached_property
+    def whole_map(self) -> Part:
+        """The whole map, on which a path may be of any length."""
+        costs = self.costs
+        same: Any = {"window": np.s_[:, :], "ask": self.ask, "longest": math.inf}
+        return Part(costs.grid, costs.u, self.robot, self.accepted, costs, **same)
+
+    @property
+    def requested_weights(self) -> list[float]:
+        """Weights whose aware paths race at any length: the costmap's, and the one asked for."""
+        weights = self.costs.weight, self.ask.settings.weight
+        return [weight for weight in weights if weight is not None and not math.isnan(weight)]
+
+    def plan_on(self, density: NDArray[np.float64]) -> Path | str:
+        """Return the path of least cost on a density of the part, or why it is no candidate."""
         costs = self.costs
         blocked = blocked_of(costs, self.ask.settings.max_e, self.window)
         layer = Costmap.from_density(self.grid, np.where(blocked, np.inf, density))
-        path = self.ask.planned(layer, limited=False).path
-        if path is None or path.length > self.longest or self.ask.fault_of(path, costs):
-            return None
-        return path
+        result = self.ask.planned(layer, limited=False)
+        path = result.path
+        if path is None:
+            return why_without(result)
+        if path.length > self.longest:
+            ratio = self.ask.settings.longest
+            return f"{path.length:.1f} m, more than {ratio:g} times the shortest"
+        return self.ask.fault_of(path, costs) or path
+
+    def plan_aware(self, weight: float) -> Path | str:
+        """Return the aware path of a weight, or why it is no candidate."""
+        ground = self.whole_map if weight in self.requested_weights else self
+        return ground.plan_on(1 + weight * ground.u)
 
     def aware_paths(self, weights: Iterable[float]) -> list[Path]:
-        """The shortest path, and the aware paths of some weights."""
-        found = [self.planned(1 + weight * self.u) for weight in weights]
-        return [self.accepted[SHORTEST], *(path for path in found if path is not None)]
+        """The shortest path, and the aware paths of some weights and of the requested ones."""
+        paths = map(self.plan_aware, sorted({*weights, *self.requested_weights}))
+        return [self.accepted[SHORTEST], *(path for path in paths if isinstance(path, Path))]
 
 
 def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]]:
     """All candidates by name, the shortest first, and why others are none."""
-    found, weight = part.accepted, part.ask.settings.weight
-    densities = {**INFLATED, **DENSITIES}
+    found, left_out = part.accepted, dict[str, str]()
+    densities: dict[str, Density] = {**INFLATED, **DENSITIES}
+    requested: dict[str, Density] = {}
     if not math.isnan(part.costs.weight):
-        densities |= AWARE
-        if weight is not None:
-            densities |= aware(weight)
+        for weight in part.requested_weights:
+            requested |= aware(weight)
+        densities |= AWARE | requested
     for name, density in densities.items():
-        path = part.planned(density(part))
-        if path is None or not is_beside(path, found.values(), 0.1, 0.0):
-            continue
+        ground = part.whole_map if name in requested else part
+        path = ground.plan_on(density(ground))
         # Up to 0.1 m two paths are one; another one has a tenth of its points 0.35 m off all.
         # What Nav2 would drive is shown beside, and takes no other path's place.
-        others = [each for label, each in found.items() if label not in INFLATED]
-        if name not in DENSITIES or is_beside(path, others, 0.35, 0.1):
+        limits = (0.35, 0.1) if name in DENSITIES else (0.1, 0.0)
+        if isinstance(path, str):
+            left_out[name] = path
+        elif twin := twin_of(path, found, 0.1, 0.0):
+            left_out[name] = f"the same path as {shown(twin)}"
+        elif twin := twin_of(path, _without(found, INFLATED), *limits):
+            left_out[name] = f"nearly the same path as {shown(twin)}"
+        else:
             found[name] = path
-    left_out: dict[str, str] = {}
-    reserved = {**INFLATED, **DENSITIES, **AWARE}
+    reserved = {*INFLATED, *DENSITIES, *AWARE, *densities}
     add_own(own, found, left_out, part.costs, part.ask, reserved=reserved)
     return found, left_out
 
 
-def is_beside(path: Path, others: Iterable[Path], distance: float, share: float) -> bool:
-    """Whether more than a share of a path's points are farther from each other path [m]."""
+def _without(paths: Mapping[str, Path], names: Collection[str]) -> dict[str, Path]:
+    return {name: path for name, path in paths.items() if name not in names}
+
+
+def twin_of(path: Path, others: Mapping[str, Path], distance: float, share: float) -> str:
+    """Name of the first path that all but a share of a path's points are near [m], or none."""
     points = path.resampled(0.25, even=True).xy
-    return all(float((distances_to(points, each) > distance).mean()) > share for each in others)
+    for name, other in others.items():
+        if float((distances_to(points, other) > distance).mean()) <= share:
+            return name
+    return ""
 
 
 AnyCandidate: TypeAlias = str | Planner | Path | Plan | ParetoFront | ArrayLike
@@ -220,7 +256,6 @@ def add_own(
     asked, given = ask.settings, dict(own)
     if asked.front:
         given.update(_paths_of("front", pareto_front(costs, ask.start[:2], ask.goal[:2])))
-    limit = asked.longest * found[SHORTEST].length if SHORTEST in found else math.inf
     for name, path in given.items():
         if path is but:
             continue
@@ -228,13 +263,11 @@ def add_own(
             made = ask.planned(costs, path, limited=asked.budget is None)
             path = made.path or why_without(made)
         fault = path if isinstance(path, str) else ask.fault_of(path, costs)
+        while name in (*found, *left_out, *reserved):
+            name = f"own {name}"
         if isinstance(path, str) or fault:
             left_out[name] = fault
-        elif path.length > limit and not isinstance(own.get(name), Path):
-            left_out[name] = f"is longer than {limit:.1f} m, {asked.longest:g} times the shortest"
         else:
-            while name in (*found, *reserved):
-                name = f"own {name}"
             found[name] = path
 
 

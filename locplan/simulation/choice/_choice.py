@@ -17,9 +17,9 @@ from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, FieldConfig
 from locplan.planners import Plan, Position
-from locplan.robots import Amcl, Robot
+from locplan.robots import Robot
 from locplan.simulation._arrivals import Arrivals, faults_of
-from locplan.simulation.choice._ask import TUNED, ChoiceSettings
+from locplan.simulation.choice._ask import ChoiceSettings
 from locplan.simulation.choice._densities import config_of, costmap_of, costs_again
 from locplan.simulation.choice._driven import DRIVEN, PLANNED, Candidate, Driven, comparable
 from locplan.simulation.choice._race import (
@@ -29,6 +29,7 @@ from locplan.simulation.choice._race import (
     ROUNDS,
     Judgement,
 )
+from locplan.simulation.choice._tuning_advice import tuning_advice
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,7 +65,7 @@ class Choice(Result, Stored):
     note: str = ""
     """What there is to say beside: why nothing was driven, or why there is no path."""
     left_out: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    """Why a planner's or a user's path is no candidate, by its name."""
+    """Why each other path that was planned or given is no candidate, by its name."""
     judgement: Judgement | None = None
     """The race and its confirmation; None where nothing was driven."""
     rival: Driven | None = None
@@ -144,7 +145,7 @@ class Choice(Result, Stored):
             return f"take {chosen.quoted}, untested: {self.note}"
         if found.leader == 0:
             if len(self.candidates) == 1:
-                return "take the shortest: there is no other path that is not much longer"
+                return "take the shortest: no other path is a candidate"
             return f"take the shortest: no other path led by 1 % in the race of {ROUNDS[-1]} drives"
         leader = self.candidates[found.leader]
         error = f"x{short(found.ratio)} of its error {leader.at_length(shortest)}"
@@ -189,25 +190,16 @@ class Choice(Result, Stored):
     @property
     def advice(self) -> list[str]:
         """Sentences on the filter, which may matter more than the path."""
-        chosen, found = self.chosen, []
-        if chosen is None or chosen.driven is None or self.judgement is None:
+        if self.shortest is None or self.chosen is None or self.judgement is None:
             return []
-        if chosen.driven.lost_rate.value >= 0.5:  # paths are not the remedy
-            tool = " with `locplan tune`" if isinstance(self.robot.filter, Amcl) else ""
-            found.append(
-                f"half of its drives or more are off by over 1 m: tune the filter first{tool};"
-                " `locplan evaluate` tells if single scans fail as well"
-            )
-        taken = self.judgement.ratio.value if self.best else 1.0
-        rival, filter = self.rival and self.rival.ratio, self.settings.rival
-        if rival and filter and rival.high < 1 and rival.value < 0.9 * taken:
-            which = "this filter" if isinstance(self.robot.filter, Amcl) else "AMCL"
-            preset = f"{which} with all alphas 0.05 and likelihood_field_prob"
-            found.append(
-                "tune first, with `locplan tune`: on the shortest path"
-                f" {preset if filter == TUNED else filter.title} has x{short(rival)} of the error"
-            )
-        return found
+        return tuning_advice(
+            self.shortest,
+            self.chosen,
+            self.judgement.ratio.value if self.best else 1.0,
+            self.robot.filter,
+            self.rival,
+            self.settings.rival,
+        )
 
     @property
     def said(self) -> list[str]:
@@ -304,8 +296,13 @@ class Choice(Result, Stored):
             " path had other drives, 4 to 8: its ratio is to the shortest in these",
         ]
         left = [f"{each.name}: {each.note}" for each in self.candidates if each.note]
-        left += [f"left out: {name}: {why}" for name, why in self.left_out.items()]
+        names: dict[str, list[str]] = {}
+        for name, why in self.left_out.items():
+            names.setdefault(why, []).append(name)
+        left += [f"left out: {', '.join(group)}: {why}" for why, group in names.items()]
         below = [*left, *([self.driven, *heads] if self.judgement else [])]
+        if self.costs is not None and self.costs.note:
+            below.append(self.costs.note)
         if self.costs is not None and not self.costs.has_weak_spots:
             below.append("no weak spot for this lidar: u is 0 all over the map")
         return "\n".join(

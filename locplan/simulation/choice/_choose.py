@@ -62,8 +62,8 @@ def choose(
     the robot, steered by its filter in some closed-loop drives of both, arrives about as often.
     Where the shortest path is kept, such drives of it show how often the robot arrives.
 
-    Candidates of a robot that turns on a radius are those of the lattice planner, so that it can
-    drive all of them.
+    Candidates of a robot with an outline or a turning radius are those of the lattice planner, so
+    that it can drive all of them.
 
     Where the robot's lidar is not known, nothing is driven: the aware path of the field is then
     the path to take, untested, beside the shortest one.
@@ -166,8 +166,10 @@ def _driven(
     paths, left_out = candidates_of(part, own)
     if asked.is_limited:  # planners find short paths, not always the shortest, within limits
         name = min(paths, key=lambda each: paths[each].length)
-        others = {each: path for each, path in paths.items() if each not in (name, SHORTEST)}
-        paths = {SHORTEST: paths[name], **others}
+        if name != SHORTEST:
+            left_out[name] = f"races as {SHORTEST!r}: no path within the limits is shorter"
+            left_out[f"planned {SHORTEST}"] = f"{name!r} keeps the limits and is shorter"
+            paths[SHORTEST] = paths.pop(name)
     driver = Driver(simulator, paths, asked, progress)
     until = math.inf if asked.time_limit is None else time.monotonic() + asked.time_limit
     found = judged(
@@ -271,8 +273,9 @@ def _planned_only(ask: Ask, own: Own, shortest: Plan, seed: int, why_not: str) -
 
 
 def _note_on(made: Plan) -> str:
-    """What a plan says of its path beside its metrics."""
-    said = [made.note] if made.note else []
+    """What a plan says of its path beside its metrics, and beside the note of its costmap."""
+    note = made.note.removesuffix(made.costs.note).rstrip("; ") if made.costs else made.note
+    said = [note] if note else []
     if not made.minimises:
         said.append("any path, since its planner minimises nothing")
     if made.bound is not None:

@@ -115,7 +115,7 @@ def choose_many(
         if isinstance(given, Costmap):
             costs = given
         else:
-            field = load_or_compute(given, Fused.of(equipped(robot).known_lidar), threads=threads)
+            field = load_or_compute(given, Fused(equipped(robot).known_lidar), threads=threads)
             costs = Costmap.from_field(given, field, robot=(robot or Robot()).radius)
         if isinstance(queries, Mapping) and name not in queries:
             raise ConfigError(f"there are no queries for map {shown(name)}")

@@ -75,7 +75,7 @@ def config_of(about: Mapping[str, Any], lidar: Lidar | None) -> FieldConfig:
     """Settings of the field in what is known of a costmap; without any, the usual ones."""
     if "config" in about:
         return FieldConfig.from_json(about["config"])
-    return FieldConfig(Fused.of(lidar) if lidar else Sad())
+    return FieldConfig(Fused(lidar) if lidar else Sad())
 
 
 def costs_again(about: Mapping[str, Any], field: CovarianceField) -> Costmap:

@@ -309,7 +309,10 @@ def differing_names(one: Amcl, other: Amcl) -> list[str]:
 
 def _edited(params: Path, values: Mapping[str, Value]) -> bytes:
     """A file with these values, and beams not skipped where they are from now on."""
-    skips = read_parameters(params).of("amcl").get("do_beamskip")
+    given = read_parameters(params).of("amcl")
+    if given.get("laser_model_type", MODELS[0]) not in MODELS:  # another model was simulated
+        values = {"laser_model_type": MODELS[0], **values}
+    skips = given.get("do_beamskip")
     if skips and values.get("laser_model_type") == "likelihood_field_prob":
         # It had no effect with the other laser model, and was not simulated with this one.
         values = {**values, "do_beamskip": False}

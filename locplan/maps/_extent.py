@@ -1,0 +1,19 @@
+"""The part of the world that a map covers, for people."""
+
+from __future__ import annotations
+
+from locplan.maps._grid import OccupancyGrid
+
+
+def extent_text(grid: OccupancyGrid) -> str:
+    """Return the lowest and the highest corner of a map in the world, such as 0,0 to 40,14 m.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map; a turned one covers less than the box between the corners.
+    """
+    rows, cols = grid.shape
+    xs, ys = grid.grid_to_world([0, 0, rows, rows], [0, cols, 0, cols])
+    low, high = ((f(xs), f(ys)) for f in (min, max))
+    return f"{low[0]:.6g},{low[1]:.6g} to {high[0]:.6g},{high[1]:.6g} m"

@@ -1,0 +1,216 @@
+"""Poses of the links and sensors of a robot's description on its base link.
+
+In a URDF they follow the chain of joints, in an SDF the poses of links, models and frames. Poses
+are transforms, (1, 7) arrays as in `locplan._util.poses`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from locplan._kernels.arrays import Floats
+from locplan._util.checks import FARTHEST, finite_numbers, shown
+from locplan._util.poses import composed, inverse, is_transform
+from locplan.errors import ConfigError
+from locplan.robots._nav2 import ParameterWarning
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+BASES = ("base_footprint", "base_link", "base")
+"""Usual names of the base link, after a prefix such as robot1/."""
+SCANNERS = re.compile(r".*lidar|.*laser|scan|scanner|lds|hokuyo|sick|urg|utm|ust|tim|lms")
+"""A word in the name of a scanner's frame, such as laser_frame or base_scan."""
+MAX_DEPTH = 200
+"""Maximum number of SDF frames that are relative to each other."""
+
+
+IDENTITY = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
+
+
+class _UnknownFrame(Exception):
+    """A pose in a file is relative to a frame that the file does not have."""
+
+
+class Links:
+    """The links of a description, and their poses."""
+
+    def __init__(self, root: Element, file: Path) -> None:
+        self.root, self.file = root, file
+        self._parents = {child: parent for parent in root.iter() for child in parent}
+        self._joints = {_link_of(joint, "child"): joint for joint in root.findall("joint")}
+
+    def warn(self, fault: str) -> None:
+        """Warn that the file does not have the mount."""
+        remedy = "the lidar's mount is taken as 0, 0, 0; set mount_x, mount_y and mount_yaw_deg"
+        warnings.warn(ParameterWarning(f"{self.file}: {fault}; {remedy}"), stacklevel=6)
+
+    def pose_of_sensor(self, sensor: Element) -> Floats:
+        """Return the pose of a sensor on the base link; with a warning if the file lacks it."""
+        pose = _pose_of(sensor, "the lidar's pose")
+        carrier = self._parents.get(sensor)
+        if carrier is None:
+            return pose
+        try:
+            if carrier.tag == "link":
+                frame, model = _relative_to(sensor), self._parents.get(carrier)
+                if frame and model is not None:
+                    return composed(self._on_base(model, _frame_in_model(model, frame)), pose)
+                return composed(self._on_robot(carrier), pose)
+            if carrier.tag == "gazebo" and (name := carrier.get("reference")):
+                return composed(self._by_joints(name), pose)
+        except _UnknownFrame as frame_name:
+            self._warn_of_frame(frame_name)
+        return pose
+
+    def pose_of_link(self, link: Element) -> Floats:
+        """Return the pose of a link on the base link; with a warning if the file lacks it."""
+        try:
+            return self._on_robot(link)
+        except _UnknownFrame as frame_name:
+            self._warn_of_frame(frame_name)
+            return IDENTITY
+
+    def scanner_links(self) -> list[Element]:
+        """List the links that are named as a scanner's frame; of a chain of them the last."""
+        links: dict[str, Element] = {}
+        for link in self.root.iter("link"):
+            name = link.get("name") or ""
+            if any(map(SCANNERS.fullmatch, re.findall("[a-z]+", name.lower()))):
+                links[name] = link
+        carriers = {
+            _link_of(self._joints[name], "parent") for name in links if name in self._joints
+        }
+        return [link for name, link in links.items() if name not in carriers]
+
+    def _warn_of_frame(self, name: _UnknownFrame) -> None:
+        self.warn(f"does not say where {shown(str(name))} is, which carries its lidar")
+
+    def _on_robot(self, link: Element) -> Floats:
+        """Return the pose of a link of a URDF or SDF on the base link."""
+        model = self._parents.get(link)
+        if model is not None and model.tag == "model":
+            return self._on_base(model, _pose_in_model(model, link))
+        return self._by_joints(link.get("name") or "")
+
+    def _on_base(self, model: Element, pose: Floats) -> Floats:
+        """Return a pose in an SDF model on the base link, or in the outermost model without one."""
+        while True:
+            links = {_last_part(link.get("name")): link for link in model.findall("link")}
+            for base in BASES:
+                if base in links:
+                    return composed(inverse(_pose_in_model(model, links[base])), pose)
+            outer = self._parents.get(model)
+            if outer is None or outer.tag != "model":
+                return pose
+            pose, model = composed(_pose_in_model(outer, model), pose), outer
+
+    def _by_joints(self, name: str) -> Floats:
+        """Return the pose of a URDF's link on the base link: the topmost of a usual name, or the
+        root of the chain."""
+        if name not in self._joints and all(
+            link.get("name") != name for link in self.root.findall("link")
+        ):
+            raise _UnknownFrame(name)
+        pose, poses = IDENTITY, dict[str, Floats]()
+        while name not in poses:
+            poses[name] = pose
+            joint = self._joints.get(name)
+            if joint is None:
+                bases = [each for each in poses if _last_part(each) in BASES]
+                return poses[bases[-1] if bases else name]
+            pose, name = composed(_origin(joint), pose), _link_of(joint, "parent")
+        raise ConfigError(f"its joints form a circle at {shown(name)}; give each link one parent")
+
+
+def _pose_in_model(model: Element, part: Element, depth: int = 0) -> Floats:
+    """Return the pose of a link, joint, frame or nested model in its SDF model."""
+    if depth > MAX_DEPTH:
+        raise ConfigError(f"its frames form a circle, or a chain of over {MAX_DEPTH}")
+    pose = _pose_of(part, f"the pose of {shown(part.get('name'))}")
+    default = {"frame": part.get("attached_to"), "joint": part.findtext("child")}.get(part.tag)
+    frame = (_relative_to(part) or default or "").strip()
+    if frame:
+        pose = composed(_frame_in_model(model, frame, depth + 1), pose)
+    placed = part.get("placement_frame") if part.tag == "model" else None
+    if placed:
+        pose = composed(pose, inverse(_frame_in_model(part, placed, depth + 1)))
+    return pose
+
+
+def _frame_in_model(model: Element, name: str, depth: int = 0) -> Floats:
+    """Return the pose of a frame in an SDF model by its name, such as base_link or arm::hand."""
+    if name == "__model__":
+        return IDENTITY
+    first, _, inner = name.partition("::")
+    for tag in ("model",) if inner else ("link", "frame", "joint", "model"):
+        for part in model.findall(tag):
+            if part.get("name") == first:
+                pose = _pose_in_model(model, part, depth)
+                return composed(pose, _frame_in_model(part, inner, depth + 1)) if inner else pose
+    raise _UnknownFrame(name)
+
+
+def _relative_to(part: Element) -> str:
+    pose = part.find("pose")
+    return "" if pose is None else (pose.get("relative_to") or "").strip()
+
+
+def _link_of(joint: Element, role: str) -> str:
+    """Return the parent or child link of a URDF's joint; empty without one."""
+    link = joint.find(role)
+    return "" if link is None else link.get("link") or ""
+
+
+def _last_part(name: str | None) -> str:
+    return (name or "").rpartition("/")[2]
+
+
+def _origin(joint: Element) -> Floats:
+    """Return the pose of a URDF's joint in its parent link."""
+    origin = joint.find("origin")
+    about = {} if origin is None else origin.attrib
+    texts = [about.get(name) or "0 0 0" for name in ("xyz", "rpy")]
+    what = f"the origin of joint {shown(joint.get('name'))}"
+    return _transform(_six(" ".join(texts), what))
+
+
+def _pose_of(part: Element, what: str) -> Floats:
+    """Return the pose in an SDF element, the identity without one."""
+    pose = part.find("pose")
+    text = "" if pose is None else (pose.text or "").strip()
+    if pose is None or not text:
+        return IDENTITY
+    if pose.get("rotation_format") == "quat_xyzw":
+        values = finite_numbers(text.split())
+        if len(values) != 7 or not is_transform(values):
+            raise ConfigError(f"{what} must be x y z and a quaternion, not {shown(text)}")
+        return np.array([values])
+    values = _six(text, what)
+    if pose.get("degrees") in ("true", "1"):
+        values = (*values[:3], *map(math.radians, values[3:]))
+    return _transform(values)
+
+
+def _six(text: str, what: str) -> tuple[float, ...]:
+    values = finite_numbers(text.split())
+    if len(values) != 6 or max(map(abs, values)) > FARTHEST:
+        macro = "; run xacro on a .xacro file first" if "$" in text else ""
+        raise ConfigError(f"{what} must be six numbers [m, rad], not {shown(text)}{macro}")
+    return values
+
+
+def _transform(pose: tuple[float, ...]) -> Floats:
+    """Return the transform of x, y, z, roll, pitch, yaw [m, rad]."""
+    place = np.array([[*pose[:3], 0.0, 0.0, 0.0, 1.0]])
+    for axis in (2, 1, 0):  # the yaw first, about the axes of what it has turned
+        turn = np.zeros(7)
+        turn[[3 + axis, 6]] = math.sin(pose[3 + axis] / 2), math.cos(pose[3 + axis] / 2)
+        place = composed(place, turn[None])
+    return place
