@@ -74,7 +74,7 @@ class check(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, sh
                 progress=progress,
                 **every,
             )
-        self.finish(found, self.output, self.nav2_file("amcl"))
+        self.finish(found, self.output, self.nav2_files())
         for each in self.fail_if:
             print(one_line(each.said(found)), file=sys.stderr)
         if self.junit:

@@ -29,6 +29,7 @@ from ._nav2 import (
     nav2_static as nav2_static,
 )
 from ._outlines import DegenerateArea as DegenerateArea
+from ._parameter_files import write_merged as write_merged
 from ._parameters import (
     DISTRIBUTIONS as DISTRIBUTIONS,
     Distribution as Distribution,

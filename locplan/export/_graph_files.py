@@ -1,7 +1,6 @@
 """Route graphs as files: GeoJSON for Nav2's route server, and VDMA LIF for fleet managers.
 
-LIF is the Layout Interchange Format 1.0.0 (VDA 5050): Intralogistics-2X-LIF/
-Layout-Interchange-Format, LIF.md of branch release/V1.0.
+LIF is the Layout Interchange Format 1.0.0 (VDA 5050), LIF.md of its branch release/V1.0.
 """
 
 from __future__ import annotations
@@ -25,7 +24,8 @@ from locplan._util.tables import collection, feature, write_geojson
 from locplan.costs import Costmap, about_costs
 from locplan.errors import ConfigError
 from locplan.export._entries import with_entries, with_stations
-from locplan.export._parameters import Robot, merged_text
+from locplan.export._parameter_files import parameter_files
+from locplan.export._parameters import Params, Robot
 from locplan.export._registry import export_folder
 from locplan.export._roadmap import RouteGraph, roadmap
 from locplan.export._servers import Server, write_servers
@@ -91,7 +91,7 @@ def route_graph(
     spacing: float = 2.0,
     frame: str = "map",
     distro: str = "jazzy",
-    params: str | Path | None = None,
+    params: Params = None,
     progress: ProgressCallback | None = None,
 ) -> RouteGraph:
     """Write lanes for Nav2's route server, with the scorers that make its costs J.
@@ -182,9 +182,9 @@ def write_graph(
     write_servers(folder, [server], "lifecycle_manager_localizability_routes")
     if robot.file:
         place = {"graph_filepath": str(target.resolve() / file)}
-        merged = robot.parameters.changed(node, own | place)
-        robot.warn_changed(merged)
-        (folder / "nav2.yaml").write_bytes(merged_text(robot, merged)[0])
+        robot.warn_changed(merged := robot.parameters.changed(node, own | place))
+        for name, content in parameter_files(robot.parameters, merged)[0].items():
+            (folder / name).write_bytes(content)
 
 
 def to_lif(
