@@ -245,7 +245,7 @@ class Nav2Parameters:
         return content
 
     def _space(self, at: int) -> str:
-        return self.files[at].namespace
+        return self.files[at].namespace if self.files else ""
 
     def _by_name(self) -> list[list[tuple[int, Entry]]]:
         """All entries with the indices of their files, those of the same name together.
