@@ -212,11 +212,3 @@ def test_gap_without_wider_way_stays_open(tmp_path):
     conversion, texts, _ = exported(tmp_path, costs, paths={"door": path})
     assert conversion.closed == ()
     assert any("smac2d's path for door passes 0.2" in text for text in texts)
-
-
-def test_corner_is_no_gap(tmp_path):
-    cells = np.full((60, 120), FREE)
-    cells[:30, 60] = 0
-    costs = Costmap.from_layers(OccupancyGrid(cells, 0.1), u=np.full(cells.shape, 0.1), robot=ROBOT)
-    path = plan(costs, (2.0, 1.0), (10.0, 1.0)).path
-    assert exported(tmp_path, costs, paths={"around": path})[0].closed == ()
