@@ -304,6 +304,24 @@ def test_the_commands_put_all_that_is_recommended_in_force(two_corridors_at_its_
     assert "under amcl" in section["files"]["nav2_params.yaml"]
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_check_writes_one_file_of_several(two_corridors_at_its_worst, tmp_path, order):
+    """nav2_bringup takes one parameter file, which must have the planner."""
+    amcl, planner = tmp_path / "loc.yaml", tmp_path / "nav.yaml"
+    amcl.write_text("amcl: {ros__parameters: {alpha1: 2.0, laser_max_range: 6.0}}\n")
+    planner.write_text('planner_server: {ros__parameters: {planner_plugins: ["A"]}}\n')
+    params = (amcl, planner)[::order]
+    found = two_corridors_at_its_worst
+    line = found.summary(tmp_path / "out", params)["next"]
+    found.save(tmp_path / "out", tmp_path / "out", params)
+    merged = tmp_path / "out" / "nav2_params.yaml"
+    assert line["command"].endswith(f" params_file:={merged}")
+    assert "in one file, changed" in line["files"]["nav2_params.yaml"]
+    read = locplan.robots.read_parameters(merged)
+    assert read.of("planner_server") == {"planner_plugins": ["A"]}
+    assert locplan.robots.read_amcl(merged).alpha1 == found.cured.robot.amcl.alpha1 != 2.0
+
+
 def test_masks_stations_in_walls_and_unknown_efforts_are_refused(tmp_path):
     with pytest.raises(locplan.LocplanError, match=r"station|trip 'a to b'|blocked|occupied"):
         check(room(), ROBOT, {"a": (1.0, 1.0), "b": (2.2, 2.7)}, effort="quick")

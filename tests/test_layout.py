@@ -42,7 +42,7 @@ FACELESS = {"errors", "_kernels", "_util"}
 HOMES = {
     "matplotlib": ("plotting", "_figures"),
     "ompl": ("planners.ompl._settings",),
-    "yaml": ("_util.reading", "export._parameters"),
+    "yaml": ("_util.reading", "export._parameter_files"),
     "rosbags": ("recordings._bag_files",),
     "cloudpickle": ("comparison._workers",),
     "jinja2": ("_util.public",),

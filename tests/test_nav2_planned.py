@@ -89,6 +89,8 @@ def test_the_inscribed_radius_is_that_of_the_padded_corners(tmp_path, costmap, i
     assert found.inscribed_radius == pytest.approx(inscribed, abs=1e-4)
     file.write_text(f"{start}{costmap}}}}}}}\n")
     assert CostmapInflation.of(read_parameters(file)).layer == "inflation_layer"  # as Nav2 has it
+    file.write_text("amcl: {ros__parameters: {alpha1: 0.1}}\n")
+    assert CostmapInflation.of(read_parameters(file)) is None
 
 
 PARAMS = """\
@@ -171,11 +173,3 @@ def test_gap_without_wider_way_stays_open(tmp_path):
     conversion, texts, _ = exported(tmp_path, costs, paths={"door": path})
     assert conversion.closed == ()
     assert any("smac2d's path for door passes 0.2" in text for text in texts)
-
-
-def test_corner_is_no_gap(tmp_path):
-    cells = np.full((60, 120), FREE)
-    cells[:30, 60] = 0
-    costs = Costmap.from_layers(OccupancyGrid(cells, 0.1), u=np.full(cells.shape, 0.1), robot=ROBOT)
-    path = plan(costs, (2.0, 1.0), (10.0, 1.0)).path
-    assert exported(tmp_path, costs, paths={"around": path})[0].closed == ()

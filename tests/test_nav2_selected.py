@@ -11,7 +11,7 @@ import yaml
 from locplan import export, plan
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
-from locplan.export import RobotWarning, write_filter_map
+from locplan.export import ParametersChanged, RobotWarning, write_filter_map
 from locplan.maps import OccupancyGrid, environments
 from locplan.robots import Amcl, edited_parameters
 from locplan.simulation import write_tuned
@@ -309,3 +309,42 @@ def test_written_plugin_names_are_quoted(tmp_path, costs, params):
         for token in yaml.scan(path.read_text()):
             if isinstance(token, yaml.ScalarToken) and "::" in token.value:
                 assert not token.plain, (path, token.value)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_export_edits_file_that_has_node(tmp_path, costs, order):
+    """Of several files the planner's becomes nav2.yaml, whose mask carries its inflation."""
+    (tmp_path / "loc.yaml").write_text("amcl: {ros__parameters: {alpha1: 0.1}}\n")
+    smac = '"nav2_smac_planner::SmacPlanner2D"\n      cost_travel_multiplier: 2.0'
+    text = PARAMS.replace('"nav2_navfn_planner::NavfnPlanner"', smac)
+    (tmp_path / "nav.yaml").write_text(text)
+    files = [tmp_path / "loc.yaml", tmp_path / "nav.yaml"][::order]
+    with pytest.warns(ParametersChanged, match="other values than nav.yaml: planner_server"):
+        export.nav2_keepout(tmp_path / "both", costs, params=files)
+    with pytest.warns(ParametersChanged):
+        export.nav2_keepout(tmp_path / "one", costs, params=tmp_path / "nav.yaml")
+    for name in ("mask.pgm", "nav2.yaml"):
+        both, one = ((tmp_path / folder / name).read_bytes() for folder in ("both", "one"))
+        assert both == one, name
+    merged = yaml.safe_load((tmp_path / "both" / "merged.yaml").read_text())
+    nav2 = yaml.safe_load((tmp_path / "both" / "nav2.yaml").read_text())
+    assert merged == nav2 | {"amcl": {"ros__parameters": {"alpha1": 0.1}}}
+    readme = (tmp_path / "both" / "README.md").read_text()
+    assert "params_file:=$PWD/merged.yaml" in readme
+    assert "merged.yaml: nav.yaml and loc.yaml in one file with ours" in readme
+    assert not (tmp_path / "one" / "merged.yaml").exists()
+
+
+def test_export_merges_files_if_several_change(tmp_path, costs):
+    """One file has the costmap, another the planner."""
+    costmap, planner = PARAMS.split("planner_server:")
+    (tmp_path / "costmap.yaml").write_text(costmap)
+    (tmp_path / "planner.yaml").write_text(f"planner_server:{planner}")
+    files = [tmp_path / "costmap.yaml", tmp_path / "planner.yaml"]
+    with pytest.warns(RobotWarning):
+        export.nav2_keepout(tmp_path / "both", costs, params=files)
+    (tmp_path / "own.yaml").write_text(PARAMS)
+    with pytest.warns(RobotWarning):
+        export.nav2_keepout(tmp_path / "one", costs, params=tmp_path / "own.yaml")
+    both, one = (yaml.safe_load((tmp_path / n / "nav2.yaml").read_text()) for n in ("both", "one"))
+    assert both == one

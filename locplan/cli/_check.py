@@ -71,7 +71,7 @@ class check(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, sh
                 progress=progress,
                 **every,
             )
-        self.finish(found, self.output, self.nav2_file("amcl"))
+        self.finish(found, self.output, self.nav2_files())
         for each in self.fail_if:
             print(one_line(each.said(found)), file=sys.stderr)
         return BEYOND_LIMIT if any(each.fails(found) for each in self.fail_if) else 0

@@ -168,7 +168,7 @@ class export(
         known = {name: typed.field_names(each.options) for name, each in FORMATS.items()}
         typed.check_read(given, "--to", self.to, known)
         if "params" in known[self.to]:
-            given["params"] = self.nav2_file()
+            given["params"] = tuple(self.nav2_files())
         return FORMATS[self.to].options(**given)
 
 

@@ -35,7 +35,7 @@ from locplan._util.supervision import temporary_folder
 from locplan.comparison._benchmarks import read_map, read_scenarios
 from locplan.comparison._journal import Journal, Order, orders_of, put_costmap, runs_of
 from locplan.comparison._result import Case, Comparison
-from locplan.comparison._specs import PlannerSpec, specs_of
+from locplan.comparison._specs import PlannerSpec, robot_of_maps, specs_of
 from locplan.comparison._workers import Workers, check_platform
 from locplan.costs import Costmap, check_weight, named_maps
 from locplan.errors import ConfigError
@@ -49,7 +49,6 @@ from locplan.planners import (
     Query,
     check_random,
     default_planner,
-    needs_lattice,
     queries_of,
 )
 from locplan.robots import Robot
@@ -182,7 +181,7 @@ def compare(
         _check_each_once("weight", asked)
     seeds = _checked_seeds(seeds)
     fields = named_configs(configs, robot)
-    usual = default_planner(robot or _robot_of(maps))
+    usual = default_planner(robot or robot_of_maps(maps))
     planners = ("grid", usual) if planners is None else planners
     specs = _specs(planners, _driven(robot, fields), execution.time_limit)
     labels = [spec.label for spec in specs]
@@ -224,14 +223,6 @@ def _warn_without_pandas() -> None:
     if find_spec("pandas") is None:
         fault = "to_frame() and runs.parquet need pandas: pip install 'locplan[tables]'"
         warnings.warn(MissingLibraryWarning(fault), stacklevel=3)
-
-
-def _robot_of(maps: Any) -> Robot | None:
-    """The robot of the first map that is a costmap for one that is no circle."""
-    every = maps.values() if isinstance(maps, Mapping) else maps
-    every = every if isinstance(every, Iterable) else [every]
-    robots = [each.robot for each in every if isinstance(each, Costmap)]
-    return next((robot for robot in robots if needs_lattice(robot)), None)
 
 
 def _about(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import secrets
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -192,6 +192,14 @@ def specs_of(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
         if spec.guarded:  # it is sent to workers by value
             needed("cloudpickle", "functions", f"{name}, one of your own,")
     return specs
+
+
+def robot_of_maps(maps: Any) -> Robot | None:
+    """The robot of the first map that is a costmap for one that is no circle."""
+    every = maps.values() if isinstance(maps, Mapping) else maps
+    every = every if isinstance(every, Iterable) else [every]
+    robots = [each.robot for each in every if isinstance(each, Costmap)]
+    return next((robot for robot in robots if library.needs_lattice(robot)), None)
 
 
 def _parsed(text: str) -> PlannerSpec:

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path as Folder
+from typing import TypeAlias
 
 from locplan._util.tables import write_rows
 from locplan.diagnosis._cures import LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
 from locplan.diagnosis._result import Check
-from locplan.export import nav2_keepout, write_filter_map
+from locplan.export import nav2_keepout, write_filter_map, write_merged
 from locplan.maps import meant_header, save_map
+from locplan.robots import read_parameters
 from locplan.simulation import write_tuned
 
+Params: TypeAlias = Folder | str | Sequence[Folder] | None
+"""The user's parameter files of Nav2."""
 
-def files_of(check: Check, params: Folder | None = None) -> dict[str, str]:
+
+def files_of(check: Check, params: Params = ()) -> dict[str, str]:
     """The files of the recommended cures, and what to do with each; see `Check.written`."""
-    values = "your parameters, changed" if params else "put its lines under amcl in yours"
+    values, params = "put its lines under amcl in yours", as_files(params)
+    if {REACH, SETTINGS} & {*check.recommended} and has_amcl(params):
+        values = "your parameters, changed"
+        if len(params) > 1:
+            values = f"{' and '.join(each.name for each in params)} in one file, changed"
     mask = {"mask/nav2.yaml": "parameters with the mask's; see mask/README.md for its planner"}
     about = {
         WALLS: {"map.yaml": f"the map for all of Nav2, with {check.reading.title}"},
@@ -29,7 +39,19 @@ def files_of(check: Check, params: Folder | None = None) -> dict[str, str]:
     return {file: text for kind in check.recommended for file, text in about[kind].items()}
 
 
-def write_files(folder: Folder, check: Check, params: Folder | None) -> None:
+def as_files(params: Params) -> list[Folder]:
+    """Return the parameter files, of which there may be one, several or none."""
+    if isinstance(params, Folder | str):
+        return [Folder(params)]
+    return [*params] if params else []
+
+
+def has_amcl(params: Sequence[Folder]) -> bool:
+    """True if one of the user's parameter files is that of AMCL."""
+    return bool(read_parameters(*params).of("amcl"))
+
+
+def write_files(folder: Folder, check: Check, params: Params) -> None:
     """Write the files of the recommended cures.
 
     Parameters
@@ -38,12 +60,20 @@ def write_files(folder: Folder, check: Check, params: Folder | None) -> None:
         The folder.
     check : Check
         The check.
-    params : path or None
-        The user's parameters of Nav2, of which a copy is changed.
+    params : path, sequence of path or None
+        The user's parameters of Nav2, of which a copy is changed: one file, since nav2_bringup
+        takes one.
     """
     kinds, reading, tuned = {*check.recommended}, check.reading, folder / "nav2_params.yaml"
-    if kinds & {REACH, SETTINGS}:
-        write_tuned(tuned, check.cured.robot.amcl, params)
+    params = base = as_files(params)
+    if kinds & {REACH, SETTINGS} and has_amcl(params):
+        if len(params) > 1:
+            write_merged(tuned, params)
+            base = [tuned]
+        write_tuned(tuned, check.cured.robot.amcl, base[0])
+        base = [tuned]
+    elif kinds & {REACH, SETTINGS}:
+        write_tuned(tuned, check.cured.robot.amcl)
     if WALLS in kinds and check.source:
         (folder / "map.yaml").write_text(meant_header(check.source, reading.lengths), "utf-8")
     elif WALLS in kinds:
@@ -59,6 +89,5 @@ def write_files(folder: Folder, check: Check, params: Folder | None) -> None:
         for name, path in check.changed_paths.items():
             path.save(folder / name)
         if mask := check.made.get(PATHS):
-            base = tuned if params and tuned.exists() else params
             ways = {file.removesuffix(".csv"): each for file, each in check.changed_paths.items()}
             nav2_keepout(folder / "mask", mask, params=base, paths=ways)

@@ -241,12 +241,12 @@ class Check(Result):
             }
         )
 
-    def written(self, params: Folder | None = None) -> dict[str, str]:
+    def written(self, params: Folder | str | Sequence[Folder] | None = ()) -> dict[str, str]:
         """The files of the recommended cures, and what to do with each.
 
         Parameters
         ----------
-        params : path, optional
+        params : path or sequence of path, default ()
             The user's parameters of Nav2, of which a copy is changed.
         """
         return dict(called("locplan.diagnosis._files:files_of", self, params))
@@ -275,7 +275,7 @@ class Check(Result):
 
     def _write(self, folder: Folder, *about: Any) -> None:
         self.table().write_csv(folder / "check.csv")
-        called("locplan.diagnosis._files:write_files", folder, self, (*about, None)[1])
+        called("locplan.diagnosis._files:write_files", folder, self, (*about, ())[1])
         called("locplan.diagnosis._report:write_report", folder / "report.html", self, *about)
 
 

@@ -15,6 +15,7 @@ from locplan._util.runs import typed
 from locplan._util.tables import wrapped
 from locplan.diagnosis._cures import CHEAP, LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
 from locplan.diagnosis._driving import Site
+from locplan.diagnosis._files import Params, as_files, has_amcl
 from locplan.diagnosis._in_short import share
 from locplan.diagnosis._result import (
     NOTHING,
@@ -76,9 +77,7 @@ def verdict(check: Check) -> str:
     return f"The robot {what}, {helps}: {said}"
 
 
-def next_action(
-    check: Check, folder: Folder | None = None, params: Folder | None = None, *_: Any
-) -> Action:
+def next_action(check: Check, folder: Folder | None = None, params: Params = (), *_: Any) -> Action:
     """The one thing to do next.
 
     Parameters
@@ -87,8 +86,9 @@ def next_action(
         The check.
     folder : path, optional
         The folder that its files are in.
-    params : path, optional
-        The user's parameters of Nav2, of which a copy was changed; else only a section is written.
+    params : path or sequence of path, default ()
+        The user's parameters of Nav2, of which a copy was changed; without AMCL's only a section is
+        written.
     """
     if check.is_fine:
         cheap = (each for each in check.cures if is_better(each) and each.kind in CHEAP)
@@ -163,13 +163,11 @@ def _would(cure: Cure | None, before: Rates) -> str:
     return f" ({cure.title} would lower the usual error from {error})"
 
 
-def _commands(
-    check: Check, folder: Folder, again: list[str], map_file: str, params: Folder | None
-) -> str:
+def _commands(check: Check, folder: Folder, again: list[str], map_file: str, params: Params) -> str:
     """Commands that put what is recommended in force, or check that it helps, a line each."""
     taken, own = {*check.recommended}, folder.resolve()
     lines = []
-    mask = bool(check.made.get(PATHS))
+    mask, params = bool(check.made.get(PATHS)), as_files(params)
     # Before Nav2, which waits for its maps.
     for place, needed in ((own, MEND in taken), (own / "mask", mask)):
         if needed:
@@ -178,10 +176,12 @@ def _commands(
         name = "map_with_landmarks.yaml" if LANDMARKS in taken else "map.yaml"
         map_file = str(own / name)
     arguments = [f"map:={map_file}"]
-    changed = str(own / "nav2_params.yaml") if {REACH, SETTINGS} & taken else ""
-    if mask:  # which has the other changes, too
-        changed = str(own / "mask" / "nav2.yaml")
-    if changed and params:
+    settings = {REACH, SETTINGS} & taken and has_amcl(params)
+    changed = str(own / "nav2_params.yaml") if settings else ""
+    if mask and params:  # which has the other changes, too
+        whole = "nav2.yaml" if changed or len(params) == 1 else "merged.yaml"
+        changed = str(own / "mask" / whole)
+    if changed:
         arguments.append(f"params_file:={changed}")
     if len(arguments) > 1 or {WALLS, LANDMARKS} & taken:
         lines.append(["ros2", "launch", "nav2_bringup", "bringup_launch.py", *arguments])

@@ -16,6 +16,7 @@ from ._nav2 import (
     nav2_keepout as nav2_keepout,
     nav2_speed as nav2_speed,
 )
+from ._parameter_files import write_merged as write_merged
 from ._parameters import (
     DISTRIBUTIONS as DISTRIBUTIONS,
     Distribution as Distribution,

@@ -47,12 +47,12 @@ class MaskOptions(NoOptions):
 class Nav2Options(InDistro):
     """The robot's own Nav2."""
 
-    params: Path | None = None
-    """Parameter file of Nav2, into a copy of which ours are merged."""
+    params: tuple[Path, ...] = ()
+    """Parameter files of Nav2, into a copy of which ours are merged."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        read_parameters(self.params)
+        read_parameters(*self.params)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,8 @@ import numpy as np
 from locplan._util.tables import collection, feature, write_geojson
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
-from locplan.export._parameters import Robot, merged_text
+from locplan.export._parameter_files import parameter_files
+from locplan.export._parameters import Robot
 from locplan.export._route_graph import RouteGraph
 from locplan.export._servers import Server, write_servers
 from locplan.robots import Nav2Parameters
@@ -98,6 +99,6 @@ def write_graph(
     write_servers(folder, [server], "lifecycle_manager_localizability_routes")
     if robot.file:
         place = {"graph_filepath": str(target.resolve() / file)}
-        merged = robot.parameters.changed(node, own | place)
-        robot.warn_changed(merged)
-        (folder / "nav2.yaml").write_bytes(merged_text(robot, merged)[0])
+        robot.warn_changed(merged := robot.parameters.changed(node, own | place))
+        for name, content in parameter_files(robot.parameters, merged)[0].items():
+            (folder / name).write_bytes(content)

@@ -20,7 +20,13 @@ from locplan.errors import LocplanError
 from locplan.export._charges import Conversion, checked_planner, keepout_mask
 from locplan.export._costmap import CostmapInflation, PlannedPath, follower_room
 from locplan.export._gaps import close_gaps, narrow_places
-from locplan.export._parameters import Robot, differences, merged_text, with_costmap, with_planner
+from locplan.export._parameter_files import differences, parameter_files
+from locplan.export._parameters import (
+    Params,
+    Robot,
+    with_costmap,
+    with_planner,
+)
 from locplan.export._planned import check_paths, checked_paths, steeper_inflation
 from locplan.export._registry import export_folder
 from locplan.export._selected import with_tree
@@ -39,7 +45,7 @@ def nav2_keepout(
     planner: str | None = None,
     planner_param: float | None = None,
     distro: str = "jazzy",
-    params: str | Path | None = None,
+    params: Params = None,
     tree: str | Path | None = None,
     paths: Mapping[str, Route] | None = None,
 ) -> Conversion:
@@ -65,8 +71,10 @@ def nav2_keepout(
         just fits, whatever the map. "navfn" has none.
     distro : str, default "jazzy"
         The robot's distribution of ROS 2: "humble", "jazzy", "kilted", "lyrical" or "rolling".
-    params : path, optional
-        A Nav2 parameter file to merge ours into; by default nav2.yaml holds ours alone. The mask
+    params : path or sequence of path, optional
+        A Nav2 parameter file to merge ours into; by default nav2.yaml holds ours alone. Of several
+        files nav2.yaml is the one with the global costmap and the planner, and merged.yaml has all
+        of them in one. The mask
         carries the inflation of its global costmap, too: Nav2 takes the larger one of mask and
         costmap, not their sum. The inflation itself stays. If it hides the mask from the planner of
         `paths`, a `RobotWarning` and the folder's README.md name a ``cost_scaling_factor`` that
@@ -136,7 +144,7 @@ def nav2_speed(
     slowest: float = 0.3,
     lead: float = 0.5,
     distro: str = "jazzy",
-    params: str | Path | None = None,
+    params: Params = None,
 ) -> int:
     """Write a mask for Nav2's SpeedFilter: the more degenerate a cell, the slower.
 
@@ -154,8 +162,8 @@ def nav2_speed(
         late, at the rate of the global costmap.
     distro : str, default "jazzy"
         The distribution of ROS 2, as for `nav2_keepout`.
-    params : path, optional
-        A Nav2 parameter file to merge ours into, as for `nav2_keepout`.
+    params : path or sequence of path, optional
+        Nav2's parameters to merge ours into, as for `nav2_keepout`.
 
     Returns
     -------
@@ -187,7 +195,7 @@ def _write_left(
         return
     routes = folder.with_name(f"{folder.name}-routes")
     left = {each.name: paths[each.name] for each in planning.left}
-    own: Any = {"distro": robot.distribution.name, "params": robot.file}
+    own: Any = {"distro": robot.distribution.name, "params": robot.files}
     try:
         nav2_routes(routes, costs, left, **own)
         then = f"{routes} has it as a route graph"
@@ -241,9 +249,9 @@ def _write(
     changed, added = differences(robot.parameters.content, merged.content)
     robot.warn_changed(merged)
     base = f"localizability_{kind}"
-    parameters = {"topic_name": f"/{base}_mask", "frame_id": "map"}
+    topic = {"topic_name": f"/{base}_mask", "frame_id": "map"}
     files = {"yaml_filename": "mask.yaml"}
-    servers = [Server("nav2_map_server", "map_server", f"{base}_mask_server", parameters, files)]
+    servers = [Server("nav2_map_server", "map_server", f"{base}_mask_server", topic, files)]
     # The linear map from the mask's values to costs, or to speeds in per cent.
     laws = {"keepout": (0, 0.0, 1.0), "speed": (1, 100.0, -1.0)}
     topics = {"filter_info_topic": f"/{base}_info", "mask_topic": f"/{base}_mask"}
@@ -253,14 +261,15 @@ def _write(
     about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
     grid, file = without_yaw(costs.grid), robot.file and robot.file.name
-    content, comments = merged_text(robot, merged)
     known = {"title": title, "costs": costs, "kind": kind, "file": file, "planning": planning}
-    known |= {"changed": changed, "added": added, "comments": comments}
+    known |= {"changed": changed, "added": added, "others": robot.others}
     known |= {"distro": robot.distribution.name, "before": next(iter(robot.planners), "")}
     known |= {"namespace": robot.parameters.namespace, "lead": about.get("lead"), "base": base}
     known |= {"room": follower_room(costs.robot_radius)}
+    parameters, known["comments"] = parameter_files(robot.parameters, merged)
     with export_folder(folder, "nav2-mask.md", about, **known) as temporary:
-        (temporary / "nav2.yaml").write_bytes(content)
+        for name, content in parameters.items():
+            (temporary / name).write_bytes(content)
         if planning and planning.tree is not None:
             (temporary / "tree.xml").write_text(planning.tree, "utf-8")
         write_values(temporary / "mask", values, grid)

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import math
+import os
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 from locplan._util.checks import one_of
-from locplan._util.reading import ROS_BOOLEANS, ROS_NUMBER, scalar_text
-from locplan.errors import LocplanError
 from locplan.export._charges import PLANNERS, Conversion
+from locplan.export._parameter_files import differences
 from locplan.robots import (
     GLOBAL_COSTMAP,
     LOCAL_COSTMAP,
     PLANNER_SERVER,
     Nav2Parameters,
-    edited_files,
     read_parameters,
 )
+
+Params: TypeAlias = str | Path | Sequence[str | Path] | None
+"""A parameter file of Nav2, or several, of which later ones replace single parameters."""
 
 
 class DistroWarning(UserWarning):
@@ -89,38 +91,6 @@ def distribution(name: str) -> Distribution:
     return DISTRIBUTIONS[name]
 
 
-def yaml_text(content: Mapping[str, Any]) -> str:
-    """Parameters as YAML, in which ROS reads each text as a text."""
-    import yaml
-
-    class Dumper(yaml.SafeDumper):
-        """A dumper that quotes what is a text to PyYAML only."""
-
-    def represent(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
-        # libyaml below 0.2.2 fails on an unquoted :: between braces.
-        plain = text in ROS_BOOLEANS or ROS_NUMBER.fullmatch(text) or "::" in text
-        return dumper.represent_scalar("tag:yaml.org,2002:str", text, '"' if plain else None)
-
-    Dumper.add_representer(str, represent)
-    text: str = yaml.dump(dict(content), Dumper=Dumper, sort_keys=False, allow_unicode=True)
-    return text
-
-
-def merged_text(robot: Robot, merged: Nav2Parameters) -> tuple[bytes, bool]:
-    """The text of a robot's parameters with ours, and whether its file's comments are in it.
-
-    They are, except where anchors and aliases stand for what has to be changed.
-    """
-    files = robot.parameters.files
-    if len(files) == 1 and (path := files[0].path):
-        try:
-            texts = edited_files(robot.parameters, merged)
-            return texts.get(path) or path.read_bytes(), True
-        except LocplanError:
-            pass
-    return yaml_text(merged.content).encode(), False
-
-
 class ParametersChanged(UserWarning):
     """Values of a robot's own parameters are others in an export."""
 
@@ -135,21 +105,36 @@ class Robot:
 
     distribution: Distribution
     """The distribution of ROS 2 that it runs."""
-    file: Path | None
-    """The file of its parameters, if there is one."""
+    files: tuple[Path, ...]
+    """The files of its parameters, of which later ones replace single ones of earlier ones."""
     parameters: Nav2Parameters
-    """The parameters in the file; none without a file."""
+    """The parameters in the files; none without a file."""
     tree: Path | None = None
     """The file of its behaviour tree, if it is given."""
 
     @classmethod
-    def of(cls, params: str | Path | None, distro: str, tree: str | Path | None = None) -> Robot:
-        """Read the file and warn of the distribution's faults; a LocplanError where it cannot."""
-        file, own = (Path(path) if path else None for path in (params, tree))
-        robot = cls(distribution(distro), file, read_parameters(params), own)
+    def of(cls, params: Params, distro: str, tree: str | Path | None = None) -> Robot:
+        """Read the files and warn of the distribution's faults; a LocplanError where it cannot."""
+        given = [params] if isinstance(params, (str, os.PathLike)) else params or ()
+        files = tuple(map(Path, given))
+        own = Path(tree) if tree else None
+        robot = cls(distribution(distro), files, read_parameters(*files), own)
         robot.distribution.warn()
         robot.warn(robot._misspelt())
         return robot
+
+    @property
+    def file(self) -> Path | None:
+        """The file with its global costmap or planners, or the first one; None without a file."""
+        nodes = GLOBAL_COSTMAP, PLANNER_SERVER
+        having = (self.parameters.file_of(node) for node in nodes)
+        at = next((at for at in having if at is not None), 0)
+        return self.files[at] if self.files else None
+
+    @property
+    def others(self) -> list[str]:
+        """Names of its other files."""
+        return [each.name for each in self.files if each != self.file]
 
     @property
     def planners(self) -> dict[str, str]:
@@ -269,31 +254,3 @@ def with_planner(
 def _settings(name: str, own: dict[str, Any]) -> dict[str, Any]:
     """The settings of a plugin by their names in ROS."""
     return {f"{name}.{key}": value for key, value in own.items()}
-
-
-def differences(theirs: Any, merged: Any) -> tuple[list[str], list[str]]:
-    """A sentence's part for each of a robot's own values that is another, and for each new one."""
-    changed, added = [], []
-    for name, own, value in _values_of(theirs, merged):
-        if isinstance(value, list):  # of names, to which ours are added
-            new = [str(each) for each in value if each not in (own or [])]
-            if gone := [str(each) for each in own or [] if each not in value]:
-                changed.append(f"{name}: without {', '.join(gone)}")
-            if new:
-                added.append(f"{name}: {', '.join(new)}")
-        elif own is None:
-            added.append(f"{name}: {scalar_text(value)}")
-        elif own != value:
-            changed.append(f"{name}: {scalar_text(value)} (was {scalar_text(own)})")
-    return changed, added
-
-
-def _values_of(theirs: Any, merged: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Name, value before and value after of each parameter; nodes' own levels are left out."""
-    if not isinstance(merged, dict):
-        yield name, theirs, merged
-        return
-    own = theirs if isinstance(theirs, dict) else {}
-    for key, value in merged.items():
-        inner = name if key in ("ros__parameters", name) else f"{name}.{key}".strip(".")
-        yield from _values_of(own.get(key), value, inner)

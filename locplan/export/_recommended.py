@@ -15,7 +15,7 @@ from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError
 from locplan.export._graph_files import write_graph
 from locplan.export._joined_ways import SAME, Lines, divided, followed_costs, joined, straightened
-from locplan.export._parameters import Robot
+from locplan.export._parameters import Params, Robot
 from locplan.export._registry import export_folder
 from locplan.export._route_graph import FINENESS, RouteGraph, check_precision
 from locplan.export._values import where_unturned, without_yaw
@@ -141,7 +141,7 @@ def nav2_routes(
     *,
     frame: str = "map",
     distro: str = "jazzy",
-    params: str | FilePath | None = None,
+    params: Params = None,
 ) -> RecommendedWays:
     """Write recommended paths as a route graph that Nav2's server follows.
 

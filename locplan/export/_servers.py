@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from locplan.export._parameters import yaml_text
+from locplan.export._parameter_files import yaml_text
 from locplan.export._registry import rendered
 from locplan.maps import OccupancyGrid, save_map
 

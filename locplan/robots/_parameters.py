@@ -213,8 +213,9 @@ class Nav2Parameters:
         values : mapping
             Values by the names of the parameters.
         """
+        if not self.files:
+            return Nav2Parameters((ParameterFile(),)).changed(node, values)
         files = [replace(each, content=copy.deepcopy(each.content)) for each in self.files]
-        files = files or [ParameterFile()]
         for name, value in values.items():
             at, (*path, last) = self.place(node, name)
             inner = files[at].content
@@ -244,7 +245,7 @@ class Nav2Parameters:
         return content
 
     def _space(self, at: int) -> str:
-        return self.files[at].namespace
+        return self.files[at].namespace if self.files else ""
 
     def _by_name(self) -> list[list[tuple[int, Entry]]]:
         """All entries with the indices of their files, those of the same name together.
