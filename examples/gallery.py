@@ -177,12 +177,6 @@ save_figure(locplan.plotting.path_figure(plan), 'path.png')
         "marked/landmarks.png",
     ),
     Entry(
-        "Features that localization depends on",
-        "Numbered walls and objects are those without which the robot's pose errs most.",
-        "locplan features {map} --start {start} --goal {goal} --lidar {lidar} -o features",
-        "features/features.png",
-    ),
-    Entry(
         "Places that look alike",
         "Lines join places that the lidar mistakes; numbers are good places to start the robot.",
         "locplan twins {map} --lidar {lidar} -o twins",

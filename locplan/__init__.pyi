@@ -42,10 +42,8 @@ from .field import (
 )
 from .landmarks import (
     Box as Box,
-    KeyFeatures as KeyFeatures,
     Landmarks as Landmarks,
     Pole as Pole,
-    key_features as key_features,
     place_landmarks as place_landmarks,
 )
 from .maps import OccupancyGrid as OccupancyGrid, load_map as load_map, save_map as save_map

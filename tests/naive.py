@@ -1028,19 +1028,6 @@ def landmark_information(stops, normals, resolution, rays, n, outline, objects):
     return total
 
 
-def mean_degeneracy(stops, normals, resolution, rays, outline, objects, told, anchors, hits):
-    """Mean over the poses of the degeneracy u with objects, of the inverse of their information."""
-    values = []
-    for n in range(len(rays.poses)):
-        found = landmark_information(stops, normals, resolution, rays, n, outline, objects)
-        found *= told.share / (1 + told.other * hits[n])
-        found += np.diag([anchors.prior, anchors.prior, anchors.prior_turn])
-        deviation = math.sqrt(np.linalg.eigvalsh(np.linalg.inv(found)[:2, :2]).max())
-        u = math.log(deviation / anchors.least) / math.log(anchors.greatest / anchors.least)
-        values.append(min(max(u, 0.0), 1.0))
-    return np.mean(values)
-
-
 def covariances(information, poses, routes, motion):
     """Covariances (n, 3, 3) after each look around, along routes, by matrices as they are."""
     result = []
@@ -1056,51 +1043,6 @@ def covariances(information, poses, routes, motion):
                 p = f @ p @ f.T + q * way
             p = np.linalg.inv(np.linalg.inv(p) + information[n])
             result.append(p)
-    return np.array(result)
-
-
-def look(stops, normals, silent, resolution, rays, ray):
-    """Hit of one ray (range, normal, turn) and the cell that it meets, of all cells that stop it.
-
-    Cells in `silent` stop a ray and tell nothing.
-    """
-    n, b = divmod(ray, rays.beams)
-    x, y = rays.poses[n] + rays.levers[n]
-    bearing = rays.first[n] + b * rays.step
-    dx, dy = math.cos(bearing), math.sin(bearing)
-    best, met = math.inf, None
-    for cell in np.argwhere(stops):
-        at = resolution * enters(y / resolution, x / resolution, dy, dx, *cell, 0.0)
-        if at < best:
-            best, met = at, tuple(cell.tolist())
-    if best > rays.most:
-        return (math.inf, 0.0, 0.0, 0.0), None
-    if best < rays.least:
-        return (best, 0.0, 0.0, 0.0), met
-    if silent[met]:
-        return (math.inf, 0.0, 0.0, 0.0), met
-    ny, nx = normals[met]
-    hx, hy = rays.levers[n] + best * np.array([dx, dy])
-    return (best, nx, ny, hx * ny - hy * nx), met
-
-
-def biases(pulls, information, poses, routes, motion):
-    """Errors (n, 3, 2) of the pose by pulls (n, 3, 2), by an information filter as it is."""
-    result = []
-    for begin, end in itertools.pairwise(routes):
-        p, e = np.diag([motion.start, motion.start, motion.start_turn]), np.zeros((3, 2))
-        for n in range(begin, end):
-            if n > begin:
-                dx, dy = poses[n] - poses[n - 1]
-                f = np.array([[1, 0, -dy], [0, 1, dx], [0, 0, 1]])
-                way = math.hypot(dx, dy)
-                turned = np.array([[dx, -dy, 0], [dy, dx, 0], [0, 0, way]]) / way
-                q = turned @ np.diag([motion.along, motion.across, motion.turn]) @ turned.T
-                p, e = f @ p @ f.T + q * way, f @ e
-            before = np.linalg.inv(p)
-            p = np.linalg.inv(before + information[n])
-            e = p @ (before @ e + pulls[n])
-            result.append(e)
     return np.array(result)
 
 

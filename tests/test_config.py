@@ -20,7 +20,6 @@ from locplan.field import (
     config_of,
     estimator_class,
 )
-from locplan.landmarks import Sites
 from locplan.matching import Matching, ScanDatabase
 from locplan.robots import Disturbances, Inflation, Kinematics, Lidar, Odometry
 from locplan.simulation import ChoiceSettings
@@ -205,7 +204,6 @@ def test_the_settings_for_a_lidar_are_those_that_real_lasers_bear_out():
         (Disturbances, (0.1, 8, 0.04, 0.2, 20.0, 0.1, 3.0)),
         (Matching, (36.0, 0.1, 0.05, 0.25, False, 600)),
         (ScanDatabase, (0.1,)),
-        (Sites, (0.5, 0.2)),
         (ChoiceSettings, (1.5, False, 0.3, 64, False, False)),
     ],
 )

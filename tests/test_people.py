@@ -194,7 +194,7 @@ def test_arguments_of_another_kind_are_named(grid, field, costs, call, message):
 
 
 RECIPES = (
-    *(locplan.choose, locplan.covariance_field, locplan.find_twins, locplan.key_features),
+    *(locplan.choose, locplan.covariance_field, locplan.find_twins),
     *(locplan.locate, locplan.place_landmarks, matching.ScanDatabase, recordings.calibrate_drive),
     *(recordings.evaluate_drive, recordings.fit_to_map, recordings.match_scans),
     *(recordings.record_drive, recordings.replay, recordings.tune_on_drive, simulation.Simulator),

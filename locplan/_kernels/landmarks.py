@@ -16,8 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Bools, Floats, Numbers, Octets, Singles
+from locplan._kernels.arrays import Bools, Floats, Ints, Numbers, Octets, Singles
 from locplan._kernels.rays import cast
 
 RANGE, NORMAL_X, NORMAL_Y, TURN = 0, 1, 2, 3
@@ -61,17 +62,12 @@ def hits_of_map(surfaces: Surfaces, rays: Rays, hits: Singles) -> None:
     """Fill the hits (n, beams, 4) of all poses on a map."""
     for n in range(len(hits)):
         for b in range(rays.beams):
-            write_hit(surfaces, rays, n, b, hits[n, b])
+            _write_hit(surfaces, rays, n, b, hits[n, b])
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def write_hit(
-    surfaces: Surfaces, rays: Rays, n: int, b: int, hit: Singles
-) -> tuple[int, int, bool]:
-    """Write the hit (4,) of a ray on a map; return the cell that it meets, and whether it counts.
-
-    The cell is -1, -1 where the ray meets none.
-    """
+def _write_hit(surfaces: Surfaces, rays: Rays, n: int, b: int, hit: Singles) -> None:
+    """Write the hit (4,) of a ray on a map."""
     squares, normals, resolution = surfaces
     x, y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
     bearing = rays.first[n] + b * rays.step
@@ -82,10 +78,9 @@ def write_hit(
         # Nothing is seen behind a wall that is too near.
         hit[RANGE] = at if at < rays.least else np.inf
         hit[NORMAL_X] = hit[NORMAL_Y] = hit[TURN] = 0.0
-        return row, col, False
+        return
     nx, ny = np.float64(normals[row, col, 1]), np.float64(normals[row, col, 0])
     _set_hit(hit, rays, n, at, dx, dy, nx, ny)
-    return row, col, True
 
 
 @njit(inline="always")
@@ -224,6 +219,65 @@ def sums_of(hits: Singles, rays: Rays) -> Floats:
     sums = np.zeros((hits.shape[0], 7))
     sum_up(hits, rays, np.ones(hits.shape[0], np.bool_), sums)
     return sums
+
+
+class Sightings(NamedTuple):
+    """The poses that see each object, in order, and their rays that meet it."""
+
+    starts: Ints  # (m + 1,) where those of each object begin
+    poses: NDArray[np.int32]  # (k,) the pose
+    rays: NDArray[np.int16]  # (k, 2) the first ray and how many follow it, itself counted
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def seeing_rays(
+    hits: Singles, rays: Rays, n: int, outline: Outline, x: float, y: float, heading: float
+) -> tuple[int, int]:
+    """First ray of a pose that an object at (x, y) shortens, and how many up to the last; or 0."""
+    begin, count = meeting(rays, n, outline, x, y)
+    from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
+    cos, sin = np.cos(heading), np.sin(heading)
+    first, last = -1, -1
+    for k in range(count):
+        b = (begin + k) % rays.beams
+        bearing = rays.first[n] + b * rays.step
+        dx, dy = np.cos(bearing), np.sin(bearing)
+        at, _, _ = entry(outline, cos, sin, from_x - x, from_y - y, dx, dy)
+        if at < hits[n, b, RANGE] and at <= rays.most:
+            first, last = k if first < 0 else first, k
+    if first < 0:
+        return 0, 0
+    return (begin + first) % rays.beams, last - first + 1
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def find_sightings(
+    candidates: Floats,
+    begin: int,
+    end: int,
+    hits: Singles,
+    rays: Rays,
+    outline: Outline,
+    sightings: Sightings,
+    counts: Ints,
+) -> None:
+    """Fill how many poses see each candidate x, y, heading from `begin` to `end`, (m,).
+
+    Sightings that have room are filled, too. They are found twice, since as many as there are may
+    not fit the memory.
+    """
+    has_room = sightings.poses.size > 0
+    for m in range(begin, end):
+        x, y, heading = candidates[m, 0], candidates[m, 1], candidates[m, 2]
+        at = sightings.starts[m]
+        for n in range(rays.first.size):
+            first, count = seeing_rays(hits, rays, n, outline, x, y, heading)
+            if count > 0:
+                if has_room:
+                    sightings.poses[at] = n
+                    sightings.rays[at, 0], sightings.rays[at, 1] = first, count
+                at += 1
+        counts[m] = at - sightings.starts[m]
 
 
 class Scene(NamedTuple):

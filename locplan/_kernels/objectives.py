@@ -1,9 +1,7 @@
-"""How uncertain a robot is, along routes or in a region, with each of many objects besides.
+"""How uncertain a robot is along routes, with each of many objects besides.
 
 A covariance P (6,) is [xx, xy, yy, xt, yt, tt]. Along a route it becomes F P F^T + Q ds between two
 looks around, and at each (P^-1 + I)^-1; see `locplan._kernels.landmarks` for the sums that make I.
-In a region each pose is by itself: its covariance is (I + P^-1)^-1, P a prior, and its degeneracy u
-is the logarithm of the position's greatest deviation between two anchors, 0 to 1.
 """
 
 from __future__ import annotations
@@ -14,8 +12,7 @@ import numpy as np
 from numba import njit
 
 from locplan._kernels.arrays import Floats, Ints
-from locplan._kernels.features import Sightings
-from locplan._kernels.landmarks import HITS, TT, XT, XX, XY, YT, YY, Scene, with_object
+from locplan._kernels.landmarks import HITS, TT, XT, XX, XY, YT, YY, Scene, Sightings, with_object
 
 
 class Sensing(NamedTuple):
@@ -208,113 +205,3 @@ def _sum_with(
             n += 1
             move(p, poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1], motion)
     return value
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def biases(
-    pulls: Floats, information: Floats, after: Floats, poses: Floats, routes: Ints
-) -> Floats:
-    """Errors (n, 3, 2) of the filter's pose by a feature that stands elsewhere, to first order.
-
-    The columns are those of a unit shift [m] of the feature along x and along y. On the way an
-    error e moves with the pose, and each look around makes it e + P (pull - I e).
-
-    Parameters
-    ----------
-    pulls : (n, 3, 2) array
-        Information-weighted sum of g n^T over the rays of each pose that meet the feature.
-    information : (n, 6) array
-        Information I of all rays [xx, xy, yy, xt, yt, tt].
-    after : (n, 6) array
-        Covariance P after each look around; see `covariances`.
-    poses, routes
-        See `covariances`.
-    """
-    result = np.zeros((len(poses), 3, 2))
-    e, rest = np.zeros((3, 2)), np.zeros((3, 2))
-    for r in range(routes.size - 1):
-        for i in range(3):
-            for j in range(2):
-                e[i, j] = 0.0
-        for n in range(routes[r], routes[r + 1]):
-            if n > routes[r]:
-                dx, dy = poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1]
-                for j in range(2):
-                    e[0, j] -= dy * e[2, j]
-                    e[1, j] += dx * e[2, j]
-            m, p = information[n], after[n]
-            for j in range(2):
-                x, y, t = e[0, j], e[1, j], e[2, j]
-                rest[0, j] = pulls[n, 0, j] - m[XX] * x - m[XY] * y - m[XT] * t
-                rest[1, j] = pulls[n, 1, j] - m[XY] * x - m[YY] * y - m[YT] * t
-                rest[2, j] = pulls[n, 2, j] - m[XT] * x - m[YT] * y - m[TT] * t
-                x, y, t = rest[0, j], rest[1, j], rest[2, j]
-                e[0, j] += p[XX] * x + p[XY] * y + p[XT] * t
-                e[1, j] += p[XY] * x + p[YY] * y + p[YT] * t
-                e[2, j] += p[XT] * x + p[YT] * y + p[TT] * t
-                for i in range(3):
-                    result[n, i, j] = e[i, j]
-    return result
-
-
-class Anchors(NamedTuple):
-    """Prior of a pose, and the deviations at which it is no longer degenerate, or fully."""
-
-    prior: float  # information of x and of y [1 / m^2]
-    prior_turn: float  # information of the heading [1 / rad^2]
-    least: float  # [m]
-    greatest: float  # [m]
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def degeneracy_of(sums: Floats, sensing: Sensing, anchors: Anchors) -> float:
-    """Degeneracy u of a pose with these sums (7,)."""
-    share = sensing.share / (1 + sensing.other * max(sums[HITS], 0.0))
-    turn = anchors.prior_turn + share * sums[TT]
-    xt, yt = share * sums[XT], share * sums[YT]
-    # Information of the position alone, the heading being unknown.
-    xx = anchors.prior + share * sums[XX] - xt * xt / turn
-    xy = share * sums[XY] - xt * yt / turn
-    yy = anchors.prior + share * sums[YY] - yt * yt / turn
-    least = (xx + yy) / 2 - np.sqrt(((xx - yy) / 2) ** 2 + xy * xy)
-    deviation = 1 / np.sqrt(max(least, 1e-12))
-    u = np.log(deviation / anchors.least) / np.log(anchors.greatest / anchors.least)
-    return min(max(u, 0.0), 1.0)
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def degeneracies_at(sums: Floats, sensing: Sensing, anchors: Anchors) -> Floats:
-    """Degeneracy u of each pose, (n,)."""
-    values = np.empty(len(sums))
-    for n in range(len(sums)):
-        values[n] = degeneracy_of(sums[n], sensing, anchors)
-    return values
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def mean_changes(
-    candidates: Floats,
-    indices: Ints,
-    sightings: Sightings,
-    scene: Scene,
-    sensing: Sensing,
-    anchors: Anchors,
-    now: Floats,
-) -> Floats:
-    """What each of some candidates changes in the mean of u over all poses, (m,).
-
-    `now` (n,) are the degeneracies without it; see `uncertainties` for the rest.
-    """
-    result = np.empty(len(indices))
-    changed = np.empty(7)
-    for m in range(len(indices)):
-        at = indices[m]
-        place = candidates[at, 0], candidates[at, 1], candidates[at, 2]
-        change = 0.0
-        for k in range(sightings.starts[at], sightings.starts[at + 1]):
-            n = sightings.poses[k]
-            begin, many = sightings.rays[k, 0], sightings.rays[k, 1]
-            if with_object(scene, n, place, begin, many, changed):
-                change += degeneracy_of(changed, sensing, anchors) - now[n]
-        result[m] = change / len(scene.sums)
-    return result

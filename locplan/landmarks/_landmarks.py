@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, partial
-from pathlib import Path
-from typing import ClassVar, NamedTuple
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from locplan._kernels.arrays import Floats, Ints
+from locplan._kernels.arrays import Floats
 from locplan._util.checks import keep, whole
 from locplan._util.intervals import random_of
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import POSE, Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite, wrapped
-from locplan.landmarks._objects import outline_of, with_objects
-from locplan.landmarks._outcomes import DRIVES, Verification, compared
-from locplan.landmarks._places import Rejected, counted
-from locplan.landmarks._routes import Setting, fields_along
-from locplan.landmarks._search import Regularity, Search, Shift, in_world, regularity
+from locplan.costs import Costmap, Path
+from locplan.errors import LocplanError
+from locplan.landmarks._objects import LandmarkObject, outline_of, with_objects
+from locplan.landmarks._verification import DRIVES, Verification, World, verify_by_drives
 from locplan.maps import OccupancyGrid, save_map
+from locplan.planners import plan
+from locplan.robots import Robot
 from locplan.simulation import Simulator, check_drives
+
+if TYPE_CHECKING:
+    from locplan.landmarks._place import Search
 
 PAYING_SHARE = 0.05
 """Share by which a landmark must lower what is expected to pay."""
+EXPECTED = Column("expected_deviation", "m", "expected deviation", 3)
 COLUMNS = (
     Column("number", title="landmark", digits=0),
     *POSE,
@@ -34,21 +38,53 @@ COLUMNS = (
     Column("length", "m"),
     Column("width", "m"),
     Column("gain"),
+    EXPECTED,
 )
-"""Columns of landmarks beside what is expected; a pole's length and width are its diameter."""
+"""Columns of landmarks; a pole's length and width are its diameter."""
 
 
-class Trial(NamedTuple):
-    """A placement that was driven beside others."""
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What landmarks are placed for: the map, the routes, and the robot."""
 
-    chosen_by: str
-    """How its places were chosen."""
-    drives: int
-    """Number of drives, along all routes together."""
-    lost: int
-    """Number of those that were lost at any time."""
-    error: float
-    """Geometric mean of the drives' root mean square position errors [m]."""
+    grid: OccupancyGrid
+    """The map without the objects."""
+    kind: LandmarkObject
+    """The object, of which several are placed."""
+    routes: Mapping[str, Path]
+    """Routes of the robot by name."""
+    planned: bool
+    """True if the routes are shortest paths, to be planned again among the objects."""
+    robot: Robot
+    """The robot that was simulated."""
+
+    def on(self, grid: OccupancyGrid) -> Mapping[str, Path]:
+        """The routes that were given, or the shortest paths between their ends on a map.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map, with landmarks or without.
+
+        Raises
+        ------
+        LocplanError
+            If the landmarks close a way.
+        """
+        if not self.planned:
+            return self.routes
+        costs = Costmap.blank(grid, robot=self.robot)
+        paths = {}
+        for name, path in self.routes.items():
+            (x0, y0), (x1, y1) = path.xy[[0, -1]].tolist()
+            found = plan(costs, (x0, y0), (x1, y1)).path
+            if found is None:
+                raise LocplanError(
+                    f"no path of the robot leads along {name} on the map"
+                    f" {'with' if grid is not self.grid else 'without'} landmarks"
+                )
+            paths[name] = found
+        return paths
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,7 +100,6 @@ class Landmarks(Result):
             "landmarks.png",
             "landmarks.csv",
             "landmarks.geojson",
-            "rejected.csv",
             "verification.csv",
             "map_with_landmarks.yaml",
             "map_with_landmarks.pgm",
@@ -73,44 +108,24 @@ class Landmarks(Result):
 
     setting: Setting
     """The map, the routes and the robot that they are placed for."""
-    search: Search
-    """The search, for other placements."""
-    indices: Ints
-    """Index of each place among those of the search, (k,); the existing objects' come first."""
-    shifts: tuple[Shift, ...]
-    """Landmarks that were taken out of regular rows."""
-    rejected: tuple[Rejected, ...]
-    """Places that were refused, and why."""
-    before: OccupancyGrid
-    """The map that was given."""
-    existing: int
-    """Number of existing objects that could be moved."""
-    chosen_by: str
-    """How the places were chosen: what was made small, and among which places."""
-    trials: tuple[Trial, ...] = ()
-    """Placements that were driven by `best_of_trials`, the best first, which is this one."""
-
-    poses: Floats = field(init=False)
+    poses: Floats
     """World x, y and heading of each, (k, 3) [m, m, rad]."""
-    curve: Floats = field(init=False)
-    """Objective with 0, 1, ... landmarks, (k + 1,).
+    curve: Floats
+    """Expected mean of P_xx + P_yy along the routes with 0, 1, ... landmarks, (k + 1,) [m^2]."""
+    search: Search
+    """The search, for places at random."""
 
-    It is the expected mean of P_xx + P_yy along routes [m^2], or the mean degeneracy u in a region.
-    """
     grid: OccupancyGrid = field(init=False)
     """The map with the landmarks."""
 
     def __post_init__(self) -> None:
-        setting, search = self.setting, self.search
-        poses = in_world(setting.grid, search.places[self.indices])
-        curve = search.curve(self.indices.tolist())
-        keep(self, poses=poses, curve=curve, grid=with_objects(setting.grid, setting.kind, poses))
+        keep(self, grid=with_objects(self.setting.grid, self.setting.kind, self.poses))
 
     def __repr__(self) -> str:
         low, high = self.expected[-1], self.expected[0]
         return (
             f"Landmarks({len(self)} x {self.setting.kind.title} in {self.grid.name or 'map'},"
-            f" {self.measure.title} {high:.3g} -> {low:.3g})"
+            f" {EXPECTED.title} {high:.3g} -> {low:.3g})"
         )
 
     def __len__(self) -> int:
@@ -123,32 +138,13 @@ class Landmarks(Result):
 
     @property
     def gains(self) -> Floats:
-        """What each landmark takes off the curve beside those before it, in its unit, (k,)."""
+        """What each landmark takes off the curve beside those before it, (k,) [m^2]."""
         return -np.diff(self.curve)
 
     @property
-    def measure(self) -> Column:
-        """What `expected` is."""
-        return self.search.objective.column
-
-    @property
     def expected(self) -> Floats:
-        """Expected deviation of the position along routes [m], the root of the curve, (k + 1,).
-
-        In a region it is the mean degeneracy u, the curve itself.
-        """
-        return np.asarray(self.curve**self.search.objective.power)
-
-    @property
-    def region_area(self) -> float | None:
-        """Area of the region in which the robot may be [m^2]; None where it drives routes."""
-        region = self.setting.region
-        return None if region is None else float(region.sum()) * self.grid.resolution**2
-
-    @property
-    def kept(self) -> int:
-        """Number of existing objects that stay where they are."""
-        return int((self.indices < self.existing).sum())
+        """Expected deviation of the position along routes, the root of the curve, (k + 1,) [m]."""
+        return np.asarray(self.curve**0.5)
 
     @property
     def paying(self) -> int:
@@ -160,46 +156,15 @@ class Landmarks(Result):
         paying = np.flatnonzero(steps >= PAYING_SHARE)
         return int(paying[-1]) + 1 if paying.size else 0
 
-    @cached_property
-    def regular(self) -> Regularity | None:
-        """A row of landmarks that the filter can mistake for one a step farther, or None."""
-        return regularity(self.positions)
-
-    def advice(self, *, driven: bool = False) -> list[str]:
-        """What is doubtful about the places, a sentence each.
-
-        Parameters
-        ----------
-        driven : bool, default False
-            True where `verify` says whether they help.
-        """
-        little, found = f"lowers it by less than {PAYING_SHARE:.0%}", []
+    @property
+    def advice(self) -> str:
+        """The landmarks that hardly lower what is expected, in a sentence; empty if all pay."""
+        little = f"lowers it by less than {PAYING_SHARE:.0%}"
         if self.paying == 0:
-            known = "whether they help is what the drives say" if driven else "drive them to know"
-            found.append(f"each {little}: {known}")
-        elif self.paying < len(self):
-            may = f"{self.paying} may do; drive them to know"
-            found.append(f"from number {self.paying + 1} on each {little}: {may}")
-        found += map(str, self.shifts)
-        if row := self.regular:
-            found.append(
-                f"careful: {row}, which a filter can mistake for a shift; move one of them"
-            )
-        return found
-
-    def first(self, count: int) -> Floats:
-        """World x, y and heading of the landmarks that gain most, (count, 3) [m, m, rad].
-
-        Parameters
-        ----------
-        count : int
-            Number of landmarks, such as `paying`; with more than there are, all are returned.
-        """
-        return self.poses[:count].copy()
-
-    def reasons(self) -> dict[str, int]:
-        """Number of places that were refused for each reason."""
-        return dict(Counter(each.reason for each in self.rejected))
+            return f"each {little}"
+        if self.paying < len(self):
+            return f"from number {self.paying + 1} on each {little}: {self.paying} may do"
+        return ""
 
     def verify(
         self,
@@ -240,17 +205,18 @@ class Landmarks(Result):
         """
         check_drives(drives)
         whole("random_sets", random_sets, 1, 1000)
-        setting, maps = self.setting, (self.before, self.grid)
+        setting, search = self.setting, self.search
         # Stream of random numbers of places at random, beside those of `Simulator`.
         draws = [random_of(seed, 100, n) for n in range(min(random_sets, drives // 2))]
-        chosen = [self.search.at_random(len(self), draw) for draw in draws]
-        poses = [in_world(setting.grid, self.search.places[each]) for each in chosen if all(chosen)]
-        sets = [with_objects(setting.grid, setting.kind, each) for each in poses]
-        run = partial(Simulator, robot=setting.robot, seed=seed, threads=threads)
-        driven, _ = compared(
-            lambda grid: (run(grid), setting.on(grid)), maps, sets, drives, setting.routes, progress
-        )
-        return Verification(*driven, seed, fields_along(setting, maps, threads))
+        chosen = [search.at_random(len(self), draw) for draw in draws]
+        poses = [in_world(setting.grid, search.places[each]) for each in chosen if all(chosen)]
+        random_maps = [with_objects(setting.grid, setting.kind, each) for each in poses]
+
+        def enter(grid: OccupancyGrid) -> World:
+            return Simulator(grid, setting.robot, seed=seed, threads=threads), setting.on(grid)
+
+        maps = setting.grid, self.grid
+        return verify_by_drives(enter, maps, random_maps, setting.routes, drives, seed, progress)
 
     def table(self) -> Table:
         """The landmarks in order of gain, and what is expected with each and those before it."""
@@ -259,16 +225,14 @@ class Landmarks(Result):
         values = self.poses.tolist(), self.gains.tolist(), self.expected[1:].tolist()
         rows = enumerate(zip(*values, strict=True), 1)
         return Table(
-            (*COLUMNS, self.measure),
-            tuple((n, *pose, *about, gain, expected) for n, (pose, gain, expected) in rows),
+            COLUMNS, tuple((n, *pose, *about, gain, expected) for n, (pose, gain, expected) in rows)
         )
 
-    def _write(self, folder: Path, verification: Verification | None = None) -> None:
+    def _write(self, folder: FilePath, verification: Verification | None = None) -> None:
         table = self.table()
         table.write_csv(folder / "landmarks.csv")
         outlines = (outline_of(self.setting.kind.shape, pose) for pose in self.poses)
         table.write_geojson(folder / "landmarks.geojson", outlines)
-        Table.of((*POSE, Column("reason")), self.rejected).write_csv(folder / "rejected.csv")
         if verification:
             verification.table().write_csv(folder / "verification.csv")
         save_map(self.grid, folder / "map_with_landmarks.yaml")
@@ -281,63 +245,38 @@ class Landmarks(Result):
         verification : Verification, optional
             What `verify` gave.
         """
-        setting, regular = self.setting, self.regular
+        setting = self.setting
         return finite(
             {
                 "verification": verification.summary() if verification else None,
-                "map": {"name": self.before.name, "digest": self.before.digest},
+                "map": {"name": setting.grid.name, "digest": setting.grid.digest},
                 "map_with_landmarks": {"digest": self.grid.digest},
                 "object": {"kind": setting.kind.word, **vars(setting.kind)},
                 "landmarks": self.table().records(),
-                "chosen_by": self.chosen_by,
-                "trials": [each._asdict() for each in self.trials],
-                self.measure.name: self.expected.tolist(),
+                EXPECTED.name: self.expected.tolist(),
                 "paying": self.paying,
-                "kept": self.kept,
-                "advice": self.advice(driven=verification is not None),
-                "regular": None if regular is None else regular._asdict(),
-                "shifts": [each._asdict() for each in self.shifts],
-                "rejected": self.reasons(),
                 "routes": {name: path.length for name, path in setting.routes.items()},
-                "region_area": self.region_area,
                 "robot": setting.robot.summary(),
             }
         )
 
 
 def landmarks_report(made: Landmarks, verification: Verification | None = None) -> str:
-    """What the drives say, then the landmarks in order of gain, and what was refused."""
+    """What the drives say, then the landmarks in order of gain."""
     setting = made.setting
-    lines = ["not verified: nothing was driven"]
-    if verification:
-        (before, high), (later, high_after) = verification.match_deviations.tolist()
-        lines = [
-            verification.verdict,
-            f"deviation of a match of one scan alone: median {before:.2f} -> {later:.2f} m,"
-            f" 95 % of the way below {high:.2f} -> {high_after:.2f} m",
-        ]
+    lines = [verification.verdict if verification else "not verified: nothing was driven"]
     lines.append(f"with {setting.robot.title}")
     after = [
-        f"{len(made)} x {setting.kind.title}, in order of gain; {made.measure.heading} without any:"
+        f"{len(made)} x {setting.kind.title}, in order of gain; {EXPECTED.heading} without any:"
         f" {made.expected[0]:.3f}"
     ]
-    if made.region_area is not None:
-        routes = f"{len(setting.routes)} routes lead across it"
-        after.append(f"the robot can be in {made.region_area:.0f} m2 of the region, and {routes}")
-    driven = [
-        f"{each.chosen_by} ({each.lost} of {each.drives} off by more than 1 m,"
-        f" error {each.error:.2f} m)"
-        for each in made.trials
-    ]
-    if driven:
-        after.append(f"of {len(driven)} placements that were driven, this one is kept: {driven[0]}")
-        after += [f"beaten: {each}" for each in driven[1:]]
-    else:
-        after.append(f"chosen by: {made.chosen_by}")
-    if made.existing:
-        after.append(f"{made.kept} of {made.existing} existing objects stay where they are")
-    after += made.advice(driven=verification is not None)
-    if made.rejected:
-        after.append(f"places refused: {counted(each.reason for each in made.rejected)}")
+    if made.advice:
+        after.append(made.advice)
     parts = [str(verification.table())] if verification else []
     return "\n".join([*parts, *wrapped(lines), str(made.table()), *wrapped(after)])
+
+
+def in_world(grid: OccupancyGrid, places: Floats) -> Floats:
+    """Return places (row, col, heading) on a map as poses in the world, (n, 3) [m, m, rad]."""
+    x, y = grid.grid_to_world(places[:, 0], places[:, 1])
+    return np.column_stack([x, y, places[:, 2] + grid.origin[2]])

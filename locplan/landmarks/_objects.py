@@ -241,7 +241,7 @@ def cells_under(grid: OccupancyGrid, kind: LandmarkObject, pose: Floats) -> tupl
     return filled_cells(grid, kind.shape, on_grid(grid, pose[None])[0])
 
 
-def checked_poses(poses: Iterable[Any], name: str = "a landmark") -> Floats:
+def checked_poses(poses: Iterable[Any]) -> Floats:
     """Poses (x, y) or (x, y, heading) as an array (n, 3) [m, m, rad]."""
     rows = []
     for pose in poses:
@@ -250,7 +250,7 @@ def checked_poses(poses: Iterable[Any], name: str = "a landmark") -> Floats:
         except (TypeError, ValueError):
             values = []
         if len(values) not in (2, 3) or not np.isfinite(values).all():
-            raise ConfigError(f"{name} must be (x, y) or (x, y, heading), not {shown(pose)}")
+            raise ConfigError(f"a landmark must be (x, y) or (x, y, heading), not {shown(pose)}")
         rows.append([*values, 0.0][:3])
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
 

@@ -1,37 +1,39 @@
-"""Where to put landmarks: `place_landmarks`."""
+"""Where to put landmarks: `place_landmarks`, a greedy choice of places along routes."""
 
 from __future__ import annotations
 
-import dataclasses
-import math
-from collections.abc import Mapping, Sequence
-from itertools import combinations, product, starmap
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from locplan._kernels.arrays import Bools, Floats, Ints, Octets
-from locplan._util.checks import check_threads, instance, whole
+from locplan._kernels.arrays import Floats
+from locplan._util.checks import check_threads, position, shown, whole
 from locplan._util.progress import ProgressCallback
-from locplan.costs import Path
-from locplan.errors import ConfigError
+from locplan.costs import Costmap, Path
+from locplan.errors import ConfigError, LocplanError
 from locplan.field import equipped
-from locplan.landmarks._landmarks import Landmarks
-from locplan.landmarks._objectives import AlongRoutes, MeanDegeneracy, Objective
-from locplan.landmarks._objects import LandmarkObject, Shape, check_object, filled_cells, on_grid
-from locplan.landmarks._places import Passages, Rejected, Sites, counted, places_of, refusals
-from locplan.landmarks._routes import (
-    Setting,
+from locplan.landmarks._landmarks import Landmarks, Setting, in_world
+from locplan.landmarks._objects import LandmarkObject, check_object, on_grid
+from locplan.landmarks._places import (
+    CLEARANCE,
+    Passages,
+    candidate_places,
     cells_in,
-    poses_in,
-    routes_across,
-    routes_of,
-    where_robot_is,
+    counted,
+    refusals,
+    too_close,
 )
-from locplan.landmarks._search import Search, in_world
 from locplan.landmarks._sight import Sight, lines_along, surroundings
-from locplan.maps import FREE, OCCUPIED, OccupancyGrid, check_grid
+from locplan.maps import OccupancyGrid, check_grid
+from locplan.planners import plan
 from locplan.robots import Robot
+
+MAX_PLACES = 8
+"""Maximum number of places; all of them are joined by routes."""
 
 
 def place_landmarks(
@@ -41,19 +43,16 @@ def place_landmarks(
     *,
     paths: Mapping[str, Path | ArrayLike] | Sequence[Path | ArrayLike] | Path | None = None,
     places: Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | None = None,
-    region: ArrayLike | None = None,
     robot: Robot | None = None,
-    sites: Sites | None = None,
+    keep_out: Sequence[Sequence[float]] | None = None,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> Landmarks:
-    """Choose places for objects that keep a robot from getting lost on its ways.
+    """Choose places for objects that keep a robot from getting lost on its routes.
 
-    Along routes they make the mean of P_xx + P_yy small, P the covariance of an information filter
-    with the noise of the robot's own; in a region, the mean degeneracy u. It is a greedy choice,
-    then up to three rounds in which each object may go elsewhere, and rows at equal short steps
-    are broken where that costs little. `best_of_trials` drives other choices, too, and
-    `Landmarks.verify` tests by simulated drives whether they help.
+    The choice is greedy: each place makes the mean of P_xx + P_yy along the routes smallest, P the
+    covariance of an information filter with the noise of the robot's own. `Landmarks.verify` tests
+    by simulated drives whether the objects help.
 
     Parameters
     ----------
@@ -62,25 +61,21 @@ def place_landmarks(
     kind : Pole or Box
         The object.
     count : int
-        Number of objects to place besides those that exist, 1 to 200, or 0 with some of those.
-        There are fewer where no further one helps, or may stand.
+        Number of objects, 1 to 200. There are fewer if no further one helps, or may stand.
     paths : Path, or mapping of str to Path or to (n, 2) array, optional
         Routes of the robot in the world [m], within the free cells. It drives just these.
     places : sequence of (x, y), or mapping of str to (x, y), optional
         Instead of paths: the robot drives the shortest paths between all of these, 2 to 8 [m],
         planned again among the objects.
-    region : (H, W) array of bool, or sequence of (x0, y0, x1, y1), optional
-        Instead of paths: the robot may go anywhere in these cells, or rectangles in the world [m].
-        Of parts that no way joins, the largest counts. Drives between places far apart verify it.
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
         your own, such as `Robot.from_nav2` reads.
-    sites : Sites, optional
-        Where objects may stand, and which ones exist; see `Sites`.
+    keep_out : sequence of (x0, y0, x1, y1), optional
+        Rectangles in the world [m] in which no object may stand.
     threads : int, optional
         Number of threads, at least 1; all cores by default. The result does not depend on it.
     progress : callable, optional
-        Called with (done, total) steps of the search.
+        Called with (done, total) objects.
 
     Returns
     -------
@@ -90,12 +85,11 @@ def place_landmarks(
     Raises
     ------
     LocplanError
-        If an argument is out of its range, a path leaves the free cells, the robot cannot be in the
-        region, no object may stand anywhere, or an existing one is not in the map.
+        If an argument is out of its range, a path leaves the free cells, or no object may stand
+        anywhere.
 
     See Also
     --------
-    locplan.landmarks.best_of_trials : Drives this placement and others, and keeps the best.
     Landmarks.verify : Drives before, after, and with as many objects at random places.
 
     Examples
@@ -108,146 +102,190 @@ def place_landmarks(
     >>> made.poses.shape, bool(made.curve[2] < made.curve[1] < made.curve[0])
     ((2, 3), True)
     """
-    from scipy.spatial import cKDTree
-
     check_grid(grid)
     check_object(kind)
-    sites = Sites() if sites is None else sites
-    instance("sites", sites, Sites, 'such as locplan.landmarks.Sites(where="walls")')
-    existing = np.array(sites.existing, dtype=np.float64).reshape(-1, 3)
-    whole("count", count, 0 if len(existing) else 1, 200)
+    whole("count", count, 1, 200)
     robot = equipped(robot)
     threads = check_threads(threads)
-    if sum(each is not None for each in (paths, places, region)) != 1:
-        raise ConfigError("give one of paths, places and region")
-    empty = without_objects(grid, kind, existing) if len(existing) else grid
-    if region is None:
-        routes = routes_of(empty, paths, places, robot.radius)
-        setting = Setting(empty, kind, routes, None, paths is None, robot)
-        lines = lines_along(empty, routes, robot)
-        clear_of = [path.resampled(empty.resolution / 2).xy for path in routes.values()]
-        if paths is not None and len(existing):
-            lines_along(grid, routes, robot)  # nor may an object stand on them
-    else:
-        cells = where_robot_is(empty, cells_in(empty, region, "region"), robot.radius)
-        routes = routes_across(empty, cells, robot.radius)
-        setting = Setting(empty, kind, routes, cells, True, robot)
-        lines = [poses_in(empty, cells, robot.known_lidar)]
-        clear_of = [path.xy[[0, -1]] for path in setting.routes.values()]
-    passages = Passages(empty, kind.shape, robot.radius, sites.clearance)
-    seen = surroundings(empty, lines, kind.shape, robot)
-    keep, area = robot.radius + sites.clearance, cells_in(grid, sites.keep_out, "keep_out")
-    beside = setting.routes.values() if region is None else ()
-    tried = places_of(empty, kind.shape, sites, beside, keep)
-    robots = cKDTree(on_grid(empty, np.concatenate(lines))[:, :2])
-    within = (seen.rays.most + kind.shape.reach) / empty.resolution
+    if (paths is None) == (places is None):
+        raise ConfigError("give either paths or places")
+    routes = routes_of(grid, paths, places, robot.radius)
+    search = _search_along(grid, kind, routes, robot, keep_out, threads)
+    chosen, curve = search.run(count, progress)
+    setting = Setting(grid, kind, routes, paths is None, robot)
+    return Landmarks(setting, in_world(grid, search.places[chosen]), curve, search)
+
+
+def _search_along(
+    grid: OccupancyGrid,
+    kind: LandmarkObject,
+    routes: Mapping[str, Path],
+    robot: Robot,
+    keep_out: Sequence[Sequence[float]] | None,
+    threads: int,
+) -> Search:
+    """Return the search among the allowed places that the robot can see from its routes.
+
+    Raises
+    ------
+    LocplanError
+        If a path leaves the free cells, or there is no such place.
+    """
+    from scipy.spatial import cKDTree
+
+    lines = lines_along(grid, routes, robot)
+    passages = Passages(grid, kind.shape, robot.radius, CLEARANCE)
+    seen = surroundings(grid, lines, kind.shape, robot)
+    keep, area = robot.radius + CLEARANCE, cells_in(grid, keep_out)
+    tried = candidate_places(grid, kind.shape, routes.values(), keep)
+    robots = cKDTree(on_grid(grid, np.concatenate(lines))[:, :2])
+    within = (seen.rays.most + kind.shape.reach) / grid.resolution
     tried = tried[np.isfinite(robots.query(tried[:, :2], distance_upper_bound=within)[0])]
-    at = np.column_stack(empty.world_to_grid(*np.concatenate(clear_of).T))
-    reasons = refusals(tried, empty, passages, at, keep, area)
+    clear_of = [path.resampled(grid.resolution / 2).xy for path in routes.values()]
+    at = np.column_stack(grid.world_to_grid(*np.concatenate(clear_of).T))
+    reasons = refusals(tried, grid, passages, at, keep, area)
     allowed = np.array([not reason for reason in reasons], bool)
-    every = np.concatenate([on_grid(empty, existing), tried[allowed]])
-    if not len(every):
+    if not allowed.any():
         raise ConfigError(
             f"no {kind.title} may stand within the lidar's range of the robot:"
-            f" {counted(reasons)}; allow more places (where), a smaller object or clearance, or"
-            " keep less of the map out"
+            f" {counted(reasons)}; give a smaller object, or keep less of the map out"
         )
-    sight = Sight(empty, seen, kind.shape, every, threads)
-    objective: Objective = AlongRoutes(sight)
-    if region is not None:
-        objective = MeanDegeneracy.of(sight, robot.known_lidar)
-    search = Search(objective, passages, np.arange(len(every)))
-    order = search.run(list(range(len(existing))), count, progress)
-    order, shifts = search.without_rows(order)
-    refused = in_world(empty, np.concatenate([tried[~allowed], every[list(search.refused)]]))
-    whys = [*filter(None, reasons), *search.refused.values()]
-    rejected = tuple(starmap(Rejected, zip(*refused.T.tolist(), whys, strict=True)))
-    indices = np.array(order, np.int64)
-    return Landmarks(
-        setting, search, indices, shifts, rejected, grid, len(existing), objective.name
-    )
+    return Search(Sight(grid, seen, kind.shape, tried[allowed], threads), passages)
 
 
-def without_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Floats) -> OccupancyGrid:
-    """Copy of a map without objects that stand in it, whose cells become free.
+@dataclass
+class Search:
+    """A greedy search for the places that lower the objective of `Sight` most."""
 
-    An object is sought up to a cell from its pose, where the least of it is free. Cells stay that
-    a straight wall holds, which goes on at both sides of the object. Of the cells around it, only
-    those go that are joined with nothing else: a wall that it touches stays.
+    sight: Sight
+    """What the robot sees with objects at some of the places, and the objective."""
+    passages: Passages
+    """Space of the robot on the map without objects."""
+    lazy: int = 128
+    """Number of places that a lazy search looks at together."""
+
+    @property
+    def places(self) -> Floats:
+        """Row, column and heading of all places on the map, (n, 3) [cells, cells, rad]."""
+        return self.sight.places
+
+    def run(self, count: int, progress: ProgressCallback | None = None) -> tuple[list[int], Floats]:
+        """Return indices of at most `count` places, and the objective with 0, 1, ... of them."""
+        chosen: list[int] = []
+        bounds = np.full(len(self.places), np.inf)
+        curve = []
+        while True:
+            self.sight.start(np.array(chosen, np.int64))
+            curve.append(self.sight.value())
+            best = self.best(chosen, bounds) if len(chosen) < count else None
+            if progress:
+                progress(count if best is None else len(chosen) + 1, count)
+            if best is None:
+                return chosen, np.array(curve)
+            chosen.append(best)
+
+    def best(self, others: list[int], bounds: Floats | None = None) -> int | None:
+        """Return the best allowed place added to others; None if none lowers the objective.
+
+        With `bounds` (n,), which no gain exceeds, the search is lazy: places are looked at from the
+        greatest bound on, until none of the rest can gain more. Gains with fewer objects are such
+        bounds as far as the objective has diminishing returns; they are lowered in place.
+        """
+        self.sight.start(np.array(others, np.int64))
+        value = self.sight.value()
+        # Share of the objective by which a place must lower it.
+        least = 1e-6 * value
+        waiting = np.setdiff1d(np.arange(len(self.places)), others)
+        lot = max(len(waiting), 1)
+        if bounds is not None:
+            waiting, lot = waiting[np.argsort(-bounds[waiting], kind="stable")], self.lazy
+        gains = np.full(len(self.places), -np.inf)
+        passages = self.around(others)
+        for begin in range(0, len(waiting), lot):
+            part = waiting[begin : begin + lot]
+            gains[part] = value - self.sight.values(part)
+            rest = -np.inf
+            if bounds is not None:
+                bounds[part] = gains[part]
+                rest = bounds[waiting[begin + lot :]].max(initial=-np.inf)
+            for n in np.argsort(-gains, kind="stable").tolist():
+                if not gains[n] > least or gains[n] < rest:
+                    break
+                if self.is_allowed(n, others, passages):
+                    return int(n)
+                gains[n] = -np.inf
+            if not rest > least:
+                return None
+        return None
+
+    def around(self, chosen: list[int]) -> Passages:
+        """Return the robot's space with objects at these places."""
+        passages = self.passages.copy()
+        for n in chosen:
+            passages.place(self.places[n])
+        return passages
+
+    def is_allowed(self, place: int, others: list[int], passages: Passages) -> bool:
+        """True if an object may stand at a place together with others."""
+        pose, sight = self.places[place], self.sight
+        near = too_close(sight.shape, pose, self.places[others], sight.grid.resolution)
+        return not near and not passages.cuts(pose)
+
+    def at_random(self, count: int, random: np.random.Generator) -> list[int]:
+        """Return places drawn at random that are allowed together, at most `count`."""
+        chosen: list[int] = []
+        passages = self.passages.copy()
+        for n in random.permutation(len(self.places)).tolist():
+            if len(chosen) == count:
+                break
+            if self.is_allowed(n, chosen, passages):
+                chosen.append(n)
+                passages.place(self.places[n])
+        return chosen
+
+
+def routes_of(grid: OccupancyGrid, paths: Any, places: Any, robot_radius: float) -> dict[str, Path]:
+    """Routes by name: the paths that were given, or the shortest ones between places.
 
     Raises
     ------
     ConfigError
-        If nothing is drawn where an object should be, or two are given at one place.
+        If they are none.
+    LocplanError
+        If the robot cannot stand at a place, or no path joins two.
     """
-    _check_apart(kind, poses)
-    cells, occupied = grid.cells.copy(), grid.cells == OCCUPIED
-    for (x, y, _), pose in zip(poses.tolist(), on_grid(grid, poses), strict=True):
-        rows, cols = _drawn_cells(grid, kind.shape, pose)
-        if not rows.size:
-            raise ConfigError(
-                f"no {kind.title} is drawn in the map at {x:g},{y:g}; an existing object must be"
-                " there, within a cell"
-            )
-        # Distance from an object at which a wall beside it still must be one [cells].
-        reach = kind.shape.reach / grid.resolution + 2.5
-        own = ~_in_walls(occupied, np.column_stack([rows, cols]), pose[:2], reach)
-        at = rows[own], cols[own]
-        cells[at] = FREE
-        cells[_rim(cells, at)] = FREE
-    return dataclasses.replace(grid, cells=cells)
+    if paths is not None:
+        given = {"path": paths} if isinstance(paths, Path) else paths
+        named = _named(given, "path", "paths by name")
+        if not named:
+            raise ConfigError("there must be at least one path along which landmarks help")
+        return {
+            str(name): path if isinstance(path, Path) else Path(np.asarray(path))
+            for name, path in named.items()
+        }
+    named = _named(places, "place", "positions x, y in metres")
+    if not 2 <= len(named) <= MAX_PLACES:
+        raise ConfigError(
+            f"there must be 2 to {MAX_PLACES} places, which routes join, not {len(named)};"
+            " give longer lists of routes as paths"
+        )
+    ends = {str(name): position(xy, name=f"place {name}") for name, xy in named.items()}
+    costs = Costmap.blank(grid, robot=robot_radius)
+    for name, xy in ends.items():
+        costs.cell_of(xy, name)
+    routes = {}
+    for (one, start), (other, goal) in combinations(ends.items(), 2):
+        found = plan(costs, start, goal).path
+        if found is None:
+            raise LocplanError(f"no path leads from {one} to {other}; name places that are joined")
+        routes[f"{one} to {other}"] = found
+    return routes
 
 
-def _check_apart(kind: LandmarkObject, poses: Floats) -> None:
-    """Raise a ConfigError if two objects are given whose middles lie in each other."""
-    for (x, y, _), (other_x, other_y, _) in combinations(poses.tolist(), 2):
-        if math.hypot(x - other_x, y - other_y) < kind.shape.half_width:
-            raise ConfigError(
-                f"two existing objects are given at one place, {x:g},{y:g} and"
-                f" {other_x:g},{other_y:g}; leave one out"
-            )
-
-
-def _drawn_cells(grid: OccupancyGrid, shape: Shape, pose: Floats) -> tuple[Ints, Ints]:
-    """The occupied cells that an object fills, shifted only to where less of it is free."""
-    best, found = (-math.inf, 0.0), (np.empty(0, np.int64), np.empty(0, np.int64))
-    # Shifts of an object along rows and columns that are tried [cells].
-    for d_row, d_col in product((-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75), repeat=2):
-        at = filled_cells(grid, shape, pose + np.array([d_row, d_col, 0.0]))
-        taken = grid.cells[at] == OCCUPIED
-        rank = float(taken.sum() - len(taken)), -math.hypot(d_row, d_col)
-        if rank > best:
-            best, found = rank, (at[0][taken], at[1][taken])
-    return found
-
-
-def _in_walls(occupied: Bools, cells: Ints, centre: Floats, reach: float) -> Bools:
-    """Whether occupied cells lead from each cell straight out of a disc [cells] on both sides."""
-    angles = np.arange(8) * math.pi / 8  # of walls
-    steps = np.column_stack([np.sin(angles), np.cos(angles)])
-    count = int(2 * reach) + 2
-    ways = np.repeat(np.concatenate([steps, -steps])[:, None], count + 1, axis=1)
-    ways = np.repeat(ways[None], len(cells), axis=0)
-    ways[:, :, 0] = cells[:, None] + 0.5
-    ways = np.cumsum(ways, axis=2)
-    within = np.hypot(*np.moveaxis(ways - centre, -1, 0)) <= reach
-    at = np.clip(np.floor(ways).astype(int) + 1, 0, np.array(occupied.shape) + 1)
-    free = ~np.pad(occupied, 1, constant_values=True)[at[..., 0], at[..., 1]]
-    leaves = ~(free[..., 1:] & within[..., :-1]).any(axis=2)  # a wall goes on where the map ends
-    return np.asarray((leaves[:, :8] & leaves[:, 8:]).any(axis=1))
-
-
-def _rim(cells: Octets, at: tuple[Ints, Ints]) -> tuple[Ints, Ints]:
-    """Occupied cells beside those of an object that lead no farther: no wall has them."""
-    import cv2
-
-    if not at[0].size:
-        return at
-    rows, cols = (slice(max(int(v.min()) - 2, 0), int(v.max()) + 3) for v in at)
-    own = np.zeros(cells[rows, cols].shape, np.uint8)
-    own[at[0] - rows.start, at[1] - cols.start] = 1
-    beside = cv2.dilate(own, np.ones((3, 3), np.uint8)) > 0
-    _, parts = cv2.connectedComponents((cells[rows, cols] == OCCUPIED).astype(np.uint8))
-    of_walls = np.unique(parts[~beside])
-    rim_rows, rim_cols = np.nonzero(beside & (parts > 0) & ~np.isin(parts, of_walls))
-    return rim_rows + rows.start, rim_cols + cols.start
+def _named(values: Any, word: str, what: str) -> Mapping[Any, Any]:
+    """What has names already, or is numbered from 1."""
+    if isinstance(values, Mapping):
+        return values
+    if not isinstance(values, Iterable) or isinstance(values, str):
+        raise ConfigError(f"{word}s must be {what}, not {shown(values)}")
+    return {f"{word} {n}": value for n, value in enumerate(values, 1)}

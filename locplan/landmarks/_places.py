@@ -5,18 +5,16 @@ from __future__ import annotations
 import copy
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from locplan._kernels.arrays import Bools, Floats
-from locplan._util.checks import Settings, keep, positive, setting
 from locplan._util.poses import way_along
 from locplan.costs import Path
-from locplan.landmarks._objects import Shape, checked_poses, filled_cells, outline_of
+from locplan.errors import ConfigError
+from locplan.landmarks._objects import Shape, filled_cells, outline_of
 from locplan.maps import UNKNOWN, OccupancyGrid
 
 AROUND = 3.0
@@ -93,19 +91,10 @@ class Passages:
 
 WALL_GAP, APART = 0.05, 0.05
 """Minimum distance of an object from a wall, and between two objects [m]."""
-
-
-class Rejected(NamedTuple):
-    """A candidate that was refused."""
-
-    x: float
-    """World x [m]."""
-    y: float
-    """World y [m]."""
-    heading: float
-    """Heading in the world [rad]."""
-    reason: str
-    """Why it was refused."""
+SPACING = 0.5
+"""Distance between the places along walls and beside routes [m]."""
+CLEARANCE = 0.2
+"""Distance that routes and passages keep from the objects, added to the robot's radius [m]."""
 
 
 def counted(reasons: Iterable[str]) -> str:
@@ -114,62 +103,24 @@ def counted(reasons: Iterable[str]) -> str:
     return ", ".join(f"{why} ({count})" for why, count in counts) or "there are no places"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Sites(Settings):
-    """Where landmarks may stand.
-
-    Raises
-    ------
-    ConfigError
-        If a value is out of its range.
-
-    Examples
-    --------
-    >>> Sites(where="walls", clearance=0.5)
-    Sites(where='walls', clearance=0.5)
-    """
-
-    where: Literal["walls", "free", "both"] = setting("both", "walls", "free", "both")
-    """Places that are tried: along "walls", "free" with a clearance above 1.2 m, on a lattice of
-    1 m and beside the routes, or "both". Those beyond the lidar's range of the robot are left
-    out."""
-    spacing: float = setting(0.5, positive, "m")
-    """Distance between the places along walls and beside routes [m], above 0. A smaller one tries
-    more places, and takes longer."""
-    clearance: float = setting(0.2, 0.0)
-    """Distance that routes, and ends of those in a region, and passages keep from the objects
-    besides the robot's radius [m], >= 0. Lower it where no place is left."""
-    keep_out: ArrayLike | None = None
-    """Cells, (H, W) of bool, or rectangles (x0, y0, x1, y1) in the world [m], that no object may
-    stand in; none by default."""
-    existing: Iterable[Sequence[float]] = ()
-    """Objects (x, y) or (x, y, heading) of the same kind that are drawn in the map and may be moved
-    [m, m, rad]. There must be occupied cells within a cell of where each would be."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        poses = checked_poses(self.existing, "an existing object")
-        keep(self, existing=tuple(map(tuple, poses.tolist())))
-
-
-def places_of(
-    grid: OccupancyGrid, shape: Shape, sites: Sites, routes: Iterable[Path], keep: float
+def candidate_places(
+    grid: OccupancyGrid, shape: Shape, routes: Iterable[Path], keep: float
 ) -> Floats:
-    """Poses of an object along walls and free-standing, not yet checked, (n, 3).
+    """Return poses of an object along walls and free-standing, not yet checked, (n, 3).
 
     Along walls it is turned as the wall is; a long object that stands free is tried both ways.
     """
-    parts = []
-    if sites.where != "free":
-        parts.append(_along_walls(grid, shape, sites.spacing))
-    if sites.where != "walls":
-        parts.append(_free_standing(grid, shape))
-        parts.append(_beside_routes(grid, shape, routes, keep, sites.spacing))
-    return np.concatenate(parts)
+    return np.concatenate(
+        [
+            _along_walls(grid, shape),
+            _free_standing(grid, shape),
+            _beside_routes(grid, shape, routes, keep),
+        ]
+    )
 
 
-def _along_walls(grid: OccupancyGrid, shape: Shape, spacing: float) -> Floats:
-    """Poses every `spacing` [m] along the walls, at least `WALL_GAP` clear of them."""
+def _along_walls(grid: OccupancyGrid, shape: Shape) -> Floats:
+    """Poses every `SPACING` [m] along the walls, at least `WALL_GAP` clear of them."""
     import cv2
 
     resolution = grid.resolution
@@ -182,7 +133,7 @@ def _along_walls(grid: OccupancyGrid, shape: Shape, spacing: float) -> Floats:
         at = contour[:, 0, ::-1].astype(np.float64) + 0.5  # (row, col) of the cells' centres
         ring = np.concatenate([at, at[:1]])
         way = way_along(ring) * resolution
-        count = max(1, int(way[-1] / spacing))
+        count = max(1, int(way[-1] / SPACING))
         where = (np.arange(count) + 0.5) * way[-1] / count
         # Half the length along a wall over which its direction is measured [m].
         half = min(0.25, way[-1] / 4)
@@ -222,9 +173,9 @@ def _in_the_open(grid: OccupancyGrid, poses: Floats) -> Floats:
 
 
 def _beside_routes(
-    grid: OccupancyGrid, shape: Shape, routes: Iterable[Path], keep: float, spacing: float
+    grid: OccupancyGrid, shape: Shape, routes: Iterable[Path], keep: float
 ) -> Floats:
-    """Poses every `spacing` [m] on both sides of routes through the open, as near as allowed.
+    """Poses every `SPACING` [m] on both sides of routes through the open, as near as allowed.
 
     Near objects help a filter most whose heading is uncertain. They are turned as the route is,
     long ones also across it, and have the clearance of `free_standing`.
@@ -232,7 +183,7 @@ def _beside_routes(
     long = shape.half_length != shape.half_width
     found = [np.empty((0, 3))]
     for path in routes:
-        fine = path.resampled(spacing, even=True)
+        fine = path.resampled(SPACING, even=True)
         ahead = np.arctan2(*np.gradient(fine.xy, axis=0).T[::-1]) - grid.origin[2]
         row, col = grid.world_to_grid(*fine.xy.T)
         for turn in (0.0, math.pi / 2) if long else (0.0,):
@@ -243,6 +194,36 @@ def _beside_routes(
                 heading = np.mod(ahead + turn + 1e-9, np.pi) - 1e-9
                 found.append(np.column_stack([at_row, at_col, heading]))
     return _in_the_open(grid, np.concatenate(found))
+
+
+def cells_in(grid: OccupancyGrid, rectangles: Any) -> Bools | None:
+    """Return the mask of the cells in rectangles in the world, (H, W), or None without any.
+
+    Raises
+    ------
+    ConfigError
+        If they are no rectangles (x0, y0, x1, y1) [m].
+    """
+    if rectangles is None:
+        return None
+    wrong = ConfigError("keep_out must be rectangles (x0, y0, x1, y1) in metres")
+    try:
+        values = np.asarray(rectangles)
+    except ValueError:  # rectangles of unequal length
+        raise wrong from None
+    if values.size == 0:
+        return None
+    numbers = np.issubdtype(values.dtype, np.number) and np.isfinite(values).all()
+    if values.ndim != 2 or values.shape[1] != 4 or not numbers:
+        raise wrong
+    rows, cols = np.indices(grid.shape)
+    at = np.stack(grid.grid_to_world(rows + 0.5, cols + 0.5), axis=-1)
+    inside = np.zeros(grid.shape, bool)
+    half = grid.resolution / 2
+    for corners in values.reshape(-1, 2, 2).astype(np.float64):
+        low, high = corners.min(axis=0) - half, corners.max(axis=0) + half
+        inside |= ((at > low) & (at < high)).all(axis=-1)
+    return inside
 
 
 def refusals(

@@ -1,4 +1,4 @@
-"""What a robot sees at its poses with some objects in place, and the models of its filter."""
+"""What a robot sees along its routes with some objects in place, and the models of its filter."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from locplan._kernels.arrays import Bools, Floats, Ints, Singles
+from locplan._kernels.arrays import Floats, Ints, Singles
 from locplan._util.checks import check_memory
 from locplan._util.poses import Poses, way_along
 from locplan.costs import Path
@@ -41,30 +41,11 @@ class Surroundings:
     rays: Any
     """`landmarks.Rays`: the poses and their rays, in the map's own axes."""
     routes: Ints
-    """Indices at which the routes begin, and the number of all poses, (r + 1,).
-
-    Poses of a region are one line without an order.
-    """
+    """Indices at which the routes begin, and the number of all poses, (r + 1,)."""
     a_step: Any
     """`objectives.Sensing`: the information of a beam from one pose to the next."""
-    a_metre: Any
-    """The same of 1 m of way."""
     motion: Any
     """`objectives.Motion`: how the covariance of the filter's pose grows on the way."""
-
-    def covariances(self, sums: Floats) -> Floats:
-        """P at each pose, (n, 6), with what `landmarks.sums_of` makes of the hits there."""
-        from locplan._kernels.objectives import covariances
-
-        _, after = covariances(sums, self.rays.poses, self.routes, self.a_step, self.motion)
-        return np.asarray(after)
-
-    def profile(self, sums: Floats) -> Floats:
-        """P_xx + P_yy at each pose, (n,) [m^2]."""
-        from locplan._kernels.landmarks import XX, YY
-
-        after = self.covariances(sums)
-        return np.asarray(after[:, XX] + after[:, YY])
 
 
 def surroundings(
@@ -77,11 +58,8 @@ def surroundings(
         f"{count:,} poses with {rays.beams} rays", count * rays.beams * 40, "take shorter routes"
     )
     update = max(robot.amcl.update_min_d, 1e-3)
-    a_step, a_metre = (
-        _information(robot, rays.beams, grid.resolution, way / update)
-        for way in (step_of(robot), 1.0)
-    )
-    return Surroundings(rays, np.cumsum([0, *map(len, lines)]), a_step, a_metre, _motion_of(robot))
+    a_step = _information(robot, rays.beams, grid.resolution, step_of(robot) / update)
+    return Surroundings(rays, np.cumsum([0, *map(len, lines)]), a_step, _motion_of(robot))
 
 
 def lines_along(grid: OccupancyGrid, paths: Mapping[str, Path], robot: Robot) -> list[Poses]:
@@ -191,7 +169,12 @@ LOT = 64
 
 @dataclass
 class Sight:
-    """What a robot sees at its poses, with objects at some of the places."""
+    """What a robot sees along its routes with objects at some of the places, and what they gain.
+
+    The objective is the mean of P_xx + P_yy along the routes [m^2], P the covariance of an
+    information filter: between two looks around P becomes F P F^T + Q ds, and at each
+    (P^-1 + I)^-1, I the information of the beams that the filter compares.
+    """
 
     grid: OccupancyGrid
     """The map without objects."""
@@ -240,21 +223,30 @@ class Sight:
         sum_up(self.hits, rays, touched, self.sums)
         self.sums[:, HITS] = self._sums_of_map[:, HITS]
 
-    def seen_with(self, place: int) -> Bools:
-        """Which places are seen from any pose that sees this one, (m,)."""
-        starts, poses, _ = self.sightings
-        here = np.zeros(len(self.sums), bool)
-        here[poses[starts[place] : starts[place + 1]]] = True
-        counts = np.concatenate([[0], np.cumsum(here[poses])])
-        return np.asarray(counts[starts[1:]] > counts[starts[:-1]])
+    def value(self) -> float:
+        """Return the objective with the objects [m^2]."""
+        from locplan._kernels.landmarks import XX, YY
+        from locplan._kernels.objectives import covariances
 
-    def in_threads(self, run: Callable[[Ints], Floats], indices: Ints) -> Floats:
-        """Values of some places that are computed in parts, each on a thread."""
-        return np.concatenate(self._lots(run, np.asarray(indices, np.int64)))
+        seen = self.seen
+        _, after = covariances(self.sums, seen.rays.poses, seen.routes, seen.a_step, seen.motion)
+        return float((after[:, XX] + after[:, YY]).mean())
+
+    def values(self, indices: Ints) -> Floats:
+        """Return the objective with an object at each of these places as well, (m,) [m^2]."""
+        from locplan._kernels.objectives import uncertainties
+
+        seen = self.seen
+        given = self.sightings, self.scene, seen.routes, seen.a_step, seen.motion
+        return np.concatenate(
+            self._lots(
+                lambda part: uncertainties(self.own, part, *given), np.asarray(indices, np.int64)
+            )
+        )
 
     def _found(self) -> Any:
         """Which poses see which place, and by which rays."""
-        from locplan._kernels.features import Sightings, find_sightings
+        from locplan._kernels.landmarks import Sightings, find_sightings
 
         own, given = self.own, (self._hits_of_map, self.seen.rays, self.outline)
         counts, every = np.zeros(len(own), np.int64), np.arange(len(own))
@@ -272,7 +264,7 @@ class Sight:
         check_memory(
             f"{starts[-1]:,} sightings of {len(counts):,} places",
             8.0 * starts[-1],
-            "try fewer places (spacing), shorter routes or a smaller region",
+            "take shorter routes",
         )
         return sightings(starts)
 

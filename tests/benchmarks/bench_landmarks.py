@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 
 import numpy as np
@@ -39,7 +38,6 @@ def test_ten_of_two_thousand_places(benchmark):
     settings = {
         "paths": routes,
         "robot": Robot(filter=Amcl(laser_model_type="likelihood_field_prob")),
-        "spacing": 0.3,
         "threads": 2,
     }
     made = benchmark.pedantic(
@@ -47,7 +45,7 @@ def test_ten_of_two_thousand_places(benchmark):
         rounds=3,
         warmup_rounds=1,
     )
-    objective, places = made.search.objective, made.search.places
+    objective, places = made.search.sight, made.search.places
     every = np.arange(len(places))
     objective.start(every[:0])
     times, values = [], np.empty(len(places))
@@ -66,30 +64,3 @@ def test_ten_of_two_thousand_places(benchmark):
     benchmark.extra_info["places"] = len(places)
     benchmark.extra_info["ratio_to_placing_each"] = apart / min(times)
     print(f"\n{len(places)} places, {apart / min(times):.0f} times as fast as placing each")
-
-
-def test_ten_of_two_thousand_places_in_a_region(benchmark):
-    """Ten poles for a robot anywhere on that map; the peer looks at each place anew."""
-    grid, _ = cluttered()
-    settings = {"region": np.ones(grid.shape, bool), "spacing": 0.3, "threads": 2}
-    made = benchmark.pedantic(
-        lambda: locplan.place_landmarks(grid, locplan.Pole(0.2), 10, **settings),
-        rounds=3,
-        warmup_rounds=1,
-    )
-    objective, every = made.search.objective, made.search.among
-    times, anew, chosen = [], [], made.indices
-    for n in range(len(chosen)):
-        others = np.delete(chosen, n)
-        began = time.perf_counter()
-        objective.start(others)
-        values = objective.values(every)
-        times.append(time.perf_counter() - began)
-        fresh = dataclasses.replace(objective)
-        began = time.perf_counter()
-        fresh.start(others)
-        np.testing.assert_array_equal(fresh.values(every), values)
-        anew.append(time.perf_counter() - began)
-    benchmark.extra_info["places"] = len(every)
-    benchmark.extra_info["ratio_to_looking_anew"] = sum(anew) / sum(times)
-    print(f"\n{len(every)} places, {sum(anew) / sum(times):.1f} times as fast as looking anew")

@@ -1,0 +1,194 @@
+"""Drives that show whether landmarks help: before, after, and with objects at random places."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from locplan._kernels.arrays import Bools, Floats
+from locplan._util.progress import ProgressCallback, parts
+from locplan._util.records import Column, Table
+from locplan.costs import Path
+from locplan.maps import OccupancyGrid
+from locplan.simulation import RATES, Drives, Rated, Simulator, drive_paths, rates_of
+
+DRIVES = 100
+"""Number of drives along each route by default."""
+OUTCOME = (
+    Column("drives", title="drives", digits=0, value=lambda outcome: outcome.number),
+    *RATES,
+    Column("rmse", "m", "error, all drives", interval=True),
+    Column("kept_rmse", "m", "of those never off", interval=True),
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Outcome(Rated):
+    """Drives along some routes with one set of objects, or several."""
+
+    drives: tuple[Drives, ...]
+    """Drives of each route and set."""
+
+    @property
+    def number(self) -> int:
+        """Number of drives."""
+        return len(self.lost)
+
+    @property
+    def lost(self) -> Bools:
+        """True for each drive that was lost, off by more than 1 m, at any time, (number,)."""
+        return np.concatenate([each.lost for each in self.drives])
+
+    @property
+    def mean_squares(self) -> Floats:
+        """Mean square of each drive's position error, (number,) [m^2]."""
+        return np.concatenate([each.mean_squares for each in self.drives])
+
+    @property
+    def off(self) -> Bools:
+        """True for each drive that is off by more than 0.5 m where it ends, (number,)."""
+        return np.concatenate([each.off for each in self.drives])
+
+    def __repr__(self) -> str:
+        return f"Outcome({self.number} drives, {rates_of(self)})"
+
+    def better_than(self, other: Outcome) -> bool:
+        """Whether fewer drives are lost, or as few with clearly less error.
+
+        Fewer are lost, and the error is less, where the intervals do not touch. A clear difference
+        of the error is also a tenth or more.
+
+        Parameters
+        ----------
+        other : Outcome
+            Drives along the same routes with other objects.
+        """
+        if self.lost_rate.high < other.lost_rate.low:
+            return True
+        # Share by which an error must be less to be clearly less than another.
+        return (
+            self.lost_rate.value <= other.lost_rate.value
+            and self.rmse.high < other.rmse.low
+            and self.rmse.value <= 0.9 * other.rmse.value
+        )
+
+    def summary(self) -> dict[str, object]:
+        """Errors and share of lost drives in numbers, fit for JSON."""
+        return Table.of(OUTCOME, [self]).records()[0]
+
+
+World: TypeAlias = tuple[Simulator, Mapping[str, Path]]
+"""A world with a robot in it, and the robot's routes there."""
+
+
+def verify_by_drives(
+    enter: Callable[[OccupancyGrid], World],
+    maps: tuple[OccupancyGrid, OccupancyGrid],
+    random_maps: Sequence[OccupancyGrid],
+    routes: Collection[str],
+    drives: int,
+    seed: int,
+    progress: ProgressCallback | None,
+) -> Verification:
+    """Drive routes on the maps without and with landmarks, and with objects at random places.
+
+    The random maps together have as many drives as each of the others.
+    """
+    sets = len(random_maps)
+    counts = [drives] * 2 + [drives // max(sets, 1)] * sets
+    worlds = (enter(grid) for grid in (*maps, *random_maps))  # one after the other in memory
+    callbacks = parts(progress, [count * len(routes) for count in counts])
+    before, after, *rest = (
+        Outcome(tuple(drive_paths(simulator, paths, count, progress=each).values()))
+        for (simulator, paths), count, each in zip(worlds, counts, callbacks, strict=True)
+    )
+    random = Outcome(tuple(d for each in rest for d in each.drives)) if sets else None
+    pairs = zip(before.drives, after.drives, strict=True)
+    return Verification(before, after, random, dict(zip(routes, pairs, strict=True)), seed)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Verification:
+    """Drives without landmarks, with them, and with as many objects at random places."""
+
+    before: Outcome
+    """Drives without landmarks."""
+    after: Outcome
+    """Drives with them."""
+    random: Outcome | None
+    """Drives with objects at random places; None if no other places are allowed."""
+    profiles: Mapping[str, tuple[Drives, Drives]]
+    """Drives of each route before and after."""
+    seed: int
+    """Seed of all random numbers."""
+
+    def __repr__(self) -> str:
+        return f"Verification({self.verdict})"
+
+    @property
+    def helps(self) -> bool:
+        """Whether fewer are lost after, or as few with clearly less error.
+
+        The intervals do not touch, and the error falls by a tenth or more.
+        """
+        return self.after.better_than(self.before)
+
+    @property
+    def hurts(self) -> bool:
+        """Whether more are lost after, or as many with clearly more error."""
+        return self.before.better_than(self.after)
+
+    @property
+    def none_lost(self) -> bool:
+        """Whether no drive was lost before and after, but for 2 %."""
+        # Share of lost drives up to which none counts as lost to begin with.
+        return max(self.before.lost_rate.value, self.after.lost_rate.value) <= 0.02
+
+    @property
+    def nothing_to_gain(self) -> bool:
+        """Whether no drive was lost to begin with, and the error is not clearly another after."""
+        return self.none_lost and not self.helps and not self.hurts
+
+    @property
+    def verdict(self) -> str:
+        """What the drives say, in one line."""
+        before, after, random = self.before, self.after, self.random
+        lost = before.lost_rate.value
+        error = f"{before.rmse.value:.2f} -> {after.rmse.value:.2f} m"
+        said = "they hurt" if self.hurts else "they help" if self.helps else "not shown to help"
+        if self.none_lost:
+            said = "nothing to gain" if self.nothing_to_gain else said
+            few = f"{lost:.0%} of the drives were" if lost else "no drive was"
+            said += f": {few} off by more than 1 m to begin with; error {error}"
+            return said + (f", {random.rmse.value:.2f} m at random places" if random else "")
+        said += f": {lost:.0%} of the drives off by more than 1 m at some time before,"
+        said += f" {after.lost_rate.value:.0%} after"
+        said += f", {random.lost_rate.value:.0%} at random places" if random else ""
+        return f"{said}; error {error}"
+
+    def table(self) -> Table:
+        """The drives on each map: how many went wrong, and their errors."""
+        named = {"none": self.before, "proposed": self.after}
+        if self.random:
+            named["as many at random"] = self.random
+        rows = zip(named, Table.of(OUTCOME, named.values()).rows, strict=True)
+        return Table(
+            (Column("world", title="landmarks"), *OUTCOME),
+            tuple((name, *row) for name, row in rows),
+        )
+
+    def summary(self) -> dict[str, object]:
+        """The verdict, and the numbers behind it, fit for JSON."""
+        return {
+            "verdict": self.verdict,
+            "helps": self.helps,
+            "hurts": self.hurts,
+            "nothing_to_gain": self.nothing_to_gain,
+            "before": self.before.summary(),
+            "after": self.after.summary(),
+            "random": self.random.summary() if self.random else None,
+            "seed": self.seed,
+        }
