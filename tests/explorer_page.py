@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import re
@@ -12,15 +11,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from made_drives import recorded
-
 import locplan
 from locplan.explorer import Opening, opened
 from locplan.field import CovarianceField, FieldConfig, Fisher, load_or_compute
 from locplan.maps import OccupancyGrid
 from locplan.maps.environments import make
-from locplan.recordings import Recording
 from locplan.robots import Lidar
 
 STATIC = Path(locplan.__file__).parent / "explorer" / "static"
@@ -179,15 +174,6 @@ def served(
     opening = Opening(field.config, **(ends | options))
     with opened(grid, opening, port=port, field=field) as explorer:
         yield explorer
-
-
-def toured(grid: OccupancyGrid, scans: int = 21) -> Recording:
-    """A drive through the degenerate corridor, a scan a second; the last one fits no map."""
-    along = [(*_placed(grid, 2.0 + each), grid.origin[2]) for each in range(scans)]
-    drive = recorded(grid, np.array(along))
-    ranges = drive.ranges.copy()
-    ranges[-1] = 0.8
-    return dataclasses.replace(drive, ranges=ranges, times=np.arange(float(scans)))
 
 
 def _placed(grid: OccupancyGrid, along: float) -> tuple[float, float]:

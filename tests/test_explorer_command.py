@@ -105,7 +105,6 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
     assert session.opening.via == ((-0.5, 2.0),)
     assert session.opening.criterion == "heading_std"
     assert session.robot.filter.alpha1 == 0.05
-    assert session.map_file == str(map_file)
     assert session.opening.folder == tmp_path / "out"
     assert session.opening.force
     assert not (tmp_path / "out").exists()
@@ -123,8 +122,6 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
         (("--weight", "-1"), "weight must be"),
         (("--criterion", "x"), "criterion must be"),
         (("--lidar", "x"), "--lidar must be one of"),
-        (("--drive", "nowhere.csv"), "nowhere.csv"),
-        (("--reference", "log"), "--reference is not read without --drive"),
     ],
 )
 def test_wrong_options_are_refused_in_one_line(run, map_file, arguments, fault):

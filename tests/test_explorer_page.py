@@ -5,23 +5,19 @@ from __future__ import annotations
 import json
 import math
 import re
-import threading
 
 import pytest
-from explorer_page import STATIC, Seen, browser_file, corridors, served, toured
+from explorer_page import STATIC, Seen, browser_file, corridors, served
 
-from locplan.explorer import RecordedDrive
 from locplan.field import load_or_compute
 from locplan.maps import OccupancyGrid
-from locplan.recordings import match_scans
 
 pytest.importorskip("starlette", reason="the explorer's server is not installed")
 pytestmark = pytest.mark.skipif(browser_file() is None, reason="no chromium on this machine")
 
 
-TEAL, BLUE, RED, MARK = (8, 122, 126), (26, 95, 180), (178, 20, 66), (194, 24, 63)
-"""Colours of the aware path, of landmarks that are proposed, of the simulated path with the
-greatest error, and of what a robot believes, on a light page."""
+TEAL, RED = (8, 122, 126), (178, 20, 66)
+"""Colours of the aware path, and of the simulated path with the greatest error, on a light page."""
 
 
 @pytest.fixture(scope="module")
@@ -126,31 +122,6 @@ def test_hovering_reads_the_place_out_and_marks_the_profile(visit):
     seen.wait('#profile-chart[aria-valuenow="0.0"]')
 
 
-def test_the_front_is_walked_by_arrow_keys(visit):
-    seen = visit()
-    seen.unfold("front-group")
-    seen.page.locator("#front-find").click()
-    points = seen.wait("#front-chart .point")
-    assert points.count() >= 2
-    points.first.focus()
-    seen.page.keyboard.press("ArrowRight")
-    seen.wait('#front-chart .point:nth-child(n)[aria-checked="true"]:focus')
-    seen.page.locator("#front-note", has_text="The violet path").wait_for()
-    seen.page.locator("#swap").click()
-    seen.wait("#front-chart", "hidden")
-
-
-def test_the_knee_of_the_front_is_marked(visit):
-    seen = visit()
-    seen.unfold("front-group")
-    seen.page.locator("#front-find").click()
-    seen.page.locator("#front-note", has_text="From the knee on (◆,").wait_for()
-    knee = seen.page.locator("#front-chart .point.knee")
-    length = re.search(r"◆, ([\d.]+ m)", seen.text("#front-note")).group(1)
-    assert knee.count() == 1
-    assert re.sub(r"\s", " ", knee.get_attribute("aria-label")).startswith(f"Knee: {length}")
-
-
 def test_a_simulation_is_cancelled_while_the_page_goes_on(visit):
     seen = visit()
     seen.unfold("simulate-group")
@@ -207,18 +178,13 @@ def test_intervals_and_verdicts_read_as_people_speak(browser, server):
         {"name": name, "driven": profile | each, **path}
         for name, each in (("a", first), ("b", other), ("c", third))
     ]
-    pole = {"object": {"kind": "Pole", "diameter": 0.2}}
-    pole["landmarks"] = [{"x": 20.0, "y": 8.0, "heading": 0.0}]
-    context = browser.new_context(
-        viewport={"width": 1200, "height": 800}, permissions=["clipboard-read", "clipboard-write"]
-    )
+    context = browser.new_context(viewport={"width": 1200, "height": 800})
     seen = Seen(context.new_page())
     answers = {
         "simulate": {
             **{"sentence": "no matter", "advice": [], "driven": "3 drives"},
             **{"taken": "a", "candidates": candidates},
         },
-        "landmarks": pole,
     }
     seen.answer(answers)
     seen.open(server.address)
@@ -236,16 +202,9 @@ def test_intervals_and_verdicts_read_as_people_speak(browser, server):
     seen.page.locator("#export-to").select_option("path")
     which = seen.page.locator("#export-which", has_text="aware path at weight 8, ")
     which.filter(has_text="recommends another").wait_for()
-    for wanted, said in (("simulated", "chooses once more"), ("plan", re.compile(r"copied\.$"))):
-        seen.page.locator("#copy-shell").click()
-        seen.page.locator("#toast", has_text=said).wait_for()
-        told = seen.page.evaluate("() => navigator.clipboard.readText()")
-        assert "\nlocplan plan " in told
-        assert ("--drives 64 --output chosen" in told) == (wanted == "simulated")
-        if wanted == "simulated":
-            weight = seen.page.locator("#weight").input_value()
-            seen.page.locator("#weight").fill("900")
-            which.wait_for(state="detached")
+    weight = seen.page.locator("#weight").input_value()
+    seen.page.locator("#weight").fill("900")
+    which.wait_for(state="detached")
     assert "recommends" not in seen.text("#export-which")
     seen.page.locator("#weight").fill(weight)
     # What was simulated leaves the map with the route or the map that it is for, and comes back.
@@ -270,50 +229,8 @@ def test_intervals_and_verdicts_read_as_people_speak(browser, server):
     assert not seen.has_drawn(RED)
     seen.page.keyboard.press("Control+z")
     old.wait_for(state="hidden")
-    seen.page.keyboard.press("v")
-    seen.unfold("landmarks-group")
-    take = seen.page.locator("#landmarks-accept")
-    for helps, is_main in ((False, False), (True, True), (None, True)):
-        verified = {"helps": helps, "verdict": f"helps: {helps}", "before": {"drives": 16}}
-        answers["landmarks"] |= {"verification": verified}
-        seen.page.locator("#landmarks-find").click()
-        seen.page.locator("#landmarks-verdict", has_text=f"elps: {helps}").wait_for()
-        assert ("main" in take.get_attribute("class").split()) == is_main
-    assert seen.has_drawn(BLUE)
-    seen.page.locator("#landmarks-show").uncheck()
-    assert not seen.has_drawn(BLUE)
     assert seen.faults == []
     context.close()
-
-
-def test_a_drive_that_the_filter_steers_is_played_beside_what_it_believes(browser, server):
-    driven = {"profile": [[36.0, 0.09, 0.05, 0.12]], "error": [0.2, 0.1, 0.3]}
-    driven |= {"lost_rate": [0.5, 0.2, 0.8], "off_at_goal": [0.25, 0.1, 0.5]}
-    fails = {"outcome": "stuck", "end": [20.0, 1.0, 0.0], "stops": [[20.0, 1.0, 0.0]], "leaves": []}
-    path = {"path": {"xy": [[3, 1], [39, 1]]}, "metrics": {"length": 36.0}}
-    candidate = {"name": "a", "driven": driven, "arrivals": {"drives": [fails]}, **path}
-    seen = Seen(browser.new_context().new_page())
-    steered = {"what": "Drive 2: stuck. Of 16, 9 of 16 [33, 77 %] arrive", "t": [0.0, 0.5, 1.0]}
-    steered |= {"x": [3.0, 3.2, 3.4], "y": [1.0] * 3, "heading": [0.0] * 3}
-    steered |= {"believed": [[3.0, 1.0, 0.0], [3.2, 1.1, 0.0], [3.4, 1.5, 0.0]]}
-    said = {"sentence": "no matter", "arrives": "it arrives", "advice": [], "driven": "3 drives"}
-    simulated = said | {"taken": "a", "candidates": [candidate]}
-    seen.answer({"simulate": simulated, "steer": steered | {"sees": [[[2.0, 0.5]]] * 3}})
-    seen.open(server.address)
-    seen.unfold("simulate-group")
-    seen.page.locator("#simulate").click()
-    seen.page.locator("#simulated-verdict", has_text="no matter. it arrives.").wait_for()
-    assert "25" in seen.page.locator("#candidates td:nth-child(6)").inner_text()
-    assert not seen.has_drawn(MARK)
-    seen.page.locator("#candidates button").click()
-    note = seen.page.locator("#drive-note", has_text="Drive 2: stuck. Of 16, 9 of 16")
-    note.filter(has_text="believes to be 50 cm away").wait_for()
-    assert seen.has_drawn(MARK)
-    assert seen.page.locator("#drive-match").is_hidden()
-    seen.page.locator("#drive-time").fill("0.5")
-    note.filter(has_text="believes to be 10 cm away").wait_for()
-    assert seen.faults == []
-    seen.page.context.close()
 
 
 @pytest.mark.long
@@ -351,7 +268,7 @@ def test_a_wall_is_drawn_undone_and_drawn_again_in_every_tab(visit, server):
     assert server.grid.digest == before
 
 
-def test_a_box_and_a_pole_are_put_by_keys(visit):
+def test_a_pole_is_put_by_keys(visit):
     seen = visit()
     before = seen.value("map")
     seen.page.locator("#overlay").focus()
@@ -570,21 +487,6 @@ def test_a_turned_map_is_drawn_along_its_own_axes(visit, tmp_path):
         seen.page.locator("#readout", has_text="degeneracy").wait_for()
 
 
-def test_the_command_and_the_python_are_copied(visit, server):
-    seen = visit(permissions=["clipboard-read", "clipboard-write"])
-    seen.unfold("share-group")
-    seen.page.locator("#copy-python").click()
-    seen.page.locator("#toast", has_text="copied").wait_for()
-    told = seen.page.evaluate("() => navigator.clipboard.readText()")
-    assert "import locplan" in told
-    compile(told, "copied", "exec")
-    seen.page.locator("#copy-shell").click()
-    seen.page.locator("#toast", has_text="Command copied").wait_for()
-    told = seen.page.evaluate("() => navigator.clipboard.readText()")
-    assert "\nlocplan plan " in told
-    assert "--start 3,1 --goal 39,1" in told
-
-
 @pytest.mark.parametrize(("distro", "minds"), [("kilted", True), ("humble", False)])
 def test_an_export_says_where_it_went_and_what_to_mind(visit, distro, minds):
     seen = visit()
@@ -594,104 +496,6 @@ def test_an_export_says_where_it_went_and_what_to_mind(visit, distro, minds):
     seen.page.locator("#export-note", has_text="corridors-nav2-keepout").wait_for()
     assert ("Mind: kilted: AMCL" in seen.text("#export-note")) == minds
     assert ("Mind the warning" in seen.text("#toast")) == minds
-
-
-def test_a_recorded_drive_is_slid_along_and_played(visit):
-    grid, field = corridors()
-    tour = toured(grid)
-    with served(grid, field, drives=(RecordedDrive("tour", tour),)) as explorer:
-        seen = visit(explorer.address)
-        seen.unfold("drives-group")
-        seen.page.locator("#drive").select_option("tour (0:20)")
-        note = seen.page.locator("#drive-note", has_text="0:00 of 0:20: degeneracy u 0.")
-        note.wait_for()
-        assert "1 of 21 scans are unlike the map (crosses)." in seen.text("#drive-note")
-        seen.page.locator("#drive-scale", has_text="Median measured").wait_for()
-        ends = r"^Dots: measured deviation, from [\d.]+ cm to [\d.]+ c?m\. Median"
-        assert re.search(ends, seen.text("#drive-scale"))  # so it is read out
-        seen.page.locator("#drive-time").fill("10")
-        seen.page.locator("#drive-note", has_text=re.compile("0:10 of .*field says")).wait_for()
-        said = re.search(r"measured ([\d.]+) cm, field says ([\d.]+) cm", seen.text("#drive-note"))
-        sigma = 100 * match_scans(tour, grid).position_std[10]
-        assert float(said[1]) == pytest.approx(sigma, rel=0.05)
-        x, y = tour.poses[10, :2].tolist()
-        assert float(said[2]) == pytest.approx(100 * field_deviation(field, x, y), rel=0.05)
-        assert "10" in seen.page.locator("#drive-time").get_attribute("aria-valuetext")
-        seen.page.locator("#drive-speed").select_option("64×")
-        seen.page.locator("#play").click()
-        seen.page.locator("#drive-note", has_text="0:20 of 0:20").wait_for()
-        assert "the scan is unlike the map" in seen.text("#drive-note")
-        seen.wait('#play[aria-label="Play"]')
-        seen.page.locator("#drive").select_option("none")
-        seen.wait(".player", "hidden")
-
-
-def field_deviation(field, x, y):
-    """Position deviation at the lattice point next to a place [m]."""
-    cells = field.grid.world_to_grid(x, y)
-    at = (math.floor((float(each) - 0.5) / field.stride + 0.5) for each in cells)
-    return float(field.scalar("position_std", headings="mean")[tuple(at)])
-
-
-def test_what_the_field_says_is_fetched_again_where_that_failed(browser):
-    grid, field = corridors()
-    context = browser.new_context()
-    with served(grid, field, drives=(RecordedDrive("tour", toured(grid)),)) as explorer:
-        seen = Seen(context.new_page())
-        seen.open(explorer.address)
-        failed = []
-        seen.page.route(
-            "**/data/layer/*/sigma", lambda route: failed.append(1) or route.fulfill(status=503)
-        )
-        seen.unfold("drives-group")
-        drive, note = seen.page.locator("#drive"), seen.page.locator("#drive-note")
-        drive.select_option("tour (0:20)")
-        note.filter(has_text="measured").wait_for()
-        assert failed
-        assert "field says" not in note.inner_text()
-        seen.page.unroute("**/data/layer/*/sigma")
-        drive.select_option("none")
-        drive.select_option("tour (0:20)")
-        note.filter(has_text="field says").wait_for()
-    context.close()
-
-
-def test_a_drive_is_shown_before_it_is_matched_and_the_match_can_be_cancelled(visit, monkeypatch):
-    grid, field = corridors()
-    go_on = threading.Event()
-
-    def slow(*given, progress, **more):
-        for k in range(600):
-            progress(k, 600)
-            if go_on.wait(0.05):
-                break
-        return match_scans(*given, progress=progress, **more)
-
-    monkeypatch.setattr("locplan.recordings.match_scans", slow)
-    with served(grid, field, drives=(RecordedDrive("tour", toured(grid)),)) as explorer:
-        seen = visit(explorer.address)
-        seen.unfold("drives-group")
-        seen.page.locator("#drive").select_option("tour (0:20)")
-        seen.page.locator("#drive-note", has_text="0:00 of 0:20: degeneracy u 0.").wait_for()
-        assert "measured" not in seen.text("#drive-note")
-        seen.page.locator("#drive-note", has_text="field says").wait_for()
-        seen.page.locator("#tasks", has_text="Matching the drive's scans").wait_for()
-        seen.unfold("front-group")
-        seen.page.locator("#front-find").click()  # other long work does not wait for it
-        seen.page.locator("#front-chart").wait_for()
-        assert seen.page.locator("#drive-match").is_hidden()
-        seen.page.locator('#tasks [data-kind="match"] button').click()
-        seen.page.locator("#drive-match").click()
-        go_on.set()
-        seen.page.locator("#drive-note", has_text="measured").wait_for()
-        assert seen.page.locator("#drive-match").is_hidden()
-        seen.page.locator("#overlay").focus()
-        seen.page.keyboard.press("p")
-        seen.page.keyboard.press("Enter")
-        seen.page.locator("#drive-scale", has_text="The map was edited since.").wait_for()
-        seen.page.locator("#drive-match").click()
-        seen.page.locator("#drive-scale", has_not_text="edited").wait_for()
-        seen.wait("#drive-match", "hidden")
 
 
 def test_a_picture_is_saved(visit):
@@ -719,7 +523,6 @@ def test_a_shared_page_works_from_the_disk(visit, tmp_path):
     shared.page.mouse.move(x + 60, y)
     shared.page.locator("#readout", has_text="position deviation at most").wait_for()
     shared.page.locator("#layer").select_option("sigma")
-    shared.page.locator("#ramp").select_option("viridis")
     assert [url for url in shared.addresses if not url.startswith("file:")] == []
 
 
@@ -728,7 +531,7 @@ def test_a_narrow_window_needs_no_sideways_scrolling(visit):
     wide = seen.page.evaluate("() => document.documentElement.scrollWidth")
     seen.page.locator("#sheet-handle").click()
     seen.wait('#sheet-handle[aria-expanded="true"]')
-    for group in ("sensor-group", "front-group", "simulate-group", "share-group", "edit-group"):
+    for group in ("sensor-group", "simulate-group", "share-group", "edit-group"):
         seen.unfold(group)
     inside = seen.page.locator("#panel").evaluate("(panel) => panel.scrollWidth")
     assert wide == 320
@@ -740,11 +543,10 @@ def test_a_narrow_window_needs_no_sideways_scrolling(visit):
         assert min(box["width"], box["height"]) >= 36
 
 
-def test_another_estimator_takes_the_place_of_the_field(visit):
+def test_a_cancelled_computation_leaves_the_field(visit):
     seen = visit()
     before = seen.value("field")
     seen.unfold("sensor-group")
-    seen.page.locator("#estimator").select_option("sad")
     seen.page.locator("#range").fill("3")
     seen.page.locator("#configure button").click()
     seen.wait('#tasks [data-kind="configure"]')
@@ -753,88 +555,16 @@ def test_another_estimator_takes_the_place_of_the_field(visit):
     assert seen.value("field") == before
 
 
-def test_look_alikes_are_joined_to_their_place(visit, browser, server):
-    context = browser.new_context(viewport={"width": 1200, "height": 800})
-    seen = Seen(context.new_page())
-    twins = [{"x": 20.0, "y": 1.0, "heading": 0.5}, {"x": 30.0, "y": 1.0, "heading": 2.0}]
-    seen.answer({"twins": {"twins": twins, "excess": 1.0}})
-    seen.open(server.address)
-    x, y = seen.middle(".marker.start")
-    seen.page.mouse.move(x + 60, y)
-    seen.page.keyboard.press("t")
-    seen.page.locator("#twins-note", has_text="2 places look the same").wait_for()
-    seen.page.keyboard.press("Escape")
-    seen.wait("#twins-clear", "hidden")
-    assert seen.faults == []
-    context.close()
-
-
-def test_look_alikes_are_really_sought(visit):
-    seen = visit()
-    x, y = seen.middle(".marker.start")
-    seen.page.mouse.move(x + 60, y)
-    seen.page.keyboard.press("t")
-    seen.page.locator("#twins-note", has_text=re.compile("to the lidar|No other place")).wait_for()
-    assert seen.page.locator("#twins-clear").is_visible()
-
-
-def test_look_alikes_of_the_whole_map_are_a_layer_until_the_map_changes(visit):
-    seen = visit()
-    before = seen.value("map")
-    names = [option.get_attribute("value") for option in seen.page.locator("#layer option").all()]
-    assert "twins" not in names
-    seen.unfold("twins-group")
-    seen.page.locator("#twins-everywhere").click()
-    found = seen.page.locator("#twins-layer-note", has_text="% of the places have a look-alike")
-    found.wait_for(timeout=90_000)  # its kernels may be compiled first
-    seen.page.locator("#layer-note", has_text="How much worse the best other place").wait_for()
-    assert seen.page.locator("#layer").input_value() == "twins"
-    seen.wait("#ramp-ticks span:nth-child(4)", "detached")  # those of the layer before
-    ticks = seen.page.locator("#ramp-ticks span").all()
-    ticks.sort(key=lambda tick: tick.bounding_box()["x"])
-    assert [tick.inner_text() for tick in ticks] == ["10", "5", "0"]  # the worst on the right
-    label = seen.page.locator("#ramp-bar").get_attribute("aria-label")
-    assert re.sub(r"\s", " ", label).endswith("from 12.0 nat to 0.0 nat")
-    x, y = seen.middle(".marker.start")
-    seen.page.mouse.move(x + 60, y)
-    seen.page.locator("#readout", has_text=re.compile(r"excess \d+\.\d\snat")).wait_for()
-    seen.page.keyboard.press("p")
-    seen.page.mouse.click(x + 60, y)
-    seen.await_change("map", before)
-    seen.page.locator("#twins-layer-note", has_text="search the whole map again").wait_for()
-    seen.wait('#layer option[value="twins"]', "detached")
-    assert seen.text("#layer-note") == ""
-    seen.page.keyboard.press("Control+z")
-    seen.wait(f'html[data-map="{before}"]')
-    seen.wait('#layer option[value="twins"]')
-
-
-def test_few_look_alikes_are_told_as_few(browser, server):
-    context = browser.new_context()
-    seen = Seen(context.new_page())
-    found = {"layer": "twins", "alike": 3.0, "places": 900, "spacing": 0.8}
-    answers = {"twins_everywhere": found}
-    seen.answer(answers)
-    seen.open(server.address)
-    seen.unfold("twins-group")
-    for share, words in ((0.0, "None"), (0.002, "Less than 1 %"), (0.0101, "1 %"), (0.5, "50 %")):
-        found["share"] = share
-        seen.page.locator("#twins-everywhere").click()
-        said = f"{words} of the places have a look-alike within 3 nats."
-        seen.page.locator("#twins-layer-note", has_text=re.compile(f"^{said}")).wait_for()
-    context.close()
-
-
 def test_long_work_says_how_much_time_is_left(browser, server):
     context = browser.new_context()
     seen = Seen(context.new_page())
     seen.page.clock.install()
     asked = []
-    seen.answer({"twins_everywhere": lambda *ask: asked.append(ask)})
+    seen.answer({"simulate": lambda *ask: asked.append(ask)})
     seen.open(server.address)
-    seen.unfold("twins-group")
-    seen.page.locator("#twins-everywhere").click()
-    words = seen.wait('#tasks [data-kind="twins_everywhere"]').locator("span")
+    seen.unfold("simulate-group")
+    seen.page.locator("#simulate").click()
+    words = seen.wait('#tasks [data-kind="simulate"]').locator("span")
     seen.page.wait_for_timeout(0)
     ((number, tell),) = asked
     for after, done, said in (
@@ -846,18 +576,6 @@ def test_long_work_says_how_much_time_is_left(browser, server):
         tell({"progress": number, "done": done, "total": 1000, "doing": f"at {done}"})
         words.filter(has_text=said).wait_for()
     context.close()
-
-
-def test_a_closed_panel_answers_above_the_map(visit):
-    seen = visit(viewport={"width": 390, "height": 844}, has_touch=True)
-    seen.page.locator("#hint-close").click()
-    seen.page.locator("#sheet-handle").click()
-    seen.unfold("twins-group")
-    seen.page.locator("#twins-find").click()
-    seen.wait('#sheet-handle[aria-expanded="false"]')
-    x, y = seen.middle(".marker.start")
-    seen.page.touchscreen.tap(x + 45, y)
-    seen.page.locator("#toast", has_text=re.compile("to the lidar|No other place")).wait_for()
 
 
 def test_help_lists_the_keys_and_every_control_has_a_name(visit):

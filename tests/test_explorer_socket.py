@@ -57,7 +57,7 @@ def held(monkeypatch):
         work.cancel.check()
         return {"n": ask.whole("n", 0, 100, 0)}
 
-    monkeypatch.setattr("locplan.explorer._plans.front", wait)
+    monkeypatch.setattr("locplan.explorer._long.simulate", wait)
     monkeypatch.setattr("locplan.explorer._edits.edit", wait)
     yield begun, let_go
     let_go.set()
@@ -78,9 +78,9 @@ def test_a_plan_is_answered_with_both_paths(page):
 
 def test_of_waiting_questions_of_a_kind_the_newest_is_answered(page, held):
     begun, let_go = held
-    first = page.send("front", n=1)
+    first = page.send("simulate", n=1)
     begun.acquire()
-    others = [page.send("front", n=n) for n in (2, 3, 4)]
+    others = [page.send("simulate", n=n) for n in (2, 3, 4)]
     assert page.ask("at", x=1.0, y=1.0)["re"]  # another lane answers meanwhile
     let_go.set()
     told = {}
@@ -99,10 +99,10 @@ def test_an_overtaken_question_hears_of_it_by_its_progress(page, monkeypatch):
         work.progress(1, 2)
         return {"n": ask.whole("n", 0, 100, 0)}
 
-    monkeypatch.setattr("locplan.explorer._long.landmarks", work_on)
-    first = page.send("landmarks", n=1)
+    monkeypatch.setattr("locplan.explorer._long.simulate", work_on)
+    first = page.send("simulate", n=1)
     begun.acquire()
-    second = page.send("landmarks", n=2)
+    second = page.send("simulate", n=2)
     assert page.ask("at", x=1.0, y=1.0)["re"]
     let_go.set()
     told = {number: page.wait(number) for number in (first, second)}
@@ -122,7 +122,7 @@ def test_questions_of_one_page_do_not_overtake_those_of_another(server, page, he
     begun, let_go = held
     with linked(server) as link:
         other = Page(link)
-        one, two = page.send("front", n=1), other.send("front", n=2)
+        one, two = page.send("simulate", n=1), other.send("simulate", n=2)
         begun.acquire()
         assert other.ask("at", x=1.0, y=1.0)["re"] == 2
         let_go.set()
@@ -132,7 +132,7 @@ def test_questions_of_one_page_do_not_overtake_those_of_another(server, page, he
 
 def test_a_cancelled_question_ends(page, held):
     begun, let_go = held
-    number = page.send("front")
+    number = page.send("simulate")
     begun.acquire()
     assert page.ask("cancel", of=number) == {"re": 2, "ok": True}
     let_go.set()
@@ -150,11 +150,11 @@ def test_a_page_that_goes_ends_its_work(server, monkeypatch):
             seen.set()
         return {}
 
-    monkeypatch.setattr("locplan.explorer._plans.front", wait)
+    monkeypatch.setattr("locplan.explorer._long.simulate", wait)
     before = len(server.session.listeners)
     with linked(server) as link:
         page = Page(link)
-        page.send("front")
+        page.send("simulate")
         begun.acquire()
     with linked(server) as link:
         while len(server.session.listeners) > before + 1:
@@ -175,7 +175,7 @@ def test_too_many_waiting_questions_are_refused(server, page, held, monkeypatch)
 
 def test_an_id_that_is_under_way_is_refused(page, held):
     begun, let_go = held
-    number = page.send("front", n=7)
+    number = page.send("simulate", n=7)
     begun.acquire()
     page.link.send(json.dumps({"do": "at", "id": number, "x": 0, "y": 0}))
     assert "under way" in page.wait(number)["error"]
@@ -187,8 +187,8 @@ def test_a_fault_within_an_answer_is_one_line(page, monkeypatch):
     def fail(session, ask, work):
         raise ZeroDivisionError("no\nway")
 
-    monkeypatch.setattr("locplan.explorer._plans.front", fail)
-    told = page.ask("front")
+    monkeypatch.setattr("locplan.explorer._long.simulate", fail)
+    told = page.ask("simulate")
     assert "ZeroDivisionError" in told["error"]
     assert "\n" not in told["error"]
     assert page.ask("at", x=0.0, y=0.0)["re"] == 2
@@ -199,7 +199,7 @@ def test_an_edit_is_seen_by_all_pages_and_undone_by_any(server):
         first, second = Page(one), Page(other)
         before = first.state
         x, y = before["start"]
-        stroke = {"tool": "box", "points": [[x + 0.3, y]], "width": [0.3, 0.2], "heading": 0.2}
+        stroke = {"tool": "pole", "points": [[x + 0.3, y]], "width": 0.3}
         assert first.ask("edit", strokes=[stroke])["changed"]
 
         def is_new(state):
@@ -326,9 +326,11 @@ def test_random_questions_are_answered_by_a_result_or_one_line(server):
 
 def test_values_of_a_question_are_checked_by_name(server, monkeypatch):
     asked = []
-    monkeypatch.setattr("locplan.explorer._plans.front", lambda s, ask, w: asked.append(ask) or {})
+    monkeypatch.setattr(
+        "locplan.explorer._long.simulate", lambda s, ask, w: asked.append(ask) or {}
+    )
     values = {"n": 3, "x": "1", "far": [1e9, 0], "t": "a\u202eb", "big": 2**80}
-    server.session.answer("front", **values)
+    server.session.answer("simulate", **values)
     (ask,) = asked
     assert ask.whole("n", 0, 5, None) == 3
     assert ask.whole("none", 0, 5, None) is None

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 import locplan
-from locplan._util.progress import progress_bar, working
+from locplan._util.progress import working
 from locplan._util.supervision import end_if_supervised
 from locplan.cli import _types as typed
-from locplan.cli._options import Cached, CostOptions, DriveFiles, Ends, Force, Reference, Threads
+from locplan.cli._options import Cached, CostOptions, Ends, Force, Threads
 from locplan.cli._robot_options import FieldOptions, RobotOptions
 from locplan.errors import ConfigError
 
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 @typed.command(
     "explore lab.yaml --lidar turtlebot4",
     "explore --check report",
-    "explore lab.yaml --lidar turtlebot4 --start 2,3 --goal 38,3 --drive drive.mcap -o edited",
+    "explore lab.yaml --lidar turtlebot4 --start 2,3 --goal 38,3 -o edited",
 )
-class explore(FieldOptions, Ends, CostOptions, Reference, Cached, Threads):
+class explore(FieldOptions, Ends, CostOptions, Cached, Threads):
     """Explore a map in the browser: drag start and goal, change the lidar, draw walls.
 
     The page is for this machine alone, at the address that is printed. Ctrl-C ends it,
@@ -50,8 +50,6 @@ class explore(FieldOptions, Ends, CostOptions, Reference, Cached, Threads):
     """Port of this machine that the page is served on; by default any."""
     no_browser: bool = False
     """Open no browser."""
-    drive: DriveFiles = ()
-    """Recorded drive that can be shown; repeatable."""
     folder: Annotated[Path | None, Parameter(name=("--folder", "-o")), typed.under("Output")] = None
     """Folder that the page may write maps and exports to; without it, it writes none."""
     force: Force = False
@@ -61,23 +59,12 @@ class explore(FieldOptions, Ends, CostOptions, Reference, Cached, Threads):
         map_file, report = self._opened_on()
         robot, config = self.robot_and_field()
         self.check_costs(config)
-        if not self.drive:
-            self.refuse("without --drive", Reference)
         grid = locplan.load_map(map_file)
-        drives = []
-        for file in self.drive:
-            with progress_bar(f"reading {file.name}", "messages") as progress:
-                drive = locplan.explorer.RecordedDrive.of(file, progress)
-            with progress_bar(f"smoothing {file.name}", "") as progress:
-                where = self.given(Reference, "cache_dir")
-                drives.append(drive.on(grid, **where, progress=progress))
         opening = locplan.explorer.Opening(
             config,
             robot,
             **self.given(CostOptions, Cached, Threads, "folder", "force"),
             **(report.ends if report else {}) | self.given(Ends, "via"),
-            drives=tuple(drives),
-            map_file=str(map_file),
             report=report,
         )
         with working("opening the page"):

@@ -5,6 +5,5 @@ from ._explore import (
     explore as explore,
     opened as opened,
 )
-from ._recorded import RecordedDrive as RecordedDrive
 from ._scene import Limits as Limits, Opening as Opening
 from ._session import Session as Session

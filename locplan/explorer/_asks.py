@@ -8,9 +8,6 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, NoReturn, TypeVar
 
-import numpy as np
-
-from locplan._kernels.arrays import Floats
 from locplan._util.checks import is_number, number, one_of, position, printable, shown, whole
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError, LocplanError
@@ -49,11 +46,6 @@ class Ask:
         what = f"up to {most} positions [x, y]"
         values = self._listed(name, most, _is_pair, what) if self.has(name) else []
         return [position(value, name=name) for value in values]
-
-    def angles(self, name: str, most: int) -> Floats | None:
-        """Angles [rad]; None without a value."""
-        what = f"up to {most} numbers"
-        return np.array(self._listed(name, most, is_number, what)) if self.has(name) else None
 
     def number(self, name: str, low: float, high: float, default: Default) -> float | Default:
         """A number within limits, or the default."""

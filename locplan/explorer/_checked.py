@@ -1,11 +1,10 @@
-"""What is wrong: the map's faults, and the report of a check with its places, trips and cures."""
+"""The report of a check, with its places, trips and cures."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path as Folder
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -16,7 +15,7 @@ from locplan._util.tables import file_name
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._scene import rounded
-from locplan.maps import OccupancyGrid, load_map
+from locplan.maps import load_map
 from locplan.planners import Position, plan
 from locplan.robots import Robot
 
@@ -76,17 +75,6 @@ class CheckReport:
         is_other = "walls" in recommended and read_right.is_file()
         return cls(folder, about, read_right if is_other else own, robot)
 
-    @cached_property
-    def filter_map(self) -> OccupancyGrid | None:
-        """The map that the check has mended for the filter; None where it recommends none."""
-        return load_map(self.filter_file) if self.filter_file else None
-
-    @property
-    def filter_file(self) -> Folder | None:
-        """File of this map."""
-        file = self.folder / "map_amcl.yaml"
-        return file if file.is_file() else None
-
     @property
     def ends(self) -> dict[str, Position]:
         """Start and goal of the trip with the largest share of lost drives."""
@@ -139,17 +127,4 @@ def checked(session: Session, ask: Ask, work: Work) -> dict[str, object]:
         "as_is": about["as_is"],
         "next": about["next"]["sentence"],
         "poles": rounded(Path.load(poles).xy) if has_poles else [],
-        "pole": max(0.2, 2 * session.original.resolution),
-    }
-
-
-def faults(session: Session, ask: Ask, work: Work) -> dict[str, object]:
-    """Answer the ask for the map's faults: what they are, whether any has a place, and a mend."""
-    grid, maps = session.grid, session.faulty
-    names = ("kind", "sentence", "sure")
-    return {
-        "faults": [{name: getattr(one, name) for name in names} for one in maps.of(grid)],
-        "placed": bool(maps.marked(grid, "faults").any()),
-        "mends": bool(maps.marked(grid, "mended").any()),
-        "map": grid.digest,
     }

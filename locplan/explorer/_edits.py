@@ -20,8 +20,8 @@ from locplan.errors import ConfigError
 from locplan.explorer._asks import Ask, Cancelled
 from locplan.explorer._scene import Limits
 from locplan.explorer._session import Session
-from locplan.field import ESTIMATORS, SHORT_LIDAR, FieldConfig, estimator_class
-from locplan.landmarks import Box, Pole, Shape, cells_under
+from locplan.field import SHORT_LIDAR, FieldConfig
+from locplan.landmarks import Pole, Shape, cells_under
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
 from locplan.robots import PRESETS, Lidar
 
@@ -53,26 +53,20 @@ class Stroke:
     """One use of a tool."""
 
     tool: str
-    """The tool: "wall" and "erase" follow the points, "pole" and "box" stand at the first one."""
+    """The tool: "wall" and "erase" follow the points, a "pole" stands at the first one."""
     points: Sequence[tuple[float, float]]
     """Positions in the world [m]."""
-    size: tuple[float, float]
-    """Breadth of a line, or diameter of a pole, twice; length and breadth of a box [m]."""
-    heading: float = 0.0
-    """Heading of a box, counter-clockwise from x [rad]."""
+    width: float
+    """Breadth of a line, or diameter of a pole [m]."""
 
     @classmethod
     def read(cls, ask: Ask) -> Stroke:
         """Read a stroke from its message."""
-        tool = ask.one_of("tool", ("wall", "erase", "pole", "box"), None)
+        tool = ask.one_of("tool", ("wall", "erase", "pole"), None)
         points = ask.positions("points", 5000)
         if tool is None or not points:
             raise ConfigError("a stroke needs a tool and at least one point")
-        given = ask.values.get("width")
-        both = given if isinstance(given, list) and len(given) == 2 else [given, given]
-        length, breadth = (number("width", each, 0.001, 20.0) for each in both)
-        turn = ask.number("heading", -1e3, 1e3, 0.0)
-        return cls(tool, tuple(points), (length, breadth), turn)
+        return cls(tool, tuple(points), number("width", ask.values.get("width"), 0.001, 20.0))
 
 
 def edit(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
@@ -124,7 +118,7 @@ def save(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
         make_folder(folder)
         grid = session.grid
         save_map(grid, target)
-        session.saved, session.saved_as = grid, str(target)
+        session.saved = grid
         session.written.add(target)
     session.tell({"event": "state"})
     return {"name": target.name, "folder": str(folder)}
@@ -134,10 +128,9 @@ def drawn(grid: OccupancyGrid, strokes: Sequence[Stroke]) -> Patch | None:
     """The change that strokes make to a map; None if they change no cell."""
     cells = grid.cells.copy()
     for stroke in strokes:
-        if stroke.tool in ("pole", "box"):
-            kind: Pole | Box = Pole(stroke.size[0]) if stroke.tool == "pole" else Box(*stroke.size)
-            pose = np.array([*stroke.points[0], stroke.heading])
-            cells[cells_under(grid, kind, pose)] = OCCUPIED
+        if stroke.tool == "pole":
+            pose = np.array([*stroke.points[0], 0.0])
+            cells[cells_under(grid, Pole(stroke.width), pose)] = OCCUPIED
         else:
             _draw_line(cells, grid, stroke)
     changed = cells != grid.cells
@@ -153,7 +146,7 @@ def drawn(grid: OccupancyGrid, strokes: Sequence[Stroke]) -> Patch | None:
 def _draw_line(cells: Octets, grid: OccupancyGrid, stroke: Stroke) -> None:
     """Fill the cells whose centres a line covers, or those that it crosses where it is thin."""
     level = OCCUPIED if stroke.tool == "wall" else FREE
-    half = max(stroke.size[0] / 2, math.sqrt(0.5) * grid.resolution)
+    half = max(stroke.width / 2, math.sqrt(0.5) * grid.resolution)
     ends = np.column_stack(grid.world_to_grid(*np.array(stroke.points).T))
     for one, other in itertools.pairwise(ends if len(ends) > 1 else [*ends, *ends]):
         middle, way = (one + other) / 2, other - one
@@ -180,27 +173,21 @@ def config_of(session: Session, ask: Ask) -> FieldConfig:
         If a value is unknown or out of its range.
     """
     now = session.config
-    name = ask.one_of("estimator", ESTIMATORS, now.estimator.name)
     preset = ask.one_of("lidar", PRESETS, None)
     reach = ask.number("range", 0.1, MAX_RANGE, None)
-    headings = ask.whole("headings", 0, 36, 0)
     # Where none is named the present lidar stays; null says that there is none.
     present = None if "lidar" in ask.values else session.lidar
     lidar = Lidar.preset(preset) if preset else present
-    kind: Any = estimator_class(name)
-    same = kind is type(now.estimator)
+    estimator: Any = now.estimator
     asked: dict[str, Any] = {} if reach is None else {"range": reach}
-    if kind.casts_rays:
+    if estimator.casts_rays:
         lidar = lidar or dataclasses.replace(SHORT_LIDAR, model="no lidar named, one assumed")
-        lidar = dataclasses.replace(lidar, **asked)
-        estimator = now.estimator.with_lidar(lidar) if same else kind(lidar)
-    else:
-        estimator = now.estimator if same else kind()
-        if lidar is None:
-            estimator = dataclasses.replace(estimator, **asked)
-        elif preset or asked or not same:
-            estimator = estimator.with_lidar(dataclasses.replace(lidar, **asked))
-    return FieldConfig(estimator, stride=now.stride, headings=headings)
+        estimator = estimator.with_lidar(dataclasses.replace(lidar, **asked))
+    elif lidar is None:
+        estimator = dataclasses.replace(estimator, **asked)
+    elif preset or asked:
+        estimator = estimator.with_lidar(dataclasses.replace(lidar, **asked))
+    return FieldConfig(estimator, stride=now.stride, headings=now.headings)
 
 
 def configure(session: Session, ask: Ask, work: Work) -> dict[str, Any]:

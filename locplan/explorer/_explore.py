@@ -6,10 +6,9 @@ import os
 import sys
 import threading
 import webbrowser
-from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from locplan._util.checks import file_path, instance, whole
 from locplan._util.public import needed
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
-from locplan.explorer._recorded import RecordedDrive
 from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, Sad, config_of
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot
@@ -108,12 +106,10 @@ def explore(
     port: int = 0,
     open_browser: bool = True,
     folder: str | os.PathLike[str] | None = None,
-    drives: Sequence[Any] = (),
-    reference: str | None = None,
 ) -> Explorer:
     """Open a page on this machine where the map's weak spots and paths are explored.
 
-    A person drags start and goal, changes weight, estimator and lidar, draws walls, and sees what
+    A person drags start and goal, changes weight and lidar, draws walls, and sees what
     follows. Nobody on another machine can open the page. The call returns at once; the page lives
     until the explorer is closed or the program ends. A script ends with ``.wait()``.
 
@@ -133,10 +129,6 @@ def explore(
         False opens no browser. In a notebook none is opened: the page is displayed there.
     folder : path, optional
         Folder that the page may write maps and exports to; without it, it writes none.
-    drives : sequence of Recording or path, default ()
-        Recorded drives to show: recordings or their files, see `locplan.recordings.read_drive`.
-    reference : {"log", "smoothed"}, optional
-        Poses of the drives, see `locplan.recordings.referenced`; by default smoothed ones of bags.
 
     Returns
     -------
@@ -171,7 +163,6 @@ def explore(
         config,
         robot,
         folder=None if folder is None else Path(file_path("folder", folder)),
-        drives=tuple(RecordedDrive.of(each).on(grid, reference) for each in drives),
     )
     module = sys.modules.get("IPython")
     shell = module.get_ipython() if module is not None else None

@@ -171,14 +171,10 @@ class Opening:
     """Positions to visit on the way [m]."""
     folder: FilePath | None = None
     """Folder that files are written under; None where none may be written."""
-    drives: tuple[Any, ...] = ()
-    """Recorded drives that can be shown."""
     cache_dir: FilePath | None = None
     """Folder of cached fields; None for the usual one."""
     threads: int | None = None
     """Number of threads for fields; None for all cores."""
-    map_file: str | None = None
-    """The map's file as it was named; None where the map comes from Python."""
     force: bool = False
     """True lets files in the way be replaced."""
     report: Any = None
@@ -263,10 +259,6 @@ class Texture:
     """Values of the first and the last step; the last one is the worst."""
     values: Floats
     """Values on the lattice in SI units, row 0 at the lowest y; NaN where there are none."""
-    note: str = ""
-    """What the values say, for people; empty where the title suffices."""
-    digest: str = ""
-    """Digest of what it is made of; empty for a layer of the field, which has one."""
 
     @property
     def texels(self) -> Octets:

@@ -200,7 +200,6 @@ class Server:
                 Route("/static/{name}", self._file),
                 Route("/about", self._about),
                 Route("/data/cells/{digest}", self._data),
-                Route("/data/cells/{digest}/{marks}", self._data),
                 Route("/data/layer/{digest}/{name}", self._data),
                 Route("/download/{key}", self._download),
                 WebSocketRoute("/socket", self._socket),
@@ -231,16 +230,13 @@ class Server:
     def _data(self, request: Request) -> Response:
         """Bytes of an array that never changes, packed once: a map's cells, or a layer's steps."""
         digest, name = request.path_params["digest"], request.path_params.get("name", "")
-        marks = request.path_params.get("marks", "")
-        session, key = self.session, ("packed", digest, name, marks)
-        if marks not in ("", "faults", "mended"):
-            return _missing()
+        session, key = self.session, ("packed", digest, name)
         found: bytes | None = session.files.get(key)
         if found is None:
             grid, layer = session.grid, (session.textures(digest) or {}).get(name)
             made = layer and layer.texels
             if not name and digest == grid.digest:
-                made = cells_of(grid.cells, session.faulty.marked(grid, marks) if marks else None)
+                made = cells_of(grid.cells)
             if made is None:
                 return _missing()
             found = gzip.compress(np.ascontiguousarray(made).tobytes(), 3, mtime=0)

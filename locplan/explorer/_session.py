@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 import secrets
 import threading
 from collections.abc import Callable, Mapping
@@ -18,14 +16,13 @@ from locplan._util.tables import finite
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._asks import MAX_WEIGHT, Ask, Cancel, Work
-from locplan.explorer._faults import FaultyMaps
 from locplan.explorer._scene import Opening, Scene, Texture, stops_of, textures_of
 from locplan.explorer._searches import Flood, Kept
 from locplan.explorer._upkeep import Upkeep
-from locplan.explorer._view import View, can_turn, headed, planner_of
+from locplan.explorer._view import View
 from locplan.field import CovarianceField, equipped
 from locplan.maps import OccupancyGrid
-from locplan.planners import AnyAngle, Lattice
+from locplan.planners import AnyAngle
 from locplan.robots import Lidar, Robot
 
 
@@ -41,7 +38,7 @@ class Download:
     """Its kind, such as text/html."""
 
 
-Lane = Literal["look", "plan", "slow", "edit", "work", "long", "drive"]
+Lane = Literal["look", "plan", "slow", "edit", "work", "long"]
 """Kinds of work; each has a thread, so that none waits for another kind."""
 
 
@@ -77,19 +74,10 @@ ASKS: dict[str, Entry] = {
     "undo": Entry("locplan.explorer._edits:step", "edit", each=True),
     "redo": Entry("locplan.explorer._edits:step", "edit", each=True),
     "save": Entry("locplan.explorer._edits:save", "edit", each=True),
-    "front": Entry("locplan.explorer._plans:front", "long"),
     "simulate": Entry("locplan.explorer._long:simulate", "long"),
-    "steer": Entry("locplan.explorer._long:steer", "long"),
-    "landmarks": Entry("locplan.explorer._long:landmarks", "long"),
-    "faults": Entry("locplan.explorer._checked:faults", "drive"),
-    "checked": Entry("locplan.explorer._checked:checked", "drive"),
-    "twins": Entry("locplan.explorer._long:twins", "long"),
-    "twins_everywhere": Entry("locplan.explorer._long:twins_everywhere", "long"),
+    "checked": Entry("locplan.explorer._checked:checked", "long"),
     "export": Entry("locplan.explorer._sharing:export", "long"),
-    "drive": Entry("locplan.explorer._long:drive", "slow"),
-    "match": Entry("locplan.explorer._long:match", "drive"),
     "share": Entry("locplan.explorer._sharing:share", "long"),
-    "reproduce": Entry("locplan.explorer._sharing:reproduce", "look"),
 }
 """All kinds of questions by name; "cancel" {of} is answered by the socket itself."""
 
@@ -110,13 +98,11 @@ class Session(Upkeep):
     def __init__(self, grid: OccupancyGrid, opening: Opening) -> None:
         super().__init__(grid, opening)
         self.files = Kept(opening.limits.file_bytes)
-        self.faulty = FaultyMaps(opening, grid, self.files)
         self.edits: list[Any] = []
         self.undone: list[Any] = []
         self.opening_ends = threading.Lock()
-        self.saved, self.saved_as = grid, ""
+        self.saved = grid
         self.written: set[FilePath] = set()
-        self.twins: Texture | None = None
 
     @property
     def field(self) -> CovarianceField | None:
@@ -133,20 +119,6 @@ class Session(Upkeep):
     def robot(self) -> Robot:
         """The robot with its lidar; where none was named, with one of the field's range."""
         return equipped(dataclasses.replace(self.opening.robot, lidar=self.lidar), self.config)
-
-    @property
-    def twins_digest(self) -> str:
-        """Digest of what the layer of look-alikes is made of; empty before there is a lattice."""
-        field = self.scene.field
-        if field is None:
-            return ""
-        made_of = [self.grid.digest, self.robot.digest, field.stride]
-        return hashlib.sha256(json.dumps(made_of).encode()).hexdigest()[:32]
-
-    @property
-    def map_file(self) -> str | None:
-        """The map's file as it was named, or the one that was saved last; None without either."""
-        return self.saved_as or self.opening.map_file
 
     @property
     def edited(self) -> bool:
@@ -203,22 +175,17 @@ class Session(Upkeep):
         costs = self.costs(self.weight_of(ask), scene)
         assert scene.field is not None
         stops, _ = stops_of(ask, scene.parts)
-        planner = planner_of(ask)
-        own = self.faulty.mended(costs.grid) if ask.flag("mended") else None
-        ends = headed(ask, stops) if planner else stops
-        return View(scene.field, costs, self.robot, ends, scene.whole, planner, own)
+        return View(scene.field, costs, self.robot, stops, scene.whole)
 
     def textures(self, digest: str) -> Mapping[str, Texture] | None:
-        """The layers of a digest: of the scene, of one shortly before, or of the look-alikes.
+        """The layers of a digest: of the scene, or of one shortly before.
 
         Parameters
         ----------
         digest : str
             The digest; None is returned where there is nothing of it.
         """
-        scene, twins = self.scene, self.twins
-        if twins is not None and digest == twins.digest:
-            return {twins.name: twins}
+        scene = self.scene
         if scene.digest != digest or scene.field is None:
             return self.files.get(("textures", digest))  # type: ignore[no-any-return]
         found: CovarianceField = scene.field
@@ -229,11 +196,8 @@ class Session(Upkeep):
         )
 
     def layers(self) -> dict[str, Texture]:
-        """The layers to choose from: the field's, and the look-alikes of this map and lidar."""
-        found = dict(self.textures(self.scene.digest) or {})
-        if found and self.twins is not None and self.twins.digest == self.twins_digest:
-            found[self.twins.name] = self.twins
-        return found
+        """The layers to choose from."""
+        return dict(self.textures(self.scene.digest) or {})
 
     def add_download(self, name: str, content: bytes, media_type: str) -> str:
         """Keep a file for the page to fetch, and return its key.
@@ -265,8 +229,6 @@ class Session(Upkeep):
             self.state()
         AnyAngle().prepare()
         Flood.prepare()
-        if can_turn(self.opening.robot):
-            Lattice().prepare()
 
     def about(self) -> dict[str, Any]:
         """The map, and what can be chosen and done, fit for JSON."""

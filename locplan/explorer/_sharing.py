@@ -1,4 +1,4 @@
-"""What is taken away from the page: exports, the command of the path shown, and a page of its own.
+"""What is taken away from the page: exports, and a page of its own.
 
 The shared page is one file out of the explorer's own: modules, style and icon within the HTML."""
 
@@ -8,9 +8,7 @@ import base64
 import dataclasses
 import hashlib
 import json
-import math
 import re
-import shlex
 import warnings
 import zlib
 from collections.abc import Mapping
@@ -21,24 +19,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from locplan._kernels.arrays import Octets
-from locplan._util.checks import printable
 from locplan._util.files import make_folder
-from locplan._util.runs import Recipe, Spelled, as_argument, number_text
 from locplan._util.tables import finite
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._asks import Ask
 from locplan.explorer._plans import plan
-from locplan.explorer._scene import MAX_DRIVES
 from locplan.explorer._state import cells_of
 from locplan.export import ExportJob, distribution, formats
-from locplan.field import config_spelled, lidar_of
-from locplan.planners import AWARE, Position
-from locplan.robots import robot_spelled
+from locplan.planners import AWARE
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Ask, Work
     from locplan.explorer._session import Session
-    from locplan.explorer._view import View
 
 
 def export(session: Session, ask: Ask, work: Work) -> dict[str, object]:
@@ -92,89 +84,6 @@ def _unused(folder: Path, stem: str, suffix: str) -> Path:
     raise LocplanError(f"{folder}: holds 1000 such exports; remove some")
 
 
-def reproduce(session: Session, ask: Ask, work: Work) -> dict[str, str]:
-    """Answer with the command and the code that plan the path shown, or choose, once more.
-
-    Both plan as the page does for a path at rest, through all waypoints, with the planner
-    any-angle, on a field that has the spacing of the page's everywhere. With a number of drives
-    they choose by drives, for which the field is finer near the paths, as the page does.
-    """
-    drives = ask.whole("drives", 2, MAX_DRIVES, 0)
-    view, file = session.view(ask), session.map_file
-    config, robot, (start, *_, goal) = view.field.config, view.robot, view.stops
-    assumed = not config.estimator.casts_rays and robot.lidar == lidar_of(config)
-    if assumed and not drives:  # commands assume the same lidar; what is driven has a known one
-        robot = dataclasses.replace(robot, lidar=None)
-    spelled = config_spelled(config, robot.lidar, whole=not drives)
-    settings: dict[str, Any] = {
-        "start": _end("start", start),
-        "goal": _end("goal", goal),
-        "robot": robot_spelled(robot),
-        "config": spelled._replace(argument="costs"),
-        **view.cost_settings,
-        "drives": drives,
-    }
-    settings |= _more(session, view, drives)
-    if config.estimator.casts_rays and not drives:  # options say that by the spacing
-        whole = "lambda grid, points=None: locplan.load_or_compute(grid, config)"
-        settings["compute"] = Spelled((), whole)
-    notes = []
-    if file is None:
-        notes = ['No file of this map is known: locplan.save_map(grid, "map.yaml") writes one']
-    elif session.edited:
-        notes = [
-            f"{printable(file)} is not the map on the page, which was edited since (or an edit"
-            " undone).",
-            "For the page's map: save it on the page under a new name, and copy this once more.",
-        ]
-    unsaid = []
-    if spelled.after:
-        unsaid = [f"{spelled.words[-1]} is written by the Python code"]
-        if robot.lidar and robot.lidar != getattr(config.estimator, "lidar", None):
-            unsaid += ["the command cannot say the lidar: take the Python code"]
-    recipe = Recipe("plan", "choose", file or "map.yaml", settings, notes)
-    shell = dataclasses.replace(recipe, notes=[*notes, *unsaid]).shell
-    if drives:
-        shell += " --output chosen"
-    if "filter_map" in settings and "locplan.mend(" in settings["filter_map"].code:
-        shell = f"locplan mend {shlex.quote(as_argument(recipe.map_file))} --output mended\n{shell}"
-    return {"shell": shell, "python": f"{recipe.python}\nprint(result.table())\n"}
-
-
-def _end(name: str, pose: Position) -> Any:
-    """An end for `Recipe`, whose heading is in degrees for a shell, and in radians in Python."""
-    if len(pose) == 2:
-        return pose
-    texts = [number_text(each) for each in (*pose[:2], math.degrees(pose[2]))]
-    return Spelled((f"--{name}", ",".join(texts)), repr(tuple(map(float, pose))))
-
-
-def _more(session: Session, view: View, drives: int) -> dict[str, Any]:
-    """Planner, filter's map and waypoints, where they are not the usual ones."""
-    more: dict[str, Any] = _filter_map(session, view) if drives else {}
-    if view.planner:
-        words = ("--planner", view.planner)
-        more["planner"] = Spelled(words, f"[{view.planner!r}]", argument="candidates")
-    if via := view.stops[1:-1]:
-        more["via"] = [xy[:2] for xy in via]
-    return more
-
-
-def _filter_map(session: Session, view: View) -> dict[str, Any]:
-    """The setting of the filter's map, if it is not the one that is driven in."""
-    if view.filter_map is None:
-        return {}
-    report, file, code = (
-        session.opening.report,
-        "mended/map_amcl.yaml",
-        "locplan.mend(grid).filter_map",
-    )
-    if report and report.filter_file:
-        file = str(report.filter_file)
-        code = f"locplan.load_map({file!r})"
-    return {"filter_map": Spelled(("--filter-map", file), code)}
-
-
 STATIC = Path(__file__).parent / "static"
 IMPORT = re.compile(r'^import (?:\{[^}]*\} from )?"\./([\w-]+\.js)";\n', re.M)
 FILE = re.compile(r'<(?:link|script)[^>]* (?:href|src)="static/([\w.-]+)">(?:</script>)?\n?')
@@ -195,7 +104,7 @@ def share(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     work.progress(1, 2, "packing")
     about, shown = session.about(), session.state()
     # Only a server can serve these.
-    about |= {name: type(about[name])() for name in ("can", "drives", "distros", "lidars")}
+    about |= {name: type(about[name])() for name in ("can", "distros", "lidars")}
     data = {
         "about": about,
         "state": {**shown, "busy": None},

@@ -11,26 +11,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from locplan import __version__
-from locplan._kernels.arrays import Bools, Octets
+from locplan._kernels.arrays import Octets
 from locplan._util.checks import FARTHEST, number
 from locplan._util.poses import window_around
 from locplan.explorer._asks import MAX_WEIGHT, Ask, Work
 from locplan.explorer._scene import Scene
-from locplan.explorer._view import can_turn
-from locplan.field import ESTIMATORS, estimator_class, position_axes, scalar
+from locplan.field import position_axes, scalar
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import PRESETS
 
 if TYPE_CHECKING:
     from locplan.explorer._session import Session
-
-TITLES = {
-    "sad": "SAD, the paper's",
-    "fisher": "Fisher information",
-    "scan": "simulated scan",
-    "fused": "Fisher and scan fused",
-}
-"""Titles of estimators for people; others are shown by their names."""
 
 
 def about(session: Session) -> dict[str, Any]:
@@ -38,7 +29,6 @@ def about(session: Session) -> dict[str, Any]:
     from locplan.export import DISTRIBUTIONS
 
     grid, writes = session.original, session.opening.folder is not None
-    robot, outline = session.opening.robot, session.opening.robot.outline
     return {
         "version": __version__,
         "map": {
@@ -48,14 +38,7 @@ def about(session: Session) -> dict[str, Any]:
             "resolution": grid.resolution,
             "origin": list(grid.origin),
         },
-        "estimators": [
-            {
-                "name": name,
-                "title": TITLES.get(name, name),
-                "needs_lidar": estimator_class(name).casts_rays,
-            }
-            for name in ESTIMATORS
-        ],
+        "needs_lidar": session.config.estimator.casts_rays,
         "lidars": [
             {
                 "name": name,
@@ -66,14 +49,8 @@ def about(session: Session) -> dict[str, Any]:
         ],
         "distros": list(DISTRIBUTIONS),
         "can": {"export": writes, "save": writes},
-        "drives": [each.about() for each in session.opening.drives],
         "max_weight": MAX_WEIGHT,
         "checked": session.opening.report is not None,
-        "robot": {
-            "length": 2 * (outline.circumscribed_radius if outline else robot.radius),
-            "outline": outline and outline.vertices.tolist(),
-            "lattice": can_turn(robot),
-        },
     }
 
 
@@ -191,14 +168,8 @@ def clearance_at(grid: OccupancyGrid, row: int, col: int) -> float:
     return near if near <= FAR else math.nan
 
 
-def cells_of(cells: Octets, marked: Bools | None = None) -> Octets:
-    """Cells of a map as 0 for unknown, 1 for free, 2 for occupied ones, row 0 on top.
-
-    With marks, 2 are those that are marked, and 3 the other occupied ones.
-    """
+def cells_of(cells: Octets) -> Octets:
+    """Cells of a map as 0 for unknown, 1 for free, 2 for occupied ones, row 0 on top."""
     classes = np.zeros(256, np.uint8)
-    classes[FREE], classes[OCCUPIED] = 1, 2 if marked is None else 3
-    made: Octets = classes[cells[::-1]]
-    if marked is not None:
-        made[marked[::-1]] = 2
-    return made
+    classes[FREE], classes[OCCUPIED] = 1, 2
+    return np.asarray(classes[cells[::-1]])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,31 +13,8 @@ from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
-from locplan.planners import AWARE, DEFAULT, LATTICE, Position, plan_beside_shortest
+from locplan.planners import AWARE, DEFAULT, Position, plan_beside_shortest
 from locplan.robots import Robot
-
-if TYPE_CHECKING:
-    from locplan.explorer._asks import Ask
-
-
-def headed(ask: Ask, stops: Sequence[Position]) -> list[Position]:
-    """The stops with the headings that the ends are asked to have, for planners with headings."""
-    found = list(stops)
-    for n, name in ((0, "start_heading"), (-1, "goal_heading")):
-        heading = ask.number(name, -7.0, 7.0, None)
-        if heading is not None:
-            found[n] = (*found[n][:2], heading)
-    return found
-
-
-def can_turn(robot: Robot) -> bool:
-    """Whether a circle that turns on the spot says too little of a robot."""
-    return bool(robot.outline or robot.kinematics.turning_radius)
-
-
-def planner_of(ask: Ask) -> str | None:
-    """The planner of a question: "lattice", or None for the usual one."""
-    return ask.one_of("planner", (LATTICE,), None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +31,6 @@ class View:
     """Positions of the start, of what is visited on the way, and of the goal in the world [m]."""
     whole: bool
     """False while some values of the field are those from before an edit."""
-    planner: str | None = None
-    """Name of the planner, where it is not the usual one; its stops may have headings."""
-    filter_map: OccupancyGrid | None = None
-    """The mended map that the filter has; None for the map itself."""
 
     @property
     def grid(self) -> OccupancyGrid:
@@ -85,8 +58,8 @@ class View:
     def path(self) -> Path:
         """The localizability-aware path; a ConfigError says that there is none."""
         start, *via, goal = self.stops
-        planner = self.planner or DEFAULT  # drafts are paths of a circle
-        path = plan_beside_shortest(self.costs, start, goal, via=via, planner=planner)[AWARE].path
+        # As the page's paths: those of a circle.
+        path = plan_beside_shortest(self.costs, start, goal, via=via, planner=DEFAULT)[AWARE].path
         if path is None:
             raise ConfigError("no path joins start and goal; move one of them")
         return path

@@ -15,7 +15,6 @@ from ._config import (
     CalibrationWarning as CalibrationWarning,
     FieldConfig as FieldConfig,
     config_of as config_of,
-    config_spelled as config_spelled,
     equipped as equipped,
     lidar_of as lidar_of,
     load_config as load_config,

@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +18,6 @@ from locplan._kernels.arrays import Bools, Floats
 from locplan._util.checks import Settings, file_path, instance, keep, positive, shown, whole
 from locplan._util.files import check_target, replacing
 from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_text
-from locplan._util.runs import Spelled, number_text
 from locplan.errors import ConfigError, LocplanError
 from locplan.field._estimator import Estimator, made_of, settings_of
 from locplan.field._lattice import evaluated_points, stride_cells
@@ -268,65 +265,3 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
         )
         warnings.warn(CalibrationWarning(message), stacklevel=2)
     return config
-
-
-def config_spelled(config: FieldConfig, lidar: Lidar | None, *, whole: bool = True) -> Spelled:
-    """Options and code that make the settings of a field.
-
-    Where options cannot say them, the code writes them to a file, settings.json, which --config
-    reads.
-
-    Parameters
-    ----------
-    config : FieldConfig
-        The settings.
-    lidar : Lidar or None
-        Lidar of the robot, which is named robot in the code; None where it is not known.
-    whole : bool, default True
-        Whether `locplan plan` is to evaluate it everywhere, not only near its paths.
-    """
-    words, code = _options(config, lidar, whole), _code(config, lidar)
-    if words is not None:
-        return Spelled(words, code, [])
-    file = "settings.json"
-    return Spelled(["--config", file], code, [f"locplan.save_config({file!r}, config)"])
-
-
-def _options(config: FieldConfig, lidar: Lidar | None, whole: bool) -> list[str] | None:
-    """Options of the commands that make these settings of a field; None if none do."""
-    estimator: Any = config.estimator
-    words = []
-    if estimator.name != ("fused" if lidar else "sad"):
-        words += ["--estimator", estimator.name]
-    makes = _made(type(estimator), lidar, estimator.reach)
-    fitting = [more for more, made in makes if made == estimator]
-    if not fitting:
-        return None
-    words += fitting[0]
-    if (whole and estimator.casts_rays) or config.stride != FieldConfig.stride:
-        words += ["--stride", number_text(config.stride)]
-    if config.headings != estimator.headings:
-        words += ["--headings", str(config.headings)]
-    return words
-
-
-def _made(kind: Any, lidar: Lidar | None, reach: float) -> Iterator[tuple[list[str], Estimator]]:
-    """Further options, and the estimator that the commands make with each of them."""
-    if kind.casts_rays and lidar:
-        yield [], kind(lidar)
-    elif kind is Sad:
-        disc = ["--disc", number_text(reach)] if lidar or reach != Sad.range else []
-        for preset, made in (([], Sad()), (["--preset", "paper"], Sad.paper())):
-            yield disc + preset, replace(made, range=reach)
-            seen = replace(made, range=reach, template="visible")
-            yield [*disc, *preset, "--template", "visible"], seen
-
-
-def _code(config: FieldConfig, lidar: Lidar | None) -> str:
-    """Code that makes these settings, with robot.lidar for the lidar."""
-    if not type(config.estimator).__module__.startswith("locplan."):
-        # The user's own, which is registered by its name.
-        return f"locplan.FieldConfig.from_json({json.loads(json.dumps(config.to_json()))!r})"
-    text = repr(config).replace(repr(lidar), "robot.lidar") if lidar else repr(config)
-    text = re.sub(r"\b(Exponential|InverseSquare)\(", r"field.\1(", text)
-    return re.sub(r"\b(?=(field\.)?[A-Z]\w+\()(?<!\.)", "locplan.", text)

@@ -17,7 +17,6 @@ from ._matches import (
     Matches as Matches,
     at_walls as at_walls,
     match_scans as match_scans,
-    scans_unlike as scans_unlike,
 )
 from ._odometry_model import OdometryModel as OdometryModel
 from ._odometry_noise import OdometryNoise as OdometryNoise, odometry_noise as odometry_noise

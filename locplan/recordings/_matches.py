@@ -185,40 +185,6 @@ def match_scans(
     return Matches(recording, grid, settings, *found, returns)
 
 
-def scans_unlike(
-    recording: Recording, grid: OccupancyGrid, scans: NDArray[np.int64]
-) -> NDArray[np.bool_]:
-    """Tell which scans of a recorded drive are unlike a map.
-
-    They are those of which fewer than 60 % of the returns end within two cells of a wall, at least
-    0.1 m. One with fewer than 10 returns is not judged.
-
-    Parameters
-    ----------
-    recording : Recording
-        The drive.
-    grid : OccupancyGrid
-        The map; the poses are in its world frame.
-    scans : (n,) array of int
-        Indices of the scans.
-
-    Returns
-    -------
-    (n,) array of bool
-        True for each of these scans that is unlike the map.
-    """
-    unlike = np.zeros(len(scans), np.bool_)
-    _, near = at_walls(grid)
-    for first in range(0, len(scans), 512):  # in blocks, which saves memory
-        some = scans[first : first + 512]
-        if np.isfinite(recording.ranges[some]).any():
-            ends = recording[some].ends()
-            count = np.isfinite(ends[..., 0]).sum(axis=1)
-            hits = looked_up(grid, near, ends, False).sum(axis=1)
-            unlike[first : first + 512] = (count >= MIN_RETURNS) & (hits < FITS * count)
-    return unlike
-
-
 def at_walls(grid: OccupancyGrid) -> tuple[float, NDArray[np.bool_]]:
     """Distance from a wall within which a beam ends at it [m], and the cells so near.
 

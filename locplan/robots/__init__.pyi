@@ -47,4 +47,4 @@ from ._parts import (
     Kinematics as Kinematics,
     Odometry as Odometry,
 )
-from ._robot import Robot as Robot, radius_of as radius_of, robot_spelled as robot_spelled
+from ._robot import Robot as Robot, radius_of as radius_of

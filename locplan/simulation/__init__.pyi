@@ -5,7 +5,7 @@ from ._calibration import (
     check_calibration as check_calibration,
     write_calibration as write_calibration,
 )
-from ._closed_loop import drive_closed as drive_closed, seen_on as seen_on
+from ._closed_loop import drive_closed as drive_closed
 from ._drives import (
     DRIVEN as DRIVEN,
     FLOOR as FLOOR,

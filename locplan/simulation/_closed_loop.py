@@ -17,7 +17,7 @@ import numpy as np
 
 from locplan._kernels.arrays import Floats
 from locplan._util.intervals import random_of
-from locplan._util.poses import Poses, after_way, way_between
+from locplan._util.poses import after_way, way_between
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Path
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, own_axes
@@ -88,37 +88,6 @@ def drive_closed(
     _ = loop.planner.density, loop.body  # made once, not by every thread
     simulator.in_threads(run, len(drives), progress, len(drives) * len(paths))
     return {name: Arrivals(tuple(each)) for name, each in found.items()}
-
-
-def seen_on(simulator: Simulator, number: int, poses: Poses) -> list[Floats]:
-    """What the lidar sees on a closed-loop drive along the first path.
-
-    Parameters
-    ----------
-    simulator : Simulator
-        The map and the robot.
-    number : int
-        Number of the drive.
-    poses : (n, 3) array
-        True poses of it, in the world [m, m, rad].
-
-    Returns
-    -------
-    list of (k, 2) arrays
-        Ends of the beams that return, ahead of the robot and to its left [m], for each pose.
-    """
-    from locplan._kernels.lidar import measured_ends
-
-    loop = ClosedLoop(simulator, {}, None, False)
-    world, arguments = loop.world(number), simulator.arguments
-    random = random_of(simulator.seed, CLOSED, 0, number, 1)
-    cells = own_axes(loop.grid, poses)[:, [1, 0, 2]] / (world.resolution, world.resolution, 1)
-    found = []
-    for cell in cells:
-        ends = np.empty((arguments.lidar.angles.size, 2))
-        measured_ends(random, *world, cell, arguments.lidar, arguments.disturbances, ends)
-        found.append(world.resolution * ends[np.isfinite(ends[:, 0])])
-    return found
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,12 @@
 // The report of a check: letters of its weak spots and its trips on the map, and its cures.
 import { byId, hear, make, write } from "./dom.js";
 import { repaint } from "./frames.js";
-import { showLandmarks } from "./landmarks.js";
 import { pointAlong } from "./lines.js";
 import { tryAsking } from "./link.js";
 import { planNow } from "./route.js";
 import { announce } from "./say.js";
 import { model, on, tell } from "./store.js";
-import { haloedPath, haloedStroke, traceDisc, writeAt } from "./strokes.js";
+import { haloedPath, haloedStroke, numberedDot, traceDisc, writeAt } from "./strokes.js";
 import { metres } from "./text.js";
 import { palette } from "./theme.js";
 import { perMetre, screenOf } from "./view.js";
@@ -33,7 +32,7 @@ export function paintTrips(pen) {
 	}
 }
 
-/** Draw the letters of the weak spots, and crosses where drives were lost. */
+/** Draw the letters of the weak spots, crosses where drives were lost, and the poles that the check proposes. */
 export function paintSpots(pen) {
 	if (!isShown()) return;
 	for (const { trip } of tripLabels) for (const [x, y] of trip.lost_at ?? []) writeAt(pen, "×", ...screenOf(x, y), palette.mark, "center", "700 15px");
@@ -46,6 +45,7 @@ export function paintSpots(pen) {
 		pen.fill();
 		writeAt(pen, letter, px, py + 0.5, "#fff", "center", "750 14px");
 	}
+	model.checked.poles.forEach((place, k) => numberedDot(pen, ...screenOf(...place), String(k + 1), palette.pole));
 }
 
 /** Put the trips' names at the middle of their lines. */
@@ -76,22 +76,16 @@ function showChecked(answer) {
 	byId("checked-cures").hidden = !answer.cures.length;
 	byId("checked-cures").replaceChildren(headRow("cure", "> 1 m", "arrives"), make("tr", {}, ...rowCells("as it is", rateCell(answer.as_is.lost), rateCell(answer.as_is.arrives))), ...answer.cures.map(cureRow));
 	write("checked-note", noteOf(answer));
-	if (answer.poles.length) showPoles(answer);
 	markChosen();
 	repaint("overlay");
 }
 
-function showPoles({ poles, pole, cures }) {
-	const { title } = cures.find(({ kind }) => kind === "landmarks");
-	showLandmarks({ object: { kind: "Pole", diameter: pole }, landmarks: poles.map(([x, y]) => ({ x, y })), advice: [title] });
-}
-
 function noteOf({ recommended, trips, spots }) {
 	const words = {
-		map: "The mended map is at hand in Faults of the map: Try the mend.",
+		map: "The mended map for the filter is map_amcl.yaml in the report's folder.",
 		walls: "The page shows the map with the right threshold, which the check has written.",
 		paths: trips.some(({ chosen }) => chosen) ? "Violet: the paths to take." : "",
-		landmarks: "The proposed poles are on the map; Landmarks puts them in.",
+		landmarks: "Blue numbers: the proposed poles.",
 	};
 	const letters = spots.some(({ letter }) => letter) ? "Brown letters: weak spots." : "";
 	const crosses = trips.some(({ lost_at }) => lost_at?.length) ? "Crosses: where a drive was first off by over 1 m." : "";
@@ -115,7 +109,7 @@ function madeLabel(trip) {
 }
 
 function takeTrip(trip) {
-	Object.assign(model, { start: trip.start, goal: trip.goal, via: [], headings: {} });
+	Object.assign(model, { start: trip.start, goal: trip.goal, via: [] });
 	tell("markers");
 	tell("touched");
 	announce(`Start and goal are those of the trip ${trip.name}.`);

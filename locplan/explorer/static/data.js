@@ -12,8 +12,8 @@ export async function fetchAbout() {
 }
 
 /** Classes of the map's cells. */
-export async function fetchCells(digest, marks) {
-	return carried() ? inflated(carried().cells) : bytesOf(`data/cells/${digest}${marks ? `/${marks}` : ""}`);
+export async function fetchCells(digest) {
+	return carried() ? inflated(carried().cells) : bytesOf(`data/cells/${digest}`);
 }
 
 /** Bytes of a layer on the lattice. */

@@ -6,7 +6,7 @@ import { announce, toast } from "./say.js";
 import { model, on, tell } from "./store.js";
 import { haloedStroke, traceDisc, tracePath } from "./strokes.js";
 import { palette } from "./theme.js";
-import { gridOf, perMetre, screenAngle, screenOf, worldOf } from "./view.js";
+import { perMetre, screenOf } from "./view.js";
 
 let turn = Promise.resolve(); // edits are sent one after the other, none is dropped
 
@@ -19,7 +19,7 @@ export function startEditing() {
 	on("event:state", showEdits);
 }
 
-/** Take a tool: move, wall, erase, pole or box. */
+/** Take a tool: move, wall, erase or pole. */
 export function chooseTool(tool) {
 	if (model.shared) return;
 	model.tool = tool;
@@ -47,7 +47,6 @@ export function leadStroke(point) {
 	const stroke = model.stroke;
 	if (!stroke) return;
 	if (stroke.tool === "pole") stroke.points = [point];
-	else if (stroke.tool === "box") stroke.points = [stroke.points[0], point];
 	else if (distance(stroke.points.at(-1), point) > 0.5 * model.about.map.resolution) stroke.points.push(point);
 	repaint("overlay");
 }
@@ -57,20 +56,18 @@ export function endStroke() {
 	const stroke = model.stroke;
 	model.stroke = null;
 	if (!stroke) return;
-	const sent = stroke.tool === "box" ? boxStroke(stroke) : { ...stroke, points: thinned(stroke.points) };
-	sendStrokes([sent]);
+	sendStroke({ ...stroke, points: thinned(stroke.points) });
 }
 
-/** Send strokes as one edit; they stay drawn until the map that holds them is here. */
-export function sendStrokes(strokes) {
-	model.sent.push(...strokes);
+// A stroke stays drawn until the map that holds it is here.
+function sendStroke(stroke) {
+	model.sent.push(stroke);
 	repaint("overlay");
 	turn = turn.then(async () => {
-		await tryAsking("edit", { strokes }, () => announce(strokes.length > 1 ? `${strokes.length} objects put in.` : `${strokes[0].tool} drawn.`));
-		model.sent = model.sent.filter((stroke) => !strokes.includes(stroke));
+		await tryAsking("edit", { strokes: [stroke] }, () => announce(`${stroke.tool} drawn.`));
+		model.sent = model.sent.filter((other) => other !== stroke);
 		repaint("overlay");
 	});
-	return turn;
 }
 
 /** Undo or redo. */
@@ -82,12 +79,12 @@ export function stepBack(kind) {
 /** Draw the stroke under the pointer, those under way, and outlines of the tool. */
 export function paintStrokes(pen) {
 	for (const stroke of model.sent) drawStroke(pen, stroke, 0.6);
-	if (model.stroke) drawStroke(pen, model.stroke.tool === "box" ? boxStroke(model.stroke) : model.stroke, 0.9);
+	if (model.stroke) drawStroke(pen, model.stroke, 0.9);
 	else if (model.pointer && ["wall", "erase", "pole"].includes(model.tool)) drawCursor(pen);
 }
 
-/** Draw a stroke as the map will hold it. */
-export function drawStroke(pen, { tool, points, width, heading = 0 }, faint) {
+// Draw a stroke as the map will hold it.
+function drawStroke(pen, { tool, points, width }, faint) {
 	pen.save();
 	pen.globalAlpha = faint;
 	pen.fillStyle = pen.strokeStyle = tool === "erase" ? palette.free : palette.wall;
@@ -95,12 +92,6 @@ export function drawStroke(pen, { tool, points, width, heading = 0 }, faint) {
 	if (tool === "pole") {
 		traceDisc(pen, px, py, Math.max(1.5, (width / 2) * perMetre()));
 		pen.fill();
-	} else if (tool === "box") {
-		const [length, breadth] = Array.isArray(width) ? width : [width, width];
-		pen.translate(px, py);
-		pen.rotate(screenAngle(heading));
-		const size = [Math.max(2, length * perMetre()), Math.max(2, breadth * perMetre())];
-		pen.fillRect(-size[0] / 2, -size[1] / 2, ...size);
 	} else {
 		pen.lineCap = pen.lineJoin = "round";
 		pen.lineWidth = Math.max(1.5, width * perMetre());
@@ -114,16 +105,6 @@ function drawCursor(pen) {
 	const field = byId(model.tool === "pole" ? "pole-width" : "wall-width");
 	traceDisc(pen, model.pointer.px, model.pointer.py, Math.max(3, ((field.valueAsNumber || 0.2) / 2) * perMetre()));
 	haloedStroke(pen, palette.ink, 1.2);
-}
-
-// A box lies along the map's axes; a click alone gives a square of half a metre.
-function boxStroke({ points }) {
-	const heading = model.about.map.origin[2];
-	if (points.length < 2 || distance(points[0], points[1]) < model.about.map.resolution) return { tool: "box", points: [points[0]], width: [0.5, 0.5], heading };
-	const [a, b] = points.map(([x, y]) => gridOf(x, y));
-	const { resolution } = model.about.map;
-	const size = [0, 1].map((axis) => Math.max(1, Math.abs(a[axis] - b[axis])) * resolution);
-	return { tool: "box", points: [worldOf((a[0] + b[0]) / 2, (a[1] + b[1]) / 2)], width: size, heading };
 }
 
 function distance(a, b) {

@@ -1,6 +1,5 @@
 // The keyboard: keys of the map, keys that hold everywhere, and the help that lists them.
 import { byId, hear } from "./dom.js";
-import { togglePlay } from "./drives.js";
 import { beginStroke, chooseTool, endStroke, leadStroke, stepBack } from "./editing.js";
 import { repaint } from "./frames.js";
 import { chooseLayer } from "./layers.js";
@@ -9,10 +8,9 @@ import { announce } from "./say.js";
 import { keyPlace, panByKeys, showCross, showWhole, zoomBy } from "./stage.js";
 import { model } from "./store.js";
 import { toggleTheme } from "./theme.js";
-import { clearTwins, showTwinsOf } from "./twins.js";
 
 const ARROWS = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
-const TOOLS = { v: "move", w: "wall", e: "erase", p: "pole", b: "box" };
+const TOOLS = { v: "move", w: "wall", e: "erase", p: "pole" };
 
 /** Listen to keys. */
 export function startKeys() {
@@ -59,7 +57,6 @@ function onMap(event) {
 
 function anywhere(event) {
 	const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-	const inControl = event.target !== document.body && event.target !== byId("overlay");
 	if (key === "+" || key === "=") zoomBy(1.5);
 	else if (key === "-" || key === "_") zoomBy(1 / 1.5);
 	else if (key === "0") showWhole();
@@ -67,17 +64,14 @@ function anywhere(event) {
 	else if (key === "l" && model.state) chooseLayer(null);
 	else if (key === "d") toggleTheme();
 	else if (key === "a") addWaypoint(null);
-	else if (key === "t") showTwinsOf(keyPlace());
 	else if (TOOLS[key]) chooseTool(TOOLS[key]);
-	else if (key === " " && model.drive && !inControl) togglePlay();
 	else return false;
 	return true;
 }
 
-// Enter uses the tool at the middle of the map: a pole or a box at once, a wall from one Enter to the next.
+// Enter uses the tool at the middle of the map: a pole at once, a wall from one Enter to the next.
 function useTool() {
 	const point = keyPlace();
-	if (model.picking) return void showTwinsOf(point);
 	if (model.tool === "move") return void addWaypoint(point);
 	const isLine = model.tool === "wall" || model.tool === "erase";
 	if (model.stroke) {
@@ -91,8 +85,7 @@ function useTool() {
 }
 
 function letGo() {
-	model.stroke = model.preview = null;
+	model.stroke = null;
 	chooseTool("move");
-	clearTwins();
 	repaint("overlay");
 }

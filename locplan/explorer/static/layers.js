@@ -1,9 +1,9 @@
 // The field's layers: fetched as they change, chosen, coloured, with a colour bar in the units of people.
-import { byId, hear, make, remember, remembered, root, setOptions, write } from "./dom.js";
+import { byId, hear, make, root, setOptions } from "./dom.js";
 import { fetchCells, fetchLayer } from "./data.js";
 import { paints, repaint } from "./frames.js";
 import { complain } from "./say.js";
-import { colourSpan, rampGradient, shareOf } from "./ramps.js";
+import { rampGradient, shareOf } from "./ramps.js";
 import { model, on, tell } from "./store.js";
 import { colourTexture, paintTexture, setTexture, shownLayer, textureAt } from "./texture.js";
 import { layerValue, ticks, titleWithUnit } from "./text.js";
@@ -17,20 +17,13 @@ let textureHere = null; // digest and name of the texture that is drawn
 /** Connect the controls of the field. */
 export function startLayers() {
 	hear("layer", "change", () => chooseLayer(byId("layer").value));
-	hear("ramp", "change", () => recolour({ ramp: byId("ramp").value }));
-	hear("stretch", "change", () => recolour({ stretch: byId("stretch").checked }));
-	hear("opacity", "input", () => recolour({ opacity: byId("opacity").valueAsNumber / 100 }));
-	byId("ramp").value = remembered("ramp") ?? model.ramp;
-	model.ramp = byId("ramp").value || model.ramp; // another page of this address may have remembered anything
 	paints("base", paintBase);
 	on("probe", markValue);
-	on("event:layer", () => {
-		textureHere = null;
-		loadField();
-	});
 	on("theme", () => {
 		dropTiles();
-		recolour({});
+		colourTexture();
+		drawColourBar();
+		repaint("base");
 	});
 }
 
@@ -40,15 +33,13 @@ export async function loadField() {
 	const choices = layers.map((layer) => ({ value: layer.name, label: titleWithUnit(layer) }));
 	setOptions(byId("layer"), choices.length ? choices : [{ value: "", label: "no field yet" }], shownLayer()?.name);
 	try {
-		const { marks } = model;
-		if (map.digest + marks !== cellsHere) {
-			const cells = await fetchCells(map.digest, marks);
-			if (map.digest + marks !== model.state.map.digest + model.marks) return;
-			setCells(cells, model.about.map.rows, model.about.map.cols, marks);
+		if (map.digest !== cellsHere) {
+			const cells = await fetchCells(map.digest);
+			if (map.digest !== model.state.map.digest) return;
+			setCells(cells, model.about.map.rows, model.about.map.cols);
 			if (!cellsHere) tell("cells");
-			cellsHere = map.digest + marks;
+			cellsHere = map.digest;
 			root.dataset.map = map.digest;
-			root.dataset.marks = marks;
 		}
 		await loadTexture();
 	} catch (error) {
@@ -63,18 +54,6 @@ export function chooseLayer(name) {
 	model.layer = name ?? names[(names.indexOf(model.layer) + 1) % names.length];
 	byId("layer").value = model.layer;
 	loadField();
-}
-
-/** Change how the field is coloured and show it. */
-export function recolour(change) {
-	Object.assign(model, change);
-	remember("ramp", model.ramp);
-	byId("ramp").value = model.ramp;
-	byId("stretch").checked = model.stretch;
-	byId("opacity").value = Math.round(100 * model.opacity);
-	colourTexture();
-	drawColourBar();
-	repaint("base");
 }
 
 /** Draw ground, field and walls on a pen. */
@@ -97,7 +76,7 @@ export function drawBase(pen, ratio) {
 /** The ticks of the colour bar: {share, text}. */
 export function barTicks(most) {
 	const layer = shownLayer();
-	const span = colourSpan(layer, model.stretch);
+	const span = layer.anchors;
 	const factor = layer.factor ?? 1;
 	const found = ticks(Math.min(...span) * factor, Math.max(...span) * factor, layer.scale === "log", most);
 	return found.map((tick) => ({ share: shareOf(layer, tick / factor, span), text: String(Number(tick.toPrecision(3))) })).filter(({ share }) => share > -0.001 && share < 1.001);
@@ -105,7 +84,6 @@ export function barTicks(most) {
 
 async function loadTexture() {
 	const layer = shownLayer();
-	write("layer-note", layer?.note ?? "");
 	if (!layer || !model.state.field) {
 		setTexture(null, null);
 		textureHere = null;
@@ -127,7 +105,7 @@ async function loadTexture() {
 }
 
 function addressOf(layer) {
-	return layer && `${layer.digest || model.state.field?.digest}/${layer.name}`;
+	return layer && `${model.state.field?.digest}/${layer.name}`;
 }
 
 function paintBase() {
@@ -142,13 +120,13 @@ function paintBase() {
 function drawColourBar() {
 	const layer = model.state && shownLayer();
 	if (!layer) return;
-	byId("ramp-colours").style.background = rampGradient(model.ramp, palette.theme);
+	byId("ramp-colours").style.background = rampGradient(palette.theme);
 	byId("ramp-ticks").replaceChildren(...barTicks(5).map(({ share, text }) => {
 		const tick = make("span", { textContent: text });
 		tick.style.left = `${(100 * share).toFixed(1)}%`;
 		return tick;
 	}));
-	const span = colourSpan(layer, model.stretch);
+	const span = layer.anchors;
 	byId("ramp-bar").setAttribute("aria-label", `${layer.title}: from ${layerValue(layer, span[0])} to ${layerValue(layer, span[1])}`);
 }
 
@@ -158,5 +136,5 @@ function markValue() {
 	const layer = model.state && shownLayer();
 	const value = model.probe?.known && layer ? textureAt(...gridOf(model.probe.x, model.probe.y)) : null;
 	mark.hidden = value === null;
-	if (value !== null) mark.style.left = `${(100 * Math.min(1, Math.max(0, shareOf(layer, value, colourSpan(layer, model.stretch))))).toFixed(1)}%`;
+	if (value !== null) mark.style.left = `${(100 * Math.min(1, Math.max(0, shareOf(layer, value, layer.anchors)))).toFixed(1)}%`;
 }

@@ -2,15 +2,10 @@
 import { byId, root, write } from "./dom.js";
 import { carried, fetchAbout, mapName } from "./data.js";
 import { startChecked } from "./checked.js";
-import { startDrives } from "./drives.js";
 import { startEditing } from "./editing.js";
-import { startFaults } from "./faults.js";
 import { repaint } from "./frames.js";
-import { showFront, startFront } from "./front.js";
-import { startHeadings } from "./headings.js";
 import { startKeys } from "./keys.js";
-import { startLandmarks } from "./landmarks.js";
-import { loadField, recolour, startLayers } from "./layers.js";
+import { loadField, startLayers } from "./layers.js";
 import { startLink } from "./link.js";
 import { placeMarkers, startMarkers } from "./markers.js";
 import { startOverlay } from "./overlay.js";
@@ -24,7 +19,6 @@ import { startSimulating } from "./simulating.js";
 import { showWhole, startStage } from "./stage.js";
 import { model, on, tell } from "./store.js";
 import { setTheme, startTheme } from "./theme.js";
-import { startTwins } from "./twins.js";
 
 let wasLost = false; // what moved while there was no connection is not planned yet
 
@@ -45,7 +39,7 @@ async function start() {
 	}
 	model.shared = carried() !== null;
 	describeMap();
-	for (const begin of [startRoute, startFront, startSimulating, startEditing, startLandmarks, startTwins, startDrives, startSensor, startFaults, startHeadings, startChecked, startSharing, startKeys, startHint]) begin();
+	for (const begin of [startRoute, startSimulating, startEditing, startSensor, startChecked, startSharing, startKeys, startHint]) begin();
 	showWhole();
 	if (carried()) await openShared(carried());
 	else {
@@ -85,17 +79,14 @@ async function followState(state) {
 async function openShared(page) {
 	root.dataset.shared = "";
 	model.state = page.state;
-	const { answer, front, view: look } = page;
+	const { answer, view: look } = page;
 	if (look?.theme) setTheme(look.theme);
 	Object.assign(model, { layer: look?.layer ?? model.layer, start: answer?.start ?? page.state.start, goal: answer?.goal ?? page.state.goal, via: answer?.via ?? page.state.via ?? [] });
 	setWeight(look?.weight ?? page.state.weight);
 	tell("state");
 	await loadField();
-	recolour({ ramp: look?.ramp ?? model.ramp, stretch: Boolean(look?.stretch), opacity: look?.opacity ?? model.opacity });
 	placeMarkers();
 	if (answer) takePlan(answer);
-	byId("front-group").hidden = !front;
-	if (front) showFront(front);
 	repaint("base", "overlay", "profile", "scale");
 	setStatus("ready");
 }

@@ -1,12 +1,8 @@
 // Everything that moves above the map, in the order in which it is painted.
 import { byId } from "./dom.js";
 import { paintSpots, paintTrips, placeTrips } from "./checked.js";
-import { paintDrive } from "./drives.js";
 import { paintStrokes } from "./editing.js";
 import { paints } from "./frames.js";
-import { paintPreview } from "./front.js";
-import { paintArrows, paintOutlines, placeHandles } from "./headings.js";
-import { paintLandmarks } from "./landmarks.js";
 import { placeMarkers } from "./markers.js";
 import { paintProbe } from "./probe.js";
 import { paintAlong } from "./profile.js";
@@ -14,7 +10,6 @@ import { freshSimulation, paintCandidates } from "./simulating.js";
 import { model } from "./store.js";
 import { haloedDot, haloedPath, haloedStroke } from "./strokes.js";
 import { palette } from "./theme.js";
-import { paintTwins } from "./twins.js";
 import { scaleBar, screenOf, view } from "./view.js";
 
 /** Name the overlay as a part to be painted. */
@@ -30,14 +25,8 @@ export function drawOverlay(pen, isPicture = false) {
 	paintTrips(pen);
 	if (isLive) haloedPath(pen, shortest?.xy, { colour: palette.ink, width: 3, dash: [9, 6] });
 	if (isLive) haloedPath(pen, aware?.xy, { colour: palette.teal, width: 4 });
-	if (isLive && aware?.heading) paintOutlines(pen, aware);
-	paintPreview(pen);
 	paintCandidates(pen);
-	paintDrive(pen);
-	paintTwins(pen);
-	paintLandmarks(pen);
 	paintSpots(pen);
-	paintArrows(pen);
 	if (isPicture) return;
 	paintSnap(pen);
 	paintStrokes(pen);
@@ -54,7 +43,6 @@ function paintOverlay() {
 	pen.clearRect(0, 0, view.width, view.height);
 	drawOverlay(pen);
 	placeMarkers();
-	placeHandles();
 	placeTrips();
 }
 

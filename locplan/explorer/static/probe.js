@@ -6,8 +6,8 @@ import { ask, isLinked } from "./link.js";
 import { announce } from "./say.js";
 import { model, tell } from "./store.js";
 import { haloedStroke } from "./strokes.js";
-import { latticeValue, shownLayer, textureAt } from "./texture.js";
-import { centimetres, degeneracyWords, layerValue, metres, short } from "./text.js";
+import { latticeValue } from "./texture.js";
+import { centimetres, degeneracyWords, metres, short } from "./text.js";
 import { palette } from "./theme.js";
 import { classAt } from "./tiles.js";
 import { gridOf, perMetre, screenAngle, screenOf, view } from "./view.js";
@@ -111,9 +111,6 @@ function linesOf(probe) {
 		[`degeneracy ${probe.u.toFixed(2)}   e ${short(probe.e)} m² rad`, "quiet"],
 		[place + (Number.isFinite(probe.clearance) ? `   ${metres(probe.clearance, 2)} from an obstacle` : ""), "quiet"],
 	];
-	const layer = shownLayer();
-	const excess = layer?.name === "twins" ? textureAt(...gridOf(probe.x, probe.y)) : null;
-	if (excess !== null) lines.splice(1, 0, [`best look-alike: excess ${layerValue(layer, excess)}${excess < layer.anchors[0] ? "" : " or more"}`, ""]);
 	const enlarged = [["ellipse", ellipseFactor()], ["wedge", wedgeFactor()]].filter(([, factor]) => factor > 1);
 	if (enlarged.length) lines.push([enlarged.map(([what, factor]) => `${what} enlarged ${factor} ×`).join(", "), "quiet"]);
 	return lines;
@@ -126,7 +123,7 @@ function whatIs(probe) {
 
 // A shared page has the layers only: a circle of the largest deviation stands for the ellipse.
 async function sharedProbe([x, y]) {
-	sharedLayers ??= Promise.all(model.state.layers.filter(({ name }) => name !== "twins").map(async (layer) => [layer, await fetchLayer(null, layer.name)]));
+	sharedLayers ??= Promise.all(model.state.layers.map(async (layer) => [layer, await fetchLayer(null, layer.name)]));
 	const value = {};
 	for (const [layer, bytes] of await sharedLayers) value[layer.name] = latticeValue(bytes, layer, ...gridOf(x, y));
 	const known = value.sigma !== null && value.sigma !== undefined && classAt(...gridOf(x, y)) === 1;

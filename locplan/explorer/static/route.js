@@ -3,7 +3,6 @@ import { byId, hear, root, write } from "./dom.js";
 import { afterPaint, repaint } from "./frames.js";
 import { nearestAlong, pointAlong } from "./lines.js";
 import { ask, cancel, interrupt, isLinked } from "./link.js";
-import { turnAround } from "./headings.js";
 import { announce, complain } from "./say.js";
 import { model, on, tell } from "./store.js";
 import { comparison, metres } from "./text.js";
@@ -30,15 +29,13 @@ export function startRoute() {
 
 /** What planning is asked with. */
 export function routeAsked() {
-	const { start, goal } = model.planner ? model.headings : {};
-	return { start: model.start, goal: model.goal, via: model.via, weight: model.weight, mended: model.mended, planner: model.planner, start_heading: start, goal_heading: goal };
+	return { start: model.start, goal: model.goal, via: model.via, weight: model.weight };
 }
 
-/** What a result is made of, as text: the route, the map and the settings of its field. */
-export function routeKey(weight = null) {
+/** What a result is made of, as text: the route, the weight, the map and the settings of its field. */
+export function routeKey() {
 	const { map, field } = model.state;
-	const by = weight === null ? [] : [weight, model.mended, model.planner, model.planner && model.headings]; // of which the front knows nothing
-	return JSON.stringify([model.start, model.goal, model.via, map.digest, field?.estimator, field?.lidar, field?.range, ...by]);
+	return JSON.stringify([model.start, model.goal, model.via, model.weight, map.digest, field?.estimator, field?.lidar, field?.range]);
 }
 
 /** Call a listener whenever that may have changed. */
@@ -60,14 +57,13 @@ export function setWeight(weight, moveSlider = true) {
 export async function planSoon(held, moment = performance.now()) {
 	clearTimeout(restTimer);
 	const turn = ++lastTurn;
-	await requestPlan(held, isLarge() || Boolean(model.planner), moment);
-	if (turn === lastTurn && (held || isLarge() || model.planner)) restTimer = setTimeout(model.planner ? planNow : () => requestPlan(null, false), held && isLarge() ? 5 * REST : REST);
+	await requestPlan(held, isLarge(), moment);
+	if (turn === lastTurn && (held || isLarge())) restTimer = setTimeout(() => requestPlan(null, false), held && isLarge() ? 5 * REST : REST);
 }
 
 /** Ask for the paths in full. */
 export function planNow() {
 	clearTimeout(restTimer);
-	if (model.planner && model.state?.field) write("verdict", "Planning with outline and headings …");
 	lastTurn++;
 	return requestPlan(null, false);
 }
@@ -101,7 +97,6 @@ export function removeWaypoint(index) {
 function reverseRoute() {
 	[model.start, model.goal] = [model.goal, model.start];
 	model.via.reverse();
-	turnAround();
 	tell("markers");
 	planNow();
 }
@@ -150,7 +145,6 @@ function searchAhead() {
 /** Show an answer of plan; at rest the markers go where the server put them. */
 export function takePlan(answer, moment = null) {
 	model.plan = answer;
-	model.preview = null;
 	if (!model.held && answer.start && answer.via?.length === model.via.length) {
 		Object.assign(model, { start: answer.start, goal: answer.goal, via: answer.via });
 		tell("markers");

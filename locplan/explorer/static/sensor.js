@@ -1,4 +1,4 @@
-// Estimator, lidar and range: changed in place; the present field stays usable until the new one is here.
+// Lidar and range: changed in place; the present field stays usable until the new one is here.
 import { byId, hear, setOptions, write } from "./dom.js";
 import { showWork, work } from "./link.js";
 import { planNow, setWeight } from "./route.js";
@@ -10,9 +10,8 @@ let fieldSeen = null;
 
 /** Connect the form. */
 export function startSensor() {
-	setOptions(byId("estimator"), model.about.estimators.map(({ name, title }) => ({ value: name, label: title ?? name })));
-	setOptions(byId("lidar"), [{ value: "", label: "none" }, ...model.about.lidars.map(({ name, title }) => ({ value: name, label: title ?? name }))]);
-	hear("estimator", "change", showNeeds);
+	const first = { value: "", label: model.about.needs_lidar ? "as it is" : "none" };
+	setOptions(byId("lidar"), [first, ...model.about.lidars.map(({ name, title }) => ({ value: name, label: title ?? name }))]);
 	hear("lidar", "change", () => {
 		const lidar = model.about.lidars.find(({ name }) => name === byId("lidar").value);
 		if (lidar) byId("range").value = Math.round(10 * lidar.range) / 10;
@@ -30,10 +29,8 @@ function showField() {
 	if (!model.state.busy) showWork("field", "", null);
 	if (!field || field.digest === fieldSeen) return;
 	fieldSeen = field.digest;
-	byId("estimator").value = field.estimator;
 	byId("lidar").value = field.lidar ?? "";
 	if (Number.isFinite(field.range)) byId("range").value = Math.round(10 * field.range) / 10;
-	showNeeds();
 	if (!awaited) return;
 	awaited = false;
 	setWeight(model.state.default_weight);
@@ -47,16 +44,12 @@ function fieldWords(field) {
 	return `${parts.join("; ")}.${field.whole === false ? " It is still being computed." : ""}`;
 }
 
-function showNeeds() {
-	const estimator = model.about.estimators.find(({ name }) => name === byId("estimator").value);
-	byId("lidar").required = Boolean(estimator?.needs_lidar);
-	if (estimator?.needs_lidar && !byId("lidar").value) byId("lidar").value = model.about.lidars[0]?.name ?? "";
-}
-
 async function configure(event) {
 	event.preventDefault();
 	const range = byId("range").valueAsNumber;
-	const content = { estimator: byId("estimator").value, lidar: byId("lidar").value || null, range: Number.isFinite(range) ? range : null };
+	const content = { range: Number.isFinite(range) ? range : null };
+	const lidar = byId("lidar").value;
+	if (lidar || !model.about.needs_lidar) content.lidar = lidar || null;
 	awaited = true;
 	await work("configure", "Computing the field", content, planNow, "The field stays as it was.");
 	awaited = false;

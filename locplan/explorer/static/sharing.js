@@ -1,8 +1,8 @@
-// Taking results away: the command, the Python, a picture, a shareable page, costmaps for Nav2.
+// Taking results away: a picture, a shareable page, costmaps for Nav2.
 import { byId, hear, setOptions, write } from "./dom.js";
 import { mapName, saveAddress, saveDownload } from "./data.js";
 import { barTicks, drawBase } from "./layers.js";
-import { tryAsking, work } from "./link.js";
+import { work } from "./link.js";
 import { drawOverlay } from "./overlay.js";
 import { rampColour } from "./ramps.js";
 import { onRoute, routeAsked } from "./route.js";
@@ -20,8 +20,6 @@ const WIDE = 760; // pixels from which on the legend takes one row
 /** Connect the buttons. */
 export function startSharing() {
 	const { can = {}, distros = [] } = model.about;
-	hear("copy-shell", "click", () => copyText("shell", "Command"));
-	hear("copy-python", "click", () => copyText("python", "Python"));
 	hear("picture", "click", savePicture);
 	hear("share", "click", sharePage);
 	hear("export", "click", exportCostmap);
@@ -34,20 +32,6 @@ export function startSharing() {
 	write("export-note", can.export ? "" : "Exports and saved maps need locplan explore --folder FOLDER.");
 }
 
-// With a simulation on the map it is the choice that is made once more.
-function copyText(kind, title) {
-	const simulated = freshSimulation();
-	const choice = simulated && { drives: simulated.asked };
-	return tryAsking("reproduce", { ...routeAsked(), ...choice }, async (answer) => {
-		try {
-			await navigator.clipboard.writeText(answer[kind]);
-			toast(`${title} copied.${choice ? " It simulates these paths and chooses once more." : ""}`);
-		} catch {
-			showText(title, answer[kind]);
-		}
-	});
-}
-
 function sayWhich() {
 	const { aware } = model.plan ?? {};
 	const isPath = byId("export-to").value === "path" && aware;
@@ -55,19 +39,11 @@ function sayWhich() {
 	if (!isPath) return;
 	const simulated = freshSimulation();
 	const isOther = simulated && simulated.taken !== `aware, weight ${short(model.weight)}`;
-	write("export-which", `Exports the aware path at weight ${short(model.weight)}, ${metres(aware.length)}.${isOther ? " The simulation recommends another: the copied command writes that one." : ""}`);
-}
-
-// Where the browser forbids the clipboard, the text is shown selected.
-function showText(title, text) {
-	write("text-title", title);
-	byId("text-area").value = text;
-	byId("text-box").showModal();
-	byId("text-area").select();
+	write("export-which", `Exports the aware path at weight ${short(model.weight)}, ${metres(aware.length)}.${isOther ? " The simulation recommends another." : ""}`);
 }
 
 function sharePage() {
-	const look = { layer: model.layer, ramp: model.ramp, stretch: model.stretch, opacity: model.opacity, theme: palette.theme, ...routeAsked() };
+	const look = { layer: model.layer, theme: palette.theme, ...routeAsked() };
 	return work("share", "Making a page to share", { view: look }, (answer) => {
 		saveDownload(answer.download);
 		toast("The page is being downloaded.");
@@ -158,14 +134,13 @@ function drawnPaths() {
 	const paths = simulated
 		? simulated.candidates.map((each, k) => ({ path: each, words: candidateWords(each, k), colour: errorColour(each), dash: candidateDash(k) }))
 		: [{ path: aware, name: "aware", colour: palette.teal, dash: [] }, { path: shortest, name: "shortest", colour: palette.ink, dash: [8, 5] }];
-	if (model.preview) paths.push({ path: model.preview, name: "of the front", colour: palette.via, dash: [12, 4, 3, 4] });
 	return paths.filter(({ path }) => path).map((each) => ({ ...each, words: each.words ?? `${each.name}: ${told(each.path)}` }));
 }
 
 function drawBar(pen, x, y, width) {
 	const layer = shownLayer();
 	for (let k = 0; k < width; k++) {
-		pen.fillStyle = `rgb(${rampColour(model.ramp, palette.theme, k / (width - 1)).join(" ")})`;
+		pen.fillStyle = `rgb(${rampColour(palette.theme, k / (width - 1)).join(" ")})`;
 		pen.fillRect(x + k, y, 1.5, 10);
 	}
 	writeAt(pen, titleWithUnit(layer), x, y - 10, palette.ink);

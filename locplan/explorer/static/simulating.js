@@ -1,6 +1,5 @@
 // Candidates driven in simulation: coloured by their error on the map, in a table, with bands in the profile.
 import { byId, hear, make } from "./dom.js";
-import { showSteered } from "./drives.js";
 import { repaint } from "./frames.js";
 import { pointAlong } from "./lines.js";
 import { work } from "./link.js";
@@ -24,7 +23,7 @@ export function startSimulating() {
 /** The simulation, if it is of the route, weight and map that are shown now. */
 export function freshSimulation() {
 	const { simulated } = model;
-	return simulated && simulated.key === routeKey(model.weight) ? simulated : null;
+	return simulated && simulated.key === routeKey() ? simulated : null;
 }
 
 /** Colour of a candidate, from teal for the least error to red for the greatest. */
@@ -67,10 +66,6 @@ function paintPlaces(pen, { leaves, stops, end, outcome }, colour) {
 	for (const [mark, poses] of [["•", leaves], ["▫", stops], ["×", ends]]) for (const [x, y] of poses) writeAt(pen, mark, ...screenOf(x, y), colour, "center", "700 18px");
 }
 
-function steer(candidate) {
-	return work("steer", "Steering drives", { ...routeAsked(), xy: candidate.path.xy, heading: candidate.path.heading }, (answer) => showSteered(answer), "Drives cancelled.");
-}
-
 function clearSimulated() {
 	if (!model.simulated) return;
 	model.simulated = null;
@@ -95,12 +90,12 @@ function errorOf(candidate) {
 
 function simulateRoute() {
 	const content = { ...routeAsked(), drives: Number(byId("drives-each").value) };
-	const key = routeKey(model.weight);
-	return work("simulate", "Driving in simulation", content, (answer) => showSimulated({ ...answer, key, asked: content.drives }), "Simulation cancelled.");
+	const key = routeKey();
+	return work("simulate", "Driving in simulation", content, (answer) => showSimulated({ ...answer, key }), "Simulation cancelled.");
 }
 
 function showSimulated(answer) {
-	Object.assign(model, { simulated: answer, preview: null });
+	model.simulated = answer;
 	byId("candidates").replaceChildren(tableHead(), ...answer.candidates.map(tableRow));
 	byId("simulated").hidden = false;
 	byId("profile-kind").value = "error";
@@ -111,16 +106,14 @@ function showSimulated(answer) {
 }
 
 function tableHead() {
-	return make("thead", {}, make("tr", {}, ...["", "path", "length", "error", "> 1 m", "> 0.5 m at the goal", ""].map((textContent) => make("th", { textContent, scope: "col" }))));
+	return make("thead", {}, make("tr", {}, ...["", "path", "length", "error", "> 1 m", "> 0.5 m at the goal"].map((textContent) => make("th", { textContent, scope: "col" }))));
 }
 
 function tableRow(candidate, k) {
 	const badge = make("span", { className: "badge", textContent: String(k + 1) });
 	badge.style.background = errorColour(candidate);
 	const share = (v) => `${(100 * v).toFixed(0)}\u202f%`;
-	const play = make("button", { className: "plain", textContent: "▶", title: `Play a drive along ${candidate.name} that is steered by the filter` });
-	play.addEventListener("click", () => steer(candidate));
-	const row = make("tr", {}, make("td", {}, badge), make("th", { scope: "row", textContent: candidate.name }), make("td", { textContent: metres(candidate.metrics.length) }), ranged(candidate.driven.error, errorMetres), ranged(candidate.driven.lost_rate, share), ranged(candidate.driven.off_at_goal, share), make("td", {}, play));
+	const row = make("tr", {}, make("td", {}, badge), make("th", { scope: "row", textContent: candidate.name }), make("td", { textContent: metres(candidate.metrics.length) }), ranged(candidate.driven.error, errorMetres), ranged(candidate.driven.lost_rate, share), ranged(candidate.driven.off_at_goal, share));
 	if (candidate.name === model.simulated.taken) row.className = "chosen";
 	return row;
 }

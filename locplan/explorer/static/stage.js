@@ -7,7 +7,6 @@ import { clearProbe, probeAt } from "./probe.js";
 import { markNear, markAlong } from "./profile.js";
 import { model, on, tell } from "./store.js";
 import { knownPart } from "./tiles.js";
-import { showTwinsOf } from "./twins.js";
 import { fitMap, panBy, view, worldAt, zoomAt } from "./view.js";
 
 const LONG_PRESS = 550; // milliseconds
@@ -25,7 +24,7 @@ export function startStage() {
 	hear("overlay", "pointercancel", released);
 	hear("overlay", "pointerleave", left);
 	stage.addEventListener("wheel", wheeled, { passive: false });
-	hear("overlay", "dblclick", (event) => model.tool === "move" && !model.picking && waypointAt(worldAt(event.offsetX, event.offsetY)));
+	hear("overlay", "dblclick", (event) => model.tool === "move" && waypointAt(worldAt(event.offsetX, event.offsetY)));
 	stage.addEventListener("focus", () => stage.matches(":focus-visible") && showCross());
 	hear("overlay", "blur", hideCross);
 	hear("zoom-in", "click", () => zoomBy(1.5));
@@ -137,7 +136,7 @@ function pressed(event) {
 	}
 	if (event.button !== 0) return;
 	const point = worldAt(event.offsetX, event.offsetY);
-	press = { x: event.offsetX, y: event.offsetY, moved: false, draws: model.tool !== "move" && !model.picking };
+	press = { x: event.offsetX, y: event.offsetY, moved: false, draws: model.tool !== "move" };
 	if (press.draws) return beginStroke(point);
 	if (event.pointerType !== "mouse") press.timer = setTimeout(() => longPressed(point), LONG_PRESS);
 }
@@ -189,7 +188,6 @@ function released(event) {
 	const { moved: hasMoved, draws } = press;
 	cancelPress();
 	if (draws) endStroke();
-	else if (!hasMoved && model.picking) showTwinsOf(worldAt(event.offsetX, event.offsetY));
 	else if (!hasMoved && event.pointerType !== "mouse") {
 		model.pointer = { px: event.offsetX, py: event.offsetY };
 		probeAt(worldAt(event.offsetX, event.offsetY));

@@ -6,9 +6,6 @@ export const model = {
 	state: null, // the newest state event
 	shared: false, // a read-only page without a server
 	layer: "degeneracy", // name of the layer shown
-	ramp: "magma",
-	stretch: false,
-	opacity: 0.9,
 	tool: "move",
 	start: null,
 	goal: null,
@@ -19,18 +16,9 @@ export const model = {
 	along: null, // {s, name}: the place marked on the profile
 	probe: null, // the newest answer of at
 	pointer: null, // {px, py} of the cursor over the map
-	front: null,
-	preview: null, // a point of the front that is shown
 	simulated: null,
-	landmarks: null,
-	twins: null,
 	stroke: null, // the stroke being drawn
 	sent: [], // strokes that the server has not answered yet
-	drive: null,
-	marks: "", // which cells are marked: "faults", "mended" or none
-	mended: false, // the filter has the mended map
-	planner: null, // "lattice", or the usual one
-	headings: {}, // headings of start and goal where they are set [rad]
 	checked: null, // the report of a check
 };
 

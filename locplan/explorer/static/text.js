@@ -64,12 +64,6 @@ export function comparison(aware, shortest) {
 	return `${metres(Math.max(0, longer))} longer, ${Math.max(0, less).toFixed(1)} fewer degenerate metres.`;
 }
 
-/** Seconds as minutes and seconds. */
-export function clock(seconds) {
-	const whole = Math.max(0, Math.round(seconds));
-	return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
-}
-
 /** Ticks of a logarithmic or linear scale within [low, high], few enough to read. */
 export function ticks(low, high, isLog, most = 5) {
 	if (!(high > low)) return [low];

@@ -4,6 +4,7 @@ import { model } from "./store.js";
 import { palette } from "./theme.js";
 import { view } from "./view.js";
 
+const OPACITY = 0.9;
 let bytes = null; // as served
 let spread = null; // dilated two steps, so that smoothing reaches the walls
 let shape = { rows: 0, cols: 0 };
@@ -20,11 +21,11 @@ export function setTexture(values, lattice) {
 	colourTexture();
 }
 
-/** Colour the texture anew: the ramp, the theme or the stretch changed. */
+/** Colour the texture anew, for instance where the theme changed. */
 export function colourTexture() {
 	const layer = shownLayer();
 	if (!spread || !layer) return;
-	const table = colourTable(layer, model.ramp, palette.theme, model.stretch);
+	const table = colourTable(layer, palette.theme);
 	picture ??= document.createElement("canvas");
 	picture.width = shape.cols;
 	picture.height = shape.rows;
@@ -46,7 +47,7 @@ export function paintTexture(pen) {
 	if (!picture) return;
 	const [column, down, width, height] = textureBox();
 	pen.save();
-	pen.globalAlpha = model.opacity;
+	pen.globalAlpha = OPACITY;
 	pen.imageSmoothingEnabled = true;
 	pen.drawImage(picture, view.x + column * view.scale, view.y + down * view.scale, width * view.scale, height * view.scale);
 	pen.restore();

@@ -4,7 +4,7 @@ import { tell } from "./store.js";
 
 /** Colours that the canvases use, read from the style sheet. */
 export const palette = { theme: "light" };
-const NAMES = "ground free wall ink halo teal teal-soft ink-soft goal via quiet line ghost twin drive mark faults mended".split(" ");
+const NAMES = "ground free wall ink halo teal teal-soft ink-soft goal via quiet line pole drive mark".split(" ");
 
 /** Start with the remembered or the system's theme. */
 export function startTheme() {

@@ -5,13 +5,11 @@ import { view } from "./view.js";
 const EDGE = 512;
 const KEPT = 64;
 let known = null;
-let marking = ""; // colour of the marked cells, if there are such
-let pyramid = []; // levels {cells, rows, cols}; row 0 on top; 0 unknown, 1 free, 2 occupied, or 2 marked and 3 occupied
+let pyramid = []; // levels {cells, rows, cols}; row 0 on top; 0 unknown, 1 free, 2 occupied
 const tiles = new Map(); // key -> canvas, the newest last
 
 /** Take new cells and build the pyramid. */
-export function setCells(cells, rows, cols, marks) {
-	marking = marks;
+export function setCells(cells, rows, cols) {
 	pyramid = [{ cells, rows, cols }];
 	known = knownBox(cells, rows, cols);
 	while (Math.max(pyramid.at(-1).rows, pyramid.at(-1).cols) > EDGE) pyramid.push(halved(pyramid.at(-1)));
@@ -32,7 +30,7 @@ export function dropTiles() {
 export function classAt(column, down) {
 	const [level] = pyramid;
 	if (!level || column < 0 || down < 0 || column >= level.cols || down >= level.rows) return 0;
-	return Math.min(2, level.cells[Math.floor(down) * level.cols + Math.floor(column)]);
+	return level.cells[Math.floor(down) * level.cols + Math.floor(column)];
 }
 
 /** Paint the tiles in sight. */
@@ -103,7 +101,7 @@ function drawnTile({ cells, rows, cols }, row, column) {
 	const pen = canvas.getContext("2d");
 	const image = pen.createImageData(canvas.width, canvas.height);
 	const words = new Uint32Array(image.data.buffer);
-	const colours = [word(palette.ground), 0, word(palette[marking || "wall"]), word(palette.wall)];
+	const colours = [word(palette.ground), 0, word(palette.wall)];
 	for (let y = 0; y < canvas.height; y++) {
 		const from = (row * EDGE + y) * cols + column * EDGE;
 		for (let x = 0; x < canvas.width; x++) words[y * canvas.width + x] = colours[cells[from + x]];

@@ -14,7 +14,7 @@ export function gridOf(x, y) {
 }
 
 /** World point of a grid place. */
-export function worldOf(column, down) {
+function worldOf(column, down) {
 	const { resolution, origin, rows } = model.about.map;
 	const [cos, sin] = [Math.cos(origin[2]), Math.sin(origin[2])];
 	const [along, up] = [column * resolution, (rows - down) * resolution];
