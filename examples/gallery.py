@@ -177,18 +177,6 @@ save_figure(locplan.plotting.path_figure(plan), 'path.png')
         "marked/landmarks.png",
     ),
     Entry(
-        "Places that look alike",
-        "Lines join places that the lidar mistakes; numbers are good places to start the robot.",
-        "locplan twins {map} --lidar {lidar} -o twins",
-        "twins/twins.png",
-    ),
-    Entry(
-        "The look-alikes of one place",
-        "The star is the place, the numbers are its twins, best first.",
-        "locplan twins {map} --lidar {lidar} --at {middle} -o place",
-        "place/twins.png",
-    ),
-    Entry(
         "Where a scan was taken",
         "Numbers are the likely places, best first.",
         "locplan locate {driven} --drive {drive} --scan 20 -o located",

@@ -16,7 +16,6 @@ from . import (
     robots as robots,
     simulation as simulation,
     testing as testing,
-    twins as twins,
 )
 from .comparison import Comparison as Comparison, PlannerSpec as PlannerSpec, compare as compare
 from .costs import (
@@ -58,14 +57,8 @@ from .planners import (
     plan as plan,
     plan_field as plan_field,
 )
-from .recordings import Trajectory as Trajectory
+from .recordings import Location as Location, Trajectory as Trajectory, locate as locate
 from .robots import Footprint as Footprint, Lidar as Lidar, Robot as Robot
 from .simulation import Choice as Choice, choose as choose, choose_many as choose_many
-from .twins import (
-    Location as Location,
-    Twins as Twins,
-    find_twins as find_twins,
-    locate as locate,
-)
 
 __version__: str

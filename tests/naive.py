@@ -1171,33 +1171,6 @@ def polish(loss, fits, pose, steps, lever, rounds):
     return pose, best
 
 
-def joined_modes(loss, fits, poses, losses, first, barrier, reach, turned, step):
-    """Indices of the modes that are joined to the first, in rounds until none is added."""
-    joined = {first}
-    while True:
-        more = set()
-        for here, n in itertools.product(joined, range(len(poses))):
-            distance, turn = apart(poses[here], poses[n])
-            if n in joined or distance >= reach or turn >= turned:
-                continue
-            parts = max(1, math.ceil(distance / step))
-            turn = (poses[n][2] - poses[here][2] + math.pi) % (2 * math.pi) - math.pi
-            way = [
-                (
-                    poses[here][0] + k / parts * (poses[n][0] - poses[here][0]),
-                    poses[here][1] + k / parts * (poses[n][1] - poses[here][1]),
-                    poses[here][2] + k / parts * turn,
-                )
-                for k in range(1, parts)
-            ]
-            most = max(losses[here], losses[n]) + barrier
-            if all(fits(x, y) and loss(x, y, turn) <= most for x, y, turn in way):
-                more.add(n)
-        if not more:
-            return joined
-        joined |= more
-
-
 def best_pose(lower_bound, loss, fits, box, steps):
     """Pose of least loss of a lattice, by branch and bound, and its loss.
 

@@ -202,7 +202,7 @@ def test_the_settings_for_a_lidar_are_those_that_real_lasers_bear_out():
         (Kinematics, (0.0, True, 0.5)),
         (Odometry, (0.02, 1.0, 1.0, 0.02, 1.0, 0.02)),
         (Disturbances, (0.1, 8, 0.04, 0.2, 20.0, 0.1, 3.0)),
-        (Matching, (36.0, 0.1, 0.05, 0.25, False, 600)),
+        (Matching, (36.0, 0.1, 0.05, 0.25, 600)),
         (ScanDatabase, (0.1,)),
         (ChoiceSettings, (1.5, False, 0.3, 64, False, False)),
     ],

@@ -27,7 +27,7 @@ ORDER = (
     {"plotting"},
     {"simulation"},
     {"recordings"},
-    {"landmarks", "twins"},
+    {"landmarks"},
     {"comparison", "export", "paper"},
     {"mending"},
     {"diagnosis"},

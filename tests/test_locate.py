@@ -20,8 +20,13 @@ from locplan._kernels.scan_losses import fits, loss_at, refine, settle
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.matching import Matching, ScanOnMap, make_database
-from locplan.recordings import Recording, match_scans
-from locplan.twins import locate_drive, locate_figure, located_drive_figure
+from locplan.recordings import (
+    Recording,
+    locate_drive,
+    locate_figure,
+    located_drive_figure,
+    match_scans,
+)
 
 CARMEN = SHARED_DATA / "carmen"
 LIDAR = Lidar(range=10.0, beams=240)
@@ -278,7 +283,9 @@ def test_settling_finds_the_least_loss_as_the_plain_search_does(different):
         refine(tables, last, ends, lever, moved)
         return tuple(moved.tolist())
 
-    at = database.on_map(np.array([POSES[0]]))[0]
+    x, y, heading = POSES[0]
+    row, col = different.world_to_grid(x, y)
+    at = np.array([col, row, heading - different.origin[2]])
     gains = []
     for shift in ((4.0, -3.0, 0.15), (11.0, -9.0, 0.3), (-9.0, 8.0, -0.4), (30.0, 0.0, 0.0)):
         expected, least = naive.settle(

@@ -11,7 +11,7 @@ from conftest import drawn
 from PIL import Image
 
 import locplan
-from locplan import Costmap, CovarianceField, Path, matching, recordings, simulation, twins
+from locplan import Costmap, CovarianceField, Path, matching, recordings, simulation
 from locplan.errors import ConfigError, LocplanError, PoseError
 from locplan.maps import environments
 from locplan.planners import Found, Plan
@@ -194,11 +194,11 @@ def test_arguments_of_another_kind_are_named(grid, field, costs, call, message):
 
 
 RECIPES = (
-    *(locplan.choose, locplan.covariance_field, locplan.find_twins),
+    *(locplan.choose, locplan.covariance_field, recordings.find_ambiguous_places),
     *(locplan.locate, locplan.place_landmarks, matching.ScanDatabase, recordings.calibrate_drive),
     *(recordings.evaluate_drive, recordings.fit_to_map, recordings.match_scans),
     *(recordings.record_drive, recordings.replay, recordings.tune_on_drive, simulation.Simulator),
-    *(simulation.simulate, twins.locate_drive),
+    *(simulation.simulate, recordings.locate_drive),
 )
 WRONG = {
     **dict.fromkeys(("grid", "recording", "robot", "lidar", "filter_map"), 7),

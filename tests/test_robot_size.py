@@ -85,7 +85,6 @@ SAID = "robot: tim571, 25 m, 270°; radius 0.5 m, margin 0.01 m; AMCL's alpha1 0
         ("evaluate", (), "locplan.simulation.evaluate"),
         ("calibrate", (), "locplan.simulation.measure_maps"),
         ("landmarks", ENDS, "locplan.place_landmarks"),
-        ("twins", (), "locplan.find_twins"),
         ("info", (), "locplan.planners.describe_map"),
         ("compare", ("-o", "compared"), "locplan.compare"),
         ("explore", ("--no-browser",), "locplan.explorer.opened"),

@@ -242,52 +242,6 @@ def _refine_all(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def joined_modes(
-    tables: LossTables,
-    ends: Singles,
-    poses: Floats,
-    losses: Floats,
-    first: int,
-    barrier: float,
-    reach: float,
-    turned: float,
-    step: float,
-) -> Array:
-    """Mask of the modes that can be reached from the first without a rise of the loss, (n,).
-
-    Two modes are joined if they are nearer than `reach` [cells] and `turned` [rad], and if nowhere
-    on the straight way between them, every `step` [cells], the loss is above that of both by more
-    than `barrier`, or the robot does not fit.
-    """
-    count, last = len(poses), len(tables.corners) - 1
-    joined = np.zeros(count, np.bool_)
-    joined[first] = True
-    waiting = np.empty(count, np.int64)
-    waiting[0], begin, end = first, 0, 1
-    while begin < end:
-        here = waiting[begin]
-        a = poses[here]
-        begin += 1
-        for n in range(count):
-            if joined[n] or not are_alike(a, poses[n], reach, turned):
-                continue
-            most = max(losses[here], losses[n]) + barrier
-            dx, dy = poses[n, 0] - a[0], poses[n, 1] - a[1]
-            turn = (poses[n, 2] - a[2] + np.pi) % (2 * np.pi) - np.pi
-            parts = max(1, int(np.ceil(np.hypot(dx, dy) / step)))
-            for k in range(1, parts):
-                share = k / parts
-                x, y, heading = a[0] + share * dx, a[1] + share * dy, a[2] + share * turn
-                if not fits(tables, x, y) or loss_at(tables, last, ends, x, y, heading) > most:
-                    break
-            else:
-                joined[n] = True
-                waiting[end] = n
-                end += 1
-    return joined
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
 def settle(
     tables: LossTables,
     ends: Singles,

@@ -38,7 +38,6 @@ COMMANDS = {
     "locate": ("Localize", "_localize"),
     "mend": ("The site", "_landmarks"),
     "landmarks": ("The site", "_landmarks"),
-    "twins": ("The site", "_localize"),
     "export": ("Hand over", "_export"),
     "field": ("Upkeep", "_upkeep"),
     "cache": ("Upkeep", "_upkeep"),

@@ -10,7 +10,6 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 import locplan
-from locplan._util.checks import whole
 from locplan._util.progress import progress_bar, working
 from locplan.cli import _types as typed
 from locplan.cli._application import NOT_IN_METRES
@@ -203,13 +202,13 @@ class locate(typed.OneMap, DriveOptions, Threads, Output):
         given = self.given("within", "count", "threads")
         if self.near_path:
             given["near"] = locplan.Path.load(self.near_path)
-        self.check_output(locplan.twins.LocatedDrive.files)
+        self.check_output(locplan.recordings.LocatedDrive.files)
         grid, drive = locplan.load_map(self.map_file), self._chosen(self.read(needs_poses=False))
         with working("looking around at all places of the map"):
             database = locplan.ScanDatabase(grid, drive.lidar)
             _ = database.everywhere
         with progress_bar("locating scans", "scans") as progress:
-            found = locplan.twins.locate_drive(
+            found = locplan.recordings.locate_drive(
                 drive, grid, **given, database=database, progress=progress
             )
         self.finish(found)
@@ -231,53 +230,3 @@ class locate(typed.OneMap, DriveOptions, Threads, Output):
         if scan >= len(drive):
             raise ConfigError(f"--scan must be below the drive's {len(drive)} scans, not {scan}")
         return drive[scan : scan + 1]
-
-
-@typed.command(
-    "twins lab.yaml --lidar rplidar-a1 -o alike",
-    "twins lab.yaml --lidar rplidar-a1 --at 2,3",
-)
-class twins(typed.OneMap, RobotOptions, Threads, Output):
-    """Find places that look alike to the lidar, the map's symmetries, and where to start the robot.
-
-    It is about matching single scans with the whole map. AMCL's own global localization, which
-    scatters particles and drives, is not foreseen well.
-    """
-
-    at: typed.XY = None
-    """Place whose twins are looked for, x,y in metres; all places by default."""
-    starts: typed.Count | None = None
-    """Maximum number of starts that are proposed; 5 by default."""
-    spacing: float | None = None
-    """Distance between neighbouring places, in metres; 0.8 by default."""
-    matches: int = 0
-    """Number of noisy scans from random poses that are matched with the map, to check what is
-    foreseen; none by default."""
-    seed: typed.Seed | None = None
-    """Seed of these scans; 1 by default."""
-    global_effective_beams: Annotated[float | None, typed.under("Field")] = None
-    """Number of independent beams that count as much as all together; 36 by default. It is fitted
-    to global matches, and not the number of scan."""
-
-    def __call__(self) -> None:
-        if self.matches:
-            whole("--matches", self.matches, 2, 100_000)
-        else:
-            self.refuse("without --matches", "seed")
-        if self.at:
-            self.refuse("with --at", "starts", "spacing", *["matches"] * bool(self.matches))
-        options = self.given("global_effective_beams", "spacing", "threads")
-        if self.at:
-            options["places"] = [self.at]
-        robot = self.load_robot()
-        self.check_output(locplan.twins.Twins.files)
-        grid = locplan.load_map(self.map_file)
-        with progress_bar("looking for twins", "poses") as progress:
-            found = locplan.find_twins(grid, robot, progress=progress, **options)
-        starts = [] if self.at else found.best_starts(*self.given("starts").values())
-        matches = None
-        if self.matches:
-            drawn = self.given("seed", "threads")
-            with progress_bar("matching scans", "scans") as progress:
-                matches = found.verify(self.matches, **drawn, progress=progress)
-        self.finish(found, starts, matches)

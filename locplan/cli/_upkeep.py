@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -14,11 +14,22 @@ from locplan._util.progress import progress_bar, working
 from locplan._util.results import ResultFolder
 from locplan.cli import _options as shared, _types as typed
 from locplan.cli._robot_options import FieldOptions, RobotOptions
+from locplan.errors import ConfigError
+
+if TYPE_CHECKING:
+    from locplan import OccupancyGrid, Robot
 
 
-@typed.command("info lab.yaml -o lab_map.png", "info lab.yaml --lidars", "info hall -o maps")
+@typed.command(
+    "info lab.yaml -o lab_map.png",
+    "info lab.yaml --lidar turtlebot4 --lidars",
+    "info hall -o maps",
+)
 class info(typed.OneMap, RobotOptions):
-    """Describe a map: size, what misleads, rooms, and places for start and goal."""
+    """Describe a map: size, what misleads, rooms, and places for start and goal.
+
+    With a lidar, the share of places that one scan cannot tell from another, and safe starts.
+    """
 
     lidars: Annotated[bool, typed.under("Field")] = False
     """Compare how much of the floor is degenerate with the robot's lidar and with those of
@@ -38,6 +49,9 @@ class info(typed.OneMap, RobotOptions):
         names = ("turtlebot3", "turtlebot4", "tim571") if self.lidars else ()
         every = dict.fromkeys([robot.lidar, *map(locplan.Lidar.preset, names)])
         lines, found = [about.report()], about.summary()
+        if robot.lidar:
+            line, found["ambiguous"] = self._ambiguous(about.grid, robot)
+            lines.append(line)
         if known := [lidar for lidar in every if lidar]:
             with progress_bar("lidars", "cells") as progress:
                 compare = locplan.costs.compare_lidars
@@ -60,6 +74,15 @@ class info(typed.OneMap, RobotOptions):
         folder, name = ResultFolder(self.output, "maps", self.force), self.map_file.name
         folder.check(f"{name}.yaml", f"{name}.pgm")
         return folder
+
+    def _ambiguous(self, grid: OccupancyGrid, robot: Robot) -> tuple[str, object]:
+        """The line about ambiguous places and starts, and the same fit for JSON."""
+        try:
+            with progress_bar("ambiguous places", "poses") as progress:
+                found = locplan.recordings.find_ambiguous_places(grid, robot, progress=progress)
+        except ConfigError as error:  # the robot fits nowhere, or there is no wall
+            return f"ambiguous places: not known, since {error}", None
+        return found.sentence, found.summary()
 
 
 @typed.command(

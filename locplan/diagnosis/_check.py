@@ -27,10 +27,9 @@ from locplan.field import (
     load_or_compute,
 )
 from locplan.maps import MapSource, OccupancyGrid, check_grid, faults, read_map
-from locplan.recordings import Recording
+from locplan.recordings import Recording, find_ambiguous_places
 from locplan.robots import Amcl, Robot
 from locplan.simulation import check_filter_map
-from locplan.twins import PLACE_SPACING, find_twins
 
 SHARES = {"field": 200, "as it is": 150, "cures": 450, "together": 200}
 """Share of the work of each stage, in thousandths."""
@@ -193,15 +192,10 @@ def _meant(
 
 
 def _start(world: OccupancyGrid, robot: Robot, effort: str, threads: int | None) -> str:
-    """Where the robot may be put, by places that look alike; empty where that is not looked at."""
+    """Share of ambiguous places, and where to start the robot; empty for the quick effort."""
     if effort == "quick":
         return ""
-    found = find_twins(world, robot, spacing=2 * PLACE_SPACING, threads=threads)
-    best = next(iter(found.best_starts(1)), None)
-    alike = f"start: {100 * found.share:.0f} % of the places look like another one to a single scan"
-    if best is None or found.share >= 0.9:  # no scan tells where the robot was put
-        return f"{alike}, so global localization cannot work: set the pose"
-    return f"{alike}; unlike any other looks {best.x:.1f},{best.y:.1f}"
+    return f"start: {find_ambiguous_places(world, robot, threads=threads).sentence}"
 
 
 def _field_and_spots(

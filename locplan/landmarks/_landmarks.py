@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,14 +19,12 @@ from locplan._util.tables import finite, wrapped
 from locplan.costs import Costmap, Path
 from locplan.errors import LocplanError
 from locplan.landmarks._objects import LandmarkObject, outline_of, with_objects
+from locplan.landmarks._search import Search
 from locplan.landmarks._verification import DRIVES, Verification, World, verify_by_drives
 from locplan.maps import OccupancyGrid, save_map
 from locplan.planners import plan
 from locplan.robots import Robot
 from locplan.simulation import Simulator, check_drives
-
-if TYPE_CHECKING:
-    from locplan.landmarks._place import Search
 
 PAYING_SHARE = 0.05
 """Share by which a landmark must lower what is expected to pay."""

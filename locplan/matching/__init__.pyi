@@ -18,7 +18,6 @@ from ._modes import (
     MIN_RETURNS as MIN_RETURNS,
     TURNED as TURNED,
     ScanOnMap as ScanOnMap,
-    find_all_modes as find_all_modes,
     in_batches as in_batches,
 )
 from ._scan_database import (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,7 +12,6 @@ import numpy as np
 
 from locplan._kernels.arrays import Bools, Floats, Octets
 from locplan._util.poses import wrapped
-from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.matching._matching import TURNS, Matching, loss_tables
@@ -43,12 +41,6 @@ class Database:
     """The losses of beams' ends around the map, as the kernels take them."""
     squares: Octets
     """The map, with the empty squares about its cells, as the kernels take it."""
-
-    @property
-    def bytes(self) -> int:
-        """Bytes of all arrays but the map's own."""
-        own = self.fits, self.positions, self.codes, self.squares
-        return sum(each.nbytes for each in (*own, *self.tables) if isinstance(each, np.ndarray))
 
     @cached_property
     def lever(self) -> tuple[float, float]:
@@ -96,24 +88,8 @@ class Database:
         heading = wrapped(poses[:, 2] + self.grid.origin[2])
         return np.column_stack([x, y, heading])
 
-    def on_map(self, poses: Floats) -> Floats:
-        """Poses x, y and heading on the map, (n, 3) [cells, cells, rad].
 
-        Parameters
-        ----------
-        poses : (n, 3) array
-            x, y and heading in the world [m, m, rad].
-        """
-        row, col = self.grid.world_to_grid(poses[:, 0], poses[:, 1])
-        return np.column_stack([col, row, wrapped(poses[:, 2] - self.grid.origin[2])])
-
-
-def make_database(
-    grid: OccupancyGrid,
-    matching: Matching,
-    places: Sequence[tuple[int, int]] = (),
-    progress: ProgressCallback | None = None,
-) -> Database:
+def make_database(grid: OccupancyGrid, matching: Matching) -> Database:
     """Cast the beams of a lidar at every reachable place of a map.
 
     Parameters
@@ -122,10 +98,6 @@ def make_database(
         The map.
     matching : Matching
         The lidar, and how scans are matched.
-    places : sequence of (row, col), default ()
-        Cells whose regions are reachable, however small they are.
-    progress : callable, optional
-        Called with (done, total) steps; what it raises ends the work.
 
     Raises
     ------
@@ -137,22 +109,20 @@ def make_database(
     occupied = grid.cells == OCCUPIED
     if not occupied.any():
         raise ConfigError(f"{grid.name or 'the map'} has no occupied cell that a beam could meet")
-    fits = reachable(grid, matching.robot_radius, places)
+    fits = reachable(grid, matching.robot_radius)
     if not fits.any():
         raise ConfigError(
             f"a robot of radius {matching.robot_radius:g} m fits nowhere in"
             f" {grid.name or 'the map'}; give a smaller radius"
         )
-    shares = 20, 10, 30  # of the time that the parts take
-    losing, placing, casting = map(scaled, parts(progress, shares), shares)
-    tables = loss_tables(grid, matching, fits, losing)
-    positions = places_every(0.4, _of_lidar(grid, matching, fits), grid.resolution, placing)
+    tables = loss_tables(grid, matching, fits)
+    positions = places_every(0.4, _of_lidar(grid, matching, fits), grid.resolution)
     squares = empty_squares(occupied)
     made = Database(grid, matching, fits, positions, np.empty(0, np.uint8), tables, squares)
-    return dataclasses.replace(made, codes=_all_codes(made, casting))
+    return dataclasses.replace(made, codes=_all_codes(made))
 
 
-def _all_codes(database: Database, progress: ProgressCallback) -> Octets:
+def _all_codes(database: Database) -> Octets:
     """Codes of the ranges at all places, as `Database.codes` has them."""
     count = len(database.positions)
     codes = np.empty((count, TURNS), np.uint8)
@@ -161,7 +131,6 @@ def _all_codes(database: Database, progress: ProgressCallback) -> Octets:
         poses = np.column_stack([some, np.zeros(len(some))])
         ranges = _ranges(database, poses, 0.0, 0.0)
         codes[first : first + len(some)] = database.codes_of(ranges)
-        progress(first + len(some), count)
     return in_blocks(np.hstack([codes, codes]))
 
 
@@ -175,13 +144,8 @@ def in_blocks(codes: Octets) -> Octets:
     return padded.reshape(blocks, OCTETS, -1).transpose(0, 2, 1).reshape(-1)
 
 
-def reachable(
-    grid: OccupancyGrid, robot_radius: float, places: Sequence[tuple[int, int]] = ()
-) -> Bools:
-    """Mask of the free cells where the robot fits, (H, W), without small regions of them.
-
-    Those with one of the places, cells (row, col), stay.
-    """
+def reachable(grid: OccupancyGrid, robot_radius: float) -> Bools:
+    """Mask of the free cells where the robot fits, (H, W), without small regions of them."""
     import cv2
 
     fits = (grid.free & ~grid.closer_than(robot_radius - 1e-9)).astype(np.uint8)
@@ -189,15 +153,11 @@ def reachable(
     areas = stats[:, cv2.CC_STAT_AREA].copy()
     areas[0] = 0
     large = areas >= max(1.0, 0.1 * areas.max())
-    for row, col in places:
-        large[labels[row, col]] = True
     large[0] = False
     return np.asarray(large[labels])
 
 
-def places_every(
-    spacing: float, fits: Bools, resolution: float, progress: ProgressCallback | None = None
-) -> Floats:
+def places_every(spacing: float, fits: Bools, resolution: float) -> Floats:
     """Centres of cells, the one next to the middle of each square that has any, x and y (n, 2).
 
     Parameters
@@ -208,8 +168,6 @@ def places_every(
         The cells.
     resolution : float
         Edge of a cell [m].
-    progress : callable, optional
-        Called with (done, total) rows.
     """
     edge = max(1, round(spacing / resolution))
     height, width = fits.shape
@@ -218,8 +176,6 @@ def places_every(
     for top in range(0, height, rows):
         found.append(_middles(fits[top : top + rows], edge))
         found[-1][:, 1] += top
-        if progress:
-            progress(min(top + rows, height), height)
     return np.concatenate(found) + 0.5
 
 

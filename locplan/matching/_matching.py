@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from locplan._kernels.arrays import Bools, Floats
 from locplan._util.checks import Settings, instance, positive, setting
 from locplan._util.poses import ends_in_map, turning
-from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError
 from locplan.field import Scan, wall_cells
 from locplan.maps import OCCUPIED, OccupancyGrid
@@ -52,8 +51,6 @@ class Matching(Settings):
     """Share of the beams that end anywhere, above 0 and below 1."""
     robot_radius: float = setting(0.25, 0.0)
     """Distance from walls at which a pose is possible [m], >= 0."""
-    count_missing: bool = setting(False)
-    """True lets a beam without a return count against poses at which it meets a wall in range."""
     shortlisted: int = setting(600, 1, 100_000)
     """Number of pairs of a place and a turn that are refined, before alike ones are dropped, 1 to
     100,000."""
@@ -129,13 +126,8 @@ BAND = 1 << 20
 """Number of cells of a strip, which bounds the memory."""
 
 
-def loss_tables(
-    grid: OccupancyGrid, matching: Matching, fits: Bools, progress: ProgressCallback | None = None
-) -> Any:
-    """The losses around the map at each deviation, in the form that the kernels take.
-
-    `progress` is called with (done, total) rows; what it raises ends the work.
-    """
+def loss_tables(grid: OccupancyGrid, matching: Matching, fits: Bools) -> Any:
+    """The losses around the map at each deviation, in the form that the kernels take."""
     import cv2
 
     from locplan._kernels.scan_losses import LossTables
@@ -162,8 +154,6 @@ def loss_tables(
             words[:] = steps[:-1, :-1]
             for n, each in enumerate((steps[:-1, 1:], steps[1:, :-1], steps[1:, 1:]), 1):
                 words |= each << np.uint32(8 * n)
-        if progress:
-            progress(top + count, height)
     # Steps of the refinement: only with the least deviation there are several.
     steps = sigmas[:, None] / resolution * (0.5, 0.25, 0.125)
     steps[:-1, 1:] = 0

@@ -100,10 +100,9 @@ class ScanOnMap:
         matching, resolution = database.matching, database.grid.resolution
         if returns.sum() < MIN_RETURNS:
             return np.empty((0, 3))
-        known = returns | np.isposinf(self.ranges) if matching.count_missing else returns
         # Every fourth beam first, so that a part of them covers all directions.
         order = np.concatenate([np.arange(first, TURNS, 4) for first in (0, 2, 1, 3)])
-        compared = order[known[order]]
+        compared = order[returns[order]]
         codes = database.codes_of(self.ranges)[compared]
         count = len(database.positions)
         # From a difference of eight codes on, half a metre, a beam costs no more.
@@ -145,108 +144,9 @@ class ScanOnMap:
             APART / resolution,
             TURNED,
         )
-        losses = losses * self._nats + self._missing(poses)
+        losses = losses * self._nats
         order = np.argsort(losses, kind="stable")
         return Modes(poses[order], losses[order], count)
-
-    def joined_to(self, found: Modes, first: int) -> Bools:
-        """Mask of the modes that a pose can slide to from the first one without a rise of the loss.
-
-        Only those whose excess over the first is up to 8 nats count.
-
-        Parameters
-        ----------
-        found : Modes
-            All modes of the scan.
-        first : int
-            Number of the first one.
-        """
-        from locplan._kernels.scan_losses import joined_modes
-
-        resolution = self.database.grid.resolution
-        low = np.flatnonzero(found.losses <= found.losses[first] + ENOUGH)
-        joined = np.zeros(len(found.losses), bool)
-        joined[low] = joined_modes(
-            self.database.tables,
-            self.ends,
-            found.poses[low],
-            found.losses[low] / self._nats,
-            int(np.searchsorted(low, first)),
-            1 / self._nats,  # a rise by 1 nat parts them
-            4 / resolution,  # they are up to 4 m apart, and the way between is looked at each 0.2 m
-            TURNED,
-            0.2 / resolution,
-        )
-        return joined
-
-    def losses_at(self, poses: Floats) -> Floats:
-        """Losses at some poses, (n,) [nats].
-
-        Parameters
-        ----------
-        poses : (n, 3) array
-            The poses.
-        """
-        from locplan._kernels.scan_losses import loss_at
-
-        tables = self.database.tables
-        last = len(tables.corners) - 1
-        losses = [loss_at(tables, last, self.ends, *pose) for pose in poses.tolist()]
-        return np.array(losses) * self._nats + self._missing(poses)
-
-    def moved_to_min(self, start: Floats) -> tuple[Floats, float]:
-        """The pose of least loss next to a start, and its loss [nats].
-
-        Parameters
-        ----------
-        start : (3,) array
-            The pose to begin with.
-        """
-        from locplan._kernels.scan_losses import polish, refine
-
-        tables, pose = self.database.tables, start.copy()
-        for level in range(len(tables.corners)):
-            refine(tables, level, self.ends, self.lever, pose)
-        loss = polish(tables, self.ends, self.lever, pose)
-        if not self.database.fits[int(pose[1]), int(pose[0])]:
-            return pose, math.inf
-        return pose, loss * self._nats + float(self._missing(pose[None])[0])
-
-    def _missing(self, poses: Floats) -> Floats:
-        """What beams without a return cost where they would meet a wall, if they count, (n,)."""
-        matching = self.database.matching
-        if not (matching.count_missing and len(poses)):
-            return np.zeros(len(poses))
-        there = np.isfinite(self.database.scans_at(poses))
-        count: Floats = (there & np.isposinf(self.ranges)).sum(axis=1).astype(np.float64)
-        return count * matching.nats_a_loss
-
-
-def find_all_modes(
-    database: Database,
-    ranges: Floats,
-    *,
-    threads: int = 1,
-    progress: ProgressCallback | None = None,
-) -> list[Modes]:
-    """Match scans with the whole map, each as `ScanOnMap.modes` does.
-
-    Parameters
-    ----------
-    database : Database
-        What the lidar sees on the map.
-    ranges : (n, 96) array
-        The scans [m].
-    threads : int, default 1
-        Number of threads.
-    progress : callable, optional
-        Called with (done, total) scans.
-    """
-
-    def match(some: Ints) -> list[Modes]:
-        return [ScanOnMap(database, ranges[n]).modes() for n in some]
-
-    return in_batches(match, len(ranges), threads, progress)
 
 
 def in_batches(

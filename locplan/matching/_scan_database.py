@@ -10,7 +10,6 @@ import numpy as np
 
 from locplan._kernels.arrays import Bools, Floats, Singles
 from locplan._util.checks import instance, keep, number
-from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.matching._database import Database, _of_lidar, in_blocks, make_database
@@ -26,7 +25,7 @@ since their recorded poses and maps err."""
 class ScanDatabase:
     """What a lidar sees at all places of a map; it is made when the first scan is compared.
 
-    `locate` and `find_twins` make one where none is given, and keep the last four.
+    `locate` and `find_ambiguous_places` make one if none is given, and keep the last four.
 
     Raises
     ------
@@ -46,8 +45,7 @@ class ScanDatabase:
     lidar: Lidar
     """The lidar, with its mount on the robot."""
     clearance: float = CLEARANCE
-    """Distance of the robot's centre from walls at which a pose is possible [m], >= 0; for
-    `find_twins` the robot's radius."""
+    """Distance of the robot's centre from walls at which a pose is possible [m], >= 0."""
 
     def __post_init__(self) -> None:
         check_grid(self.grid)
@@ -66,27 +64,7 @@ class ScanDatabase:
         ConfigError
             If the map has no wall, or no place with this clearance.
         """
-        return self._made(None)
-
-    def prepare(self, progress: ProgressCallback | None = None) -> None:
-        """Look from all places now, so that the first search need not.
-
-        Parameters
-        ----------
-        progress : callable, optional
-            Called with (done, total) steps; what it raises ends the work, and nothing is kept.
-
-        Raises
-        ------
-        ConfigError
-            If the map has no wall, or no place with this clearance.
-        """
-        if "everywhere" not in vars(self):  # a property of its class, which no digest counts
-            vars(self)["everywhere"] = self._made(progress)
-
-    def _made(self, progress: ProgressCallback | None) -> Database:
-        matching = Matching(lidar=self.lidar, robot_radius=self.clearance)
-        return make_database(self.grid, matching, (), progress)
+        return make_database(self.grid, Matching(lidar=self.lidar, robot_radius=self.clearance))
 
     @cached_property
     def matcher(self) -> Matcher:

@@ -1,3 +1,7 @@
+from ._ambiguous import (
+    AmbiguousPlaces as AmbiguousPlaces,
+    find_ambiguous_places as find_ambiguous_places,
+)
 from ._bag_copies import BagCopy as BagCopy
 from ._calibration import DriveCalibration as DriveCalibration, calibrate_drive as calibrate_drive
 from ._evaluation import (
@@ -11,6 +15,12 @@ from ._figures import (
     trajectory_figure as trajectory_figure,
 )
 from ._fit import MapFit as MapFit, fit_to_map as fit_to_map
+from ._locate import locate as locate, locate_drive as locate_drive
+from ._location import LocatedDrive as LocatedDrive, Location as Location, Mode as Mode
+from ._location_figures import (
+    locate_figure as locate_figure,
+    located_drive_figure as located_drive_figure,
+)
 from ._logs import Source as Source, Topics as Topics
 from ._matches import (
     Agreement as Agreement,

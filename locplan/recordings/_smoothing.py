@@ -111,7 +111,7 @@ def smooth(
     drive = _Drive(grid, recording)
     first = _first(grid, recording, start)
     database = checked_database(grid, recording.lidar, CLEARANCE, None)
-    database.prepare()
+    _ = database.everywhere  # before the work that shows its progress
     chain = Chain(
         drive.walls, drive.ends[drive.keys], drive.key_moves, OdometryModel.first(robot.odometry)
     )

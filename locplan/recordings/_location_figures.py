@@ -1,189 +1,28 @@
-"""Figures of twins, with where to start, of located scans, and of located drives."""
+"""Figures of located scans, and of located drives."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.collections import LineCollection
-from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
-from matplotlib.ticker import PercentFormatter
 from numpy.typing import ArrayLike
 
 from locplan import plotting
-from locplan._kernels.arrays import Bools, Floats
+from locplan._kernels.arrays import Bools
 from locplan._util.poses import ends_in_map
 from locplan.costs import Path
 from locplan.field import position_axes
 from locplan.maps import OccupancyGrid
 from locplan.plotting import style
-from locplan.twins._location import LocatedDrive, Location
-from locplan.twins._places import THRESHOLD, GlobalMatches, Start
-from locplan.twins._twins import SHOWN, Twins
+from locplan.recordings._location import LocatedDrive, Location
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-OTHER = "0.35"
-"""Colour of lines that belong to none of these symmetries."""
-MAX_LINES = 24
-"""Maximum number of lines."""
-NUMBERED: dict[str, Any] = {
-    **{"marker": "o", "markersize": 11, "linestyle": "none"},
-    **{"markerfacecolor": "white", "markeredgecolor": "black"},
-}
-"""Style of the markers that hold a number."""
-
-
-def twins_figure(
-    twins: Twins, starts: Sequence[Start] | None = None, matches: GlobalMatches | None = None
-) -> Figure:
-    """Draw the map with the share of the posterior elsewhere, some twins, and the best starts.
-
-    Of one place only, its twins are numbered instead.
-
-    Parameters
-    ----------
-    twins : Twins
-        What was found.
-    starts : sequence of Start, optional
-        Starts, which are numbered; `Twins.best_starts` by default.
-    matches : GlobalMatches, optional
-        What `Twins.verify` gave; it is not shown.
-    """
-    if len(twins) == 1:
-        return place_figure(twins, 0)
-    starts = twins.best_starts() if starts is None else starts
-    named = twins.symmetries[:5]
-    figure, axes = _on_map(twins.grid, 0.5 + 0.16 * len(named))
-    # From nearly white to brown, never as dark as a wall.
-    colours = ListedColormap(colormaps["YlOrBr"](np.linspace(0.0, 0.8, 256)))
-    image = plotting.draw_cells(
-        axes, twins.grid, twins.layer("elsewhere"), cmap=colours, vmin=0.0, vmax=1.0
-    )
-    bar = figure.colorbar(image, ax=axes, shrink=0.8, label="chance that a match lands elsewhere")
-    bar.ax.yaxis.set_major_formatter(PercentFormatter(1.0))
-    handles = _draw_twins(axes, twins)
-    if starts:
-        handles.append(_draw_starts(axes, starts))
-    title = (
-        f"{twins.grid.name or 'map'}: {twins.share:.0%} of {len(twins)} places have a twin within"
-        f" {THRESHOLD:g} nats\n{twins.matching.lidar.title}"
-    )
-    said = [f"symmetry {n}: {each}" for n, each in enumerate(named, 1)]
-    more = len(twins.symmetries) - len(named)
-    if more > 0:
-        said[-1] += f"; {more} more"
-    axes.set_title("\n".join([title, *said]), fontsize="small", loc="left")
-    if handles:
-        figure.legend(
-            handles=handles, ncols=3, fontsize="small", frameon=False, loc="outside lower center"
-        )
-    return figure
-
-
-def place_figure(twins: Twins, place: int) -> Figure:
-    """Draw one place, joined with its best twins, which are numbered as in its table."""
-    x, y = twins.places[place].tolist()
-    figure, axes = _on_map(twins.grid)
-    found = twins.of(place)
-    for n, twin in enumerate(found[:SHOWN], 1):
-        colour, line = (style.COLOURS[0], "-") if twin.excess <= THRESHOLD else (OTHER, ":")
-        axes.plot([x, twin.x], [y, twin.y], line, color=colour, zorder=3)
-        _draw_number(axes, n, (twin.x, twin.y), 6 + 1 / n)
-    axes.plot(x, y, "*", color=style.VERMILION, markeredgecolor="black", markersize=15, zorder=8)
-    about = "no twin"
-    if found:
-        more = f", the best {SHOWN} of {len(found)}" if len(found) > SHOWN else ""
-        about = f"numbers: its twins{more}; dotted: an excess above {THRESHOLD:g} nats"
-    axes.set_title(
-        f"{twins.grid.name or 'map'}, {twins.matching.lidar.title}\nstar: {x:.2f},{y:.2f} m,"
-        f" {twins.elsewhere[place]:.0%} of the posterior more than 2 m away\n{about}",
-        fontsize="small",
-        loc="left",
-    )
-    return figure
-
-
-def _on_map(grid: OccupancyGrid, more: float = 0.0) -> tuple[plotting.Picture, Axes]:
-    """A figure with Axes on which the map is drawn, so much higher than it [inch]."""
-    width, height = plotting.map_size(grid)
-    figure = plotting.Picture(figsize=(width, height + more), layout="constrained")
-    axes = figure.add_subplot()
-    plotting.draw_map(axes, grid)
-    return figure, axes
-
-
-def _draw_number(axes: Axes, number: int, at: tuple[float, float], zorder: float) -> None:
-    axes.plot(*at, zorder=5, **NUMBERED)
-    axes.annotate(str(number), at, ha="center", va="center", fontsize=7, zorder=zorder)
-
-
-def _draw_twins(axes: Axes, twins: Twins) -> list[Any]:
-    """Join some places with their twins, of each symmetry in its colour; the legend's handles."""
-    handles: list[Any] = []
-    chosen, others = _joined(twins), "other twins" if twins.symmetries else "twins"
-    for number, pairs in sorted(chosen.items(), key=lambda item: (item[0] < 0, item[0])):
-        colour = style.COLOURS[number] if number >= 0 else OTHER
-        lines = [twins.places[place].tolist() + twin for place, twin in pairs]
-        segments = np.array(lines).reshape(-1, 2, 2)
-        axes.add_collection(
-            LineCollection(list(segments), colors=colour, linewidths=1.2, alpha=0.85, zorder=3)
-        )
-        axes.plot(*segments.reshape(-1, 2).T, "o", color=colour, markersize=3, zorder=3)
-        label = f"twins by symmetry {number + 1}" if number >= 0 else others
-        handles.append(Line2D([], [], color=colour, marker="o", markersize=3, label=label))
-    return handles
-
-
-def _joined(twins: Twins) -> dict[int, list[tuple[int, list[float]]]]:
-    """Pairs of a place and its best twin, thinned out, by the symmetry that joins them or -1."""
-    every = twins.twins[:, :, 0]
-    heading = np.nan_to_num(every[:, :, 3], nan=np.inf).argmin(axis=1)
-    twin: Floats = every[np.arange(len(every)), heading]
-    # Share of the posterior elsewhere from which on a place is joined to its twin.
-    having = np.flatnonzero((twin[:, 3] <= THRESHOLD) & (twins.elsewhere >= 0.2))
-    # The fewer lines there may be, the farther apart their ends are.
-    apart = math.sqrt(having.size * twins.spacing**2 / (MAX_LINES / 2)) if having.size else 0.0
-    taken: list[Floats] = []
-    pairs: dict[int, list[tuple[int, list[float]]]] = {}
-    for place in having[np.argsort(twin[having, 3], kind="stable")]:
-        ends = twins.places[place], twin[place, :2]
-        near = [float(np.hypot(*(end - other))) < apart for end in ends for other in taken]
-        if any(near) or len(taken) >= 2 * MAX_LINES:
-            continue
-        taken += ends
-        pairs.setdefault(_symmetry_of(twins, place, twin[place]), []).append(
-            (int(place), twin[place, :2].tolist())
-        )
-    return pairs
-
-
-def _symmetry_of(twins: Twins, place: int, twin: Floats) -> int:
-    """Number of the first symmetry with a colour that takes a place to a twin, or -1."""
-    for n, each in enumerate(twins.symmetries[: len(style.COLOURS)]):
-        from_middle = twins.places[place] - np.array(each.middle)
-        cos, sin = math.cos(each.turn), math.sin(each.turn)
-        turned = np.array([[cos, -sin], [sin, cos]]) @ from_middle
-        if np.hypot(*(np.array(each.moved) + turned - twin[:2])) <= 1.0:
-            return n
-    return -1
-
-
-def _draw_starts(axes: Axes, starts: Sequence[Start]) -> Any:
-    """Draw the starts with their numbers; the legend's handle."""
-    for n, start in enumerate(starts, 1):
-        _draw_number(axes, n, (start.x, start.y), 6)
-    most = max(start.elsewhere for start in starts)
-    label = f"best starts, at most {most:.0%} elsewhere"
-    return Line2D([], [], label=label, **(NUMBERED | {"markersize": 8}))
-
 
 CLOSE = 4.5
 """Width of that map [inch]."""
@@ -335,3 +174,12 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
     figure.legend(loc="outside lower center", ncols=2, frameon=False)
     figure.title(f"{grid.name or 'map'}; {found.recording.lidar.title}", found.sentence)
     return figure
+
+
+def _on_map(grid: OccupancyGrid, more: float) -> tuple[plotting.Picture, Axes]:
+    """A figure with Axes on which the map is drawn, so much higher than it [inch]."""
+    width, height = plotting.map_size(grid)
+    figure = plotting.Picture(figsize=(width, height + more), layout="constrained")
+    axes = figure.add_subplot()
+    plotting.draw_map(axes, grid)
+    return figure, axes

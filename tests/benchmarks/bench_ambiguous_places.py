@@ -1,4 +1,4 @@
-"""Twins: a place of a map of 1000 x 1000 cells, and the shortlist beside NumPy's."""
+"""Ambiguous places: a place of a map of 1000 x 1000 cells, and the shortlist beside NumPy's."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 
 from locplan._kernels.matches import shortlist
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.matching import TURNS, ScanDatabase, places_every
+from locplan.matching import TURNS, ScanDatabase
+from locplan.recordings import find_ambiguous_places
 from locplan.robots import Lidar, Robot
-from locplan.twins import find_twins
 
 CAP = 8
 SIZE = 1000
-PLACES = 100
+SPACING = 4.8
 
 
 def cluttered() -> OccupancyGrid:
@@ -45,22 +45,17 @@ def test_a_place_of_a_thousand_by_a_thousand_cells(benchmark):
     robot = Robot(Lidar.preset("rplidar-a1"))
     kept = ScanDatabase(grid, robot.lidar, robot.radius)
     database = kept.everywhere
-    places = places_every(0.8, database.fits, grid.resolution)
-    chosen = np.linspace(0, len(places) - 1, PLACES).astype(int)
-    homes = np.column_stack([places[chosen], np.zeros(PLACES)])
-    ranges = database.scans_at(homes)
-
-    at = np.column_stack(grid.grid_to_world(homes[:, 1], homes[:, 0]))
+    ranges = database.scans_at(np.array([[*database.positions[0], 0.0]]))
 
     def every():
-        return find_twins(grid, robot, places=at, database=kept, threads=1)
+        return find_ambiguous_places(grid, robot, spacing=SPACING, threads=1)
 
-    every()
+    places = every().places
     took = []
     for _ in range(3):
         began = time.process_time()
         every()
-        took.append((time.process_time() - began) / PLACES)
+        took.append((time.process_time() - began) / len(places))
     benchmark.pedantic(every, rounds=1)
     blocks = database.codes.reshape(-1, 2 * TURNS, 64)[:, :TURNS]
     codes = blocks.transpose(0, 2, 1).reshape(-1, TURNS)[: len(database.positions)]

@@ -25,9 +25,9 @@ from locplan.matching import (
     checked_database,
     in_batches,
 )
-from locplan.recordings import Recording
+from locplan.recordings._location import LocatedDrive, Location, Mode
+from locplan.recordings._recording import Recording
 from locplan.robots import Lidar
-from locplan.twins._location import LocatedDrive, Location, Mode
 
 WITHIN = 3.0
 """Default distance from a route within which a robot is looked for [m]."""
@@ -211,7 +211,7 @@ def _checked(scan: ArrayLike | Recording, lidar: Lidar | None) -> tuple[Floats, 
         if len(scan) != 1:
             raise ConfigError(
                 f"one scan is located at a time, not {len(scan)}; take drive[n : n + 1], or"
-                " locplan.twins.locate_drive for all"
+                " locplan.recordings.locate_drive for all"
             )
         return scan.ranges[0].astype(np.float64), scan.lidar
     if lidar is None:

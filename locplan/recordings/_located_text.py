@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from locplan.twins._location import LocatedDrive
+    from locplan.recordings._location import LocatedDrive
 
 CERTAIN = 3.0
 """Excess of the second place from which on the best one is certain [nats]."""

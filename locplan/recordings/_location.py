@@ -20,9 +20,9 @@ from locplan._util.results import Results
 from locplan._util.tables import REPORT_WIDTH, finite
 from locplan.field import position_axes
 from locplan.maps import OccupancyGrid
-from locplan.recordings import Recording
+from locplan.recordings._located_text import CERTAIN, NEAR, TURNED, drive_sentence
+from locplan.recordings._recording import Recording
 from locplan.robots import Lidar
-from locplan.twins._located_text import CERTAIN, NEAR, TURNED, drive_sentence
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,7 +86,7 @@ MODES = (
 class Location(Pictured):
     """Where a robot may be that has taken one scan, from `locate`."""
 
-    _drawn_by: ClassVar[str] = "locplan.twins:locate_figure"
+    _drawn_by: ClassVar[str] = "locplan.recordings:locate_figure"
 
     grid: OccupancyGrid
     """The map."""
@@ -194,7 +194,7 @@ SCANS = (
 class LocatedDrive(Result):
     """The scans of a recorded drive, each located by itself, from `locate_drive`."""
 
-    _drawn_by: ClassVar[str] = "locplan.twins:located_drive_figure"
+    _drawn_by: ClassVar[str] = "locplan.recordings:located_drive_figure"
     files: ClassVar[Results] = Results(
         "located", ("located.json", "located.png", "modes.csv", "scans.csv")
     )
