@@ -91,8 +91,8 @@ def read_drive(
     mount : (x, y, yaw), optional
         Pose of the lidar on the robot [m, m, rad], where the log does not tell it.
     needs_poses : bool, default True
-        False reads a bag without poses on the map, too, for `locplan.recordings.locate_drive`: then all
-        poses of the recording are NaN.
+        False reads a bag without poses on the map, too, for `locate_drive`: then all poses of the
+        recording are NaN.
     progress : callable, optional
         Called with (done, total) messages of a bag, in each pass.
 
