@@ -457,7 +457,7 @@ def test_fields_and_costs_after_an_edit_are_those_of_the_new_map(tool, monkeypat
 
 @pytest.mark.parametrize("kind", ["Fisher", "Scan", "Fused"])
 def test_fields_of_rays_after_an_edit_are_those_of_the_new_map(kind):
-    config = FieldConfig(getattr(locplan, kind).of(locplan.Lidar(range=2.0, beams=36)), stride=0.6)
+    config = FieldConfig(getattr(locplan, kind)(locplan.Lidar(range=2.0, beams=36)), stride=0.6)
     limits = Limits(min_points=30, first_seconds=0.0)
     session = session_of(rooms(5, yaw=0.4), config, limits=limits)
     (place,) = free_places(session, 1)
@@ -655,7 +655,7 @@ def test_other_settings_give_the_field_of_the_library():
     session = session_of(rooms())
     for given, expected in (
         ({"range": 1.0}, locplan.Sad(range=1.0)),
-        ({"lidar": "lds-01"}, locplan.Sad.of(locplan.Lidar.preset("lds-01"))),
+        ({"lidar": "lds-01"}, locplan.Sad().with_lidar(locplan.Lidar.preset("lds-01"))),
         ({"lidar": None, "range": 1.5}, locplan.Sad(range=1.5)),
     ):
         assert answer(session, "configure", **given) == {"ok": True}
