@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from kernel_cache import keep_kernels
-from read_options import keep_options
 
 from locplan.cli import main
 from locplan.field import FieldConfig
@@ -41,34 +40,6 @@ respects_permissions = pytest.mark.skipif(
 def _own_cache(tmp_path_factory, monkeypatch):
     """No test reads or writes the user's cache."""
     monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path_factory.getbasetemp() / "cache"))
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _kept_options():
-    """Options of commands are read from their signatures once."""
-    with pytest.MonkeyPatch.context() as patch:
-        keep_options(patch)
-        yield
-
-
-@pytest.fixture(autouse=True)
-def _undrawn(request, monkeypatch):
-    """Pictures for files are made, but drawn only where a test is marked `draws`: it takes long."""
-    if not request.node.get_closest_marker("draws"):
-        monkeypatch.setattr("locplan.plotting._picture.Picture.savefig", save_undrawn)
-        drawn = "locplan.comparison._pictures.svg_of"
-        monkeypatch.setattr(drawn, lambda *_: "<svg/>")
-
-
-def save_undrawn(figure, target, **options) -> None:
-    """Write a picture of one white pixel to a file; what goes elsewhere is drawn."""
-    from matplotlib.figure import Figure  # here, since processes import this file
-    from PIL import Image
-
-    if isinstance(target, Path):
-        Image.new("L", (1, 1), 255).save(target, "png")
-    else:
-        Figure.savefig(figure, target, **options)
 
 
 @pytest.fixture

@@ -81,7 +81,6 @@ def test_places_where_the_map_misleads_name_its_fault(solid):
     assert {each.missing for each in alone} == {"nothing: the map errs (solid walls)"}
 
 
-@pytest.mark.draws
 def test_a_mended_map_for_the_filter_is_checked_and_not_advised_again(solid, tmp_path):
     own = solid.cured.filter_map
     found = check(blocks(), locplan.Robot(LIDAR), effort="quick", filter_map=own)
@@ -241,7 +240,6 @@ def test_a_robot_that_does_not_arrive_says_why_as_simulate_does(solid):
     assert never_lost.report().startswith("The robot does not always arrive")
 
 
-@pytest.mark.draws
 def test_labels_of_the_picture_stand_on_no_other(solid):
     axes = solid.figure().axes[0]
     at = np.array([each.get_position() for each in axes.texts])
@@ -274,7 +272,6 @@ def test_findings_are_said_as_they_come_and_progress_ends():
     assert any(count == 2 for count, _, _ in steps)  # two are said before the drives are done
 
 
-@pytest.mark.draws
 def test_the_files_of_the_cures_are_written_and_named(solid, tmp_path):
     solid.save(tmp_path)
     assert solid.written()
@@ -350,7 +347,6 @@ def test_a_limit_fails_where_the_whole_interval_is_beyond_it(fine):
     assert not Limit.parse("error > 1 m").fails(fine)
 
 
-@pytest.mark.draws
 def test_the_command_ends_in_exit_code_4_beyond_a_limit(tmp_path):
     save_map(room(), tmp_path / "room.yaml")
     (tmp_path / "stations.csv").write_text("name,x,y\ndoor,1,1\ndesk,7,1\n")

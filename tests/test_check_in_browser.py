@@ -10,8 +10,6 @@ from test_check import CORNERS, ROBOT, room
 
 from locplan import check
 
-pytestmark = pytest.mark.draws
-
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -11,7 +11,6 @@ import re
 import numpy as np
 import pytest
 from conftest import refused
-from figure_looks import check_looks
 
 from locplan import (
     Choice,
@@ -664,7 +663,6 @@ def test_parameters_that_work_badly_are_warned_of(run, box):
     assert err.count("locplan: warning: z_hit") == 1
 
 
-@pytest.mark.draws
 def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
     params = "amcl: {ros__parameters: {alpha1: 0.1, beam_count: 3}}"
     (tmp_path / "nav2.yaml").write_text(params)
@@ -764,7 +762,6 @@ def test_bad_input_ends_the_command_before_long_work(
 
 def test_the_path_to_take_is_drawn_strongest_and_last(better):
     figure = choice_figure(better)
-    check_looks(figure, "choice")
     lines = [line for line in figure.axes[0].lines if len(line.get_xdata()) > 1]
     widths = [line.get_linewidth() for line in lines]
     assert widths == sorted(widths)

@@ -26,7 +26,6 @@ def room(tmp_path):
     return tmp_path / "room.yaml"
 
 
-@pytest.mark.draws
 def test_field_prints_a_table_and_writes_what_was_asked(run, room, tmp_path):
     assert run("field", room, "-o", tmp_path / "f.png")[0] == 0
     code, out, err = run("field", room, "-o", tmp_path / "f.zarr")
@@ -46,7 +45,6 @@ def test_json_is_json(run, room):
     assert about["config"]["estimator"]["weights"]["name"] == "inverse-square"
 
 
-@pytest.mark.draws
 def test_plan_writes_paths_plan_and_picture(run, room, tmp_path):
     out_dir = tmp_path / "out"
     ends = "--start", "1,2", "--goal", "4,3.5"
@@ -188,7 +186,6 @@ def test_commands_take_names_of_built_in_maps(run, tmp_path, monkeypatch):
     assert f"a built-in map: {built_in}" in refused(run("field", "moon"))
 
 
-@pytest.mark.draws
 def test_field_draws_any_scalar(run, room, tmp_path):
     for scalar in ("position_rms", "heading_std"):  # the others are drawn elsewhere
         picture = tmp_path / f"{scalar}.png"
@@ -346,7 +343,6 @@ def test_a_footprint_sets_the_radius(run, room):
         assert "footprint" in refused(run("plan", room, *ends[:-1], f"footprint={bad}"))
 
 
-@pytest.mark.draws
 def test_plan_front_prints_and_writes_front(run, room, tmp_path):
     ends = "--start", "1,2", "--goal", "4,3.5"
     code, out, _ = run("plan", room, *ends, "--front", "-o", tmp_path / "front")
@@ -383,7 +379,6 @@ def test_plan_front_refuses_wrong_options(run, room, arguments, told):
     assert told in refused(run("plan", room, *ends, "--front", *arguments))
 
 
-@pytest.mark.draws
 def test_ompls_planners_are_at_hand(run, room, tmp_path):
     folder = tmp_path / "out"
     ends = "--start", "1,1,90", "--goal", "4,3.5,0"
@@ -433,7 +428,6 @@ def test_the_help_names_all_planners(run):
     assert all(name in out for name in names())
 
 
-@pytest.mark.draws
 def test_fields_that_know_the_sensor(run, room, tmp_path):
     sensor = "--estimator", "scan", "--headings", "4", "--set", "field_of_view_deg=180"
     sensor += "--set", "range=3", "--set", "footprint=0.05"

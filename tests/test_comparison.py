@@ -218,7 +218,6 @@ def test_the_limit_of_memory_stands_in_the_logs_in_megabytes(tmp_path):
     assert "2000.0 MB per run" in log.read_text()
 
 
-@pytest.mark.draws
 def test_all_files_are_written(compared, tmp_path, monkeypatch):
     limits = pictures.Limits(front_time=600.0)
     monkeypatch.setattr("locplan.comparison._pictures.Pictures.limits", limits)

@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 import pytest
-from figure_looks import check_looks
 from made_drives import recorded
 
 from locplan import Costmap, plan, save_map
@@ -121,7 +120,6 @@ def test_reports_speak_of_the_drive(tuned):
     assert (about["drive"], about["levels"]) == ("the drive", None)
     json.dumps(about, allow_nan=False)
     figure = tuning_figure(tuned)
-    check_looks(figure, "tuning on a drive")
     assert "5 stretches of the drive, 2 replays each" in figure.get_suptitle().replace("\n", " ")
 
 

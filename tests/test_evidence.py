@@ -11,7 +11,6 @@ import tracemalloc
 import numpy as np
 import pytest
 from conftest import SHARED_DATA, changed, refused
-from figure_looks import check_looks
 from scipy import stats
 
 import locplan
@@ -231,7 +230,6 @@ def test_evaluations_are_written_and_drawn(evaluation, tmp_path):
     many = dataclasses.replace(
         evaluation, places=[*evaluation.places] * 4, predictions=[*evaluation.predictions] * 4
     )
-    check_looks(simulation.evaluation_figure(evaluation), "evaluation")
     assert "8 maps" in simulation.evaluation_figure(many).subfigs[0].get_suptitle()
     table = evaluation.report()
     assert "paper visible, heading *" in table
@@ -371,7 +369,6 @@ def test_a_calibration_that_says_nothing_says_so(places):
     poor = dataclasses.replace(calibrate([places]), r_squared=-0.1)
     assert "NOT IN METRES" in poor.report()
     assert not poor.in_metres
-    check_looks(simulation.calibration_figure(poor), "calibration")
     assert simulation.calibration_figure(poor).axes[0].get_title().startswith("NOT IN METRES: sad")
 
 
@@ -415,7 +412,6 @@ def map_file(grid, tmp_path_factory):
 ENDS = ("--start", "2,3", "--goal", "6,9")
 
 
-@pytest.mark.draws
 def test_simulate_drives_both_paths(run, map_file, tmp_path):
     out = tmp_path / "out"
     code, table, err = run("simulate", map_file, *ENDS, "--drives", 4, "-o", out)
@@ -504,7 +500,6 @@ def test_what_is_simulated_is_not_written_over(run, map_file, tmp_path):
     assert (tmp_path / "01-shortest.csv").read_bytes() == before
 
 
-@pytest.mark.draws
 def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp_path):
     few = ("--places", 10, "--drives", 2, "--set", "half_cell=false")
     code, table, _ = run("evaluate", map_file, *few, "--scans", 2, "-o", tmp_path / "out")

@@ -495,7 +495,6 @@ def test_an_export_that_was_worked_on_is_not_replaced(tmp_path, costs, change):
     assert folder_of(folder) == before
 
 
-@pytest.mark.draws
 @pytest.mark.parametrize("write", [export.nav2_keepout, export.nav2_speed, export.ros_map])
 def test_a_folder_says_what_it_holds_in_a_few_lines(tmp_path, costs, write):
     write(tmp_path / "out", costs)

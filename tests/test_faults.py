@@ -186,7 +186,6 @@ def test_cells_are_looked_at_as_the_file_is_meant(tmp_path):
     assert found.summary()["map"]["digest"] == grid.digest
 
 
-@pytest.mark.draws
 def test_results_are_written_and_drawn(tmp_path):
     found = faults(blocks())
     found.save(tmp_path)

@@ -12,7 +12,6 @@ import naive
 import numpy as np
 import pytest
 from conftest import corridor, drawn, few_of, refused
-from figure_looks import check_looks
 
 import locplan
 from locplan import Box, LocplanError, Path, Pole, place_landmarks, save_map
@@ -665,17 +664,14 @@ def test_paths_stay_and_shortest_paths_are_planned_again(hallway):
 # Reports and the command
 
 
-@pytest.mark.draws
 def test_the_figure_is_drawn(placed, verification, tmp_path):
     for name, given in (("without", None), ("with", verification)):
         file = tmp_path / f"{name}.png"
         figure = landmarks_figure(placed, given)
-        check_looks(figure, f"landmarks {name} drives")
         locplan.plotting.save_figure(figure, file)
         assert file.stat().st_size > 10_000
 
 
-@pytest.mark.draws
 @pytest.mark.parametrize(("rows", "cols"), [(30, 200), (90, 100), (100, 100), (300, 30)])
 def test_maps_fill_their_part_of_a_figure(placed, rows, cols):
     grid = open_floor(rows, cols)

@@ -11,7 +11,6 @@ import naive
 import numpy as np
 import pytest
 from conftest import SHARED_DATA, refused
-from figure_looks import check_looks
 from small_drive import FILE, MAP
 
 import locplan
@@ -413,7 +412,6 @@ def test_one_scan_gives_a_table_of_places(located, office):
 def test_the_figure_numbers_the_places(alike):
     found = locate(alike, scan_at(alike, LIDAR, *POSES[0]), LIDAR)
     figure = locate_figure(found, recorded=POSES[0])
-    check_looks(figure, "location")
     texts = {text.get_text() for text in figure.axes[0].texts}
     assert {"1", "2"} <= texts
     assert "look alike" in figure.get_suptitle()
@@ -424,9 +422,7 @@ def test_the_figure_numbers_the_places(alike):
 def test_what_lies_around_the_robot_is_shown_beside_a_large_map(located):
     figure = locate_figure(located.locations[0])
     assert len(figure.axes) == 2
-    check_looks(figure, "location beside a large map")
     figure = located_drive_figure(located)
-    check_looks(figure, "located drive")
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert any(label.startswith("right, certain: ") for label in labels)
 

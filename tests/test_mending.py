@@ -52,7 +52,6 @@ def test_specks_are_erased_and_walls_stay():
     assert np.array_equal(found.filter_map.cells, walls)
 
 
-@pytest.mark.draws
 def test_nav2_gets_a_second_map_server_with_its_own_manager(mended, tmp_path):
     mended.save(tmp_path)
     written = load_map(tmp_path / "map_amcl.yaml")

@@ -258,7 +258,6 @@ def test_command_writes_paths_as_routes(run, tmp_path):
     assert json.loads(out)["followed"] == ["there", "up", "aware"]
 
 
-@pytest.mark.draws
 def test_routes_figure_colours_cost_per_metre(costs, paths):
     graph = export.recommended_ways(costs, paths).graph
     figure = export.routes_figure(costs, graph, "routes")

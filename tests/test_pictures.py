@@ -18,8 +18,6 @@ from locplan.plotting import Picture, _cells
 from locplan.plotting._picture import field_bar
 from locplan.plotting.style import FIELD_COLOURS
 
-pytestmark = pytest.mark.draws
-
 
 def room(rows=40, cols=60, origin=(0.0, 0.0, 0.0)):
     cells = np.full((rows, cols), UNKNOWN, np.uint8)

@@ -3,7 +3,6 @@ import dataclasses
 import numpy as np
 import pytest
 from conftest import drawn, random_rooms
-from figure_looks import check_looks
 from PIL import Image
 
 from locplan import plotting
@@ -18,8 +17,6 @@ from locplan.field import (
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Plan, pareto_front, plan
 from locplan.robots import Lidar
-
-pytestmark = pytest.mark.draws
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +61,6 @@ def test_plan_figure_has_u_along_each_path_in_metres(field, tmp_path):
     assert found.status == "solved"
     nothing = Plan("unreachable", "grid", *ends, None, None, 0.0)
     figure = plotting.plan_figure(costs, field, {"aware": found, "other": nothing})
-    check_looks(figure, "plans of which one failed")
     lower = figure.axes[1]
     assert lower.get_xlabel() == "distance along the path [m]"
     distance, u = lower.lines[0].get_data()
@@ -90,7 +86,6 @@ def test_front_figure_shows_paths_the_front_and_its_knee():
     costs = dataclasses.replace(Costmap.blank(grid, robot=0.0), u=u, e=u + 0.1, weight=1.0)
     front = pareto_front(costs, (0.55, 0.55), (5.55, 0.55))
     figure = plotting.front_figure(front)
-    check_looks(figure, "front with its knee")
     upper, lower = figure.axes[:2]
     assert "exact" in upper.get_title()
     assert f"of {len(front)} paths" in upper.get_title()
@@ -118,7 +113,6 @@ def test_fields_of_several_estimators_are_drawn_on_one_scale():
     estimators = Sad(range=2.0), Scan(Lidar(range=2.0))
     fields = {each.name: covariance_field(grid, each) for each in estimators}
     figure = plotting.fields_figure([fields], "position_std")
-    check_looks(figure, "fields of several estimators")
     scales = {axes.images[-1].get_clim() for axes in figure.axes[:2]}
     least = [100 * f.anchors("position_std")[0] for f in fields.values()]
     greatest = [100 * np.nanmax(f.scalar("position_std")) for f in fields.values()]

@@ -11,7 +11,6 @@ import naive
 import numpy as np
 import pytest
 from conftest import SHARED_DATA, refused
-from figure_looks import check_looks
 from matplotlib.collections import LineCollection
 from scipy.stats import spearmanr
 from small_drive import FILE, MAP
@@ -263,10 +262,8 @@ def made_up(stds, directions, blocks):
     return found
 
 
-@pytest.mark.draws
 def test_scans_far_from_each_other_are_dots(office, drive):
     apart = evaluate_drive(drive.every(24), office, estimators={"scan": Scan(drive.lidar)})
-    check_looks(drive_figure(apart), "drive")
     axes = drive_figure(apart).axes[0]
     lines = [each for each in axes.collections if isinstance(each, LineCollection)][-1]
     ends = np.array([path.vertices for path in lines.get_paths()])
@@ -275,7 +272,6 @@ def test_scans_far_from_each_other_are_dots(office, drive):
     np.testing.assert_allclose(lines.get_array(), 100 * apart.matches.position_std)
 
 
-@pytest.mark.draws
 def test_results_are_written(tmp_path, found):
     found.save(tmp_path / "out")
     names = {each.name for each in (tmp_path / "out").glob("[!.]*")}

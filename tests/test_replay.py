@@ -10,7 +10,6 @@ import naive
 import numpy as np
 import pytest
 from conftest import random_rooms
-from figure_looks import check_looks
 from made_drives import LIDAR, recorded
 
 from locplan import Costmap, Lidar, OccupancyGrid, plan, save_map
@@ -241,7 +240,6 @@ def test_drives_that_cannot_be_replayed_are_refused(grid, drive):
 
 def test_the_figure_shows_both_ways(replayed):
     figure = replay_figure(replayed)
-    check_looks(figure, "replay")
     upper, lower, *_ = figure.axes
     assert len(upper.lines) >= 7
     assert lower.get_xlabel() == "distance along the drive [m]"

@@ -23,8 +23,6 @@ from locplan.comparison._report import Backdrop
 from locplan.maps import OCCUPIED, environments
 from locplan.planners import Query
 
-pytestmark = pytest.mark.draws
-
 HOSTILE = '<script>alert("1")</script>'
 NAMES = (HOSTILE, "any-angle", "_$\\frac{", "--></style><b onload='x'>", "計画 \u202e\ud800")
 ENDS = ((2.0, 3.0), (38.0, 3.0))

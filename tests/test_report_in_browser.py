@@ -12,8 +12,6 @@ from locplan.comparison import MEASURES, Comparison, Run, Task
 
 LENGTHS = {"any-angle": 9.0, "grid": 10.0, "BITstar": 100.0}
 
-pytestmark = pytest.mark.draws
-
 
 def run_of(planner: str, weight: float, query: str) -> Run:
     task = Task("office", "sad, 6 m", query, weight, planner, 0)

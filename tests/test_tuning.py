@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 import yaml
-from figure_looks import check_looks
 
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
@@ -600,7 +599,6 @@ def test_results_are_written_and_drawn(tuning, tmp_path):
     assert about["conclusion"] == tuning.conclusion
     assert about["changes"] == tuning.changes
     assert read_amcl(tmp_path / "out" / "nav2_params.yaml") == tuning.winner
-    check_looks(tuning_figure(tuning), "tuning")
     panels = tuning_figure(tuning).axes
     labels = [panel.get_ylabel() for panel in panels]
     assert labels[:2] == ["RMSE of the position [m]", "drives off by > 1 m at some time [%]"]
@@ -624,7 +622,6 @@ def test_bad_arguments_are_refused(arguments, words):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.draws
 def test_the_command_writes_a_copy_and_keeps_the_users_file(run, tmp_path):
     save_map(hall(), tmp_path / "hall.yaml")
     params = tmp_path / "nav2_params.yaml"
