@@ -37,7 +37,7 @@ class check(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, sh
     map, other settings, other paths, landmarks. It ends in the one thing to do next;
     with --output the files for it are written, and a report for the browser.
 
-    It takes a minute or two; one that was interrupted goes on where it was.
+    It takes a minute or two.
     """
 
     drive: shared.DriveFiles = ()  # type: ignore[assignment]  # other commands take one

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @typed.command(
     "simulate lab.yaml --start 2,3 --goal 38,3 -o driven",
-    "simulate lab.yaml --path planned/shortest.csv --path mine.csv -o driven",
+    "simulate lab.yaml --path planned/01-shortest.csv --path mine.csv -o driven",
     "simulate lab.yaml --random 20 -o queries",
     "simulate lab.yaml --drive monday.mcap --robot nav2_params.yaml -o replayed",
 )

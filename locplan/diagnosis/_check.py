@@ -54,8 +54,7 @@ def check(
     own filter. Cures that suit are driven on the same trips, in the same worlds: the map's file
     read as it is meant, the mended map, other settings, the lidar's full range, other paths or a
     mask, and landmarks if it is still lost. Those that do not lead after a few drives are stopped;
-    the others are judged on further drives, and what is recommended on fresh ones. A check that
-    was interrupted goes on where it was: drives are kept in the cache.
+    the others are judged on further drives, and what is recommended on fresh ones.
 
     Parameters
     ----------

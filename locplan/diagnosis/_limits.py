@@ -1,4 +1,4 @@
-"""Limits that a site's checks keep: `--fail-if`, and JUnit's file for machines."""
+"""Limits that a site's checks keep: `--fail-if`."""
 
 from __future__ import annotations
 
