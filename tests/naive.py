@@ -1680,22 +1680,3 @@ def count_scans(stops, origins, ends, margin):
 
 def _on(mask, cell):
     return 0 <= cell[0] < mask.shape[0] and 0 <= cell[1] < mask.shape[1]
-
-
-def explained_beams(walls, near, origins, ends, margin):
-    """Numbers of the beams of each scan that end near a wall and pass none, and that return."""
-
-    def at(mask, cell):
-        return _on(mask, cell) and bool(mask[cell[0], cell[1]])
-
-    found, returns = [], []
-    for origin, scan in zip(origins, ends, strict=True):
-        beams = [end for end in scan if not np.isnan(end[0])]
-        good = [
-            at(near, np.floor(end).astype(int))
-            and not any(at(walls, cell) for cell in passed_cells(origin, end, margin))
-            for end in beams
-        ]
-        found.append(sum(good))
-        returns.append(len(beams))
-    return found, returns

@@ -370,14 +370,23 @@ def test_a_folder_that_takes_no_file_is_refused_before_the_first_drive(tmp_path)
     assert done.stderr == "locplan: error: /proc: cannot be written; choose another folder\n"
 
 
-def test_a_recorded_drive_says_whether_the_map_fits_it():
+def test_a_recorded_drive_says_whether_and_where_the_map_fits_it():
     drive = locplan.recordings.read_drive(Path(__file__).parent / "small_drive.npz")
     office = locplan.load_map(Path(__file__).parents[1] / "maps" / "office.yaml")
-    robot = drive.robot(ROBOT)
-    found = check(office, robot, [((7.0, 7.0), (20.5, 15.0))], [drive], effort="quick")
+    cells = office.cells.copy()
+    cells[140:148, 540:640] = OCCUPIED  # in the corridor
+    grid, robot = dataclasses.replace(office, cells=cells), drive.robot(ROBOT)
+    stations, told = [((7.0, 7.0), (20.5, 15.0))], []
+    found = check(grid, robot, stations, [drive], effort="quick", found=told.append)
     assert found.recorded[0].startswith("drive 1: The map fits")
     assert "too few scans" in found.recorded[1]  # of a log of one scan in half a metre
     assert found.recorded[0] in found.report()
+    (false,) = [each for each in found.faults if each.kind == "false walls"]
+    assert false.boxes[0] == pytest.approx((26.4, 31.4, 6.4, 6.8), abs=0.15)
+    assert "here the scans do not fit the map" in false.sentence
+    assert f"map: {false.sentence}" in told
+    assert f"at {false.where}" in " ".join(found.report().split())
+    assert np.array_equal(found.site.world.cells, cells)  # which stays as it is
     elsewhere = check(room(), robot, [((1.0, 1.0), (7.0, 1.0))], [drive], effort="quick")
     (said,) = elsewhere.recorded  # the filter is not run where the map does not fit
     assert "does not fit" in said

@@ -47,15 +47,12 @@ def test_recorded_drives_calibrate_the_robot_and_give_a_wrong_resolution(tmp_pat
     (walls,) = (each for each in found.cures if each.kind == "walls")
     assert walls.ratio.value != 1  # the world is as large as it is, and no larger than the map
     assert "resolution" in {each.kind for each in found.faults}
-    mended = locplan.mend(wrong, ROBOT, recordings=[drive, drive])
-    assert mended.faults.found == found.faults.found
     said = "\n".join(found.recorded)
     for words in (
         "drive 1: it has too few scans",
         "drive 2: it has",
         "lidar as",
         "odometry as",
-        "walls",
     ):
         assert words in said
     assert found.site.robot.odometry != ROBOT.odometry

@@ -72,41 +72,6 @@ def count_scans(stops: Bools, origins: Floats, ends: Floats, margin: float) -> t
 
 
 @njit(nogil=True, cache=True)
-def explained_beams(
-    walls: Bools, near: Bools, origins: Floats, ends: Floats, margin: float
-) -> tuple[Array, Array]:
-    """Numbers of the beams of each scan that a map explains, and that return, (n,) each.
-
-    A beam is explained if it ends near a wall, and passes none before.
-
-    Parameters
-    ----------
-    walls, near : (H, W) array of bool
-        The occupied cells, and those near one.
-    origins, ends, margin
-        See `count_scans`.
-    """
-    rows, cols = walls.shape
-    found, returns = np.zeros(len(ends), np.int64), np.zeros(len(ends), np.int64)
-    for n in range(len(ends)):
-        for b in range(ends.shape[1]):
-            if np.isnan(ends[n, b, 0]):
-                continue
-            returns[n] += 1
-            row, col = int(np.floor(ends[n, b, 0])), int(np.floor(ends[n, b, 1]))
-            good = 0 <= row < rows and 0 <= col < cols and near[row, col]
-            if good:
-                on_way, beside = passed_cells(origins[n], ends[n, b], margin)
-                for k in range(len(on_way)):
-                    i, j = on_way[k], beside[k]
-                    if 0 <= i < rows and 0 <= j < cols and walls[i, j]:
-                        good = False
-                        break
-            found[n] += good
-    return found, returns
-
-
-@njit(nogil=True, cache=True)
 def surface_depths(cells: Octets, free: int, occupied: int, deep: int) -> tuple[int, int]:
     """Number of faces between free and occupied cells, and of those with much black behind them.
 

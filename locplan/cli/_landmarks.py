@@ -11,7 +11,7 @@ from cyclopts import Parameter
 import locplan
 from locplan._util.progress import progress_bar
 from locplan.cli import _types as typed
-from locplan.cli._options import DriveFiles, Ends, Output, ReferencedOptions, Seeded, read_paths
+from locplan.cli._options import Ends, Output, Seeded, read_paths
 from locplan.cli._robot_options import RobotOptions
 from locplan.errors import ConfigError
 
@@ -71,21 +71,13 @@ class landmarks(typed.OneMap, RobotOptions, Ends, Seeded, Output):
         return {"places": dict(zip(("start", "goal"), self.ends() or (), strict=True))}
 
 
-@typed.command(
-    "mend lab.yaml --robot nav2_params.yaml -o mended",
-    "mend lab.yaml --robot nav2_params.yaml --drive monday.mcap --drive friday.mcap -o mended",
-)
-class mend(typed.OneMap, RobotOptions, ReferencedOptions, Seeded, Output):
+@typed.command("mend lab.yaml --robot nav2_params.yaml -o mended")
+class mend(typed.OneMap, RobotOptions, Seeded, Output):
     """Mend a map for the robot's filter, and drive with it in simulation to see what it gains.
 
-    Walls that are black inside are hollowed, and specks erased. With a recorded drive, walls that
-    it sees through are erased, and missing ones drawn, if that explains more of the scans held out.
-    The map for planning stays; the folder has the filter's, map_amcl.yaml, with what Nav2 needs to
-    publish it to AMCL alone.
+    Walls that are black inside are hollowed, and specks erased. The map for planning stays; the
+    folder has the filter's, map_amcl.yaml, with what Nav2 needs to publish it to AMCL alone.
     """
-
-    drive: DriveFiles = ()  # type: ignore[assignment]  # other commands take one
-    """Recorded drive: a bag of ROS 1 or 2, a log of CARMEN, CSV or NPZ; repeatable."""
 
     paths: typed.Count = 5
     """Number of random shortest paths that are driven; 5 by default."""
@@ -98,8 +90,6 @@ class mend(typed.OneMap, RobotOptions, ReferencedOptions, Seeded, Output):
         robot, grid = self.load_robot(), locplan.load_map(self.map_file)
         every = self.given("paths", "drives", Seeded)
         every["source"] = locplan.maps.read_map(self.map_file)[1]
-        self.check_drive()
-        recordings = [self.referenced(grid, file) for file in self.drive]
         with progress_bar(f"mending {grid.name}", "drives") as progress:
-            found = locplan.mend(grid, robot, recordings=recordings, progress=progress, **every)
+            found = locplan.mend(grid, robot, progress=progress, **every)
         self.finish(found)

@@ -69,8 +69,8 @@ def check(
     recordings : sequence of Recording, default ()
         Recorded drives of the robot on this map, whose poses count as true, see
         `locplan.recordings.referenced`. Where the map fits, lidar and odometry err in simulation
-        as they did in the longest one, walls are those that were recorded, and the resolution is
-        compared.
+        as they did in the longest one, the resolution is compared, and places where scans do not
+        fit the map are faults.
     filter_map : OccupancyGrid, optional
         Map of the robot's filter, such as a mended one; by default the map itself. How the map's
         file should be read is then no cure.
@@ -127,20 +127,21 @@ def check(
     drives = recorded(recordings, reading, map_faults, robot, seed, threads)
     for each in drives.said:
         told(each)
+    for fault in drives.faults:
+        if fault not in map_faults:
+            told(f"map: {fault.sentence}")
     if filter_map is not None:  # the filter does not read the map's file
         reading = replace(reading, reasons=(), is_sure=False)
     if drives.stretch != 1:
         reading = reading.scaled(drives.stretch)
-    if drives.world != reading.grid:  # with other walls paths may be other ones
-        paths = trips_of(Costmap.blank(drives.world, robot=robot), stations, len(paths), seed)
-    site = Site(drives.world, own, drives.robot, paths, drives.stretch)
+    site = Site(reading.grid, own, drives.robot, paths, drives.stretch)
     field, costs, spots = _field_and_spots(site, threads, steps["field"])
     told(in_short.spots(spots))
     work = Work(site, EFFORTS[effort], seed, threads)
     as_is, trips, spots = work.as_it_is(spots, steps["as it is"])
     told(in_short.as_it_is(as_is))
     tried = []
-    for cure in work.cures(reading, drives.mended, costs, field, steps["cures"]):
+    for cure in work.cures(reading, drives.faults.mended, costs, field, steps["cures"]):
         tried.append(cure)
         if is_better(cure):
             told(in_short.cure(cure, as_is))

@@ -8,22 +8,25 @@ from dataclasses import dataclass, replace
 from locplan._util.intervals import Interval, in_metres, in_percent
 from locplan.diagnosis._reading import Reading
 from locplan.errors import LocplanError
-from locplan.maps import MapFaults, OccupancyGrid
-from locplan.mending import update_walls
-from locplan.recordings import Recording, fit_to_map, odometry_noise, replay, scan_noise
+from locplan.maps import MapFault, MapFaults, OccupancyGrid
+from locplan.recordings import (
+    Recording,
+    find_misfits,
+    fit_to_map,
+    odometry_noise,
+    range_fit,
+    replay,
+    scan_noise,
+)
 from locplan.robots import Robot
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """The robot and the maps as recorded drives say they are; as given without any."""
+    """The robot and the map as recorded drives say they are; as given without any."""
 
     robot: Robot
     """The robot, whose lidar and odometry err as recorded."""
-    world: OccupancyGrid
-    """The map with the walls that were recorded."""
-    mended: OccupancyGrid
-    """The map for the filter that `mend` makes."""
     faults: MapFaults
     """Faults of the map, those that the drives show first."""
     stretch: float = 1.0
@@ -40,7 +43,7 @@ def recorded(
     seed: int,
     threads: int | None,
 ) -> Recorded:
-    """Look at what recorded drives say, and mend the map.
+    """Look at what recorded drives say.
 
     Parameters
     ----------
@@ -63,23 +66,21 @@ def recorded(
         if fit.fits:
             fitting.append(each)
             said += [f"drive {number}: {text}" for text in _replayed(each, grid, robot, seed)]
-    known, update = replace(known, meant=grid), None
+    misfits: tuple[MapFault, ...] = ()
     if fitting:
+        ranges = range_fit(grid, fitting)
         longest = max(fitting, key=len)
         robot, more = _calibrated(longest, grid, robot, threads)
         said += more
         try:
-            update = update_walls(grid, fitting)
-        except LocplanError as error:  # of poses that are too bad to draw walls by
+            # On a map whose resolution is wrong, all walls seem to be.
+            misfits = () if ranges.is_scaled else (*find_misfits(grid, fitting).faults(grid),)
+        except LocplanError as error:  # of poses that are too bad to judge walls by
             said.append(f"walls: {error}")
-    world, mended, found = grid, known.mended, ranges.faults(grid) if ranges else ()
-    if update is not None:
-        said.append(f"walls: {update.sentence}")
-        ranges, found = update.ranges, update.faults(grid)
-        world, mended = update.on(grid), update.on(mended)
     stretch = ranges.factor.value if ranges and ranges.is_scaled else 1.0
-    known = replace(known, found=(*found, *known))
-    return Recorded(robot, world, mended, known, stretch, tuple(said))
+    of_ranges = ranges.faults(grid) if ranges else ()
+    known = replace(known, meant=grid, found=(*of_ranges, *misfits, *known))
+    return Recorded(robot, known, stretch, tuple(said))
 
 
 def _replayed(drive: Recording, grid: OccupancyGrid, robot: Robot, seed: int) -> list[str]:

@@ -215,7 +215,11 @@ def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str
     assumed = " (assumed: name yours)" if check.assumed else ""
     heads = [verdict(check), f"with {check.site.robot.title}{assumed}", _map_sizes(check.site)]
     first = wrapped([*filter(None, heads)])
-    notes = [*check.recorded, *(f"map: {each.sentence}" for each in check.faults), check.start]
+    # Faults with places come first: the last notes are left out where the report is long.
+    faults = sorted(check.faults, key=lambda fault: not fault.boxes)
+    said_of_map = [f"map: {fault.sentence}" for fault in faults]
+    located = sum(bool(fault.boxes) for fault in faults)
+    notes = [*said_of_map[:located], *check.recorded, *said_of_map[located:], check.start]
     said: list[str] = []
     for count, *rows in ROWS:
         more = wrapped([*filter(None, notes)][:count])

@@ -1,4 +1,3 @@
 from ._figures import mended_figure as mended_figure
 from ._mend import MapVerdict as MapVerdict, Mended as Mended, mend as mend
 from ._offer import check_concerned as check_concerned, offer as offer
-from ._walls import WallUpdate as WallUpdate, update_walls as update_walls

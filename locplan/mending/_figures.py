@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from locplan.plotting import MAP_COLOURS, Picture, draw_cells, draw_map, map_size, shrunk, style
+from locplan.plotting import MAP_COLOURS, Picture, draw_cells, draw_map, map_size, shrunk
 
 if TYPE_CHECKING:
     from locplan.mending._mend import Mended
 
 
 def mended_figure(mended: Mended) -> Figure:
-    """Draw the map as it is and mended, side by side, with the places of faults in frames.
+    """Draw the map as it is and mended, side by side.
 
     Parameters
     ----------
@@ -25,23 +24,10 @@ def mended_figure(mended: Mended) -> Figure:
     figure = Picture(figsize=(2 * width, height), layout="constrained")
     pair = figure.subplots(1, 2, sharex=True, sharey=True)
     named = {"as it is": mended.grid, "for the filter": mended.filter_map}
-    places = {each.kind: each.boxes for each in mended.faults if each.boxes}
     for axes, (title, grid) in zip(pair, named.items(), strict=True):
         draw_map(axes, grid)
         # All that is occupied is black here, which maps in other pictures show as a rim.
         levels = shrunk(grid.cells) // 127
         draw_cells(axes, grid, levels, cmap=MAP_COLOURS, vmin=0, vmax=3)
         axes.set_title(f"{grid.name or 'map'} {title}", fontsize="medium")
-        for (kind, boxes), colour in zip(
-            places.items(), (style.VERMILION, style.BLUE), strict=False
-        ):
-            corners = [
-                [(left, low), (right, low), (right, top), (left, top)]
-                for left, right, low, top in boxes
-            ]
-            axes.add_collection(
-                PolyCollection(corners, facecolor="none", edgecolor=colour, label=kind)
-            )
-    if places:
-        pair[0].legend(loc="upper right", fontsize="small")
     return figure

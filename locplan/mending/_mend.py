@@ -1,4 +1,4 @@
-"""The map for the filter, mended by itself and by recorded drives: `mend`."""
+"""The map for the filter, mended by itself: `mend`."""
 
 from __future__ import annotations
 
@@ -26,9 +26,7 @@ from locplan.maps import (
     faults,
     meant_header,
 )
-from locplan.mending._walls import WallUpdate, update_walls
 from locplan.planners import plan, random_queries
-from locplan.recordings import Recording
 from locplan.robots import Amcl, Robot
 from locplan.simulation import FLOOR, Drives, Simulator, check_drives, drive_paths
 
@@ -80,8 +78,6 @@ class Mended(Result):
     """What drives say, first of Nav2's defaults, then of the robot's filter if that is another."""
     seed: int
     """Seed of all random numbers."""
-    walls: WallUpdate | None = None
-    """What recorded drives say of the walls; None without any."""
     undriven: str = ""
     """Why there is no verdict though something was mended; else empty."""
     source: MapSource | None = None
@@ -103,7 +99,6 @@ class Mended(Result):
             "changed_cells": self.changed,
             "verdicts": self.table().records(),
             "undriven": self.undriven,
-            "walls": None if self.walls is None else self.walls.summary(),
             "seed": self.seed,
         }
 
@@ -128,20 +123,16 @@ class Mended(Result):
 
 def mended_report(mended: Mended) -> str:
     """What was mended, and what drives say."""
-    lines, update = [mended.faults.report()], mended.walls
-    if update is not None:
-        lines.append(f"recorded: {update.sentence}")
+    lines = [mended.faults.report()]
     if not mended.changed:
-        without = "" if update is not None else " without a recorded drive"
-        return "\n".join([*lines, f"nothing to mend{without}"])
+        return "\n".join([*lines, "nothing to mend"])
     if mended.faults.is_solid:
         lines.append(CONCERNED)
-    world = "with the walls that were recorded" if update is not None else "as it is"
-    planned = "the map as it is"
+    world, planned = "as it is", "the map as it is"
     if mended.source is not None:
         free, occupied = mended.source.meant_thresholds
         planned = f"map.yaml, which has free_thresh {free:g} and occupied_thresh {occupied:g}"
-        world = "as its greys are meant" if update is None else world
+        world = "as its greys are meant"
         if np.array_equal(*(each.cells == OCCUPIED for each in (mended.grid, mended.filter_map))):
             lines.append(
                 "no wall is another: a filter that knows its place gains nothing; plans do"
@@ -161,7 +152,6 @@ def mend(
     robot: Robot | None = None,
     *,
     source: MapSource | None = None,
-    recordings: Sequence[Recording] = (),
     paths: int = 5,
     drives: int = 8,
     seed: int = 1,
@@ -170,30 +160,20 @@ def mend(
 ) -> Mended:
     """Mend a map for the filter: hollow solid walls, and erase specks; drives judge it.
 
-    With recordings, walls that they see through are erased, and walls drawn that they end at, if
-    the map then explains more beams of scans that were held out. They also tell whether the map's
-    resolution is wrong, and whether its walls are deeper than the true ones; both are faults.
-
     Where dark greys of the file seem to be walls, or map_saver's grey is read as free, the map is
     read as it is meant, by other thresholds.
 
-    The robot drives in this map, or with the walls that were recorded. Its filter has the map as it
-    is or the mended one, and so has Nav2's AMCL with its defaults. The n-th drives of
-    both have the same world and seed.
+    The robot drives in this map. Its filter has the map as it is or the mended one, and so has
+    Nav2's AMCL with its defaults. The n-th drives of both have the same world and seed.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map, which stays the one for planning.
     robot : Robot, optional
-        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round, or that
-        of the first recording.
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round.
     source : MapSource, optional
         How its pixels were read, see `locplan.maps.read_map`, of which faults are told, too.
-    recordings : sequence of Recording, default ()
-        Recorded drives on the map, whose poses count as true: those of
-        `locplan.recordings.referenced`. Poses that were found on a wrong map hide some of what is
-        wrong with it, such as a stretch that is displaced as a whole.
     paths : int, default 5
         Number of random shortest paths of the verdict, 1 to 1000.
     drives : int, default 8
@@ -213,8 +193,7 @@ def mend(
     Raises
     ------
     LocplanError
-        If a number is out of its range, the map is a mask for a costmap filter, or the poses of a
-        recording are off by so much that walls would be drawn beside their places. Where the robot
+        If a number is out of its range, or the map is a mask for a costmap filter. Where the robot
         can drive nowhere, there is no verdict.
 
     Examples
@@ -225,20 +204,12 @@ def mend(
     """
     check_drives(drives)
     whole("paths", paths, 1, 1000)
-    if recordings and (robot is None or robot.lidar is None):
-        robot = recordings[0].robot(robot)
     robot, found = equipped(robot), faults(grid, source, check=kept_solidity)
     found.refuse_mask()
-    meant = found.meant
-    update = update_walls(meant, recordings) if recordings else None
-    if update is not None:
-        found = replace(found, found=(*update.faults(meant), *found))
-    mended, world = found.mended, meant
-    if update is not None:
-        mended, world = update.on(mended), update.on(meant)
-    file = None if meant == grid else source
+    mended, world = found.mended, found.meant
+    file = None if world == grid else source
     if mended == grid:
-        return Mended(grid, mended, found, (), seed, update)
+        return Mended(grid, mended, found, (), seed)
     default = Amcl()
     filters = {"Nav2's defaults": replace(robot, filter=default)}
     if robot.filter != default:
@@ -246,7 +217,7 @@ def mend(
     try:
         ways = _ways(world, robot, paths, seed)
     except ConfigError as error:
-        return Mended(grid, mended, found, (), seed, update, str(error), file)
+        return Mended(grid, mended, found, (), seed, str(error), file)
     callbacks = parts(progress, [2 * paths * drives] * len(filters))
     verdicts = []
     for (name, each), part in zip(filters.items(), callbacks, strict=True):
@@ -263,7 +234,7 @@ def mend(
             for own, tell in zip((grid, mended), both, strict=True)
         )
         verdicts.append(_verdict(name, as_is, hollow))
-    return Mended(grid, mended, found, tuple(verdicts), seed, update, source=file)
+    return Mended(grid, mended, found, tuple(verdicts), seed, source=file)
 
 
 def _ways(grid: OccupancyGrid, robot: Robot, count: int, seed: int) -> dict[str, Path]:

@@ -28,6 +28,7 @@ from ._matches import (
     at_walls as at_walls,
     match_scans as match_scans,
 )
+from ._misfits import Misfits as Misfits, find_misfits as find_misfits
 from ._odometry_model import OdometryModel as OdometryModel
 from ._odometry_noise import OdometryNoise as OdometryNoise, odometry_noise as odometry_noise
 from ._range_fit import RangeFit as RangeFit, range_fit as range_fit
