@@ -120,7 +120,7 @@ def test_an_unreachable_goal_is_a_result(run, tmp_path):
         ("3.7,0.7", "lies in unknown space; the nearest free position is"),
         ("0.75,2", "closer than the robot's radius"),
         ("1;2", "must be X,Y in metres"),
-        ("1,2,3", "no heading"),
+        ("1,2,3", "have a heading"),
         ("1,2,3,4", "must be X,Y in metres"),
         ("nan,2", "must be X,Y in metres"),
     ],

@@ -278,8 +278,11 @@ def test_lidar_has_mount_of_description(tmp_path, text, mount):
 @pytest.mark.parametrize(
     ("text", "fault"),
     [
-        (joints(sensor=ON_JOINTS.replace("scan_link", "mast2")), "where 'mast2' is"),
-        (model("<link name='l'><pose relative_to='x'>0 0 0 0 0 0</pose>{sensor}</link>"), "'x' is"),
+        (joints(sensor=ON_JOINTS.replace("scan_link", "mast2")), "no pose of 'mast2'"),
+        (
+            model("<link name='l'><pose relative_to='x'>0 0 0 0 0 0</pose>{sensor}</link>"),
+            "no pose of 'x'",
+        ),
     ],
 )
 def test_lidar_warns_if_mount_is_unknown(tmp_path, text, fault):
@@ -320,10 +323,10 @@ def test_named_lidar_has_mount_of_scanner_link(tmp_path):
 
 
 def test_named_lidar_warns_if_no_link_is_scanner(tmp_path):
-    with pytest.warns(ParameterWarning, match="no link that is named as a scanner's frame"):
+    with pytest.warns(ParameterWarning, match="has no link named like a scanner"):
         Robot.load(described(tmp_path, text=joints("camera", sensor="")), lidar="tim571")
     two = joints("laser", sensor='<link name="rear_laser"/>')
-    with pytest.warns(ParameterWarning, match="has 2 links for one .*set mount_x"):
+    with pytest.warns(ParameterWarning, match="has 2 links named like a scanner .*set mount_x"):
         robot = Robot.load(described(tmp_path, text=two), lidar="tim571")
     assert robot.lidar == Lidar.preset("tim571")
 

@@ -351,6 +351,13 @@ def test_image_of_another_machine_is_named(tmp_path, folder):
     assert refusal(file).endswith("; 'map.pgm' lies next to the YAML: write image: map.pgm")
 
 
+@pytest.mark.parametrize("image", ["/home/someone/Map.pgm", "map.png"])
+def test_image_of_alike_name_is_suggested(tmp_path, image):
+    file = write_yaml(tmp_path, image=image)
+    write_pgm(tmp_path, [[254]])
+    assert refusal(file).endswith("; 'map.pgm' lies next to the YAML: write image: map.pgm")
+
+
 def test_missing_files_folders_and_pipes_are_refused(tmp_path):
     assert "there is no such file; check its name" in refusal(tmp_path / "none.yaml")
     assert "is a folder without any map" in refusal(tmp_path)

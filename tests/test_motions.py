@@ -220,7 +220,7 @@ def test_headings_far_round_and_turns_of_any_size_end(radius):
 def test_poses_must_fit_the_space():
     costs = random_costs(0)
     here = costs.grid.cell_to_world(5, 5)
-    with pytest.raises(PoseError, match="no heading"):
+    with pytest.raises(PoseError, match="have a heading"):
         Motions(costs).checked((*here, 0.0), "start")
     for pose in (here, (*here, math.nan), (*here, "north"), (*here, 0.0, 1.0)):
         with pytest.raises(PoseError, match=r"x, y \[m\] and a heading"):

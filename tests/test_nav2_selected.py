@@ -82,6 +82,15 @@ def test_a_robots_comments_stay(tmp_path, costs):
     assert "but its comments" not in (tmp_path / "m" / "README.md").read_text()
 
 
+def test_default_planner_keeps_its_type(tmp_path, costs):
+    """Nav2 gives GridBased a type only if no other planner is listed."""
+    exported(tmp_path, costs, PARAMS.replace('plugin: "nav2_navfn_planner::N', 'note: "N'))
+    server = yaml.safe_load((tmp_path / "m" / "nav2.yaml").read_text())["planner_server"]
+    assert server["ros__parameters"]["planner_plugins"] == ["GridBased", "Localizability"]
+    default = server["ros__parameters"]["GridBased"]["plugin"]
+    assert default == "nav2_navfn_planner::NavfnPlanner"
+
+
 def test_navfn_is_not_chosen_and_it_is_said_why(tmp_path, costs):
     (tmp_path / "own.yaml").write_text(PARAMS.replace("factor: 3.0", "factor: 12.0"))
     with pytest.warns(RobotWarning, match=r"NavfnPlanner\): its wave stops early .* 2\.98 times"):

@@ -2,7 +2,6 @@
 
 import re
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,15 +14,19 @@ from locplan.robots import (
     Kinematics,
     Robot,
     edited_files,
+    planner_types,
     read_amcl,
     read_parameters,
 )
 
-REPORTS = Path(__file__).parents[2] / "shared" / "data" / "reports"
 COSTMAP = "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.3, %s}}}\n"
 PLANNERS = "planner_server: {ros__parameters: {%s}}\n"
 OMNI = "amcl: {ros__parameters: {robot_model_type: 'nav2_amcl::OmniMotionModel'}}\n"
 HYBRID = "{plugin: 'nav2_smac_planner%sSmacPlannerHybrid', minimum_turning_radius: 0.9}"
+
+
+WALLS = "{plugin: 'nav2_costmap_2d::StaticLayer'}"
+BLOW = "{plugin: 'nav2_costmap_2d::InflationLayer', inflation_radius: %s}"
 
 
 def written(folder, *texts):
@@ -161,6 +164,18 @@ def test_files_of_different_robots_are_refused(tmp_path):
         ),
         ("inflation_layer: {enabled: false}", None),
         (
+            f"plugins: [first, walls, blow], first: {BLOW % 0.4}, walls: {WALLS},"
+            f" blow: {BLOW % 0.9}",
+            Inflation(inflation_radius=0.9),
+        ),
+        (
+            "plugins: [one, two], one: {plugin: 'nav2_costmap_2d::PluginContainerLayer',"
+            f" plugins: [blow], blow: {BLOW % 0.4}}}, two: {{plugins: [walls, blow],"
+            " plugin: 'nav2_costmap_2d::PluginContainerLayer',"
+            f" walls: {WALLS}, blow: {BLOW % 0.9}}}",
+            Inflation(inflation_radius=0.9),
+        ),
+        (
             "plugins: [box], box: {plugins: [s, i],"
             " plugin: 'nav2_costmap_2d::PluginContainerLayer',"
             " s: {plugin: 'nav2_costmap_2d::StaticLayer'},"
@@ -180,13 +195,23 @@ def test_list_without_types_is_reported(tmp_path):
     assert notes[0].startswith("Nav2 refuses the plugins of global_costmap")
 
 
+def test_inflation_before_walls_is_reported(tmp_path):
+    """Layers update the costs in the order of the list."""
+    (file,) = written(
+        tmp_path, COSTMAP % f"plugins: [blow, walls], walls: {WALLS}, blow: {BLOW % 0.4}"
+    )
+    robot, notes = load(file)
+    assert robot.inflation is None
+    assert notes[0].startswith("blow stands before the StaticLayer in plugins")
+
+
 def test_container_without_map_inflates_no_walls(tmp_path):
     layer = "i: {plugin: 'nav2_costmap_2d::InflationLayer'}"
     inner = f"{{plugin: 'nav2_costmap_2d::PluginContainerLayer', plugins: [i], {layer}}}"
     static = "plugins: [s, box], s: {plugin: 'nav2_costmap_2d::StaticLayer'}"
     robot, notes = load(*written(tmp_path, COSTMAP % f"{static}, box: {inner}"))
     assert robot.inflation is None
-    assert "box.i inflates only the layers in box" in notes[0]
+    assert "box.i inflates only the layers before it in box" in notes[0]
 
 
 @pytest.mark.parametrize("slash", ["::", "/"])
@@ -203,6 +228,19 @@ def test_drive_is_that_of_planner_in_use(tmp_path, slash):
     assert load(file, planner="Mine") == (Robot(kinematics=car), [])
     with pytest.raises(ConfigError, match="no planner 'Other'; its planners are Mine, GridBased"):
         Robot.load(file, planner="Other")
+
+
+def test_planner_named_by_default_counts(tmp_path):
+    """Nav2's default list is GridBased, which then needs no type either."""
+    (file,) = written(tmp_path, PLANNERS % f"GridBased: {HYBRID % '::'}")
+    assert load(file)[0].kinematics.turning_radius == 0.9
+    (file,) = written(
+        tmp_path, PLANNERS % "planner_plugins: [GridBased], GridBased: {tolerance: 1}"
+    )
+    assert planner_types(read_parameters(file)) == {"GridBased": "nav2_navfn_planner::NavfnPlanner"}
+    assert load(file)[1] == []
+    (file,) = written(tmp_path, PLANNERS % "planner_plugins: [GridBased, A], A: {plugin: a}")
+    assert "since GridBased has no plugin type" in load(file)[1][0]
 
 
 def test_planner_without_motion_model_leaves_amcls(tmp_path):
@@ -261,32 +299,9 @@ def test_zones_of_filters_are_reported(tmp_path, enabled, start):
         "amcl: {odom_alpha1: 0.2}\n",
         "TrajectoryPlannerROS: {max_vel_x: 0.4}\n",
         "obstacle_range: 2.5\n",
+        "global_costmap: {robot_radius: 0.3}\n",
     ],
 )
 def test_ros1_file_is_named(tmp_path, text):
-    with pytest.raises(LocplanError, match="holds parameters of ROS 1"):
+    with pytest.raises(LocplanError, match=r"ROS 1.*give Nav2's parameters of ROS 2"):
         Robot.load(*written(tmp_path, text))
-
-
-@pytest.mark.skipif(not REPORTS.is_dir(), reason="the reports are not here")
-def test_reports_give_their_expected_results():
-    def report(*names, **settings):
-        return load(*(REPORTS / name for name in names), **settings)[0]
-
-    robot = report("layers/base.yaml", "layers/overlay.yaml")
-    assert (robot.filter.alpha1, robot.filter.max_particles) == (0.05, 3000)
-    assert robot.filter.laser_model_type == "likelihood_field_prob"
-    assert robot.inflation == Inflation(inflation_radius=0.9, cost_scaling_factor=2.0)
-    names = "no_list", "no_types", "disabled", "as_they_should_read"
-    wide = Inflation(inflation_radius=0.8, cost_scaling_factor=2.0)
-    layers = [report(f"default_layers/{name}.yaml").inflation for name in names]
-    assert layers == [Inflation(), wide, None, wide]
-    assert report("beam/beam.yaml").filter == Amcl(z_hit=0.5)
-    leftover, hybrid = (
-        f"drive_of_smac/{name}.yaml" for name in ("smac2d_leftover", "hybrid_default")
-    )
-    assert report(leftover).kinematics.drive == "omnidirectional"
-    assert report(hybrid).kinematics == Kinematics()
-    assert report(hybrid, planner="Hybrid").kinematics.turning_radius == 0.9
-    nav, loc = "split/nav.yaml", "split/loc.yaml"
-    assert report(nav, loc) == report(loc, nav)

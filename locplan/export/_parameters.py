@@ -18,6 +18,7 @@ from locplan.robots import (
     LOCAL_COSTMAP,
     PLANNER_SERVER,
     Nav2Parameters,
+    planner_types,
     read_parameters,
 )
 
@@ -139,7 +140,8 @@ class Robot:
     @property
     def planners(self) -> dict[str, str]:
         """The plugin of each of its planners by name, as it is written from Jazzy on."""
-        return {name: plugin.replace("/", "::") for name, plugin in self._plugins().items()}
+        types = planner_types(self.parameters)
+        return {name: plugin.replace("/", "::") for name, plugin in types.items()}
 
     def planner(self, cells: int) -> str:
         """Its first planner that follows masks, as `PLANNERS` names it, or one for that many cells.
@@ -195,17 +197,13 @@ class Robot:
 
     def _misspelt(self) -> Iterator[str]:
         """That its planners are written as in another distribution."""
-        for name, plugin in self._plugins().items():
+        server = self.parameters.of(PLANNER_SERVER)
+        for name in self.planners:
+            plugin = str(server.get(f"{name}.plugin", ""))
             if "/" in plugin and not self.distribution.slashes:
                 yield f"{name} is {plugin}, as in humble; give --distro humble if that runs there"
             elif "::" in plugin and self.distribution.slashes:
                 yield f"{name} is {plugin}, as from jazzy on, but humble has / for ::"
-
-    def _plugins(self) -> dict[str, str]:
-        """The plugin of each of its planners by name, as the file has it."""
-        server = self.parameters.of(PLANNER_SERVER)
-        names = self.parameters.names(PLANNER_SERVER, "planner_plugins")
-        return {name: str(server.get(f"{name}.plugin", "")) for name in names}
 
 
 def with_costmap(robot: Robot, kind: str) -> Nav2Parameters:
@@ -248,6 +246,9 @@ def with_planner(
         del own["plugin"]
     listed = names if name in names else [*names, name]
     changes = {"planner_plugins": listed, **_settings(name, own)}
+    for other, other_type in robot.planners.items():  # Nav2 fills in a type of its own list only
+        if listed != names and other_type and f"{other}.plugin" not in server:
+            changes[f"{other}.plugin"] = other_type.replace("::", "/" if runs.slashes else "::")
     return merged.changed(PLANNER_SERVER, changes), name
 
 

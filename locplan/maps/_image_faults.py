@@ -48,11 +48,23 @@ def missing_image(file: Path, image: str) -> MapError:
     name = re.split(r"[/\\]", image)[-1]
     names = [name, *(file.stem + suffix for suffix in SUFFIXES)]
     near = [each for each in names if each and os.path.isfile(file.parent / each)]
+    near = near or _alike_images(file.parent, name)
     if near:
         remedy = f"{shown(near[0])} lies next to the YAML: write image: {_yaml_text(near[0])}"
     else:
         remedy = "put the image next to the YAML, and write its name there"
     return fault_of(file, f"{where}image: there is no such file as {shown(image)}", remedy)
+
+
+def _alike_images(folder: Path, name: str) -> list[str]:
+    """Return the folder's images of a name in another case, or with another suffix."""
+    try:
+        names = sorted(os.listdir(folder))
+    except OSError:
+        return []
+    images = [each for each in names if Path(each).suffix.lower() in SUFFIXES]
+    stem = Path(name).stem.lower()
+    return [each for each in images if Path(each).stem.lower() == stem]
 
 
 def _line_of_image(file: Path) -> int | None:

@@ -157,7 +157,9 @@ def check_pose(
     if headed and not (len(numbers) == 3 and math.isfinite(numbers[2])):
         raise PoseError(f"{role} must be x, y [m] and a heading, not {shown(pose)}")
     if not headed and len(numbers) == 3:
-        raise PoseError(f"{role} must be x, y [m]: without SE2, Dubins or ReedsShepp no heading")
+        raise PoseError(
+            f"{role} must be x, y [m]; only plans in SE2, Dubins or ReedsShepp have a heading"
+        )
     costs.cell_of(numbers[:2] if headed else pose, role)
     if headed:
         return (*numbers[:2], wrapped(numbers[2]))

@@ -101,6 +101,7 @@ class Guarded(Wrapper):
         found = self.planner.solve(own, start, goal)
         elapsed = time.perf_counter() - began
         _check_sound(found, costs, start, goal)
+        found = dataclasses.replace(found, note=str(found.note or ""))
         reported = found.solve_time
         plausible = reported is not None and 0 <= reported <= elapsed
         return found if plausible else dataclasses.replace(found, solve_time=elapsed)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    from locplan.recordings._location import LocatedDrive
+from locplan._kernels.arrays import Bools
 
 CERTAIN = 3.0
 """Excess of the second place from which on the best one is certain [nats]."""
@@ -18,12 +15,15 @@ AGREE = 0.5
 seem to be of another map."""
 
 
-def drive_sentence(drive: LocatedDrive) -> str:
-    """Return how many scans are located, and whether the certain ones are right."""
-    count, right, certain, fits = len(drive), drive.right, drive.certain, drive.fits
+def drive_sentence(certain: Bools, fits: Bools, right: Bools | None) -> str:
+    """Return how many scans are located, and whether the certain ones are right.
+
+    The masks are those of `LocatedDrive`; without recorded poses no scan is known to be right.
+    """
+    count = len(certain)
     limits = f"{NEAR:g} m and {np.degrees(TURNED):.0f}°"
     alone = f"have no second place within {CERTAIN:g} nats"
-    if drive.recording.has_poses:
+    if right is not None:
         text = (
             f"{int(right.sum())} of {count} scans are located within {limits} of the recorded pose."
             f" {int(certain.sum())} {alone}, and {int((right & certain).sum())} of these are right."

@@ -253,7 +253,8 @@ class LocatedDrive(Result):
     @property
     def sentence(self) -> str:
         """How many scans are located, and whether the certain ones are right."""
-        return drive_sentence(self)
+        right = self.right if self.recording.has_poses else None
+        return drive_sentence(self.certain, self.fits, right)
 
     def table(self) -> Table:
         """The scans: where each was taken, and how far that is from the recorded pose."""

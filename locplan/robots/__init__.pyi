@@ -47,4 +47,5 @@ from ._parts import (
     Kinematics as Kinematics,
     Odometry as Odometry,
 )
+from ._planner_drive import planner_types as planner_types
 from ._robot import Robot as Robot, radius_of as radius_of

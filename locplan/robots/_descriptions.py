@@ -88,8 +88,11 @@ def _with_mount(lidar: Lidar, sensors: list[Element], tree: Links) -> Lidar:
         yaw = math.degrees(mount.yaw)
         return dataclasses.replace(lidar, mount_x=mount.x, mount_y=mount.y, mount_yaw_deg=yaw)
     names = ", ".join(shown(each.get("name")) for each in (sensors or links)[:5])
-    several = f"has {len(sensors or links)} {'lidars' if sensors else 'links for one'} ({names})"
-    tree.warn(several if names else "has no link that is named as a scanner's frame")
+    if sensors or links:
+        several = "planar lidars" if sensors else "links named like a scanner"
+        tree.warn(f"has {len(sensors or links)} {several} ({names})")
+    else:
+        tree.warn("has no link named like a scanner")
     return lidar
 
 

@@ -67,7 +67,8 @@ def costmap_layers(parameters: Nav2Parameters, costmap: str) -> list[Layer]:
 def inflating_layer(parameters: Nav2Parameters) -> str | None:
     """Return the name of the layer that inflates the global costmap's walls, or None.
 
-    A layer in a container inflates only the layers in it, so that the map's must be there, too.
+    Layers update the costs in their order, so that a layer inflates only the layers before it. A
+    layer in a container inflates only the layers in it, so that the map's must be there, too.
 
     Parameters
     ----------
@@ -75,11 +76,23 @@ def inflating_layer(parameters: Nav2Parameters) -> str | None:
         The parameters.
     """
     layers = costmap_layers(parameters, GLOBAL_COSTMAP)
-    walls = {each.container for each in layers if each.is_a("StaticLayer")}
-    for layer in layers:
-        if layer.is_a("InflationLayer") and (not layer.container or layer.container in walls):
+    for at, layer in enumerate(layers):
+        if layer.is_a("InflationLayer") and not _misses_walls(layers, at):
             return layer.name
     return None
+
+
+def _misses_walls(layers: list[Layer], at: int) -> bool:
+    """True if the map's layer is not before a layer, or not in its container.
+
+    Outside of containers, a costmap without a StaticLayer may have walls of a layer of another
+    type.
+    """
+    container = layers[at].container
+    walls = [n for n, each in enumerate(layers) if each.is_a("StaticLayer")]
+    if container:
+        return not any(n < at and layers[n].container == container for n in walls)
+    return bool(walls) and min(walls) > at
 
 
 def layer_notes(parameters: Nav2Parameters) -> Iterator[str]:
@@ -95,14 +108,22 @@ def layer_notes(parameters: Nav2Parameters) -> Iterator[str]:
         listed = ", ".join(each.name for each in layers if not each.container)
         yield (
             f"Nav2 refuses the plugins of global_costmap ({listed}), since {', '.join(missing)}"
-            " has no plugin type; add it, or list just Nav2's default layers"
+            f" {'has' if len(missing) == 1 else 'have'} no plugin type; add it, or list just Nav2's"
+            " default layers"
         )
     inflating = inflating_layer(parameters)
     for layer in layers:
-        if inflating is None and layer.container and layer.is_a("InflationLayer"):
+        if inflating is not None or not layer.is_a("InflationLayer"):
+            continue
+        if layer.container:
             yield (
-                f"{layer.name} inflates only the layers in {layer.container}, which has no"
-                " StaticLayer, so that the map's walls are not inflated"
+                f"{layer.name} inflates only the layers before it in {layer.container}, and no"
+                " StaticLayer is among them: the map's walls are not inflated"
+            )
+        else:
+            yield (
+                f"{layer.name} stands before the StaticLayer in plugins: the map's walls are not"
+                " inflated; list it last"
             )
 
 

@@ -48,7 +48,7 @@ class Links:
 
     def warn(self, fault: str) -> None:
         """Warn that the file does not have the mount."""
-        remedy = "the lidar's mount is taken as 0, 0, 0; set mount_x, mount_y and mount_yaw_deg"
+        remedy = "set mount_x, mount_y and mount_yaw_deg unless the lidar sits at 0, 0, 0"
         warnings.warn(ParameterWarning(f"{self.file}: {fault}; {remedy}"), stacklevel=6)
 
     def pose_of_sensor(self, sensor: Element) -> Floats:
@@ -90,7 +90,7 @@ class Links:
         return [link for name, link in links.items() if name not in carriers]
 
     def _warn_of_frame(self, name: _UnknownFrame) -> None:
-        self.warn(f"does not say where {shown(str(name))} is, which carries its lidar")
+        self.warn(f"has no pose of {shown(str(name))}, which carries the lidar")
 
     def _on_robot(self, link: Element) -> Floats:
         """Return the pose of a link of a URDF or SDF on the base link."""

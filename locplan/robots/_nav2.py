@@ -28,6 +28,7 @@ from locplan.robots._planner_drive import (
     describe_drive,
     planner_drives,
     planner_in_use,
+    planner_types,
     unread_lattice,
 )
 
@@ -261,7 +262,10 @@ def _amcl_drive(parameters: Nav2Parameters) -> Kinematics:
 
 
 def _drive_notes(parameters: Nav2Parameters, planner: str | None) -> Iterator[str]:
-    """Notes on a choice between planners, and on a lattice that cannot be read."""
+    """Notes on planners without a type, a choice between planners, and an unknown lattice."""
+    if missing := [name for name, plugin in planner_types(parameters).items() if not plugin]:
+        has = "has" if len(missing) == 1 else "have"
+        yield f"Nav2 refuses its planners, since {', '.join(missing)} {has} no plugin type; add it"
     used = planner_in_use(parameters, planner)
     if used is None:
         return

@@ -80,11 +80,13 @@ def parameters_of(
 ) -> Nav2Parameters:
     """Parameters in files, with the robots that their paths name; see `read_parameters`."""
     for file in files:
+        remedy = f"{REMEDY} of ROS 2, or single values by --set, as --set alpha1=0.1"
         if (key := _ros1_key(file)) is not None:
-            raise LocplanError(
-                f"{file.path}: holds parameters of ROS 1 ({shown(key)}), which has no"
-                f" {PARAMETERS}; {REMEDY} of ROS 2, or single values by --set, as --set alpha1=0.1"
-            )
+            fault = f"holds parameters of ROS 1 ({shown(key)}), which has no {PARAMETERS}"
+            raise LocplanError(f"{file.path}: {fault}; {remedy}")
+        if (node := _bare_node(file)) is not None:
+            fault = f"{shown(node)} holds no {PARAMETERS}, as in ROS 1"
+            raise LocplanError(f"{file.path}: {fault}; {remedy}")
         for entry in file.entries:
             if not isinstance(entry.parameters, dict):
                 raise LocplanError(
@@ -131,6 +133,14 @@ def _ros1_key(file: ParameterFile) -> str | None:
             if isinstance(value, dict):
                 contents.append(value)
     return None
+
+
+def _bare_node(file: ParameterFile) -> str | None:
+    """A node of Nav2 in a file without any `ros__parameters`, or None."""
+    if next(file.entries, None) is not None:
+        return None
+    names = {node.partition("/")[0] for node in NODES}
+    return next((name for name in file.content if name.strip("/") in names), None)
 
 
 def _namespaces(files: Sequence[ParameterFile], robots: Sequence[str | None]) -> list[str]:

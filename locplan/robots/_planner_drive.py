@@ -15,9 +15,30 @@ from locplan.robots._parts import Kinematics
 
 DEFAULT_PLANNER = "GridBased"
 """The planner of Nav2's default behaviour trees."""
+DEFAULT_TYPE = "nav2_navfn_planner::NavfnPlanner"
+"""The type that Nav2 gives to GridBased if it is the only planner and has none."""
 DEFAULT_LATTICE = "0.5m_turning_radius/ackermann/output.json"
 """The end of SmacPlannerLattice's default file."""
 MAX_LATTICE_BYTES = 2**24
+
+
+def planner_types(parameters: Nav2Parameters) -> dict[str, str]:
+    """Return the plugin types of the planners by name, as the files have them.
+
+    As in Nav2, GridBased is the only planner if `planner_plugins` is missing, and then needs no
+    type. Empty if the files have nothing of a planner.
+
+    Parameters
+    ----------
+    parameters : Nav2Parameters
+        The parameters.
+    """
+    server = parameters.of(PLANNER_SERVER)
+    has_default = any(name.startswith(f"{DEFAULT_PLANNER}.") for name in server)
+    default = (DEFAULT_PLANNER,) if has_default and "planner_plugins" not in server else ()
+    names = parameters.names(PLANNER_SERVER, "planner_plugins", default)
+    missing = DEFAULT_TYPE if names == [DEFAULT_PLANNER] else ""
+    return {name: str(server.get(f"{name}.plugin", missing)) for name in names}
 
 
 def planner_drives(parameters: Nav2Parameters) -> dict[str, Kinematics | None]:
@@ -33,8 +54,7 @@ def planner_drives(parameters: Nav2Parameters) -> dict[str, Kinematics | None]:
     ConfigError
         If a turning radius is out of its range.
     """
-    names = parameters.names(PLANNER_SERVER, "planner_plugins")
-    return {name: _drive(parameters, name) for name in names}
+    return {name: _drive(parameters, name) for name in planner_types(parameters)}
 
 
 def planner_in_use(parameters: Nav2Parameters, named: str | None = None) -> str | None:
@@ -52,7 +72,7 @@ def planner_in_use(parameters: Nav2Parameters, named: str | None = None) -> str 
     ConfigError
         If there is no planner of this name.
     """
-    names = parameters.names(PLANNER_SERVER, "planner_plugins")
+    names = [*planner_types(parameters)]
     if named is not None and named not in names:
         known = f"its planners are {', '.join(names)}" if names else "no planner is there"
         raise ConfigError(f"Nav2's parameters have no planner {shown(named)}; {known}")
