@@ -351,11 +351,12 @@ def test_image_of_another_machine_is_named(tmp_path, folder):
     assert refusal(file).endswith("; 'map.pgm' lies next to the YAML: write image: map.pgm")
 
 
-@pytest.mark.parametrize("image", ["/home/someone/Map.pgm", "map.png"])
+@pytest.mark.parametrize("image", ["/home/someone/Hall.pgm", "hall.png"])
 def test_image_of_alike_name_is_suggested(tmp_path, image):
     file = write_yaml(tmp_path, image=image)
     write_pgm(tmp_path, [[254]])
-    assert refusal(file).endswith("; 'map.pgm' lies next to the YAML: write image: map.pgm")
+    (tmp_path / "map.pgm").rename(tmp_path / "hall.pgm")
+    assert refusal(file).endswith("; 'hall.pgm' lies next to the YAML: write image: hall.pgm")
 
 
 def test_missing_files_folders_and_pipes_are_refused(tmp_path):

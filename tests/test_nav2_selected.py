@@ -211,7 +211,7 @@ def test_topics_are_those_of_the_robots_namespace(tmp_path, costs, namespace):
 
 @pytest.mark.parametrize("xy", [[(2, 3), (22.8, 12.1)], [(2, 3), (60, 3)], [(2, 3), (2, 3)]])
 def test_what_is_no_way_on_the_map_is_refused(tmp_path, costs, xy):
-    with pytest.raises(ConfigError, match="path mine is one place, or leaves the map's free space"):
+    with pytest.raises(ConfigError, match="mine has no length, or leaves the map's free space"):
         export.nav2_keepout(tmp_path / "m", costs, paths={"mine": Path(np.array(xy, float))})
     assert not (tmp_path / "m").exists()
 

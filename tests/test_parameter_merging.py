@@ -224,7 +224,7 @@ def test_drive_is_that_of_planner_in_use(tmp_path, slash):
     (file,) = written(tmp_path, PLANNERS % several)
     robot, notes = load(file)
     assert robot.kinematics == Kinematics()
-    assert "Mine is car-like with 0.9 m, forwards only" in notes[0]
+    assert "Mine is car-like with a turning radius of 0.9 m, forwards only" in notes[0]
     assert load(file, planner="Mine") == (Robot(kinematics=car), [])
     with pytest.raises(ConfigError, match="no planner 'Other'; its planners are Mine, GridBased"):
         Robot.load(file, planner="Other")

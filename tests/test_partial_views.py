@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from locplan.costs import Costmap, compare_lidars
+from locplan.costs import Costmap, compare_lidars, path_cost
 from locplan.field import (
     Estimator,
     FieldConfig,
@@ -23,6 +23,7 @@ from locplan.field import (
 from locplan.maps import FREE, OccupancyGrid, environments, save_map
 from locplan.planners import plan
 from locplan.robots import Lidar, Robot
+from locplan.simulation import simulate
 
 MAPS = "hall", "office", "places", "two_corridors", "warehouse"
 ROUND = Lidar(range=12.0, beams=360)
@@ -138,6 +139,28 @@ def test_costmap_of_sad_has_note_if_robot_has_lidar(with_lidar):
     assert shortest.note == ""
     fused = covariance_field(grid, FieldConfig(Fused(Lidar(range=2.0)), stride=0.8))
     assert Costmap.from_field(grid, fused, robot=robot).note == ""
+
+
+def test_fused_ranks_paths_as_drives_do():
+    """On the aware path of `Sad` half of the drives get lost, on the shortest none."""
+    grid = environments.make("places", resolution=0.1)
+    robot = Robot(Lidar(range=6.0))
+    sad, fused = (
+        Costmap.from_field(
+            grid, covariance_field(grid, FieldConfig(each, stride=0.8)), robot=robot, weight=16.0
+        )
+        for each in (Sad(), Fused(robot.lidar))
+    )
+    ends = (46.0, 11.8), (6.8, 17.8)
+    paths = {
+        "shortest": plan(sad.with_weight(0.0), *ends).path,
+        "aware": plan(sad, *ends).path,
+    }
+    assert path_cost(sad, paths["aware"]) < path_cost(sad, paths["shortest"])
+    assert path_cost(fused, paths["aware"]) > 1.1 * path_cost(fused, paths["shortest"])
+    shortest, aware = simulate(grid, paths, robot, drives=6).drives.values()
+    assert not shortest.lost.any()
+    assert aware.lost.mean() > 0.2
 
 
 def test_plan_command_prints_note_of_sad_once(run, tmp_path):

@@ -72,7 +72,7 @@ def test_drive_is_that_of_planner_in_use():
     name = "drive_of_smac/hybrid_default.yaml"
     robot, notes = load(name)
     assert robot.kinematics == Kinematics()
-    assert "Hybrid is car-like with 0.9 m, forwards only" in notes[0]
+    assert "Hybrid is car-like with a turning radius of 0.9 m, forwards only" in notes[0]
     assert load(name, planner="Hybrid")[0].kinematics == Kinematics(
         drive="car-like", turning_radius=0.9, reverse=False
     )

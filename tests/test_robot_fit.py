@@ -22,12 +22,17 @@ ENDS = (1.0, 1.0), (7.0, 3.0)
 POSES = (1.0, 1.0, 0.0), (7.0, 3.0, 0.0)
 
 
-def costs_for(robot) -> Costmap:
-    """Two rooms of 0.1 m cells, joined by a door of 1.2 m, of which one half is degenerate."""
+def costs_for(robot, *, posts=()) -> Costmap:
+    """Two rooms of 0.1 m cells, joined by a door of 1.2 m, of which one half is degenerate.
+
+    Posts are occupied cells (row, col).
+    """
     cells = np.full((40, 80), FREE)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     cells[:, 40] = OCCUPIED
     cells[14:26, 40] = FREE
+    for row, col in posts:
+        cells[row, col] = OCCUPIED
     u = np.broadcast_to(np.linspace(0, 1, 40)[:, None], cells.shape)
     return Costmap.from_layers(OccupancyGrid(cells, 0.1), u=u, weight=4.0, robot=robot)
 
@@ -85,13 +90,23 @@ def test_note_judges_a_users_path():
 @pytest.mark.parametrize("space", ["Dubins", "ReedsShepp"])
 @pytest.mark.parametrize("planner", ["RRTstar", "PRMstar"])
 def test_ompl_curves_keep_the_outline(space, planner):
-    robot = ROBOTS["both"]
-    costs = costs_for(robot)
-    options = {"space": space, "turning_radius": 0.8, "iterations": 400, "planner": planner}
-    found = plan(costs, *POSES, **options)
-    assert found.status == "solved"
-    assert found.note == ""
-    assert check_path(costs.grid, found.path, robot).drivable
+    """On the direct curve a front corner of the outline hits a post that the circle passes.
+
+    The robot must back up to go around it.
+    """
+    long = Footprint([(0.8, 0.2), (0.8, -0.2), (-0.8, -0.2), (-0.8, 0.2)])
+    robot = Robot(footprint=long, kinematics=CAR)
+    costs = costs_for(robot, posts=[(10, 20)])
+    ends = (1.187, 1.113, 0.0), (1.987, 2.6, np.pi / 2)
+    options = {"space": space, "turning_radius": 0.8, "iterations": 200, "planner": planner}
+    circle = dataclasses.replace(costs, robot=None)
+    direct = plan(circle, *ends, **options).path
+    assert check_path(costs.grid, direct, robot).faults[0].kind == "collision"
+    found = plan(costs, *ends, **options)
+    assert found.status == ("solved" if space == "ReedsShepp" else "not found")
+    if found.path is not None:
+        assert found.note == ""
+        assert check_path(costs.grid, found.path, robot).drivable
 
 
 def test_ompl_names_the_end_that_meets_a_wall():

@@ -72,7 +72,7 @@ def check_paths(costs: Costmap, paths: Mapping[str, Path]) -> None:
     for name, path in paths.items():
         if not 0 < path_metrics(free, path).cost < math.inf:
             raise ConfigError(
-                f"path {name} is one place, or leaves the map's free space; plan it on this map"
+                f"path {name} has no length, or leaves the map's free space; plan it on this map"
             )
 
 

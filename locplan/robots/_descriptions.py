@@ -106,7 +106,7 @@ def _lidar_of_sensor(sensor: Element, tree: Links) -> Lidar:
     first, last = value(".//horizontal/min_angle"), value(".//horizontal/max_angle")
     beams = int(value(".//horizontal/samples") * value(".//horizontal/resolution", 1.0))
     if beams < 2:
-        raise ConfigError(f"its lidar has {beams} beams; there must be 2 at least")
+        raise ConfigError(f"its lidar has {beams} beams, but needs at least 2")
     mount = _horizontal(tree.pose_of_sensor(sensor))
     if mount.upside_down:
         first, last = -last, -first
@@ -131,7 +131,7 @@ def _horizontal(pose: Floats) -> Mount:
     """Return the mount that a pose is; a ConfigError if the lidar is tilted."""
     up = float(upward(pose)[0])
     if abs(up) < math.cos(math.radians(10)):
-        raise ConfigError("its lidar is tilted; locplan knows horizontal ones only")
+        raise ConfigError("its lidar is tilted; locplan supports horizontal lidars only")
     x, y, yaw = in_plane(pose)[0].tolist()
     return Mount(round(x, 9), round(y, 9), round(yaw, 9), up < 0)
 

@@ -273,14 +273,14 @@ def _drive_notes(parameters: Nav2Parameters, planner: str | None) -> Iterator[st
     texts = {name: describe_drive(each or _amcl_drive(parameters)) for name, each in drives.items()}
     if file := unread_lattice(parameters, used):
         yield (
-            f"the motion model of {used} is in {shown(file)}, which cannot be read; the robot is"
-            f" {texts[used]}, as AMCL has it, unless --set names drive and turning_radius"
+            f"the motion model of {used} is in {shown(file)}, which cannot be read; locplan takes"
+            f" {texts[used]} from AMCL; otherwise set drive and turning_radius by --set"
         )
     others = [f"{name} is {text}" for name, text in texts.items() if text != texts[used]]
     if planner is None and others:
         yield (
-            f"the robot is {texts[used]}, by its planner {used}; {', '.join(others)}: if Nav2"
-            " plans with that, name it, as --set planner=NAME"
+            f"if {used} plans, the robot is {texts[used]}, which locplan assumes;"
+            f" {', '.join(others)}; to choose another planner, add --set planner=NAME"
         )
 
 

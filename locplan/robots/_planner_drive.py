@@ -74,7 +74,7 @@ def planner_in_use(parameters: Nav2Parameters, named: str | None = None) -> str 
     """
     names = [*planner_types(parameters)]
     if named is not None and named not in names:
-        known = f"its planners are {', '.join(names)}" if names else "no planner is there"
+        known = f"its planners are {', '.join(names)}" if names else "they list no planner"
         raise ConfigError(f"Nav2's parameters have no planner {shown(named)}; {known}")
     usual = DEFAULT_PLANNER if DEFAULT_PLANNER in names else next(iter(names), None)
     return usual if named is None else named
@@ -91,7 +91,7 @@ def describe_drive(drive: Kinematics) -> str:
     if drive.drive != "car-like":
         return drive.drive
     reverse = "" if drive.reverse else ", forwards only"
-    return f"car-like with {drive.turning_radius:g} m{reverse}"
+    return f"car-like with a turning radius of {drive.turning_radius:g} m{reverse}"
 
 
 def unread_lattice(parameters: Nav2Parameters, planner: str) -> str | None:
