@@ -1,4 +1,4 @@
-"""Does the field predict where a robot gets lost, and what do paths change? On any maps.
+"""What do paths change for a robot that gets lost? On any maps; examples/places.py has the fields.
 
 Routes: on each map some random queries, of 10 m or more and with a shortest path of at most 40 m,
 are chosen for as `locplan plan` does, seed 1. The shortest, the inflated, the leading and the
@@ -31,12 +31,11 @@ from locplan._util.intervals import Interval, of_mean, wilson
 from locplan.field import SHORT_LIDAR
 from locplan.planners import random_queries
 from locplan.robots import Amcl, Robot
-from locplan.simulation import Arrivals, Closed, Evaluation, evaluate, simulate
+from locplan.simulation import Arrivals, Closed, simulate
 
 OWN = Path(__file__).resolve().parent.parent / "maps"
 PRODUCT = {"laser_model_type": "likelihood_field_prob"}
 CALM = dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"), 0.05)
-PLACES_FILTERS = {"Nav2's defaults": Amcl(), "beams multiplied": Amcl(**PRODUCT)}
 ROUTE_FILTERS = {
     "Nav2's defaults": Amcl(),
     "alphas 0.05": Amcl(**CALM),
@@ -53,7 +52,6 @@ SHORTEST, INFLATED, LEADER, CHOSEN = "shortest", "inflated", "winner of the race
 def main(
     folder: str = "evidence",
     maps: Sequence[str] = (),
-    places: int = 100,
     drives: int = 64,
     queries: int = 2,
 ) -> None:
@@ -68,12 +66,6 @@ def main(
     ]
     text = [routes_table(driven), maps_table(driven), ranks_table(driven)]
     print("\n\n".join(text), flush=True)
-    evaluations = {}
-    for name, amcl in PLACES_FILTERS.items():
-        evaluations[name] = evaluate(grids, robot=Robot(filter=amcl), places=places)
-        evaluations[name].save(target / f"{name}, places")
-        print(f"{name}\n{evaluations[name].report()}", flush=True)
-    text += [predictors(evaluations), errors(evaluations)]
     (target / "evidence.md").write_text("\n\n".join(text) + "\n", encoding="utf-8")
     print(f"wrote {target / 'evidence.md'}")
 
@@ -294,44 +286,6 @@ def over_queries(numbers: Sequence[float], maps: Sequence[str], resamples: int =
         means.append(np.concatenate([random.choice(g, len(g)) for g in drawn]).mean())
     low, high = np.quantile(means, (0.025, 0.975)).tolist()
     return Interval(float(values.mean()), low, high)
-
-
-# Places: how well the fields rank errors.
-
-
-def predictors(evaluations: dict[str, Evaluation]) -> str:
-    """Each predictor's rank correlation over all places, mean within a map, and AUC."""
-    columns = {name: (each, "tracking") for name, each in evaluations.items()}
-    columns["single scans"] = next(iter(evaluations.values())), "match"
-    rows = []
-    for predictor in next(iter(evaluations.values())).predictions[0]:
-        cells = [f"{predictor}{' (of heading)' if predictor.of_heading else ''}"]
-        for evaluation, kind in columns.values():
-            found = evaluation.ranks[predictor, kind]
-            cells.append(
-                f"{text_of(found.spearman)}, {found.within.value:.2f}, {found.auc.value:.2f}"
-            )
-        rows.append(cells)
-    return markdown(["predictor", *columns], rows)
-
-
-def errors(evaluations: dict[str, Evaluation]) -> str:
-    """For each map how large the errors are, and how well e ranks them there."""
-    rows = []
-    for number, places in enumerate(next(iter(evaluations.values())).places):
-        cells = [places.grid.name]
-        for evaluation in evaluations.values():
-            alone = evaluation.of_map(number)
-            low, median, high = alone.quantiles(0, "tracking_rmse")
-            ranks = [alone.ranks[p, "tracking"].spearman.value for p in shown(evaluation)]
-            cells += [f"{low:.2f} / {median:.2f} / {high:.2f}", *(f"{r:.2f}" for r in ranks)]
-        rows.append(cells)
-    heads = [f"{name}: {what}" for name in evaluations for what in ("RMSE [m]", "sad e", "scan e")]
-    return markdown(["map", *heads], rows)
-
-
-def shown(evaluation: Evaluation) -> list:
-    return [p for p in evaluation.predictions[0] if str(p) in ("sad, e", "scan, e")]
 
 
 def text_of(interval: Interval) -> str:

@@ -153,18 +153,6 @@ save_figure(locplan.plotting.path_figure(plan), 'path.png')
         "queries/01-{name}.png",
     ),
     Entry(
-        "Which field predicts the errors",
-        "A field that knows them has its points along a rising line.",
-        "locplan evaluate {map} --lidar {lidar} --places 40 -o evaluated",
-        "evaluated/evaluation.png",
-    ),
-    Entry(
-        "The noise level that makes deviations metres",
-        "Points on the diagonal have the error that was predicted.",
-        "locplan calibrate {map} --lidar {lidar} -o calibrated.json",
-        "calibrated_calibration.png",
-    ),
-    Entry(
         "Settings of AMCL that hold",
         "Each setting is judged on paths that did not choose it.",
         "locplan tune {map} --lidar {lidar} -o tuned",

@@ -27,10 +27,6 @@ class ConfigError(LocplanError):
     """A setting is out of its range, or does not fit the map."""
 
 
-class CalibrationError(LocplanError):
-    """No noise level puts the deviations of a field in metres."""
-
-
 class FieldError(LocplanError):
     """A covariance field cannot be made, stored or read, or does not belong to the map."""
 

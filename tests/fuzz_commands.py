@@ -181,9 +181,7 @@ FILES = (
 MAPS = ("in/room.yaml", "in/r$x_^{.yaml", "in/r\\frac.yaml", "in/r\udcffm.yaml", "in/[red].yaml")
 MAPS += ("in/$oom$.yaml", "in/big.yaml")
 ASKED = {
-    "calibrate": (("--places", "--drives"), ("--places", "--scans", "--error")),
     "check": (("--quick",),),
-    "evaluate": (("--places", "--drives", "--scans"),),
     "export": ((), ("--start", "--goal")),
     "simulate": (
         *(("--drives", "--path"), ("--drives", "--start", "--goal")),

@@ -16,7 +16,7 @@ from locplan.field import SearchWindow
 from locplan.field._compute import standing_cells
 from locplan.planners import Ompl, random_queries
 from locplan.robots import Amcl, Disturbances, Lidar
-from locplan.simulation import Simulator, evaluate, simulate
+from locplan.simulation import Simulator, simulate, tune
 
 GRID = drawn("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=1.0)
 ENDS = ((1.5, 2.5), (8.5, 6.5))
@@ -48,11 +48,10 @@ def small_machine(monkeypatch):
 CALLS = [
     (lambda: covariance_field(GRID, threads=65), r"threads must be at most 64 \(32 for each"),
     (lambda: simulate(GRID, {"a": np.array(ENDS)}, threads=65), "threads must be at most 64"),
-    (lambda: evaluate([GRID], threads=10**30), "threads must be a whole number"),
+    (lambda: tune([GRID], threads=10**30), "threads must be a whole number"),
     (lambda: simulate(GRID, {"a": np.array(ENDS)}, drives=100_001), "in 2..100000"),
     (lambda: simulate(GRID, {"a": np.array(ENDS)}, seed=-1), "seed must be a whole number"),
-    (lambda: evaluate([GRID], seed=10**20), "seed must be a whole number"),
-    (lambda: evaluate([GRID], scans=10**6), "scans must be a whole number in 0..100000"),
+    (lambda: tune([GRID], seed=10**20), "seed must be a whole number"),
     (lambda: Execution(workers=4), r"workers must be at most 3 \(1 GB of this machine's"),
     (lambda: compare(GRID, queries=10_001), "random queries must be a whole number in 1..10000"),
     (lambda: RandomQueries(seed=-1), "the seed of random queries"),
@@ -112,7 +111,6 @@ def test_drives_that_do_not_fit_into_memory_are_refused(no_work, monkeypatch):
         ("simulate MAP --random 2 --drives 1000000000", "--drives"),
         ("simulate MAP --random 2 --set max_particles=1000000000", "max_particles"),
         ("simulate MAP --random 2 --set resample_interval=1000000000000000000000", "resample"),
-        ("evaluate MAP --scans 9999999999", "--scans"),
         ("plan MAP --start 1.5,2.5 --goal 1e12,1e12", "goal"),
         ("plan MAP --start 1.5,2.5 --goal 1e308,-1e308", "goal"),
         ("plan MAP --start 1.5,2.5 --goal 8.5,6.5 --planner RRT --seed 99999999999", "seed"),

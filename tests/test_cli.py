@@ -772,9 +772,9 @@ def test_the_weight_and_the_radius_are_those_asked_for(run, room, tmp_path):
     assert "robot's radius" in refused(run("plan", room, *wide, "--set", "footprint=0.25"))
 
 
-@pytest.mark.parametrize("command", ["compare", "plan", "evaluate", "simulate"])
+@pytest.mark.parametrize("command", ["compare", "plan", "simulate"])
 def test_what_fails_leaves_no_folder(run, tmp_path, command):
-    ends = () if command in ("compare", "evaluate") else ("--start", "1,1", "--goal", "2,2")
+    ends = () if command == "compare" else ("--start", "1,1", "--goal", "2,2")
     refused(run(command, tmp_path / "none.yaml", *ends, "-o", tmp_path / "out"))
     assert not (tmp_path / "out").exists()
 
@@ -787,7 +787,7 @@ def test_what_fails_leaves_no_folder(run, tmp_path, command):
         "field room.yaml -o link/room.png",
         "info room.yaml -o room.png",
         "export room.yaml --to path --path p.csv -o p.csv",
-        "calibrate room.yaml --config c.json -o c.json",
+        "calibrate room.yaml --drive c.npz --robot c.json -o c.json",
         "plan choice.yaml --start 1,2 --goal 4,3 -o .",
     ],
 )

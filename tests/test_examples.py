@@ -12,15 +12,16 @@ MAP = str(EXAMPLES[0].parent.parent / "maps" / "two_corridors.yaml")
 QUICKLY = {
     "animation": (10.0, 4),
     "compare": (0.05,),
-    "evidence": ((MAP,), 4, 4),
+    "evidence": ((MAP,), 4),
     "gallery": (MAP, "turtlebot4", "info.png", "paper_e.png"),
     "explorer_picture": ("two_corridors",),
     "paper": (0.1, 1, ("paper",)),
+    "places": ((MAP,), 4, 2),
 }
 """Arguments with which a program is done soon."""
 LONG = (
     *("animation", "api", "cluster", "compare", "estimators", "evidence", "explorer_picture"),
-    *("gallery", "lasers", "navigation", "ompl_program", "paper", "recorded_drive"),
+    *("gallery", "lasers", "navigation", "ompl_program", "paper", "places", "recorded_drive"),
 )
 """What these do has tests of its own."""
 

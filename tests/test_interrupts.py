@@ -256,12 +256,10 @@ def stops() -> list:
             ("plan", *ENDS, "--no-field", "--lidar", "rplidar-a1", "-o", "out"),
         ),
         ("locplan.plotting._picture.Picture.savefig", ("field", "-o", "out.png")),
-        ("locplan.field.Sad.covariances", ("calibrate", "--places", "10", "-o", "out.json")),
         ("locplan.field.Sad.prepare", ("export", "--to", "nav2-keepout", "-o", "out")),
         ("locplan.costs.Costmap.from_field", ("plan", *ENDS, "--front", "-o", "out")),
         ("locplan.planners.plan_beside_shortest", ("plan", *ENDS, "-o", "out")),
         ("locplan.simulation.Simulator.arguments", ("simulate", *ENDS, "-o", "out")),
-        ("locplan.simulation._places.measure", ("evaluate", "-o", "out")),
     ]
     return few_of(each, 4)  # computing, worker processes, writing and driving
 

@@ -170,7 +170,6 @@ def test_a_field_is_a_dataset_of_xarray(grid, field):
         (lambda g, f, c: locplan.load_map(g), "a map file must be a path"),
         (lambda g, f, c: locplan.save_map("m.yaml", g), "grid must be an OccupancyGrid"),
         (lambda g, f, c: locplan.simulation.simulate("m", {"a": [(0, 0)]}), "grid must be"),
-        (lambda g, f, c: locplan.simulation.evaluate(["m.yaml"]), "grid must be"),
         (lambda g, f, c: locplan.plan(c, ENDS), "goal"),
         (lambda g, f, c: Path.load(3), "a path file must be a path, not 3"),
         (lambda g, f, c: CovarianceField.load(3), "a field must be a path"),

@@ -20,7 +20,7 @@ from locplan._kernels import likelihood, posterior
 from locplan._kernels.likelihood import TOP, make_lattice
 from locplan._kernels.matches import recorded_posteriors
 from locplan.errors import ConfigError, RecordingError
-from locplan.field import FieldConfig, SearchWindow
+from locplan.field import SearchWindow
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.recordings import (
     DriveEvaluation,
@@ -363,20 +363,6 @@ def test_where_most_scans_do_not_fit_nothing_is_concluded(found):
     assert (
         "scans do not fit the map at their poses: check how the lidar is mounted" in bad.verdict[0]
     )
-
-
-def test_the_command_compares_a_calibrated_estimator_too(run, tmp_path, drive):
-    drive.every(12).save(tmp_path / "few.npz")
-    config = FieldConfig(Scan(drive.lidar, noise_level=0.7))
-    (tmp_path / "own.json").write_text(json.dumps(config.to_json()))
-    code, out, _ = run(
-        *("evaluate", MAP, "--drive", tmp_path / "few.npz", "--json"),
-        *("--config", tmp_path / "own.json"),
-    )
-    assert code == 0
-    of = json.loads(out)["estimators"]
-    assert list(of) == ["sad", "fisher", "scan", "fused", "config"]
-    assert of["config"]["factor"][0] < of["scan"]["factor"][0]
 
 
 def test_a_shifted_drive_is_refused_with_the_way_back(run, tmp_path, drive, coarse_fit):

@@ -13,7 +13,6 @@ from locplan._util import results
 from locplan._util.tables import rounded_up
 from locplan.errors import LocplanError
 from locplan.maps import find_maps, load_map, save_map
-from locplan.simulation import check_calibration
 
 ENDS = ("--start", "1,3", "--goal", "4,3")
 PLAN = ("plan", *ENDS, "--stride", "0.5")
@@ -297,7 +296,6 @@ def test_a_plan_that_is_interrupted_while_it_draws_leaves_its_folder_as_it_was(
         (("plan", "ROOM", *ENDS, "--front", "-o", "OUT"), "front.csv"),
         (("simulate", *ENDS, "--drives", "2", "ROOM", "-o", "OUT"), "errors.csv"),
         (("simulate", "--random", "2", "--drives", "2", "ROOM", "-o", "OUT"), "01-room.png"),
-        (("evaluate", "ROOM", "-o", "OUT"), "places.csv"),
         (("compare", "ROOM", "-o", "OUT"), "runs.csv"),
         (("info", "hall", "-o", "OUT"), "hall.pgm"),
         (("field", "ROOM", "OTHER", "--picture", "e", "-o", "OUT"), "room.png"),
@@ -344,24 +342,6 @@ def test_a_folder_that_is_no_field_is_never_replaced_by_one(run, room, tmp_path)
     assert code == 2
     assert "mine.zarr: is there, and not as locplan wrote it" in err
     assert (tmp_path / "mine.zarr" / "data").read_text() == "mine"
-
-
-def test_only_a_picture_that_calibrate_drew_is_replaced(run, room, tmp_path):
-    (tmp_path / "mine_calibration.png").write_text("mine")
-    code, _, err = run("calibrate", room, "-o", tmp_path / "mine.json")
-    assert code == 2
-    assert "mine_calibration.png: is in the way of the picture" in err
-    assert not (tmp_path / "mine.json").exists()
-    notes = tmp_path / "notes.json"
-    notes.write_text("mine")
-    assert "notes.json: is there, and no calibration" in run("calibrate", room, "-o", notes)[2]
-    settings = {"config": {}, "calibration": {}, "picture": "?"}
-    (tmp_path / "mine.json").write_text(json.dumps(settings))
-    with pytest.raises(LocplanError, match="in the way of the picture"):
-        check_calibration(tmp_path / "mine.json")
-    settings["picture"] = results.digest_of(tmp_path / "mine_calibration.png")
-    (tmp_path / "mine.json").write_text(json.dumps(settings))
-    assert check_calibration(tmp_path / "mine.json") == tmp_path / "mine_calibration.png"
 
 
 def test_no_picture_takes_the_place_of_another_maps_image(run, room, tmp_path):

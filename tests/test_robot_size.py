@@ -82,8 +82,6 @@ SAID = "robot: tim571, 25 m, 270°; radius 0.5 m, margin 0.01 m; AMCL's alpha1 0
         ("simulate", ENDS, "locplan.planners.check_ends"),
         ("simulate", ("--random", "2"), "locplan.planners.random_queries"),
         ("tune", (), "locplan.simulation.tune"),
-        ("evaluate", (), "locplan.simulation.evaluate"),
-        ("calibrate", (), "locplan.simulation.measure_maps"),
         ("landmarks", ENDS, "locplan.place_landmarks"),
         ("info", (), "locplan.planners.describe_map"),
         ("compare", ("-o", "compared"), "locplan.compare"),
@@ -162,14 +160,6 @@ def test_a_robots_file_is_not_written_over(run, hall):
     assert code == 2
     assert "another input; choose another name" in err
     assert (hall / "nav2.yaml").read_text() == before
-
-
-def test_calibrate_writes_the_robot(run, hall):
-    given = "--robot", hall / "nav2.yaml", "--set", "range=1", "--places", "10", "--drives", "2"
-    code, _, err = run("calibrate", hall / "m.yaml", *given, "-o", hall / "own.json")
-    assert code in (0, 3), err  # 3 where the drive is far too short for a verdict
-    robot = Robot.load(hall / "nav2.yaml").changed({"range": 1})
-    assert Robot.load(hall / "own.json") == robot
 
 
 @pytest.mark.parametrize(

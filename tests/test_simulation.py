@@ -7,16 +7,13 @@ import json
 import math
 import warnings
 
-import naive
 import numpy as np
 import pytest
 from conftest import corridor
 
 import locplan
 from locplan import FieldConfig, Lidar, LocplanError, OccupancyGrid, Path
-from locplan._kernels.likelihood import make_lattice
-from locplan._kernels.matches import match
-from locplan.field import SHORT_LIDAR, Exponential, Sad, Scan, likelihood_field
+from locplan.field import SHORT_LIDAR, Exponential, Sad, Scan
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.planners import AWARE, SHORTEST, Query
 from locplan.robots import OMNIDIRECTIONAL, Amcl, Disturbances, Robot, read_amcl
@@ -27,7 +24,6 @@ from locplan.simulation import (
     Routes,
     RoutesOnMaps,
     Simulator,
-    choose_points,
     measure,
     poses_along,
     rmse_ratio,
@@ -372,113 +368,11 @@ def test_queries_without_a_path_are_left_out(two_corridors):
         simulate_queries(cut, [far], drives=2)
 
 
-def test_matches_are_those_of_the_plain_loop():
-    random = np.random.default_rng(1)
-    cells = np.full((40, 40), FREE, np.uint8)
-    cells[[4, 33], 5:36] = cells[5:33, [6, 35]] = OCCUPIED
-    cells[10:13, 20:24] = OCCUPIED
-    grid = OccupancyGrid(cells, 0.1)
-    lidar, disturbances = Lidar(range=3.0, beams=12), Disturbances(boundary_noise=0.0)
-    simulator = Simulator(grid, robot=Robot(lidar, disturbances=disturbances))
-    angles = np.linspace(-0.4, 0.4, 5)
-    field, lattice = likelihood_field(cells, 0.1, 2, 3), make_lattice(3, angles)
-    found = np.empty((3, 3))
-    where = (
-        angles,
-        simulator.worlds[0],
-        0.1,
-        18,
-        21,
-        simulator.arguments.lidar,
-        simulator.arguments.disturbances,
-    )
-    match(np.random.default_rng(2), field, lattice, *where, found)
-    random = np.random.default_rng(2)
-    for errors in found:
-        row, col = 18 + random.random(), 21 + random.random()
-        heading = (2 * random.random() - 1) * math.pi
-        aside = (random.random() - 0.5) * 0.2
-        pose = np.array([row, col, heading])
-        ends = naive.measured_ends(
-            random,
-            cells,
-            0.1,
-            pose,
-            lidar,
-            simulator.arguments.lidar.angles,
-            disturbances,
-        )
-        cos, sin = math.cos(heading + aside), math.sin(heading + aside)
-        turned = ends @ np.array([[cos, sin], [-sin, cos]])
-        losses = naive.score(
-            cells, 18, 21, turned, 2, 3, angles, lambda d: naive.loss(d, 0.1, 0.1, 0.05)
-        )
-        random.integers(0, 1)  # to break a tie
-        theta, dy, dx = np.unravel_index(np.argmin(losses), losses.shape)
-        expected = (21.5 + 2 * (dx - 3) - col, 18.5 + 2 * (dy - 3) - row, angles[theta] + aside)
-        assert errors == pytest.approx(expected, abs=1e-9)
-
-
-def test_single_scans_fix_a_room_and_not_a_corridor(two_corridors):
-    simulator = Simulator(two_corridors)
-    cells = np.array([two_corridors.world_to_cell(*xy) for xy in ((3.0, 8.5), (20.0, 3.0))])
-    errors = simulator.match(cells, 24)
-    room, straight = np.sqrt((errors**2).mean(axis=1))
-    assert room[:2].max() < 0.15
-    assert straight[0] > 0.5 > 0.15 > straight[1]
-    assert (errors == simulator.match(cells, 24)).all()
-
-
 def test_queries_have_random_numbers_of_their_own(two_corridors):
     simulator = Simulator(two_corridors)
     poses = poses_along(Path(np.array([[2.0, 3.0], [4.0, 3.0]])), two_corridors)
     one, other = (simulator.drive([poses] * 2, stream=stream) for stream in (0, 1))
     assert not (one == other).any(axis=(1, 2)).any()
-
-
-def test_places_are_apart_where_the_robot_fits(two_corridors):
-    points = choose_points(two_corridors, 30, robot=0.25, seed=1)
-    cells = points * 2
-    assert len(points) == 30
-    assert (two_corridors.clearance[tuple(cells.T)] >= 0.25).all()
-    apart = np.linalg.norm(points[:, None] - points[None], axis=2) * 0.2
-    assert apart[~np.eye(30, dtype=bool)].min() >= 1.0 - 1e-9
-    places = measure(Simulator(two_corridors), points[:3], drives=2, scans=2)
-    assert two_corridors.world_to_cell(*places.xy[0]) == tuple(cells[0])
-    assert (places.position_rmse("tracking") > 0).all()
-    assert (places.position_rmse("match") > 0).all()
-    with pytest.raises(LocplanError, match="no cell where the robot fits"):
-        choose_points(two_corridors, 5, robot=9.0, seed=1)
-
-
-def test_errors_at_places_are_those_of_the_last_metre_and_lost_at_any_time(monkeypatch):
-    grid = environments.make("two_corridors", resolution=0.1)
-    points = choose_points(grid, 2, robot=0.25, seed=1)
-    errors = np.zeros((6, 40, 3))  # three drives to each of two places
-    errors[0, 5, 1] = 1.5  # lost long before the end
-    errors[:3, 36:, 0] = np.array([[0.3], [0.4], [0.2]])
-    errors[3:, -1, 1] = 1.2
-    monkeypatch.setattr(Simulator, "drive", lambda *_, **__: errors)
-    places = measure(Simulator(grid), points, drives=3, scans=0)
-    assert places.lost == pytest.approx([1 / 3, 1.0])
-    assert places.off_at_goal == pytest.approx([0.0, 1.0])
-    assert places.tracking_median == pytest.approx([0.3, 0.0])
-    assert places.position_rmse("tracking")[0] == pytest.approx(math.sqrt(0.29 / 3))
-    assert places.kept_rmse == pytest.approx([math.sqrt(0.1), math.nan], nan_ok=True)
-    assert places.halves[0] == pytest.approx([math.sqrt(0.065), 0.4])
-    assert np.isnan(places.position_median("match")).all()
-    undriven = measure(Simulator(grid), points, drives=0, scans=5)
-    for each in (
-        undriven.lost,
-        undriven.off_at_goal,
-        undriven.kept_rmse,
-        undriven.halves,
-        undriven.tracking_median,
-    ):
-        assert np.isnan(each).all()
-    found = Simulator(grid).match(points * 2, 5)
-    expected = np.median(np.hypot(found[..., 0], found[..., 1]), axis=1)
-    assert undriven.position_median("match") == pytest.approx(expected)
 
 
 def drives_with(position_errors):
@@ -674,7 +568,7 @@ def test_configs_come_back_from_their_files(tmp_path):
             FieldConfig(Scan(Lidar.preset("utm-30lx"))),
         )
     ):
-        locplan.save_config(tmp_path / f"{n}.json", config, calibration={"factor": 1.2})
+        locplan.save_config(tmp_path / f"{n}.json", config)
         assert locplan.load_config(tmp_path / f"{n}.json") == config
     (tmp_path / "bare.json").write_text('{"stride": 0.4}')
     assert locplan.load_config(tmp_path / "bare.json") == FieldConfig(stride=0.4)

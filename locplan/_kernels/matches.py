@@ -1,4 +1,4 @@
-"""Matching of single scans without a filter: over the search window, and with a database of ranges.
+"""Matching of single scans: over the search window, and with a database of ranges.
 
 The database's ranges are codes of one byte, counted modulo 256, of beams all round in the map's own
 axes. A robot that stands at a place with a turn of t steps sees with beam b what the place's beam
@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Array, Floats, Ints, Octets, Random, Shorts
-from locplan._kernels.lidar import BeamDisturbances, Lidar, lever, measured_ends, scan_ends
-from locplan._kernels.likelihood import NOWHERE, TOP, Lattice, LikelihoodField, make_weights
-from locplan._kernels.posterior import posterior_of, score
+from locplan._kernels.arrays import Array, Floats, Ints, Octets, Shorts
+from locplan._kernels.lidar import Lidar, lever, scan_ends
+from locplan._kernels.likelihood import TOP, Lattice, LikelihoodField, make_weights
+from locplan._kernels.posterior import posterior_of
 from locplan._kernels.simd import (
     MAX_OCTET,
     MAX_SHORT,
@@ -25,85 +24,6 @@ from locplan._kernels.simd import (
     lowest_bit,
     zero_octets,
 )
-
-
-@njit(nogil=True, cache=True)
-def one_of_least(random: Random, costs: NDArray[np.uint32]) -> int:
-    """Index of the least cost; a random one if several are equal."""
-    least = costs.min()
-    ties = 0
-    for n in range(costs.size):
-        ties += costs[n] == least
-    chosen = random.integers(0, ties)
-    for n in range(costs.size):
-        if costs[n] == least:
-            if chosen == 0:
-                return n
-            chosen -= 1
-    return 0
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def match(
-    random: Random,
-    field: LikelihoodField,
-    lattice: Lattice,
-    angles: Floats,
-    squares: Octets,
-    resolution: float,
-    row: int,
-    col: int,
-    lidar: Lidar,
-    disturbances: BeamDisturbances,
-    errors: Floats,
-) -> None:
-    """Match n scans from a cell, and write the errors of the most likely poses into `errors`.
-
-    The robot's position in the cell and its heading are random. The window's middle is the cell's
-    centre and a heading within half a step of the robot's.
-
-    Parameters
-    ----------
-    random : numpy.random.Generator
-        Source of all random numbers.
-    field, lattice
-        Likelihood field of the map, and the window's offsets of whole steps.
-    angles : (heading,) array
-        Headings of the window, relative to its middle [rad].
-    squares : (4, H + 2, W + 2) array of uint8
-        The world as `rays.empty_squares`.
-    resolution : float
-        Edge of a cell [m].
-    row, col : int
-        The robot's cell.
-    lidar, disturbances
-        The lidar, and what disturbs it.
-    errors : (n, 3) array
-        Filled with x, y [cells] and heading [rad] of the match minus the true ones.
-    """
-    turn_step = angles[1] - angles[0] if angles.size > 1 else 0.0
-    measured, ends = np.empty((lidar.angles.size, 2)), np.empty((lidar.angles.size, 2))
-    pose, costs = np.empty(3), np.empty_like(lattice.empty)
-    for n in range(len(errors)):
-        pose[0], pose[1] = row + random.random(), col + random.random()
-        pose[2] = (2 * random.random() - 1) * np.pi
-        aside = (random.random() - 0.5) * turn_step  # offset of the window's heading
-        measured_ends(random, squares, resolution, pose, lidar, disturbances, measured)
-        cos, sin = np.cos(pose[2] + aside), np.sin(pose[2] + aside)
-        for b in range(len(ends)):
-            ends[b, 0] = cos * measured[b, 0] - sin * measured[b, 1]
-            ends[b, 1] = sin * measured[b, 0] + cos * measured[b, 1]
-        score(field, lattice, row, col, ends, costs)
-        for k in range(costs.size):
-            if lattice.empty[k] == NOWHERE:
-                costs[k] = NOWHERE
-        best = one_of_least(random, costs)
-        heading, rest = best // lattice.plane, best % lattice.plane
-        dy = rest // lattice.width - lattice.half_steps
-        dx = rest % lattice.width - lattice.half_steps
-        errors[n, 0] = col + 0.5 + dx * field.step - pose[1]
-        errors[n, 1] = row + 0.5 + dy * field.step - pose[0]
-        errors[n, 2] = angles[heading] + aside
 
 
 @njit(nogil=True, cache=True)

@@ -18,9 +18,9 @@ from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnusedC
 from locplan._util.checks import shown, suggestion
 from locplan._util.files import inputs_are_kept
 from locplan._util.supervision import INTERRUPTED, end_if_supervised
-from locplan.cli._application import COMMANDS, NOT_IN_METRES, SYSTEM_ERROR, WRONG_INPUT, launched
+from locplan.cli._application import COMMANDS, SYSTEM_ERROR, WRONG_INPUT, launched
 from locplan.cli._wording import options_as_typed
-from locplan.errors import CalibrationError, LocplanError, one_line
+from locplan.errors import LocplanError, one_line
 
 __all__ = ["COMMANDS", "main"]
 MIN_COLUMNS = 20
@@ -36,9 +36,8 @@ def main() -> None:
             code, _ = launched(sys.argv[1:])
         _flush()
     except (LocplanError, CycloptsError, MemoryError) as error:
-        wrong = NOT_IN_METRES if isinstance(error, CalibrationError) else WRONG_INPUT
         notes = getattr(error, "__notes__", ())  # such as lines to save in a file
-        code = _complain(f"error: {_fault(error)}", wrong, *notes)
+        code = _complain(f"error: {_fault(error)}", WRONG_INPUT, *notes)
     except KeyboardInterrupt:
         end_if_supervised()
         code = _complain("interrupted", INTERRUPTED)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from cyclopts.help import HelpPanel
     from rich.console import Console, ConsoleOptions
 
-SYSTEM_ERROR, WRONG_INPUT, NOT_IN_METRES, BEYOND_LIMIT = 1, 2, 3, 4
+SYSTEM_ERROR, WRONG_INPUT, BEYOND_LIMIT = 1, 2, 4
 INSTALL_COMPLETION = "--install-completion"
 COMMANDS = {
     "check": ("Start", "_check"),
@@ -57,9 +57,8 @@ def application(*names: str) -> App:
         help_formatter=Filling(),
         help_epilogue=(
             f"The exit code is 0 for a result, {SYSTEM_ERROR} where the system fails, {WRONG_INPUT}"
-            f" for a wrong input, {NOT_IN_METRES} where calibrate finds that deviations cannot be"
-            f" in metres, {BEYOND_LIMIT} where a limit of check is exceeded, and {INTERRUPTED}"
-            " after Ctrl-C."
+            f" for a wrong input, {BEYOND_LIMIT} where a limit of check is exceeded, and"
+            f" {INTERRUPTED} after Ctrl-C."
         ),
         group_parameters=heading("Options"),
         default_parameter=Parameter(

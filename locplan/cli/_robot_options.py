@@ -161,7 +161,7 @@ class FieldOptions(RobotOptions):
     """The robot, and the settings of the covariance field."""
 
     config: typed.ConfigFile = None
-    """All settings of the field, as calibrate wrote them, in place of the options below."""
+    """Settings of the field, as locplan.save_config wrote them, in place of the options below."""
     estimator: Annotated[str | None, Parameter(choices=tuple(ESTIMATORS))] = None
     """Estimator of the covariance; fused by default where the lidar is known, else the paper's
     sad."""
@@ -182,15 +182,6 @@ class FieldOptions(RobotOptions):
         read = self._read()
         robot = self.load_robot(getattr(read.estimator, "lidar", None) if read else None)
         return robot, _seen_by(read, robot.lidar) if read else self._made(robot.lidar)
-
-    def field_on(self, lidar: Lidar) -> FieldConfig:
-        """The settings of a field for a recorded drive; an estimator that casts rays has its lidar.
-
-        Without an estimator it is fused.
-        """
-        read = self._read()
-        config = _seen_by(read, lidar) if read else self._made(lidar)
-        return config if config.estimator.casts_rays else read or self._made(None)
 
     def robot_and_fields(self, ranges: tuple[float, ...] | None) -> tuple[Robot, list[FieldConfig]]:
         """The robot, and the settings with each of the ranges [m], if there are any."""

@@ -12,7 +12,6 @@ from ._compute import (
 )
 from ._config import (
     SHORT_LIDAR as SHORT_LIDAR,
-    CalibrationWarning as CalibrationWarning,
     FieldConfig as FieldConfig,
     config_of as config_of,
     equipped as equipped,

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -195,11 +194,7 @@ def equipped(robot: Robot | None, config: FieldConfig | None = None) -> Robot:
     return robot if robot.lidar else replace(robot, lidar=lidar_of(config))
 
 
-class CalibrationWarning(UserWarning):
-    """Warning that the deviations of a field are not in metres."""
-
-
-def save_config(path: str | os.PathLike[str], config: FieldConfig, **about: object) -> None:
+def save_config(path: str | os.PathLike[str], config: FieldConfig) -> None:
     """Write the settings of a field as JSON, for `load_config` and every command's ``--config``.
 
     Parameters
@@ -208,8 +203,6 @@ def save_config(path: str | os.PathLike[str], config: FieldConfig, **about: obje
         The file, named *.json; one that is there is replaced.
     config : FieldConfig
         The settings.
-    **about
-        Further entries of the file, fit for JSON, such as where the settings come from.
 
     Raises
     ------
@@ -219,7 +212,7 @@ def save_config(path: str | os.PathLike[str], config: FieldConfig, **about: obje
     target = file_path("a file of settings", path)
     instance("config", config, FieldConfig)
     check_target(target, ".json")
-    content = {"locplan": __version__, "config": config.to_json(), **about}
+    content = {"locplan": __version__, "config": config.to_json()}
     with replacing(target) as temporary:
         temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
@@ -227,7 +220,7 @@ def save_config(path: str | os.PathLike[str], config: FieldConfig, **about: obje
 def load_config(path: str | os.PathLike[str]) -> FieldConfig:
     """Read the settings of a field from a JSON file.
 
-    They are the file's "config", as `save_config` or a command writes it, or the whole file.
+    They are the file's "config", as `save_config` writes it, or the whole file.
     Missing settings take their defaults.
 
     Parameters
@@ -239,29 +232,17 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
     ------
     ConfigError
         If the file cannot be read, or holds other settings or values.
-
-    Warns
-    -----
-    CalibrationWarning
-        If the calibration that wrote the file found that deviations are not in metres.
     """
     try:
         content = parsed_json(read_text(file_path("a file of settings", path), MAX_JSON_BYTES))
     except LocplanError as error:
         raise ConfigError(str(error)) from None
     except ValueError:
-        raise ConfigError(f"{path}: is no JSON; locplan calibrate writes such a file") from None
+        raise ConfigError(f"{path}: is no JSON; locplan.save_config writes such a file") from None
     settings = content.get("config", content) if isinstance(content, dict) else None
     if not isinstance(settings, dict):
         raise ConfigError(f'{path}: must hold settings of a field, or them as its "config"')
     try:
-        config = FieldConfig.from_json(settings)
+        return FieldConfig.from_json(settings)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
-    if content.get("in_metres", True) is not True:
-        message = (
-            f"{path}: deviations of this field are not in metres, as its calibration found; take it"
-            " to rank places, or calibrate on other maps"
-        )
-        warnings.warn(CalibrationWarning(message), stacklevel=2)
-    return config

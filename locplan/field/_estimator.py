@@ -117,7 +117,7 @@ class Estimator(Settings, ABC):
     """
 
     noise_level: float = setting(1.0, positive, "times Sigma")
-    """Factor k on the covariance (Eq. 8), above 0; a calibration finds the one of your filter."""
+    """Factor k on the covariance (Eq. 8), above 0."""
 
     def __post_init__(self) -> None:
         if not (isinstance(getattr(self, "name", None), str) and self.name.strip()):

@@ -3,7 +3,11 @@ from ._ambiguous import (
     find_ambiguous_places as find_ambiguous_places,
 )
 from ._bag_copies import BagCopy as BagCopy
-from ._calibration import DriveCalibration as DriveCalibration, calibrate_drive as calibrate_drive
+from ._calibration import (
+    DriveCalibration as DriveCalibration,
+    calibrate_drive as calibrate_drive,
+    check_calibration as check_calibration,
+)
 from ._evaluation import (
     DriveEvaluation as DriveEvaluation,
     estimators_for as estimators_for,

@@ -1,43 +1,37 @@
-"""A field, a filter and disturbances calibrated by a recorded drive.
-
-A field's noise level is the one at which it predicts the deviations measured along the drive.
-"""
+"""The noise of a robot's odometry and scans, calibrated by a recorded drive."""
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from locplan import __version__
 from locplan._util.checks import file_path, instance
+from locplan._util.files import check_target, replacing
 from locplan._util.intervals import Interval
-from locplan._util.progress import ProgressCallback, parts
+from locplan._util.progress import ProgressCallback
+from locplan._util.reading import parsed_json, read_text
 from locplan._util.tables import finite, table
-from locplan.errors import CalibrationError
-from locplan.field import Estimator, FieldConfig, Fused, config_of
+from locplan.errors import LocplanError
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.recordings._evaluation import evaluate_drive
 from locplan.recordings._odometry_noise import MIN_UPDATES, OdometryNoise, odometry_noise
 from locplan.recordings._recording import Recording
 from locplan.recordings._scan_noise import ScanNoise, scan_noise
-from locplan.robots import Lidar, Robot
-from locplan.simulation import Calibration, calibrate_moments, write_calibration
+from locplan.robots import Robot
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DriveCalibration:
-    """What a recorded drive says of a robot: for fields, for its filter, and for simulations."""
+    """What a recorded drive says of a robot, for simulations."""
 
     recording: Recording
     """The drive."""
-    config: FieldConfig
-    """Settings of the field, with the fitted noise level and the range noise of its lidar."""
-    field: Calibration | None
-    """Fit of the noise level; None if the drive does not determine it."""
     scans: ScanNoise
     """Noise of the scans."""
     odometry: OdometryNoise | None
@@ -49,18 +43,11 @@ class DriveCalibration:
     """What limits the calibration, in sentences without a full stop."""
 
     def __repr__(self) -> str:
-        level = f"k {self.field.noise_level.value:.3g}, " if self.field else ""
-        return f"DriveCalibration({level}{self.recording!r})"
+        return f"DriveCalibration({self.recording!r})"
 
     def report(self) -> str:
         """Text for people: what was fitted, with units and intervals."""
         rows = [["drive", repr(self.recording), ""]]
-        if (field := self.field) is not None:
-            name = field.config.estimator.name
-            rows += [
-                [f"noise level k of {name}", *_texts(field.noise_level, "")],
-                ["typically off by a factor", f"{field.factor:.2f}", ""],
-            ]
         rows += [
             ["scatter of the ranges", *_texts(self.scans.range_sigma, "m")],
             ["outliers", *_texts(self.scans.outliers, "%")],
@@ -84,13 +71,10 @@ class DriveCalibration:
             if self.odometry is not None
         ]
         rows += [["note", note, ""] for note in self.notes]
-        text = table(["", "value", "95 %"], rows)
-        return text if field is None or field.in_metres else f"{text}\n{field.warning}"
+        return str(table(["", "value", "95 %"], rows))
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> list[Path]:
-        """Write the settings as `locplan.field.save_config` does, with those of simulated robots.
-
-        If the noise level was fitted, a picture of the fit stands beside them.
+        """Write the robot as JSON, for `Robot.load` and every command's ``--robot``.
 
         Parameters
         ----------
@@ -102,27 +86,25 @@ class DriveCalibration:
         Returns
         -------
         list of Path
-            The file, and its picture.
+            The file.
 
         Raises
         ------
         LocplanError
             If a file cannot be written, or is in the way.
         """
-        field, figure = self.field, None
-        verdict = field.verdict if field else {"in_metres": False, "why": self.notes[-1]}
-        about = {"robot": self.robot.summary(), **verdict, "calibration": self.summary()}
-        if field:
-            figure = field.figure()
-            figure.axes[0].set_ylabel("rms deviation by the recorded scan's posterior [m]")
         target = file_path("a calibration's file", path)
-        return write_calibration(target, self.config, figure, about, force=force)
+        check_calibration(target, force=force)
+        about = {"robot": self.robot.summary(), "calibration": self.summary()}
+        content = {"locplan": __version__, **about}
+        with replacing(target) as temporary:
+            temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        return [target]
 
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON."""
         about: dict[str, object] = {
             "drive": self.recording.summary(),
-            "field": self.field.summary() if self.field else None,
             "scans": dataclasses.asdict(self.scans),
             "odometry": dataclasses.asdict(self.odometry) if self.odometry else None,
             "notes": list(self.notes),
@@ -137,18 +119,38 @@ def _texts(interval: Interval, unit: str) -> tuple[str, str]:
     return f"{value} {unit}".rstrip(), "" if np.isnan(interval.low) else f"{low} to {high}"
 
 
+def check_calibration(path: Path, *, force: bool = False) -> None:
+    """Raise a LocplanError unless a calibration can be written; to be called before long work.
+
+    Parameters
+    ----------
+    path : Path
+        The file of the calibration, which ends in .json.
+    force : bool, default False
+        True lets a file be replaced that is no calibration.
+    """
+    check_target(path, ".json")
+    if force or not path.exists():
+        return
+    with suppress(LocplanError, ValueError):
+        content = parsed_json(read_text(path))
+        if isinstance(content, dict) and {"robot", "calibration"} <= content.keys():
+            return
+    raise LocplanError(
+        f"{path}: is there, and no calibration; name another file, or replace it with --force"
+    )
+
+
 def calibrate_drive(
     recording: Recording,
     grid: OccupancyGrid,
-    config: FieldConfig | Estimator | None = None,
     robot: Robot | None = None,
     *,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> DriveCalibration:
-    """Fit the noise level of a field, and the noise of odometry and scans, to a recorded drive.
+    """Fit the noise of odometry and scans to a recorded drive.
 
-    The noise level k makes the field's deviations those of the posteriors of the recorded scans.
     Odometry is compared with the recorded poses, and ranges with the map's walls.
 
     Parameters
@@ -157,8 +159,6 @@ def calibrate_drive(
         The drive; its poses are the reference.
     grid : OccupancyGrid
         The map; the poses are in its world frame.
-    config : FieldConfig or Estimator, optional
-        Settings of the field; by default those of `locplan.Fused` with the recording's lidar.
     robot : Robot, optional
         The robot, whose settings stay where a drive says nothing of them. The alphas that are
         fitted hold for its filter's distance between updates. They are those of the odometry alone,
@@ -171,7 +171,7 @@ def calibrate_drive(
     Returns
     -------
     DriveCalibration
-        The field's settings, the disturbances and the noise, with what limits them.
+        The disturbances and the noise, with what limits them.
 
     Raises
     ------
@@ -200,10 +200,8 @@ def calibrate_drive(
     """
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
-    config = config_of(Fused(recording.lidar) if config is None else config)
     robot = recording.robot(robot)
-    first, second = parts(progress, [500, 500])
-    scans = scan_noise(recording, grid, threads=threads, progress=first)
+    scans = scan_noise(recording, grid, threads=threads, progress=progress)
     notes = []
     if scans.set_apart:
         notes.append(
@@ -226,50 +224,4 @@ def calibrate_drive(
             f"the drive has fewer than {MIN_UPDATES} updates of the filter, too few for the noise"
             " of odometry, which stays as it was"
         )
-    config = _with_noise(config, scans.range_sigma.value)
-    field = None
-    try:
-        field = _fitted_field(recording, grid, config, threads, second)
-    except CalibrationError as error:
-        notes.append(str(error))
-    else:
-        config = field.config
-    robot = robot.changed(changes)
-    return DriveCalibration(recording, config, field, scans, odometry, robot, tuple(notes))
-
-
-def _with_noise(config: FieldConfig, sigma: float) -> FieldConfig:
-    """The config with the range noise of its lidar [m], if it has one."""
-    estimator: Any = config.estimator
-    lidar: Lidar | None = getattr(estimator, "lidar", None)
-    if lidar is None:
-        return config
-    noisy = dataclasses.replace(lidar, range_sigma=max(1e-3, sigma))
-    return dataclasses.replace(config, estimator=estimator.with_lidar(noisy))
-
-
-def _fitted_field(
-    recording: Recording,
-    grid: OccupancyGrid,
-    config: FieldConfig,
-    threads: int | None,
-    progress: ProgressCallback,
-) -> Calibration:
-    """Fit the noise level of a field to the covariances of the posteriors of a drive's scans.
-
-    The fit is that of `locplan.simulation.calibrate`, between logarithms of rms deviations of the
-    position; the interval is over blocks of the drive.
-
-    Raises
-    ------
-    RecordingError
-        If too few scans were taken where the map is known and fits.
-    CalibrationError
-        If the covariances do not determine k.
-    """
-    estimator: Any = config.estimator
-    plain = {estimator.name: dataclasses.replace(estimator, noise_level=1.0)}
-    found = evaluate_drive(recording, grid, estimators=plain, threads=threads, progress=progress)
-    some, (predicted,) = found.compared, found.predicted.values()
-    both = predicted[some][:, :2, :2], found.matches.covariance[some][:, :2, :2]
-    return calibrate_moments(config, grid, *both, found.blocks[some])
+    return DriveCalibration(recording, scans, odometry, robot.changed(changes), tuple(notes))

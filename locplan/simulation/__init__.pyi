@@ -1,10 +1,5 @@
 from ._advice_figures import choice_figure as choice_figure, tuning_figure as tuning_figure
 from ._arrivals import Arrival as Arrival, Arrivals as Arrivals, Closed as Closed
-from ._calibration import (
-    Calibration as Calibration,
-    check_calibration as check_calibration,
-    write_calibration as write_calibration,
-)
 from ._closed_loop import drive_closed as drive_closed
 from ._drives import (
     DRIVEN as DRIVEN,
@@ -20,25 +15,10 @@ from ._drives import (
     rates_of as rates_of,
     rmse_ratio as rmse_ratio,
 )
-from ._evaluation import (
-    LARGEST_DISC as LARGEST_DISC,
-    Evaluation as Evaluation,
-    evaluate as evaluate,
-)
 from ._figures import (
-    calibration_figure as calibration_figure,
-    evaluation_figure as evaluation_figure,
     queries_figure as queries_figure,
     simulation_figure as simulation_figure,
 )
-from ._fitting import calibrate as calibrate, calibrate_moments as calibrate_moments
-from ._places import (
-    Places as Places,
-    choose_points as choose_points,
-    measure as measure,
-    measure_maps as measure_maps,
-)
-from ._predictors import Predictor as Predictor
 from ._routes import (
     Route as Route,
     Routes as Routes,

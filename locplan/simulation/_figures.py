@@ -1,9 +1,9 @@
-"""Figures of simulated drives, of evaluations of predictors, and of calibrations."""
+"""Figures of simulated drives."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,20 +13,16 @@ from matplotlib.lines import Line2D
 
 from locplan import plotting
 from locplan._kernels.arrays import Floats
-from locplan._util.intervals import Interval, in_metres, short
+from locplan._util.intervals import Interval, in_metres
 from locplan.robots import Robot
 from locplan.simulation._arrivals import ENDS, LEAVES, STOPS, Arrivals, faults_of
 from locplan.simulation._drives import LOST, contrasts, rates_of
-from locplan.simulation._places import KINDS, ErrorKind
-from locplan.simulation._predictors import Predictor
 
 if TYPE_CHECKING:
-    from locplan.simulation._calibration import Calibration
-    from locplan.simulation._evaluation import Evaluation
     from locplan.simulation._routes import Routes
     from locplan.simulation._simulate import Simulation
 
-POOLED, WITHIN = "#0072b2", "#d55e00"
+POOLED = "#0072b2"
 MAP_MARKS = (*zip(plotting.style.COLOURS, "o^sDvP", strict=True),)
 """Colour and marker of each map; where there are more maps, all of them look alike."""
 
@@ -173,113 +169,6 @@ def queries_figure(routes: Routes) -> Figure:
     return figure
 
 
-def evaluation_figure(evaluation: Evaluation) -> Figure:
-    """Rank correlation of each predictor with both kinds of error, and two predictors' places.
-
-    Parameters
-    ----------
-    evaluation : Evaluation
-        Errors and predictions at places, as `evaluate` returns them.
-    """
-    predictors, several = list(evaluation.predictions[0]), len(evaluation.places) > 1
-    figure = plotting.Picture(figsize=(9, 5.2 + 0.24 * len(predictors)), layout="constrained")
-    parts: Any = figure.subfigures(2, height_ratios=(1.2 + 0.26 * len(predictors), 4.2))
-    upper, lower = parts
-    for axes, kind in zip(upper.subplots(1, 2, sharey=True), KINDS, strict=True):
-        _draw_ranks(axes, evaluation, kind)
-    handles = [
-        Line2D([], [], color=POOLED, marker="o", label="all places together"),
-        Line2D([], [], color=WITHIN, marker="o", markerfacecolor="white", label="mean over maps"),
-    ]
-    if several:
-        upper.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False)
-    title = _names([each.grid.name for each in evaluation.places])
-    count = sum(len(each.points) for each in evaluation.places)
-    about = f"{title}: {count} places\n{evaluation.robot.known_lidar.title}"
-    upper.suptitle(about, x=0.02, ha="left", fontsize="medium")
-    examples = Predictor("sad", "e"), Predictor("scan", "position_std")
-    few = len(evaluation.places) <= len(MAP_MARKS)
-    for axes, predictor in zip(lower.subplots(1, 2, sharey=True), examples, strict=True):
-        _draw_places(axes, evaluation, predictor, MAP_MARKS if few else MAP_MARKS[:1])
-    if few:
-        style: dict[str, Any] = {"loc": "outside lower center", "ncols": 3, "frameon": False}
-        lower.legend(*lower.axes[0].get_legend_handles_labels(), **style)
-    lower.axes[0].set_ylabel("RMSE of the filter's position [m]")
-    return figure
-
-
-def _draw_ranks(axes: Axes, evaluation: Evaluation, kind: ErrorKind) -> None:
-    """Draw the rank correlation of each predictor with a kind of error, and its interval."""
-    predictors, several = list(evaluation.predictions[0]), len(evaluation.places) > 1
-    rows = np.arange(len(predictors))[::-1]
-    for row, predictor in zip(rows, predictors, strict=True):
-        found = evaluation.ranks[predictor, kind]
-        shown = [(found.spearman, POOLED, 0.12, POOLED), (found.within, WITHIN, -0.12, "white")]
-        for interval, colour, aside, fill in shown[: 2 if several else 1]:
-            axes.plot(interval[1:], [row + aside] * 2, color=colour, linewidth=1.5)
-            axes.plot(interval.value, row + aside, "o", color=colour, markerfacecolor=fill)
-    axes.axvline(0, color="0.6", linewidth=0.8, zorder=0)
-    axes.set(
-        xlim=(-1.1, 1.1), xticks=(-1, -0.5, 0, 0.5, 1), xlabel="Spearman's rank correlation, 95 %"
-    )
-    axes.set_title(KINDS[kind], fontsize="medium")
-    axes.grid(axis="y", color="0.92")
-    of_heading = {True: " (of heading error)", False: ""}
-    axes.set_yticks(rows, [f"{each}{of_heading[each.of_heading]}" for each in predictors])
-
-
-def _draw_places(
-    axes: Axes, evaluation: Evaluation, predictor: Predictor, marks: Sequence[tuple[str, str]]
-) -> None:
-    """Draw the filter's error at the places of each map over what a predictor foresaw."""
-    every = [np.abs(each[predictor]) for each in evaluation.predictions]
-    for places, values, (colour, mark) in zip(evaluation.places, every, itertools.cycle(marks)):
-        style: dict[str, Any] = {"color": colour, "ms": 4, "alpha": 0.6}
-        axes.plot(values, places.position_rmse("tracking"), mark, label=places.grid.name, **style)
-    unit = {"e": "m² rad", "position_std": "m"}.get(predictor.scalar, "")
-    axes.set_xlabel(f"{predictor} [{unit}]" if unit else str(predictor))
-    foreseen = np.concatenate(every)
-    plotting.make_logarithmic(axes.xaxis, 6)
-    if foreseen.max() < 1.05 * foreseen.min():
-        axes.set_xlabel(f"{axes.get_xlabel()}: all alike within 5 %")
-        axes.set_xticks([np.median(foreseen)], [f"{np.median(foreseen):.3g}"])
-    correlation = evaluation.ranks[predictor, "tracking"].spearman
-    axes.set_title(f"{predictor}: correlation {short(correlation)}", fontsize="medium")
-    plotting.make_logarithmic(axes.yaxis)
-
-
-def calibration_figure(calibration: Calibration) -> Figure:
-    """Measured errors over the calibrated deviation of each place.
-
-    Parameters
-    ----------
-    calibration : Calibration
-        The fit, as `calibrate` returns it.
-    """
-    figure = plotting.Picture(figsize=(6.2, 5.6), layout="constrained")
-    axes = figure.subplots()
-    ends = _equal_ends(axes, np.concatenate([calibration.predicted, calibration.measured]))
-    axes.fill_between(ends, ends / 2, ends * 2, color="0.92", label="within a factor 2")
-    axes.plot(ends, ends, color="0.5", linewidth=1)
-    axes.plot(calibration.predicted, calibration.measured, "o", color=POOLED, ms=4, alpha=0.5)
-    axes.set(
-        xlabel="rms deviation of the position by Σ [m]",
-        ylabel=f"{KINDS[calibration.error]}: RMSE [m]",
-    )
-    config = calibration.config
-    tau = f", τ = {calibration.tau:.3g} m²" if calibration.fitted_tau else ""
-    warning = "" if calibration.in_metres else "NOT IN METRES: "
-    axes.set_title(
-        f"{warning}{config.estimator.summary}; {_names(calibration.maps)}\n"
-        f"k = {_formatted(calibration.noise_level)}{tau}\n"
-        f"typically off by a factor of {calibration.factor:.2f}"
-        f" ({calibration.factor_before:.2f} before), {calibration.within_two:.0%} within 2",
-        fontsize="medium",
-    )
-    axes.legend(loc="upper left", frameon=False)
-    return figure
-
-
 def _equal_ends(axes: Any, values: Floats) -> Floats:
     """Make both axes logarithmic and alike, a bit wider than the values; return their ends."""
     ends = np.array([values.min() * 0.8, values.max() * 1.25])
@@ -302,12 +191,6 @@ def _beside(points: Floats) -> list[tuple[float, float]]:
         taken = np.vstack([taken, point + sides[best] * size])
         chosen.append((float(sides[best, 0]), float(sides[best, 1])))
     return chosen
-
-
-def _names(maps: Sequence[str]) -> str:
-    """Names of maps, or their number where that is shorter."""
-    names = ", ".join(each or "map" for each in maps)
-    return names if len(names) < 60 else f"{len(maps)} maps"
 
 
 def _formatted(interval: Interval) -> str:

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from locplan._kernels.arrays import Bools, Floats, Ints, Octets
+from locplan._kernels.arrays import Bools, Floats, Octets
 from locplan._util.checks import check_memory, check_threads, whole
 from locplan._util.intervals import random_of
 from locplan._util.poses import Poses
@@ -21,11 +21,9 @@ from locplan.robots import Robot
 from locplan.simulation._drives import DriveArguments, Drives, Line, drive_arguments
 from locplan.simulation._worlds import MARGIN, Stage, Window, check_filter_map, turned, window_about
 
-MATCH_WINDOW, MATCH_STEP = 2.0, 0.05
-"""Half width and spacing of the offsets at which single scans are matched [m]."""
 ARRAYS = 4
 """Number of arrays of all poses that are in memory at once."""
-DRIVE, MATCH, WORLD, POINTS, APPROACH, BEAMS, CLOSED = range(7)
+DRIVE, WORLD, BEAMS, CLOSED = 0, 2, 5, 6
 """Streams of random numbers, see `random_of`; drives and their worlds have further numbers."""
 
 
@@ -224,55 +222,6 @@ class Simulator:
         """
         errors = self.drive_together([poses], drives, stream=stream, progress=progress)
         return Drives(poses, errors[0])
-
-    def match(self, cells: Ints, scans: int, *, progress: ProgressCallback | None = None) -> Floats:
-        """Match single scans on the map, by correlation over a window of +-2 m and +-60 deg.
-
-        AMCL's number of beams of each scan is compared, on a likelihood field for matching alone.
-
-        Parameters
-        ----------
-        cells : (n, 2) array
-            Row and column of each place; the robot stands and heads anywhere in the cell.
-        scans : int
-            Number of scans at each place.
-        progress : callable, optional
-            Called with (done, total) places.
-
-        Returns
-        -------
-        (n, scans, 3) array
-            The most likely pose minus the true one, in the world [m, m, rad]. Offsets are whole
-            cells, about 0.05 m apart, and headings 2 deg apart.
-        """
-        from locplan._kernels.likelihood import make_lattice
-        from locplan._kernels.matches import match
-        from locplan.field import likelihood_field
-
-        resolution = self.grid.resolution
-        step = max(1, round(MATCH_STEP / resolution))
-        half_steps = round(MATCH_WINDOW / (step * resolution))
-        field = likelihood_field(
-            self.grid.cells, resolution, step, half_steps, sigma_hit=0.1, z_rand=0.05
-        )
-        angles = np.linspace(-np.pi / 3, np.pi / 3, 61)
-        lattice = make_lattice(half_steps, angles)
-        size = len(cells) * scans * 3 * ARRAYS * 8
-        check_memory(f"{scans} scans at each of {len(cells)} places", size, "set fewer scans")
-        errors = np.empty((len(cells), scans, 3))
-        window, given = (field, lattice, angles), self.arguments
-
-        def run(n: int) -> None:
-            random, cell = random_of(self.seed, MATCH, n), cells[n].tolist()
-            for scan in range(scans):
-                world, into = self.worlds[scan % len(self.worlds)], errors[n, scan : scan + 1]
-                sensed = given.lidar, given.disturbances
-                match(random, *window, world, resolution, *cell, *sensed, into)
-
-        _ = self.worlds  # made once, not by every thread
-        self.in_threads(run, len(cells), progress)
-        errors[..., :2] *= resolution
-        return turned(errors, self.grid.origin[2])
 
     @cached_property
     def boundary(self) -> Bools:

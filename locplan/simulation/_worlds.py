@@ -11,11 +11,10 @@ import numpy as np
 
 from locplan._kernels.arrays import Bools, Floats, Octets
 from locplan._util.intervals import random_of
-from locplan._util.poses import Poses, window_around
-from locplan.costs import Costmap, Path, divided_poses
+from locplan._util.poses import Poses
+from locplan.costs import Path, divided_poses
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import OccupancyGrid, check_grid, extent_text
-from locplan.planners import plan_field
 from locplan.robots import Inflation, Robot
 from locplan.simulation._drives import DriveArguments, Line
 from locplan.simulation._own_filters import track
@@ -67,40 +66,6 @@ def poses_along(path: Path, grid: OccupancyGrid, name: str = "") -> Poses:
     return _turning(_facing_ahead(fine, fine.distance))
 
 
-def approaches(
-    costs: Costmap, cell: tuple[int, int], count: int, length: float, random: np.random.Generator
-) -> list[Poses]:
-    """Drives along shortest paths that end in a cell, all with the same number of poses.
-
-    Parameters
-    ----------
-    costs : Costmap
-        Costmap that is blocked where the robot does not fit; the cell must be free.
-    cell : (row, col)
-        Cell in which the drives end.
-    count : int
-        Number of drives. They begin at random where the path to the cell is as long as `length`,
-        or as long as paths get there.
-    length : float
-        Length of the drives [m].
-    random : numpy.random.Generator
-        Source of the random beginnings.
-    """
-    near, (row, col) = _cut_out(costs, cell, length)
-    to_cell = plan_field(near, near.grid.cell_to_world(row, col))
-    distance = np.where(to_cell.cost <= length, to_cell.cost, -1.0)
-    # Paths count as equally long within 0.5 m.
-    rows, cols = np.nonzero(distance >= max(distance.max() - 0.5, 0.0))
-    drives = []
-    for n in random.choice(len(rows), count, replace=len(rows) < count):
-        path = to_cell.path(near.grid.cell_to_world(int(rows[n]), int(cols[n])))
-        assert path is not None
-        drives.append(
-            _facing_ahead(path, np.linspace(0.0, path.length, round(length / POSE_SPACING) + 1))
-        )
-    return drives
-
-
 def _facing_ahead(path: Path, at: Floats) -> Poses:
     """Poses at distances along a path, each facing the point `AHEAD` of it."""
     here, ahead = (
@@ -119,16 +84,6 @@ def _facing_ahead(path: Path, at: Floats) -> Poses:
 def _turning(poses: Poses) -> Poses:
     """Poses with further ones inserted where the robot turns by more than `TURN` at once."""
     return divided_poses(poses, np.abs(np.diff(poses[:, 2])) / TURN)
-
-
-def _cut_out(
-    costs: Costmap, cell: tuple[int, int], reach: float
-) -> tuple[Costmap, tuple[int, int]]:
-    """Part of a costmap within `reach` [m] of a cell, and the cell's row and column in it."""
-    cells = int(np.ceil(reach / costs.grid.resolution)) + 1
-    rows, cols = part = window_around(*cell, cells, costs.grid.shape)
-    near = Costmap.from_density(costs.grid.part(*part), costs.density[part])
-    return near, (cell[0] - rows.start, cell[1] - cols.start)
 
 
 DRIVE, WORLD = 0, 2

@@ -1,0 +1,394 @@
+"""How well do fields rank the errors of a robot at places? On any maps.
+
+On each map a filter drives 16 times to each of 100 random places, along shortest paths of 10 m from
+all around, and 16 single scans are matched there. The error of the filter is its RMSE over the last
+metre. Each field, and two baselines, are ranked by both kinds of errors.
+
+Run: python examples/places.py [FOLDER [MAP.yaml ...]]
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import cv2
+import numpy as np
+from numba import njit
+from scipy.spatial import cKDTree
+
+import locplan
+from locplan import FieldConfig, Fisher, Fused, Lidar, OccupancyGrid, Sad, Scan
+from locplan._kernels.arrays import Floats, Ints, Octets, Random
+from locplan._kernels.lidar import BeamDisturbances, Lidar as KernelLidar, measured_ends
+from locplan._kernels.likelihood import NOWHERE, Lattice, LikelihoodField, make_lattice
+from locplan._kernels.posterior import score
+from locplan._util.intervals import Interval, Rank, Resamples, random_of, rank
+from locplan._util.poses import window_around
+from locplan.costs import Costmap
+from locplan.field import covariances_at, equipped, likelihood_field, scalar, well_spaced
+from locplan.maps import OCCUPIED
+from locplan.planners import plan_field
+from locplan.robots import Amcl, Robot, radius_of
+from locplan.simulation import POSE_SPACING, Simulator
+from locplan.simulation._worlds import _facing_ahead as facing_ahead, turned
+
+OWN = Path(__file__).resolve().parent.parent / "maps"
+FILTERS = {
+    "Nav2's defaults": Amcl(),
+    "beams multiplied": Amcl(laser_model_type="likelihood_field_prob"),
+}
+LENGTH = 10.0
+"""Length of the drives [m]."""
+MATCH_WINDOW, MATCH_STEP = 2.0, 0.05
+"""Half of the edge and step of the window in which scans are matched [m]."""
+MATCH, POINTS, APPROACH = 1, 3, 4
+"""Streams of random numbers."""
+ErrorKind = Literal["tracking", "match"]
+KINDS: tuple[ErrorKind, ...] = ("tracking", "match")
+"""Kinds of errors: of the filter, and of single scans."""
+
+
+def main(
+    folder: str = "places", maps: Sequence[str] = (), places: int = 100, drives: int = 16
+) -> None:
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    grids = [locplan.load_map(file) for file in maps or sorted(OWN.glob("*.yaml"))]
+    evaluations = {
+        name: evaluate(grids, equipped(Robot(filter=amcl)), places, drives)
+        for name, amcl in FILTERS.items()
+    }
+    text = "\n\n".join([predictors(evaluations), errors(evaluations)])
+    print(text)
+    (target / "places.md").write_text(text + "\n", encoding="utf-8")
+    print(f"wrote {target / 'places.md'}")
+
+
+# The errors of a robot at places.
+
+
+@dataclass(frozen=True)
+class Places:
+    """Places of a map and the errors there."""
+
+    grid: OccupancyGrid
+    points: Ints
+    """Rows and columns on the lattice of a field's default stride, (n, 2)."""
+    errors: Mapping[ErrorKind, Floats]
+    """Errors of each kind at the places, (n, k, 3), in the world [m, m, rad]."""
+
+    def rmse(self, kind: ErrorKind, of_heading: bool = False) -> Floats:
+        """RMSE of the position [m] or of the heading [rad], (n,)."""
+        squares = self.errors[kind] ** 2
+        summed = squares[..., 2] if of_heading else squares[..., :2].sum(axis=2)
+        return np.sqrt(summed.mean(axis=1))
+
+
+def choose_points(grid: OccupancyGrid, count: int, *, robot: Robot, seed: int) -> Ints:
+    """Random lattice points where a robot can stand, at least 1 m apart, (n, 2)."""
+    wide = grid.free & (grid.clearance >= radius_of(robot))
+    _, labels, about, _ = cv2.connectedComponentsWithStats(wide.astype(np.uint8), connectivity=4)
+    largest = 1 + int(np.argmax(about[1:, cv2.CC_STAT_AREA]))
+    stride = FieldConfig().stride_cells(grid.resolution)
+    points = np.argwhere(labels[::stride, ::stride] == largest).reshape(-1, 2)
+    priority = random_of(seed, POINTS).random(len(points))
+    spacing = 1.0 / (stride * grid.resolution)
+    chosen = well_spaced(points.astype(float), priority, spacing)[:count]
+    return points[chosen]
+
+
+def measure(grid: OccupancyGrid, robot: Robot, count: int, drives: int, seed: int = 1) -> Places:
+    """Drive to random places of a map, and match scans there."""
+    simulator = Simulator(grid, robot, seed=seed)
+    points = choose_points(grid, count, robot=robot, seed=seed)
+    cells = points * FieldConfig().stride_cells(grid.resolution)
+    costs, random = Costmap.blank(grid, robot=robot), random_of(seed, APPROACH)
+    lines = [
+        line
+        for row, col in cells
+        for line in approaches(costs, (int(row), int(col)), drives, LENGTH, random)
+    ]
+    driven = simulator.drive(lines).reshape(len(points), drives, -1, 3)
+    last = driven[:, :, -max(1, round(0.1 * driven.shape[2])) :]  # the last metre of 10 m
+    errors = last.reshape(len(points), -1, 3)
+    return Places(grid, points, {"tracking": errors, "match": matched(simulator, cells, drives)})
+
+
+def approaches(
+    costs: Costmap, cell: tuple[int, int], count: int, length: float, random: np.random.Generator
+) -> list[Floats]:
+    """Drives along shortest paths that end in a cell, all with the same number of poses.
+
+    They begin at random where the path to the cell is as long as `length` [m], or as long as paths
+    get there.
+    """
+    near, (row, col) = cut_out(costs, cell, length)
+    to_cell = plan_field(near, near.grid.cell_to_world(row, col))
+    distance = np.where(to_cell.cost <= length, to_cell.cost, -1.0)
+    # Paths count as equally long within 0.5 m.
+    rows, cols = np.nonzero(distance >= max(distance.max() - 0.5, 0.0))
+    drives = []
+    for n in random.choice(len(rows), count, replace=len(rows) < count):
+        path = to_cell.path(near.grid.cell_to_world(int(rows[n]), int(cols[n])))
+        assert path is not None
+        drives.append(
+            facing_ahead(path, np.linspace(0.0, path.length, round(length / POSE_SPACING) + 1))
+        )
+    return drives
+
+
+def cut_out(costs: Costmap, cell: tuple[int, int], reach: float) -> tuple[Costmap, tuple[int, int]]:
+    """Part of a costmap within `reach` [m] of a cell, and the cell's row and column in it."""
+    cells = int(np.ceil(reach / costs.grid.resolution)) + 1
+    rows, cols = part = window_around(*cell, cells, costs.grid.shape)
+    near = Costmap.from_density(costs.grid.part(*part), costs.density[part])
+    return near, (cell[0] - rows.start, cell[1] - cols.start)
+
+
+def matched(simulator: Simulator, cells: Ints, scans: int) -> Floats:
+    """Errors of single scans at cells, matched over +-2 m and +-60 deg, (n, scans, 3).
+
+    AMCL's number of beams of each scan is compared, on a likelihood field for matching alone.
+    """
+    resolution = simulator.grid.resolution
+    step = max(1, round(MATCH_STEP / resolution))
+    half_steps = round(MATCH_WINDOW / (step * resolution))
+    field = likelihood_field(
+        simulator.grid.cells, resolution, step, half_steps, sigma_hit=0.1, z_rand=0.05
+    )
+    angles = np.linspace(-np.pi / 3, np.pi / 3, 61)
+    window = field, make_lattice(half_steps, angles), angles
+    sensed = simulator.arguments.lidar, simulator.arguments.disturbances
+    worlds, errors = simulator.worlds, np.empty((len(cells), scans, 3))
+
+    def run(n: int) -> None:
+        random, cell = random_of(simulator.seed, MATCH, n), cells[n].tolist()
+        for scan in range(scans):
+            world = worlds[scan % len(worlds)]
+            match_scans(
+                random, *window, world, resolution, *cell, *sensed, errors[n, scan : scan + 1]
+            )
+
+    simulator.in_threads(run, len(cells), None)
+    errors[..., :2] *= resolution
+    return turned(errors, simulator.grid.origin[2])
+
+
+@njit(nogil=True)
+def one_of_least(random: Random, costs: np.ndarray) -> int:
+    """Index of the least cost; a random one if several are equal."""
+    least = costs.min()
+    ties = 0
+    for n in range(costs.size):
+        ties += costs[n] == least
+    chosen = random.integers(0, ties)
+    for n in range(costs.size):
+        if costs[n] == least:
+            if chosen == 0:
+                return n
+            chosen -= 1
+    return 0
+
+
+@njit(nogil=True, error_model="numpy")
+def match_scans(
+    random: Random,
+    field: LikelihoodField,
+    lattice: Lattice,
+    angles: Floats,
+    squares: Octets,
+    resolution: float,
+    row: int,
+    col: int,
+    lidar: KernelLidar,
+    disturbances: BeamDisturbances,
+    errors: Floats,
+) -> None:
+    """Match n scans from a cell, and write the errors of the most likely poses into `errors`.
+
+    The robot's position in the cell and its heading are random. The window's middle is the cell's
+    centre and a heading within half a step of the robot's.
+    """
+    turn_step = angles[1] - angles[0] if angles.size > 1 else 0.0
+    measured, ends = np.empty((lidar.angles.size, 2)), np.empty((lidar.angles.size, 2))
+    pose, costs = np.empty(3), np.empty_like(lattice.empty)
+    for n in range(len(errors)):
+        pose[0], pose[1] = row + random.random(), col + random.random()
+        pose[2] = (2 * random.random() - 1) * np.pi
+        aside = (random.random() - 0.5) * turn_step  # offset of the window's heading
+        measured_ends(random, squares, resolution, pose, lidar, disturbances, measured)
+        cos, sin = np.cos(pose[2] + aside), np.sin(pose[2] + aside)
+        for b in range(len(ends)):
+            ends[b, 0] = cos * measured[b, 0] - sin * measured[b, 1]
+            ends[b, 1] = sin * measured[b, 0] + cos * measured[b, 1]
+        score(field, lattice, row, col, ends, costs)
+        for k in range(costs.size):
+            if lattice.empty[k] == NOWHERE:
+                costs[k] = NOWHERE
+        best = one_of_least(random, costs)
+        heading, rest = best // lattice.plane, best % lattice.plane
+        dy = rest // lattice.width - lattice.half_steps
+        dx = rest % lattice.width - lattice.half_steps
+        errors[n, 0] = col + 0.5 + dx * field.step - pose[1]
+        errors[n, 1] = row + 0.5 + dy * field.step - pose[0]
+        errors[n, 2] = angles[heading] + aside
+
+
+# Predictors, and how well they rank the errors.
+
+
+class Predictor(NamedTuple):
+    """A source and the scalar that is read of it; greater values should mean greater errors."""
+
+    source: str
+    """Name of the field, or of a baseline."""
+    scalar: str
+    """e, position_std or heading_std; nothing for a baseline."""
+
+    @property
+    def of_heading(self) -> bool:
+        """True if it predicts the heading's error instead of the position's."""
+        return self.scalar == "heading_std"
+
+    def __str__(self) -> str:
+        short = self.scalar.removesuffix("_std")
+        return f"{self.source}, {short}" if short else self.source
+
+
+def configs(lidar: Lidar) -> dict[str, FieldConfig]:
+    """Settings of the fields that are tried, by name.
+
+    "sad" is the default preset and "paper" the paper's; "visible" ones have templates of what is
+    visible.
+    """
+    default, paper = Sad(), Sad.paper()
+    estimators = {
+        "sad": default,
+        "sad visible": replace(default, template="visible"),
+        "paper": paper,
+        "paper visible": replace(paper, template="visible"),
+        "fisher": Fisher(lidar),
+        "scan": Scan(lidar),
+        "fused": Fused(lidar),
+    }
+    return {name: FieldConfig(estimator) for name, estimator in estimators.items()}
+
+
+def predictions(
+    grid: OccupancyGrid,
+    fields: Mapping[str, FieldConfig],
+    points: Ints,
+) -> dict[Predictor, Floats]:
+    """Values of each predictor at points of the lattice of the default stride, (n,)."""
+    found: dict[Predictor, Floats] = {}
+    for name, config in fields.items():
+        config = replace(config, stride=FieldConfig.stride)
+        covariance = covariances_at(grid, config, points)
+        for each in ("e", "position_std", "heading_std"):
+            found[Predictor(name, each)] = scalar(covariance, each)
+    config = next(iter(fields.values()))
+    cells = points * config.stride_cells(grid.resolution)
+    found[Predictor("clearance", "")] = grid.clearance[tuple(cells.T)]
+    found[Predictor("few occupied cells", "")] = -occupied_about(
+        grid, cells, config.estimator.reach / grid.resolution
+    )
+    return found
+
+
+def occupied_about(grid: OccupancyGrid, cells: Ints, radius: float) -> Floats:
+    """Number of occupied cells within a radius [cells] of each cell, also behind walls, (n,)."""
+    occupied = np.argwhere(grid.cells == OCCUPIED)
+    if not len(occupied):
+        return np.zeros(len(cells))
+    counts = cKDTree(occupied).query_ball_point(cells, radius, return_length=True)
+    return np.asarray(counts.astype(float))
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Errors at places of some maps, and the values of each predictor there."""
+
+    places: Sequence[Places]
+    predictions: Sequence[dict[Predictor, Floats]]
+
+    @cached_property
+    def ranks(self) -> dict[tuple[Predictor, ErrorKind], Rank]:
+        """Rank statistics of each predictor for each kind of error.
+
+        Deviations of the heading are compared with the heading's error, all others with the
+        position's.
+        """
+        drawn = Resamples.of([len(places.points) for places in self.places])
+        return {
+            (predictor, kind): rank(
+                [found[predictor] for found in self.predictions],
+                [places.rmse(kind, predictor.of_heading) for places in self.places],
+                drawn,
+            )
+            for predictor in self.predictions[0]
+            for kind in KINDS
+        }
+
+    def of_map(self, number: int) -> Evaluation:
+        """Evaluation of one map by itself."""
+        return Evaluation([self.places[number]], [self.predictions[number]])
+
+
+def evaluate(grids: Sequence[OccupancyGrid], robot: Robot, places: int, drives: int) -> Evaluation:
+    """Measure errors at places of maps, and compute what predictors say there."""
+    measured = [measure(grid, robot, places, drives) for grid in grids]
+    fields = configs(robot.known_lidar)
+    return Evaluation(measured, [predictions(p.grid, fields, p.points) for p in measured])
+
+
+def predictors(evaluations: dict[str, Evaluation]) -> str:
+    """Each predictor's rank correlation over all places, mean within a map, and AUC."""
+    columns = {name: (each, "tracking") for name, each in evaluations.items()}
+    columns["single scans"] = next(iter(evaluations.values())), "match"
+    rows = []
+    for predictor in next(iter(evaluations.values())).predictions[0]:
+        cells = [f"{predictor}{' (of heading)' if predictor.of_heading else ''}"]
+        for evaluation, kind in columns.values():
+            found = evaluation.ranks[predictor, kind]
+            cells.append(
+                f"{text_of(found.spearman)}, {found.within.value:.2f}, {found.auc.value:.2f}"
+            )
+        rows.append(cells)
+    return markdown(["predictor", *columns], rows)
+
+
+def errors(evaluations: dict[str, Evaluation]) -> str:
+    """For each map how large the errors are, and how well e ranks them there."""
+    rows = []
+    for number, places in enumerate(next(iter(evaluations.values())).places):
+        cells = [places.grid.name]
+        for evaluation in evaluations.values():
+            alone, places = evaluation.of_map(number), evaluation.places[number]
+            low, median, high = np.quantile(places.rmse("tracking"), (0.1, 0.5, 0.9))
+            ranks = [alone.ranks[p, "tracking"].spearman.value for p in shown(evaluation)]
+            cells += [f"{low:.2f} / {median:.2f} / {high:.2f}", *(f"{r:.2f}" for r in ranks)]
+        rows.append(cells)
+    heads = [f"{name}: {what}" for name in evaluations for what in ("RMSE [m]", "sad e", "scan e")]
+    return markdown(["map", *heads], rows)
+
+
+def shown(evaluation: Evaluation) -> list:
+    return [p for p in evaluation.predictions[0] if str(p) in ("sad, e", "scan, e")]
+
+
+def text_of(interval: Interval) -> str:
+    return f"{interval.value:.2f} [{interval.low:.2f}, {interval.high:.2f}]"
+
+
+def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:2], maps=sys.argv[2:])
