@@ -370,8 +370,12 @@ def test_a_folder_that_takes_no_file_is_refused_before_the_first_drive(tmp_path)
     assert done.stderr == "locplan: error: /proc: cannot be written; choose another folder\n"
 
 
+SMALL_DRIVE = Path(__file__).parent / "small_drive.npz"
+
+
+@pytest.mark.long
 def test_a_recorded_drive_says_whether_and_where_the_map_fits_it():
-    drive = locplan.recordings.read_drive(Path(__file__).parent / "small_drive.npz")
+    drive = locplan.recordings.read_drive(SMALL_DRIVE)
     office = locplan.load_map(Path(__file__).parents[1] / "maps" / "office.yaml")
     cells = office.cells.copy()
     cells[140:148, 540:640] = OCCUPIED  # in the corridor
@@ -387,6 +391,10 @@ def test_a_recorded_drive_says_whether_and_where_the_map_fits_it():
     assert f"map: {false.sentence}" in told
     assert f"at {false.where}" in " ".join(found.report().split())
     assert np.array_equal(found.site.world.cells, cells)  # which stays as it is
-    elsewhere = check(room(), robot, [((1.0, 1.0), (7.0, 1.0))], [drive], effort="quick")
-    (said,) = elsewhere.recorded  # the filter is not run where the map does not fit
+
+
+def test_check_runs_no_filter_if_map_does_not_fit_recorded_drive():
+    drive = locplan.recordings.read_drive(SMALL_DRIVE)
+    found = check(room(), drive.robot(ROBOT), [((1.0, 1.0), (7.0, 1.0))], [drive], effort="quick")
+    (said,) = found.recorded
     assert "does not fit" in said

@@ -10,7 +10,7 @@ import re
 
 import numpy as np
 import pytest
-from conftest import refused
+from conftest import few_of, refused
 
 from locplan import (
     Choice,
@@ -304,6 +304,7 @@ def test_beside_a_filter_that_is_no_amcl_no_parameters_are_driven():
     assert ChoiceSettings(rival=Amcl()).rival_of(Wrapped()) is None
 
 
+@pytest.mark.long
 def test_a_choice_with_another_filter_is_loaded_with_its_name(grid, costs, tmp_path):
     robot = dataclasses.replace(ROBOT, filter=Wrapped())
     found = choose(grid, START, GOAL, robot, costs=costs, drives=4)
@@ -419,7 +420,7 @@ def test_equal_seeds_give_equal_choices_on_any_number_of_threads(grid, costs, ch
     assert all(one != two for one, two in first)
 
 
-@pytest.mark.parametrize("minimise", MINIMISED)
+@pytest.mark.parametrize("minimise", few_of([*MINIMISED]))
 def test_what_is_minimised_is_what_is_confirmed_and_shown(corridors, minimise):
     found = two_ways(corridors, minimise=minimise, drives=32)
     if minimise != "heading":
@@ -698,6 +699,7 @@ def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
     assert max(map(len, lines)) <= 110
 
 
+@pytest.mark.long
 def test_the_command_gives_what_python_gives(run, box, grid):
     more = "--price", "0.2", "--seed", "4", "--json"
     code, out, _ = run("plan", box, *ENDS, *SETTINGS, *more, "--estimator", "scan")

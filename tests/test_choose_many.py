@@ -7,7 +7,7 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
-from conftest import drawn
+from conftest import drawn, few_of
 
 import locplan
 from locplan import Costmap, Lidar
@@ -82,7 +82,7 @@ def test_saved_choices_are_read_back(made, tmp_path):
         same.save(tmp_path / "same")
 
 
-@pytest.mark.parametrize("kind", ["late", "threads", "processes"])
+@pytest.mark.parametrize("kind", few_of(["processes", "late", "threads"]))
 def test_choices_do_not_depend_on_the_executor(costs, made, kind):
     pools = {
         "late": Late,
@@ -99,6 +99,7 @@ def test_choices_do_not_depend_on_the_executor(costs, made, kind):
     assert all(each.choice.costs is costs for each in other)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("default")  # of dask's own shutting down
 def test_a_cluster_chooses_the_same(costs, made):
     distributed = pytest.importorskip("distributed", reason="locplan[dask] is not installed")
@@ -221,6 +222,7 @@ def test_queries_without_a_path_count_as_such():
     assert json.dumps(only.summary())
 
 
+@pytest.mark.long
 def test_fields_are_those_of_the_lidar(monkeypatch):
     asked = []
 

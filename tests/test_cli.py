@@ -9,7 +9,7 @@ from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
-from conftest import SHARED_DATA, drawn, refused
+from conftest import SHARED_DATA, drawn, few_of, refused
 
 import locplan
 from locplan import CovarianceField, FieldConfig, LocplanError, load_map, save_map
@@ -445,6 +445,7 @@ def test_fields_that_know_the_sensor(run, room, tmp_path):
         assert picture.stat().st_size > 1000
 
 
+@pytest.mark.long
 def test_the_lidar_is_named_once_for_estimators_and_simulator(run, room, tmp_path):
     _, out, _ = run("field", room, "--lidar", "utm-30lx")
     assert "fused, utm-30lx, 30 m, 270°, 8 headings" in " ".join(out.split())
@@ -463,6 +464,7 @@ def test_the_lidar_is_named_once_for_estimators_and_simulator(run, room, tmp_pat
     assert "missing.json: cannot be read" in err
 
 
+@pytest.mark.long
 def test_a_map_without_weak_spots_says_so(run, tmp_path, monkeypatch):
     lines = ["#" * 16, *["#" + "." * 14 + "#"] * 14, "#" * 16]
     save_map(drawn(*lines, resolution=0.1), tmp_path / "small.yaml")
@@ -701,7 +703,7 @@ def test_the_package_runs_as_a_module():
     )
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+@pytest.mark.parametrize("shell", few_of(["bash", "zsh", "fish"]))
 def test_install_completion_writes_script(run, tmp_path, monkeypatch, shell):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.chdir(tmp_path)

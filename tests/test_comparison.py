@@ -451,11 +451,11 @@ def nav2(tmp_path):
 def test_the_simulated_choice_is_compared_as_a_planner(corridors, nav2):
     text = f"simulated choice: drives=2, minimise=lost, robot={nav2}"
     found = locplan.compare(
-        corridors, ["any-angle", text], [CORRIDOR], seeds=[1, 2], weights=8.0, execution=ONE
+        corridors, ["any-angle", text], [CORRIDOR], seeds=[2], weights=8.0, execution=ONE
     )
     label = f"simulated choice:drives=2,minimise=lost,robot={nav2}"
     runs = [run for run in found.runs if run.task.planner == label]
-    assert [(run.task.seed, run.status) for run in runs] == [(1, "solved"), (2, "solved")]
+    assert [(run.task.seed, run.status) for run in runs] == [(2, "solved")]
     for run in runs:
         choice = locplan.choose(
             corridors.grid,

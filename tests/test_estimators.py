@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import corridor, drawn, random_rooms
+from conftest import corridor, drawn, few_of, random_rooms
 from naive import rotated
 from scipy.linalg import expm, logm
 
@@ -204,12 +204,14 @@ def test_a_quarter_turn_of_the_map_turns_covariances_and_headings(estimator):
 
 @pytest.mark.parametrize(
     "lidar",
-    [
-        Lidar(range=2.5),
-        Lidar(range=2.5, beams=90),
-        Lidar(range=2.5, field_of_view_deg=180.0, beams=361, mount_x=0.15),
-        Lidar(range=2.5, field_of_view_deg=270.0, beams=1080),
-    ],
+    few_of(
+        [
+            Lidar(range=2.5, field_of_view_deg=180.0, beams=361, mount_x=0.15),
+            Lidar(range=2.5),
+            Lidar(range=2.5, beams=90),
+            Lidar(range=2.5, field_of_view_deg=270.0, beams=1080),
+        ]
+    ),
     ids=lambda lidar: f"{lidar.beams} beams in {lidar.field_of_view_deg:g} deg",
 )
 def test_a_turned_or_mirrored_map_has_the_turned_or_mirrored_field(estimator, lidar):

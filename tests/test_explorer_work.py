@@ -40,6 +40,7 @@ def test_the_simulated_choice_is_that_of_the_library(session):
     assert shown["driven"] == own.driven
 
 
+@pytest.mark.long
 def test_while_the_field_follows_an_edit_the_simulated_choice_takes_none_of_it(session):
     _, field = corridors()
     stale = field.of({name: 2 * array for name, array in field.values.items()}, *field_of(field))

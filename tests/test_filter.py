@@ -285,6 +285,7 @@ def test_maps_that_do_not_overlap_are_refused():
         tune([room(), room()], EXACT, filter_map=room())
 
 
+@pytest.mark.long
 def test_whatever_drives_takes_a_filter_map(tmp_path):
     grid, old = room(), shifted_wall()
     costs = Costmap.from_field(grid, covariance_field(grid, Sad()), robot=0.3)
@@ -309,6 +310,7 @@ def test_whatever_drives_takes_a_filter_map(tmp_path):
     assert aware[1].summary()["filter_map"] == {"name": "old", "digest": old.digest}
 
 
+@pytest.mark.long
 def test_recorded_drives_are_replayed_on_the_filter_map():
     grid, old = room(), shifted_wall()
     back = Path(np.array([[1.5, 4.0], [9.5, 4.0], [9.5, 2.0], [10.5, 4.0], [1.5, 4.2]] * 2))

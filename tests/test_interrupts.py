@@ -132,6 +132,7 @@ with replacing_folder("kept", None, lambda _: True) as folder:
     assert (tmp_path / "kept" / "result").read_text() == "before"
 
 
+@pytest.mark.long
 def test_the_last_of_very_many_temporary_folders_is_removed_too(tmp_path):
     code = """
 from locplan._util.supervision import temporary_folder

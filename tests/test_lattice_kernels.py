@@ -148,7 +148,7 @@ def ground_and_poses(seed, kind, blocked=0.02):
 @pytest.mark.parametrize("turn", [0.0, 0.4])
 def test_costs_of_own_lines_and_of_curves_are_those_of_tiny_steps(kind, turn):
     compared = 0
-    for seed in range(12):
+    for seed in range(4):
         ground, density, poses = ground_and_poses(seed, kind)
         drive = made_drive(kind, turn, sideways=seed % 2 == 0)
         length = np.random.default_rng(seed).uniform(-2.5, 3, len(poses))

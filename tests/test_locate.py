@@ -10,7 +10,7 @@ from dataclasses import replace
 import naive
 import numpy as np
 import pytest
-from conftest import SHARED_DATA, refused
+from conftest import SHARED_DATA, few_of, refused
 from small_drive import FILE, MAP
 
 import locplan
@@ -91,7 +91,7 @@ def different():
     return rooms(differ=True)
 
 
-@pytest.mark.parametrize("kind", ["office", "places"])
+@pytest.mark.parametrize("kind", few_of(["places", "office"]))
 def test_simulated_scans_are_located_within_5_cm_and_1_degree(kind):
     grid = locplan.maps.environments.make(kind, resolution=0.05)
     random = np.random.default_rng(4)

@@ -7,6 +7,7 @@ from importlib import import_module
 
 import numpy as np
 import pytest
+from conftest import few_of
 
 import locplan
 from locplan.comparison import Execution, Journal, compare
@@ -102,7 +103,7 @@ def command(folder, *arguments, env=(), before=None, **streams):
     return done.returncode, done.stdout, done.stderr
 
 
-@pytest.mark.parametrize("backend", ["module://matplotlib_inline.not_there", "nonsense"])
+@pytest.mark.parametrize("backend", few_of(["module://matplotlib_inline.not_there", "nonsense"]))
 def test_pictures_are_drawn_whatever_backend_the_environment_names(tmp_path, backend):
     locplan.save_map(ROOM, tmp_path / "room.yaml")
     env = {"MPLBACKEND": backend, "MPLCONFIGDIR": "/proc/nowhere"}

@@ -193,6 +193,7 @@ def test_pictures_beyond_the_limit_are_counted(
     assert "The first 5 of 8 runs are shown" in page
 
 
+@pytest.mark.long
 def test_the_limit_of_pictures_is_that_of_all_maps(
     tmp_path: Path, case: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -226,6 +226,7 @@ def test_maps_are_strata():
     assert found.high / found.low < 1.03
 
 
+@pytest.mark.long
 def test_the_interval_covers_the_truth():
     """2000 comparisons of 10 queries with 3 seeds; bootstraps cover 90 %."""
     rng = np.random.default_rng(11)

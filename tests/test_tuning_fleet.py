@@ -33,6 +33,7 @@ def drives(grids) -> list[Recording]:
     return [recorded(grids[0], line, seed=seed) for seed, line in enumerate((there, back))]
 
 
+@pytest.mark.long
 def test_settings_for_several_maps_are_judged_on_each(grids):
     robot = Robot(Lidar(range=6.0, beams=60), filter=FEW)
     found = tune(grids, robot, paths=5, drives=2, threads=2)
@@ -56,6 +57,7 @@ def test_settings_for_several_maps_are_judged_on_each(grids):
     tuning_figure(found)
 
 
+@pytest.mark.long
 def test_the_worst_of_several_drives_decides(grids, drives):
     poor = Amcl(min_particles=60, max_particles=120, alpha2=1.0, alpha3=1.0)
     found = tune_on_drive(drives, grids[0], Robot(filter=poor), drives=2)

@@ -68,6 +68,7 @@ def test_a_filter_that_follows_odometry_never_comes_back(grid):
         assert bench.kidnapped(STILL, metres) == pytest.approx(np.array(expected), abs=1e-6)
 
 
+@pytest.mark.long
 def test_what_a_filter_does_after_a_kidnapping_is_said(grid):
     robot = Robot(Lidar(range=6.0, beams=60), filter=STILL)
     found = tune(grid, robot, paths=5, drives=2, threads=2)
