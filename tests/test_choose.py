@@ -554,6 +554,7 @@ def test_limits_need_a_field(grid, costs, robot, limit):
 CAR = dataclasses.replace(ROBOT, kinematics=Kinematics(drive="car-like", turning_radius=0.5))
 
 
+@pytest.mark.long
 def test_all_candidates_of_a_car_can_be_driven_by_it(grid, costs):
     sharp = [START, (1.0, 4.6), (11.0, 4.6), GOAL]
     found = choose(

@@ -372,7 +372,7 @@ def fishers_share(covariance) -> float:
 
 
 @pytest.mark.filterwarnings("ignore:logm result may be inaccurate")  # by 1e-12
-@pytest.mark.parametrize("half_rotation_deg", [30.0, 0.0])
+@pytest.mark.parametrize("half_rotation_deg", few_of([30.0, 0.0]))
 def test_fused_is_a_mean_of_the_logarithms(rooms, half_rotation_deg):
     sharp = {"window": replace(SMALL, half_rotation_deg=half_rotation_deg), "effective_beams": 120}
     fisher, scan = (made(name, AHEAD, **sharp) for name in ("fisher", "scan"))

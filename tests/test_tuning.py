@@ -170,6 +170,7 @@ def test_levels_scale_odometry_and_clutter_only():
     assert strong.start_sigma == robot.disturbances.start_sigma
 
 
+@pytest.mark.long
 def test_what_happens_at_ten_times_the_errors_of_odometry_is_said(tuning):
     assert [level.name for level in tuning.levels] == ["x1/3", "x1", "x3"]
     beyond = tuning.found.beyond
