@@ -321,10 +321,9 @@ def test_the_command_compares_fields_with_a_drive(run, tmp_path, drive, coarse_f
     assert (code, about["scans"]) == (0, math.ceil(len(drive) / 12))
     assert err.endswith(f"wrote {tmp_path / 'out'}\n")
     assert "two_corridors" not in about["map"]
-    assert "--places is not read with --drive" in refused(run(*ask, "--places", 5))
-    assert "--seed is not read with --drive" in refused(run(*ask, "--seed", 5))
-    assert "--set is not read with --drive" in refused(run(*ask, "--set", "alpha1=0.1"))
     assert "--every is not read without --drive" in refused(run("evaluate", MAP, "--every", 3))
+    for command in ("evaluate", "calibrate"):
+        assert "name a recorded drive with --drive" in refused(run(command, MAP))
     two = MAP.parent / "two_corridors.yaml"
     assert "--drive is of one map, not of 2" in refused(run(*ask[:2], two, *ask[2:]))
     fault = refused(run("evaluate", two, *ask[2:], "--every", 12))

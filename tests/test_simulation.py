@@ -24,7 +24,6 @@ from locplan.simulation import (
     Routes,
     RoutesOnMaps,
     Simulator,
-    measure,
     poses_along,
     rmse_ratio,
     simulate,
@@ -101,38 +100,6 @@ def test_turns_on_the_spot_take_their_time(two_corridors):
 def test_paths_that_cannot_be_driven_are_refused(two_corridors, xy, reason):
     with pytest.raises(LocplanError, match=reason):
         poses_along(Path(np.array(xy)), two_corridors)
-
-
-def lines_to(grid, point, drives, robot_radius, monkeypatch):
-    """The lines that are driven to a lattice point."""
-    driven = []
-
-    def drive(self, lines, **_):
-        driven.extend(lines)
-        return np.zeros((len(lines), *lines[0].shape))
-
-    monkeypatch.setattr(Simulator, "drive", drive)
-    robot = Robot(footprint=robot_radius, margin=0.0)
-    places = measure(Simulator(grid, robot), np.array([point]), drives=drives, scans=0)
-    ends = np.array([line[-1, :2] for line in driven])
-    assert ends == pytest.approx(np.tile(places.xy, (drives, 1)))
-    return driven
-
-
-def test_drives_end_at_the_place_and_come_from_afar(two_corridors, monkeypatch):
-    row, col = two_corridors.world_to_cell(20.0, 3.0)
-    lines = lines_to(two_corridors, (row // 2, col // 2), 12, 0.25, monkeypatch)
-    assert len({line.shape for line in lines}) == 1
-    ways = [np.hypot(*np.diff(line[:, :2], axis=0).T).sum() for line in lines]
-    assert min(ways) > 9.4
-    assert max(ways) <= 10.0 + 1e-6
-    starts = np.array([line[0, 0] for line in lines])
-    assert starts.min() < 11 < 29 < starts.max()
-
-
-def test_drives_in_a_small_room_are_as_long_as_there_is(monkeypatch):
-    lines = lines_to(open_space(3.0), (1, 1), 4, 0.0, monkeypatch)
-    assert all(2.0 < math.dist(line[0, :2], line[-1, :2]) < 4.3 for line in lines)
 
 
 def test_without_any_noise_the_filter_is_right_even_where_nothing_is_seen():
