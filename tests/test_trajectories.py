@@ -19,7 +19,6 @@ from locplan._kernels import least_squares, trajectory as kernels
 from locplan._kernels.particles import BeamScores
 from locplan._util import poses as of_poses
 from locplan.errors import ConfigError, RecordingError
-from locplan.explorer import RecordedDrive
 from locplan.maps import FREE, OccupancyGrid
 from locplan.recordings import (
     Jump,
@@ -444,18 +443,6 @@ def test_a_smoothed_reference_has_trusted_poses_only(drive, found, tmp_path):
     assert len(referenced(as_bag, GRID, cache_dir=tmp_path)) == len(smoothed)
     with pytest.raises(ConfigError, match="reference must be one of"):
         referenced(drive, GRID, "truth")
-
-
-def test_the_explorer_shows_smoothed_poses_of_bags_too(drive, found, tmp_path):
-    as_bag = replace(drive, source=replace(drive.source, file="monday", lidar_frame="laser"))
-    shown = RecordedDrive.of(as_bag)
-    smoothed = shown.on(GRID, cache_dir=tmp_path)
-    assert smoothed.name == "monday"
-    assert np.array_equal(smoothed.recording.poses, found.poses[found.trusted])
-    assert shown.on(GRID, "log").recording is as_bag
-    with locplan.explore(GRID, open_browser=False, drives=[drive], reference="smoothed") as page:
-        (own,) = page.session.opening.drives
-        assert np.array_equal(own.recording.poses, smoothed.recording.poses)
 
 
 def test_the_figure_marks_what_is_not_to_be_trusted(drive, found):
