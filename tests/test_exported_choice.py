@@ -41,7 +41,7 @@ def driven(field):
 def taking(choice, name):
     """The choice that takes the candidate of this name."""
     leader = [each.name for each in choice.candidates].index(name)
-    judged = dataclasses.replace(choice.judgement, leader=leader, verdict="clearly better")
+    judged = dataclasses.replace(choice.judgement, leader=leader, verdict="better")
     made = [dataclasses.replace(each, arrivals=None) for each in choice.candidates]
     return dataclasses.replace(choice, judgement=judged, candidates=tuple(made))
 

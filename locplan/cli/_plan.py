@@ -74,7 +74,7 @@ class Driving(typed.Options):
     """Maximum number of confirming drives of a path; 64 by default; with 0 none is driven or
     recommended."""
     bold: bool = False
-    """Take a path that is only probably better, too."""
+    """Take an undecided path, too, if its ratio of errors is at most 0.9."""
     minimise: Literal["rmse", "lost", "goal-error", "heading"] | None = None
     """Error that decides: RMSE of the position (by default), that of the last metre, that of the
     heading, or first of all the number of drives off by over 1 m."""

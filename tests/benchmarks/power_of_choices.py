@@ -22,6 +22,7 @@ from scipy.signal import fftconvolve
 from scipy.stats import norm
 
 from locplan.simulation import Judgement, Scores, judged
+from locplan.simulation.verdict import EXPONENT
 
 Errors = Callable[[np.random.Generator], np.ndarray]
 """Draws the true ratios of ten paths, the shortest first."""
@@ -69,7 +70,7 @@ def choice_of(case: str, seed: int) -> tuple[Judgement, float, int]:
     return found, float(ratios[found.leader]), drives
 
 
-def critical_value(exponent: float, looks: int, error: float = 0.025) -> float:
+def critical_value(exponent: float, looks: int, error: float = 0.0125) -> float:
     """Critical value at the last of some doubling looks, of which each before it has more.
 
     It grows by 2 ** exponent a look backwards (Wang and Tsiatis, Biometrics 43, 1987). The density
@@ -93,18 +94,17 @@ def critical_value(exponent: float, looks: int, error: float = 0.025) -> float:
 
 
 def main(choices: int = 1000) -> None:
-    for name, exponent in (("lower", 0.3), ("upper", 0.15)):
-        found = ", ".join(f"{critical_value(exponent, looks):.3f}" for looks in (1, 2, 4, 8))
-        print(f"{name} end, 2 ** {exponent} a look: {found} at the last of 1, 2, 4, 8 looks")
+    found = ", ".join(f"{critical_value(EXPONENT, looks):.3f}" for looks in (1, 2, 4, 8))
+    print(f"critical value: {found} at the last of 1, 2, 4, 8 looks")
     print("share of the choices; of the last three columns: of the recommended, of the confirmed")
     print(f"{'ten paths':26} recommended undecided median mean  above .95  covered")
     for case in CASES:
         with ProcessPoolExecutor() as pool:
             made = list(pool.map(partial(choice_of, case), range(choices), chunksize=50))
         said = Counter(found.verdict for found, *_ in made)
-        taken = [truth for found, truth, _ in made if found.verdict == "clearly better"]
+        taken = [truth for found, truth, _ in made if found.takes(bold=False)]
         held = [found.ratio.low <= t <= found.ratio.high for found, t, _ in made if found.leader]
-        undecided = said["undecided after 64 drives"] + said["probably better"]
+        undecided = said["undecided"]
         drives = [drives for *_, drives in made]
         wrong = np.mean([truth > 0.95 for truth in taken]) if taken else math.nan
         print(

@@ -42,7 +42,7 @@ from locplan.planners import (
     planner_for,
 )
 from locplan.robots import Amcl, Robot
-from locplan.simulation.choice._race import LOOKS
+from locplan.simulation.verdict import LOOKS
 
 Minimise = Literal["rmse", "lost", "goal-error", "heading"]
 """Quantity that the chosen path has least of."""
@@ -95,7 +95,7 @@ class ChoiceSettings(Settings):
     drives: int = 64
     """Maximum number of confirming drives of a path, 2 to 1024; 0 drives no path."""
     bold: bool = False
-    """Whether a path that is only probably better is recommended, too."""
+    """Whether an undecided path is recommended, too, if its ratio of errors is at most 0.9."""
     thorough: bool = False
     """Whether 40 closed-loop drives of the path to take and of the shortest show how often each
     arrives, rather than 16."""

@@ -22,14 +22,9 @@ from locplan.simulation._arrivals import Arrivals, faults_of
 from locplan.simulation.choice._ask import ChoiceSettings
 from locplan.simulation.choice._densities import config_of, costmap_of, costs_again
 from locplan.simulation.choice._driven import DRIVEN, PLANNED, Candidate, Driven, comparable
-from locplan.simulation.choice._race import (
-    LOSES_MORE,
-    NO_DIFFERENCE,
-    PROBABLY_BETTER,
-    ROUNDS,
-    Judgement,
-)
+from locplan.simulation.choice._race import ROUNDS, Judgement
 from locplan.simulation.choice._tuning_advice import tuning_advice
+from locplan.simulation.verdict import BETTER, NO_DIFFERENCE, UNDECIDED
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -38,7 +33,7 @@ class Choice(Result, Stored):
 
     kind: ClassVar[str] = "choice"
     suffix: ClassVar[str] = ".json"
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
     derived: ClassVar[tuple[str, ...]] = ("taken", "verdict", "sentence", "arrives", "advice")
 
     files: ClassVar[Results] = Results(
@@ -149,19 +144,22 @@ class Choice(Result, Stored):
             return f"take the shortest: no other path led by 1 % in the race of {ROUNDS[-1]} drives"
         leader = self.candidates[found.leader]
         error = f"x{short(found.ratio)} of its error {leader.at_length(shortest)}"
-        more_lost = ", but more of its drives are off by over 1 m" if found.more_lost else ""
         if chosen is leader:
-            answer = f'take "{leader.name}": {found.verdict} than the shortest, {error}'
-            return answer + self._slight
-        bold = "; --bold (bold=True) takes it" if self.verdict == PROBABLY_BETTER else ""
+            words = "better than the shortest" if found.verdict == BETTER else found.verdict
+            return f'take "{leader.name}": {words}, {error}{self._slight}'
         if self._fails_more:
             return f"take the shortest: on {leader.name} fewer robots arrive, {error}"
-        if found.verdict == LOSES_MORE:
+        if found.more_lost and found.verdict in (BETTER, UNDECIDED):
             return f"take the shortest: on {leader.name} more drives are off by over 1 m, {error}"
         what = f"{leader.name} is {found.verdict}"
         if found.verdict == NO_DIFFERENCE:
             what = f"{found.verdict} to {leader.name}"
-        return f"take the shortest: {what}, {error}{more_lost}{bold}"
+        elif found.verdict == UNDECIDED:
+            what += f" after {len(found.drives)} drives"
+            error += "; --bold (bold=True) takes it" if found.is_worthwhile else ""
+        elif found.verdict == BETTER:
+            error += ", less than a tenth"
+        return f"take the shortest: {what}, {error}"
 
     @property
     def arrives(self) -> str:

@@ -58,8 +58,9 @@ def choose(
     Candidates are the shortest path, the one on the robot's own inflated costmap, paths clear of
     walls, ways around, and localizability-aware paths. They race over a few drives; the leading
     ones and the shortest are then driven afresh until the ratio of their errors is known. Only a
-    path that is clearly better, and does not lose more drives, replaces the shortest; and only if
-    the robot, steered by its filter in some closed-loop drives of both, arrives about as often.
+    path that is better by a tenth or more, and loses no more drives, replaces the shortest; and
+    only if the robot, steered by its filter in some closed-loop drives of both, arrives about as
+    often.
     Where the shortest path is kept, such drives of it show how often the robot arrives.
 
     Candidates of a robot with an outline or a turning radius are those of the lattice planner, so
@@ -116,7 +117,7 @@ def choose(
     >>> blank = locplan.Costmap.blank(grid)
     >>> choice = choose(grid, (2.0, 3.0), (38.0, 3.0), robot, costs=blank, drives=8)
     >>> choice.verdict
-    'clearly better'
+    'better'
     """
     check_grid(grid)
     asked = ChoiceSettings.of(settings)
@@ -303,7 +304,7 @@ class SimulatedChoice:
     longest: float = 1.5
     """Maximum length of a candidate, in lengths of the shortest path, >= 1."""
     bold: bool = False
-    """Whether a path that is only probably better is taken, too."""
+    """Whether an undecided path is taken, too, see `ChoiceSettings`."""
     robot: Robot | str | None = None
     """The robot, or a file of it that `Robot.load` reads; its size is that of the costmap. By
     default it has Nav2's filter, and the lidar of the costmap's field."""

@@ -7,7 +7,6 @@ so that their differences count.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,19 +15,19 @@ from typing import NamedTuple
 import numpy as np
 
 from locplan._kernels.arrays import Bools, Floats, Ints
+from locplan._util.checks import keep
 from locplan._util.intervals import Interval
 from locplan._util.saved import Valued
-
-CLEARLY_BETTER, NO_DIFFERENCE, PROBABLY_BETTER, LOSES_MORE, NONE_LED = (
-    "clearly better",
-    "no worthwhile difference",
-    "probably better",
-    "more drives off by over 1 m",
-    "none led the race",
+from locplan.simulation.verdict import (
+    BETTER,
+    NO_DIFFERENCE,
+    UNDECIDED,
+    WORDS,
+    look,
+    plan_looks,
+    student_interval,
 )
-"""Verdicts, beside "undecided after 64 drives".
 
-If no other path led the shortest in the race, nothing is confirmed."""
 ROUNDS = (4, 8)
 """Drives of all paths, and of those that are kept, in the race."""
 KEPT, FINALISTS = 5, 3
@@ -41,20 +40,10 @@ LEAD = math.log(0.99)
 
 These five were found by tests/benchmarks/power_of_choices.py: among ten candidates a path of .8 of
 the shortest's error is found in 91 % of the choices."""
+_FORMER_WORDS = {"clearly better": BETTER, "no worthwhile difference": NO_DIFFERENCE}
+"""Verdicts by how files before version 3 of a choice name them; their others are undecided."""
 WORTHWHILE = math.log(0.9)
 """Logarithm of the ratio of errors from which on a path is worth leaving the shortest."""
-LOOKS = (8, 16, 32, 64, 128, 256, 512, 1024)
-"""Numbers of confirming drives at which one looks, up to the maximum; the last look is at that."""
-BELOW, ABOVE = (2.04, 0.3), (2.16, 0.15)
-"""Where the interval's lower and upper end lie: critical value at the last look, and the exponent
-of 2 by which it is greater at each look before that one.
-
-Each end passes the true value at any of up to eight looks with a probability of at most 2.5 %:
-the boundaries of Wang and Tsiatis for drives that double. Their critical values, 2.03 and 2.15,
-are computed by tests/benchmarks/power_of_choices.py; a hundredth more is for Student's quantiles
-of few drives. Fewer looks, or a last one that is nearer, err less often. The upper end shows that
-a path is better, which may end the drives early; the lower one that it is not, where an early end
-would save only time, and so it keeps more for the last look."""
 
 
 class Scores(NamedTuple):
@@ -98,24 +87,34 @@ class Judgement(Valued):
     leader: int
     """Number of the path; 0 if none leads clearly, and then nothing is confirmed."""
     verdict: str
-    """The verdict on the leader in the words above."""
+    """The verdict on the leader, see `locplan.simulation.verdict`."""
     ratio: Interval
-    """Ratio of the leader's error to the shortest's, with the interval of repeated looks; NaN
-    where nothing was confirmed."""
+    """Ratio of the leader's error to the shortest's, with the interval that decides; NaN where
+    nothing was confirmed."""
     drives: range
     """Numbers of the drives that are shown: those of the confirmation, or else of the race."""
     more_lost: bool = False
     """Whether the leader lost more drives than the shortest path, in the race and after it."""
 
+    def __post_init__(self) -> None:
+        if self.verdict not in WORDS:  # of an older file
+            keep(self, verdict=_FORMER_WORDS.get(self.verdict, UNDECIDED))
+
+    @property
+    def is_worthwhile(self) -> bool:
+        """True if the leader errs so little that a detour is worth it, and loses no more drives."""
+        return not self.more_lost and self.ratio.value <= math.exp(WORTHWHILE)
+
     def takes(self, bold: bool) -> bool:
-        """Whether the leader is to be taken in place of the shortest path.
+        """True if the leader is to be taken in place of the shortest path.
 
         Parameters
         ----------
         bold : bool
-            Whether probably better is enough.
+            Whether an undecided leader is taken, too.
         """
-        return self.verdict == CLEARLY_BETTER or (bold and self.verdict == PROBABLY_BETTER)
+        words = (BETTER, UNDECIDED) if bold else (BETTER,)
+        return self.is_worthwhile and self.verdict in words
 
 
 def judged(
@@ -143,7 +142,7 @@ def judged(
     finalists, lost = race(drive, handicaps, price_of_loss)
     if not finalists:
         nothing = Interval(math.nan, math.nan, math.nan)
-        return Judgement(0, NONE_LED, nothing, range(ROUNDS[-1]))
+        return Judgement(0, UNDECIDED, nothing, range(ROUNDS[-1]))
     return confirmed(drive, finalists, lost, drives, enough)
 
 
@@ -190,56 +189,37 @@ def confirmed(
 ) -> Judgement:
     """Drive the finalists and the shortest afresh, until a difference is known or none is."""
     first, paths, count, done = ROUNDS[-1], [0, *finalists], 0, None
-    looks = [*itertools.takewhile(lambda each: each < drives, LOOKS), drives]
+    looks = plan_looks(drives)
     while True:
         before, count = count, looks.pop(0)
         new = drive(paths, range(first + before, first + count))
         done = new if done is None else done.joined(new)
         apart = done.log_error[1:] - done.log_error[0]
-        below, above = (_level(*end, left=len(looks)) for end in (BELOW, ABOVE))
-        # Choosing the best of several promises too much, not too little: the upper level is shared.
-        mean, low, high = interval_of(apart, below, above / len(finalists))
+        # Choosing the best of several promises too much, not too little: they share the level.
+        shown = look(
+            apart,
+            done.lost[0],
+            done.lost[1:],
+            looks_left=len(looks),
+            n_alternatives=len(finalists),
+        )
         all_lost = lost[paths] + done.lost.sum(axis=1)
         losing = all_lost[1:] > all_lost[0]
-        safe = ~losing & (mean <= WORTHWHILE)
-        clear = safe & (high < 0)
-        leads = next(some for some in (clear, safe, mean < math.inf) if some.any())
-        best = int(np.argmin(np.where(leads, mean, math.inf)))
-        verdict = ""
-        if clear.any():
-            verdict = CLEARLY_BETTER
-        elif (low > WORTHWHILE).all():
-            verdict = NO_DIFFERENCE
-        elif not looks or (enough and enough()):
-            verdict = PROBABLY_BETTER if safe.any() else LOSES_MORE
-            if mean[best] > WORTHWHILE:
-                verdict = f"undecided after {count} drives"
-        if verdict:
-            ratio = Interval(*(math.exp(each[best]) for each in (mean, low, high)))
+        safe = ~losing & (shown.mean <= WORTHWHILE)
+        clear = safe & shown.is_better
+        leads = next(some for some in (clear, safe, shown.mean < math.inf) if some.any())
+        best = int(np.argmin(np.where(leads, shown.mean, math.inf)))
+        is_futile = (shown.low > WORTHWHILE).all()
+        if clear.any() or is_futile or not looks or (enough and enough()):
+            ratio = Interval(*(math.exp(end[best]) for end in shown[:3]))
             numbers = range(first, first + count)
-            return Judgement(paths[best + 1], verdict, ratio, numbers, bool(losing[best]))
+            word, more_lost = shown.words[best], bool(losing[best])
+            return Judgement(paths[best + 1], word, ratio, numbers, more_lost)
         # Finalists that seem worse than the best one, or than what is worthwhile, stay behind: that
         # costs no error, since none of them can be recommended any more.
-        _, worse, _ = interval_of(apart - apart[best], BEHIND, BEHIND)
-        _, poor, _ = interval_of(apart, BEHIND, BEHIND)
+        _, worse, _ = student_interval(apart - apart[best], BEHIND)
+        _, poor, _ = student_interval(apart, BEHIND)
         going = np.append(True, ~((worse > 0) | (poor > WORTHWHILE)))
         going[best + 1] = True
         rows = np.flatnonzero(going).tolist()
         paths, done = [paths[row] for row in rows], done.of(rows)
-
-
-def _level(critical: float, exponent: float, left: int) -> float:
-    """One-sided level of a look by the number of looks that are left after it."""
-    from scipy.special import ndtr
-
-    return float(ndtr(-critical * 2 ** (exponent * left)))
-
-
-def interval_of(differences: Floats, below: float, above: float) -> tuple[Floats, Floats, Floats]:
-    """Mean of each row with both ends of Student's interval, at one-sided levels."""
-    from scipy.special import stdtrit
-
-    count, mean = differences.shape[1], differences.mean(axis=1)
-    error = differences.std(axis=1, ddof=1) / math.sqrt(count)
-    low, high = stdtrit(count - 1, [1 - below, 1 - above])
-    return mean, mean - low * error, mean + high * error

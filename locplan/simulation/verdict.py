@@ -1,0 +1,305 @@
+"""The verdict on two sets of simulated drives, the one definition of "better".
+
+The n-th drives of both sets have the same world and the same random numbers, so that they are
+compared in pairs. Two tests share the error probability of 2.5 %: that of the errors takes
+Student's interval of the paired logarithms, and that of the lost drives the exact sign test of the
+pairs of which only one is lost.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from locplan._kernels.arrays import Bools, Floats
+from locplan._util.intervals import Interval, wilson
+from locplan.simulation._drives import FLOOR, Drives
+
+BETTER, WORSE, NO_DIFFERENCE, UNDECIDED = "better", "worse", "no difference", "undecided"
+WORDS = (BETTER, WORSE, NO_DIFFERENCE, UNDECIDED)
+"""The four verdicts."""
+EQUAL = math.log(1.25)
+"""Logarithm of the ratio of errors up to which, and down to whose inverse, there is no
+difference."""
+LOOKS = (8, 16, 32, 64, 128, 256, 512, 1024)
+"""Numbers of drives at which a caller looks, up to its maximum; the last look is at that."""
+CRITICAL, EXPONENT = 2.40, 0.15
+"""Critical value at the last look, and the exponent of 2 by which it is greater at each look before
+that one.
+
+The true value passes it at any of up to eight looks with a probability of at most 1.25 % a side:
+the boundaries of Wang and Tsiatis for drives that double. Their critical value, 2.391, is computed
+by tests/benchmarks/power_of_choices.py; a hundredth more is for Student's quantiles of few drives.
+Fewer looks, or a last one that is nearer, err less often."""
+
+
+@dataclass(frozen=True, eq=False)
+class DriveSet:
+    """What a set of drives is judged by; drives in the same place of two sets are a pair."""
+
+    log_error: Floats
+    """Logarithm of the error of each drive, (n,) [ln m]."""
+    lost: Bools
+    """True for each drive that was lost, (n,)."""
+    off_at_end: Bools | None = None
+    """True for each drive that is off at the end, (n,); None if that is not known."""
+    reached: Bools | None = None
+    """True for each closed-loop drive that reaches the goal, (m,); None if none was driven."""
+
+    @classmethod
+    def from_drives(cls, drives: Iterable[Drives]) -> DriveSet:
+        """Join the drives along some lines to one set.
+
+        Parameters
+        ----------
+        drives : iterable of Drives
+            The drives along each line.
+        """
+        lines = [*drives]
+        squares = np.concatenate([line.mean_squares for line in lines])
+        lost = np.concatenate([line.lost for line in lines])
+        return cls(
+            0.5 * np.log(squares + FLOOR), lost, np.concatenate([line.off for line in lines])
+        )
+
+
+class RatePair(NamedTuple):
+    """The rates of both sets, each with its 95 % interval."""
+
+    baseline: Interval
+    """Share of the baseline's drives, 0..1."""
+    alternative: Interval
+    """Share of the alternative's drives, 0..1."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The result of comparing an alternative with a baseline."""
+
+    word: str
+    """"better", "worse", "no difference" or "undecided"."""
+    ratio: Interval
+    """Ratio of the alternative's error to the baseline's: geometric mean. It decides, so that its
+    interval holds at all looks together, and covers the truth in 97.5 %."""
+    lost: RatePair
+    """Shares of lost drives."""
+    off_at_end: RatePair | None
+    """Shares of drives that are off at the end; None if that is not known."""
+    reached: RatePair | None
+    """Shares of closed-loop drives that reach the goal; None if none was driven."""
+    n_drives: int
+    """Number of pairs of drives."""
+    fewer_lost: bool
+    """True if the alternative loses significantly fewer drives."""
+    more_lost: bool
+    """True if the alternative loses significantly more drives."""
+
+
+class Look(NamedTuple):
+    """What paired drives show of some alternatives; all arrays are (alternatives,)."""
+
+    mean: Floats
+    """Logarithm of the ratio of the errors: mean over the drives."""
+    low: Floats
+    """Lower end of its interval."""
+    high: Floats
+    """Upper end of its interval."""
+    fewer_lost: Bools
+    """True for alternatives that lose significantly fewer drives than the baseline."""
+    more_lost: Bools
+    """True for alternatives that lose significantly more drives than the baseline."""
+
+    @property
+    def is_better(self) -> Bools:
+        """True for alternatives that are better."""
+        by_error = (self.high < 0) & ~self.more_lost
+        return by_error | (self.fewer_lost & ~(self.low > 0))
+
+    @property
+    def is_worse(self) -> Bools:
+        """True for alternatives that are worse, the mirror image of better."""
+        by_error = (self.low > 0) & ~self.fewer_lost
+        return by_error | (self.more_lost & ~(self.high < 0))
+
+    @property
+    def words(self) -> list[str]:
+        """The verdict on each alternative."""
+        is_equal = (self.low >= -EQUAL) & (self.high <= EQUAL) & ~self.fewer_lost & ~self.more_lost
+        tests = [self.is_better, self.is_worse, is_equal]
+        words = np.select(tests, [BETTER, WORSE, NO_DIFFERENCE], UNDECIDED)
+        return [str(word) for word in words]
+
+
+def look(
+    log_ratios: Floats,
+    baseline_lost: Bools,
+    alternative_lost: Bools,
+    *,
+    looks_left: int = 0,
+    n_alternatives: int = 1,
+) -> Look:
+    """Test the errors and the lost drives of some alternatives against a baseline.
+
+    Parameters
+    ----------
+    log_ratios : (k, n) array
+        Logarithm of the ratio of each alternative's error to the baseline's in each drive.
+    baseline_lost : (n,) or (k, n) array
+        True for the baseline's drives that were lost.
+    alternative_lost : (k, n) array
+        True for each alternative's drives that were lost.
+    looks_left : int, default 0
+        Number of looks that may follow.
+    n_alternatives : int, default 1
+        Number of alternatives of which the best is taken; they share the error probability.
+    """
+    from scipy.special import bdtr, ndtr
+
+    level = float(ndtr(-CRITICAL * 2 ** (EXPONENT * looks_left))) / n_alternatives
+    mean, low, high = student_interval(log_ratios, level)
+    saved = (baseline_lost & ~alternative_lost).sum(axis=1)
+    harmed = (alternative_lost & ~baseline_lost).sum(axis=1)
+    fewer, more = (
+        bdtr(few, saved + harmed, 0.5) <= level for few in (harmed, saved)
+    )  # P(at most so few of the pairs in which one drive is lost)
+    return Look(mean, low, high, fewer, more)
+
+
+def student_interval(values: Floats, level: float) -> tuple[Floats, Floats, Floats]:
+    """Return the mean of each row with both ends of its interval.
+
+    Parameters
+    ----------
+    values : (k, n) array
+        Values, of which each row has a mean.
+    level : float
+        Probability that the true mean lies beyond one end.
+    """
+    from scipy.special import stdtrit
+
+    count, mean = values.shape[1], values.mean(axis=1)
+    if count < 2:
+        return mean, np.full_like(mean, -np.inf), np.full_like(mean, np.inf)
+    half = stdtrit(count - 1, 1 - level) * values.std(axis=1, ddof=1) / math.sqrt(count)
+    return mean, mean - half, mean + half
+
+
+def compare(
+    baseline: DriveSet,
+    alternative: DriveSet,
+    *,
+    looks_left: int = 0,
+    n_alternatives: int = 1,
+) -> Verdict:
+    """Compare two sets of paired drives.
+
+    Parameters
+    ----------
+    baseline : DriveSet
+        Drives of the baseline.
+    alternative : DriveSet
+        As many drives of the alternative, in the same worlds and with the same random numbers.
+    looks_left, n_alternatives
+        See `look`.
+
+    Examples
+    --------
+    >>> errors = np.log([0.2, 0.3, 0.25, 0.22, 0.31, 0.18, 0.27, 0.24])
+    >>> baseline = DriveSet(errors, np.zeros(8, bool))
+    >>> halved = DriveSet(errors - np.linspace(0.6, 0.8, 8), np.zeros(8, bool))
+    >>> compare(baseline, halved).word, compare(halved, baseline).word
+    ('better', 'worse')
+    """
+    shown = look(
+        (alternative.log_error - baseline.log_error)[None],
+        baseline.lost[None],
+        alternative.lost[None],
+        looks_left=looks_left,
+        n_alternatives=n_alternatives,
+    )
+    (word,) = shown.words
+    lost = _pair_rates(baseline.lost, alternative.lost)
+    assert lost is not None
+    return Verdict(
+        word,
+        Interval(*(math.exp(end[0]) for end in shown[:3])),
+        lost,
+        _pair_rates(baseline.off_at_end, alternative.off_at_end),
+        _pair_rates(baseline.reached, alternative.reached),
+        len(baseline.lost),
+        bool(shown.fewer_lost[0]),
+        bool(shown.more_lost[0]),
+    )
+
+
+def confirm(
+    drive: Callable[[range], tuple[DriveSet, DriveSet]],
+    numbers: range,
+    looks: Sequence[int] | None = None,
+    is_time_up: Callable[[], bool] | None = None,
+) -> Verdict:
+    """Drive the best of several alternatives again, and the baseline, until they are decided.
+
+    These drives alone decide: the drives that chose the alternative promise too much.
+
+    Parameters
+    ----------
+    drive : callable
+        Drives the baseline and the alternative with the drives of some numbers.
+    numbers : range
+        Numbers of the drives, none of which chose the alternative.
+    looks : sequence of int, optional
+        Counts of these numbers at which one looks, the last at all; by default `plan_looks`.
+    is_time_up : callable, optional
+        Asked before each look but the first; if true, the look before is the last.
+    """
+    counts = plan_looks(len(numbers)) if looks is None else [*looks]
+    baseline, alternative = drive(numbers[: counts[0]])
+    verdict = compare(baseline, alternative, looks_left=len(counts) - 1)
+    for place, (before, count) in enumerate(itertools.pairwise(counts), 2):
+        if verdict.word != UNDECIDED or (is_time_up and is_time_up()):
+            break
+        more = drive(numbers[before:count])
+        baseline, alternative = _join(baseline, more[0]), _join(alternative, more[1])
+        verdict = compare(baseline, alternative, looks_left=len(counts) - place)
+    return verdict
+
+
+def plan_looks(n_drives: int) -> list[int]:
+    """Return the numbers of drives at which a caller looks.
+
+    Parameters
+    ----------
+    n_drives : int
+        Maximum number of drives.
+
+    Examples
+    --------
+    >>> plan_looks(64), plan_looks(20)
+    ([8, 16, 32, 64], [8, 16, 20])
+    """
+    return [*itertools.takewhile(lambda count: count < n_drives, LOOKS), n_drives]
+
+
+def _pair_rates(baseline: Bools | None, alternative: Bools | None) -> RatePair | None:
+    if baseline is None or alternative is None:
+        return None
+    return RatePair(*(wilson(float(each.mean()), each.size) for each in (baseline, alternative)))
+
+
+def _join(one: DriveSet, other: DriveSet) -> DriveSet:
+    def joined(name: str) -> Bools | None:
+        both = getattr(one, name), getattr(other, name)
+        return None if any(each is None for each in both) else np.concatenate(both)
+
+    return DriveSet(
+        np.concatenate([one.log_error, other.log_error]),
+        np.concatenate([one.lost, other.lost]),
+        joined("off_at_end"),
+        joined("reached"),
+    )

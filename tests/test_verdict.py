@@ -1,0 +1,211 @@
+"""The verdict on paired drives: how often each caller errs, and how often it finds a gain.
+
+Errors are drawn, not simulated: their logarithms deviate by 0.45 in pairs about the logarithm of a
+known ratio, and a tenth of the drives is lost. Drives are lost together in most pairs, as they are
+in one world.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from locplan.simulation import Drives, Scores, judged
+from locplan.simulation.verdict import (
+    BETTER,
+    NO_DIFFERENCE,
+    UNDECIDED,
+    WORSE,
+    DriveSet,
+    compare,
+    confirm,
+    look,
+    plan_looks,
+)
+
+DEVIATION, LOST = 0.45, 0.1
+
+
+def draw_pairs(ratios, n_drives, seed, lost=(LOST, LOST)):
+    """Draw (baseline, alternative) log errors and lost flags of some ratios, (ratios, n_drives)."""
+    random = np.random.default_rng(seed)
+    shape = len(ratios), n_drives
+    common, *own = random.normal(size=(3, *shape))
+    errors = [0.4 * common + DEVIATION / math.sqrt(2) * each for each in own]
+    errors[1] += np.log(ratios)[:, None]
+    ranks = random.uniform(size=shape)
+    again = random.uniform(size=shape)
+    # Half of the pairs share their rank, and are lost together.
+    others = np.where(random.uniform(size=shape) < 0.5, ranks, again)
+    return errors, [ranks < lost[0], others < lost[1]]
+
+
+def look_at(ratio, n_drives=64, count=4000, seed=1, lost=(LOST, LOST), **more):
+    (before, after), flags = draw_pairs([ratio] * count, n_drives, seed, lost)
+    return look(after - before, *flags, **more)
+
+
+def words_at_looks(ratio, count=4000, limit=64, **more):
+    """Return the words of drives that double until they are decided."""
+    (before, after), (lost, others) = draw_pairs([ratio] * count, limit, 7, **more)
+    words = np.full(count, UNDECIDED, object)
+    counts = plan_looks(limit)
+    for left, n in zip(reversed(range(len(counts))), counts, strict=True):
+        shown = look(after[:, :n] - before[:, :n], lost[:, :n], others[:, :n], looks_left=left)
+        words = np.where(words == UNDECIDED, shown.words, words)
+    return Counter(words.tolist())
+
+
+def drive_set(errors, lost):
+    return DriveSet(np.asarray(errors, float), np.asarray(lost, bool))
+
+
+# The rule
+
+
+@pytest.mark.parametrize("lost", [(0.0, 0.0), (0.1, 0.1), (0.4, 0.4)])
+def test_verdict_rarely_prefers_one_of_two_equals(lost):
+    count = 4000
+    words = words_at_looks(1.0, count, lost=lost)
+    for word in (BETTER, WORSE):
+        assert words[word] <= (0.025 + 2 * math.sqrt(0.025 / count)) * count
+    assert 2 * words[WORSE] >= words[BETTER] - 20
+
+
+def test_verdict_finds_a_ratio_of_four_fifths():
+    assert np.mean(look_at(0.8).is_better) >= 0.9
+    words = words_at_looks(0.8)
+    assert words[BETTER] >= 0.9 * sum(words.values())
+    assert words[WORSE] <= 0.001 * sum(words.values())
+
+
+def test_verdict_finds_fewer_lost_drives():
+    shown = look_at(1.0, lost=(0.4, 0.1))
+    assert np.mean(shown.fewer_lost & shown.is_better) >= 0.9
+
+
+def test_verdict_is_its_own_mirror_image():
+    (before, after), (lost, others) = draw_pairs([0.85] * 500, 32, 3, (0.3, 0.1))
+    one, other = look(after - before, lost, others), look(before - after, others, lost)
+    mirror = {BETTER: WORSE, WORSE: BETTER}
+    assert other.words == [mirror.get(word, word) for word in one.words]
+    assert len({*one.words}) > 1
+
+
+def test_verdict_is_undecided_if_errors_and_losses_contradict():
+    errors = np.linspace(-0.1, 0.1, 64)
+    lost = np.arange(64) < 20
+    verdict = compare(drive_set(errors, ~lost & lost), drive_set(errors * 1.1 - 0.5, lost))
+    assert (verdict.word, verdict.more_lost) == (UNDECIDED, True)
+    assert verdict.ratio.high < 1
+
+
+def test_verdict_of_narrow_interval_is_no_difference():
+    errors = np.linspace(-0.3, 0.3, 64)
+    alike = drive_set(errors[::-1] * 0.1 + errors, errors > 9)
+    assert compare(drive_set(errors, errors > 9), alike).word == NO_DIFFERENCE
+    assert compare(drive_set(errors, errors > 9), drive_set(errors, errors > 9)).ratio.value == 1
+    assert compare(
+        drive_set(errors[:4], [False] * 4), drive_set(errors[-4:], [False] * 4)
+    ).word in (
+        WORSE,
+        UNDECIDED,
+    )
+
+
+def test_verdict_intervals_cover_the_truth():
+    shown = look_at(0.8, looks_left=0)
+    assert np.mean((shown.low <= math.log(0.8)) & (math.log(0.8) <= shown.high)) >= 0.975
+    verdict = compare(drive_set([0.0] * 8, [True] * 4 + [False] * 4), drive_set([1.0] * 8, [0] * 8))
+    assert verdict.lost.baseline.value == 0.5
+    assert verdict.lost.baseline.low < 0.5 < verdict.lost.baseline.high
+    assert verdict.lost.alternative.value == 0.0
+    assert (verdict.off_at_end, verdict.reached, verdict.n_drives) == (None, None, 8)
+
+
+def test_drive_set_joins_lines_and_knows_the_end():
+    errors = np.zeros((3, 5, 3))
+    errors[0, 2, 0], errors[1, -1, 1] = 1.5, 0.7
+    drives = Drives(np.zeros((5, 3)), errors)
+    joined = DriveSet.from_drives([drives, drives])
+    assert joined.lost.tolist() == [True, False, False] * 2
+    assert joined.off_at_end.tolist() == [False, True, False] * 2
+    assert joined.log_error[0] == pytest.approx(0.5 * math.log(1.5**2 / 5), abs=1e-5)
+    verdict = compare(joined, joined)
+    assert verdict.off_at_end.alternative.value == pytest.approx(1 / 3)
+
+
+# The confirmation
+
+
+def confirmation(ratio, seed, limit=64):
+    """Return a function that drives pairs of a known ratio, and the counts that it drove."""
+    (before, after), (lost, others) = draw_pairs([ratio], limit, seed)
+    counts = []
+
+    def drive(numbers):
+        counts.append(len(numbers))
+        at = [*numbers]
+        return drive_set(before[0, at], lost[0, at]), drive_set(after[0, at], others[0, at])
+
+    return drive, counts
+
+
+def test_confirm_ends_as_soon_as_it_is_decided():
+    drive, counts = confirmation(0.2, 1)
+    assert confirm(drive, range(64)).word == BETTER
+    assert counts == [8]
+    drive, counts = confirmation(0.9, 1)
+    verdict = confirm(drive, range(64))
+    assert sum(counts) == verdict.n_drives in (16, 32, 64)
+    drive, counts = confirmation(0.9, 1)
+    assert confirm(drive, range(64), is_time_up=lambda: True).n_drives == counts[0] == 8
+    drive, counts = confirmation(0.2, 1)
+    assert confirm(drive, range(64), looks=[64]).n_drives == counts[0] == 64
+
+
+def test_confirm_rarely_prefers_one_of_two_equals():
+    words = Counter(confirm(confirmation(1.0, n)[0], range(64)).word for n in range(1000))
+    assert words[BETTER] <= 30
+
+
+# The callers
+
+
+def choose_among(ratios, seed, drives=64):
+    """Return the judgement of `choose` on paths of known ratios, the shortest first."""
+    random = np.random.default_rng(seed)
+    shape = len(ratios), drives + 8
+    errors = 0.4 * random.normal(size=shape[1]) + random.normal(0, DEVIATION / math.sqrt(2), shape)
+    errors += np.log(ratios)[:, None]
+    lost = random.uniform(size=shape) < LOST
+
+    def drive(paths, numbers):
+        at = np.ix_([*paths], [*numbers])
+        return Scores(errors[at], lost[at])
+
+    return judged(drive, np.zeros(len(ratios)), 1.0, drives)
+
+
+def test_choose_rarely_recommends_one_of_eight_equals():
+    taken = [choose_among([1.0] * 9, seed).takes(bold=False) for seed in range(400)]
+    assert np.mean(taken) <= 0.025
+
+
+def test_choose_agrees_with_the_verdict_on_its_drives():
+    for seed in range(30):
+        (before, after), (lost, others) = draw_pairs([0.7], 16, seed, (0.1, 0.1))
+
+        def drive(paths, numbers, pairs=((before, lost), (after, others))):
+            at = np.array([*numbers]) % 8 + 8 * (numbers.start >= 8)
+            rows = [(errors[0, at], flags[0, at]) for errors, flags in (pairs[n] for n in paths)]
+            return Scores(*(np.array(part) for part in zip(*rows, strict=True)))
+
+        found = judged(drive, np.zeros(2), 1.0, 8)
+        if found.leader:
+            both = drive_set(before[0, 8:], lost[0, 8:]), drive_set(after[0, 8:], others[0, 8:])
+            verdict = compare(*both)
+            assert (verdict.word, verdict.ratio) == (found.verdict, found.ratio)
