@@ -30,6 +30,7 @@ from locplan.landmarks import (
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.robots import Amcl, Lidar, Robot
 from locplan.simulation import Drives
+from locplan.simulation.verdict import DriveSet, compare
 
 PRODUCT = Amcl(laser_model_type="likelihood_field_prob", min_particles=100, max_particles=100)
 SHORT = Lidar(range=3.0)
@@ -571,63 +572,49 @@ def test_landmarks_are_verified_by_drives(placed, verification):
     assert again.summary() == verification.summary()
 
 
-def test_where_nothing_is_lost_there_is_nothing_to_gain():
+def test_verification_of_clear_route_loses_no_drive():
     grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     route = {"room": np.array([[2.0, 3.0], [5.0, 3.0]])}
     made = place_landmarks(grid, Pole(0.2), 1, paths=route)
     driven = made.verify(4, random_sets=1)
-    assert driven.nothing_to_gain
+    assert driven.word in ("no difference", "undecided")
     assert driven.verdict.startswith(
-        "nothing to gain: no drive was off by more than 1 m to begin with; error 0."
+        f"{driven.word}: no drive was off by more than 1 m to begin with; error 0."
     )
 
 
-def driven_with(lost: float, error: float, count: int = 40) -> Outcome:
+def driven_with(lost: float, error: float, spread: float, count: int = 40) -> Outcome:
     """Drives of which a share is lost at the last pose, and all err about as much."""
     errors = np.zeros((count, 50, 3))
-    errors[:, :, 0] = error * np.linspace(0.9, 1.1, count)[:, None]
+    errors[:, :, 0] = error * np.linspace(1 - spread, 1 + spread, count)[:, None]
     errors[: round(lost * count), -1, 0] = 1.5
     return Outcome((Drives(np.zeros((50, 3)), errors),))
+
+
+SOME = "of the drives off by more than 1 m at some time before,"
+NONE = "no drive was off by more than 1 m to begin with"
 
 
 @pytest.mark.parametrize(
     ("before", "after", "verdict"),
     [
-        (
-            (0.5, 0.3),
-            (0.1, 0.3),
-            "they help: 50% of the drives off by more than 1 m at some time before, 10% after",
-        ),
-        (
-            (0.0, 0.15),
-            (0.0, 0.04),
-            "they help: no drive was off by more than 1 m to begin with; error 0.15",
-        ),
-        (
-            (0.0, 0.15),
-            (0.0, 0.14),
-            "nothing to gain: no drive was off by more than 1 m to begin with",
-        ),
-        ((0.0, 0.04), (0.0, 0.15), "they hurt: no drive was off by more than 1 m to begin with"),
-        (
-            (0.0, 0.15),
-            (0.1, 0.04),
-            "not shown to help: 0% of the drives off by more than 1 m at some time before, 10%",
-        ),
-        (
-            (0.1, 0.3),
-            (0.5, 0.3),
-            "they hurt: 10% of the drives off by more than 1 m at some time before, 50% after",
-        ),
-        ((0.5, 0.3), (0.4, 0.3), "not shown to help"),
+        ((0.5, 0.3), (0.1, 0.3), f"better: 50% {SOME} 10% after"),
+        ((0.0, 0.15), (0.0, 0.04), f"better: {NONE}; error 0.15"),
+        ((0.0, 0.15), (0.0, 0.147), f"no difference: {NONE}"),
+        ((0.0, 0.04), (0.0, 0.15), f"worse: {NONE}"),
+        ((0.0, 0.15), (0.1, 0.04), f"better: 0% {SOME} 10%"),
+        ((0.0, 0.15), (0.3, 0.04), f"undecided: 0% {SOME} 30%"),
+        ((0.1, 0.3), (0.5, 0.3), f"worse: 10% {SOME} 50% after"),
+        ((0.5, 0.3), (0.4, 0.3), f"no difference: 50% {SOME} 40% after"),
     ],
 )
-def test_the_verdict_looks_at_lost_drives_and_at_the_error(before, after, verdict):
-    driven = Verification(driven_with(*before), driven_with(*after), None, {}, 1)
+def test_verification_has_the_verdict_of_its_pairs(before, after, verdict):
+    sets = driven_with(*before, 0.1), driven_with(*after, -0.1)
+    driven = Verification(*sets, None, {}, 1)
     assert driven.verdict.startswith(verdict)
-    assert driven.helps == verdict.startswith("they help")
-    assert driven.hurts == verdict.startswith("they hurt")
-    assert driven.nothing_to_gain == verdict.startswith("nothing to gain")
+    assert driven.summary()["verdict"] == verdict.partition(":")[0]
+    pairs = (DriveSet.from_drives(each.drives) for each in sets)
+    assert driven.comparison == compare(*pairs)
 
 
 def test_the_poses_that_see_a_place_are_those_whose_rays_it_shortens():
@@ -816,7 +803,7 @@ def test_three_poles_keep_the_robot_in_a_bare_corridor(count):
     driven = place_landmarks(grid, Pole(0.2), count, robot=Robot(filter=amcl), paths=route).verify(
         100
     )
-    assert driven.helps
+    assert driven.word == "better"
     assert driven.after.lost_rate.value <= 0.02
     assert driven.before.lost_rate.value >= 0.7
     assert driven.random.lost_rate.value >= 0.25

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -14,6 +15,7 @@ from locplan._util.records import Column, Table
 from locplan.costs import Path
 from locplan.maps import OccupancyGrid
 from locplan.simulation import RATES, Drives, Rated, Simulator, drive_paths, rates_of
+from locplan.simulation.verdict import DriveSet, Verdict, compare
 
 DRIVES = 100
 """Number of drives along each route by default."""
@@ -54,26 +56,6 @@ class Outcome(Rated):
 
     def __repr__(self) -> str:
         return f"Outcome({self.number} drives, {rates_of(self)})"
-
-    def better_than(self, other: Outcome) -> bool:
-        """Whether fewer drives are lost, or as few with clearly less error.
-
-        Fewer are lost, and the error is less, where the intervals do not touch. A clear difference
-        of the error is also a tenth or more.
-
-        Parameters
-        ----------
-        other : Outcome
-            Drives along the same routes with other objects.
-        """
-        if self.lost_rate.high < other.lost_rate.low:
-            return True
-        # Share by which an error must be less to be clearly less than another.
-        return (
-            self.lost_rate.value <= other.lost_rate.value
-            and self.rmse.high < other.rmse.low
-            and self.rmse.value <= 0.9 * other.rmse.value
-        )
 
     def summary(self) -> dict[str, object]:
         """Errors and share of lost drives in numbers, fit for JSON."""
@@ -128,18 +110,15 @@ class Verification:
     def __repr__(self) -> str:
         return f"Verification({self.verdict})"
 
-    @property
-    def helps(self) -> bool:
-        """Whether fewer are lost after, or as few with clearly less error.
-
-        The intervals do not touch, and the error falls by a tenth or more.
-        """
-        return self.after.better_than(self.before)
+    @cached_property
+    def comparison(self) -> Verdict:
+        """The verdict on the drives with landmarks beside those without, with its figures."""
+        return compare(*(DriveSet.from_drives(each.drives) for each in (self.before, self.after)))
 
     @property
-    def hurts(self) -> bool:
-        """Whether more are lost after, or as many with clearly more error."""
-        return self.before.better_than(self.after)
+    def word(self) -> str:
+        """The verdict: "better", "worse", "no difference" or "undecided"."""
+        return self.comparison.word
 
     @property
     def none_lost(self) -> bool:
@@ -148,23 +127,16 @@ class Verification:
         return max(self.before.lost_rate.value, self.after.lost_rate.value) <= 0.02
 
     @property
-    def nothing_to_gain(self) -> bool:
-        """Whether no drive was lost to begin with, and the error is not clearly another after."""
-        return self.none_lost and not self.helps and not self.hurts
-
-    @property
     def verdict(self) -> str:
-        """What the drives say, in one line."""
+        """The verdict with its figures, in one line."""
         before, after, random = self.before, self.after, self.random
         lost = before.lost_rate.value
         error = f"{before.rmse.value:.2f} -> {after.rmse.value:.2f} m"
-        said = "they hurt" if self.hurts else "they help" if self.helps else "not shown to help"
         if self.none_lost:
-            said = "nothing to gain" if self.nothing_to_gain else said
             few = f"{lost:.0%} of the drives were" if lost else "no drive was"
-            said += f": {few} off by more than 1 m to begin with; error {error}"
+            said = f"{self.word}: {few} off by more than 1 m to begin with; error {error}"
             return said + (f", {random.rmse.value:.2f} m at random places" if random else "")
-        said += f": {lost:.0%} of the drives off by more than 1 m at some time before,"
+        said = f"{self.word}: {lost:.0%} of the drives off by more than 1 m at some time before,"
         said += f" {after.lost_rate.value:.0%} after"
         said += f", {random.lost_rate.value:.0%} at random places" if random else ""
         return f"{said}; error {error}"
@@ -183,10 +155,9 @@ class Verification:
     def summary(self) -> dict[str, object]:
         """The verdict, and the numbers behind it, fit for JSON."""
         return {
-            "verdict": self.verdict,
-            "helps": self.helps,
-            "hurts": self.hurts,
-            "nothing_to_gain": self.nothing_to_gain,
+            "verdict": self.word,
+            "sentence": self.verdict,
+            "ratio": list(self.comparison.ratio),
             "before": self.before.summary(),
             "after": self.after.summary(),
             "random": self.random.summary() if self.random else None,
