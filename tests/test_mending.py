@@ -16,7 +16,7 @@ ROOM = drawn("########", *["#......#"] * 4, "########", resolution=0.5)
 
 @pytest.fixture(scope="module")
 def mended():
-    return mend(blocks(), paths=2, drives=4)
+    return mend(blocks(), paths=2, drives=8)
 
 
 def test_the_filter_has_a_hollow_map_and_loses_fewer_drives(mended):
@@ -25,11 +25,13 @@ def test_the_filter_has_a_hollow_map_and_loses_fewer_drives(mended):
     (verdict,) = mended.verdicts
     assert verdict.lost_mended.value < verdict.lost_as_is.value
     assert verdict.rmse_ratio.value < 1
+    assert verdict.verdict == mended.summary()["verdicts"][0]["verdict"] == "better"
+    assert "better" in mended.report()
 
 
 def test_the_verdict_is_that_of_drives_with_each_map(mended):
     robot = locplan.Robot().changed({"alpha1": 0.05})
-    both = mend(blocks(), robot, paths=2, drives=4)
+    both = mend(blocks(), robot, paths=2, drives=8)
     assert both.verdicts[0] == mended.verdicts[0]
     assert [each.filter for each in both.verdicts] == ["Nav2's defaults", "the robot's"]
     assert both.verdicts[1] != both.verdicts[0]

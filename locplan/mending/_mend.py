@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import ClassVar
@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from locplan._util.checks import whole
-from locplan._util.intervals import Interval, of_geometric_mean, wilson
+from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
@@ -28,7 +28,8 @@ from locplan.maps import (
 )
 from locplan.planners import plan, random_queries
 from locplan.robots import Amcl, Robot
-from locplan.simulation import FLOOR, Drives, Simulator, check_drives, drive_paths
+from locplan.simulation import Drives, Simulator, check_drives, drive_paths
+from locplan.simulation.verdict import DriveSet, compare
 
 DISTANCES = 10.0, 5.0, 2.0, 0.5
 """Minimum distances from start to goal of the verdict's paths, the first that the map has [m]."""
@@ -51,6 +52,8 @@ class MapVerdict:
     """The same with the mended map."""
     rmse_ratio: Interval
     """Ratio of the error with the mended map to that with the map as it is: geometric mean."""
+    verdict: str
+    """The verdict on the mended map: "better", "worse", "no difference" or "undecided"."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,6 +113,7 @@ class Mended(Result):
             Column("lost_as_is", title="off by > 1 m, as is", **share),  # type: ignore[arg-type]
             Column("lost_mended", title="mended", **share),  # type: ignore[arg-type]
             Column("rmse_ratio", title="error ratio", interval=True),
+            Column("verdict", title="verdict"),
         )
         return Table.of(columns, self.verdicts)
 
@@ -254,13 +258,5 @@ def _ways(grid: OccupancyGrid, robot: Robot, count: int, seed: int) -> dict[str,
 
 def _verdict(name: str, as_is: Sequence[Drives], mended: Sequence[Drives]) -> MapVerdict:
     """The verdict of the drives along all paths together."""
-
-    def lost(every: Sequence[Drives]) -> Interval:
-        drives = np.concatenate([each.lost for each in every])
-        return wilson(float(drives.mean()), len(drives))
-
-    def squares(every: Sequence[Drives]) -> Iterator[float]:
-        return (float(n) + FLOOR for each in every for n in each.mean_squares)
-
-    ratios = np.sqrt(np.divide([*squares(mended)], [*squares(as_is)]))
-    return MapVerdict(name, lost(as_is), lost(mended), of_geometric_mean(ratios))
+    found = compare(DriveSet.from_drives(as_is), DriveSet.from_drives(mended))
+    return MapVerdict(name, *found.lost, found.ratio, found.word)
