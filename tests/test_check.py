@@ -181,7 +181,7 @@ def test_cures_that_do_not_lead_are_stopped_after_a_few_drives(fine):
     stopped = [each for each in fine.cures if each.rates.drives < fine.as_is.drives]
     assert stopped  # the alphas that differ from tuned ones are no better here
     for each in stopped:
-        assert each.verdict == "no better"
+        assert each.verdict in ("worse", "no difference", "undecided")
         assert math.isnan(each.rates.arrives.value)
 
 

@@ -27,15 +27,12 @@ from locplan.simulation import (
     drive_closed,
     poses_along,
 )
+from locplan.simulation.verdict import BETTER, DriveSet, Verdict, compare
 
 STREAM = 2_000_000
 """Stream of the random numbers of the first trip's drives, above those of other recipes."""
-CRITICAL = 2.4
-"""Critical value from which on a cure is clearly better: 95 % for some three that are tried."""
 WORTHWHILE = 0.9
 """Ratio of errors from which on a cure is worth its effort, as for paths."""
-BETTER, WORSE, NO_BETTER = "better", "worse", "no better"
-"""Verdicts on a cure."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +84,11 @@ class Outcome(NamedTuple):
         """These drives and later ones."""
         pairs = zip(self, later, strict=True)
         return Outcome(*(np.concatenate(pair, axis=1) for pair in pairs))
+
+    @property
+    def drive_set(self) -> DriveSet:
+        """The drives along all trips as one set."""
+        return DriveSet(self.log_error.ravel(), self.lost.ravel())
 
     @property
     def error(self) -> Interval:
@@ -173,41 +175,30 @@ class Driver:
 class Contrast(NamedTuple):
     """What drives with a cure say beside those without it, with the same worlds and seeds."""
 
+    verdict: Verdict
+    """The verdict on the cure."""
     gain: Interval
     """Share of the drives that are no longer lost, less those that newly are, -1..1."""
-    ratio: Interval
-    """Ratio of the errors: geometric mean."""
-    verdict: str
-    """One of the verdicts above."""
     score: float
     """Mean difference of what drives are ranked by, ln error + 1 where lost; below 0 is better."""
+
+    @property
+    def keeps_more(self) -> bool:
+        """Whether the cure is better since it keeps drives from getting lost."""
+        return self.verdict.word == BETTER and self.verdict.fewer_lost
 
 
 def contrast(before: Outcome, after: Outcome) -> Contrast:
     """Compare two sets of drives of the same numbers."""
-    apart = (after.log_error - before.log_error).ravel()
+    apart = after.log_error - before.log_error
     saved = (before.lost & ~after.lost).sum(), (after.lost & ~before.lost).sum()
-    gain, sure_gain = (paired_shares(*saved, apart.size, z) for z in (1.96, CRITICAL))
-    error = apart.std(ddof=1) / math.sqrt(apart.size)
-    ratio, sure_ratio = (_ratio(float(apart.mean()), z * error) for z in (1.96, CRITICAL))
-    verdict = NO_BETTER
-    if sure_gain.low > 0 or (sure_ratio.high < 1 and ratio.value <= WORTHWHILE and gain.value >= 0):
-        verdict = BETTER
-    elif sure_gain.high < 0 or (sure_ratio.low > 1 and gain.value <= 0):
-        verdict = WORSE
-    return Contrast(gain, ratio, verdict, float(apart.mean()) - gain.value)
+    gain = paired_shares(*saved, apart.size)
+    return Contrast(
+        compare(before.drive_set, after.drive_set), gain, float(apart.mean()) - gain.value
+    )
 
 
-def keeps_more(verdict: str, gain: Interval) -> bool:
-    """Whether a cure clearly keeps drives from getting lost, and does not lower errors alone."""
-    return verdict == BETTER and gain.low > 0
-
-
-def _ratio(mean: float, half: float) -> Interval:
-    return Interval(math.exp(mean), math.exp(mean - half), math.exp(mean + half))
-
-
-def paired_shares(ones: int, others: int, trials: int, z: float = 1.96) -> Interval:
+def paired_shares(ones: int, others: int, trials: int) -> Interval:
     """Difference of two shares of paired trials, by Bonett and Price's adjusted interval.
 
     Parameters
@@ -216,11 +207,9 @@ def paired_shares(ones: int, others: int, trials: int, z: float = 1.96) -> Inter
         Number of the trials of which only the first, and only the second, is true.
     trials : int
         Number of all trials.
-    z : float, default 1.96
-        Critical value.
     """
     p, q = (ones + 1) / (trials + 2), (others + 1) / (trials + 2)
-    half = z * math.sqrt((p + q - (p - q) ** 2) / (trials + 2))
+    half = 1.96 * math.sqrt((p + q - (p - q) ** 2) / (trials + 2))
     return Interval((ones - others) / trials, max(-1.0, p - q - half), min(1.0, p - q + half))
 
 

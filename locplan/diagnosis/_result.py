@@ -18,11 +18,12 @@ from locplan._util.results import Results
 from locplan._util.tables import file_name, finite
 from locplan.costs import Path
 from locplan.diagnosis._cures import CHEAP, KINDS, MEND, WALLS
-from locplan.diagnosis._driving import BETTER, Site, keeps_more
+from locplan.diagnosis._driving import Site
 from locplan.diagnosis._reading import Reading
 from locplan.diagnosis._weak_spots import CLEAR, WeakSpot
 from locplan.maps import MapFaults, MapSource, OccupancyGrid
 from locplan.simulation import LOST
+from locplan.simulation.verdict import BETTER
 
 SELDOM = 0.01
 """Share of lost drives that nothing is done about, as long as it is not surely larger."""
@@ -94,7 +95,8 @@ class Cure:
     effort: str
     """What it takes, in words."""
     verdict: str
-    """"better", "worse", or "no better", which may be known after a few drives."""
+    """"better", "worse", "no difference" or "undecided"; of a cure that does not lead after a few
+    drives, on these."""
     rates: Rates
     """How drives went with it."""
     gain: Interval
@@ -103,6 +105,9 @@ class Cure:
     """Ratio of the errors with it to those without: geometric mean."""
     longer: float
     """What it makes a trip longer, the mean over the trips [m]."""
+    keeps_more: bool = False
+    """Whether it is better since it keeps drives from getting lost, and does not lower the error
+    alone."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -177,7 +182,7 @@ class Check(Result):
 
         Intervals that meet do not show it of drives in the same worlds: those of all cures do.
         """
-        return not any(each.gain.low > 0 for each in self.advised)
+        return not any(each.keeps_more for each in self.advised)
 
     @property
     def advised(self) -> tuple[Cure, ...]:
@@ -280,7 +285,7 @@ class Check(Result):
 
 
 def is_better(cure: Cure) -> bool:
-    """Whether a cure is clearly better than what is there."""
+    """Whether a cure is better than what is there."""
     return cure.verdict == BETTER
 
 
@@ -299,7 +304,7 @@ def helps(cure: Cure, before: Rates) -> bool:
     """
     if keeps_place(before) and before.error.value < LARGE and cure.kind != WALLS:
         return False
-    return keeps_more(cure.verdict, cure.gain) or (is_better(cure) and cure.kind in CHEAP)
+    return cure.keeps_more or (is_better(cure) and cure.kind in CHEAP)
 
 
 def misled(
@@ -330,7 +335,7 @@ def ranked(cures: Sequence[Cure]) -> list[Cure]:
     cures : sequence of Cure
         The cures.
     """
-    keeping = [each for each in cures if keeps_more(each.verdict, each.gain)]
+    keeping = [each for each in cures if each.keeps_more]
     least = min((each.rates.lost for each in keeping or filter(is_better, cures)), default=NOTHING)
 
     def key(cure: Cure) -> tuple[bool, bool, float, float]:

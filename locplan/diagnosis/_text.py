@@ -282,5 +282,5 @@ def _table(columns: Sequence[Column], records: Sequence[Any], most: int, *first:
 
 def said(cure: Cure) -> str:
     """The verdict on a cure; of one that lowers the error alone by how much, too."""
-    alone = is_better(cure) and cure.gain.low <= 0
+    alone = is_better(cure) and not cure.keeps_more
     return f"{cure.verdict}: error {cure.ratio.value - 1:+.0%}" if alone else cure.verdict

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,14 +13,12 @@ from locplan.costs import Costmap
 from locplan.diagnosis import _cures as cures
 from locplan.diagnosis._cures import Remedy
 from locplan.diagnosis._driving import (
-    NO_BETTER,
     Contrast,
     Driver,
     Outcome,
     Site,
     contrast,
     is_hopeless,
-    keeps_more,
 )
 from locplan.diagnosis._reading import Reading
 from locplan.diagnosis._result import (
@@ -36,6 +34,7 @@ from locplan.diagnosis._weak_spots import WeakSpot, blamed
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
 from locplan.simulation import Arrivals, Choice, choose
+from locplan.simulation.verdict import BETTER
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,7 @@ class Work:
         self._few, self._many = range(few), range(few, few + many)
         self._fresh, self._closed = range(few + many, few + 2 * many), range(closed)
         self._driver = Driver(site, seed, threads)
-        self._drive_few = cures.driver_of(seed, threads, self._few)
+        self._drive = cures.driver_of(seed, threads)
 
     def as_it_is(
         self, spots: Sequence[WeakSpot], progress: ProgressCallback
@@ -128,7 +127,7 @@ class Work:
         steps = parts(second, [200 // max(1, len(every))] * len(every))
         for remedy, step in zip(every, steps, strict=True):
             yield (cure := self._tried(remedy))
-            lost &= not (keeps_more(cure.verdict, cure.gain) and is_seldom(cure.rates.lost))
+            lost &= not (cure.keeps_more and is_seldom(cure.rates.lost))
             step(200 // len(every), 200)
         if self.effort.choosing and lost:
             choices = self._choices(costs, field, third)
@@ -136,7 +135,7 @@ class Work:
                 yield self._tried(made)
 
     def _score(self, site: Site) -> float:
-        return contrast(self._before_few, self._drive_few(site)).score
+        return contrast(self._before_few, self._drive(site, self._few)).score
 
     def _settings(self, progress: ProgressCallback) -> Remedy | None:
         """Settings of the filter: of a few, or where there is time of the search of `tune`."""
@@ -165,34 +164,36 @@ class Work:
         """A cure as it was driven, after a few drives no further if it does not lead."""
         self.remedies[remedy.kind] = remedy
         site = remedy.apply(self.site)
-        driver = Driver(site, self.seed, self.threads)
-        few = driver(self._few)
-        if is_hopeless(self._before_few, few):
-            said = contrast(self._before_few, few)._replace(verdict=NO_BETTER)
+        few = self._drive(site, self._few)
+        said = contrast(self._before_few, few)
+        if is_hopeless(self._before_few, few) and said.verdict.word != BETTER:
             return self._cure(remedy, site, _rates(few), said)
-        many = driver(self._many)
-        arrivals = driver.arrivals(self._closed)
+        many = self._drive(site, self._many)
+        arrivals = Driver(site, self.seed, self.threads).arrivals(self._closed)
         return self._cure(remedy, site, _rates(many, arrivals), contrast(self._before, many))
 
     def _cure(self, remedy: Remedy, site: Site, rates: Rates, said: Contrast) -> Cure:
         old, new = (sum(p.length for p in each.paths.values()) for each in (self.site, site))
         longer = (new - old) / len(site.paths)
         about = remedy.kind, remedy.title, remedy.effort
-        return Cure(*about, said.verdict, rates, said.gain, said.ratio, longer)
+        verdict = said.verdict
+        return Cure(
+            *(*about, verdict.word, rates, said.gain, verdict.ratio, longer),
+            keeps_more=said.keeps_more,
+        )
 
     def together(self, tried: list[Cure], progress: ProgressCallback) -> tuple[Rates, Rates]:
         """What is to be done together, and fresh drives without and with it."""
-        fresh = cures.driver_of(self.seed, self.threads, self._fresh)
         sure = tuple(kind for kind, each in self.remedies.items() if each.is_sure)
         order = [each.kind for each in ranked(tried) if helps(each, self._as_is)]
         order = [kind for kind in order if kind not in sure]
         before = after = self._before
         if sure or order:
-            known = self.remedies, sure, order, self.site, fresh
-            self.taken, before, after = cures.combined(*known)
+            known = self.remedies, sure, order, self.site, self._drive
+            self.taken, before, after = cures.combined(*known, self._many, self._fresh)
         progress(100, 200)
         if self.effort.landmarks and not is_seldom(after.lost_rate):
-            before, after = self._with_landmarks(tried, before, after, fresh)
+            before, after = self._with_landmarks(tried, before, after)
         if not self.taken:
             return _rates(before), _rates(before)
         site = cures.joined(self.remedies, self.taken, self.site)
@@ -206,7 +207,6 @@ class Work:
         tried: list[Cure],
         before: Outcome,
         after: Outcome,
-        fresh: Callable[[Site], Outcome],
     ) -> tuple[Outcome, Outcome]:
         """The fresh drives without and with all cures, landmarks among them if they help."""
         site = cures.joined(self.remedies, self.taken, self.site)
@@ -215,12 +215,12 @@ class Work:
             return before, after
         self.remedies[remedy.kind] = remedy
         if not self.taken:
-            before = after = fresh(self.site)
-        more = fresh(remedy.apply(site))
+            before = after = self._drive(self.site, self._fresh)
+        more = self._drive(remedy.apply(site), self._fresh)
         said = contrast(after, more)
         title = f"{remedy.title}{' besides' if self.taken else ''}"
         tried.append(self._cure(replace(remedy, title=title), site, _rates(more), said))
-        if keeps_more(said.verdict, said.gain):
+        if said.keeps_more:
             self.taken, after = (*self.taken, remedy.kind), more
         return before, after
 
