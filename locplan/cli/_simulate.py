@@ -196,8 +196,8 @@ class tune(typed.ManyMaps, FilterMap, shared.ReferencedOptions, shared.Seeded, s
     the errors of odometry, or up to ten times with --odometry poor. The best at its
     worst level is judged against yours on other paths in other worlds. A copy of your
     file is written in which only those values differ that gain, or none if nothing is
-    clearly better, or more drives are lost; those of --set; and do_beamskip, which is
-    not simulated and is off where the laser model changes.
+    better; those of --set; and do_beamskip, which is not simulated and is off where the
+    laser model changes.
 
     With --drive, they are replayed on a recorded drive instead: chosen on its first
     half, judged on the second, and on the whole of it from its beginning. Where they

@@ -169,7 +169,7 @@ def tuning_figure(tuning: Tuning) -> Figure:
         f"{tuning.where}, {tuning.robot.known_lidar.title}: {tuning.paths} {what},"
         f" {tuning.drives} {runs} each, that nothing was chosen on"
     )
-    verdict = "" if tuning.changes else f"; nothing is clearly better than {tuning.judged[0].name}"
+    verdict = "" if tuning.changes else f"; nothing is better than {tuning.judged[0].name}"
     if tuning.drive:  # the answer first
         verdict = tuning.conclusion
     figure.title(". ".join(filter(None, [verdict, about])) if tuning.drive else about + verdict)

@@ -12,9 +12,10 @@ import numpy as np
 
 from locplan._util.intervals import Interval, of_geometric_mean, of_mean, wilson
 from locplan.robots import Amcl
-from locplan.simulation._drives import Drives, rmse_ratio
-from locplan.simulation.tuning._bench import DisturbanceLevel, TuningBench
+from locplan.simulation._drives import FLOOR, Drives, rmse_ratio
+from locplan.simulation.tuning._bench import DisturbanceLevel, Driven, TuningBench
 from locplan.simulation.tuning._recovery import KIDNAPPINGS, Recovery
+from locplan.simulation.verdict import BETTER, WORSE, DriveSet, compare
 
 
 @dataclass(frozen=True)
@@ -40,13 +41,15 @@ class AtLevel:
     """Ratio of the RMSE to that of the user's settings: geometric mean over the paths."""
     lost_difference: Interval
     """Share of lost drives minus that of the user's settings: mean over the paths."""
+    verdict: str
+    """The verdict on its drives at this level, beside those of the user's settings."""
 
 
 @dataclass(frozen=True)
 class WholeDrive:
     """One setting on the whole of a recorded drive from its beginning; intervals over replays."""
 
-    derived: ClassVar[tuple[str, ...]] = ("better",)
+    derived: ClassVar[tuple[str, ...]] = ("holds",)
 
     name: str
     """Name of the drive, where there are several; else empty."""
@@ -80,13 +83,12 @@ class WholeDrive:
         return cls(name, drives.typical_rmse, lost_way, drives.first_loss, ratio, *more)
 
     @property
-    def better(self) -> bool:
-        """True if it errs less than the user's settings, and is not lost on more of the way, nor
-        in more replays."""
-        ratio = self.rmse_ratio
-        highest = ratio.value if math.isnan(ratio.high) else ratio.high
+    def holds(self) -> bool:
+        """True unless it errs more than the user's settings, or is lost on more of the way or in
+        more replays."""
         # A scan more of many hundred is no harm.
-        return highest < 1 and self.lost_way_difference < 0.005 and self.lost_difference <= 0
+        is_lost_less = self.lost_way_difference < 0.005 and self.lost_difference <= 0
+        return self.rmse_ratio.value < 1 and is_lost_less
 
     @property
     def sentence(self) -> str:
@@ -112,6 +114,8 @@ class Judged:
     """Its errors at each level of disturbance."""
     rmse_ratio: Interval
     """Ratio of the RMSE to that of the user's settings: geometric mean over levels and paths."""
+    verdict: str
+    """The verdict on its drives at all levels, beside those of the user's settings."""
     cpu_ms_per_update: float
     """CPU time of the simulation an update of the filter, the scan included [ms]."""
     cpu_ms_per_metre: float
@@ -143,26 +147,19 @@ class Judged:
         return max(some, key=lambda each: each.m)
 
     @property
-    def loses_more(self) -> bool:
-        """True if more of all its drives were lost than of those of the user's settings."""
-        return sum(each.lost_difference.value for each in self.levels) > 1e-9
-
-    @property
     def better(self) -> bool:
-        """True if it is better than the user's settings over all levels, loses no more drives, and
-        harms at no level.
+        """True if it is better than the user's settings over all levels, and worse at none.
 
-        On a recorded drive the whole of it decides, and the stretches must not contradict.
+        The whole of a recorded drive must not contradict its stretches.
         """
-        harm = any(each.rmse_ratio.low > 1 or each.lost_difference.low > 0 for each in self.levels)
-        highest = self.rmse_ratio.value if self.whole else self.rmse_ratio.high
-        whole = self.whole is None or self.whole.better
-        return whole and highest < 1 and not (harm or self.loses_more)
+        harms = any(each.verdict == WORSE for each in self.levels)
+        holds = self.whole is None or self.whole.holds
+        return self.verdict == BETTER and holds and not harms
 
     @property
     def better_at_every_level(self) -> bool:
         """True if it is better than the user's settings at every level of disturbance."""
-        return self.better and all(each.rmse_ratio.high < 1 for each in self.levels)
+        return self.better and all(each.verdict == BETTER for each in self.levels)
 
 
 def judged_beside(
@@ -172,11 +169,19 @@ def judged_beside(
     own: Amcl,
     wholes: Mapping[Amcl, Sequence[Drives]],
     searched: Collection[str],
+    n_alternatives: int = 1,
 ) -> Judged:
     """Errors of a setting at the levels that the bench drove it at, beside the user's own.
 
     `wholes` are the replays of the whole of recorded drives; the levels named `searched` decide.
+    The first of `n_alternatives` settings that is better is taken, so that they share the error
+    probability.
     """
+
+    def verdict_at(some: list[int]) -> str:
+        before, after = (_drive_set(each, some) for each in (others, driven))
+        return compare(before, after, n_alternatives=n_alternatives).word
+
     driven, others = bench.driven[amcl], bench.driven[own]
     ratios = np.sqrt(driven.squares.mean(axis=2) / others.squares.mean(axis=2))
     differences = driven.lost.mean(axis=2) - others.lost.mean(axis=2)
@@ -198,6 +203,7 @@ def judged_beside(
                 wilson(float(driven.off[n].mean()), lost.size),
                 of_geometric_mean(ratios[n]),
                 of_mean(differences[n]),
+                verdict_at([n]),
             )
         )
     decide = [bench.levels[n].name in searched for n in at]
@@ -209,9 +215,17 @@ def judged_beside(
     ms = 1e3 * float(driven.seconds[some].sum()) / (len(some) * drives)
     metres = float(bench.lengths.sum())
     on_wholes = map(WholeDrive.of, wholes[amcl], wholes[own], bench.parts)
-    whole = min(on_wholes, key=lambda each: (each.better, -each.rmse.value), default=None)
+    whole = min(on_wholes, key=lambda each: (each.holds, -each.rmse.value), default=None)
     costs = ms / bench.updates(amcl), ms / metres
-    return Judged(name, amcl, deciding, ratio, *costs, whole, beyond)
+    return Judged(name, amcl, deciding, ratio, verdict_at(some), *costs, whole, beyond)
+
+
+def _drive_set(driven: Driven, levels: list[int]) -> DriveSet:
+    """The drives of a setting at some levels as one set."""
+    squares, lost, off = (
+        each[levels].ravel() for each in (driven.squares, driven.lost, driven.off)
+    )
+    return DriveSet(0.5 * np.log(squares + FLOOR), lost == 1, off == 1)
 
 
 def recoveries(bench: TuningBench, amcl: Amcl) -> tuple[Recovery, ...]:

@@ -27,6 +27,7 @@ from locplan.simulation.tuning._space import (
     differing_names,
     write_tuned,
 )
+from locplan.simulation.verdict import BETTER, UNDECIDED
 
 OWN = "your settings"
 """Name of the user's settings, which may be Nav2's defaults."""
@@ -75,7 +76,7 @@ class Tuning(Result):
 
     def __repr__(self) -> str:
         changes = described(self.own, self.winner)
-        return f"Tuning({self.where}, {changes or 'nothing is clearly better'})"
+        return f"Tuning({self.where}, {changes or 'nothing is better'})"
 
     @property
     def where(self) -> str:
@@ -104,7 +105,7 @@ class Tuning(Result):
 
     @property
     def to_use(self) -> Judged:
-        """What was found if it is clearly better, else the user's own settings, as judged."""
+        """What was found if it is better, else the user's own settings, as judged."""
         return self.found if self.found.better else self.judged[0]
 
     @property
@@ -114,9 +115,15 @@ class Tuning(Result):
 
     @property
     def changes(self) -> dict[str, Value]:
-        """Parameters to change, by their names; empty if nothing is clearly better."""
+        """Parameters to change, by their names; empty if nothing is better."""
         own, winner = self.own, self.winner
         return {name: getattr(winner, name) for name in differing_names(own, winner)}
+
+    @property
+    def verdict(self) -> str:
+        """The verdict on what was found; undecided if it is better, but harms somewhere."""
+        word = self.found.verdict
+        return UNDECIDED if word == BETTER and not self.found.better else word
 
     @property
     def conclusion(self) -> str:
@@ -128,17 +135,16 @@ class Tuning(Result):
         if found.whole and own.whole:
             return self._of_drive(changes, found.whole, own.whole)
         if not found.better:
-            more = ", but more lost drives" if found.loses_more else ""
             return (
-                f"nothing is clearly better than {own.name}: keep them (the best found, {changes},"
-                f" has {two_digits(found.rmse_ratio)} times their RMSE{more})"
+                f"nothing is better than {own.name}: keep them (the best found, {changes},"
+                f" has {two_digits(found.rmse_ratio)} times their RMSE: {self.verdict})"
             )
-        levels = [each.level.name for each in found.levels if each.rmse_ratio.high < 1]
+        levels = [each.level.name for each in found.levels if each.verdict == BETTER]
         where = "better over all levels of disturbance together"
         if found.better_at_every_level:
             where = "better at every level of disturbance"
         elif levels:
-            where = f"clearly better at the levels {' and '.join(levels)} of disturbance"
+            where = f"better at the levels {' and '.join(levels)} of disturbance"
         # The level that was asked for, or the strongest one for poor odometry.
         asked = 1.0 if own.levels[-1].level.odometry < 10 else own.levels[-1].level.odometry
         before, after = own.worst_at(asked), found.worst_at(asked)
@@ -161,8 +167,8 @@ class Tuning(Result):
         if self.found.better:
             return f"{changes}: {said}; {self._cost}"
         kept = f"keep {self.judged[0].name} (the best found, {changes}, {said})"
-        if found.better:
-            return f"nothing is clearly better on the half that nothing was chosen on: {kept}"
+        if found.holds:
+            return f"nothing is better on the half that nothing was chosen on: {kept}"
         return (
             f"nothing that was tried holds on your drive: {kept}, and look where it is first off:"
             " how few scans fit the map there (locplan evaluate --drive), and how far odometry"
@@ -217,7 +223,7 @@ class Tuning(Result):
         found: dict[str, object] = {
             "conclusion": self.conclusion,
             **({"maps": maps} if maps[1:] else {"map": maps[0]}),
-            "verdict": "better" if self.changes else "nothing is clearly better",
+            "verdict": self.verdict,
             "changes": self.changes,
             "judged": tree_of(self.judged),
             "rmse_ratio_without": dict(self.contributions),

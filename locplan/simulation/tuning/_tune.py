@@ -51,8 +51,8 @@ def tune(
     Settings drive the same random shortest paths with the same seeds, with a third of, once and
     three times the errors of odometry. Successive halving finds the one with the least score at its
     worst level: the mean of ln RMSE, and 1 more for each lost drive. What it need not change is put
-    back. Then it is judged on other paths, in other worlds: it is to be used if it errs clearly
-    less than the user's own settings there, and loses no more drives.
+    back. Then it is judged on other paths, in other worlds: it is to be used if it is better than
+    the user's own settings there, and worse at no level.
 
     Parameters
     ----------
@@ -212,14 +212,15 @@ def _judged(
 ) -> tuple[Amcl, tuple[Judged, ...]]:
     """Which of the settings found is the one to be used if it is better, and how all are judged.
 
-    It is the first, but where that loses more drives here, or does not hold, the next that is
-    better; of the first two the one that is lost on fewer replays of the whole of recorded drives.
+    It is the first, but where that is not better here, or does not hold, the next that is better;
+    of the first two the one that is lost on fewer replays of the whole of recorded drives.
     The levels named `searched` decide.
     """
     every, defaults = (len(judge.lines), judge.drives), nav2_defaults(own)
     decide = [n for n, level in enumerate(judge.levels) if level.name in searched]
     order = dict.fromkeys([own, *found[:2], defaults])
     judge.drive([*order], *every, decide, progress)
+    tried = max(1, len({*found} - {own}))
     names = {own: OWN, defaults: "Nav2's defaults"}  # the latter's name if they are the same
     wholes: dict[Amcl, list[Drives]] = {}
 
@@ -228,7 +229,7 @@ def _judged(
         for each in (own, amcl):
             wholes[each] = wholes.get(each) or judge.whole(each)
         name = names.get(amcl) or described(own, amcl)
-        return judged_beside(judge, name, amcl, own, wholes, searched)
+        return judged_beside(judge, name, amcl, own, wholes, searched, tried)
 
     def losses(amcl: Amcl) -> int:
         return sum(int(each.lost.sum()) for each in wholes[amcl])
