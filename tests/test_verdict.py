@@ -13,6 +13,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from locplan.diagnosis.trials import Outcome, confirm_cures, contrast, try_cure
+from locplan.landmarks import Outcome as LandmarkDrives, Verification
 from locplan.simulation import Drives, Scores, judged
 from locplan.simulation.verdict import (
     BETTER,
@@ -209,3 +211,100 @@ def test_choose_agrees_with_the_verdict_on_its_drives():
             both = drive_set(before[0, 8:], lost[0, 8:]), drive_set(after[0, 8:], others[0, 8:])
             verdict = compare(*both)
             assert (verdict.word, verdict.ratio) == (found.verdict, found.ratio)
+
+
+class DrawnSite:
+    """A check's site of three trips, on which each fix has a known ratio of errors."""
+
+    few, many, fresh = range(8), range(8, 40), range(40, 72)
+
+    def __init__(self, ratios, seed, lost=None):
+        random = np.random.default_rng(seed)
+        shape = len(ratios) + 1, 3, 72
+        spread = DEVIATION / math.sqrt(2)
+        self.errors = 0.4 * random.normal(size=shape[1:]) + spread * random.normal(size=shape)
+        self.errors[1:] += np.log(ratios)[:, None, None]
+        rates = np.array(lost or [LOST] * shape[0])[:, None, None]
+        self.lost = random.uniform(size=shape) < rates
+
+    def drive(self, kinds, numbers):
+        """Drive with the best of some fixes, since they do not add up."""
+        row = min((int(kind) for kind in kinds), key=lambda n: self.errors[n].mean(), default=0)
+        errors, lost = (each[row][:, numbers] for each in (self.errors, self.lost))
+        return Outcome(errors, lost, np.where(lost, 0.0, np.nan))
+
+    def recommend(self):
+        """Return the fixes that a check recommends."""
+        known = [(numbers, self.drive((), numbers)) for numbers in (self.few, self.many)]
+        trials = {
+            f"{n}": try_cure(lambda numbers, kind=f"{n}": self.drive((kind,), numbers), *known)
+            for n in range(1, len(self.errors))
+        }
+        better = [kind for kind, trial in trials.items() if trial.contrast.verdict.word == BETTER]
+        order = sorted(better, key=lambda kind: trials[kind].contrast.score)
+        return confirm_cures((), order, self.drive, self.many, self.fresh)[0]
+
+
+def test_check_rarely_recommends_one_of_eight_equals():
+    recommended = [DrawnSite([1.0] * 8, seed).recommend() for seed in range(300)]
+    assert np.mean([bool(kinds) for kinds in recommended]) <= 0.025
+
+
+def test_check_finds_the_fix_of_four_fifths():
+    recommended = [DrawnSite([1.0, 0.8, 1.0, 1.1], seed).recommend() for seed in range(150)]
+    assert np.mean([kinds == ("2",) for kinds in recommended]) >= 0.9
+
+
+def test_check_finds_the_fix_that_loses_fewer_drives():
+    lost = [0.4, 0.4, 0.05]
+    recommended = [DrawnSite([1.0, 1.0], seed, lost).recommend() for seed in range(60)]
+    assert np.mean([kinds == ("2",) for kinds in recommended]) >= 0.9
+
+
+def test_check_lets_fresh_drives_alone_decide():
+    """A fix that only seemed better in the drives that chose it is not recommended."""
+    site = DrawnSite([0.5], 1)
+    assert site.recommend() == ("1",)
+    site.errors[1][:, 40:] = site.errors[0][:, 40:]
+    site.lost[1][:, 40:] = site.lost[0][:, 40:]
+    assert site.recommend() == ()
+
+
+def drives_of(log_errors, lost):
+    """Return Drives of these errors; lost ones are off by more than 1 m at one pose."""
+    errors = np.zeros((len(lost), 400, 3))
+    errors[..., 0] = np.minimum(np.exp(log_errors), 0.9)[:, None]
+    errors[lost, 200, 0] = 1.1
+    return Drives(np.zeros((400, 3)), errors)
+
+
+def test_callers_agree_on_the_same_drives():
+    """`check` and `landmarks` read the same pairs, and return the words of the verdict."""
+    seen = set()
+    for seed, ratio in enumerate([1.0, 0.9, 0.8, 0.7, 0.5, 1.5] * 3):
+        (before, after), flags = draw_pairs([ratio], 48, seed, (0.2, 0.1))
+        both = [
+            drives_of(errors[0] - 2.5, lost[0])
+            for errors, lost in zip((before, after), flags, strict=True)
+        ]
+        sets = [DriveSet.from_drives([drives]) for drives in both]
+        word = compare(*sets).word
+        landmarks = Verification(*(LandmarkDrives((drives,)) for drives in both), None, {}, 1)
+        outcomes = [
+            Outcome(each.log_error.reshape(3, 16), each.lost.reshape(3, 16), np.empty((3, 16)))
+            for each in sets
+        ]
+        assert landmarks.word == contrast(*outcomes).verdict.word == word
+        seen.add(word)
+    assert {BETTER, UNDECIDED} <= seen
+
+
+def test_tune_rarely_takes_one_of_three_equals():
+    """`tune` judges up to three settings on the same drives, at a shared level."""
+    count = 4000
+    taken = np.zeros(count, bool)
+    for n in range(3):
+        (before, after), flags = draw_pairs([1.0] * count, 64, 20 + n)
+        taken |= look(after - before, *flags, n_alternatives=3).is_better
+    assert np.mean(taken) <= 0.025
+    assert np.mean(look_at(0.75, n_alternatives=3).is_better) >= 0.9

@@ -10,15 +10,15 @@ from typing import Any, NamedTuple
 from locplan._kernels.arrays import Floats
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path
-from locplan.diagnosis._driving import WORTHWHILE, Driver, Outcome, Site, contrast
+from locplan.diagnosis._driving import Driver, Site
 from locplan.diagnosis._reading import Reading
+from locplan.diagnosis.trials import WORTHWHILE, Outcome
 from locplan.errors import ConfigError
 from locplan.landmarks import Pole, place_landmarks, with_objects
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan
 from locplan.robots import Amcl
 from locplan.simulation import Choice, tune
-from locplan.simulation.verdict import BETTER, confirm
 
 POLES = 3
 """Number of poles that are placed where nothing else helps enough."""
@@ -240,60 +240,7 @@ def joined(tried: Mapping[str, Remedy], kinds: tuple[str, ...], site: Site) -> S
     return site
 
 
-Drive = Callable[[Site, range], Outcome]
-"""Drives a site with the drives of some numbers."""
-
-
-def combined(
-    tried: Mapping[str, Remedy],
-    sure: tuple[str, ...],
-    order: list[str],
-    site: Site,
-    drive: Drive,
-    known: range,
-    fresh: range,
-) -> tuple[tuple[str, ...], Outcome, Outcome]:
-    """Choose the cures that are worth being done together, and confirm them by fresh drives.
-
-    Parameters
-    ----------
-    tried : mapping of str to Remedy
-        The cures by kind.
-    sure : tuple of str
-        Kinds of those that are done whatever drives say.
-    order : list of str
-        Kinds of those that are better alone, the best first.
-    site : Site
-        What is driven.
-    drive : callable
-        Drives a site with the drives of some numbers.
-    known, fresh : range
-        Numbers of the drives that judged the cures, and of those that alone decide.
-
-    Returns
-    -------
-    kinds, before, after
-        The kinds, and the fresh drives without and with all of them.
-    """
-    taken = sure or tuple(order[:1])
-    for kind in (each for each in order if each not in taken):
-        less, more = (drive(joined(tried, kinds, site), known) for kinds in (taken, (*taken, kind)))
-        # A second is worth no lower error alone.
-        if contrast(less, more).keeps_more:
-            taken = (*taken, kind)
-    without, cured = joined(tried, sure, site), joined(tried, taken, site)
-    if taken != sure:
-        verdict = confirm(
-            lambda some: (drive(without, some).drive_set, drive(cured, some).drive_set),
-            fresh,
-            looks=[len(fresh)],
-        )
-        if verdict.word != BETTER:
-            taken, cured = sure, without
-    return taken, drive(site, fresh), drive(cured, fresh)
-
-
-def driver_of(seed: int, threads: int | None) -> Drive:
+def driver_of(seed: int, threads: int | None) -> Callable[[Site, range], Outcome]:
     """A function that drives sites, each but once with the same numbers."""
     outcomes: dict[tuple[str, range], Outcome] = {}
 

@@ -1,20 +1,19 @@
-"""Drives of a robot along all of its trips, and what two sets of them say of each other."""
+"""Drives of a robot along all of its trips."""
 
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from locplan._kernels.arrays import Bools, Floats
-from locplan._util.intervals import Interval, of_mean, wilson
+from locplan._kernels.arrays import Floats
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import Path
+from locplan.diagnosis.trials import Outcome
 from locplan.maps import OccupancyGrid
 from locplan.robots import Robot
 from locplan.simulation import (
@@ -27,12 +26,9 @@ from locplan.simulation import (
     drive_closed,
     poses_along,
 )
-from locplan.simulation.verdict import BETTER, DriveSet, Verdict, compare
 
 STREAM = 2_000_000
 """Stream of the random numbers of the first trip's drives, above those of other recipes."""
-WORTHWHILE = 0.9
-"""Ratio of errors from which on a cure is worth its effort, as for paths."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,47 +64,6 @@ class _Stretched(Simulator):
     def stage(self, lines: Sequence[Any] = ()) -> Any:
         made = super().stage(lines)
         return replace(made, resolution=made.resolution * self.stretch)
-
-
-class Outcome(NamedTuple):
-    """How drives went; those of one place in the arrays have one world and one seed."""
-
-    log_error: Floats
-    """Logarithm of the error of each drive, (trips, drives) [ln m]."""
-    lost: Bools
-    """True for the drives that were off by over 1 m at some time, (trips, drives)."""
-    lost_at: Floats
-    """Distance along the trip where they first were, else NaN, (trips, drives) [m]."""
-
-    def joined(self, later: Outcome) -> Outcome:
-        """These drives and later ones."""
-        pairs = zip(self, later, strict=True)
-        return Outcome(*(np.concatenate(pair, axis=1) for pair in pairs))
-
-    @property
-    def drive_set(self) -> DriveSet:
-        """The drives along all trips as one set."""
-        return DriveSet(self.log_error.ravel(), self.lost.ravel())
-
-    @property
-    def error(self) -> Interval:
-        """Error of a typical drive: the geometric mean [m]."""
-        return error_of(self.log_error)
-
-    @property
-    def lost_rate(self) -> Interval:
-        """Share of the drives that were off by over 1 m at some time, 0..1."""
-        return rate_of(self.lost)
-
-
-def error_of(log_error: Floats) -> Interval:
-    """Error of a typical drive, of the logarithms of all [m]."""
-    return Interval(*np.exp(of_mean(log_error.ravel())).tolist())
-
-
-def rate_of(lost: Bools) -> Interval:
-    """Share of drives that are lost, 0..1."""
-    return wilson(float(lost.mean()), lost.size)
 
 
 class Driver:
@@ -170,52 +125,3 @@ class Driver:
             [(a.outcome, a.seconds, a.end, a.believed_end, (), (), a.fault) for a in trip.drives]
             for trip in found.values()
         ]
-
-
-class Contrast(NamedTuple):
-    """What drives with a cure say beside those without it, with the same worlds and seeds."""
-
-    verdict: Verdict
-    """The verdict on the cure."""
-    gain: Interval
-    """Share of the drives that are no longer lost, less those that newly are, -1..1."""
-    score: float
-    """Mean difference of what drives are ranked by, ln error + 1 where lost; below 0 is better."""
-
-    @property
-    def keeps_more(self) -> bool:
-        """Whether the cure is better since it keeps drives from getting lost."""
-        return self.verdict.word == BETTER and self.verdict.fewer_lost
-
-
-def contrast(before: Outcome, after: Outcome) -> Contrast:
-    """Compare two sets of drives of the same numbers."""
-    apart = after.log_error - before.log_error
-    saved = (before.lost & ~after.lost).sum(), (after.lost & ~before.lost).sum()
-    gain = paired_shares(*saved, apart.size)
-    return Contrast(
-        compare(before.drive_set, after.drive_set), gain, float(apart.mean()) - gain.value
-    )
-
-
-def paired_shares(ones: int, others: int, trials: int) -> Interval:
-    """Difference of two shares of paired trials, by Bonett and Price's adjusted interval.
-
-    Parameters
-    ----------
-    ones, others : int
-        Number of the trials of which only the first, and only the second, is true.
-    trials : int
-        Number of all trials.
-    """
-    p, q = (ones + 1) / (trials + 2), (others + 1) / (trials + 2)
-    half = 1.96 * math.sqrt((p + q - (p - q) ** 2) / (trials + 2))
-    return Interval((ones - others) / trials, max(-1.0, p - q - half), min(1.0, p - q + half))
-
-
-def is_hopeless(before: Outcome, after: Outcome) -> bool:
-    """Whether a cure has shown after a few drives that it is not better."""
-    scores = (after.log_error + after.lost - before.log_error - before.lost).ravel()
-    error = scores.std(ddof=1) / math.sqrt(scores.size)
-    # One-sided at 7 %, as in the race of paths; no effect at all is none later on either.
-    return bool(scores.mean() - 1.5 * error >= math.log(WORTHWHILE) / 2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from locplan._util.intervals import wilson
@@ -12,14 +13,7 @@ from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap
 from locplan.diagnosis import _cures as cures
 from locplan.diagnosis._cures import Remedy
-from locplan.diagnosis._driving import (
-    Contrast,
-    Driver,
-    Outcome,
-    Site,
-    contrast,
-    is_hopeless,
-)
+from locplan.diagnosis._driving import Driver, Site
 from locplan.diagnosis._reading import Reading
 from locplan.diagnosis._result import (
     NOTHING,
@@ -31,10 +25,10 @@ from locplan.diagnosis._result import (
     ranked,
 )
 from locplan.diagnosis._weak_spots import WeakSpot, blamed
+from locplan.diagnosis.trials import Contrast, Outcome, confirm_cures, contrast, try_cure
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
 from locplan.simulation import Arrivals, Choice, choose
-from locplan.simulation.verdict import BETTER
 
 
 @dataclass(frozen=True)
@@ -164,13 +158,11 @@ class Work:
         """A cure as it was driven, after a few drives no further if it does not lead."""
         self.remedies[remedy.kind] = remedy
         site = remedy.apply(self.site)
-        few = self._drive(site, self._few)
-        said = contrast(self._before_few, few)
-        if is_hopeless(self._before_few, few) and said.verdict.word != BETTER:
-            return self._cure(remedy, site, _rates(few), said)
-        many = self._drive(site, self._many)
-        arrivals = Driver(site, self.seed, self.threads).arrivals(self._closed)
-        return self._cure(remedy, site, _rates(many, arrivals), contrast(self._before, many))
+        known = (self._few, self._before_few), (self._many, self._before)
+        found, outcome, is_stopped = try_cure(partial(self._drive, site), *known)
+        driver = Driver(site, self.seed, self.threads)
+        arrivals = [] if is_stopped else driver.arrivals(self._closed)
+        return self._cure(remedy, site, _rates(outcome, arrivals), found)
 
     def _cure(self, remedy: Remedy, site: Site, rates: Rates, said: Contrast) -> Cure:
         old, new = (sum(p.length for p in each.paths.values()) for each in (self.site, site))
@@ -189,8 +181,9 @@ class Work:
         order = [kind for kind in order if kind not in sure]
         before = after = self._before
         if sure or order:
-            known = self.remedies, sure, order, self.site, self._drive
-            self.taken, before, after = cures.combined(*known, self._many, self._fresh)
+            self.taken, before, after = confirm_cures(
+                *(sure, order, self._drive_together, self._many, self._fresh)
+            )
         progress(100, 200)
         if self.effort.landmarks and not is_seldom(after.lost_rate):
             before, after = self._with_landmarks(tried, before, after)
@@ -201,6 +194,9 @@ class Work:
         closed = [each.arrivals(self._closed) for each in (self._driver, cured)]
         progress(200, 200)
         return _rates(before, closed[0]), _rates(after, closed[1])
+
+    def _drive_together(self, kinds: tuple[str, ...], numbers: range) -> Outcome:
+        return self._drive(cures.joined(self.remedies, kinds, self.site), numbers)
 
     def _with_landmarks(
         self,
