@@ -1,3 +1,4 @@
+from . import trials as trials
 from ._areas import degenerate_areas as degenerate_areas
 from ._check import check as check
 from ._figures import check_figure as check_figure

@@ -1,3 +1,4 @@
+from . import verdict as verdict
 from ._advice_figures import choice_figure as choice_figure, tuning_figure as tuning_figure
 from ._arrivals import Arrival as Arrival, Arrivals as Arrivals, Closed as Closed
 from ._closed_loop import drive_closed as drive_closed
