@@ -190,8 +190,8 @@ def routes_table(driven: Sequence[Judged]) -> str:
         off = [np.mean([each.off[each.path_of(w)].mean() for each in own]) for w in what]
         arrive = [[each.arrivals[each.path_of(w)].arrived.value for each in own] for w in what]
         gain = over_queries([100 * (c - s) for s, _, c in zip(*arrive, strict=True)], maps)
-        verdicts = [each.choice.verdict for each in own]
-        undecided = sum("undecided" in each or "probably" in each for each in verdicts)
+        confirmed = [each.choice.judgement for each in own if each.choice.judgement.leader]
+        undecided = sum(each.verdict == "undecided" for each in confirmed)
         agree = [each for route in own for each in route.agreements()]
         rows.append(
             [

@@ -29,11 +29,6 @@ class Outcome(NamedTuple):
     lost_at: Floats
     """Distance along the trip where they first were, else NaN, (trips, drives) [m]."""
 
-    def joined(self, later: Outcome) -> Outcome:
-        """These drives and later ones."""
-        pairs = zip(self, later, strict=True)
-        return Outcome(*(np.concatenate(pair, axis=1) for pair in pairs))
-
     @property
     def drive_set(self) -> DriveSet:
         """The drives along all trips as one set."""
@@ -42,22 +37,12 @@ class Outcome(NamedTuple):
     @property
     def error(self) -> Interval:
         """Error of a typical drive: the geometric mean [m]."""
-        return error_of(self.log_error)
+        return Interval(*np.exp(of_mean(self.log_error.ravel())).tolist())
 
     @property
     def lost_rate(self) -> Interval:
         """Share of the drives that were off by over 1 m at some time, 0..1."""
-        return rate_of(self.lost)
-
-
-def error_of(log_error: Floats) -> Interval:
-    """Error of a typical drive, of the logarithms of all [m]."""
-    return Interval(*np.exp(of_mean(log_error.ravel())).tolist())
-
-
-def rate_of(lost: Bools) -> Interval:
-    """Share of drives that are lost, 0..1."""
-    return wilson(float(lost.mean()), lost.size)
+        return wilson(float(self.lost.mean()), self.lost.size)
 
 
 class Contrast(NamedTuple):
@@ -77,7 +62,13 @@ class Contrast(NamedTuple):
 
 
 def contrast(before: Outcome, after: Outcome) -> Contrast:
-    """Compare two sets of drives of the same numbers."""
+    """Compare two sets of drives of the same numbers.
+
+    Parameters
+    ----------
+    before, after : Outcome
+        Drives of the same numbers without the cure and with it.
+    """
     apart = after.log_error - before.log_error
     saved = (before.lost & ~after.lost).sum(), (after.lost & ~before.lost).sum()
     gain = paired_shares(*saved, apart.size)
@@ -102,7 +93,13 @@ def paired_shares(ones: int, others: int, trials: int) -> Interval:
 
 
 def is_hopeless(before: Outcome, after: Outcome) -> bool:
-    """Whether a cure has shown after a few drives that it is not better."""
+    """Whether a cure has shown after a few drives that it is not better.
+
+    Parameters
+    ----------
+    before, after : Outcome
+        Drives of the same numbers without the cure and with it.
+    """
     scores = (after.log_error + after.lost - before.log_error - before.lost).ravel()
     error = scores.std(ddof=1) / math.sqrt(scores.size)
     # One-sided at 7 %, as in the race of paths; no effect at all is none later on either.
