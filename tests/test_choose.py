@@ -956,3 +956,10 @@ def test_no_line_of_a_title_has_one_word_left_over(width):
     assert " ".join(lines) == text.strip()
     assert max(map(len, lines)) <= 11.5 * width
     assert len(lines[-1]) >= 0.4 * len(lines[0])
+
+
+def test_length_handicaps_count_excess_in_full():
+    settings = ChoiceSettings(longest=1.5, price=0.3)
+    allowed = 0.3 * math.log(1.5)
+    expected = [0.0, allowed, allowed + math.log(2)]
+    assert settings.length_handicaps([1.0, 1.5, 3.0]) == pytest.approx(expected)

@@ -78,7 +78,8 @@ class ChoiceSettings(Settings):
     """Maximum integral of u of a candidate, >= 0 [m]; None sets no limit."""
     longest: float = 1.5
     """Maximum length of a candidate, in lengths of the shortest path, >= 1. The aware path of the
-    default weight and all that you ask for may be longer."""
+    default weight and all that you ask for may be longer; in the race their length beyond this
+    counts as much as the error."""
     front: bool = False
     """Whether up to 5 paths of the Pareto front of length against degeneracy are candidates."""
     weight: float | None = None
@@ -109,6 +110,17 @@ class ChoiceSettings(Settings):
     """Filter that is driven along the shortest path, too, to tell whether settings gain more than
     paths; None drives none, nor is one driven beside a filter that is no AMCL. The default stands
     for the robot's own filter with all alphas 0.05 and likelihood_field_prob."""
+
+    def length_handicaps(self, ratios: Sequence[float]) -> Floats:
+        """Return what the race adds to the log error of candidates for their lengths.
+
+        Parameters
+        ----------
+        ratios : sequence of float
+            Length of each candidate, in lengths of the shortest path.
+        """
+        beyond = np.log(np.maximum(np.array(ratios) / self.longest, 1.0))
+        return self.price * (np.log(ratios) - beyond) + max(self.price, 1.0) * beyond
 
     def __post_init__(self) -> None:
         keep(self, via=tuple(self.via), longest=number("longest", self.longest, 1.0))

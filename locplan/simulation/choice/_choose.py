@@ -175,7 +175,7 @@ def _driven(
     until = math.inf if asked.time_limit is None else time.monotonic() + asked.time_limit
     found = judged(
         driver,
-        asked.price * np.log([path.length / paths[SHORTEST].length for path in paths.values()]),
+        asked.length_handicaps([path.length / paths[SHORTEST].length for path in paths.values()]),
         100.0 if asked.minimise == "lost" else 1.0,
         asked.drives,
         lambda: time.monotonic() > until,
