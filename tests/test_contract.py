@@ -318,7 +318,7 @@ def test_fused_estimator_needs_version_of_inner_class(grid):
         """A user's scan."""
 
     lidar = locplan.Lidar(range=3.0, beams=30)
-    config = FieldConfig(locplan.Fused(locplan.Fisher(lidar), Mine(lidar)))
+    config = FieldConfig(locplan.Fused(lidar, scan=Mine(lidar)))
     with pytest.raises(FieldError, match="Mine declares no version"):
         locplan.field.field_path(grid, config)
     Mine.version = 1

@@ -116,7 +116,7 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
         (("--port", "70000"), "port must be"),
         (("--start", "1"), "--start must be"),
         (("--set", "footprint=40"), "a robot of radius 40.05 m has no room on this map"),
-        (("--start", "400,120"), "start 400,120 lies outside the map; the nearest free position"),
+        (("--start", "400,120"), "start 400,120 lies outside the map, which reaches from"),
         (("--goal", "400,120"), "goal 400,120 lies outside the map"),
         (("--via", "1,2", "--via", "1,-9"), "waypoint 2 1,-9 lies outside the map"),
         (("--weight", "-1"), "weight must be"),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import random_rooms
 
-from locplan._kernels import drives, lidar as lidars, matches, particles
+from locplan._kernels import drives, lidar as lidars, particles
 from locplan._kernels.rays import empty_squares
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import DIFFERENTIAL, OMNIDIRECTIONAL, Amcl, Disturbances, Lidar, Robot
@@ -311,11 +311,3 @@ def test_a_whole_drive_is_that_of_the_plain_loop(amcl):
         errors,
     )
     assert errors == pytest.approx(expected, abs=1e-9)
-
-
-def test_a_tie_of_costs_is_broken_at_random():
-    costs = np.array([3, 1, 2, 1, 1, 5], np.uint32)
-    random = np.random.default_rng(0)
-    found = np.bincount([matches.one_of_least(random, costs) for _ in range(3000)], minlength=6)
-    assert found[[0, 2, 5]].tolist() == [0, 0, 0]
-    assert found[[1, 3, 4]] / 3000 == pytest.approx(1 / 3, abs=0.04)

@@ -28,6 +28,7 @@ class FromTheRight(Estimator):
     """The further to the right a cell lies, the more uncertain: for tests."""
 
     name: ClassVar[str] = "from-the-right"
+    version: ClassVar[int] = 1
     remedy: ClassVar[str] = "stay at the left"
     weight: ClassVar[float] = 9.0
     layers: ClassVar[tuple[Layer, ...]] = (

@@ -501,8 +501,8 @@ def test_amcl_is_read_from_nav2s_parameters(tmp_path):
         expected = Amcl(alpha5=0.1, laser_min_range=0.3, robot_model_type=OMNIDIRECTIONAL)
         assert read_amcl(file) == expected
     file.write_text("amcl:\n  ros__parameters:\n    laser_model_type: beam\n")
-    with pytest.raises(LocplanError, match=r"nav2.yaml: amcl: laser_model_type must be"):
-        read_amcl(file)
+    with pytest.warns(UserWarning, match="AMCL's beam model is not simulated"):
+        assert read_amcl(file).laser_model_type == "likelihood_field"
     file.write_text("planner_server:\n  ros__parameters:\n    a: 1\n")
     with pytest.raises(LocplanError, match="has no parameters of amcl"):
         read_amcl(file)

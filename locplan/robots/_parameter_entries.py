@@ -35,6 +35,12 @@ class ParameterFile:
         """All entries in the order in which they stand."""
         return walked_entries(self.content, ())
 
+    def is_for_robot(self, entry: Entry) -> bool:
+        """Return whether an entry can be for nodes in the robot's namespace."""
+        namespace = self.namespace.strip("/")
+        inside = f"{entry.name.strip('/')}/".startswith(f"{namespace}/")
+        return not namespace or inside or "*" in entry.name
+
     def relative_name(self, entry: Entry) -> str:
         """Name of an entry as seen from the robot's namespace."""
         slash = "/" if entry.name.startswith("/") else ""

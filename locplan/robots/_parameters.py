@@ -254,7 +254,7 @@ class Nav2Parameters:
         """
         entries: dict[str, list[tuple[int, Entry]]] = {}
         for at, file in enumerate(self.files):
-            for entry in file.entries:
+            for entry in filter(file.is_for_robot, file.entries):
                 entries.setdefault(file.relative_name(entry), []).append((at, entry))
         return list(entries.values())
 
