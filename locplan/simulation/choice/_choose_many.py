@@ -102,7 +102,7 @@ def choose_many(
     >>> ends = [((2.0, 3.0), (38.0, 3.0)), ((38.0, 3.0), (2.0, 3.0))]
     >>> choices = choose_many(locplan.Costmap.blank(grid), ends, drives=8)
     >>> [each.choice.verdict for each in choices]
-    ['clearly better', 'clearly better']
+    ['better', 'better']
     """
     check_threads(threads)
     named = named_maps(maps)
