@@ -18,12 +18,11 @@ from locplan.landmarks import Pole, place_landmarks, with_objects
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan
 from locplan.robots import Amcl
+from locplan.robots.presets import Changes, amcl_presets
 from locplan.simulation import Choice, tune
 
 POLES = 3
 """Number of poles that are placed where nothing else helps enough."""
-ALPHAS = (0.05, 0.1, 0.2)
-"""Noise of odometry of the settings that are tried, each with both laser models."""
 WALLS, MEND, REACH = "walls", "map", "range"
 SETTINGS, PATHS, LANDMARKS = "settings", "paths", "landmarks"
 """The kinds of cures."""
@@ -87,17 +86,9 @@ def _with_filter(site: Site, own: Amcl) -> Site:
     return replace(site, robot=replace(site.robot, filter=own))
 
 
-def settings(own: Amcl) -> dict[str, dict[str, object]]:
+def settings(own: Amcl) -> dict[str, Changes]:
     """Changes of AMCL's settings that are tried, by how they are called."""
-    found = {}
-    for alpha in ALPHAS:
-        changes: dict[str, object] = dict.fromkeys([f"alpha{n}" for n in range(1, 6)], alpha)
-        for model in ("likelihood_field_prob", own.laser_model_type):
-            changed = {**changes, "laser_model_type": model}
-            if replace(own, **changed) != own:  # type: ignore[arg-type]
-                short = ", " + model if model != own.laser_model_type else ""
-                found[f"settings: alphas {alpha:g}{short}"] = changed
-    return found
+    return {f"settings: {name}": changes for name, changes in amcl_presets(own).items()}
 
 
 def tuned(site: Site, score: Callable[[Site], float]) -> Remedy | None:

@@ -1,3 +1,4 @@
+from . import presets as presets
 from ._amcl import (
     DIFFERENTIAL as DIFFERENTIAL,
     MODELS as MODELS,

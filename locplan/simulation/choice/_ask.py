@@ -42,17 +42,14 @@ from locplan.planners import (
     planner_for,
 )
 from locplan.robots import Amcl, Robot
+from locplan.robots.presets import PRECISE, with_changes
 from locplan.simulation.verdict import LOOKS
 
 Minimise = Literal["rmse", "lost", "goal-error", "heading"]
 """Quantity that the chosen path has least of."""
 MINIMISED: tuple[Minimise, ...] = get_args(Minimise)
-CALM: dict[str, Any] = {
-    **dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"), 0.05),
-    "laser_model_type": "likelihood_field_prob",
-}
-TUNED = Amcl(**CALM)
-"""Settings of a filter that are good for most robots indoors; the rest is the robot's own."""
+TUNED = with_changes(Amcl(), PRECISE)
+"""The precise preset; the rest is the robot's own."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -170,7 +167,7 @@ class ChoiceSettings(Settings):
         """
         if not isinstance(own, Amcl):  # what gains is advised as AMCL's parameters
             return None
-        rival = dataclasses.replace(own, **CALM) if self.rival == TUNED else self.rival
+        rival = with_changes(own, PRECISE) if self.rival == TUNED else self.rival
         return None if rival == own else rival
 
     @property
