@@ -16,7 +16,15 @@ from locplan._util.intervals import random_of
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Disturbances, Kinematics
-from locplan.simulation import Arrival, Arrivals, Closed, Simulator, drive_closed, simulate
+from locplan.simulation import (
+    Arrival,
+    Arrivals,
+    Closed,
+    Simulator,
+    drive_closed,
+    route_key,
+    simulate,
+)
 
 QUIET = Disturbances(boundary_noise=0.0, outliers=0.0, occlusion=0.0)
 OUTLINE = Footprint([(0.35, 0.15), (0.35, -0.15), (-0.2, -0.15), (-0.2, 0.15)])
@@ -97,7 +105,8 @@ def test_a_robot_that_knows_its_pose_is_driven_as_plain_loops_do(name):
     first = (*even.xy[0], math.atan2(*(even.xy[6] - even.xy[0])[::-1]))
     stops = grid.cells == OCCUPIED
     truth = naive.follow(
-        random_of(3, CLOSED, 0, 0), way.tolist(), stops, 0.1, robot, discs, first, 1000
+        random_of(3, CLOSED, route_key(path), 0),
+        *(way.tolist(), stops, 0.1, robot, discs, first, 1000),
     )
     assert found.outcome == "arrived"
     assert found.truth == pytest.approx(truth, abs=1e-9)

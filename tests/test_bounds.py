@@ -8,7 +8,7 @@ import pytest
 from conftest import drawn, refused
 
 import locplan
-from locplan import FieldConfig, LocplanError, Sad, Scan, compare, covariance_field, save_map
+from locplan import FieldConfig, LocplanError, Path, Sad, Scan, compare, covariance_field, save_map
 from locplan._util import checks
 from locplan.comparison import Execution, Journal, RandomQueries, Run, Task
 from locplan.errors import ConfigError
@@ -16,7 +16,7 @@ from locplan.field import SearchWindow
 from locplan.field._compute import standing_cells
 from locplan.planners import Ompl, random_queries
 from locplan.robots import Amcl, Disturbances, Lidar
-from locplan.simulation import Simulator, simulate, tune
+from locplan.simulation import Simulator, drive_open, simulate, tune
 
 GRID = drawn("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=1.0)
 ENDS = ((1.5, 2.5), (8.5, 6.5))
@@ -89,10 +89,10 @@ def test_a_field_that_does_not_fit_into_memory_is_refused(no_work, small_machine
 
 
 def test_drives_that_do_not_fit_into_memory_are_refused(no_work, monkeypatch):
-    simulator = Simulator(GRID)
+    simulator, path = Simulator(GRID), Path(np.array([[1.5, 2.5], [8.5, 2.5]]))
     monkeypatch.setattr("locplan._util.checks.usable_memory", lambda: 10**6)
-    with pytest.raises(ConfigError, match=r"1000 drives of 800 poses take .* drive fewer"):
-        simulator.drive([np.zeros((800, 3))] * 1000)
+    with pytest.raises(ConfigError, match=r"1000000 drives of 1 paths take .* drive fewer"):
+        drive_open(simulator, {"path": path}, range(10**6))
 
 
 @pytest.mark.parametrize(

@@ -12,14 +12,14 @@ import pytest
 from conftest import random_rooms
 from made_drives import LIDAR, recorded
 
-from locplan import Costmap, Lidar, OccupancyGrid, plan, save_map
+from locplan import Costmap, Lidar, OccupancyGrid, Path, plan, save_map
 from locplan._kernels import drives
 from locplan.cli import main
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import FREE, OCCUPIED, environments, own_axes
 from locplan.recordings import Recording, replay, replay_figure
 from locplan.robots import Amcl, Disturbances, Robot, compared_ends
-from locplan.simulation import Simulator, poses_along
+from locplan.simulation import Simulator, drive_open, poses_along
 
 RESOLUTION = 0.1
 FEW = {"min_particles": 100, "max_particles": 300}
@@ -122,7 +122,8 @@ def naive_ends(here, line):
 
 
 def test_replays_err_as_simulated_drives_do(grid, line):
-    simulated = Simulator(grid, robot=Robot(LIDAR, filter=SHARP)).drive_along(line, 30)
+    path, simulator = Path(line[:, :2], line[:, 2]), Simulator(grid, Robot(LIDAR, filter=SHARP))
+    simulated = drive_open(simulator, {"line": path}, range(30))["line"]
     rms = []
     for seed in range(8):
         drive = recorded(grid, line, seed=seed)

@@ -20,6 +20,7 @@ from locplan.simulation import (
     Simulator,
     Tuning,
     TuningBench,
+    drive_open,
     joined,
     poses_along,
     search_settings,
@@ -228,7 +229,7 @@ def test_a_bench_drives_as_the_simulator_does():
     for n, level in enumerate(bench.levels):
         simulator = Simulator(grid, level.of(Robot(LIDAR, filter=GOOD)), seed=5)
         for path, line in enumerate(lines):
-            own = simulator.drive_along(poses_along(line, grid), 4, stream=path)
+            own = drive_open(simulator, {"line": line}, range(4), route=path)["line"]
             np.testing.assert_allclose(bench.driven[GOOD].squares[n, path], own.mean_squares)
             assert bench.driven[GOOD].lost[n, path].tolist() == own.lost.tolist()
 

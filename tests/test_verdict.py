@@ -16,6 +16,7 @@ import pytest
 from locplan.diagnosis.trials import Outcome, confirm_cures, contrast, try_cure
 from locplan.landmarks import Outcome as LandmarkDrives, Verification
 from locplan.simulation import Drives, Scores, judged
+from locplan.simulation.driver import CHOOSING
 from locplan.simulation.verdict import (
     BETTER,
     NO_DIFFERENCE,
@@ -177,6 +178,11 @@ def test_confirm_rarely_prefers_one_of_two_equals():
 # The callers
 
 
+def place_of(numbers, drives):
+    """Return the places of drives in arrays: first those that judge, then those that choose."""
+    return [number if number < CHOOSING else number - CHOOSING + drives for number in numbers]
+
+
 def choose_among(ratios, seed, drives=64):
     """Return the judgement of `choose` on paths of known ratios, the shortest first."""
     random = np.random.default_rng(seed)
@@ -186,7 +192,7 @@ def choose_among(ratios, seed, drives=64):
     lost = random.uniform(size=shape) < LOST
 
     def drive(paths, numbers):
-        at = np.ix_([*paths], [*numbers])
+        at = np.ix_([*paths], place_of(numbers, drives))
         return Scores(errors[at], lost[at])
 
     return judged(drive, np.zeros(len(ratios)), 1.0, drives)
@@ -202,13 +208,13 @@ def test_choose_agrees_with_the_verdict_on_its_drives():
         (before, after), (lost, others) = draw_pairs([0.7], 16, seed, (0.1, 0.1))
 
         def drive(paths, numbers, pairs=((before, lost), (after, others))):
-            at = np.array([*numbers]) % 8 + 8 * (numbers.start >= 8)
+            at = place_of(numbers, 8)
             rows = [(errors[0, at], flags[0, at]) for errors, flags in (pairs[n] for n in paths)]
             return Scores(*(np.array(part) for part in zip(*rows, strict=True)))
 
         found = judged(drive, np.zeros(2), 1.0, 8)
         if found.leader:
-            both = drive_set(before[0, 8:], lost[0, 8:]), drive_set(after[0, 8:], others[0, 8:])
+            both = drive_set(before[0, :8], lost[0, :8]), drive_set(after[0, :8], others[0, :8])
             verdict = compare(*both)
             assert (verdict.word, verdict.ratio) == (found.verdict, found.ratio)
 

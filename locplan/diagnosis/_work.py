@@ -29,6 +29,7 @@ from locplan.diagnosis.trials import Contrast, Outcome, confirm_cures, contrast,
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
 from locplan.simulation import Arrivals, Choice, choose
+from locplan.simulation.driver import CHOOSING, FRESH
 
 
 @dataclass(frozen=True)
@@ -81,8 +82,8 @@ class Work:
             -(-number // len(site.paths)) for number in (effort.few, effort.drives, effort.closed)
         )
         # Cures are chosen, judged, and what is recommended confirmed, each on drives of its own.
-        self._few, self._many = range(few), range(few, few + many)
-        self._fresh, self._closed = range(few + many, few + 2 * many), range(closed)
+        self._few, self._many = range(CHOOSING, CHOOSING + few), range(many)
+        self._fresh, self._closed = range(FRESH, FRESH + many), range(closed)
         self._driver = Driver(site, seed, threads)
         self._drive = cures.driver_of(seed, threads)
 

@@ -14,7 +14,7 @@ from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import Column, Table
 from locplan.costs import Path
 from locplan.maps import OccupancyGrid
-from locplan.simulation import RATES, Drives, Rated, Simulator, drive_paths, rates_of
+from locplan.simulation import RATES, Drives, Rated, Simulator, drive_open, rates_of
 from locplan.simulation.verdict import DriveSet, Verdict, compare
 
 DRIVES = 100
@@ -84,7 +84,7 @@ def verify_by_drives(
     worlds = (enter(grid) for grid in (*maps, *random_maps))  # one after the other in memory
     callbacks = parts(progress, [count * len(routes) for count in counts])
     before, after, *rest = (
-        Outcome(tuple(drive_paths(simulator, paths, count, progress=each).values()))
+        Outcome(tuple(drive_open(simulator, paths, range(count), progress=each).values()))
         for (simulator, paths), count, each in zip(worlds, counts, callbacks, strict=True)
     )
     random = Outcome(tuple(d for each in rest for d in each.drives)) if sets else None

@@ -28,7 +28,7 @@ from locplan.maps import (
 )
 from locplan.planners import plan, random_queries
 from locplan.robots import Amcl, Robot
-from locplan.simulation import Drives, Simulator, check_drives, drive_paths
+from locplan.simulation import Drives, Simulator, check_drives, drive_open
 from locplan.simulation.verdict import DriveSet, compare
 
 DISTANCES = 10.0, 5.0, 2.0, 0.5
@@ -228,10 +228,10 @@ def mend(
         both = parts(part, [paths * drives] * 2)
         as_is, hollow = (
             [
-                *drive_paths(
+                *drive_open(
                     Simulator(world, each, filter_map=own, seed=seed, threads=threads),
                     ways,
-                    drives,
+                    range(drives),
                     progress=tell,
                 ).values()
             ]

@@ -1,7 +1,6 @@
-from . import verdict as verdict
+from . import driver as driver, verdict as verdict
 from ._advice_figures import choice_figure as choice_figure, tuning_figure as tuning_figure
 from ._arrivals import Arrival as Arrival, Arrivals as Arrivals, Closed as Closed
-from ._closed_loop import drive_closed as drive_closed
 from ._drives import (
     DRIVEN as DRIVEN,
     FLOOR as FLOOR,
@@ -26,11 +25,7 @@ from ._routes import (
     RoutesOnMaps as RoutesOnMaps,
     simulate_queries as simulate_queries,
 )
-from ._simulate import (
-    Simulation as Simulation,
-    drive_paths as drive_paths,
-    simulate as simulate,
-)
+from ._simulate import Simulation as Simulation, simulate as simulate
 from ._simulator import Simulator as Simulator
 from ._worlds import (
     POSE_SPACING as POSE_SPACING,
@@ -52,6 +47,7 @@ from .choice._choose_many import (
 )
 from .choice._driven import Candidate as Candidate, Driven as Driven
 from .choice._race import Judgement as Judgement, Scores as Scores, judged as judged
+from .driver import drive_closed as drive_closed, drive_open as drive_open, route_key as route_key
 from .tuning._bench import (
     DisturbanceLevel as DisturbanceLevel,
     TuningBench as TuningBench,

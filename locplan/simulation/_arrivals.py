@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Bools, Floats
 from locplan._util.checks import Settings, positive
 from locplan._util.intervals import Interval, wilson
 from locplan._util.poses import Poses, wrapped
@@ -24,6 +24,9 @@ FOLLOWER, WORLD = "follower", "world"
 """What is at fault where a drive fails with perfect localization, too: the follower, or a world
 in which no way leads to the goal."""
 
+CLOSED_DRIVES = 16
+"""Number of closed-loop drives along a path that commands add unless they are told a number."""
+
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Closed(Settings):
@@ -35,7 +38,7 @@ class Closed(Settings):
         If a value is out of its range.
     """
 
-    drives: int = 40
+    drives: int = CLOSED_DRIVES
     """Number of drives along each path, 2 to 100,000."""
     replan: float | None = None
     """Time after which a new plan is made in any case, above 0 [s]; None plans only where something
@@ -121,7 +124,7 @@ class Arrival(Valued):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Arrivals(Valued):
-    """Closed-loop drives along one path; the n-th of two paths have the same world and seed."""
+    """Closed-loop drives along one path; the n-th of two paths with the same ends are pairs."""
 
     drives: tuple[Arrival, ...]
     """The drives by number."""
@@ -130,9 +133,14 @@ class Arrivals(Valued):
         return f"Arrivals({self.arrived.value:.0%} of {len(self.drives)} arrived)"
 
     @property
+    def reached(self) -> Bools:
+        """True for each drive that reaches the goal, (drives,)."""
+        return np.array([each.outcome == ARRIVED for each in self.drives], bool)
+
+    @property
     def count(self) -> int:
         """Number of the drives that arrive."""
-        return sum(each.outcome == ARRIVED for each in self.drives)
+        return int(self.reached.sum())
 
     @property
     def failed(self) -> Counter[str]:

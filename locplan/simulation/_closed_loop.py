@@ -18,7 +18,6 @@ import numpy as np
 from locplan._kernels.arrays import Floats
 from locplan._util.intervals import random_of
 from locplan._util.poses import after_way, way_between
-from locplan._util.progress import ProgressCallback
 from locplan.costs import Path
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, own_axes
 from locplan.robots import Robot
@@ -30,7 +29,6 @@ from locplan.simulation._arrivals import (
     TIMED_OUT,
     WORLD,
     Arrival,
-    Arrivals,
 )
 from locplan.simulation._drives import OFF
 from locplan.simulation._own_filters import OwnLoop
@@ -42,52 +40,6 @@ PATIENCE = 60.0, 3.0
 """Maximum time of a drive: so long [s], and so many times that of its path."""
 RETREAT = 0.3
 """Speed of backing off [m/s]."""
-
-
-def drive_closed(
-    simulator: Simulator,
-    paths: Mapping[str, Path],
-    drives: range,
-    *,
-    replan: float | None = None,
-    perfect: bool = False,
-    progress: ProgressCallback | None = None,
-) -> dict[str, Arrivals]:
-    """Drive along each path several times, steered by the filter's pose.
-
-    Parameters
-    ----------
-    simulator : Simulator
-        The map and the robot, whose outline, speed and goal tolerance count, too.
-    paths : mapping of str to Path
-        The paths by name.
-    drives : range
-        Numbers of the drives; each has a world and random numbers of its own.
-    replan : float, optional
-        Time after which a new plan is made in any case [s]; by default only where something is in
-        the way.
-    perfect : bool, default False
-        Whether the robot knows its true pose, which shows what the follower alone can do.
-    progress : callable, optional
-        Called with (done, total) drives.
-
-    Returns
-    -------
-    dict of str to Arrivals
-        The drives along each path.
-
-    """
-    loop = ClosedLoop(simulator, dict(paths), replan, perfect)
-    found: dict[str, list[Any]] = {name: [None] * len(drives) for name in paths}
-
-    def run(n: int) -> None:
-        world = loop.world(drives[n])
-        for name in paths:
-            found[name][n] = loop.drive(name, world, drives[n])
-
-    _ = loop.planner.density, loop.body  # made once, not by every thread
-    simulator.in_threads(run, len(drives), progress, len(drives) * len(paths))
-    return {name: Arrivals(tuple(each)) for name, each in found.items()}
 
 
 @dataclass(frozen=True)
@@ -140,21 +92,21 @@ class ClosedLoop:
         """What leads a hindered robot back to its path."""
         return Replanner(self.grid, self.simulator.robot)
 
-    def world(self, number: int) -> Any:
-        """The world of a drive."""
+    def world(self, route: int, number: int) -> Any:
+        """Return the world of a drive of a route, see `locplan.simulation.driver.route_key`."""
         from locplan._kernels.bodies import Surroundings
 
         # Nobody knows what stands in unknown cells: they are no walls, as in the lidar's world.
-        return Surroundings(self.stage.world(0, number), self.grid.resolution)
+        return Surroundings(self.stage.world(route, number), self.grid.resolution)
 
-    def drive(self, name: str, world: Any, number: int) -> Arrival:
+    def drive(self, name: str, world: Any, route: int, number: int) -> Arrival:
         """Drive once along a path; a drive that fails is repeated with perfect localization."""
-        found = self._driven(name, world, number, perfect=self.perfect)
+        found = self._driven(name, world, (route, number), perfect=self.perfect)
         if found.outcome == ARRIVED:
             return found
         control = found
         if not self.perfect:
-            control = self._driven(name, world, number, perfect=True)
+            control = self._driven(name, world, (route, number), perfect=True)
         if control.outcome == ARRIVED:
             return found
         return replace(found, fault=FOLLOWER if self._has_way(name, world) else WORLD)
@@ -191,10 +143,10 @@ class ClosedLoop:
         poses = own_axes(self.grid, np.column_stack([path.xy, path.facing]))
         return all(margin_at(world, self.body, *pose, 2 * MARGIN) >= MARGIN for pose in poses)
 
-    def _driven(self, name: str, world: Any, number: int, *, perfect: bool) -> Arrival:
+    def _driven(self, name: str, world: Any, drive: tuple[int, int], *, perfect: bool) -> Arrival:
         from locplan._kernels import follower
 
-        random = random_of(self.simulator.seed, CLOSED, 0, number)
+        random = random_of(self.simulator.seed, CLOSED, *drive)
         way, first = self._way(name)
         length = self.paths[name].length
         ticks = (PATIENCE[0] + PATIENCE[1] * length / self.body.speed) / follower.TICK

@@ -109,8 +109,8 @@ class Rated:
 class Drives(Rated):
     """Simulated drives along one line.
 
-    The n-th drives of two lines have the same world and seed, so that they can be compared in
-    pairs. Intervals are over the drives.
+    The n-th drives of two lines with the same ends are pairs: they have the same world and the same
+    random numbers. Intervals are over the drives.
     """
 
     poses: Floats

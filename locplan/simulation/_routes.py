@@ -24,9 +24,9 @@ from locplan.maps import OccupancyGrid
 from locplan.planners import AWARE, SHORTEST, Query, plan_beside_shortest
 from locplan.robots import Robot
 from locplan.simulation._drives import Drives, check_drives, rmse_ratio
-from locplan.simulation._simulate import drive_paths
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import about_filter
+from locplan.simulation.driver import drive_open
 
 
 @dataclass(frozen=True)
@@ -319,8 +319,8 @@ def simulate_queries(
         raise ConfigError("no query has a path to drive; choose others, or a smaller robot radius")
     callbacks = parts(progress, [2 * drives] * len(found))
     routes = [
-        _route(query, drive_paths(simulator, paths, drives, stream=n, progress=part))
-        for n, ((query, paths), part) in enumerate(zip(found.items(), callbacks, strict=True))
+        _route(query, drive_open(simulator, paths, range(drives), progress=part))
+        for (query, paths), part in zip(found.items(), callbacks, strict=True)
     ]
     about = {
         **about_costs(costs),

@@ -21,10 +21,10 @@ from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid
 from locplan.robots import Robot
 from locplan.simulation._arrivals import ARRIVING, Arrivals, Closed, ends_of
-from locplan.simulation._closed_loop import drive_closed
 from locplan.simulation._drives import DRIVEN, Drives, check_drives, contrasts, profiles
 from locplan.simulation._simulator import Simulator
-from locplan.simulation._worlds import about_filter, poses_along
+from locplan.simulation._worlds import about_filter
+from locplan.simulation.driver import drive_closed, drive_open
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,7 +42,7 @@ class Simulation(Result):
     paths: Mapping[str, Path]
     """Paths by name; the others are compared with the first."""
     drives: Mapping[str, Drives]
-    """Drives of each path, equally many; the n-th of all have the same world and seed."""
+    """Drives of each path, equally many; the n-th of paths with the same ends are pairs."""
     robot: Robot
     """The robot that was simulated."""
     seed: int
@@ -183,51 +183,10 @@ def simulate(
     }
     steered = closed.drives if closed else 0
     opened, rest = parts(progress, [drives * len(routes), steered * len(routes)])
-    driven = drive_paths(simulator, routes, drives, progress=opened)
+    driven = drive_open(simulator, routes, range(drives), progress=opened)
     arrivals = None
     if closed:
         arrivals = drive_closed(
             simulator, routes, range(steered), replan=closed.replan, progress=rest
         )
     return Simulation(grid, routes, driven, simulator.robot, seed, costs, filter_map, arrivals)
-
-
-def drive_paths(
-    simulator: Simulator,
-    paths: Mapping[str, Path],
-    drives: int,
-    *,
-    stream: int = 0,
-    progress: ProgressCallback | None = None,
-) -> dict[str, Drives]:
-    """Drive each path several times, the n-th time of all with the same random numbers.
-
-    Parameters
-    ----------
-    simulator : Simulator
-        The map and the robot.
-    paths : mapping of str to Path
-        The paths by name.
-    drives : int
-        Number of drives along each path, at least 1.
-    stream, progress
-        See `Simulator.drive`.
-
-    Returns
-    -------
-    dict of str to Drives
-        The drives of each path by its name.
-
-    Raises
-    ------
-    LocplanError
-        If a path leaves the free cells.
-    """
-    lines = {
-        name: poses_along(path, simulator.grid, f"path {name}") for name, path in paths.items()
-    }
-    callbacks = parts(progress, [drives] * len(lines))
-    return {
-        name: simulator.drive_along(poses, drives, stream=stream, progress=part)
-        for (name, poses), part in zip(lines.items(), callbacks, strict=True)
-    }

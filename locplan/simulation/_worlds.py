@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from locplan._kernels.arrays import Bools, Floats, Octets
+from locplan._kernels.arrays import Bools, Floats, Ints, Octets
 from locplan._util.intervals import random_of
 from locplan._util.poses import Poses
 from locplan.costs import Path, divided_poses
@@ -130,34 +131,57 @@ class Stage:
     seed: int
     """Seed of all random numbers."""
 
-    def world(self, stream: int, number: int) -> Octets:
-        """Empty squares of the world of a drive, see `locplan._kernels.rays.empty_squares`."""
+    def world(self, route: int, number: int) -> Octets:
+        """Return the empty squares of a drive's world, see `locplan._kernels.rays.empty_squares`.
+
+        Parameters
+        ----------
+        route, number : int
+            The key of the route, see `locplan.simulation.driver.route_key`, and the drive's
+            number.
+        """
         from locplan._kernels.rays import empty_squares
 
-        squares: Octets = empty_squares(self.stops_of(stream, number))
+        squares: Octets = empty_squares(self.stops_in(route, number))
         return squares
 
-    def stops_of(self, stream: int, number: int) -> Bools:
-        """Cells that are occupied in the world of a drive, in the part."""
-        if not self.noise:
-            return self.stops
-        random = random_of(self.seed, WORLD, stream, number)
-        flips = random.random(self.stops.shape, np.float32) < self.noise
-        return np.asarray(self.stops ^ (flips & self.boundary))
+    def stops_in(self, route: int, number: int) -> Bools:
+        """Return the cells of the part that are occupied in a drive's world.
+
+        They are those of the whole map's world, whatever the part is.
+
+        Parameters
+        ----------
+        route, number : int
+            See `world`.
+        """
+        from locplan._kernels.worlds import flip_cells
+
+        stops = self.stops.copy()
+        if self.noise:
+            seed = random_of(self.seed, WORLD, route, number).bit_generator.random_raw()
+            first = self.window[0].start, self.window[1].start
+            flip_cells(stops, self._boundary_cells, *first, self.noise, np.uint64(seed))
+        return stops
+
+    @cached_property
+    def _boundary_cells(self) -> Ints:
+        """Row and column of the boundary's cells in the part, (n, 2)."""
+        return np.argwhere(self.boundary)
 
     def drive(
-        self, line: Line, world: Octets, stream: int, number: int, arguments: DriveArguments
+        self, line: Line, world: Octets, route: int, number: int, arguments: DriveArguments
     ) -> Floats:
-        """The filter's errors on a drive, (n, 3) in the own axes of its map [m, m, rad].
+        """Return the filter's errors on a drive, (n, 3) in the own axes of its map [m, m, rad].
 
         Parameters
         ----------
         line : Line
             The poses.
         world : array
-            What `world` gave for this drive.
-        stream, number : int
-            The stream of random numbers, and the drive's number.
+            What `world` returned for this drive.
+        route, number : int
+            See `world`.
         arguments : DriveArguments
             Arguments of the kernel.
         """
@@ -165,7 +189,7 @@ class Stage:
 
         cells = line.cells - [self.window[0].start, self.window[1].start, 0.0]
         errors = np.empty_like(line.truth)
-        random = random_of(self.seed, DRIVE, stream, number)
+        random = random_of(self.seed, DRIVE, route, number)
         follow: Any = track if arguments.scores is None else drive
         follow(random, line.truth, World(world, self.resolution, cells), *arguments, errors)
         return errors

@@ -18,6 +18,7 @@ import numpy as np
 
 from locplan._kernels.arrays import Bools, Floats
 from locplan._util.intervals import Interval, wilson
+from locplan.simulation._arrivals import Arrivals
 from locplan.simulation._drives import FLOOR, Drives
 
 BETTER, WORSE, NO_DIFFERENCE, UNDECIDED = "better", "worse", "no difference", "undecided"
@@ -52,19 +53,23 @@ class DriveSet:
     """True for each closed-loop drive that reaches the goal, (m,); None if none was driven."""
 
     @classmethod
-    def from_drives(cls, drives: Iterable[Drives]) -> DriveSet:
+    def from_drives(cls, drives: Iterable[Drives], arrivals: Iterable[Arrivals] = ()) -> DriveSet:
         """Join the drives along some lines to one set.
 
         Parameters
         ----------
         drives : iterable of Drives
-            The drives along each line.
+            The open-loop drives along each line.
+        arrivals : iterable of Arrivals, default ()
+            The closed-loop drives along each line; by default none was driven.
         """
-        lines = [*drives]
+        lines, ends = [*drives], [*arrivals]
         squares = np.concatenate([line.mean_squares for line in lines])
-        lost = np.concatenate([line.lost for line in lines])
         return cls(
-            0.5 * np.log(squares + FLOOR), lost, np.concatenate([line.off for line in lines])
+            0.5 * np.log(squares + FLOOR),
+            np.concatenate([line.lost for line in lines]),
+            np.concatenate([line.off for line in lines]),
+            np.concatenate([each.reached for each in ends]) if ends else None,
         )
 
 

@@ -14,7 +14,7 @@ from locplan import Path
 from locplan._kernels import particles
 from locplan.maps import environments
 from locplan.robots import Amcl, Robot
-from locplan.simulation import Simulator, poses_along
+from locplan.simulation import Simulator, drive_open
 
 FIXED = Amcl(min_particles=500, max_particles=500)
 DRIVES = 1000
@@ -30,24 +30,25 @@ def simulator():
 def ten_metres(simulator):
     path = Path(np.array([[13.0, 5.5], [23.0, 5.5]]))
     assert path.length == 10.0
-    return poses_along(path, simulator.grid)
+    return path
 
 
 def test_a_thousand_drives(benchmark, simulator, ten_metres):
     assert simulator.arguments.lidar.angles.size == 60
-    simulator.drive([ten_metres] * 4)
-    errors = benchmark.pedantic(
-        simulator.drive, args=([ten_metres] * DRIVES,), rounds=3, iterations=1
+    paths = {"ten metres": ten_metres}
+    drive_open(simulator, paths, range(4))
+    driven = benchmark.pedantic(
+        drive_open, args=(simulator, paths, range(DRIVES)), rounds=3, iterations=1
     )
     seconds = benchmark.stats["min"]
     benchmark.extra_info["milliseconds_a_drive"] = 1e3 * seconds / DRIVES
-    updates = DRIVES * (len(ten_metres) * 0.05 / 0.25)
+    updates = DRIVES * ten_metres.length / 0.25
     per_beam = seconds / (updates * 500 * 60)
     print(
         f"\n{DRIVES} drives of 10 m, 500 particles, 60 beams: {seconds:.2f} s,"
         f" {1e9 * per_beam:.2f} ns a beam of a particle on all cores"
     )
-    assert errors.shape == (DRIVES, len(ten_metres), 3)
+    assert len(driven["ten metres"].errors) == DRIVES
 
 
 def weighed_by_numpy(scores, ends, poses):

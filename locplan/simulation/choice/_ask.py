@@ -43,6 +43,7 @@ from locplan.planners import (
 )
 from locplan.robots import Amcl, Robot
 from locplan.robots.presets import PRECISE, with_changes
+from locplan.simulation._arrivals import CLOSED_DRIVES
 from locplan.simulation.verdict import LOOKS
 
 Minimise = Literal["rmse", "lost", "goal-error", "heading"]
@@ -173,7 +174,7 @@ class ChoiceSettings(Settings):
     @property
     def closed_drives(self) -> int:
         """Number of closed-loop drives of the path to take and of the shortest."""
-        return 40 if self.thorough else 16
+        return 40 if self.thorough else CLOSED_DRIVES
 
     @property
     def is_limited(self) -> bool:

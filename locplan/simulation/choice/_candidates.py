@@ -16,7 +16,7 @@ from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, values_at
 from locplan.planners import SHORTEST, ParetoFront, Plan, Planner, pareto_front, planner_for
-from locplan.simulation._worlds import Window, window_about
+from locplan.simulation._worlds import Window, poses_along, window_about
 from locplan.simulation.choice._ask import NEAR, Ask, distances_to
 from locplan.simulation.choice._densities import (
     AWARE,
@@ -27,7 +27,6 @@ from locplan.simulation.choice._densities import (
     aware,
     blocked_of,
 )
-from locplan.simulation.choice._driven import lines_along
 
 
 def deviation_along(path: Path, field: CovarianceField) -> tuple[float, float]:
@@ -236,7 +235,8 @@ def check_own(own: Own, ask: Ask) -> None:
                     f"candidate {shown(name)} has its {end} at {x:.2f},{y:.2f}, more than"
                     f" {NEAR:g} m from the {end} that was asked for"
                 )
-    lines_along(paths, ask.grid)
+    for name, path in paths.items():
+        poses_along(path, ask.grid, f"candidate {name}")
 
 
 def add_own(

@@ -209,9 +209,12 @@ class Choice(Result, Stored):
         """Which drives are shown, in words."""
         if self.judgement is None or self.shortest is None:
             return ""
-        count, first = len(self.judgement.drives), self.judgement.drives.start
-        leader = self.candidates[self.judgement.leader]
-        of = f" of {leader.quoted} and of the shortest" if first else " at most of each path"
+        count, leader = len(self.judgement.drives), self.candidates[self.judgement.leader]
+        of = (
+            f" of {leader.quoted} and of the shortest"
+            if self.judgement.leader
+            else (" at most of each path")
+        )
         return f"{count} drives{of}; seed {self.seed}; with {self.robot.title}"
 
     @property

@@ -1,10 +1,10 @@
-"""Candidates of a choice, and their drives by number in the part of the map about them."""
+"""Candidates of a choice, and what is remembered of their drives."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -17,15 +17,13 @@ from locplan._util.progress import ProgressCallback
 from locplan._util.records import Column, Table
 from locplan._util.saved import Valued
 from locplan.costs import Path, PathMetrics
-from locplan.maps import OccupancyGrid
 from locplan.planners import SHORTEST
 from locplan.simulation._arrivals import ARRIVING, Arrivals
-from locplan.simulation._closed_loop import drive_closed
 from locplan.simulation._drives import FLOOR, RATES, Drives
 from locplan.simulation._simulator import Simulator
-from locplan.simulation._worlds import poses_along
 from locplan.simulation.choice._ask import ChoiceSettings, Minimise
 from locplan.simulation.choice._race import FINALISTS, KEPT, ROUNDS, Judgement, Scores
+from locplan.simulation.driver import CHOOSING, drive_closed, drive_open, route_key
 
 
 def log_errors(distance: Floats, errors: Floats, minimise: Minimise, worst: float) -> Floats:
@@ -64,7 +62,7 @@ class Driven(Valued):
     derived: ClassVar[tuple[str, ...]] = ("error", "lost_rate", "off_at_goal")
 
     numbers: range
-    """Numbers of the drives; those of the same number have one world and one seed."""
+    """Numbers of the drives; those of the same number are pairs."""
     log_error: Floats
     """Logarithm of the error of each drive, (drives,) [ln m, or ln rad]."""
     lost: Bools
@@ -230,20 +228,12 @@ def comparable(table: Table, candidates: Sequence[Candidate]) -> Table:
     return dataclasses.replace(table, rows=rows)
 
 
-STREAM = 1_000_000
-"""Stream of the random numbers of these drives, above those of `simulate` and its queries; and the
-first number of closed-loop drives."""
 RIVAL_DRIVES = 8
 """Number of drives of the shortest path with the rival's settings."""
 
 
-def lines_along(paths: Mapping[str, Path], grid: OccupancyGrid) -> dict[str, Poses]:
-    """Poses along each path; a LocplanError names the candidate that cannot be driven."""
-    return {name: poses_along(path, grid, f"candidate {name}") for name, path in paths.items()}
-
-
 class Driver:
-    """Drives of candidates by their numbers, and what is kept of them.
+    """What is remembered of the drives of candidates, by path and number.
 
     Parameters
     ----------
@@ -264,35 +254,38 @@ class Driver:
         settings: ChoiceSettings,
         progress: ProgressCallback | None,
     ) -> None:
-        grid = simulator.grid
-        self._paths = [*paths.values()]
-        self._lines = [*lines_along(paths, grid).values()]
+        self._paths = [*paths.items()]
+        # All candidates lead along one route, though those of a user may end a little off.
+        self._route = route_key(self._paths[0][1])
         self._simulator = simulator
         self._settings, self._progress = settings, progress
-        self._errors = [np.empty((0, *line.shape)) for line in self._lines]
+        self._poses: dict[int, Poses] = {}
+        self._errors: list[dict[int, Floats]] = [{} for _ in paths]
         self._worst = math.pi
         if settings.minimise != "heading":
-            self._worst = worst_error(grid.shape, grid.resolution)
+            self._worst = worst_error(simulator.grid.shape, simulator.grid.resolution)
         kept = min(len(paths), KEPT + 1)
         self._done, self._total = 0, ROUNDS[0] * len(paths) + (ROUNDS[1] - ROUNDS[0]) * kept
         self._total += min(len(paths), FINALISTS + 1) * settings.drives + RIVAL_DRIVES
-        self._closed = range(STREAM, STREAM + settings.closed_drives)
+        self._closed = range(settings.closed_drives)
         self._total += 2 * len(self._closed)
 
     def __call__(self, paths: Sequence[int], numbers: range) -> Scores:
         """Drive some paths with the drives of some numbers."""
-        for path, errors in zip(paths, self._drive(self._simulator, paths, numbers), strict=True):
-            self._errors[path] = np.concatenate([self._errors[path], errors])
+        for path, drives in zip(paths, self._drive(self._simulator, paths, numbers), strict=True):
+            self._poses[path] = drives.poses
+            self._errors[path].update(zip(numbers, drives.errors, strict=True))
         return Scores(
             np.array([self._log_errors(path, numbers) for path in paths]),
             np.array([self._drives(path, numbers).lost for path in paths]),
         )
 
     def shown(self, path: int, found: Judgement) -> Driven:
-        """What is shown of a candidate: the confirmation's drives, or those of the race."""
-        leads = found.leader and path in (0, found.leader)
-        own = found.drives if leads else range(ROUNDS[-1])
-        numbers = range(own.start, min(own.stop, len(self._errors[path])))
+        """What is shown of a candidate: the drives from 0 on, or those of the race."""
+        numbers = range(CHOOSING, CHOOSING + ROUNDS[-1])
+        if leads := path in (0, found.leader):
+            numbers = found.drives
+        numbers = numbers[: sum(number in self._errors[path] for number in numbers)]
         ratio = NOTHING
         if path:
             apart = self._log_errors(path, numbers) - self._log_errors(0, numbers)
@@ -303,10 +296,13 @@ class Driver:
     def arrivals(self, found: Judgement) -> dict[int, Arrivals]:
         """Closed-loop drives of the path to take and of the shortest, which may be one."""
         leader = found.leader if found.takes(self._settings.bold) else 0
-        both = {f"{path}": self._paths[path] for path in (0, leader)}
-        made = drive_closed(self._simulator, both, self._closed, progress=self._step)
+        both = [*dict.fromkeys((0, leader))]
+        named = dict(self._paths[path] for path in both)
+        made = drive_closed(
+            self._simulator, named, self._closed, route=self._route, progress=self._step
+        )
         self._done += len(both) * len(self._closed)
-        return {int(path): each for path, each in made.items()}
+        return dict(zip(both, made.values(), strict=True))
 
     def rival(self, found: Judgement) -> Driven | None:
         """Drives of the shortest path with the rival's filter, beside those that are shown."""
@@ -318,25 +314,26 @@ class Driver:
         robot = dataclasses.replace(one.robot, filter=rival)
         same: Any = {"filter_map": one.filter_map, "seed": one.seed, "threads": one.threads}
         simulator = Simulator(one.grid, robot, **same)
-        drives = Drives(self._lines[0], self._drive(simulator, [0], numbers)[0])
+        (drives,) = self._drive(simulator, [0], numbers)
         errors = self._scored(drives)
         ratio = of_geometric_mean(np.exp(errors - self._log_errors(0, numbers)))
         if self._progress:
             self._progress(self._total, self._total)
         return Driven.of(drives, numbers, errors, ratio)
 
-    def _drive(self, simulator: Simulator, paths: Sequence[int], numbers: range) -> list[Floats]:
-        lines = [self._lines[path] for path in paths]
-        errors = simulator.drive_together(lines, numbers, stream=STREAM, progress=self._step)
+    def _drive(self, simulator: Simulator, paths: Sequence[int], numbers: range) -> list[Drives]:
+        named = dict(self._paths[path] for path in paths)
+        made = drive_open(simulator, named, numbers, route=self._route, progress=self._step)
         self._done += len(paths) * len(numbers)
-        return errors
+        return [*made.values()]
 
     def _step(self, done: int, _: int) -> None:
         if self._progress:
             self._progress(self._done + done, self._total)
 
     def _drives(self, path: int, numbers: range) -> Drives:
-        return Drives(self._lines[path], self._errors[path][numbers.start : numbers.stop])
+        errors = [self._errors[path][number] for number in numbers]
+        return Drives(self._poses[path], np.array(errors))
 
     def _log_errors(self, path: int, numbers: range) -> Floats:
         return self._scored(self._drives(path, numbers))

@@ -1,8 +1,8 @@
 """Race, confirmation and guard: which driven path to take, and how sure that is.
 
 Nothing here knows of maps or robots: paths are numbers, of which 0 is the shortest path's, and a
-function drives them. Drives have numbers, too; drives of one number have one world and one seed,
-so that their differences count.
+function drives them. Drives have numbers, too; drives of one number are pairs, so that their
+differences count.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._util.checks import keep
 from locplan._util.intervals import Interval
 from locplan._util.saved import Valued
+from locplan.simulation.driver import CHOOSING
 from locplan.simulation.verdict import (
     BETTER,
     NO_DIFFERENCE,
@@ -92,7 +93,7 @@ class Judgement(Valued):
     """Ratio of the leader's error to the shortest's, with the interval that decides; NaN where
     nothing was confirmed."""
     drives: range
-    """Numbers of the drives that are shown: those of the confirmation, or else of the race."""
+    """Numbers of the drives that are shown of the leader and of the shortest."""
     more_lost: bool = False
     """Whether the leader lost more drives than the shortest path, in the race and after it."""
 
@@ -141,8 +142,9 @@ def judged(
     """
     finalists, lost = race(drive, handicaps, price_of_loss)
     if not finalists:
-        nothing = Interval(math.nan, math.nan, math.nan)
-        return Judgement(0, UNDECIDED, nothing, range(ROUNDS[-1]))
+        nothing, shown = Interval(math.nan, math.nan, math.nan), range(ROUNDS[-1])
+        drive([0], shown)  # the race's drives are not those that other commands report
+        return Judgement(0, UNDECIDED, nothing, shown)
     return confirmed(drive, finalists, lost, drives, enough)
 
 
@@ -157,9 +159,10 @@ def race(drive: Drive, handicaps: Floats, price_of_loss: float) -> tuple[list[in
 
     few, all_of_them = ROUNDS
     every = [*range(len(handicaps))]
-    done = drive(every, range(few))
+    numbers = range(CHOOSING, CHOOSING + all_of_them)
+    done = drive(every, numbers[:few])
     kept = sorted({0, *in_the_race(every, done)[:KEPT]})
-    done = done.of(kept).joined(drive(kept, range(few, all_of_them)))
+    done = done.of(kept).joined(drive(kept, numbers[few:]))
     lost = np.zeros(len(every), np.int64)
     lost[kept] = done.lost.sum(axis=1)
     scores = dict(zip(kept, scored(kept, done).mean(axis=1), strict=True))
@@ -188,11 +191,11 @@ def confirmed(
     enough: Callable[[], bool] | None = None,
 ) -> Judgement:
     """Drive the finalists and the shortest afresh, until a difference is known or none is."""
-    first, paths, count, done = ROUNDS[-1], [0, *finalists], 0, None
+    paths, count, done = [0, *finalists], 0, None
     looks = plan_looks(drives)
     while True:
         before, count = count, looks.pop(0)
-        new = drive(paths, range(first + before, first + count))
+        new = drive(paths, range(before, count))
         done = new if done is None else done.joined(new)
         apart = done.log_error[1:] - done.log_error[0]
         # Choosing the best of several promises too much, not too little: they share the level.
@@ -212,9 +215,8 @@ def confirmed(
         is_futile = (shown.low > WORTHWHILE).all()
         if clear.any() or is_futile or not looks or (enough and enough()):
             ratio = Interval(*(math.exp(end[best]) for end in shown[:3]))
-            numbers = range(first, first + count)
             word, more_lost = shown.words[best], bool(losing[best])
-            return Judgement(paths[best + 1], word, ratio, numbers, more_lost)
+            return Judgement(paths[best + 1], word, ratio, range(count), more_lost)
         # Finalists that seem worse than the best one, or than what is worthwhile, stay behind: that
         # costs no error, since none of them can be recommended any more.
         _, worse, _ = student_interval(apart - apart[best], BEHIND)
