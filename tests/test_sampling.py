@@ -185,6 +185,7 @@ def test_informed_samples_lie_in_the_ellipse_of_the_best_length(planner):
     start, goal = (8.0, 10.05), (12.0, 10.05)
     information = sampling.space_information(motions)
     problem = sampling.problem_definition(information, motions, start, goal)
+    util.RNG.setSeed(1)
     searching = getattr(geometric, planner)(information)
     samples = []
 
