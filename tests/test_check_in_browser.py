@@ -30,7 +30,7 @@ def test_the_page_needs_nothing_else_and_fits_its_window(
     page.goto(report.as_uri())
     assert [each for each in asked if not each.startswith("data:")] == [report.as_uri()]
     assert page.evaluate("document.documentElement.scrollWidth") <= width
-    assert "keeps its place" in page.locator(".verdict").inner_text()
+    assert "Your robot gets lost" in page.locator(".verdict").inner_text()
     assert page.locator("svg polyline").count() == len(CORNERS)
     boxes = page.evaluate(
         "[...document.querySelectorAll('.label')].map(label => label.getBoundingClientRect())"
@@ -51,10 +51,10 @@ def test_the_page_needs_nothing_else_and_fits_its_window(
 def test_the_rest_is_folded_and_opens(browser: Any, report: Path) -> None:
     page = browser.new_page()
     page.goto(report.as_uri())
-    trip = page.get_by_text("door to desk", exact=True).last
-    assert not trip.is_visible()
-    page.get_by_text("Trips", exact=True).click()
-    assert trip.is_visible()
+    robot = page.get_by_text("effort quick")
+    assert not robot.is_visible()
+    page.get_by_text("Map, robot and recorded drives", exact=True).click()
+    assert robot.is_visible()
     page.close()
 
 

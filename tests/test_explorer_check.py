@@ -57,30 +57,31 @@ def session_on(folder) -> Session:
     return session
 
 
-def test_a_report_is_read_with_its_map_robot_trips_and_cures(checked):
+def test_report_is_read_with_routes_and_fixes(checked):
     told = answered(session_on(checked), "checked")
     about = json.loads((checked / "check.json").read_text())
     assert [each["letter"] for each in told["spots"]] == [
         each["letter"] for each in about["weak_spots"]
     ]
-    assert told["recommended"] == about["recommended"] == ["map"]
+    assert told["recommended"] == about["recommended"]
+    assert about["recommended"][0] == "map"
     assert told["next"] == about["next"]["sentence"]
-    assert [each["title"] for each in told["cures"]] == [each["title"] for each in about["cures"]]
-    for trip, each in zip(told["trips"], about["trips"], strict=True):
+    assert [each["title"] for each in told["fixes"]] == [each["title"] for each in about["fixes"]]
+    for route, each in zip(told["routes"], about["routes"], strict=True):
         assert np.allclose(
-            [trip["xy"][0], trip["xy"][-1]], [each["start"], each["goal"]], atol=1e-3
+            [route["xy"][0], route["xy"][-1]], [each["start"], each["goal"]], atol=1e-3
         )
-        assert locplan.Path(trip["xy"]).length == pytest.approx(each["length"], abs=0.01)
+        assert locplan.Path(route["xy"]).length == pytest.approx(each["length"], abs=0.01)
     assert CheckReport.read(checked).robot.known_lidar.range == 6.0
 
 
-def test_the_page_begins_with_the_trip_that_loses_most(checked, run, monkeypatch):
+def test_page_begins_with_route_that_fails_most(checked, run, monkeypatch):
     seen = {}
     monkeypatch.setattr(Explorer, "wait", lambda self: seen.update(session=self.session))
     code, _, err = run("explore", "--check", checked, "--no-browser", "--stride", "0.8")
     assert code == 0, err
     session = seen["session"]
-    worst = max(session.opening.report.about["trips"], key=lambda each: each["lost"][0])
+    worst = session.opening.report.about["routes"][0]
     assert session.opening.start == tuple(worst["start"])
     assert session.opening.goal == tuple(worst["goal"])
     assert session.robot.known_lidar.range == 6.0
@@ -92,10 +93,10 @@ def test_a_path_that_the_check_recommends_is_shown(checked, tmp_path):
     folder = tmp_path / "copy" / "report"
     about = json.loads((folder / "check.json").read_text())
     (folder / "check.json").write_text(json.dumps(about | {"recommended": ["paths"]}))
-    trip = about["trips"][0]
-    path = locplan.Path([trip["start"], [1.0, 2.0], trip["goal"]])
-    path.save(folder / f"{trip['name'].replace(' ', '-')}.csv")
-    first, *others = answered(session_on(folder), "checked")["trips"]
+    route = about["routes"][0]
+    path = locplan.Path([route["start"], [1.0, 2.0], route["goal"]])
+    path.save(folder / f"{route['name'].replace(' ', '-')}.csv")
+    first, *others = answered(session_on(folder), "checked")["routes"]
     assert np.allclose(first["chosen"], path.xy, atol=1e-3)
     assert all(each["chosen"] is None for each in others)
 
@@ -139,7 +140,7 @@ def test_a_map_or_a_report_is_named_and_not_both(run, arguments, fault):
 
 
 @in_browser
-def test_a_trip_that_is_clicked_becomes_start_and_goal(visit, checked):  # noqa: F811
+def test_clicked_route_becomes_start_and_goal(visit, checked):  # noqa: F811
     report = CheckReport.read(checked)
     grid, config = load_map(report.map_file), config_of(report.robot)
     field = load_or_compute(grid, config)
@@ -147,12 +148,12 @@ def test_a_trip_that_is_clicked_becomes_start_and_goal(visit, checked):  # noqa:
         seen = visit(explorer.address)
         seen.wait("#checked-group", "visible")
         assert seen.text("#checked-next") == " ".join(report.about["next"]["sentence"].split())
-        assert seen.text("#checked-cures tr.chosen th").startswith(
-            report.about["cures"][0]["title"]
+        assert seen.text("#checked-fixes tr.chosen >> nth=0").startswith(
+            report.about["fixes"][0]["title"]
         )
-        other = min(report.about["trips"], key=lambda each: each["lost"][0])
-        seen.page.locator("#checked-trips button", has_text=other["name"]).click()
-        seen.wait(f'.trip[aria-pressed="true"]:text-is("{other["name"]}")')
+        other = min(report.about["routes"], key=lambda each: each["lost"][0])
+        seen.page.locator("#checked-routes button", has_text=other["name"]).click()
+        seen.wait(f'.checked-route[aria-pressed="true"]:text-is("{other["name"]}")')
         assert seen.place("start") == pytest.approx(other["start"], abs=0.02)
         assert seen.place("goal") == pytest.approx(other["goal"], abs=0.02)
         assert seen.has_drawn(BROWN) == any(each["letter"] for each in report.about["weak_spots"])

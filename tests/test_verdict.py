@@ -13,7 +13,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from locplan.diagnosis.trials import Outcome, confirm_cures, contrast, try_cure
+from locplan.diagnosis.trials import Outcome, combine_fixes, contrast, try_fix
 from locplan.landmarks import Outcome as LandmarkDrives, Verification
 from locplan.simulation import Drives, Scores, judged
 from locplan.simulation.driver import CHOOSING
@@ -220,7 +220,7 @@ def test_choose_agrees_with_the_verdict_on_its_drives():
 
 
 class DrawnSite:
-    """A check's site of three trips, on which each fix has a known ratio of errors."""
+    """A check's site of three routes, on which each fix has a known ratio of errors."""
 
     few, many, fresh = range(8), range(8, 40), range(40, 72)
 
@@ -243,12 +243,12 @@ class DrawnSite:
         """Return the fixes that a check recommends."""
         known = [(numbers, self.drive((), numbers)) for numbers in (self.few, self.many)]
         trials = {
-            f"{n}": try_cure(lambda numbers, kind=f"{n}": self.drive((kind,), numbers), *known)
+            f"{n}": try_fix(lambda numbers, kind=f"{n}": self.drive((kind,), numbers), *known)
             for n in range(1, len(self.errors))
         }
         better = [kind for kind, trial in trials.items() if trial.contrast.verdict.word == BETTER]
         order = sorted(better, key=lambda kind: trials[kind].contrast.score)
-        return confirm_cures((), order, self.drive, self.many, self.fresh)[0]
+        return combine_fixes((), order, self.drive, self.many, self.fresh).kinds
 
 
 def test_check_rarely_recommends_one_of_eight_equals():

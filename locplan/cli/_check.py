@@ -1,4 +1,4 @@
-"""The command that leads from a map and a robot to the cure that gains most."""
+"""The command that shows where a robot fails on a map, and which fixes help."""
 
 from __future__ import annotations
 
@@ -30,28 +30,29 @@ def limit(_: str, text: str) -> Limit:
     "check lab.yaml --robot robot.yaml --fail-if 'lost > 5%'",
 )
 class check(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, shared.Output):
-    """Find where a robot gets lost on a map, and the cure that helps most, by driving it.
+    """Find where a robot gets lost on a map, and the fix that helps most.
 
-    Faults and weak spots of the map are found, and trips driven in simulation with
-    the robot's own filter. Cures that suit are driven on the same trips: the mended
-    map, other settings, other paths, landmarks. It ends in the one thing to do next;
-    with --output the files for it are written, and a report for the browser.
+    check finds faults and weak spots of the map, and simulates the robot with its
+    own filter along routes, in open and in closed loop. It simulates each
+    applicable fix on the same routes: the repaired map, other AMCL settings, other
+    paths, landmarks. The last lines name the one thing to do next. With --output
+    check writes the files for it, and a report for the browser.
 
-    It takes a minute or two.
+    Takes a minute or two.
     """
 
     drive: shared.DriveFiles = ()  # type: ignore[assignment]  # other commands take one
     """Recorded drive: a bag of ROS 1 or 2, a log of CARMEN, CSV or NPZ; repeatable."""
     stations: Annotated[Path | None, typed.INPUT, Parameter(metavar="CSV")] = None
-    """Stations (name,x,y) whose ways are driven, or queries (name,start_x,start_y,goal_x,goal_y);
-    by default places far apart in each room."""
+    """Stations (name,x,y) between which routes lead, or queries
+    (name,start_x,start_y,goal_x,goal_y); by default places far apart in each room."""
     quick: Annotated[bool, typed.under("Simulation")] = False
-    """Drive a third as often, and try neither other paths nor landmarks."""
+    """Simulate a third of the drives, and try neither other paths nor landmarks."""
     thorough: Annotated[bool, typed.under("Simulation")] = False
-    """Drive three times as often, and search settings as tune does."""
+    """Simulate three times as many drives, and search settings as tune does."""
     fail_if: Annotated[tuple[Any, ...], typed.parsed(limit, "LIMIT", many=True)] = ()
-    """Limit of arrives, lost, error, degenerate or faults, such as "lost > 5%"; the exit code is 4
-    where the figure's whole interval is beyond it; repeatable."""
+    """Limit of lost, reached, error, degenerate or faults, such as "lost > 5%"; the exit code is 4
+    if the figure's whole interval is beyond it; repeatable."""
 
     def __call__(self) -> int:
         self._check()
@@ -77,7 +78,7 @@ class check(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, sh
         return BEYOND_LIMIT if any(each.fails(found) for each in self.fail_if) else 0
 
     def _check(self) -> None:
-        """Raise a LocplanError for what cannot be done; before long work."""
+        """Raise a LocplanError for options that cannot be used; before long work."""
         if self.quick and self.thorough:
             raise ConfigError("--quick and --thorough exclude each other; leave one out")
         self.check_drive()
@@ -87,6 +88,6 @@ class check(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, sh
 
 
 def _tell(finding: str) -> None:
-    """Say a finding as it comes, where somebody sees the progress."""
+    """Print a finding as it comes, if somebody sees the progress."""
     if sys.stderr.isatty():
         print(one_line(finding), file=sys.stderr, flush=True)

@@ -39,7 +39,7 @@ class explore(FieldOptions, Ends, CostOptions, Cached, Threads):
     ] = dataclasses.field(default=None, kw_only=False)
     check: Annotated[Path | None, Parameter(metavar="FOLDER")] = None
     """Folder that check has written, instead of a map: with its map and robot, the page shows its
-    places, trips and cures."""
+    weak spots, routes and fixes."""
     start: typed.XY = None
     """First start of the path, x,y in metres."""
     goal: typed.XY = None

@@ -1,4 +1,4 @@
-"""From a map and a robot to the cure that gains most: `check`."""
+"""From a map and a robot to the failures and the fixes that help: `check`."""
 
 from locplan._util.public import attach
 

@@ -4,5 +4,11 @@ from ._check import check as check
 from ._figures import check_figure as check_figure
 from ._limits import Limit as Limit
 from ._outlines import DegenerateArea as DegenerateArea
-from ._result import Check as Check, Cure as Cure, Rates as Rates, Trip as Trip
+from ._passages import Passage as Passage
+from ._rates import (
+    DriveRates as DriveRates,
+    FixResult as FixResult,
+    RouteResult as RouteResult,
+)
+from ._result import Check as Check
 from ._weak_spots import WeakSpot as WeakSpot

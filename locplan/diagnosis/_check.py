@@ -1,4 +1,4 @@
-"""The whole way from a map and a robot to the cure that gains most: `check`."""
+"""From a map and a robot to the failures and the fixes that help: `check`."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ from dataclasses import replace
 from locplan._util.checks import check_threads, one_of, whole
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap, Path
-from locplan.diagnosis import _cures as cures, _in_short as in_short
+from locplan.diagnosis import _in_short as in_short
 from locplan.diagnosis._driving import Site
+from locplan.diagnosis._fixes import apply_fixes
+from locplan.diagnosis._rates import is_better, rank_fixes
 from locplan.diagnosis._reading import Reading
 from locplan.diagnosis._recorded import recorded
-from locplan.diagnosis._result import Check, is_better, misled, ranked
-from locplan.diagnosis._trips import Stations, trips_of
+from locplan.diagnosis._result import Check, explain_spots
+from locplan.diagnosis._routes import Stations, routes_of
 from locplan.diagnosis._weak_spots import WeakSpot, weak_spots
-from locplan.diagnosis._work import EFFORTS, Work
+from locplan.diagnosis._work import EFFORTS, FixTrials
 from locplan.errors import LocplanError
 from locplan.field import (
     CovarianceField,
@@ -27,11 +29,11 @@ from locplan.field import (
     load_or_compute,
 )
 from locplan.maps import MapSource, OccupancyGrid, check_grid, faults, read_map
-from locplan.recordings import Recording, find_ambiguous_places
+from locplan.recordings import Recording
 from locplan.robots import Amcl, Robot
 from locplan.simulation import check_filter_map
 
-SHARES = {"field": 200, "as it is": 150, "cures": 450, "together": 200}
+SHARES = {"field": 200, "baseline": 150, "fixes": 450, "together": 200}
 """Share of the work of each stage, in thousandths."""
 
 
@@ -48,13 +50,15 @@ def check(
     found: Callable[[str], None] | None = None,
     progress: ProgressCallback | None = None,
 ) -> Check:
-    """Find where a robot gets lost on a map, and the cure that gains most, by driving it.
+    """Find where a robot fails on a map, and the fixes that help, by simulated drives.
 
-    The map's faults and weak spots are found, and trips are driven in simulation with the robot's
-    own filter. Cures that suit are driven on the same trips, in the same worlds: the map's file
-    read as it is meant, the mended map, other settings, the lidar's full range, other paths or a
-    mask, and landmarks if it is still lost. Those that do not lead after a few drives are stopped;
-    the others are judged on further drives, and what is recommended on fresh ones.
+    `check` finds the map's faults and weak spots, and simulates the robot with its own filter
+    along routes, in open loop and in closed loop. It then simulates each applicable fix on the
+    same routes, in the same worlds: the corrected map file, the repaired map, other AMCL settings,
+    the lidar's full range, other paths or a mask, and landmarks if the robot is still lost. Fixes
+    are combined until neither lost drives nor the error fall further, and fresh drives alone
+    decide about the combination. If robots fail with perfect localization, too, the result names
+    the passage instead.
 
     Parameters
     ----------
@@ -64,20 +68,19 @@ def check(
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
         your own, such as `Robot.from_nav2` reads.
     stations : path, mapping or sequence, optional
-        Where the robot has something to do: a CSV file of name, x, y [m], or of queries;
+        Places between which the robot drives: a CSV file of name, x, y [m], or of queries;
         positions by name; or (start, goal) pairs. By default places far apart in each room.
     recordings : sequence of Recording, default ()
         Recorded drives of the robot on this map, whose poses count as true, see
-        `locplan.recordings.referenced`. Where the map fits, lidar and odometry err in simulation
-        as they did in the longest one, the resolution is compared, and places where scans do not
-        fit the map are faults.
+        `locplan.recordings.referenced`. If the map fits, lidar and odometry err in simulation as
+        they did in the longest one, the resolution is compared, and places where scans do not fit
+        the map are faults.
     filter_map : OccupancyGrid, optional
-        Map of the robot's filter, such as a mended one; by default the map itself. How the map's
-        file should be read is then no cure.
+        Map of the robot's filter, such as a repaired one; by default the map itself. A corrected
+        map file is then no fix.
     effort : {"quick", "usual", "thorough"}, default "usual"
-        How much is driven: about a third of the usual drives, and neither other paths nor
-        landmarks; 96 drives, which know the share of lost ones to 10 points; or 288, and the
-        search of `locplan.tune` for settings.
+        Amount of drives: 32, and neither other paths nor landmarks; 96, which know the share of
+        lost drives to 10 points; or 288, and the search of `locplan.tune` for settings.
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads.
     threads : int, optional
@@ -90,7 +93,7 @@ def check(
     Returns
     -------
     Check
-        What was found, and what to do; `save` writes a report and the files of the cures.
+        Failures, fixes and the next action; `save` writes a report and the files of the fixes.
 
     Raises
     ------
@@ -102,8 +105,8 @@ def check(
     --------
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
-    >>> found = check(grid, locplan.Robot(locplan.Lidar(range=6.0)), effort="quick")
-    >>> found.recommended
+    >>> report = check(grid, locplan.Robot(locplan.Lidar(range=6.0)), effort="quick")
+    >>> report.recommended
     ('settings',)
     """
     one_of("effort", effort, EFFORTS)
@@ -123,7 +126,7 @@ def check(
     map_faults = faults(grid, source, check=kept_solidity)
     map_faults.refuse_mask()
     told(in_short.faults(map_faults))
-    reading, paths = _meant(grid, source, robot, stations, EFFORTS[effort].trips, seed)
+    reading, paths = _meant(grid, source, robot, stations, EFFORTS[effort].routes, seed)
     drives = recorded(recordings, reading, map_faults, robot, seed, threads)
     for each in drives.said:
         told(each)
@@ -137,34 +140,34 @@ def check(
     site = Site(reading.grid, own, drives.robot, paths, drives.stretch)
     field, costs, spots = _field_and_spots(site, threads, steps["field"])
     told(in_short.spots(spots))
-    work = Work(site, EFFORTS[effort], seed, threads)
-    as_is, trips, spots = work.as_it_is(spots, steps["as it is"])
-    told(in_short.as_it_is(as_is))
-    tried = []
-    for cure in work.cures(reading, drives.faults.mended, costs, field, steps["cures"]):
-        tried.append(cure)
-        if is_better(cure):
-            told(in_short.cure(cure, as_is))
-    before, after = work.together(tried, steps["together"])
-    spots = misled(spots, drives.faults, tried)
+    trials = FixTrials(site, EFFORTS[effort], seed, threads)
+    baseline = trials.drive_baseline(spots, steps["baseline"])
+    told(in_short.baseline(baseline.rates))
+    results = []
+    for result in trials.try_fixes(reading, drives.faults.mended, costs, field, steps["fixes"]):
+        results.append(result)
+        if is_better(result):
+            told(in_short.fix(result, baseline.rates))
+    before, after, confirmed = trials.combine(results, steps["together"])
     return Check(
         grid=grid,
         faults=drives.faults,
         degenerate=float((costs.u[site.world.free] >= 0.5).mean()),
-        spots=spots,
-        trips=trips,
-        as_is=as_is,
-        cures=tuple(ranked(tried)),
-        recommended=work.taken,
+        spots=explain_spots(baseline.spots, drives.faults, results),
+        routes=baseline.routes,
+        baseline=baseline.rates,
+        passage=baseline.passage,
+        fixes=tuple(rank_fixes(results)),
+        recommended=trials.taken,
         before=before,
         after=after,
-        start=_start(site.world, robot, effort, threads),
+        confirmed=confirmed,
         recorded=drives.said,
         site=site,
-        cured=cures.joined(work.remedies, work.taken, site),
+        fixed_site=apply_fixes(trials.tried, trials.taken, site),
         source=source,
         reading=reading,
-        made={kind: work.remedies[kind].made for kind in work.taken},
+        made={kind: trials.tried[kind].made for kind in trials.taken},
         assumed=assumed,
         effort=effort,
         seed=seed,
@@ -179,23 +182,16 @@ def _meant(
     count: int,
     seed: int,
 ) -> tuple[Reading, dict[str, Path]]:
-    """How the map's file should be read, and the trips on it."""
+    """How the map's file should be read, and the routes on it."""
     reading = Reading.of(grid, source)
     try:
-        return reading, trips_of(Costmap.blank(reading.grid, robot=robot), stations, count, seed)
+        return reading, routes_of(Costmap.blank(reading.grid, robot=robot), stations, count, seed)
     except LocplanError:
         if not reading.is_sure:
             raise
-        # Where the robot fits only into what should be unknown, the trips are there.
-        trips = trips_of(Costmap.blank(grid, robot=robot), stations, count, seed)
-        return replace(reading, grid=grid), trips
-
-
-def _start(world: OccupancyGrid, robot: Robot, effort: str, threads: int | None) -> str:
-    """Share of ambiguous places, and where to start the robot; empty for the quick effort."""
-    if effort == "quick":
-        return ""
-    return f"start: {find_ambiguous_places(world, robot, threads=threads).sentence}"
+        # Where the robot fits only into what should be unknown, the routes are there.
+        routes = routes_of(Costmap.blank(grid, robot=robot), stations, count, seed)
+        return replace(reading, grid=grid), routes
 
 
 def _field_and_spots(

@@ -1,4 +1,4 @@
-"""Drives of a robot along all of its trips."""
+"""Drives of a robot along all of its routes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Site:
     robot: Robot
     """The robot."""
     paths: Mapping[str, Path]
-    """The path of each trip by its name."""
+    """The path of each route by its name."""
     stretch: float = 1.0
     """Ratio of the world's lengths to those of the maps: not 1 where their resolution is wrong."""
 
@@ -77,14 +77,14 @@ class Driver:
         )
 
     def __call__(self, numbers: range, progress: ProgressCallback | None = None) -> Outcome:
-        """Drive each trip with the drives of some numbers."""
-        trips = drive_open(self._simulator, self.site.paths, numbers, progress=progress).values()
-        log_error = [0.5 * np.log(drives.mean_squares + FLOOR) for drives in trips]
-        lost_at = [_lost_at(drives) for drives in trips]
+        """Drive each route with the drives of some numbers."""
+        routes = drive_open(self._simulator, self.site.paths, numbers, progress=progress).values()
+        log_error = [0.5 * np.log(drives.mean_squares + FLOOR) for drives in routes]
+        lost_at = [_lost_at(drives) for drives in routes]
         return Outcome(np.array(log_error), ~np.isnan(lost_at), np.array(lost_at))
 
     def arrivals(self, numbers: range, progress: ProgressCallback | None = None) -> list[Arrivals]:
-        """Drive each trip steered by the filter's pose; none in a world that is stretched."""
+        """Drive each route steered by the filter's pose; none in a world that is stretched."""
         if self.site.stretch != 1:
             return []
         found = drive_closed(self._simulator, self.site.paths, numbers, progress=progress)

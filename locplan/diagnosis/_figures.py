@@ -1,4 +1,4 @@
-"""The picture of a check: the map with its trips, its weak spots, and where drives get lost."""
+"""The picture of a check: the map with the routes that fail, weak spots, and failures."""
 
 from __future__ import annotations
 
@@ -10,26 +10,45 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
+from locplan.diagnosis._weak_spots import points_of
 from locplan.maps import OccupancyGrid
 from locplan.plotting import Picture, draw_map, draw_path, map_size
 
 if TYPE_CHECKING:
+    from locplan.diagnosis._rates import RouteResult
     from locplan.diagnosis._result import Check
 
-LOSES, KEEPS, WEAK, LETTER, MARK = "#d55e00", "#0072b2", "#e69f00", "#7a3b00", "#b00020"
-"""Colours of trips that lose a tenth of the drives or more, of the others, of weak spots, of their
-letters, and of the places where drives were first off by over 1 m."""
-OFTEN = 0.1
-"""Share of lost drives from which on a trip is drawn as one that loses them."""
+FAILS, WORKS, WEAK, LETTER, MARK = "#d55e00", "#8a929c", "#e69f00", "#7a3b00", "#b00020"
+"""Colours of routes with a failure, of the others, of weak spots, of their letters, and of the
+places where drives were first off by more than 1 m, or stopped instead of at the goal."""
+N_NAMED = 3
+"""Maximum number of routes with a failure that have a label with its rate."""
 SIZE = 0.055
 """Size of a label, as a share of the longer side of what is drawn."""
 
 
+STOP_MARK: dict[str, Any] = {
+    "linestyle": "none",
+    "marker": "s",
+    "color": MARK,
+    "markeredgecolor": "white",
+    "markersize": 8,
+    "zorder": 4,
+}
+"""Mark of a place where a drive stops instead of at the goal."""
+STYLES = {
+    "spot": (LETTER, "white", "white"),
+    "route": (FAILS, "white", "white"),
+    "end": ("white", "#1b1f24", "#5b6470"),
+}
+"""Colours of the face, the text and the edge of a label by its kind."""
+
+
 class Label(NamedTuple):
-    """A letter with its number of lost drives, or the name of an end of a trip."""
+    """A letter, the rate of failure of a route, or the name of an end of a route."""
 
     kind: str
-    """"spot" or "end"."""
+    """"spot", "route" or "end"."""
     text: str
     """What it says."""
     xy: tuple[float, float]
@@ -55,12 +74,13 @@ def labels(check: Check, size: float) -> list[Label]:
     ]
     made: list[Label] = []
     for kind, text, (x, y) in _named(check):
+        # The mark of a failure is not covered.
         free = (
             (x + dx, y + dy)
-            for dx, dy in around
+            for dx, dy in (around if kind != "failure" else around[12:])
             if not any(_overlap(text, (x + dx, y + dy), each, size) for each in made)
         )
-        made.append(Label(kind, text, (x, y), next(free, (x, y))))
+        made.append(Label("spot" if kind == "failure" else kind, text, (x, y), next(free, (x, y))))
     return made
 
 
@@ -74,13 +94,24 @@ def _named(check: Check) -> Iterator[tuple[str, str, tuple[float, float]]]:
     """Kind, text and place of each label."""
     for spot in check.spots:
         if spot.letter:
-            text = f"{spot.letter}: {spot.lost}" if spot.lost else spot.letter
-            yield "spot", text, (spot.x, spot.y)
+            yield "spot" if spot.rings else "failure", spot.letter, (spot.x, spot.y)
     ends: dict[str, tuple[float, ...]] = {}
-    for trip in check.trips:
-        start, _, goal = trip.name.partition(" to ")
-        ends.update(zip((start, goal), map(tuple, trip.path.xy[[0, -1]].tolist()), strict=True))
+    for route in check.routes:
+        start, _, goal = route.name.partition(" to ")
+        ends.update(zip((start, goal), map(tuple, route.path.xy[[0, -1]].tolist()), strict=True))
     yield from (("end", name, (x, y)) for name, (x, y) in ends.items() if name)
+    failing = [route for route in check.routes if route.rates.has_failure]
+    for route in failing[:N_NAMED]:
+        x, y = points_of(route.path)[len(points_of(route.path)) // 2].tolist()
+        yield "route", failure_text(route), (x, y)
+
+
+def failure_text(route: RouteResult) -> str:
+    """Return the rate of the worse failure of a route."""
+    rates = route.rates
+    if rates.is_mostly_lost:
+        return f"{100 * rates.lost.value:.0f} % lost"
+    return f"{100 * rates.reached.value:.0f} % reach the goal"
 
 
 def drawn_part(grid: OccupancyGrid) -> OccupancyGrid:
@@ -99,12 +130,12 @@ def drawn_part(grid: OccupancyGrid) -> OccupancyGrid:
 
 
 def check_figure(check: Check, *_: Any) -> Figure:
-    """Draw the map with its trips, weak spots, and where drives get lost.
+    """Draw the map with its routes, weak spots, and where drives fail.
 
     Parameters
     ----------
     check : Check
-        What `locplan.check` has found.
+        The result of `locplan.check`.
     *_
         What `save` takes, of which nothing is drawn.
     """
@@ -117,31 +148,50 @@ def check_figure(check: Check, *_: Any) -> Figure:
         if rings:
             shape = Outline.make_compound_path(*rings)
             axes.add_patch(PathPatch(shape, facecolor=WEAK, alpha=0.45, edgecolor="none"))
-    for trip in check.trips:
-        often = trip.rates.lost.value >= OFTEN
-        draw_path(axes, trip.path, color=LOSES if often else KEEPS, linewidth=1.6)
-        axes.plot(*trip.lost_at.T, "x", color=MARK, markersize=5, zorder=4)
+    for route in check.routes[::-1]:  # the worst on top
+        fails = route.rates.has_failure
+        width, colour = (3.2, FAILS) if fails else (1.4, WORKS)
+        draw_path(axes, route.path, color=colour, linewidth=width, zorder=3 if fails else 2)
+        axes.plot(*route.lost_at.T, "x", color=MARK, markersize=7, markeredgewidth=2, zorder=4)
+        axes.plot(*route.stopped_at.T, **STOP_MARK)
     for each in labels(check, SIZE * max(part.shape) * part.resolution):
-        is_spot = each.kind == "spot"
-        back, ink, edge = (LETTER, "white", "white") if is_spot else ("white", "#1b1f24", "#5b6470")
+        back, ink, edge = STYLES[each.kind]
         axes.plot(
-            *zip(each.xy, each.at, strict=True), color=edge if not is_spot else back, zorder=5
+            *zip(each.xy, each.at, strict=True), color=back if edge == "white" else edge, zorder=5
         )
         axes.text(
             *each.at,
             each.text,
             fontsize="small",
-            weight="bold" if is_spot else "normal",
+            weight="normal" if each.kind == "end" else "bold",
             ha="center",
             va="center",
             color=ink,
             zorder=6,
             bbox={"boxstyle": "round,pad=.25", "fc": back, "ec": edge},
         )
-    axes.set_title(
-        f"{check.grid.name or 'map'}: trips (orange: lost in a tenth of the drives or more), the"
-        " worst\nplaces (A: drives lost), weak spots (shaded), and where drives were first off by"
-        " over 1 m (x)",
-        fontsize="small",
-    )
+    axes.set_title(f"{check.grid.name or 'map'}: {caption(check)}", fontsize="small")
     return figure
+
+
+def caption(check: Check) -> str:
+    """Explain what is drawn.
+
+    Parameters
+    ----------
+    check : Check
+        The check.
+    """
+    lost, stopped = (
+        any(len(getattr(route, name)) for route in check.routes)
+        for name in ("lost_at", "stopped_at")
+    )
+    explained = [
+        (True, "orange: routes on which drives fail" if lost or stopped else "no route fails"),
+        (lost, "x: a drive gets lost"),
+        (stopped, "square: a drive stops instead of at the goal"),
+        (bool(check.spots), "letters: weak spots (shaded)"),
+    ]
+    parts = [text for is_drawn, text in explained if is_drawn]
+    half = (len(parts) + 1) // 2
+    return ",\n".join(filter(None, [", ".join(parts[:half]), ", ".join(parts[half:])]))

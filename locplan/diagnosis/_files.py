@@ -1,4 +1,4 @@
-"""The files of the cures of a check: maps, parameters, a mask, paths, and where poles go."""
+"""The files of the fixes of a check: maps, parameters, a mask, paths, and where poles go."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path as Folder
 from typing import TypeAlias
 
 from locplan._util.tables import write_rows
-from locplan.diagnosis._cures import LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
+from locplan.diagnosis._fixes import LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
 from locplan.diagnosis._result import Check
 from locplan.export import nav2_keepout, write_filter_map, write_merged
 from locplan.maps import meant_header, save_map
@@ -19,7 +19,7 @@ Params: TypeAlias = Folder | str | Sequence[Folder] | None
 
 
 def files_of(check: Check, params: Params = ()) -> dict[str, str]:
-    """The files of the recommended cures, and what to do with each; see `Check.written`."""
+    """The files of the recommended fixes, and what to do with each; see `Check.written`."""
     values, params = "put its lines under amcl in yours", as_files(params)
     if {REACH, SETTINGS} & {*check.recommended} and has_amcl(params):
         values = "your parameters, changed"
@@ -33,7 +33,7 @@ def files_of(check: Check, params: Params = ()) -> dict[str, str]:
         SETTINGS: {"nav2_params.yaml": values},
         PATHS: mask
         if check.made.get(PATHS)
-        else dict.fromkeys(check.changed_paths, "the path of a trip, to follow or to export"),
+        else dict.fromkeys(check.changed_paths, "the path of a route, to follow or to export"),
         LANDMARKS: {"landmarks.csv": "where each pole goes"},
     }
     return {file: text for kind in check.recommended for file, text in about[kind].items()}
@@ -52,7 +52,7 @@ def has_amcl(params: Sequence[Folder]) -> bool:
 
 
 def write_files(folder: Folder, check: Check, params: Params) -> None:
-    """Write the files of the recommended cures.
+    """Write the files of the recommended fixes.
 
     Parameters
     ----------
@@ -70,16 +70,16 @@ def write_files(folder: Folder, check: Check, params: Params) -> None:
         if len(params) > 1:
             write_merged(tuned, params)
             base = [tuned]
-        write_tuned(tuned, check.cured.robot.amcl, base[0])
+        write_tuned(tuned, check.fixed_site.robot.amcl, base[0])
         base = [tuned]
     elif kinds & {REACH, SETTINGS}:
-        write_tuned(tuned, check.cured.robot.amcl)
+        write_tuned(tuned, check.fixed_site.robot.amcl)
     if WALLS in kinds and check.source:
         (folder / "map.yaml").write_text(meant_header(check.source, reading.lengths), "utf-8")
     elif WALLS in kinds:
         save_map(reading.in_metres(reading.grid), folder / "map.yaml")
     if MEND in kinds:
-        own = check.cured.filter_map
+        own = check.fixed_site.filter_map
         write_filter_map(folder, reading.in_metres(own) if WALLS in kinds else own)
     if LANDMARKS in kinds:
         placed = check.made[LANDMARKS]

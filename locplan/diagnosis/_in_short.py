@@ -1,4 +1,4 @@
-"""Findings in a sentence each, as they come."""
+"""Findings in one sentence each, as they come, and rates as text."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import math
 from collections.abc import Sequence
 
 from locplan._util.intervals import Interval
-from locplan.diagnosis._result import Cure, Rates
+from locplan.diagnosis._rates import DriveRates, FixResult
 from locplan.diagnosis._weak_spots import WeakSpot
 from locplan.maps import MapFaults
 from locplan.simulation import LOST
 
 
 def share(rate: Interval) -> str:
-    """A share of drives with its interval, such as 34 % [25, 44]; a dash if it is not known."""
+    """Format a share of drives with its interval, such as 34 % [25, 44]; a dash if unknown."""
     if math.isnan(rate.value):
         return "-"
     value, low, high = (f"{100 * each:.0f}" for each in rate)
@@ -21,13 +21,13 @@ def share(rate: Interval) -> str:
 
 
 def faults(found: MapFaults) -> str:
-    """The faults of the map."""
-    said = "; ".join(f"{each.kind}: {each.what}" for each in found)
-    return f"map: {said or 'no fault that the map alone shows'}"
+    """Name the faults of the map."""
+    kinds = "; ".join(f"{fault.kind}: {fault.what}" for fault in found)
+    return f"map: {kinds or 'no fault that the map alone shows'}"
 
 
 def spots(found: Sequence[WeakSpot]) -> str:
-    """The worst weak spot, and how many there are."""
+    """Describe the worst weak spot, and count the others."""
     if not found:
         return "weak spots: none"
     first = found[0]
@@ -35,12 +35,12 @@ def spots(found: Sequence[WeakSpot]) -> str:
     return f"weak spots: {first.size} at {first.place}, {first.missing}{more}"
 
 
-def as_it_is(rates: Rates) -> str:
-    """How often the robot gets lost now."""
-    said = f"{share(rates.lost)} of {rates.drives} drives get lost (off by over {LOST:g} m)"
-    return f"as it is: {said}; {share(rates.arrives)} arrive"
+def baseline(rates: DriveRates) -> str:
+    """Report the rates of the baseline."""
+    lost = f"lost (error > {LOST:g} m) in {share(rates.lost)} of {rates.n_drives} drives"
+    return f"baseline: {lost}; {share(rates.reached)} reach the goal"
 
 
-def cure(found: Cure, before: Rates) -> str:
-    """What a cure that is clearly better gains."""
-    return f"{found.title}: {share(before.lost)} -> {share(found.rates.lost)}"
+def fix(result: FixResult, before: DriveRates) -> str:
+    """Report the gain of a fix that is better."""
+    return f"{result.title}: lost {share(before.lost)} -> {share(result.rates.lost)}"

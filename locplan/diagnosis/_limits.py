@@ -13,14 +13,14 @@ from locplan.diagnosis._result import Check
 from locplan.errors import ConfigError
 
 FIGURES: dict[str, Callable[[Check], Interval]] = {
-    "arrives": lambda check: check.as_is.arrives,
-    "lost": lambda check: check.as_is.lost,
-    "error": lambda check: check.as_is.error,
+    "reached": lambda check: check.baseline.reached,
+    "lost": lambda check: check.baseline.lost,
+    "error": lambda check: check.baseline.error,
     "degenerate": lambda check: Interval(*[check.degenerate] * 3),
     "faults": lambda check: Interval(*[float(len(check.faults))] * 3),
 }
-"""What a limit may be of: shares, the error of a typical drive [m], and the number of faults."""
-SHARES = ("arrives", "lost", "degenerate")
+"""Figures with limits: shares, the error of a typical drive [m], and the number of faults."""
+SHARES = ("reached", "lost", "degenerate")
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Limit:
     """A figure beyond which a check fails."""
 
     figure: str
-    """"arrives", "lost", "error", "degenerate" or "faults"."""
+    """"reached", "lost", "error", "degenerate" or "faults"."""
     sign: str
     """">", ">=", "<" or "<="."""
     number: float

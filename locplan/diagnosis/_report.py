@@ -12,10 +12,17 @@ import numpy as np
 from locplan._util.files import replacing
 from locplan._util.intervals import Interval
 from locplan._util.public import templates_of
-from locplan.diagnosis._figures import OFTEN, SIZE, drawn_part, labels
+from locplan.diagnosis._figures import SIZE, caption, drawn_part, labels
 from locplan.diagnosis._in_short import share
+from locplan.diagnosis._next import next_action, remaining_text
 from locplan.diagnosis._result import Check
-from locplan.diagnosis._text import next_action, said, verdict
+from locplan.diagnosis._text import (
+    fix_rows,
+    headline,
+    passage_text,
+    problem_text,
+    spot_text,
+)
 from locplan.maps import OccupancyGrid
 from locplan.plotting import shrunk
 
@@ -84,15 +91,21 @@ def write_report(path: Path, check: Check, *about: Any) -> None:
         The folder of the files and the user's parameters, see `next_action`.
     """
     environment = templates_of("locplan.diagnosis", autoescape=True, lstrip_blocks=True)
-    environment.filters |= {"share": share, "bar": bar, "said": said}
+    environment.filters |= {"share": share, "bar": bar, "problem": problem_text}
+    n_routes = len(check.routes)
     text = environment.get_template("report.html").render(
         check=check,
-        verdict=verdict(check),
+        headline=headline(check),
+        spots=[spot_text(spot, n_routes) for spot in check.spots if spot.letter],
+        passage=passage_text(check.passage) if check.passage else "",
+        fixes=fix_rows(check),
+        remaining=remaining_text(check),
+        caption=caption(check),
         action=next_action(check, *about),
         drawing=(drawing := Drawing.of(check.site.world)),
         labels=labels(check, drawing.label),
-        lost=[xy for trip in check.trips for xy in drawing.at(trip.lost_at)],
-        often=OFTEN,
+        lost=[xy for route in check.routes for xy in drawing.at(route.lost_at)],
+        stopped=[xy for route in check.routes for xy in drawing.at(route.stopped_at)],
     )
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="replace")

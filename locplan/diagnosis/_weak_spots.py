@@ -1,13 +1,10 @@
-"""Weak spots of a map: where, how large, uncertain along what, and what is missing there."""
+"""Weak spots of a map, and other places where drives fail."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from string import ascii_uppercase
-from typing import Any
 
 import numpy as np
 
@@ -19,18 +16,15 @@ from locplan.field import CovarianceField
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.planners import connected_parts
 
-LETTERS = ascii_uppercase[:8]
-"""Letters of the worst places; further weak spots have none."""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WeakSpot:
-    """A place where scans fit the map at many poses, or where drives get lost all the same."""
+    """A place where scans fit the map at many poses, or where drives fail anyway."""
 
     letter: str
-    """Its letter on the picture, A for the worst; empty beyond the eighth."""
+    """Its letter on the picture, A for the worst; empty beyond the sixth."""
     x: float
-    """World x of a place in it, which a trip passes if one does [m]."""
+    """World x of a place in it, which a route passes if one does [m]."""
     y: float
     """World y of it [m]."""
     length: float
@@ -46,22 +40,24 @@ class WeakSpot:
     """Standard deviation of the heading, the median over the spot [rad]; NaN where no scan is."""
     missing: str
     """What is missing there, in words."""
-    trips: tuple[str, ...]
-    """Names of the trips that pass it."""
+    routes: tuple[str, ...]
+    """Names of the routes that pass it."""
     outline: Floats
     """Corners [m], (n, 2); none where no scan is weak."""
     holes: tuple[Floats, ...] = ()
     """Corners of the holes [m], (n, 2) each."""
     lost: int = 0
-    """Number of the drives as it is that get lost in it, or up to 10 m after."""
+    """Number of the baseline's drives that get lost in it, or up to 10 m after."""
+    stopped: int = 0
+    """Number of the baseline's closed-loop drives that stop there instead of at the goal."""
 
     def __repr__(self) -> str:
         return f"WeakSpot({self.letter}: {self.size} at {self.place}, {self.missing})"
 
     @property
     def place(self) -> str:
-        """Where it is, as people read it [m]."""
-        return f"{self.x:.1f},{self.y:.1f}"
+        """Position as text [m]."""
+        return f"({self.x:.1f}, {self.y:.1f})"
 
     @property
     def size(self) -> str:
@@ -84,21 +80,21 @@ class WeakSpot:
 
     @property
     def hurts(self) -> tuple[float, ...]:
-        """What it is ranked by: lost drives, and deviation x length x number of trips."""
+        """What it is ranked by: failed drives, and deviation x length x number of routes."""
         weight = self.position_std * self.length if self.rings else 0.0
-        return self.lost, weight * len(self.trips), weight
+        return self.lost + self.stopped, self.stopped, weight * len(self.routes), weight
 
 
-ROUND, CLEAR = "no corner tells the heading", "nothing: the filter errs"
-"""What is missing where the heading is uncertain alone, and where no scan is weak."""
+ROUND, CLEAR = "no corner fixes the heading", "the filter errs although scans fit"
+"""What is missing if only the heading is uncertain, and at a place where scans are not weak."""
 
 
 def weak_spots(
     costs: Costmap, field: CovarianceField, reach: float, paths: Mapping[str, Path]
 ) -> tuple[WeakSpot, ...]:
-    """The weak spots of a map, first those of the largest deviation x length x trips that pass.
+    """The weak spots of a map, first those of the largest deviation x length x routes that pass.
 
-    They lie in the parts of the map that the robot can reach from the trips.
+    They lie in the parts of the map that the robot can reach from the routes.
 
     Parameters
     ----------
@@ -109,7 +105,7 @@ def weak_spots(
     reach : float
         Range within which the filter reads the lidar [m].
     paths : mapping of str to Path
-        The trips by name.
+        The routes by name.
     """
     lines = {name: points_of(path) for name, path in paths.items()}
     reachable = _mark_reachable(costs, lines)
@@ -120,7 +116,7 @@ def weak_spots(
 
 
 def _mark_reachable(costs: Costmap, lines: Mapping[str, Floats]) -> Bools:
-    """Mark the free cells that the robot covers in the parts of the map where trips lie."""
+    """Mark the free cells that the robot covers in the parts of the map where routes lie."""
     import cv2
 
     _, labels = connected_parts(costs)
@@ -156,11 +152,13 @@ def _spot(
     direction = area.direction % math.pi
     along = np.array([math.cos(direction), math.sin(direction)])
     length, width = (float(np.ptp(area.outline @ way)) for way in (along, along[::-1] * [-1, 1]))
-    passing = {name: own for name, line in lines.items() if len(own := line[_within(area, line)])}
+    passing = {name: own for name, line in lines.items() if len(own := line[is_within(area, line)])}
     longest = max(passing.values(), key=len, default=np.array([area.middle]))
     x, y = longest[len(longest) // 2].tolist()
     turns = area.heading_std > math.radians(10) and area.position_std < 0.2
-    missing = f"no feature along {round(math.degrees(direction)) % 180} deg"
+    degrees = round(math.degrees(direction)) % 180
+    axis = {0: "x", 9: "y", 18: "x"}.get(round(degrees / 10), f"{degrees} deg")
+    missing = f"no features along {axis}"
     if seen_around(grid, (x, y), reach) < 0.35:  # of the directions
         missing = f"few walls within {reach:g} m"
     elif turns:
@@ -177,7 +175,7 @@ def _spot(
         position_std=area.position_std,
         heading_std=area.heading_std,
         missing=missing,
-        trips=tuple(passing),
+        routes=tuple(passing),
         outline=area.outline,
         holes=area.holes,
     )
@@ -211,7 +209,7 @@ def inside(outline: Floats, points: Floats) -> Bools:
     return np.array(tested) >= 0
 
 
-def _within(area: DegenerateArea | WeakSpot, points: Floats) -> Bools:
+def is_within(area: DegenerateArea | WeakSpot, points: Floats) -> Bools:
     """Which of some points lie in an area, and in none of its holes."""
     found = inside(area.outline, points)
     for hole in area.holes:
@@ -236,75 +234,3 @@ def gathered(xy: Floats, radius: float) -> list[tuple[Floats, Ints]]:
         groups.append((xy[middle], np.flatnonzero(near[middle] & left)))
         left &= ~near[middle]
     return groups
-
-
-def blamed(
-    spots: Sequence[WeakSpot], paths: Mapping[str, Path], lost_at: Sequence[Floats]
-) -> tuple[tuple[WeakSpot, ...], list[str], list[Floats]]:
-    """The places where drives get lost, the worst first.
-
-    A drive is lost because of the spot that it left last, or else at a place of its own.
-
-    Parameters
-    ----------
-    spots : sequence of WeakSpot
-        The weak spots.
-    paths : mapping of str to Path
-        The trips by name.
-    lost_at : sequence of (drives,) array
-        Distance along each trip where each drive was first off by over 1 m [m]; NaN where none was.
-
-    Returns
-    -------
-    spots, near, where
-        The spots with the number of lost drives, and places where no scan is weak; for each trip
-        the letters of those that lose a quarter of its lost drives or more, and the positions where
-        they were first off by over 1 m, (n, 2) [m].
-    """
-    lines = {name: points_of(path) for name, path in paths.items()}
-    wide = 0.08 * float(np.ptp(np.concatenate([*lines.values()]), axis=0).max())
-    blames = [
-        _blame(spots, line, paths[name].length, at[np.isfinite(at)])
-        for (name, line), at in zip(lines.items(), lost_at, strict=True)
-    ]
-    where = [each for _, each in blames]
-    owner, every = (np.concatenate(parts) for parts in zip(*blames, strict=True))
-    found = [_with_lost(each, every[owner == n], wide) for n, each in enumerate(spots)]
-    alone = np.flatnonzero(owner < 0)
-    for at, members in gathered(every[alone], wide):
-        owner[alone[members]] = len(found)
-        near = {name: np.linalg.norm(line - at, axis=1).min() for name, line in lines.items()}
-        passing = tuple(name for name, distance in near.items() if distance <= wide)
-        nothing: dict[str, Any] = dict.fromkeys(("length", "width"), 0.0)
-        nothing |= dict.fromkeys(("direction", "position_std", "heading_std"), math.nan)
-        nothing |= {"letter": "", "missing": CLEAR, "outline": np.empty((0, 2))}
-        x, y = at.tolist()
-        found.append(WeakSpot(x=x, y=y, trips=passing, lost=len(members), **nothing))
-    order = sorted(range(len(found)), key=lambda n: found[n].hurts, reverse=True)
-    letters = dict(zip(order, LETTERS, strict=False))
-    near_to = []
-    for drives in np.split(owner, np.cumsum([len(each) for each in where])[:-1]):
-        counts = Counter[int](drives.tolist()).most_common()
-        named = [letters.get(n, "") for n, count in counts if count >= 0.25 * len(drives)]
-        near_to.append(", ".join(filter(None, named)) or ("elsewhere" if counts else ""))
-    return tuple(replace(found[n], letter=letters.get(n, "")) for n in order), near_to, where
-
-
-def _blame(
-    spots: Sequence[WeakSpot], line: Floats, length: float, lost_at: Floats
-) -> tuple[Ints, Floats]:
-    """Number of the spot that each lost drive of a trip left last, else -1, and where it was."""
-    distance = np.linspace(0, length, len(line))
-    since = lost_at[:, None] - distance
-    # A robot drives up to 10 m from a spot until it is off by over 1 m because of it.
-    near = (since >= -0.5) & (since <= 10.0)
-    own = [np.where(near & _within(each, line), distance, -1.0).max(axis=1) for each in spots]
-    owner = np.argmax([np.full(len(lost_at), -0.5), *own], axis=0) - 1
-    return owner, np.column_stack([np.interp(lost_at, distance, each) for each in line.T])
-
-
-def _with_lost(spot: WeakSpot, where: Floats, wide: float) -> WeakSpot:
-    """A spot with its lost drives, placed where most of those in it are."""
-    own = where[_within(spot, where)]
-    at = gathered(own, wide)[0][0] if len(own) else (spot.x, spot.y)
-    return replace(spot, x=float(at[0]), y=float(at[1]), lost=len(where))

@@ -1,55 +1,62 @@
-"""The drives of a check: as it is, with each cure, and with those that help together."""
+"""The drives of a check: of the baseline, with each fix, and with those that help together."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import NamedTuple
 
-from locplan._util.intervals import wilson
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap
-from locplan.diagnosis import _cures as cures
-from locplan.diagnosis._cures import Remedy
+from locplan.diagnosis import _fixes
 from locplan.diagnosis._driving import Driver, Site
-from locplan.diagnosis._reading import Reading
-from locplan.diagnosis._result import (
-    NOTHING,
-    Cure,
-    Rates,
-    Trip,
+from locplan.diagnosis._failures import blame_spots
+from locplan.diagnosis._fixes import CHEAP, KINDS, WALLS, Fix
+from locplan.diagnosis._passages import Passage, find_passage
+from locplan.diagnosis._rates import (
+    LARGE,
+    DriveRates,
+    FixResult,
+    RouteResult,
     helps,
-    is_seldom,
-    ranked,
+    is_rare,
+    rank_fixes,
+    rates_of,
+    sort_routes,
 )
-from locplan.diagnosis._weak_spots import WeakSpot, blamed
-from locplan.diagnosis.trials import Contrast, Outcome, confirm_cures, contrast, try_cure
+from locplan.diagnosis._reading import Reading
+from locplan.diagnosis._weak_spots import WeakSpot
+from locplan.diagnosis.trials import Outcome, Trial, combine_fixes, contrast, try_fix
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
 from locplan.simulation import Arrivals, Choice, choose
 from locplan.simulation.driver import CHOOSING, FRESH
+from locplan.simulation.verdict import BETTER, RatePair, Verdict, compare
+
+FAILING = 16
+"""Number of closed-loop drives along a route on which a drive fails."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is driven."""
+    """Amount of simulated drives."""
 
-    trips: int
-    """Maximum number of trips between places far apart."""
+    routes: int
+    """Maximum number of routes between places far apart."""
     few: int
-    """Number of drives, along all trips together, that a cure has to lead after."""
+    """Number of drives, along all routes together, that a fix has to lead after."""
     drives: int
-    """Number of further drives of what leads, on which it is judged."""
+    """Number of drives of the baseline, and of fixes that lead, on which they are judged."""
     closed: int
-    """Number of drives steered by the filter's pose."""
+    """Number of closed-loop drives."""
     choosing: int
     """Maximum number of confirming drives of a path; 0 tries no other paths."""
     landmarks: bool
-    """Whether landmarks are tried."""
+    """True if landmarks are tried."""
     search: bool = False
-    """Whether settings are searched as `tune` does, in place of a few."""
+    """True if settings are searched as `tune` does, in place of a few."""
 
 
 EFFORTS = {
@@ -59,15 +66,28 @@ EFFORTS = {
 }
 
 
-class Work:
-    """The drives of a check, and what they have shown.
+class Baseline(NamedTuple):
+    """The drives of the robot and map as the user has them."""
+
+    rates: DriveRates
+    """Rates of all drives."""
+    routes: tuple[RouteResult, ...]
+    """The routes, first those with the highest rate of the main failure."""
+    spots: tuple[WeakSpot, ...]
+    """The places where drives fail, and the other weak spots."""
+    passage: Passage | None
+    """The place where robots fail with perfect localization, if most failed ones do."""
+
+
+class FixTrials:
+    """The drives of one check.
 
     Parameters
     ----------
     site : Site
-        The site as it is.
+        The site of the baseline.
     effort : Effort
-        How much is driven.
+        Amount of drives.
     seed : int
         Seed of all random numbers.
     threads : int or None
@@ -76,159 +96,230 @@ class Work:
 
     def __init__(self, site: Site, effort: Effort, seed: int, threads: int | None) -> None:
         self.site, self.effort, self.seed, self.threads = site, effort, seed, threads
-        self.remedies: dict[str, Remedy] = {}
+        self.tried: dict[str, Fix] = {}
         self.taken: tuple[str, ...] = ()
         few, many, closed = (
             -(-number // len(site.paths)) for number in (effort.few, effort.drives, effort.closed)
         )
-        # Cures are chosen, judged, and what is recommended confirmed, each on drives of its own.
+        # Fixes are chosen, judged, and what is recommended confirmed, on drives of their own.
         self._few, self._many = range(CHOOSING, CHOOSING + few), range(many)
-        self._fresh, self._closed = range(FRESH, FRESH + many), range(closed)
-        self._driver = Driver(site, seed, threads)
-        self._drive = cures.driver_of(seed, threads)
+        self._fresh = range(FRESH, FRESH + many)
+        self._n_closed = dict.fromkeys(site.paths, closed)
+        self._drive = _fixes.driver_of(seed, threads)
+        self._arrivals: dict[str, dict[str, Arrivals]] = defaultdict(dict)
 
-    def as_it_is(
-        self, spots: Sequence[WeakSpot], progress: ProgressCallback
-    ) -> tuple[Rates, tuple[Trip, ...], tuple[WeakSpot, ...]]:
-        """Drive the trips as they are, and count the lost drives of each weak spot."""
-        sizes = len(self._few), len(self._many), len(self._closed)
-        steps = parts(progress, [each * len(self.site.paths) for each in sizes])
-        self._before_few = self._driver(self._few, steps[0])
-        self._before = found = self._driver(self._many, steps[1])
-        arrivals = self._driver.arrivals(self._closed, steps[2])
-        of_trips = [[each] for each in arrivals] or [[]] * len(self.site.paths)
-        spots, near, where = blamed(spots, self.site.paths, [*found.lost_at])
-        rows: Any = zip(self.site.paths.items(), of_trips, near, where, *found, strict=True)
-        trips = tuple(
-            Trip(name, path, _rates(Outcome(*own), each), letters, places)
-            for (name, path), each, letters, places, *own in rows
-        )
-        self._as_is = _rates(found, arrivals)
-        return self._as_is, trips, spots
+    def drive_baseline(self, spots: Sequence[WeakSpot], progress: ProgressCallback) -> Baseline:
+        """Drive the routes as the user has them, and count the failed drives of each place.
 
-    def cures(
+        Parameters
+        ----------
+        spots : sequence of WeakSpot
+            The weak spots of the map.
+        progress : callable
+            Called with (done, total).
+        """
+        paths = self.site.paths
+        sizes = len(self._few), len(self._many), len(self._many)
+        steps = parts(progress, [size * len(paths) for size in sizes])
+        self._before_few = self._drive(self.site, self._few, steps[0])
+        self._before = outcome = self._drive(self.site, self._many, steps[1])
+        arrivals = self._drive_closed(self.site)
+        # A route with a failure is driven often enough to be ranked.
+        for name, lost in zip(paths, outcome.lost, strict=True):
+            if lost.any() or (name in arrivals and arrivals[name].failed):
+                self._n_closed[name] = max(FAILING, self._n_closed[name])
+        arrivals = self._drive_closed(self.site)
+        steps[2](1, 1)
+        spots, failures = blame_spots(spots, paths, [*outcome.lost_at], arrivals)
+        rates = rates_of(outcome, arrivals)
+        routes = [
+            RouteResult(name, path, _rates_along(outcome, n, name, arrivals), *failures[n])
+            for n, (name, path) in enumerate(paths.items())
+        ]
+        passage = None
+        if rates.fails_localized:
+            passage = find_passage(self.site.world, self.site.robot, paths, arrivals)
+        self._baseline = Baseline(rates, sort_routes(routes, rates), spots, passage)
+        return self._baseline
+
+    def try_fixes(
         self,
         reading: Reading,
         mended: OccupancyGrid,
         costs: Costmap,
         field: CovarianceField,
         progress: ProgressCallback,
-    ) -> Iterator[Cure]:
-        """Try the cures that suit, each as far as it leads; other paths where none cures."""
+    ) -> Iterator[FixResult]:
+        """Try the fixes that suit, each as far as it leads; other paths and poles if none suffices.
+
+        Parameters
+        ----------
+        reading : Reading
+            How the map's file should be read.
+        mended : OccupancyGrid
+            The repaired map for the filter.
+        costs, field
+            The costmap and the field, for other paths.
+        progress : callable
+            Called with (done, total).
+        """
         first, second, third = parts(progress, [100, 200, 150])
-        every = [*cures.remedies(self.site, reading, mended)]
-        every += filter(None, [self._settings(first)])
-        lost = self._before.lost.any()
-        steps = parts(second, [200 // max(1, len(every))] * len(every))
-        for remedy, step in zip(every, steps, strict=True):
-            yield (cure := self._tried(remedy))
-            lost &= not (cure.keeps_more and is_seldom(cure.rates.lost))
-            step(200 // len(every), 200)
-        if self.effort.choosing and lost:
+        fixes = [*_fixes.fixes(self.site, reading, mended)]
+        rates, passage = self._baseline.rates, self._baseline.passage
+        if passage and not rates.needs_fix and rates.error.value < LARGE:
+            # No change of localization gets the robot through.
+            fixes = [fix for fix in fixes if fix.kind == WALLS]
+        else:
+            fixes += filter(None, [self._settings(first)])
+        still_lost = bool(self._before.lost.any())
+        for fix, step in zip(fixes, parts(second, [1] * len(fixes)), strict=True):
+            yield (result := self._try(fix))
+            still_lost &= not (result.keeps_more and is_rare(result.rates.lost))
+            step(1, 1)
+        if self.effort.choosing and still_lost:
             choices = self._choices(costs, field, third)
-            if made := cures.chosen_paths(self.site, choices, self._score):
-                yield self._tried(made)
+            if other_paths := _fixes.chosen_paths(self.site, choices, self._score):
+                yield (result := self._try(other_paths))
+                still_lost &= not (result.keeps_more and is_rare(result.rates.lost))
+        if not self.effort.landmarks or not still_lost or is_rare(rates.lost):
+            return
+        if poles := _fixes.landmarks(self.site, self.threads):
+            yield self._try(poles)
 
     def _score(self, site: Site) -> float:
         return contrast(self._before_few, self._drive(site, self._few)).score
 
-    def _settings(self, progress: ProgressCallback) -> Remedy | None:
-        """Settings of the filter: of a few, or where there is time of the search of `tune`."""
-        own = self.seed, self.threads, scaled(progress, 100)
-        found = cures.searched(self.site, *own) if self.effort.search else None
-        return found or cures.tuned(self.site, self._score)
+    def _settings(self, progress: ProgressCallback) -> Fix | None:
+        """Settings of the filter: a few, or if there is time the search of `tune`."""
+        found = None
+        if self.effort.search:
+            found = _fixes.searched(self.site, self.seed, self.threads, scaled(progress, 100))
+        return found or _fixes.tuned(self.site, self._score)
 
     def _choices(
         self, costs: Costmap, field: CovarianceField, progress: ProgressCallback
     ) -> dict[str, Choice]:
-        """The paths to take on the trips that lose drives."""
+        """The recommended paths of the routes that lose drives."""
         site, found = self.site, {}
         named = zip(site.paths, self._before.lost, strict=True)
         losing = [name for name, lost in named if lost.any()]
-        own: Any = {"costs": costs, "drives": self.effort.choosing, "rival": None}
-        own |= {"filter_map": None if site.filter_map is site.world else site.filter_map}
-        own |= {"seed": self.seed, "threads": self.threads}
         for name, step in zip(losing, parts(progress, [100] * len(losing)), strict=True):
             start, goal = map(tuple, site.paths[name].xy[[0, -1]].tolist())
-            choice = choose(site.world, start, goal, site.robot, **own)
+            choice = choose(
+                site.world,
+                start,
+                goal,
+                site.robot,
+                costs=costs,
+                drives=self.effort.choosing,
+                rival=None,
+                filter_map=None if site.filter_map is site.world else site.filter_map,
+                seed=self.seed,
+                threads=self.threads,
+            )
             found[name] = choice.with_field(field)
             step(100, 100)
         return found
 
-    def _tried(self, remedy: Remedy) -> Cure:
-        """A cure as it was driven, after a few drives no further if it does not lead."""
-        self.remedies[remedy.kind] = remedy
-        site = remedy.apply(self.site)
+    def _try(self, fix: Fix) -> FixResult:
+        """Drive with a fix, after a few drives no further if it does not lead."""
+        self.tried[fix.kind] = fix
+        site = fix.apply(self.site)
         known = (self._few, self._before_few), (self._many, self._before)
-        found, outcome, is_stopped = try_cure(partial(self._drive, site), *known)
-        driver = Driver(site, self.seed, self.threads)
-        arrivals = [] if is_stopped else driver.arrivals(self._closed)
-        return self._cure(remedy, site, _rates(outcome, arrivals), found)
+        trial = try_fix(partial(self._drive, site), *known)
+        # The closed loop is simulated only for fixes that may be recommended.
+        is_candidate = trial.contrast.verdict.word == BETTER
+        return self._result(fix, site, trial, self._drive_closed(site) if is_candidate else {})
 
-    def _cure(self, remedy: Remedy, site: Site, rates: Rates, said: Contrast) -> Cure:
+    def _result(
+        self, fix: Fix, site: Site, trial: Trial, arrivals: Mapping[str, Arrivals]
+    ) -> FixResult:
         old, new = (sum(p.length for p in each.paths.values()) for each in (self.site, site))
-        longer = (new - old) / len(site.paths)
-        about = remedy.kind, remedy.title, remedy.effort
-        verdict = said.verdict
-        return Cure(
-            *(*about, verdict.word, rates, said.gain, verdict.ratio, longer),
-            keeps_more=said.keeps_more,
+        return FixResult(
+            fix.kind,
+            fix.title,
+            fix.detail,
+            fix.effort,
+            trial.contrast.verdict.word,
+            rates_of(trial.outcome, arrivals),
+            trial.contrast.gain,
+            trial.contrast.verdict.ratio,
+            (new - old) / len(site.paths),
+            trial.contrast.keeps_more,
         )
 
-    def together(self, tried: list[Cure], progress: ProgressCallback) -> tuple[Rates, Rates]:
-        """What is to be done together, and fresh drives without and with it."""
-        sure = tuple(kind for kind, each in self.remedies.items() if each.is_sure)
-        order = [each.kind for each in ranked(tried) if helps(each, self._as_is)]
-        order = [kind for kind in order if kind not in sure]
-        before = after = self._before
-        if sure or order:
-            self.taken, before, after = confirm_cures(
-                *(sure, order, self._drive_together, self._many, self._fresh)
-            )
-        progress(100, 200)
-        if self.effort.landmarks and not is_seldom(after.lost_rate):
-            before, after = self._with_landmarks(tried, before, after)
+    def combine(
+        self, results: Sequence[FixResult], progress: ProgressCallback
+    ) -> tuple[DriveRates, DriveRates, Verdict | None]:
+        """Combine the fixes that help, and confirm them by fresh drives.
+
+        Parameters
+        ----------
+        results : sequence of FixResult
+            The fixes that were tried.
+        progress : callable
+            Called with (done, total).
+
+        Returns
+        -------
+        before, after, verdict
+            Rates of the fresh drives without and with the fixes, and their verdict.
+        """
+        rates = self._baseline.rates
+        sure = tuple(kind for kind, fix in self.tried.items() if fix.is_sure)
+        order = [result.kind for result in rank_fixes(results) if helps(result, rates)]
+        if not sure and not order:
+            progress(1, 1)
+            return rates, rates, None
+        combination = combine_fixes(
+            sure,
+            [kind for kind in order if kind not in sure],
+            self._drive_together,
+            self._many,
+            self._fresh,
+            costly=[kind for kind in KINDS if kind not in CHEAP],
+        )
+        self.taken = combination.kinds
         if not self.taken:
-            return _rates(before), _rates(before)
-        site = cures.joined(self.remedies, self.taken, self.site)
-        cured = Driver(site, self.seed, self.threads)
-        closed = [each.arrivals(self._closed) for each in (self._driver, cured)]
-        progress(200, 200)
-        return _rates(before, closed[0]), _rates(after, closed[1])
+            progress(1, 1)
+            return rates, rates, None
+        site = _fixes.apply_fixes(self.tried, self.taken, self.site)
+        before = rates_of(combination.before, self._drive_closed(self.site))
+        after = rates_of(combination.after, self._drive_closed(site))
+        verdict = compare(combination.before.drive_set, combination.after.drive_set)
+        progress(1, 1)
+        return before, after, _with_reached(verdict, before, after)
 
     def _drive_together(self, kinds: tuple[str, ...], numbers: range) -> Outcome:
-        return self._drive(cures.joined(self.remedies, kinds, self.site), numbers)
+        return self._drive(_fixes.apply_fixes(self.tried, kinds, self.site), numbers)
 
-    def _with_landmarks(
-        self,
-        tried: list[Cure],
-        before: Outcome,
-        after: Outcome,
-    ) -> tuple[Outcome, Outcome]:
-        """The fresh drives without and with all cures, landmarks among them if they help."""
-        site = cures.joined(self.remedies, self.taken, self.site)
-        remedy = cures.landmarks(site, self.threads)
-        if remedy is None:
-            return before, after
-        self.remedies[remedy.kind] = remedy
-        if not self.taken:
-            before = after = self._drive(self.site, self._fresh)
-        more = self._drive(remedy.apply(site), self._fresh)
-        said = contrast(after, more)
-        title = f"{remedy.title}{' besides' if self.taken else ''}"
-        tried.append(self._cure(replace(remedy, title=title), site, _rates(more), said))
-        if said.keeps_more:
-            self.taken, after = (*self.taken, remedy.kind), more
-        return before, after
+    def _drive_closed(self, site: Site) -> dict[str, Arrivals]:
+        """Drive each route in closed loop as often as is needed; drives so far are kept."""
+        known = self._arrivals[site.digest]
+        wanted: dict[range, list[str]] = defaultdict(list)
+        for name, count in self._n_closed.items():
+            wanted[range(len(known[name].drives) if name in known else 0, count)].append(name)
+        for numbers, names in wanted.items():
+            if numbers:
+                part = replace(site, paths={name: site.paths[name] for name in names})
+                driven = Driver(part, self.seed, self.threads).arrivals(numbers)
+                for name, arrivals in zip(names, driven, strict=False):
+                    so_far = known[name].drives if name in known else ()
+                    known[name] = Arrivals((*so_far, *arrivals.drives))
+        return dict(known)
 
 
-def _rates(found: Outcome, arrivals: Sequence[Arrivals] = ()) -> Rates:
-    """The figures of drives along all trips."""
-    count = sum(len(each.drives) for each in arrivals)
-    arrived = sum(each.count for each in arrivals)
-    share = wilson(arrived / count, count) if count else NOTHING
-    ends = Counter[str]()
-    for each in arrivals:
-        ends += each.failed
-    most = max(ends, key=lambda what: ends[what], default="")
-    return Rates(found.lost.size, found.lost_rate, found.error, share, most)
+def _rates_along(
+    outcome: Outcome, row: int, name: str, arrivals: Mapping[str, Arrivals]
+) -> DriveRates:
+    closed = {name: arrivals[name]} if name in arrivals else {}
+    rows = slice(row, row + 1)
+    along = Outcome(outcome.log_error[rows], outcome.lost[rows], outcome.lost_at[rows])
+    return rates_of(along, closed)
+
+
+def _with_reached(verdict: Verdict, before: DriveRates, after: DriveRates) -> Verdict:
+    """Return a verdict with the rates of closed-loop drives that reach the goal."""
+    if not before.n_closed:
+        return verdict
+    return replace(verdict, reached=RatePair(before.reached, after.reached))

@@ -1,6 +1,6 @@
-"""Trials of cures: which are stopped, which are better, and which are confirmed by fresh drives.
+"""Trials of fixes: which are stopped, which are better, and which fresh drives confirm.
 
-Nothing here knows of maps or robots: cures are kinds, and a function drives them.
+Nothing here knows maps or robots: fixes are kinds, and a function drives them.
 """
 
 from __future__ import annotations
@@ -16,22 +16,37 @@ from locplan._util.intervals import Interval, of_mean, wilson
 from locplan.simulation.verdict import BETTER, DriveSet, Verdict, compare, confirm
 
 WORTHWHILE = 0.9
-"""Ratio of errors from which on a cure is worth its effort, as for paths."""
+"""Ratio of errors from which on a fix is worth its effort, as for paths."""
+
+
+SUPERFLUOUS = 0.95
+"""Ratio of errors that a fix of several must fall below, if it keeps no drive from getting lost."""
 
 
 class Outcome(NamedTuple):
-    """How drives went; those of one place in the arrays have one world and one seed."""
+    """Open-loop drives along all routes; drives at the same place of two sets are a pair."""
 
     log_error: Floats
-    """Logarithm of the error of each drive, (trips, drives) [ln m]."""
+    """Logarithm of the error of each drive, (routes, drives) [ln m]."""
     lost: Bools
-    """True for the drives that were off by over 1 m at some time, (trips, drives)."""
+    """True for the drives that were off by over 1 m at some time, (routes, drives)."""
     lost_at: Floats
-    """Distance along the trip where they first were, else NaN, (trips, drives) [m]."""
+    """Distance along the route where they first were, else NaN, (routes, drives) [m]."""
+
+    @classmethod
+    def join(cls, parts: Sequence[Outcome]) -> Outcome:
+        """Join drives of further numbers along the same routes.
+
+        Parameters
+        ----------
+        parts : sequence of Outcome
+            The drives.
+        """
+        return cls(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True)))
 
     @property
     def drive_set(self) -> DriveSet:
-        """The drives along all trips as one set."""
+        """The drives along all routes as one set."""
         return DriveSet(self.log_error.ravel(), self.lost.ravel())
 
     @property
@@ -46,34 +61,38 @@ class Outcome(NamedTuple):
 
 
 class Contrast(NamedTuple):
-    """What drives with a cure say beside those without it, with the same worlds and seeds."""
+    """Comparison of the drives with a fix with those without it."""
 
     verdict: Verdict
-    """The verdict on the cure."""
+    """The verdict on the fix."""
     gain: Interval
     """Share of the drives that are no longer lost, less those that newly are, -1..1."""
     score: float
-    """Mean difference of what drives are ranked by, ln error + 1 where lost; below 0 is better."""
+    """Mean difference of ln error + 1 if lost, by which fixes are ranked; below 0 is better."""
 
     @property
     def keeps_more(self) -> bool:
-        """Whether the cure is better since it keeps drives from getting lost."""
+        """True if the fix is better because it keeps drives from getting lost."""
         return self.verdict.word == BETTER and self.verdict.fewer_lost
 
 
-def contrast(before: Outcome, after: Outcome) -> Contrast:
+def contrast(before: Outcome, after: Outcome, *, n_alternatives: int = 1) -> Contrast:
     """Compare two sets of drives of the same numbers.
 
     Parameters
     ----------
     before, after : Outcome
-        Drives of the same numbers without the cure and with it.
+        Drives of the same numbers without the fix and with it.
+    n_alternatives : int, default 1
+        Number of fixes that share the error probability.
     """
     apart = after.log_error - before.log_error
     saved = (before.lost & ~after.lost).sum(), (after.lost & ~before.lost).sum()
     gain = paired_shares(*saved, apart.size)
     return Contrast(
-        compare(before.drive_set, after.drive_set), gain, float(apart.mean()) - gain.value
+        compare(before.drive_set, after.drive_set, n_alternatives=n_alternatives),
+        gain,
+        float(apart.mean()) - gain.value,
     )
 
 
@@ -93,12 +112,12 @@ def paired_shares(ones: int, others: int, trials: int) -> Interval:
 
 
 def is_hopeless(before: Outcome, after: Outcome) -> bool:
-    """Whether a cure has shown after a few drives that it is not better.
+    """True if a fix has shown after a few drives that it is not better.
 
     Parameters
     ----------
     before, after : Outcome
-        Drives of the same numbers without the cure and with it.
+        Drives of the same numbers without the fix and with it.
     """
     scores = (after.log_error + after.lost - before.log_error - before.lost).ravel()
     error = scores.std(ddof=1) / math.sqrt(scores.size)
@@ -107,74 +126,117 @@ def is_hopeless(before: Outcome, after: Outcome) -> bool:
 
 
 class Trial(NamedTuple):
-    """What the drives of one cure show."""
+    """The drives with one fix."""
 
     contrast: Contrast
     """The comparison with the drives without it."""
     outcome: Outcome
-    """How its drives went."""
+    """The drives."""
     is_stopped: bool
     """True if it did not lead after a few drives, which are then all."""
 
 
-def try_cure(
+def try_fix(
     drive: Callable[[range], Outcome],
     few: tuple[range, Outcome],
     many: tuple[range, Outcome],
 ) -> Trial:
-    """Drive a cure a few times, and if it leads, with the drives that judge it.
+    """Drive with a fix a few times, and if it leads, with the drives that judge it.
 
     Parameters
     ----------
     drive : callable
-        Drives the site with the cure.
+        Drives with the fix.
     few, many : (range, Outcome)
-        Numbers of the drives, and how they went without the cure.
+        Numbers of the drives, and the drives without the fix.
     """
     outcome = drive(few[0])
-    found = contrast(few[1], outcome)
-    if is_hopeless(few[1], outcome) and found.verdict.word != BETTER:
-        return Trial(found, outcome, True)
+    first = contrast(few[1], outcome)
+    if is_hopeless(few[1], outcome) and first.verdict.word != BETTER:
+        return Trial(first, outcome, True)
     outcome = drive(many[0])
     return Trial(contrast(many[1], outcome), outcome, False)
 
 
-def confirm_cures(
+class Combination(NamedTuple):
+    """The fixes that are worth being done together, and their fresh drives."""
+
+    kinds: tuple[str, ...]
+    """Kinds of the fixes; empty if fresh drives confirm none."""
+    before: Outcome
+    """Fresh drives of the baseline."""
+    after: Outcome
+    """Fresh drives with all of the fixes."""
+
+
+def combine_fixes(
     sure: tuple[str, ...],
     order: Sequence[str],
     drive: Callable[[tuple[str, ...], range], Outcome],
     known: range,
     fresh: range,
-) -> tuple[tuple[str, ...], Outcome, Outcome]:
-    """Choose the cures that are worth being done together, and confirm them by fresh drives.
+    costly: Sequence[str] = (),
+) -> Combination:
+    """Combine fixes until neither lost drives nor the error fall further; confirm them.
 
     Parameters
     ----------
     sure : tuple of str
-        Kinds of those that are done whatever drives say.
+        Kinds of those that are done whatever drives show.
     order : sequence of str
         Kinds of those that are better alone, the best first.
     drive : callable
-        Drives the site with cures of some kinds.
+        Drives with fixes of some kinds.
     known, fresh : range
-        Numbers of the drives that judged the cures, and of those that alone decide.
-
-    Returns
-    -------
-    kinds, before, after
-        The kinds, and the fresh drives without and with all of them.
+        Numbers of the drives that judged the fixes, and of those that alone decide.
+    costly : sequence of str, default ()
+        Kinds that must keep drives from getting lost; a lower error alone is not worth them.
     """
     taken = sure or tuple(order[:1])
-    for kind in order:
-        # A second is worth no lower error alone.
-        if kind not in taken:
-            both = drive(taken, known), drive((*taken, kind), known)
-            taken = (*taken, kind) if contrast(*both).keeps_more else taken
+    while kind := _next_fix(taken, order, drive, known, costly):
+        taken = (*taken, kind)
+    for kind in [kind for kind in taken if kind not in sure]:
+        others = tuple(other for other in taken if other != kind)
+        if others and _is_superfluous(drive(others, known), drive(taken, known)):
+            taken = others
+    parts: list[tuple[Outcome, Outcome]] = []
     if taken != sure:
-        verdict = confirm(
-            lambda some: (drive(sure, some).drive_set, drive(taken, some).drive_set),
-            fresh,
-            looks=[len(fresh)],
-        )
+
+        def drive_both(numbers: range) -> tuple[DriveSet, DriveSet]:
+            parts.append((drive(sure, numbers), drive(taken, numbers)))
+            return parts[-1][0].drive_set, parts[-1][1].drive_set
+
+        half = (len(fresh) + 1) // 2
+        verdict = confirm(drive_both, fresh, looks=sorted({half, len(fresh)}))
         taken = taken if verdict.word == BETTER else sure
-    return taken, drive((), fresh), drive(taken, fresh)
+    if not parts or taken == sure:
+        return Combination(taken, drive((), fresh), drive(taken, fresh))
+    before, after = (Outcome.join(outcomes) for outcomes in zip(*parts, strict=True))
+    if sure:
+        before = drive((), fresh[: before.lost.shape[1]])
+    return Combination(taken, before, after)
+
+
+def _next_fix(
+    taken: tuple[str, ...],
+    order: Sequence[str],
+    drive: Callable[[tuple[str, ...], range], Outcome],
+    known: range,
+    costly: Sequence[str],
+) -> str:
+    """Return the fix that is better in addition to others and gains most; empty if none is."""
+    left = [kind for kind in order if kind not in taken]
+    scores = {}
+    for kind in left:
+        outcomes = drive(taken, known), drive((*taken, kind), known)
+        addition = contrast(*outcomes, n_alternatives=len(left))
+        is_better = addition.verdict.word == BETTER
+        if addition.keeps_more or (is_better and kind not in costly):
+            scores[kind] = addition.score
+    return min(scores, key=lambda kind: scores[kind], default="")
+
+
+def _is_superfluous(without: Outcome, together: Outcome) -> bool:
+    """True if one of several fixes neither keeps a drive from getting lost nor lowers the error."""
+    addition = contrast(without, together)
+    return addition.verdict.ratio.value > SUPERFLUOUS and addition.gain.value <= 0

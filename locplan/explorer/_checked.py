@@ -1,4 +1,4 @@
-"""The report of a check, with its places, trips and cures."""
+"""The report of a check, with its places, routes and fixes."""
 
 from __future__ import annotations
 
@@ -77,54 +77,54 @@ class CheckReport:
 
     @property
     def ends(self) -> dict[str, Position]:
-        """Start and goal of the trip with the largest share of lost drives."""
-        worst = max(self.about["trips"], key=lambda each: each["lost"][0] or 0.0)
+        """Start and goal of the first route, on which most drives fail."""
+        worst = self.about["routes"][0]
         return {name: tuple(worst[name]) for name in ("start", "goal")}
 
-    def chosen(self, trip: str) -> Path | None:
-        """The path to take of a trip, where the check recommends another one than the shortest.
+    def chosen(self, route: str) -> Path | None:
+        """The path to take of a route, where the check recommends another one than the shortest.
 
         Parameters
         ----------
-        trip : str
-            Name of the trip.
+        route : str
+            Name of the route.
         """
-        file = self.folder / f"{file_name(trip)}.csv"
+        file = self.folder / f"{file_name(route)}.csv"
         return Path.load(file) if "paths" in self.about["recommended"] and file.is_file() else None
 
 
 def _check_shown(about: Mapping[str, Any]) -> None:
     """Raise a LookupError or a TypeError if something is missing that the page shows."""
-    for each in about["trips"]:
-        _ = each["name"], each["lost"][0], each["start"][1], each["goal"][1]
+    for each in about["routes"]:
+        _ = each["name"], each["lost"][0], each["reached"][0], each["start"][1], each["goal"][1]
     for each in about["weak_spots"]:
         _ = each["letter"], each["x"], each["y"]
-    for each in about["cures"]:
+    for each in about["fixes"]:
         _ = each["kind"], each["lost"], each["title"]
-    _ = about["trips"][0], about["next"]["sentence"], about["as_is"]
+    _ = about["routes"][0], about["next"]["sentence"], about["baseline"]
 
 
 def checked(session: Session, ask: Ask, work: Work) -> dict[str, object]:
-    """Answer the ask for the report that the page opened on, with the paths of its trips."""
+    """Answer the ask for the report that the page opened on, with the paths of its routes."""
     report = session.opening.report
     if report is None:
         raise ConfigError("there is no report; start the explorer with --check FOLDER")
     about = report.about
     costs = Costmap.blank(session.original, robot=report.robot)
-    trips = []
-    for number, each in enumerate(about["trips"]):
-        work.progress(number, len(about["trips"]))
+    routes = []
+    for number, each in enumerate(about["routes"]):
+        work.progress(number, len(about["routes"]))
         shortest = plan(costs, each["start"], each["goal"], planner="any-angle").path
         paths = {"xy": shortest, "chosen": report.chosen(each["name"])}
-        trips.append({**each, **{name: path and rounded(path.xy) for name, path in paths.items()}})
+        routes.append({**each, **{name: path and rounded(path.xy) for name, path in paths.items()}})
     poles = report.folder / "landmarks.csv"
     has_poles = "landmarks" in about["recommended"] and poles.is_file()
     return {
         "spots": about["weak_spots"],
-        "trips": trips,
-        "cures": about["cures"],
+        "routes": routes,
+        "fixes": about["fixes"],
         "recommended": about["recommended"],
-        "as_is": about["as_is"],
+        "baseline": about["baseline"],
         "next": about["next"]["sentence"],
         "poles": rounded(Path.load(poles).xy) if has_poles else [],
     }

@@ -1,6 +1,16 @@
 from . import driver as driver, verdict as verdict
 from ._advice_figures import choice_figure as choice_figure, tuning_figure as tuning_figure
-from ._arrivals import Arrival as Arrival, Arrivals as Arrivals, Closed as Closed
+from ._arrivals import (
+    ARRIVED as ARRIVED,
+    ELSEWHERE as ELSEWHERE,
+    FOLLOWER as FOLLOWER,
+    STUCK as STUCK,
+    TIMED_OUT as TIMED_OUT,
+    WORLD as WORLD,
+    Arrival as Arrival,
+    Arrivals as Arrivals,
+    Closed as Closed,
+)
 from ._drives import (
     DRIVEN as DRIVEN,
     FLOOR as FLOOR,

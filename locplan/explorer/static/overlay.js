@@ -1,6 +1,6 @@
 // Everything that moves above the map, in the order in which it is painted.
 import { byId } from "./dom.js";
-import { paintSpots, paintTrips, placeTrips } from "./checked.js";
+import { paintSpots, paintRoutes, placeRoutes } from "./checked.js";
 import { paintStrokes } from "./editing.js";
 import { paints } from "./frames.js";
 import { placeMarkers } from "./markers.js";
@@ -22,7 +22,7 @@ export function startOverlay() {
 export function drawOverlay(pen, isPicture = false) {
 	const { aware, shortest } = model.plan ?? {};
 	const isLive = !freshSimulation();
-	paintTrips(pen);
+	paintRoutes(pen);
 	if (isLive) haloedPath(pen, shortest?.xy, { colour: palette.ink, width: 3, dash: [9, 6] });
 	if (isLive) haloedPath(pen, aware?.xy, { colour: palette.teal, width: 4 });
 	paintCandidates(pen);
@@ -43,7 +43,7 @@ function paintOverlay() {
 	pen.clearRect(0, 0, view.width, view.height);
 	drawOverlay(pen);
 	placeMarkers();
-	placeTrips();
+	placeRoutes();
 }
 
 // While a marker is held inside a wall, a ring shows where the server lets the path begin.

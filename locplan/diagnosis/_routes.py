@@ -1,4 +1,4 @@
-"""Trips that a robot is checked on: between stations, or between places far apart."""
+"""Routes that a robot is checked on: between stations, or between places far apart."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from locplan.planners import (
     random_queries,
 )
 
-MAX_TRIPS = 12
-"""Maximum number of trips between stations; of more, some are taken at equal steps."""
+MAX_ROUTES = 12
+"""Maximum number of routes between stations; of more, some are taken at equal steps."""
 Stations = str | os.PathLike[str] | Sequence[Any] | Mapping[str, Any]
 """A file of stations or queries, stations, positions by name, or (start, goal) pairs [m]."""
 
 
-def trips_of(costs: Costmap, stations: Stations | None, count: int, seed: int) -> dict[str, Path]:
-    """The shortest path of each trip by its name.
+def routes_of(costs: Costmap, stations: Stations | None, count: int, seed: int) -> dict[str, Path]:
+    """The shortest path of each route by its name.
 
     Parameters
     ----------
@@ -39,25 +39,25 @@ def trips_of(costs: Costmap, stations: Stations | None, count: int, seed: int) -
     stations : see `locplan.check`
         Where the robot has something to do; None takes places far apart.
     count : int
-        Maximum number of trips between places far apart.
+        Maximum number of routes between places far apart.
     seed : int
         Seed of those that are drawn at random.
     """
     queries = _far_apart(costs, count, seed) if stations is None else _between(costs, stations)
-    if len(queries) > MAX_TRIPS:
-        step = math.ceil(len(queries) / MAX_TRIPS)
+    if len(queries) > MAX_ROUTES:
+        step = math.ceil(len(queries) / MAX_ROUTES)
         queries = queries[::step]
     paths = {}
     for query in queries:
         try:
             start, goal = check_ends(costs, query.start[:2], query.goal[:2])
         except LocplanError as error:
-            raise type(error)(f"trip {shown(query.name)}: {error}") from None
+            raise type(error)(f"route {shown(query.name)}: {error}") from None
         path = plan(costs, query.start[:2], query.goal[:2]).path if start != goal else None
         if path is None or not path.length:
             raise ConfigError(
-                f"trip {shown(query.name)}: no path leads from start to goal; leave it out, or give"
-                " the robot's own footprint and margin"
+                f"route {shown(query.name)}: no path leads from start to goal; leave it out, or"
+                " give the robot's own footprint and margin"
             )
         paths[query.name] = path
     return paths
@@ -79,7 +79,7 @@ def _between(costs: Costmap, stations: Stations) -> Sequence[Query]:
     else:
         found = [*queries_of(costs, stations, 0.0, 1)]
     if not found:
-        raise ConfigError("there is no trip; give two stations at least")
+        raise ConfigError("there is no route; give two stations at least")
     return found
 
 

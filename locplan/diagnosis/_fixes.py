@@ -1,11 +1,11 @@
-"""Cures that are tried: each makes of a site one on which the robot may localize better."""
+"""Fixes that are tried: each makes of a site one on which the robot may localize better."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from locplan._kernels.arrays import Floats
 from locplan._util.progress import ProgressCallback
@@ -22,10 +22,10 @@ from locplan.robots.presets import Changes, amcl_presets
 from locplan.simulation import Choice, tune
 
 POLES = 3
-"""Number of poles that are placed where nothing else helps enough."""
+"""Number of poles that are placed if no other fix helps enough."""
 WALLS, MEND, REACH = "walls", "map", "range"
 SETTINGS, PATHS, LANDMARKS = "settings", "paths", "landmarks"
-"""The kinds of cures."""
+"""The kinds of fixes."""
 CHEAP = WALLS, MEND, REACH, SETTINGS
 """Kinds that take a file or a parameter, and neither metres nor objects."""
 KINDS = (*CHEAP, PATHS, LANDMARKS)
@@ -33,25 +33,27 @@ KINDS = (*CHEAP, PATHS, LANDMARKS)
 
 
 @dataclass(frozen=True)
-class Remedy:
-    """A cure, and what it makes of a site."""
+class Fix:
+    """A change that may help, and what it makes of a site."""
 
     kind: str
     """One of the kinds above."""
     title: str
-    """What is done, as a noun phrase for people."""
+    """The fix in a few words."""
+    detail: str
+    """What exactly is changed."""
     effort: str
     """What has to be done at the site."""
     apply: Callable[[Site], Site]
-    """Gives the site with it."""
+    """Returns the site with it."""
     is_sure: bool = False
-    """Whether it is to be done whatever drives say."""
+    """True if it is to be done whatever drives show."""
     made: Any = None
     """What its files are made of: a mask's costmap, or landmarks."""
 
 
-def remedies(site: Site, reading: Reading, mended: OccupancyGrid) -> Iterator[Remedy]:
-    """The cures of the map and of the robot's file that suit a site.
+def fixes(site: Site, reading: Reading, mended: OccupancyGrid) -> Iterator[Fix]:
+    """Yield the fixes of the map and of the robot's file that suit a site.
 
     Parameters
     ----------
@@ -63,21 +65,22 @@ def remedies(site: Site, reading: Reading, mended: OccupancyGrid) -> Iterator[Re
         The map for the filter that `mend` makes.
     """
     if reading.reasons:
-        yield Remedy(
-            *(WALLS, reading.title, "the map's YAML"),
+        yield Fix(
+            *(WALLS, "corrected map file", reading.title, "the map's YAML"),
             lambda old: replace(old, filter_map=reading.grid, stretch=1.0),
             is_sure=reading.is_sure,
         )
     if mended not in (reading.grid, site.filter_map):
-        yield Remedy(
-            *(MEND, "the mended map for the filter", "a second map server"),
+        yield Fix(
+            *(MEND, "repaired map", "the repaired map for the filter", "a second map server"),
             lambda old: replace(old, filter_map=mended),
         )
     own = site.robot.filter
     if isinstance(own, Amcl) and own.reach(site.robot.known_lidar) < site.robot.known_lidar.range:
         full: dict[str, Any] = {"laser_max_range": Amcl().laser_max_range}
-        yield Remedy(
-            *(REACH, f"the lidar's full {site.robot.known_lidar.range:g} m", "one parameter"),
+        far = f"laser_max_range {Amcl().laser_max_range:g}"
+        yield Fix(
+            *(REACH, "full lidar range", far, "one parameter"),
             lambda old: _with_filter(old, replace(old.robot.amcl, **full)),
         )
 
@@ -91,7 +94,7 @@ def settings(own: Amcl) -> dict[str, Changes]:
     return {f"settings: {name}": changes for name, changes in amcl_presets(own).items()}
 
 
-def tuned(site: Site, score: Callable[[Site], float]) -> Remedy | None:
+def tuned(site: Site, score: Callable[[Site], float]) -> Fix | None:
     """The best of a few settings that are good for most robots, by few drives.
 
     Parameters
@@ -108,11 +111,12 @@ def tuned(site: Site, score: Callable[[Site], float]) -> Remedy | None:
     return min(made, key=lambda each: score(each.apply(site)))
 
 
-def _settings(title: str, changes: Mapping[str, Any]) -> Remedy:
+def _settings(title: str, changes: Mapping[str, Any]) -> Fix:
     def apply(old: Site) -> Site:
         return _with_filter(old, replace(old.robot.amcl, **changes))
 
-    return Remedy(SETTINGS, title, "a parameter file", apply)
+    detail = title.removeprefix("settings: ")
+    return Fix(SETTINGS, "AMCL settings", detail, "a parameter file", apply)
 
 
 def searched(
@@ -120,7 +124,7 @@ def searched(
     seed: int,
     threads: int | None,
     progress: ProgressCallback | None,
-) -> Remedy | None:
+) -> Fix | None:
     """The settings that `tune` finds on random paths of the map; None if none is clearly better."""
     if not isinstance(site.robot.filter, Amcl):
         return None
@@ -138,15 +142,15 @@ def searched(
 
 def chosen_paths(
     site: Site, choices: Mapping[str, Choice], score: Callable[[Site], float]
-) -> Remedy | None:
-    """The recommended paths of trips, or a mask on which these or others are the cheapest.
+) -> Fix | None:
+    """The recommended paths of routes, or a mask on which these or others are the cheapest.
 
     Parameters
     ----------
     site : Site
         What is driven.
     choices : mapping of str to Choice
-        What was chosen for trips by their names, with costmaps.
+        What was chosen for routes by their names, with costmaps.
     score : callable
         Drives a site, and gives what sites are ranked by; less is better.
     """
@@ -171,17 +175,18 @@ def chosen_paths(
 
 def _ways(
     site: Site, paths: Mapping[str, Path], what: str, effort: str, mask: Costmap | None = None
-) -> Remedy:
-    """The cure of other paths; those that are as long as they were count as the old ones."""
+) -> Fix:
+    """The fix of other paths; those that are as long as they were count as the old ones."""
     longer = {name: path.length - site.paths[name].length for name, path in paths.items()}
     changed = {name: paths[name] for name, more in longer.items() if abs(more) > 0.01}
     more = sum(longer.values()) / max(1, len(changed))
-    title = f"{what} on {len(changed)} of {len(site.paths)} trips, {more:+.1f} m"
+    detail = f"{what} on {len(changed)} of {len(site.paths)} routes, {more:+.1f} m"
+    title = "keepout mask" if mask else "other paths"
 
     def apply(old: Site) -> Site:
         return replace(old, paths={**old.paths, **changed})
 
-    return Remedy(PATHS, title, effort, apply, made=mask)
+    return Fix(PATHS, title, detail, effort, apply, made=mask)
 
 
 class Poles(NamedTuple):
@@ -193,8 +198,8 @@ class Poles(NamedTuple):
     """The map with them."""
 
 
-def landmarks(site: Site, threads: int | None) -> Remedy | None:
-    """Three poles beside the trips; None where none may stand or none helps.
+def landmarks(site: Site, threads: int | None) -> Fix | None:
+    """Three poles beside the routes; None where none may stand or none helps.
 
     Parameters
     ----------
@@ -221,24 +226,32 @@ def landmarks(site: Site, threads: int | None) -> Remedy | None:
 
     made = Poles(poses, with_objects(site.world, kind, poses))
     count = f"{len(poses)} poles"
-    return Remedy(LANDMARKS, count, count, apply, made=made)
+    return Fix(LANDMARKS, count, f"{count} beside the routes", count, apply, made=made)
 
 
-def joined(tried: Mapping[str, Remedy], kinds: tuple[str, ...], site: Site) -> Site:
-    """A site with several cures, one after the other: the mended map is that of the right file."""
+def apply_fixes(tried: Mapping[str, Fix], kinds: tuple[str, ...], site: Site) -> Site:
+    """A site with several fixes, one after the other: the mended map is that of the right file."""
     for kind in sorted(kinds, key=KINDS.index):
         site = tried[kind].apply(site)
     return site
 
 
-def driver_of(seed: int, threads: int | None) -> Callable[[Site, range], Outcome]:
-    """A function that drives sites, each but once with the same numbers."""
+class DriveOnce(Protocol):
+    """Function that drives a site with the drives of some numbers."""
+
+    def __call__(
+        self, site: Site, numbers: range, progress: ProgressCallback | None = None
+    ) -> Outcome: ...
+
+
+def driver_of(seed: int, threads: int | None) -> DriveOnce:
+    """Return a function that drives sites, but only once with the same numbers."""
     outcomes: dict[tuple[str, range], Outcome] = {}
 
-    def drive(site: Site, numbers: range) -> Outcome:
+    def drive(site: Site, numbers: range, progress: ProgressCallback | None = None) -> Outcome:
         key = site.digest, numbers
         if key not in outcomes:
-            outcomes[key] = Driver(site, seed, threads)(numbers)
+            outcomes[key] = Driver(site, seed, threads)(numbers, progress)
         return outcomes[key]
 
     return drive

@@ -1,4 +1,4 @@
-"""What a check keeps, and the cures of the map's file, of recorded drives and of masks."""
+"""What a check keeps, and the fixes of the map's file, of recorded drives and of masks."""
 
 import dataclasses
 import json
@@ -14,7 +14,7 @@ from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments
 ALPHAS = {f"alpha{n}": 2.0 for n in range(1, 6)}
 
 
-def test_map_savers_grey_that_is_read_as_free_is_cured_by_the_threshold(tmp_path):
+def test_threshold_helps_if_unknown_grey_is_free(tmp_path):
     cells = np.full((160, 200), UNKNOWN, np.uint8)
     cells[20:140, 20:180] = room().cells
     meant = OccupancyGrid(cells, 0.05, (-1.0, -1.0, 0.0), name="room")
@@ -44,7 +44,7 @@ def test_recorded_drives_calibrate_the_robot_and_give_a_wrong_resolution(tmp_pat
     found = check(wrong, ROBOT, {"a": (1.0, 1.0), "b": (7.0, 1.0)}, [drive, drive], effort="quick")
     assert found.recommended == ("walls",)
     assert found.site.stretch == pytest.approx(1 / 1.04, abs=0.005)
-    (walls,) = (each for each in found.cures if each.kind == "walls")
+    (walls,) = (each for each in found.fixes if each.kind == "walls")
     assert walls.ratio.value != 1  # the world is as large as it is, and no larger than the map
     assert "resolution" in {each.kind for each in found.faults}
     said = "\n".join(found.recorded)
@@ -70,7 +70,7 @@ def test_a_mask_is_written_where_other_paths_keep_drives(tmp_path):
     assert found.recommended == ("paths",)
     assert found.after.lost.high < found.before.lost.low
     taken = locplan.plan(found.made["paths"], *ways[0]).path
-    assert np.array_equal(taken.xy, found.cured.paths["query 1"].xy)
+    assert np.array_equal(taken.xy, found.fixed_site.paths["query 1"].xy)
     with pytest.warns(locplan.export.RobotWarning, match="path followers may stop below"):
         found.save(tmp_path)
     mask_first, nav2 = found.summary(tmp_path, tmp_path / "x.yaml")["next"]["command"].splitlines()
