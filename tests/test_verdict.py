@@ -12,9 +12,12 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from test_faults import blocks
 
+from locplan import Lidar, OccupancyGrid, Pole, Robot, mend, place_landmarks
 from locplan.diagnosis.trials import Outcome, combine_fixes, contrast, try_fix
 from locplan.landmarks import Outcome as LandmarkDrives, Verification
+from locplan.maps import FREE, OCCUPIED
 from locplan.simulation import Drives, Scores, judged
 from locplan.simulation.driver import CHOOSING
 from locplan.simulation.verdict import (
@@ -276,12 +279,73 @@ def test_check_lets_fresh_drives_alone_decide():
     assert site.recommend() == ()
 
 
-def drives_of(log_errors, lost):
+def drives_of(log_errors, lost, n_poses=400):
     """Return Drives of these errors; lost ones are off by more than 1 m at one pose."""
-    errors = np.zeros((len(lost), 400, 3))
+    errors = np.zeros((len(lost), n_poses, 3))
     errors[..., 0] = np.minimum(np.exp(log_errors), 0.9)[:, None]
-    errors[lost, 200, 0] = 1.1
-    return Drives(np.zeros((400, 3)), errors)
+    errors[lost, n_poses // 2, 0] = 1.1
+    return Drives(np.zeros((n_poses, 3)), errors)
+
+
+class DrawnDriver:
+    """A driver whose calls in turn return drives of a baseline and of an alternative."""
+
+    def __init__(self, ratio, seed):
+        self.ratio, self.seed, self.calls = ratio, seed, 0
+
+    def __call__(self, simulator, paths, numbers, **options):
+        pair, side = divmod(self.calls, 2)
+        self.calls += 1
+        draws = draw_pairs([self.ratio] * len(paths), len(numbers), self.seed + 1000 * pair)
+        errors, lost = (both[side] for both in draws)
+        return {
+            name: drives_of(errors[n] - 2.0, lost[n], n_poses=200) for n, name in enumerate(paths)
+        }
+
+
+def words_of_landmarks(monkeypatch, ratio, count, drives):
+    """Return the verdicts on the same landmarks, on drives of a known ratio."""
+    cells = np.full((40, 60), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    line = {"a": [[1.0, 2.0], [5.0, 2.0]], "b": [[1.0, 1.0], [5.0, 1.0]]}
+    paths = {name: np.array(xy) for name, xy in line.items()}
+    robot = Robot(Lidar(range=2.0))
+    landmarks = place_landmarks(OccupancyGrid(cells, 0.1), Pole(0.2), 1, paths=paths, robot=robot)
+    words = []
+    for seed in range(count):
+        monkeypatch.setattr(VERIFYING, DrawnDriver(ratio, seed))
+        words.append(landmarks.verify(drives, random_sets=1).word)
+    return Counter(words)
+
+
+def words_of_mend(monkeypatch, ratio, count, drives):
+    """Return the verdicts on a mended map, on drives of a known ratio."""
+    words = []
+    for seed in range(count):
+        monkeypatch.setattr(MENDING, DrawnDriver(ratio, seed))
+        words += [each.verdict for each in mend(blocks(), paths=2, drives=drives).verdicts]
+    return Counter(words)
+
+
+VERIFYING = "locplan.landmarks._verification.drive_open"
+MENDING = "locplan.mending._mend.drive_open"
+
+
+@pytest.mark.parametrize(
+    ("words_of", "count"),
+    [
+        (words_of_landmarks, 400),
+        (words_of_mend, 80),  # a call plans its routes, which takes 30 ms
+        pytest.param(words_of_mend, 800, marks=pytest.mark.long),
+    ],
+)
+def test_landmarks_and_mend_err_as_rarely_as_the_verdict(monkeypatch, words_of, count):
+    words = words_of(monkeypatch, 1.0, count, 32)
+    assert words[BETTER] <= 0.025 * count
+    assert words[BETTER] + words[WORSE] <= 0.05 * count
+    count //= 4
+    words = words_of(monkeypatch, 0.75, count, 32)
+    assert words[BETTER] >= 0.9 * count
 
 
 def test_callers_agree_on_the_same_drives():
