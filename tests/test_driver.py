@@ -247,19 +247,20 @@ def test_commands_report_the_same_rates_of_one_route():
     costs = Costmap.blank(grid, robot=robot)
     shortest = plan(costs, start, goal).path
     report = check(grid, robot, {"a": start, "b": goal}, effort="quick", seed=3)
-    (route,) = report.trips
+    (route,) = report.routes
     assert route.path.xy.tolist() == shortest.xy.tolist()
     choice = choose(grid, start, goal, robot, costs=costs, drives=32, seed=3, rival=None)
     shown = choice.shortest
     assert shown.driven.numbers == range(len(shown.driven.numbers))
     count = len(shown.driven.numbers)
-    for drives in {count, route.rates.drives}:
+    for drives in {count, route.rates.n_drives}:
         closed = Closed(drives=16)
         result = simulate(grid, {"a": shortest}, robot, drives=drives, closed=closed, seed=3)
         if drives == count:
             assert result.drives["a"].lost_rate == shown.driven.lost_rate
             assert result.drives["a"].off_at_goal == shown.driven.off_at_goal
-        if drives == route.rates.drives:
+        if drives == route.rates.n_drives:
             assert result.drives["a"].lost_rate == route.rates.lost
             assert 0 < route.rates.lost.value < 1
-        assert result.arrivals["a"].arrived == shown.arrivals.arrived == route.rates.arrives
+        assert result.arrivals["a"].arrived == shown.arrivals.arrived
+    assert (route.rates.n_closed, route.rates.reached.value) == (16, shown.arrivals.arrived.value)
