@@ -182,7 +182,7 @@ def test_intervals_and_verdicts_read_as_people_speak(browser, server):
     seen = Seen(context.new_page())
     answers = {
         "simulate": {
-            **{"sentence": "no matter", "advice": [], "driven": "3 drives"},
+            **{"answer": ["no matter"], "driven": "3 drives"},
             **{"taken": "a", "candidates": candidates},
         },
     }

@@ -40,6 +40,15 @@ def test_the_simulated_choice_is_that_of_the_library(session):
     assert shown["driven"] == own.driven
 
 
+def test_simulated_choice_races_shown_path(session):
+    """The page shows a path that no planner of `choose` would find."""
+    detour = [list(START), list(MIDDLE), [MIDDLE[0] + 1.0, MIDDLE[1]], list(GOAL)]
+    answer = answered(session, "simulate", **WAY, drives=2, path=detour)
+    shown = next(each for each in answer["candidates"] if each["name"] == "shown path")
+    assert shown["path"]["xy"] == detour
+    assert shown["driven"]["error"][0] > 0
+
+
 @pytest.mark.long
 def test_while_the_field_follows_an_edit_the_simulated_choice_takes_none_of_it(session):
     _, field = corridors()

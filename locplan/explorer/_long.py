@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.explorer._scene import MAX_DRIVES
 from locplan.simulation import choose
+
+SHOWN = "shown path"
+"""Name of the candidate that the page shows."""
+MAX_POINTS = 5000
+"""Maximum number of points of that path."""
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Ask, Work
@@ -16,6 +22,8 @@ if TYPE_CHECKING:
 def simulate(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     """Answer the ask for the simulated choice of the way shown by its summary.
 
+    The path that the page shows is a candidate, so that the answer is about it.
+
     Candidates are driven just as `locplan plan` does with these settings. Of the page's field it
     takes the points that a field for this choice has. Work that is cancelled ends after the drives
     that are under way; the searches before the first drive run out.
@@ -23,12 +31,14 @@ def simulate(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     view, drives = session.view(ask), ask.whole("drives", 2, MAX_DRIVES, 64)
     work.progress(0, drives, "planning")
     start, *via, goal = view.stops
+    shown = ask.positions("path", MAX_POINTS)
     choice = choose(
         view.grid,
         start,
         goal,
         view.robot,
         costs=view.field.config,
+        candidates={SHOWN: Path(shown)} if shown else {},
         compute=view.field_at if view.whole else None,
         via=via,
         drives=drives,

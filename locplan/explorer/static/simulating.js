@@ -89,7 +89,9 @@ function errorOf(candidate) {
 }
 
 function simulateRoute() {
-	const content = { ...routeAsked(), drives: Number(byId("drives-each").value) };
+	const { plan } = model;
+	const path = plan && !plan.draft ? (plan.aware ?? plan.shortest)?.xy : null;
+	const content = { ...routeAsked(), path, drives: Number(byId("drives-each").value) };
 	const key = routeKey();
 	return work("simulate", "Driving in simulation", content, (answer) => showSimulated({ ...answer, key }), "Simulation cancelled.");
 }
@@ -100,7 +102,7 @@ function showSimulated(answer) {
 	byId("simulated").hidden = false;
 	byId("profile-kind").value = "error";
 	showAge();
-	report("simulated-verdict", [`${answer.sentence}.`, answer.arrives && `${answer.arrives}.`, ...answer.advice, `(${answer.driven})`].filter(Boolean).join(" "));
+	report("simulated-verdict", [...answer.answer, `(${answer.driven})`].join(" "));
 	repaint("overlay", "profile");
 	tell("simulated");
 }

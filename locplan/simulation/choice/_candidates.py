@@ -118,6 +118,11 @@ class Part(Ground):
 def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]]:
     """All candidates by name, the shortest first, and why others are none."""
     found, left_out = part.accepted, dict[str, str]()
+    user_paths = {
+        name: path
+        for name, path in own.items()
+        if isinstance(path, Path) and not part.ask.fault_of(path, part.costs)
+    }
     densities: dict[str, Density] = {**INFLATED, **DENSITIES}
     requested: dict[str, Density] = {}
     if not math.isnan(part.costs.weight):
@@ -132,7 +137,7 @@ def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]
         limits = (0.35, 0.1) if name in DENSITIES else (0.1, 0.0)
         if isinstance(path, str):
             left_out[name] = path
-        elif twin := twin_of(path, found, 0.1, 0.0):
+        elif twin := twin_of(path, {**found, **user_paths}, 0.1, 0.0):
             left_out[name] = f"the same path as {shown(twin)}"
         elif twin := twin_of(path, _without(found, INFLATED), *limits):
             left_out[name] = f"nearly the same path as {shown(twin)}"
