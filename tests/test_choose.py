@@ -7,6 +7,7 @@ import dataclasses
 import json
 import math
 import re
+import shlex
 
 import numpy as np
 import pytest
@@ -326,6 +327,16 @@ def test_a_candidate_without_a_path_is_left_out(grid, costs):
     assert "left out: none: no path joins" in found.report()
 
 
+def test_user_path_replaces_planned_twin(grid, costs, choice):
+    """The answer is then about the user's path, and its drives are not made twice."""
+    (planned,) = (each for each in choice.candidates if each.name == "clear of walls")
+    own = {"mine": Path(planned.path.xy)}
+    found = choose(grid, START, GOAL, costs=costs, candidates=own, **QUICK)
+    assert "mine" in names_of(found)
+    assert "clear of walls" not in names_of(found)
+    assert found.left_out["clear of walls"] == "the same path as 'mine'"
+
+
 def test_waypoints_bind_all_candidates(grid, costs):
     above, own = (6.0, 5.0), Path([START, (2.0, 1.0), (10.0, 1.0), GOAL])
     found = choose(grid, START, GOAL, costs=costs, via=[above], candidates={"below": own}, **QUICK)
@@ -382,30 +393,145 @@ def test_a_path_that_is_clearly_better_is_taken(better):
     ratio = math.exp(np.mean(chosen.log_error - shortest.log_error))
     assert chosen.ratio.value == pytest.approx(ratio)
     assert chosen.ratio.high < 1
-    assert better.sentence.startswith(f'take "{better.chosen.name}": better than the shortest')
-    assert "m more" in better.sentence
-    assert better.report().splitlines()[0] == better.sentence
+    lengths = f"{better.path.length:.1f} m instead of {better.shortest.path.length:.1f} m"
+    less = [f"{100 * (1 - end):.0f}" for end in chosen.ratio]
+    change = f"{less[0]} % [{less[2]}, {less[1]}] less localization error"
+    assert better.sentence == f"Take the detour: {lengths}, with {change}."
+    assert better.report().splitlines()[:2] == better.answer == [better.sentence, better.arrives]
+
+
+LESS, MORE = (0.5, 0.4, 0.6), (1.5, 1.2, 1.8)
+KEPT = "Take the shortest path: 27.9 m. "
+
+
+def lengths_of(choice, *lengths):
+    """The choice, as if its candidates had these lengths."""
+    pairs = zip(choice.candidates, lengths, strict=False)
+    candidates = [
+        dataclasses.replace(each, path=Path([(0.0, 0.0), (length, 0.0)])) for each, length in pairs
+    ]
+    return dataclasses.replace(choice, candidates=(*candidates, *choice.candidates[len(lengths) :]))
+
+
+def judged_as(
+    choice, verdict, ratio, *, more_lost=False, arriving_count=16, lengths=(), **settings
+):
+    """The choice, as if candidate 1 had led the race and got this verdict in 8 drives."""
+    made = {
+        "leader": 1,
+        "verdict": verdict,
+        "ratio": type(choice.judgement.ratio)(*ratio),
+        "more_lost": more_lost,
+    }
+    choice = lengths_of(choice, *(lengths or (27.9, 37.3)))
+    choice = dataclasses.replace(
+        choice,
+        judgement=dataclasses.replace(choice.judgement, **made),
+        settings=dataclasses.replace(choice.settings, **settings),
+    )
+    return with_arrivals(choice, 16, arriving_count)
 
 
 @pytest.mark.parametrize(
-    ("verdict", "bold", "best", "said"),
+    ("verdict", "ratio", "more", "sentence"),
     [
-        ("better", False, 1, "is better than the shortest"),
-        ("undecided", False, 0, "is undecided after 8 drives, x.50 [.40, .60]"),
-        ("undecided", True, 1, "undecided, x.50 [.40, .60]"),
-        ("no difference", True, 0, "no difference to"),
-        ("worse", True, 0, "is worse, x.50 [.40, .60]"),
+        (
+            *("better", LESS, {}),
+            "Take the detour: 37.3 m instead of 27.9 m, with 50 % [40, 60] less localization"
+            " error.",
+        ),
+        (
+            *("better", LESS, {"lengths": (27.9, 27.92), "minimise": "heading"}),
+            "Take the other path: 27.9 m, as long as the shortest path, with 50 % [40, 60] less"
+            " heading error.",
+        ),
+        (
+            *("better", LESS, {"lengths": (27.9, 26.0), "minimise": "goal-error"}),
+            "Take the shorter path: 26.0 m instead of 27.9 m, with 50 % [40, 60] less localization"
+            " error at the goal.",
+        ),
+        (
+            *("better", (0.8, 0.5, 1.3), {}),
+            "Take the detour: 37.3 m instead of 27.9 m. 0 of 8 robots get lost; on the shortest"
+            " path, 5 of 8.",
+        ),
+        (
+            *("undecided", LESS, {"bold": True}),
+            "Take the detour, undecided after 8 drives: 37.3 m instead of 27.9 m, with"
+            " 50 % [40, 60] less localization error.",
+        ),
+        (
+            *("undecided", (0.9, 0.7, 1.2), {}),
+            KEPT + "After 8 drives the best other path (37.3 m) is undecided: 10 % [-20, 30] less"
+            " localization error.",
+        ),
+        (
+            *("undecided", (0.9, 0.7, 1.2), {"time_limit": 1.0, "drives": 64}),
+            KEPT + "Time was up after 8 drives, with the best other path (37.3 m) undecided:"
+            " 10 % [-20, 30] less localization error.",
+        ),
+        (
+            *("no difference", (1.0, 0.9, 1.1), {"bold": True}),
+            KEPT + "The best other path (37.3 m) makes no difference: 0 % [-10, 10] less"
+            " localization error.",
+        ),
+        (
+            *("worse", MORE, {"bold": True}),
+            KEPT + "The best other path (37.3 m) has 50 % [20, 80] more localization error.",
+        ),
+        (
+            *("better", (0.95, 0.92, 0.98), {}),
+            KEPT + "The best other path (37.3 m) gains too little: 5 % [2, 8] less localization"
+            " error.",
+        ),
+        (
+            *("better", LESS, {"more_lost": True}),
+            KEPT + "On the best other path (37.3 m), with 50 % [40, 60] less localization error,"
+            " more robots get lost.",
+        ),
+        (
+            *("better", LESS, {"arriving_count": 13}),
+            KEPT + "On the best other path (37.3 m), with 50 % [40, 60] less localization error,"
+            " fewer robots reach the goal.",
+        ),
     ],
 )
-def test_only_a_clear_verdict_recommends_unless_one_is_bold(better, verdict, bold, best, said):
-    ratio = type(better.judgement.ratio)(0.5, 0.4, 0.6)
-    judgement = dataclasses.replace(better.judgement, leader=1, verdict=verdict, ratio=ratio)
-    settings = dataclasses.replace(better.settings, bold=bold)
-    made = dataclasses.replace(better, judgement=judgement, settings=settings)
-    assert made.best == best
-    assert said.removeprefix("is " if best else "") in made.sentence
-    taken = f'"{made.chosen.name}":' if best else "the shortest:"
-    assert made.sentence.startswith(f"take {taken}")
+def test_choice_sentence_follows_verdict(better, verdict, ratio, more, sentence):
+    lost = np.arange(8) < 5
+    shortest, *others = better.candidates
+    driven = dataclasses.replace(shortest.driven, lost=lost)
+    others[0] = dataclasses.replace(
+        others[0], driven=dataclasses.replace(driven, lost=lost & False)
+    )
+    candidates = (dataclasses.replace(shortest, driven=driven), *others)
+    better = dataclasses.replace(better, candidates=candidates)
+    choice = judged_as(better, verdict, ratio, **more)
+    assert choice.sentence == sentence
+    assert choice.best == (not sentence.startswith(KEPT))
+    assert choice.is_undecided == ("undecided" in sentence and not choice.best)
+
+
+def test_choice_sentence_without_leader(better):
+    judgement = dataclasses.replace(better.judgement, leader=0)
+    choice = lengths_of(dataclasses.replace(better, judgement=judgement), 27.9)
+    assert choice.sentence == f"{KEPT}No other path beats it in 8 drives."
+    alone = dataclasses.replace(choice, candidates=choice.candidates[:1])
+    assert alone.sentence == f"{KEPT}No other path is a candidate."
+
+
+@pytest.mark.parametrize(
+    ("status", "sentence"),
+    [
+        ("unreachable", "The goal is unreachable: a wall."),
+        ("infeasible", "No path keeps the limits: a wall."),
+        ("timeout", "Time is up before a path is found: a wall."),
+        ("not found", "No path is found: a wall."),
+    ],
+)
+def test_choice_sentence_without_path(better, status, sentence):
+    nothing = {"candidates": (), "judgement": None, "note": "a wall"}
+    choice = dataclasses.replace(better, status=status, **nothing)
+    assert choice.report() == choice.sentence == sentence
 
 
 def test_equal_seeds_give_equal_choices_on_any_number_of_threads(grid, costs, choice):
@@ -459,10 +585,10 @@ def test_settings_that_gain_more_than_paths_are_named(corridors):
     ends = (3.0, 10.0), (12.0, 12.0)
     found = choose(corridors.grid, *ends, robot, costs=corridors, drives=8, rival=calm)
     assert found.rival.ratio.high < 1
-    (advice,) = (each for each in found.advice if "tune first" in each)
-    assert "AMCL's alpha1 0.02" in advice
-    above = found.report().split("─")[0].replace("\n", " ")
-    assert above.index(advice) > above.index(found.sentence)  # before the table
+    advice = found.advice[0]
+    assert advice.startswith("Tune the filter first: with AMCL's alpha1 0.02")
+    assert found.is_tuning_first
+    assert found.report().replace("\n", " ").startswith(f"{advice} With the filter as it is, take")
     assert advice in found.figure().get_suptitle().replace("\n", " ")
     same = choose(corridors.grid, *ends, robot, costs=corridors, drives=8, rival=noisy)
     assert same.rival is None
@@ -478,20 +604,44 @@ class Odometer:
         raise NotImplementedError
 
 
-@pytest.mark.parametrize(("own", "whose"), [(Odometer(), "AMCL"), (Amcl(), "this filter")])
-def test_settings_of_amcl_are_not_advised_for_another_filter(better, own, whose):
-    robot = Robot(Lidar(range=6.0), filter=own)
-    ratio = better.judgement.ratio._replace(value=0.1, low=0.05, high=0.2)
-    rival = dataclasses.replace(better.shortest.driven, ratio=ratio)
+@pytest.mark.parametrize(
+    ("gain", "lost", "is_first"),
+    [(1.0, 0.0, False), (4.0, 0.0, True), (4.0, 1.0, False)],
+    ids=["less than the path", "more than the path", "but lost"],
+)
+def test_choice_tunes_first_if_that_gains_more(better, gain, lost, is_first):
+    """The gain is in multiples of the path's, in logarithms of paired drives."""
+    path_gain = -math.log(better.judgement.ratio.value)
+    shortest = better.shortest.driven
+    rival = dataclasses.replace(
+        shortest,
+        log_error=shortest.log_error - gain * path_gain + 0.1 * np.arange(8),
+        lost=np.full(8, bool(lost)),
+    )
     settings = dataclasses.replace(better.settings, rival=ChoiceSettings().rival)
+    choice = dataclasses.replace(better, settings=settings, rival=rival)
+    assert choice.is_tuning_first == is_first
+    assert choice.answer[0].startswith("Tune the filter first" if is_first else "Take the detour")
+    assert ("all alphas 0.05 and likelihood_field_prob" in choice.answer[0]) == is_first
+    assert "shortest, tuned" in choice.report()
+
+
+@pytest.mark.parametrize(("own", "whose"), [(Odometer(), "AMCL, all"), (Amcl(), "all")])
+def test_tuning_advice_names_whose_settings(better, own, whose):
+    shortest = better.shortest.driven
+    rival = dataclasses.replace(
+        shortest, log_error=shortest.log_error - 9, lost=shortest.lost & False
+    )
+    settings = dataclasses.replace(better.settings, rival=ChoiceSettings().rival)
+    robot = Robot(Lidar(range=6.0), filter=own)
     found = dataclasses.replace(better, robot=robot, settings=settings, rival=rival)
-    assert f"{whose} with all alphas 0.05" in found.advice[-1]
+    assert found.advice[0].startswith(f"Tune the filter first: with {whose} alphas 0.05")
 
 
 def test_an_unreachable_goal_is_a_result(grid, costs):
     found = choose(grid, START, (11.5, 5.5), costs=costs, **QUICK)
     assert (found.status, found.path, found.chosen) == ("unreachable", None, None)
-    assert found.report().startswith("unreachable: no path joins start and goal")
+    assert found.report().startswith("The goal is unreachable: no path joins start and goal")
     assert found.summary()["candidates"] == []
     assert len(found._repr_png_()) > 1000
 
@@ -517,12 +667,12 @@ def test_without_a_lidar_the_aware_path_is_given_beside_the_shortest(corridors):
     assert found.path is found.candidates[1].path
     assert found.candidates[1].metrics.integrated_u < found.shortest.metrics.integrated_u
     assert found.verdict == ""
-    assert found.sentence.startswith('take "localizability-aware", untested: name the robot')
-    assert "--lidar" in found.sentence
+    assert found.sentence.startswith("Untested: the localizability-aware path is ")
+    assert "--lidar" in found.answer[1]
     labels = [each.get_text() for each in found.figure().legends[0].get_texts()]
-    assert sum(each.startswith("to take, untested: localizability-aware") for each in labels) == 1
+    assert sum(each.startswith("untested: localizability-aware") for each in labels) == 1
     undriven = choose(grid, (2.0, 3.0), (38.0, 3.0), Robot(Lidar(range=6.0)), drives=0)
-    assert "as asked" in undriven.sentence
+    assert "drives=0" in undriven.answer[1]
     assert all(each.driven is None for each in undriven.candidates)
     blank = choose(grid, (2.0, 3.0), (38.0, 3.0), costs=corridors)
     assert names_of(blank) == ["shortest"]
@@ -587,7 +737,7 @@ def test_paths_of_an_outline_are_driven_with_and_without_headings(grid, costs):
 def test_paths_of_a_car_within_a_budget_are_not_driven(grid, fielded):
     found = choose(grid, START, GOAL, CAR, costs=fielded, budget=50.0)
     assert found.judgement is None
-    assert "turning radius" in found.sentence
+    assert "turning radius" in found.answer[1]
 
 
 # Bad input
@@ -691,11 +841,11 @@ def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
         assert {row["path"] for row in csv.DictReader(file)} == set(names)
     assert (tmp_path / "out" / "choice.png").stat().st_size > 10_000
     lines = out.splitlines()
-    assert sum(line.startswith("  >") for line in lines) == 1
+    assert sum(line.startswith("> ") for line in lines) == 1
     text = " ".join(out.split())
     settings = "AMCL's alpha1 0.1, max_particles 100, min_particles 100, outliers 0.1"
-    assert f"with lidar, 3 m, 360°; radius 0.2 m, margin 0.05 m; {settings}" in text
-    assert max(map(len, lines)) <= 110
+    assert f"drives of lidar, 3 m, 360°; radius 0.2 m, margin 0.05 m; {settings}" in text
+    assert max(len(line) for line in lines if not line.startswith("  locplan ")) <= 110
 
 
 @pytest.mark.long
@@ -708,6 +858,56 @@ def test_the_command_gives_what_python_gives(run, box, grid):
     robot = Robot(lidar, filter=FEW)
     choice = choose(grid, START, GOAL, robot, costs=config, drives=4, price=0.2, seed=4)
     assert json.loads(out) == json.loads(json.dumps(choice.summary()))
+
+
+def next_commands(out):
+    """The commands that `plan` prints last."""
+    lines = out.splitlines()
+    at = next(n for n, line in enumerate(lines) if line.startswith("Next: "))
+    return [shlex.split(line) for line in lines[at + 1 :]]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "output", "command", "option"),
+    [
+        ("tune", False, "tune", "tuned"),
+        ("better", False, "plan", "planned"),
+        ("better", True, "export", "nav2-keepout"),
+        ("undecided", False, "plan", "--drives=128"),
+        ("lost", False, "check", "--set=range=3"),
+    ],
+)
+def test_plan_prints_next_command(
+    run, box, tmp_path, monkeypatch, better, verdict, output, command, option
+):
+    """A choice is drawn for each verdict, in place of one that is driven."""
+    driven = better.shortest.driven
+    driven = dataclasses.replace(driven, lost=driven.lost & False)
+    same = [dataclasses.replace(each, driven=driven) for each in better.candidates]
+    rival = dataclasses.replace(driven, log_error=driven.log_error - 9)
+    choice = dataclasses.replace(
+        better, candidates=tuple(same), rival=rival if verdict == "tune" else None
+    )
+    word = "undecided" if verdict == "undecided" else "better"
+    choice = judged_as(choice, word, LESS, drives=64)
+    if verdict == "lost":
+        choice = with_arrivals(choice, 8, 8)
+    monkeypatch.setattr("locplan.choose", lambda *_, **__: choice)
+    folder = ("-o", tmp_path / "out") * output
+    code, out, _ = run("plan", box, *ENDS, "--no-field", "--set", "range=3", *folder)
+    assert code == 0
+    assert out.startswith(choice.answer[0][:60])
+    first, *more = next_commands(out)
+    assert first[:2] == ["locplan", command]
+    assert option in first
+    assert [words[-1] for words in more] == ["--robot=tuned/nav2_params.yaml"] * (verdict == "tune")
+
+
+def test_plan_names_lidar_option_if_lidar_is_unknown(run, box):
+    code, out, _ = run("plan", box, *ENDS, "--stride", "0.5")
+    assert code == 0
+    assert out.startswith("Untested: ")
+    assert next_commands(out)[0][-1] == "--lidar=turtlebot4"
 
 
 def test_without_a_field_no_candidate_needs_one(run, box):
@@ -723,7 +923,8 @@ def test_an_unreachable_goal_ends_the_command_well(run, box, tmp_path):
     ends = "--start", "1,3", "--goal", "11.5,5.5"
     code, out, _ = run("plan", box, *ends, *SETTINGS, "-o", tmp_path / "out")
     assert code == 0
-    assert out.startswith("unreachable: no path joins start and goal")
+    assert out.startswith("The goal is unreachable: no path joins start and goal")
+    assert out.splitlines()[-1].startswith("  locplan info ")
     files = {file.name for file in (tmp_path / "out").iterdir()}
     assert files == {".locplan.json", "run.yaml", *Choice.files.names} - {"chosen.csv"}
 
@@ -770,7 +971,8 @@ def test_the_path_to_take_is_drawn_strongest_and_last(better):
     np.testing.assert_allclose(lines[-1].get_xydata()[[0, -1]], better.path.xy[[0, -1]])
     np.testing.assert_allclose(lines[-2].get_xydata()[-1], better.shortest.path.xy[-1])
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert texts[0].startswith(f"to take: {better.chosen.name}, {better.path.length:.1f} m")
+    label = f"recommended: {better.chosen.name}, {better.path.length:.1f} m, 0 % lost"
+    assert texts[0].startswith(label)
     assert f"{len(better.candidates) - 2} other candidates" in texts
 
 
@@ -849,11 +1051,9 @@ def test_what_is_recommended_is_driven_by_a_follower_too(better, corridors, tmp_
     shortest, taken = (better.candidates[n].arrivals for n in driven)
     assert len(shortest.drives) == len(taken.drives) == 16
     assert taken.count == shortest.count
-    said = f'steered by its filter, the robot arrives on "{better.taken}" in {taken.words}'
-    assert better.arrives == f"{said}, as on the shortest"
-    fewer = with_arrivals(better, 12, 16)
-    instead = fewer.shortest.arrivals.words
-    assert fewer.arrives == f"{said}, and in {instead} on the shortest"
+    reached = f"In closed loop, {taken.count} of 16 robots reach the goal; on the shortest path,"
+    assert better.arrives == f"{reached} {shortest.count} of 16."
+    assert with_arrivals(better, 12, taken.count).arrives == f"{reached} 12 of 16."
     assert " ".join(better.arrives.split()) in " ".join(better.report().split())
     assert better.summary()["arrives"] == better.arrives
     paths = {better.taken: better.path, "shortest": better.shortest.path}
@@ -889,30 +1089,42 @@ def test_where_the_shortest_is_taken_it_is_said_how_many_arrive(choice):
     assert choice.best == 0
     steered = [each for each in choice.candidates if each.arrivals]
     assert steered == [choice.shortest]
-    words = choice.shortest.arrivals.words
-    assert choice.arrives == f"steered by its filter, the robot arrives on the shortest in {words}"
+    count = choice.shortest.arrivals.count
+    assert choice.arrives == f"In closed loop, {count} of 16 robots reach the goal."
 
 
-def test_errors_that_are_shown_agree_with_the_ratios(better, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "200")
-    lines = [line.removeprefix("  >").strip() for line in better.report().splitlines()]
-    rows = {cells[0]: cells[2:4] for line in lines if len(cells := re.split(r"\s{2,}", line)) > 5}
-    errors = {each.name: rows[each.name][0] for each in better.candidates}
-    shown = [name for name, error in errors.items() if error != "-"]
-    assert shown == ["shortest", better.taken]
+def test_report_errors_agree_with_ratios(better):
+    lines = [line[2:] for line in better.report().splitlines()]
+    rows = {cells[0]: cells for line in lines if len(cells := re.split(r"\s{2,}", line)) > 4}
+    errors = {each.name: rows[each.name][2].split(" ") for each in better.candidates}
+    assert [name for name in rows if name in errors][:2] == [better.taken, "shortest"]
+    confirmed = [name for name, error in errors.items() if not error[0].startswith("~")]
+    assert confirmed == ["shortest", better.taken]
     assert len(errors) > 2  # those of the race alone had other drives
-    first, taken = (each.driven for each in (better.shortest, better.chosen))
-    assert taken.error.value / first.error.value == pytest.approx(taken.ratio.value)
-    assert all(rows[name][1] != "-" for name in errors if name != "shortest")
+    shortest = better.shortest.driven.error.value
+    for each in better.candidates[1:]:
+        error = float(errors[each.name][0].removeprefix("~"))
+        assert error / shortest == pytest.approx(each.driven.ratio.value, rel=0.05)
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_report_shows_column_off_at_end_if_any(better, count):
+    off = np.arange(8) < count
+    candidates = [
+        dataclasses.replace(each, driven=dataclasses.replace(each.driven, off=off))
+        for each in better.candidates
+    ]
+    choice = dataclasses.replace(better, candidates=tuple(candidates))
+    assert ("off at the end" in choice.report()) == (count > 0)
 
 
 @pytest.mark.parametrize(("shortest", "leader", "taken"), [(16, 14, True), (16, 13, False)])
 def test_a_path_by_which_fewer_robots_arrive_is_not_recommended(better, shortest, leader, taken):
     choice = with_arrivals(better, shortest, leader)
     assert (choice.best > 0) == taken
-    assert f"in {leader} of 16 [" in choice.arrives
-    assert ("fewer robots arrive" in choice.sentence) == (not taken)
-    assert choice.sentence.startswith("take the shortest") == (not taken)
+    assert f"{leader} of 16" in choice.arrives
+    assert ("fewer robots reach the goal" in choice.sentence) == (not taken)
+    assert choice.sentence.startswith("Take the shortest path") == (not taken)
 
 
 def test_a_thorough_choice_steers_more_drives(corridors):

@@ -110,6 +110,20 @@ def table(
     return "\n".join(line.rstrip() for line in capture.get().splitlines() if line.strip())
 
 
+def align(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Text of a table of few columns, whose rows are never broken, however narrow the terminal."""
+    from rich.cells import cell_len
+
+    widths = [max(map(cell_len, column)) for column in zip(heads, *rows, strict=True)]
+    lines = (
+        "  ".join(
+            cell + " " * (width - cell_len(cell)) for cell, width in zip(row, widths, strict=True)
+        )
+        for row in (heads, *rows)
+    )
+    return "\n".join(line.rstrip() for line in lines)
+
+
 def _without_broken_words(columns: Sequence[Sequence[str]], room: int) -> list[int | None]:
     """Widths of columns, headings first, whose texts break at spaces alone, and headings before
     values; None for each where that has no room."""

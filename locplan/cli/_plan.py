@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -10,6 +11,7 @@ from cyclopts import Parameter
 import locplan
 from locplan._util.checks import positive
 from locplan._util.progress import later_progress_bar, working
+from locplan._util.runs import as_argument, typed as typed_words
 from locplan.cli import _types as typed
 from locplan.cli._options import Computing, CostOptions, Output, read_paths
 from locplan.cli._robot_options import FIELD, FieldOptions, FilterMap
@@ -158,6 +160,41 @@ class plan(
                 **settings,
             )
         self.finish(choice)
+        if not self.json and (step := self._next_step(choice)):
+            print(f"\nNext: {step[0]}", *step[1:], sep="\n  ")
+
+    def _next_step(self, choice: locplan.Choice) -> tuple[str, ...]:
+        """What to do next, and the commands for it; empty if there is nothing to do."""
+        again, map_file, path = typed_words(), as_argument(str(self.map_file)), choice.chosen
+        robot = [word for word in again if word.partition("=")[0] in ROBOT]
+        if path is None:
+            see = "see the rooms of the map, and what misleads in it:"
+            return see, shlex.join(["locplan", "info", map_file])
+        if choice.judgement is None:
+            simulate = shlex.join([*again, "--lidar=turtlebot4"])
+            known = choice.robot.lidar is not None
+            return () if known else ("simulate the paths with your lidar, such as:", simulate)
+        if choice.is_tuning_first:
+            tune = shlex.join(["locplan", "tune", map_file, *robot, "-o", "tuned"])
+            plan = shlex.join([*again, "--robot=tuned/nav2_params.yaml"])
+            return "tune the filter, then plan with its settings:", tune, plan
+        is_lost = path.driven is not None and path.driven.lost_rate.value >= HALF
+        if is_lost or (path.arrivals is not None and path.arrivals.arrived.value <= HALF):
+            check = shlex.join(["locplan", "check", map_file, *robot])
+            return "find why the robot fails, and what helps most:", check
+        if choice.is_undecided:
+            own = "--drives", "--driving-time"
+            words = [word for word in again if word.partition("=")[0] not in own]
+            drives = min(2 * choice.settings.drives, MAX_DRIVES)
+            return "simulate more drives:", shlex.join([*words, f"--drives={drives}"])
+        if self.output is None:
+            save = "save the path, its picture and all candidates:"
+            return save, shlex.join([*again, "-o", "planned"])
+        if choice.best:
+            words = ["--to", "nav2-keepout", f"--choice={self.output}", "-o", "mask"]
+            export = shlex.join(["locplan", "export", map_file, *words])
+            return "write a mask that makes Nav2 follow the path:", export
+        return ()
 
     def _candidates(self, robot: Robot) -> dict[str, Any]:
         """The paths in files, and the planners."""
@@ -189,6 +226,12 @@ class plan(
             print(locplan.field.about_field(field))
 
 
+HALF = 0.5
+"""Share of failing drives from which the cause matters more than the path."""
+MAX_DRIVES = 1024
+"""Maximum number of confirming drives that `plan` takes."""
+ROBOT = "--robot", "--lidar", "--set", "--filter-map"
+"""The options of the robot, which other commands read as well."""
 NOT_OF_FRONT = (
     *(name for name in typed.field_names(PlannerOptions) if name != "time_limit"),
     *("weight", "via", "path", "max_e", "budget", "longest", "filter_map"),

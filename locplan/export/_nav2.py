@@ -126,7 +126,7 @@ def nav2_keepout(
     title = f"Localizability mask for {conversion.planner.plugin} ({called})"
     about = {"planner_id": called, "conversion": conversion.summary()}
     if choice:
-        about["choice"] = {"taken": choice.taken, "said": choice.said}
+        about["choice"] = {"taken": choice.taken, "answer": choice.answer}
     planning = _Planning(conversion, called, edited, bool(inflation), choice)
     if layer and planning.left:
         option = steeper_inflation(costs, values, robot, planning.left, conversion, paths, layer)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from locplan import plotting
 from locplan._kernels.arrays import Floats
 from locplan.costs import Path
-from locplan.simulation._drives import LOST, rates_of
+from locplan.simulation._drives import LOST
 from locplan.simulation._figures import MAP_MARKS, draw_places, place_handles
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._driven import Candidate
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 WIDTH = 8.6
 """Minimum width of the figure [inch]."""
 COLOURS, WIDTHS = ("0.72", "black", "#0072b2"), (1.0, 2.0, 3.6)
-"""Styles of the other candidates, of the shortest path, and of the one to take."""
+"""Styles of the other candidates, of the shortest path, and of the recommended one."""
 
 
 def choice_figure(choice: Choice) -> Figure:
-    """Candidates over the map, the one to take strongest, and the errors along the way.
+    """Draw the candidates over the map, the recommended path strongest, and the errors along it.
 
     Where nothing was driven, the degeneracy u along the paths is drawn instead. A choice that was
     loaded has no map to draw.
@@ -62,7 +62,7 @@ def choice_figure(choice: Choice) -> Figure:
             plotting.draw_degeneracy(figure, upper, choice.costs, part)
     else:
         upper.set_aspect("equal")
-    # The path to take is drawn last.
+    # The recommended path is drawn last.
     for each in sorted(choice.candidates, key=lambda each: _rank(choice, each)):
         rank = _rank(choice, each)
         draw_places(upper, each.arrivals, COLOURS[rank])
@@ -73,7 +73,7 @@ def choice_figure(choice: Choice) -> Figure:
     marks = place_handles(each.arrivals for each in choice.candidates)
     figure.key([*_handles(choice), *marks, *plotting.end_handles()], ncols=3)
     name = choice.map["name"] or "map"
-    figure.title(f"{name}: {choice.said[0]}", *choice.said[1:], choice.driven)
+    figure.title(f"{name}: {choice.answer[0]}", *choice.answer[1:], choice.driven)
     return figure
 
 
@@ -85,7 +85,7 @@ def _marked(choice: Choice) -> list[Path]:
 
 
 def _rank(choice: Choice, each: Candidate) -> int:
-    """2 of the path to take, 1 of the shortest, 0 of the others."""
+    """2 of the recommended path, 1 of the shortest, 0 of the others."""
     return 2 if each is choice.chosen else int(each is choice.shortest)
 
 
@@ -94,10 +94,10 @@ def _handles(choice: Choice) -> list[Line2D]:
     handles = []
     for each in shown:
         rank = _rank(choice, each)
-        what = "to take: " if each is choice.chosen else ""
-        if choice.judgement is None and what:
-            what = "to take, untested: "
-        label = f"{what}{each.name}, {_figures(each)}"
+        name = f"{each.name} path" if each is choice.shortest else each.name
+        recommended = "recommended" if choice.judgement else "untested"
+        role = f"{recommended}: " if each is choice.chosen else ""
+        label = f"{role}{name}, {_figures(each)}"
         line = Line2D([], [], color=COLOURS[rank], linewidth=WIDTHS[rank], label=label)
         handles.append(line)
     others = len(choice.candidates) - len(handles)
@@ -111,11 +111,13 @@ def _figures(each: Candidate) -> str:
     """Length, error and lost drives of a candidate."""
     if each.driven is None:
         return f"{each.path.length:.1f} m, {each.metrics.integrated_u:.1f} m degenerate"
-    return f"{each.path.length:.1f} m, {rates_of(each.driven)}"
+    rates = {"lost": each.driven.lost_rate.value, "off at the end": each.driven.off_at_goal.value}
+    texts = [f"{100 * rate:.0f} % {name}" for name, rate in rates.items() if rate >= 0]
+    return ", ".join([f"{each.path.length:.1f} m", *texts])
 
 
 def _draw_errors(axes: Axes, choice: Choice) -> None:
-    """Median error along the shortest path and the one to take, where 80 % of drives are."""
+    """Draw the median error along the shortest and the recommended path, and the middle 80 %."""
     for each in dict.fromkeys((choice.shortest, choice.chosen)):
         if each is None or each.driven is None:
             continue
@@ -130,7 +132,7 @@ def _draw_errors(axes: Axes, choice: Choice) -> None:
     plotting.label_plainly(axes.yaxis, 4)
     axes.set(xlabel="distance along the path [m]", ylabel="position error [m]")
     axes.margins(x=0.01)
-    axes.set_title("median over the drives, and where 80 % of them are", fontsize="small")
+    axes.set_title("open-loop drives: median, and where 80 % of them are", fontsize="small")
 
 
 def _draw_degeneracy(axes: Axes, choice: Choice) -> None:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path as File
 from typing import Any, ClassVar, Literal
 
-from locplan._util.intervals import short
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.saved import Stored, listed, tree_of
@@ -18,13 +17,21 @@ from locplan.errors import ConfigError
 from locplan.field import CovarianceField, FieldConfig
 from locplan.planners import Plan, Position
 from locplan.robots import Robot
-from locplan.simulation._arrivals import Arrivals, faults_of
+from locplan.simulation._arrivals import Arrivals
+from locplan.simulation.choice._answer import (
+    Decision,
+    compare_tuning,
+    format_answer,
+    format_reached,
+    list_advice,
+    list_answer,
+)
 from locplan.simulation.choice._ask import ChoiceSettings
 from locplan.simulation.choice._densities import config_of, costmap_of, costs_again
-from locplan.simulation.choice._driven import DRIVEN, PLANNED, Candidate, Driven, comparable
-from locplan.simulation.choice._race import ROUNDS, Judgement
-from locplan.simulation.choice._tuning_advice import tuning_advice
-from locplan.simulation.verdict import BETTER, NO_DIFFERENCE, UNDECIDED
+from locplan.simulation.choice._driven import DRIVEN, PLANNED, Candidate, Driven
+from locplan.simulation.choice._evidence import evidence_table, list_notes
+from locplan.simulation.choice._race import Judgement
+from locplan.simulation.verdict import UNDECIDED
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,7 +41,9 @@ class Choice(Result, Stored):
     kind: ClassVar[str] = "choice"
     suffix: ClassVar[str] = ".json"
     version: ClassVar[int] = 3
-    derived: ClassVar[tuple[str, ...]] = ("taken", "verdict", "sentence", "arrives", "advice")
+    derived: ClassVar[tuple[str, ...]] = (
+        *("taken", "verdict", "sentence", "arrives", "advice", "answer"),
+    )
 
     files: ClassVar[Results] = Results(
         "choice", ("choice.json", "choice.png", "candidates.csv", "chosen.csv", "errors.csv")
@@ -131,91 +140,59 @@ class Choice(Result, Stored):
         return self.chosen.path if self.chosen else None
 
     @property
+    def _decision(self) -> Decision:
+        return Decision(
+            self.candidates,
+            self.best,
+            self.judgement,
+            self.rival,
+            self.settings,
+            self.robot.filter,
+            self.status,
+            self.note,
+        )
+
+    @property
+    def leader(self) -> Candidate | None:
+        """Candidate that the verdict is on, or the one to take where nothing was driven."""
+        return self._decision.leader
+
+    @property
     def sentence(self) -> str:
-        """The answer in one sentence."""
-        chosen, shortest, found = self.chosen, self.shortest, self.judgement
-        if chosen is None or shortest is None:
-            return f"{self.status}: {self.note}" if self.note else self.status
-        if found is None:
-            return f"take {chosen.quoted}, untested: {self.note}"
-        if found.leader == 0:
-            if len(self.candidates) == 1:
-                return "take the shortest: no other path is a candidate"
-            return f"take the shortest: no other path led by 1 % in the race of {ROUNDS[-1]} drives"
-        leader = self.candidates[found.leader]
-        error = f"x{short(found.ratio)} of its error {leader.at_length(shortest)}"
-        if chosen is leader:
-            words = "better than the shortest" if found.verdict == BETTER else found.verdict
-            return f'take "{leader.name}": {words}, {error}{self._slight}'
-        if self._fails_more:
-            return f"take the shortest: on {leader.name} fewer robots arrive, {error}"
-        if found.more_lost and found.verdict in (BETTER, UNDECIDED):
-            return f"take the shortest: on {leader.name} more drives are off by over 1 m, {error}"
-        what = f"{leader.name} is {found.verdict}"
-        if found.verdict == NO_DIFFERENCE:
-            what = f"{found.verdict} to {leader.name}"
-        elif found.verdict == UNDECIDED:
-            what += f" after {len(found.drives)} drives"
-            error += "; --bold (bold=True) takes it" if found.is_worthwhile else ""
-        elif found.verdict == BETTER:
-            error += ", less than a tenth"
-        return f"take the shortest: {what}, {error}"
+        """Which path to take, in a sentence or two."""
+        return format_answer(self._decision)
 
     @property
     def arrives(self) -> str:
-        """How many robots arrive that a follower steers by their filters' poses, in words."""
-        driven = [each for each in self.candidates if each.arrivals is not None]
-        if not driven:
-            return ""
-        shortest, faults = self._arrivals[0], faults_of(*self._arrivals)
-        last = driven[-1].arrivals or shortest
-        said = f"steered by its filter, the robot arrives on {driven[-1].quoted} in {last.words}"
-        if len(driven) == 1:
-            return said + faults
-        same = last.count == shortest.count
-        return f"{said}, {'as on' if same else f'and in {shortest.words} on'} the shortest{faults}"
-
-    @property
-    def _slight(self) -> str:
-        chosen, shortest = self.chosen, self.shortest
-        if not (chosen and shortest and chosen.driven and shortest.driven):
-            return ""
-        gained = shortest.driven.error.value - chosen.driven.error.value
-        if self.settings.minimise != "rmse" or gained >= 0.02 or shortest.driven.lost.any():
-            return ""
-        return "; that is under 2 cm, and no drive is off by over 1 m on the shortest either"
+        """How many robots reach the goal in closed loop, in words; empty if none was driven."""
+        return format_reached(self._decision)
 
     @property
     def advice(self) -> list[str]:
-        """Sentences on the filter, which may matter more than the path."""
-        if self.shortest is None or self.chosen is None or self.judgement is None:
-            return []
-        return tuning_advice(
-            self.shortest,
-            self.chosen,
-            self.judgement.ratio.value if self.best else 1.0,
-            self.robot.filter,
-            self.rival,
-            self.settings.rival,
-        )
+        """Sentences on what may matter more than the path; the first may say to tune first."""
+        return list_advice(self._decision)
 
     @property
-    def said(self) -> list[str]:
-        """The answer, who arrives, and the advice."""
-        return [each for each in (self.sentence, self.arrives, *self.advice) if each]
+    def answer(self) -> list[str]:
+        """The whole answer in sentences, what gains most first."""
+        return list_answer(self._decision)
+
+    @property
+    def is_tuning_first(self) -> bool:
+        """True if other settings of the filter gain more than any path."""
+        return compare_tuning(self._decision) is not None
+
+    @property
+    def is_undecided(self) -> bool:
+        """True if the shortest path is kept because more drives may show another to be better."""
+        return self.best == 0 and self.verdict == UNDECIDED and self.leader is not self.shortest
 
     @property
     def driven(self) -> str:
-        """Which drives are shown, in words."""
-        if self.judgement is None or self.shortest is None:
+        """Which drives and which robot are shown, in words."""
+        if self.judgement is None:
             return ""
-        count, leader = len(self.judgement.drives), self.candidates[self.judgement.leader]
-        of = (
-            f" of {leader.quoted} and of the shortest"
-            if self.judgement.leader
-            else (" at most of each path")
-        )
-        return f"{count} drives{of}; seed {self.seed}; with {self.robot.title}"
+        return f"Open-loop drives of {self.robot.title}; seed {self.seed}"
 
     @property
     def config(self) -> FieldConfig:
@@ -281,7 +258,7 @@ class Choice(Result, Stored):
         return Table.of((marks, *columns) if self.judgement else columns, self.candidates)
 
     def report(self, *about: Any, **more: Any) -> str:
-        """The answer with its advice, the table, and which drives are shown.
+        """The answer, the table of the drives, and why other paths are no candidates.
 
         Parameters
         ----------
@@ -290,25 +267,19 @@ class Choice(Result, Stored):
         """
         if not self.candidates:
             return self.sentence
-        what = {"rmse": "error", "lost": "error", "goal-error": "error at the goal"}
-        shown_of = what.get(self.settings.minimise, "error of the heading")
-        heads = [
-            f"{shown_of}: the geometric mean of the drives' RMSE [95 % interval]; a dash where a"
-            " path had other drives, 4 to 8: its ratio is to the shortest in these",
-        ]
-        left = [f"{each.name}: {each.note}" for each in self.candidates if each.note]
+        evidence = [*wrapped([f"{self.driven}:"])] if self.judgement else []
+        evidence.append(evidence_table(self._decision) or str(self.table()))
+        notes = list_notes(self._decision)
+        notes += [f"{each.name}: {each.note}" for each in self.candidates if each.note]
         names: dict[str, list[str]] = {}
         for name, why in self.left_out.items():
             names.setdefault(why, []).append(name)
-        left += [f"left out: {', '.join(group)}: {why}" for why, group in names.items()]
-        below = [*left, *([self.driven, *heads] if self.judgement else [])]
+        notes += [f"left out: {', '.join(group)}: {why}" for why, group in names.items()]
         if self.costs is not None and self.costs.note:
-            below.append(self.costs.note)
+            notes.append(self.costs.note)
         if self.costs is not None and not self.costs.has_weak_spots:
-            below.append("no weak spot for this lidar: u is 0 all over the map")
-        return "\n".join(
-            [*wrapped(self.said), str(comparable(self.table(), self.candidates)), *wrapped(below)]
-        )
+            notes.append("no weak spot for this lidar: u is 0 throughout the map")
+        return "\n".join([*wrapped(self.answer), "", *evidence, *wrapped(notes)])
 
     def _write(self, folder: File, *about: Any) -> None:
         """Write the paths, the table and the errors along the paths."""

@@ -215,15 +215,12 @@ def _why_not(ask: Ask, space: str) -> str:
     """Why nothing is driven; empty if candidates are."""
     radius = ask.robot.kinematics.turning_radius
     if not ask.by_lattice and (radius or space not in ("R2", LATTICE)):
-        what = "paths of a turning radius within a budget" if radius else "paths with headings"
-        return f"{what} are not driven yet"
+        what = "Paths of a turning radius within a budget" if radius else "Paths with headings"
+        return f"{what} are not simulated yet."
     if ask.robot.lidar is None:
-        return (
-            "name the robot's lidar (--lidar NAME, in Python robot=locplan.Robot(NAME)) to have"
-            " candidates driven with its filter"
-        )
+        return "Name the robot's lidar to simulate the paths: --lidar NAME, in Python Robot(NAME)."
     if not ask.settings.drives:
-        return "nothing is driven, as asked"
+        return "No drive is simulated, as drives=0 asks."
     return ""
 
 

@@ -14,10 +14,9 @@ from locplan._kernels.arrays import Bools, Floats
 from locplan._util.intervals import Interval, of_geometric_mean, of_mean, wilson
 from locplan._util.poses import Poses
 from locplan._util.progress import ProgressCallback
-from locplan._util.records import Column, Table
+from locplan._util.records import Column
 from locplan._util.saved import Valued
 from locplan.costs import Path, PathMetrics
-from locplan.planners import SHORTEST
 from locplan.simulation._arrivals import ARRIVING, Arrivals
 from locplan.simulation._drives import FLOOR, RATES, Drives
 from locplan.simulation._simulator import Simulator
@@ -140,24 +139,6 @@ class Candidate(Valued):
     def __repr__(self) -> str:
         return f"Candidate({self.name}, {self.path.length:.2f} m)"
 
-    @property
-    def quoted(self) -> str:
-        """The name in a sentence."""
-        return "the shortest" if self.name == SHORTEST else f'"{self.name}"'
-
-    def at_length(self, shortest: Candidate) -> str:
-        """How much longer than the shortest path it is in words; a user's may be shorter.
-
-        Parameters
-        ----------
-        shortest : Candidate
-            The shortest path.
-        """
-        extra = self.path.length - shortest.path.length
-        if abs(extra) < 0.05:
-            return "at the same length"
-        return f"for {abs(extra):.1f} m {'more' if extra > 0 else 'less'}"
-
 
 NOTHING = Interval(math.nan, math.nan, math.nan)
 
@@ -215,17 +196,6 @@ DRIVEN: tuple[Column, ...] = (
     *map(_of_arrivals, ARRIVING),
 )
 """Columns of candidates that were driven."""
-
-
-def comparable(table: Table, candidates: Sequence[Candidate]) -> Table:
-    """A table without errors in other drives than the shortest's, which cannot be compared."""
-    numbers = [each.driven and each.driven.numbers for each in candidates]
-    at = next((n for n, each in enumerate(table.columns) if each.name == "error"), 0)
-    rows = tuple(
-        row if own == numbers[0] else (*row[:at], NOTHING, *row[at + 1 :])
-        for row, own in zip(table.rows, numbers, strict=True)
-    )
-    return dataclasses.replace(table, rows=rows)
 
 
 RIVAL_DRIVES = 8
