@@ -20,7 +20,8 @@ from locplan.simulation._drives import OFF, check_drives, rate_column
 
 ARRIVED, ELSEWHERE, STUCK, TIMED_OUT = "arrived", "elsewhere", "stuck", "timed out"
 """How a drive ends; elsewhere, the robot believes to be at the goal, and is not."""
-FOLLOWER, WORLD = "follower", "world"
+FOLLOWER: str = "follower"
+WORLD: str = "world"
 """What is at fault where a drive fails with perfect localization, too: the follower, or a world
 in which no way leads to the goal."""
 
