@@ -154,7 +154,7 @@ save_figure(locplan.plotting.path_figure(plan), 'path.png')
     ),
     Entry(
         "Settings of AMCL that hold",
-        "Each setting is judged on paths that did not choose it.",
+        "The best preset is judged on paths that did not choose it.",
         "locplan tune {map} --lidar {lidar} -o tuned",
         "tuned/tuning.png",
     ),
@@ -215,7 +215,7 @@ save_figure(locplan.plotting.path_figure(plan), 'path.png')
     ),
     Entry(
         "Settings of AMCL, judged on the recorded drive",
-        "Each setting is judged on stretches that did not choose it.",
+        "The best preset is judged on stretches that did not choose it.",
         "locplan tune {driven} --drive {drive} -o retuned",
         "retuned/tuning.png",
     ),

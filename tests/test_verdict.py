@@ -18,7 +18,9 @@ from locplan import Lidar, OccupancyGrid, Pole, Robot, mend, place_landmarks
 from locplan.diagnosis.trials import Outcome, combine_fixes, contrast, try_fix
 from locplan.landmarks import Outcome as LandmarkDrives, Verification
 from locplan.maps import FREE, OCCUPIED
-from locplan.simulation import Drives, Scores, judged
+from locplan.robots import Amcl
+from locplan.robots.presets import amcl_presets, with_changes
+from locplan.simulation import BeamsLeft, Case, Drives, Scores, TuningBench, choose_settings, judged
 from locplan.simulation.driver import CHOOSING
 from locplan.simulation.verdict import (
     BETTER,
@@ -33,6 +35,7 @@ from locplan.simulation.verdict import (
 )
 
 DEVIATION, LOST = 0.45, 0.1
+LINE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
 
 
 def draw_pairs(ratios, n_drives, seed, lost=(LOST, LOST)):
@@ -369,12 +372,44 @@ def test_callers_agree_on_the_same_drives():
     assert {BETTER, UNDECIDED} <= seen
 
 
-def test_tune_rarely_takes_one_of_three_equals():
-    """`tune` judges up to three settings on the same drives, at a shared level."""
-    count = 4000
-    taken = np.zeros(count, bool)
-    for n in range(3):
-        (before, after), flags = draw_pairs([1.0] * count, 64, 20 + n)
-        taken |= look(after - before, *flags, n_alternatives=3).is_better
-    assert np.mean(taken) <= 0.025
-    assert np.mean(look_at(0.75, n_alternatives=3).is_better) >= 0.9
+def drawn_tuning(ratios, seed):
+    """Return what `tune` recommends of presets with known ratios of errors, or None.
+
+    The first ratio is that of the user's settings.
+    """
+    own = Amcl(alpha1=0.3)  # all presets differ from it
+    settings = [own, *(with_changes(own, each) for each in amcl_presets(own).values())]
+    random = np.random.default_rng(seed)
+    scatter = DEVIATION / math.sqrt(2)
+
+    def draw_case(name, decides):
+        shape = len(settings), 64
+        errors = 0.4 * random.normal(size=64) + random.normal(0, scatter, shape)
+        errors += np.log(ratios)[:, None] - 2
+        lost = random.uniform(size=shape) < LOST
+
+        def drive(amcl, numbers):
+            row, some = (
+                settings.index(amcl),
+                slice(16 * (numbers[0] % 8), 16 * (numbers[-1] % 8 + 1)),
+            )
+            return DriveSet(errors[row, some], lost[row, some], lost[row, some])
+
+        return Case(name, [LINE] * 16, drive, decides)
+
+    cases = [draw_case(name, name == "usual") for name in ("usual", "x3", "usual", "x3")]
+    bench = TuningBench(cases[:2], cases[2:], 4)
+    found = choose_settings(bench, Robot(Lidar(), filter=own), [], beams_left=BeamsLeft(60, 60.0))
+    return found.candidate_name if found.changes else None
+
+
+def test_tune_rarely_recommends_one_of_eight_equals():
+    """Seven presets equal the user's settings."""
+    recommended = [drawn_tuning([1.0] * 8, seed) for seed in range(400)]
+    assert np.mean([name is not None for name in recommended]) <= 0.025
+
+
+def test_tune_finds_the_preset_of_seven_tenths():
+    ratios = [1.0, 1.0, 0.7, 1.0, 1.1, 1.0, 1.0, 1.2]
+    recommended = [drawn_tuning(ratios, seed) for seed in range(150)]
+    assert np.mean([name == "alphas 0.05, likelihood_field_prob" for name in recommended]) >= 0.9

@@ -49,7 +49,7 @@ class check(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, sh
     quick: Annotated[bool, typed.under("Simulation")] = False
     """Simulate a third of the drives, and try neither other paths nor landmarks."""
     thorough: Annotated[bool, typed.under("Simulation")] = False
-    """Simulate three times as many drives, and search settings as tune does."""
+    """Simulate three times as many drives."""
     fail_if: Annotated[tuple[Any, ...], typed.parsed(limit, "LIMIT", many=True)] = ()
     """Limit of lost, reached, error, degenerate or faults, such as "lost > 5%"; the exit code is 4
     if the figure's whole interval is beyond it; repeatable."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -191,36 +191,28 @@ class simulate(
 class tune(typed.ManyMaps, FilterMap, shared.ReferencedOptions, shared.Seeded, shared.Output):
     """Find settings of AMCL that localize your robot better, and write them as Nav2's parameters.
 
-    Your own settings (--robot, or Nav2's defaults) and others drive along random
-    shortest paths of the map in simulation, with a third of, once and three times
-    the errors of odometry, or up to ten times with --odometry poor. The best at its
-    worst level is judged against yours on other paths in other worlds. A copy of your
-    file is written in which only those values differ that gain, or none if nothing is
-    better; those of --set; and do_beamskip, which is not simulated and is off where the
-    laser model changes.
+    A few presets drive along random shortest paths of the map in simulation. The best
+    preset and your settings (--robot, or Nav2's defaults) then drive along other paths.
+    If the preset is better there, and not worse at three times the errors of odometry,
+    a copy of your file with its values is written. Otherwise the copy equals your file.
+    do_beamskip is not simulated, and is off if the laser model changes.
 
-    With --drive, they are replayed on a recorded drive instead: chosen on its first
-    half, judged on the second, and on the whole of it from its beginning. Where they
-    do not hold there, your file stays as it is. Recorded poses should be better than
-    AMCL's.
+    With --drive, the presets are replayed on the first half of a recorded drive. The best
+    preset is judged on the second half, and on the whole drive, where it must not be lost
+    in a single replay more. Recorded poses should be better than AMCL's.
 
-    Of several maps, or drives, the worst one counts: one file for a fleet.
+    With several maps or drives, one file is written for all of them.
 
-    On two cores this takes two to three minutes, three with a drive of 400 m and
-    4,000 scans, and more with more particles.
+    Takes half a minute of CPU, or a minute with a drive of 400 m.
     """
 
     drive: shared.DriveFiles = ()  # type: ignore[assignment]  # other commands take one
     """Recorded drive: a bag of ROS 1 or 2, a log of CARMEN, CSV or NPZ; repeatable, with one map
     for all, or one for each in their order."""
     paths: Annotated[int | None, Parameter(validator=Number(gte=5, lte=1000))] = None
-    """Number of random paths of the search, and of the others on which its result is judged; 20 by
-    default. The time grows with it."""
-    drives: typed.Pair = 8
-    """Number of drives along each path, at each level of disturbance; 8 by default."""
-    odometry: Literal["usual", "poor"] | None = None
-    """Odometry that the settings are to hold for: "poor" drifts up to ten times as much as the
-    robot's own, and "usual", the default, up to three times."""
+    """Number of random paths on which the best preset is judged; 16 by default."""
+    drives: typed.Pair | None = None
+    """Number of drives along each path; 4 by default, and 12 replays of a recorded drive."""
 
     def __call__(self) -> None:
         self.check_drive()
@@ -230,9 +222,9 @@ class tune(typed.ManyMaps, FilterMap, shared.ReferencedOptions, shared.Seeded, s
             locplan.simulation.check_tunable(params)
         # The table says what works badly, which other commands warn of.
         others = locplan.robots.read_parameters(params).of("amcl")
-        every = self.given("paths", "drives", "odometry", shared.Seeded) | {"others": others}
+        every = self.given("paths", "drives", shared.Seeded) | {"others": others}
         if self.drive:
-            self.refuse("with --drive", "paths", "odometry")
+            self.refuse("with --drive", "paths")
             result = self._on_drives(every)
         else:
             grids = [locplan.load_map(file) for file in locplan.maps.find_maps(*self.maps)]

@@ -80,7 +80,7 @@ def check(
         map file is then no fix.
     effort : {"quick", "usual", "thorough"}, default "usual"
         Amount of drives: 32, and neither other paths nor landmarks; 96, which know the share of
-        lost drives to 10 points; or 288, and the search of `locplan.tune` for settings.
+        lost drives to 10 points; or 288.
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads.
     threads : int, optional

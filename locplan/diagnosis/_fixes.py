@@ -18,8 +18,8 @@ from locplan.landmarks import Pole, place_landmarks, with_objects
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan
 from locplan.robots import Amcl
-from locplan.robots.presets import Changes, amcl_presets
-from locplan.simulation import Choice, tune
+from locplan.robots.presets import Changes, amcl_presets, with_changes
+from locplan.simulation import Choice
 
 POLES = 3
 """Number of poles that are placed if no other fix helps enough."""
@@ -89,55 +89,28 @@ def _with_filter(site: Site, own: Amcl) -> Site:
     return replace(site, robot=replace(site.robot, filter=own))
 
 
-def settings(own: Amcl) -> dict[str, Changes]:
-    """Changes of AMCL's settings that are tried, by how they are called."""
-    return {f"settings: {name}": changes for name, changes in amcl_presets(own).items()}
-
-
-def tuned(site: Site, score: Callable[[Site], float]) -> Fix | None:
-    """The best of a few settings that are good for most robots, by few drives.
+def preset_settings(site: Site, score: Callable[[Site], float]) -> Fix | None:
+    """Return the preset of AMCL's settings that is best in few drives; None for another filter.
 
     Parameters
     ----------
     site : Site
-        What is driven.
+        The site that is driven.
     score : callable
-        Drives a site, and gives what sites are ranked by; less is better.
+        Drives a site, and returns what sites are ranked by; less is better.
     """
     own = site.robot.filter
-    if not isinstance(own, Amcl) or not (every := settings(own)):
+    if not isinstance(own, Amcl):
         return None
-    made = [_settings(title, changes) for title, changes in every.items()]
-    return min(made, key=lambda each: score(each.apply(site)))
+    fixes = [_settings(name, changes) for name, changes in amcl_presets(own).items()]
+    return min(fixes, key=lambda fix: score(fix.apply(site)))
 
 
-def _settings(title: str, changes: Mapping[str, Any]) -> Fix:
+def _settings(name: str, changes: Changes) -> Fix:
     def apply(old: Site) -> Site:
-        return _with_filter(old, replace(old.robot.amcl, **changes))
+        return _with_filter(old, with_changes(old.robot.amcl, changes))
 
-    detail = title.removeprefix("settings: ")
-    return Fix(SETTINGS, "AMCL settings", detail, "a parameter file", apply)
-
-
-def searched(
-    site: Site,
-    seed: int,
-    threads: int | None,
-    progress: ProgressCallback | None,
-) -> Fix | None:
-    """The settings that `tune` finds on random paths of the map; None if none is clearly better."""
-    if not isinstance(site.robot.filter, Amcl):
-        return None
-
-    best = tune(
-        site.world,
-        site.robot,
-        filter_map=None if site.filter_map is site.world else site.filter_map,
-        seed=seed,
-        threads=threads,
-        progress=progress,
-    )
-    return _settings(f"settings: {best.to_use.name}", best.changes) if best.changes else None
+    return Fix(SETTINGS, "AMCL settings", name, "a parameter file", apply)
 
 
 def chosen_paths(

@@ -134,7 +134,7 @@ def _try_further(check: Check, again: list[str], map_file: str) -> tuple[str, st
     if check.recorded:
         drives = [word for word in again if word.startswith("--drive")]
         command = ["locplan", "tune", map_file, *drives, "-o", "tuned"]
-        return "no fix helps. Search settings on your own drives:", shlex.join(command)
+        return "no fix helps. Tune settings on your own drives:", shlex.join(command)
     return (
         "no fix helps. Record a drive on the site, and check again with --drive drive:",
         "ros2 bag record -o drive /scan /odom /tf /tf_static",

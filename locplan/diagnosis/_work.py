@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
-from locplan._util.progress import ProgressCallback, parts, scaled
+from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import Costmap
 from locplan.diagnosis import _fixes
 from locplan.diagnosis._driving import Driver, Site
@@ -55,14 +55,12 @@ class Effort:
     """Maximum number of confirming drives of a path; 0 tries no other paths."""
     landmarks: bool
     """True if landmarks are tried."""
-    search: bool = False
-    """True if settings are searched as `tune` does, in place of a few."""
 
 
 EFFORTS = {
     "quick": Effort(4, 12, 32, 16, 0, False),
     "usual": Effort(6, 24, 96, 48, 16, True),
-    "thorough": Effort(6, 48, 288, 96, 64, True, True),
+    "thorough": Effort(6, 48, 288, 96, 64, True),
 }
 
 
@@ -163,21 +161,21 @@ class FixTrials:
         progress : callable
             Called with (done, total).
         """
-        first, second, third = parts(progress, [100, 200, 150])
+        first, second = parts(progress, [200, 150])
         fixes = [*_fixes.fixes(self.site, reading, mended)]
         rates, passage = self._baseline.rates, self._baseline.passage
         if passage and not rates.needs_fix and rates.error.value < LARGE:
             # No change of localization gets the robot through.
             fixes = [fix for fix in fixes if fix.kind == WALLS]
         else:
-            fixes += filter(None, [self._settings(first)])
+            fixes += filter(None, [_fixes.preset_settings(self.site, self._score)])
         still_lost = bool(self._before.lost.any())
-        for fix, step in zip(fixes, parts(second, [1] * len(fixes)), strict=True):
+        for fix, step in zip(fixes, parts(first, [1] * len(fixes)), strict=True):
             yield (result := self._try(fix))
             still_lost &= not (result.keeps_more and is_rare(result.rates.lost))
             step(1, 1)
         if self.effort.choosing and still_lost:
-            choices = self._choices(costs, field, third)
+            choices = self._choices(costs, field, second)
             if other_paths := _fixes.chosen_paths(self.site, choices, self._score):
                 yield (result := self._try(other_paths))
                 still_lost &= not (result.keeps_more and is_rare(result.rates.lost))
@@ -188,13 +186,6 @@ class FixTrials:
 
     def _score(self, site: Site) -> float:
         return contrast(self._before_few, self._drive(site, self._few)).score
-
-    def _settings(self, progress: ProgressCallback) -> Fix | None:
-        """Settings of the filter: a few, or if there is time the search of `tune`."""
-        found = None
-        if self.effort.search:
-            found = _fixes.searched(self.site, self.seed, self.threads, scaled(progress, 100))
-        return found or _fixes.tuned(self.site, self._score)
 
     def _choices(
         self, costs: Costmap, field: CovarianceField, progress: ProgressCallback

@@ -43,4 +43,4 @@ from ._replay import Consistency as Consistency, Replay as Replay, replay as rep
 from ._scan_noise import ScanNoise as ScanNoise, scan_noise as scan_noise
 from ._smoothing import smooth as smooth
 from ._trajectory import Jump as Jump, Trajectory as Trajectory
-from ._tuning import tune_on_drive as tune_on_drive
+from ._tuning import split_drive as split_drive, tune_on_drive as tune_on_drive

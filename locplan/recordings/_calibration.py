@@ -215,7 +215,7 @@ def calibrate_drive(
         changes |= odometry.settings()
         notes.append(
             "these alphas are the odometry's own, and not written as the filter's, whose particles"
-            " must mostly spread more; locplan tune --drive tries them, and larger ones"
+            " must mostly spread more; locplan tune --drive tries larger ones"
         )
     elif recording.odometry is None:
         notes.append("the drive has no odometry: that of simulations stays as it was")

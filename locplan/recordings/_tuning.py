@@ -1,11 +1,10 @@
-"""AMCL's settings tuned on one half of a recorded drive, and judged on the other and the whole."""
+"""Presets of AMCL replayed on one half of a recording, and the best one on the rest."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,88 +16,28 @@ from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.matching import in_batches
-from locplan.recordings._odometry_noise import odometry_noise
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
-from locplan.robots import MODELS, Amcl, Robot
+from locplan.robots import Amcl, Robot
 from locplan.simulation import (
     BeamsLeft,
-    DisturbanceLevel,
+    Case,
     Drives,
-    Kidnapping,
     Tuning,
     TuningBench,
+    as_list,
     check_drives,
     check_filter_map,
     check_of_one_map,
-    joined,
-    search_settings,
-    several,
+    choose_settings,
+    number_names,
 )
+from locplan.simulation.verdict import DriveSet
 
-WHOLE = 1_000_000
-"""Number, in place of a stretch's, from which replays of the whole drive have random numbers."""
-RECORDED = DisturbanceLevel("recorded", 1.0, 1.0)
-"""The only level of disturbance of a recorded drive."""
-KIDNAPPED_WAY = 13.0
-"""Length of the way that a part of the drive with a kidnapping needs beside it [m]."""
-
-
-@dataclass(eq=False, repr=False)
-class RecordedBench(TuningBench):
-    """Replays of settings on some stretches of a recorded drive."""
-
-    tracks: Tracks
-    """What the filter gets of the drive."""
-    stretches: Sequence[slice]
-    """The scans of each stretch."""
-    robot: Robot
-    """Its disturbances are read for the deviation of the filter's first poses."""
-
-    def arguments(self, amcl: Amcl) -> list[Any]:
-        """The ends of beams that the filter compares, and the kernel's arguments."""
-        ends, robot = self.tracks.ends(amcl), replace(self.robot, filter=amcl)
-        return [(ends, self.tracks.arguments(robot, self.scores(amcl)))]
-
-    def errors(self, level: int, path: int, drive: int, arguments: Any) -> NDArray[np.float64]:
-        """Errors of one replay, in the world."""
-        random = random_of(self.seed, REPLAY, path, drive)
-        ends, own = arguments
-        return self.tracks.track(random, ends, own, self.stretches[path])[0]
-
-    def whole(self, amcl: Amcl) -> list[Drives]:
-        """Replays of the whole drive from its beginning, as many as of a stretch."""
-        (ends, own) = self.arguments(amcl)[0]
-
-        def run(some: NDArray[np.int64]) -> list[NDArray[np.float64]]:
-            randoms = (random_of(self.seed, REPLAY, WHOLE, int(n)) for n in some)
-            return [self.tracks.track(random, ends, own)[0] for random in randoms]
-
-        errors = in_batches(run, self.drives, self.threads, batch=1)
-        return [Drives(self.tracks.recording.poses, np.array(errors))]
-
-    def kidnapped(self, amcl: Amcl, metres: float) -> NDArray[np.float64]:
-        """Errors after replays of parts of the whole drive, as many of each as of a stretch."""
-        whole, own = self.tracks.recording, self.arguments(amcl)[0][1]
-        ways = np.linspace(0.0, max(0.0, whole.length - KIDNAPPED_WAY - metres), len(self.lines))
-        begins = np.searchsorted(way_along(whole.poses), ways)
-
-        def run(some: NDArray[np.int64]) -> list[float]:
-            found = []
-            for n, begin in zip(some.tolist(), begins[some], strict=True):
-                part = whole[begin:]
-                if (kidnapping := Kidnapping.on(part.poses, metres)) is None:
-                    continue
-                reported = kidnapping.odometry(self.tracks.odometry[begin:])
-                tracks = Tracks(replace(part[kidnapping.kept], odometry=reported), self.filter_map)
-                ends = tracks.ends(amcl)
-                for drive in range(self.drives):
-                    random = random_of(self.seed, REPLAY, WHOLE, n, drive)
-                    errors = tracks.track(random, ends, own)[0]
-                    found.append(float(np.hypot(*errors[-1, :2])))
-            return found
-
-        return np.array(in_batches(run, len(begins), self.threads, batch=1))
+Parts = Mapping[tuple[int, ...], slice]
+"""The scans of parts of a drive, by the stream of their random numbers."""
+STRETCHES = 5
+"""Number of stretches of each half of a drive."""
 
 
 def tune_on_drive(
@@ -106,34 +45,35 @@ def tune_on_drive(
     grid: OccupancyGrid | Sequence[OccupancyGrid],
     robot: Robot | None = None,
     *,
-    drives: int = 8,
+    drives: int = 12,
     filter_map: OccupancyGrid | None = None,
     others: Mapping[str, object] | None = None,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> Tuning:
-    """Find settings of AMCL that localize a robot better on its recorded drive than its own ones.
+    """Find the preset of AMCL's settings that localizes a robot best on its recorded drive.
 
-    Settings are searched on five stretches of the drive's first half and on all of it, as
-    `locplan.simulation.tune` does on simulated paths, and judged on stretches of the second half.
-    The whole drive from its beginning decides, since a filter that holds on stretches may be lost
-    for good on a long way. The recorded poses are the reference, so that they should not be those
-    of the filter to be tuned.
+    The presets of `locplan.robots.presets` are replayed on the drive's first half, whole and in
+    five stretches. The best preset and the user's settings are then replayed on stretches of the
+    second half, whose verdict decides, and on the whole drive from its beginning. There the preset
+    must err less, and must not be lost in a single replay more. The recorded poses are the
+    reference, so they should not be those of the filter to be tuned.
 
     Parameters
     ----------
     recording : Recording or sequence of Recording
-        The drive, with odometry; or several, whose worst one counts.
+        The drive, with odometry; or several for one parameter file: all count together, and none
+        may contradict.
     grid : OccupancyGrid or sequence of OccupancyGrid
         The map; the poses are in its world frame. Of several drives, that of all, or one for each.
     robot : Robot, optional
-        The robot, from whose filter the search begins, with the deviation of the filter's first
-        pose on a stretch; Nav2's defaults without it.
-    drives : int, default 8
+        The robot with the user's settings of the filter, and with the deviation of the filter's
+        first pose on a stretch; Nav2's defaults without it.
+    drives : int, default 12
         Number of replays of each stretch, and of the whole drive, 2 to 100,000.
     filter_map : OccupancyGrid, optional
-        The filter's map in the same frame, where it differs from `grid`.
+        The filter's map in the same frame, if it differs from `grid`.
     others, seed, threads, progress
         See `locplan.simulation.tune`.
 
@@ -161,11 +101,11 @@ def tune_on_drive(
     >>> tune_on_drive(drive, grid, own, drives=2).winner.max_particles
     20
     """
-    recordings, grids = several(recording), several(grid)
-    for each in recordings:
-        instance("recording", each, Recording, "read one with locplan.recordings.read_drive")
-    for each in grids:
-        check_grid(each)
+    recordings, grids = as_list(recording), as_list(grid)
+    for drive in recordings:
+        instance("recording", drive, Recording, "read one with locplan.recordings.read_drive")
+    for one in grids:
+        check_grid(one)
     if len(grids) not in (1, len(recordings)):
         raise ConfigError(
             f"{len(recordings)} drives need one map, or one for each in their order, not"
@@ -175,88 +115,111 @@ def tune_on_drive(
     check_drives(drives)
     whole("seed", seed, 0)
     workers = check_threads(threads)
-    names = [each.source.file or "the drive" for each in recordings]
-    pairs = zip(recordings, grids * (len(recordings) // len(grids)), strict=True)
-    parts = [_Part.of(each, grid, filter_map, robot) for each, grid in pairs]
-
-    def bench_of(own_seed: int, judging: bool) -> TuningBench:
-        benches = [each.bench(judging, drives, own_seed, workers) for each in parts]
-        return joined(benches, names)
-
-    known = parts[0].robot
-    like = [amcl for each in parts for amcl in _calibrated(each.tracks.recording, each.robot.amcl)]
-    return search_settings(
-        bench_of,
+    names = [drive.source.file or "the drive" for drive in recordings]
+    labels = number_names(names) if names[1:] else [""]
+    pairs = zip(recordings, grids * (len(recordings) // len(grids)), labels, strict=True)
+    replays = [
+        _Replays(
+            Tracks(drive, check_filter_map(filter_map, one)),
+            drive.robot(robot),
+            label,
+            seed,
+            workers,
+        )
+        for drive, one, label in pairs
+    ]
+    known = replays[0].robot
+    notes = dict.fromkeys(note for drive in recordings for note in sparse_notes(drive, known.amcl))
+    return choose_settings(
+        TuningBench(
+            [each.choosing for each in replays],
+            [case for each in replays for case in each.judging],
+            drives,
+        ),
         known,
-        left=min((each.left for each in parts), key=lambda left: left.returned),
+        tuple(dict.fromkeys(grids)),
+        filter_map=filter_map,
+        beams_left=min((each.beams_left for each in replays), key=lambda left: left.returned),
         others=others,
+        recording=", ".join(names),
+        notes=[*notes],
         seed=seed,
         progress=progress,
-        drive=", ".join(names),
-        notes=[*dict.fromkeys(n for each in recordings for n in sparse_notes(each, known.amcl))],
-        like=like,
     )
 
 
 @dataclass(frozen=True)
-class _Part:
-    """A drive on its map, whose first half settings are searched on."""
+class _Replays:
+    """Replays of a recording on its map."""
 
     tracks: Tracks
-    grid: OccupancyGrid
     robot: Robot
-    stretches: Sequence[slice]
-
-    @classmethod
-    def of(
-        cls,
-        recording: Recording,
-        grid: OccupancyGrid,
-        filter_map: OccupancyGrid | None,
-        robot: Robot | None,
-    ) -> _Part:
-        tracks = Tracks(recording, check_filter_map(filter_map, grid))
-        return cls(tracks, grid, recording.robot(robot), _stretches(recording))
+    label: str
+    """Name of the recording before that of a case; empty for a single one."""
+    seed: int
+    threads: int
 
     @property
-    def left(self) -> BeamsLeft:
+    def choosing(self) -> Case:
+        """The stretches of the first half, and all of it."""
+        stretches = split_drive(self.tracks.recording)
+        half = slice(0, stretches[STRETCHES].start)
+        parts: Parts = {(n,): part for n, part in enumerate([*stretches[:STRETCHES], half], 1)}
+        return self._case("first half", parts)
+
+    @property
+    def judging(self) -> list[Case]:
+        """The stretches of the second half, which decide, and the whole drive."""
+        second = split_drive(self.tracks.recording)[STRETCHES:]
+        parts: Parts = {(n,): part for n, part in enumerate(second, STRETCHES + 2)}
+        stretches = self._case("second half", parts)
+        whole_drive = self._case("whole drive", {(): slice(0, len(self.tracks.truth))})
+        return [stretches, replace(whole_drive, decides=False, is_strict=True)]
+
+    @property
+    def beams_left(self) -> BeamsLeft:
         """Beams that return on the drive."""
         ends = self.tracks.ends(self.robot.amcl)
         return BeamsLeft(ends.shape[1], float(np.isfinite(ends[..., 0]).sum(axis=1).mean()))
 
-    def bench(self, judging: bool, drives: int, seed: int, threads: int) -> RecordedBench:
-        """The bench that settings are searched or judged on."""
-        middle = len(self.stretches) // 2
-        first_half = slice(0, self.stretches[middle].start)
-        some = self.stretches[middle:] if judging else [*self.stretches[:middle], first_half]
-        lines = [self.tracks.truth[each] for each in some]
-        common = self.grid, self.tracks.grid, self.tracks.recording.lidar, [RECORDED], lines
-        return RecordedBench(*common, drives, seed, threads, self.tracks, some, self.robot)
+    def _case(self, name: str, parts: Parts) -> Case:
+        """Return a case of some parts of the drive by their streams of random numbers.
+
+        Without a stream, replays have the random numbers of `replay`.
+        """
+        lines = [self.tracks.truth[part] for part in parts.values()]
+
+        def drive(amcl: Amcl, numbers: range) -> DriveSet:
+            arguments = self.tracks.arguments(replace(self.robot, filter=amcl))
+            ends = self.tracks.ends(amcl)
+            tasks = [(stream, n) for stream in parts for n in numbers]
+
+            def run(some: NDArray[np.int64]) -> list[NDArray[np.float64]]:
+                errors = []
+                for stream, n in (tasks[place] for place in some):
+                    random = random_of(self.seed, REPLAY, *stream, n)
+                    errors.append(self.tracks.track(random, ends, arguments, parts[stream])[0])
+                return errors
+
+            errors = in_batches(run, len(tasks), self.threads, batch=1)
+            poses, count = self.tracks.recording.poses, len(numbers)
+            return DriveSet.from_drives(
+                Drives(poses[part], np.array(errors[place * count : (place + 1) * count]))
+                for place, part in enumerate(parts.values())
+            )
+
+        return Case(f"{self.label} {name}".strip(), lines, drive)
 
 
-def _calibrated(recording: Recording, own: Amcl) -> list[Amcl]:
-    """The user's settings with the odometry's own alphas, which small ones are raised to."""
-    noise = odometry_noise(recording, own)
-    if noise is None:
-        return []
-    names = "alpha1", "alpha2", "alpha3", "alpha4"
-    fitted: dict[str, Any] = {
-        name: round(min(max(getattr(noise, name).value, 0.01), 5.0), 3) for name in names
-    }
-    often: dict[str, Any] = {"update_min_d": 0.1, "update_min_a": 0.1}
-    models: list[dict[str, Any]] = [{"laser_model_type": model} for model in MODELS]
-    return [replace(own, **fitted, **model, **more) for model in models for more in ({}, often)]
-
-
-def _stretches(recording: Recording) -> list[slice]:
-    """The scans of equally long stretches of a drive, one after the other."""
+def split_drive(recording: Recording) -> list[slice]:
+    """Return the scans of equally long stretches of a drive, one after the other."""
     way = way_along(recording.poses)
     if way[-1] < 30:
         raise RecordingError(
             f"the drive is {way[-1]:.1f} m long, and tuning needs 30 m at least; record a longer"
             " one"
         )
-    count = 2 * TuningBench.fewest_paths
+    count = 2 * STRETCHES
     edges = np.searchsorted(way, np.linspace(0.0, way[-1], count + 1))
     edges[-1] = len(way)
     if np.diff(edges).min() < 3:

@@ -21,6 +21,8 @@ def _assume_noise(alpha: float, model: str) -> Changes:
 
 PRECISE: Final[Changes] = _assume_noise(0.05, MODELS[1])
 """Small errors if odometry and map are sound. A robot that gets lost with it does not return."""
+PRESET_NAMES: Final = tuple({**SAFE, **PRECISE})
+"""Names of the parameters that presets change."""
 
 
 def amcl_presets(amcl: Amcl) -> dict[str, Changes]:

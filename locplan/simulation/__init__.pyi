@@ -58,19 +58,23 @@ from .choice._choose_many import (
 from .choice._driven import Candidate as Candidate, Driven as Driven
 from .choice._race import Judgement as Judgement, Scores as Scores, judged as judged
 from .driver import drive_closed as drive_closed, drive_open as drive_open, route_key as route_key
-from .tuning._bench import (
-    DisturbanceLevel as DisturbanceLevel,
-    TuningBench as TuningBench,
-)
-from .tuning._joined_bench import joined as joined, several as several
-from .tuning._recovery import Kidnapping as Kidnapping
-from .tuning._results import Tuning as Tuning
-from .tuning._simulated_bench import SimulatedBench as SimulatedBench
-from .tuning._space import (
+from .tuning._bench import Case as Case, JudgedCase as JudgedCase, TuningBench as TuningBench
+from .tuning._parameters import (
     BeamsLeft as BeamsLeft,
     check_tunable as check_tunable,
     filter_warnings as filter_warnings,
     is_untuned as is_untuned,
     write_tuned as write_tuned,
 )
-from .tuning._tune import search_settings as search_settings, tune as tune
+from .tuning._results import TriedPreset as TriedPreset, Tuning as Tuning
+from .tuning._simulated_cases import (
+    DisturbanceLevel as DisturbanceLevel,
+    plan_random_paths as plan_random_paths,
+    simulated_cases as simulated_cases,
+)
+from .tuning._tune import (
+    as_list as as_list,
+    choose_settings as choose_settings,
+    number_names as number_names,
+    tune as tune,
+)

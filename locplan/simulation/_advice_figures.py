@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
 import textwrap
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +18,7 @@ from locplan.simulation._drives import LOST
 from locplan.simulation._figures import MAP_MARKS, draw_places, place_handles
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._driven import Candidate
+from locplan.simulation.tuning._results import OWN
 
 if TYPE_CHECKING:
     from locplan.simulation.tuning._results import Tuning
@@ -147,91 +146,48 @@ def _draw_degeneracy(axes: Axes, choice: Choice) -> None:
 
 
 def tuning_figure(tuning: Tuning) -> Figure:
-    """Errors of the settings that were judged at each level, and what each change gains.
+    """Errors and lost drives of the user's settings and of the best preset, case by case.
 
     Parameters
     ----------
     tuning : Tuning
-        What `tune`, or `locplan.recordings.tune_on_drive`, returned.
+        The result of `tune` or `locplan.recordings.tune_on_drive`.
     """
-    gains = sorted(tuning.contributions.items(), key=lambda each: each[1])
-    below = 1.1 + 0.28 * len(gains) if gains else 0.0
-    figure = plotting.Picture(figsize=(8.6, 4.6 + below), layout="constrained")
-    rows: Any = [["errors", "lost"], *([["changes"] * 2] if gains else [])]
-    heights = [3.4, below][: len(rows)]
-    panels: Any = figure.subplot_mosaic(rows, height_ratios=heights)
-    errors, lost = panels["errors"], panels["lost"]
-    _draw_judged(errors, lost, tuning)
-    if gains:
-        _draw_gains(panels["changes"], tuning, gains)
+    figure = plotting.Picture(figsize=(8.6, 4.2), layout="constrained")
+    errors, lost = figure.subplots(1, 2)
+    at = np.arange(len(tuning.cases))
+    for place, name in enumerate((OWN, tuning.candidate_name)):
+        mark = MAP_MARKS[place]
+        error = [(case.baseline_error, case.error)[place] for case in tuning.cases]
+        share = [case.verdict.lost[place] for case in tuning.cases]
+        aside = at + 0.1 * (2 * place - 1)
+        label = textwrap.fill(name, 46, break_on_hyphens=False)
+        _draw_intervals(errors, aside, np.array(error), mark, label)
+        _draw_intervals(lost, aside, 100 * np.array(share), mark, label)
+    for axes in (errors, lost):
+        axes.set_xticks(at, [textwrap.fill(case.name, 16) for case in tuning.cases])
+        axes.grid(axis="y", color="0.92")
+        axes.margins(x=0.2)
+    errors.set_title("error of a typical drive, 95 %", fontsize="medium")
+    lost.set_title("share of the drives, 95 %", fontsize="medium")
+    plotting.make_logarithmic(errors.yaxis)
+    errors.set_ylabel("RMSE of the position [m]")
+    lost.set_ylabel("drives off by > 1 m at some time [%]")
+    lost.set_ylim(bottom=-0.04 * lost.get_ylim()[1])
     figure.key(errors.get_legend_handles_labels()[0], ncols=2)
-    what = f"stretches of {tuning.drive}" if tuning.drive else "random paths"
-    runs = "replays" if tuning.drive else "drives"
-    about = (
-        f"{tuning.where}, {tuning.robot.known_lidar.title}: {tuning.paths} {what},"
-        f" {tuning.drives} {runs} each, that nothing was chosen on"
-    )
-    verdict = "" if tuning.changes else f"; nothing is better than {tuning.judged[0].name}"
-    if tuning.drive:  # the answer first
-        verdict = tuning.conclusion
-    figure.title(". ".join(filter(None, [verdict, about])) if tuning.drive else about + verdict)
+    lines = f"stretches of {tuning.recording}" if tuning.recording else "random paths"
+    drives = f"{tuning.drives} {'replays' if tuning.recording else 'drives'} each"
+    lidar = tuning.robot.known_lidar.title
+    figure.title(f"{tuning.conclusion}. {tuning.where}, {lidar}: {tuning.paths} {lines}, {drives}")
     return figure
 
 
-def _draw_judged(errors: Axes, lost: Axes, tuning: Tuning) -> None:
-    """The error and the share of lost drives at each level, beside each other by setting."""
-    names = [level.name for level in tuning.levels]
-    if tuning.drive:
-        names = ["whole drive", *(names if tuning.is_joined else ["stretches"])]
-    at = np.arange(len(names))
-    count = len(tuning.judged)
-    for n, (each, mark) in enumerate(zip(tuning.judged, itertools.cycle(MAP_MARKS))):
-        cpu = each.cpu_ms_per_metre / tuning.judged[0].cpu_ms_per_metre
-        label = f"{each.name}, CPU x{cpu:.2g}" if n else each.name
-        label, whole = textwrap.fill(label, 46, break_on_hyphens=False), each.whole
-        aside, joined = at + 0.14 * (n - (count - 1) / 2), not tuning.drive
-        rmse = [*([whole.rmse] if whole else []), *(level.rmse for level in each.levels)]
-        share = [*([whole.lost_way] if whole else []), *(level.lost for level in each.levels)]
-        _draw_intervals(errors, aside, np.array(rmse), mark, label, joined)
-        _draw_intervals(lost, aside, 100 * np.array(share), mark, label, joined)
-    parts, share_of, runs = "the paths", "all drives", "drives off by > 1 m at some time [%]"
-    if tuning.drive:
-        parts, share_of, runs = "replays or stretches", "the way, or of replays", "off by > 1 m [%]"
-    for axes in (errors, lost):
-        axes.set_xticks(at, names, rotation=90 if tuning.is_joined else 0)
-        if not tuning.drive:
-            axes.set_xlabel("odometry's errors, relative to those asked")
-        axes.grid(axis="y", color="0.92")
-        axes.margins(x=0.1)
-    errors.set_title(f"geometric mean over {parts}, 95 %", fontsize="medium")
-    lost.set_title(f"share of {share_of}, 95 %", fontsize="medium")
-    plotting.make_logarithmic(errors.yaxis)
-    errors.set_ylabel("RMSE of the position [m]")
-    lost.set_ylabel(runs)
-    lost.set_ylim(bottom=-0.04 * lost.get_ylim()[1])
-
-
 def _draw_intervals(
-    axes: Axes, at: NDArray[Any], intervals: Floats, mark: tuple[str, str], label: str, joined: bool
+    axes: Axes, at: NDArray[Any], intervals: Floats, mark: tuple[str, str], label: str
 ) -> None:
     """Values with their intervals, rows of (value, low, high), as marks of one colour."""
     value, low, high = intervals.T
     colour, marker = mark
-    if joined:
-        axes.plot(at, value, linewidth=0.8, alpha=0.5, color=colour)
     bars = np.maximum([np.nan_to_num(value - low), np.nan_to_num(high - value)], 0)
     axes.errorbar(at, value, bars, fmt="none", ecolor=colour, elinewidth=1.5)
     axes.plot(at, value, marker, color=colour, label=label)
-
-
-def _draw_gains(axes: Any, tuning: Tuning, gains: Sequence[tuple[str, float]]) -> None:
-    """Draw how much each change gains, the largest on top."""
-    kept = {axis.name for axis in tuning.changed_axes()}
-    colours = ["#0072b2" if name in kept else "0.7" for name, _ in gains]
-    percent = [100 * (ratio - 1) for _, ratio in gains]
-    axes.barh([name for name, _ in gains], percent, color=colours)
-    axes.axvline(0, color="0.4", linewidth=0.8)
-    counted = "lost drives' RMSE x 2.7; grey: put back"
-    axes.set_xlabel(f"increase of the RMSE without it [%] ({counted})")
-    where = "" if tuning.drive else ", at its worst level"
-    axes.set_title(f"what each change gains{where}", fontsize="medium")

@@ -72,6 +72,27 @@ class DriveSet:
             np.concatenate([each.reached for each in ends]) if ends else None,
         )
 
+    @classmethod
+    def join(cls, sets: Sequence[DriveSet]) -> DriveSet:
+        """Join sets to one, in their order.
+
+        Parameters
+        ----------
+        sets : sequence of DriveSet
+            The sets; what is not known of one is not known of all.
+        """
+
+        def joined(name: str) -> Bools | None:
+            parts = [getattr(one, name) for one in sets]
+            return None if any(part is None for part in parts) else np.concatenate(parts)
+
+        return cls(
+            np.concatenate([one.log_error for one in sets]),
+            np.concatenate([one.lost for one in sets]),
+            joined("off_at_end"),
+            joined("reached"),
+        )
+
 
 class RatePair(NamedTuple):
     """The rates of both sets, each with its 95 % interval."""
@@ -270,7 +291,8 @@ def confirm(
         if verdict.word != UNDECIDED or (is_time_up and is_time_up()):
             break
         more = drive(numbers[before:count])
-        baseline, alternative = _join(baseline, more[0]), _join(alternative, more[1])
+        baseline = DriveSet.join([baseline, more[0]])
+        alternative = DriveSet.join([alternative, more[1]])
         verdict = compare(baseline, alternative, looks_left=len(counts) - place)
     return verdict
 
@@ -295,16 +317,3 @@ def _pair_rates(baseline: Bools | None, alternative: Bools | None) -> RatePair |
     if baseline is None or alternative is None:
         return None
     return RatePair(*(wilson(float(each.mean()), each.size) for each in (baseline, alternative)))
-
-
-def _join(one: DriveSet, other: DriveSet) -> DriveSet:
-    def joined(name: str) -> Bools | None:
-        both = getattr(one, name), getattr(other, name)
-        return None if any(each is None for each in both) else np.concatenate(both)
-
-    return DriveSet(
-        np.concatenate([one.log_error, other.log_error]),
-        np.concatenate([one.lost, other.lost]),
-        joined("off_at_end"),
-        joined("reached"),
-    )

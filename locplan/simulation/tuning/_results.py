@@ -1,13 +1,14 @@
-"""What tuning found: settings that were judged on paths and in worlds of their own, and in text."""
+"""Results of tuning: the presets that competed, and the best one next to the user's settings."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from locplan._util.intervals import two_digits
+import numpy as np
+
+from locplan._util.intervals import Interval, two_digits
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.saved import tree_of
@@ -16,26 +17,58 @@ from locplan.maps import OccupancyGrid
 from locplan.robots import Amcl, Robot
 from locplan.simulation._drives import RATES
 from locplan.simulation._worlds import about_filter
-from locplan.simulation.tuning._bench import DisturbanceLevel
-from locplan.simulation.tuning._judged import Judged, WholeDrive
-from locplan.simulation.tuning._space import (
-    Axis,
-    BeamsLeft,
-    Value,
-    changed_axes,
-    described,
-    differing_names,
-    write_tuned,
-)
-from locplan.simulation.verdict import BETTER, UNDECIDED
+from locplan.simulation.tuning._bench import JudgedCase
+from locplan.simulation.tuning._parameters import BeamsLeft, differing_names, write_tuned
+from locplan.simulation.verdict import BETTER, UNDECIDED, DriveSet, RatePair, Verdict
 
 OWN = "your settings"
 """Name of the user's settings, which may be Nav2's defaults."""
+JUDGED = (
+    Column("settings", title="settings"),
+    Column("case", title="drives"),
+    Column("error", "m", "error", interval=True),
+    replace(RATES[0], name="lost"),
+    replace(RATES[1], name="off_at_end"),
+    Column("verdict", title="verdict"),
+)
+"""Columns of the settings that were judged, a row per case."""
+
+
+@dataclass(frozen=True)
+class TriedPreset:
+    """A preset in the drives that chose the best one."""
+
+    name: str
+    """Its name: what it changes."""
+    amcl: Amcl
+    """The user's settings with its changes."""
+    drives: int
+    """Number of drives; fewer than others have if it was clearly worse than the best."""
+    error: float
+    """Error of a typical drive: the geometric mean [m]."""
+    lost: float
+    """Share of lost drives, 0..1."""
+
+    @classmethod
+    def from_drives(cls, name: str, amcl: Amcl, drives: DriveSet) -> TriedPreset:
+        """Summarize the drives of a preset.
+
+        Parameters
+        ----------
+        name : str
+            The preset's name.
+        amcl : Amcl
+            The user's settings with its changes.
+        drives : DriveSet
+            Its drives.
+        """
+        error = float(np.exp(drives.log_error.mean()))
+        return cls(name, amcl, len(drives.lost), error, float(drives.lost.mean()))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuning(Result):
-    """Settings of AMCL that were tuned on a map, or several, and the evidence for them."""
+    """The best preset of AMCL's settings for a map or a recording, and the evidence for it."""
 
     _reported_by: ClassVar[str] = "locplan.simulation.tuning._report:tuning_report"
     _drawn_by: ClassVar[str] = "locplan.simulation:tuning_figure"
@@ -44,49 +77,42 @@ class Tuning(Result):
     grids: tuple[OccupancyGrid, ...]
     """The maps."""
     robot: Robot
-    """The robot, with the user's own settings of AMCL, at the level `x1`."""
+    """The robot with the user's settings of AMCL."""
+    tried: tuple[TriedPreset, ...]
+    """The presets in the drives that chose the best one."""
     candidate: Amcl
-    """Settings that the search found, which may be the user's own."""
-    judged: tuple[Judged, ...]
-    """The user's settings, what was found, and others, on paths that nothing was chosen on."""
-    contributions: Mapping[str, float]
-    """RMSE without each change of the best setting, relative to that with it, on the paths of the
-    search, where that of lost drives counts e times; also of changes that were put back because
-    they gain next to nothing."""
+    """The best preset in these drives."""
+    cases: tuple[JudgedCase, ...]
+    """The best preset and the user's settings in fresh drives, case by case."""
+    candidate_verdict: Verdict
+    """The verdict on the best preset by the fresh drives that decide."""
+    beams_ratio: float
+    """Beams that the best preset compares, over those of the user's settings. The CPU time of
+    AMCL follows it."""
     beams_left: BeamsLeft
-    """Number of the beams compared that return."""
-    lints: tuple[str, ...]
-    """Warnings about the user's settings."""
-    rungs: tuple[tuple[int, int, int], ...]
-    """Settings, paths and drives along each path of each rung of the search."""
+    """Number of the compared beams that return."""
+    warnings: tuple[str, ...]
+    """Warnings of the user's settings."""
     paths: int
-    """Number of paths on which was judged, on each map."""
+    """Number of paths on each map, or of stretches of a recording, that judged."""
     drives: int
-    """Number of drives along each path at each level."""
+    """Number of drives along each of them."""
     seed: int
-    """Seed of the search."""
-    judged_seed: int
-    """Seed of the paths, worlds and drives on which was judged."""
-    drive: str = ""
-    """Names of the recorded drives, whose stretches are the paths; empty if they were simulated."""
+    """Seed of all random numbers."""
+    recording: str = ""
+    """Names of the recordings; empty for simulated drives."""
     filter_map: OccupancyGrid | None = None
-    """The filter's map, where it is not that of `grids`."""
+    """The filter's map, if it is not that of `grids`."""
     notes: tuple[str, ...] = ()
-    """What limits the result, in sentences without a full stop."""
+    """Limits of the result, in sentences without a full stop."""
 
     def __repr__(self) -> str:
-        changes = described(self.own, self.winner)
-        return f"Tuning({self.where}, {changes or 'nothing is better'})"
+        return f"Tuning({self.where}, {self.candidate_name}: {self.verdict})"
 
     @property
     def where(self) -> str:
         """Names of the maps."""
-        return ", ".join(each.name or "map" for each in self.grids)
-
-    @property
-    def is_joined(self) -> bool:
-        """True if the settings are for several maps, or several drives."""
-        return len({(each.odometry, each.clutter) for each in self.levels}) < len(self.levels)
+        return ", ".join(grid.name or "map" for grid in self.grids)
 
     @property
     def own(self) -> Amcl:
@@ -94,107 +120,57 @@ class Tuning(Result):
         return self.robot.amcl
 
     @property
-    def levels(self) -> tuple[DisturbanceLevel, ...]:
-        """The levels of disturbance on each map; a recorded drive has one, its own."""
-        return tuple(each.level for each in self.judged[0].levels)
+    def candidate_name(self) -> str:
+        """Name of the best preset."""
+        return next(preset.name for preset in self.tried if preset.amcl == self.candidate)
 
     @property
-    def found(self) -> Judged:
-        """The setting that the search found, as it was judged."""
-        return next(each for each in self.judged if each.amcl == self.candidate)
+    def contradicting(self) -> tuple[JudgedCase, ...]:
+        """The cases that speak against the best preset."""
+        return tuple(case for case in self.cases if case.contradicts)
 
     @property
-    def to_use(self) -> Judged:
-        """What was found if it is better, else the user's own settings, as judged."""
-        return self.found if self.found.better else self.judged[0]
+    def verdict(self) -> str:
+        """The verdict on the best preset; undecided if it is better but a case contradicts."""
+        word = self.candidate_verdict.word
+        return UNDECIDED if word == BETTER and self.contradicting else word
 
     @property
     def winner(self) -> Amcl:
-        """The settings to use."""
-        return self.to_use.amcl
+        """The settings to use: the best preset if it is better, otherwise the user's own."""
+        return self.candidate if self.verdict == BETTER else self.own
 
     @property
-    def changes(self) -> dict[str, Value]:
-        """Parameters to change, by their names; empty if nothing is better."""
+    def changes(self) -> dict[str, float | str]:
+        """Parameters to change, by their names; empty if no preset is better."""
         own, winner = self.own, self.winner
         return {name: getattr(winner, name) for name in differing_names(own, winner)}
 
     @property
-    def verdict(self) -> str:
-        """The verdict on what was found; undecided if it is better, but harms somewhere."""
-        word = self.found.verdict
-        return UNDECIDED if word == BETTER and not self.found.better else word
-
-    @property
     def conclusion(self) -> str:
         """The result in one sentence."""
-        own, found = self.judged[0], self.found
-        if found is own:
-            return f"nothing found is better than {own.name}: keep them"
-        changes = described(self.own, found.amcl)
-        if found.whole and own.whole:
-            return self._of_drive(changes, found.whole, own.whole)
-        if not found.better:
-            return (
-                f"nothing is better than {own.name}: keep them (the best found, {changes},"
-                f" has {two_digits(found.rmse_ratio)} times their RMSE: {self.verdict})"
-            )
-        levels = [each.level.name for each in found.levels if each.verdict == BETTER]
-        where = "better over all levels of disturbance together"
-        if found.better_at_every_level:
-            where = "better at every level of disturbance"
-        elif levels:
-            where = f"better at the levels {' and '.join(levels)} of disturbance"
-        # The level that was asked for, or the strongest one for poor odometry.
-        asked = 1.0 if own.levels[-1].level.odometry < 10 else own.levels[-1].level.odometry
-        before, after = own.worst_at(asked), found.worst_at(asked)
-        return (
-            f"{changes}: RMSE {before.rmse.value:.2g} -> {after.rmse.value:.2g} m, off by"
-            f" more than 1 m in {100 * before.lost.value:.0f} -> {after.lost.value:.0%}; {where};"
-            f" {self._cost}"
-        )
-
-    @property
-    def _cost(self) -> str:
-        """What the settings found cost beside the user's own."""
-        own, found = self.judged[0], self.found
-        update = f"{own.cpu_ms_per_update:.2f} -> {found.cpu_ms_per_update:.2f} ms an update"
-        return f"{found.cpu_ms_per_metre / own.cpu_ms_per_metre:.1f} times the CPU ({update})"
-
-    def _of_drive(self, changes: str, found: WholeDrive, own: WholeDrive) -> str:
-        """The conclusion of a recorded drive."""
-        said = f"on the whole drive {found.sentence}; {OWN}: {own.sentence}"
-        if self.found.better:
-            return f"{changes}: {said}; {self._cost}"
-        kept = f"keep {self.judged[0].name} (the best found, {changes}, {said})"
-        if found.holds:
-            return f"nothing is better on the half that nothing was chosen on: {kept}"
-        return (
-            f"nothing that was tried holds on your drive: {kept}, and look where it is first off:"
-            " how few scans fit the map there (locplan evaluate --drive), and how far odometry"
-            " drifts (locplan calibrate --drive)"
-        )
-
-    def changed_axes(self) -> list[Axis]:
-        """What the search changed."""
-        return changed_axes(self.own, self.candidate)
+        name, shown = self.candidate_name, self.candidate_verdict
+        if self.verdict == BETTER:
+            less = 100 * (1 - shown.ratio.value)
+            cost = "" if self.beams_ratio < 1.05 else f", for {self.beams_ratio:.1f} times the CPU"
+            return f"Use {name}: {less:.0f} % less error than with {OWN}{cost}"
+        best = f"{name}, the best of {len(self.tried)} presets,"
+        if shown.word == BETTER:
+            names = ", ".join(case.name for case in self.contradicting)
+            return f"Keep {OWN}: {best} is better on the other drives, but not here: {names}"
+        ratio = two_digits(shown.ratio)
+        return f"Keep {OWN}: {best} has {ratio} times their error: {shown.word}"
 
     def table(self) -> Table:
-        """The settings that were judged, at each level of disturbance."""
-        columns = (
-            Column("settings", title="settings"),
-            Column("level", title="level"),
-            Column("rmse", "m", "RMSE", interval=True),
-            replace(RATES[0], name="lost"),
-            RATES[1],
-            Column("ratio", "", f"RMSE over {OWN}'", interval=True),
-        )
-        rows = tuple(
-            (each.name, at.level.name, at.rmse, at.lost, at.off_at_goal, at.rmse_ratio)
-            for each in self.judged
-            for at in each.levels
-        )
-        return Table(columns, rows)
+        """The user's settings and the best preset, a row per case."""
+        rows: list[tuple[Any, ...]] = []
+        for place, name in enumerate((OWN, self.candidate_name)):
+            for case in self.cases:
+                error = (case.baseline_error, case.error)[place]
+                word = case.verdict.word if place else ""
+                rates = (_rate(pair, place) for pair in _rates(case.verdict))
+                rows.append((name, case.name, error, *rates, word))
+        return Table(JUDGED, tuple(rows))
 
     def figure(self, *about: Any, **options: Any) -> Any:
         """The figure of matplotlib that shows it.
@@ -215,27 +191,35 @@ class Tuning(Result):
         Parameters
         ----------
         *about, **more
-            What `save` takes, of which it says nothing.
+            What `save` takes, which the numbers do not have.
         """
-        names = "settings", "paths", "drives"
-        levels = [(each.name, each.of(self.robot).summary()) for each in self.levels]
-        maps = [{"name": each.name, "digest": each.digest} for each in self.grids]
-        found: dict[str, object] = {
-            "conclusion": self.conclusion,
-            **({"maps": maps} if maps[1:] else {"map": maps[0]}),
-            "verdict": self.verdict,
-            "changes": self.changes,
-            "judged": tree_of(self.judged),
-            "rmse_ratio_without": dict(self.contributions),
-            "notes": list(self.notes),
-            "warnings": list(self.lints),
-            "beams_compared": self.beams_left.compared,
-            "beams_returned": self.beams_left.returned,
-            "rungs": [dict(zip(names, rung, strict=True)) for rung in self.rungs],
-            **{name: getattr(self, name) for name in ("paths", "drives", "seed", "judged_seed")},
-            **about_filter(self.filter_map),
-            "robot": self.robot.summary(),
-            "drive": self.drive or None,
-            "levels": None if self.drive else [{"name": n, "robot": r} for n, r in levels],
-        }
-        return finite(found)
+        maps = [{"name": grid.name, "digest": grid.digest} for grid in self.grids]
+        return finite(
+            {
+                "conclusion": self.conclusion,
+                **({"maps": maps} if maps[1:] else {"map": maps[0]}),
+                "verdict": self.verdict,
+                "changes": self.changes,
+                "best_preset": self.candidate_name,
+                "judged": tree_of(self.candidate_verdict),
+                "cases": tree_of(self.cases),
+                "presets": tree_of(self.tried),
+                "beams_ratio": self.beams_ratio,
+                "notes": list(self.notes),
+                "warnings": list(self.warnings),
+                "beams_compared": self.beams_left.compared,
+                "beams_returned": self.beams_left.returned,
+                **{name: getattr(self, name) for name in ("paths", "drives", "seed")},
+                **about_filter(self.filter_map),
+                "robot": self.robot.summary(),
+                "recording": self.recording or None,
+            }
+        )
+
+
+def _rates(verdict: Verdict) -> tuple[RatePair | None, RatePair | None]:
+    return verdict.lost, verdict.off_at_end
+
+
+def _rate(pair: RatePair | None, place: int) -> Interval:
+    return pair[place] if pair else Interval(np.nan, np.nan, np.nan)

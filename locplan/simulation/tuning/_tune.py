@@ -1,78 +1,65 @@
-"""AMCL's settings tuned by simulated drives along random shortest paths of maps."""
+"""Tuning of AMCL: presets compete in simulated drives, and fresh drives judge the best one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from locplan._util.checks import one_of, whole
-from locplan._util.intervals import random_of
+from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.robots import Amcl, Robot
-from locplan.simulation._drives import Drives, check_drives
+from locplan.robots import Robot
+from locplan.robots.presets import amcl_presets, with_changes
+from locplan.simulation._drives import check_drives
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import check_of_one_map
-from locplan.simulation.tuning._bench import DisturbanceLevel, TuningBench
-from locplan.simulation.tuning._joined_bench import joined, several
-from locplan.simulation.tuning._judged import Judged, judged_beside, recoveries
-from locplan.simulation.tuning._results import OWN, Tuning
-from locplan.simulation.tuning._search import STEPS, Search
-from locplan.simulation.tuning._simulated_bench import LEVELS, TEN_TIMES, SimulatedBench
-from locplan.simulation.tuning._space import (
-    BeamsLeft,
-    candidates,
-    described,
-    filter_warnings,
-    nav2_defaults,
-)
+from locplan.simulation.tuning._bench import TuningBench
+from locplan.simulation.tuning._parameters import BeamsLeft, filter_warnings
+from locplan.simulation.tuning._results import TriedPreset, Tuning
+from locplan.simulation.tuning._simulated_cases import plan_random_paths, simulated_cases
 
-SEARCH, JUDGE, DRAW = 11, 12, 13
-"""Streams of random numbers, from which the seeds of both sets of drives are drawn."""
+FEWEST_PATHS = 5
+"""Minimum number of paths, or of stretches of a recording: drives along few lines are alike."""
 
 
 def tune(
     grid: OccupancyGrid | Sequence[OccupancyGrid],
     robot: Robot | None = None,
     *,
-    paths: int = 20,
-    drives: int = 8,
-    odometry: str = "usual",
+    paths: int = 16,
+    drives: int = 4,
     filter_map: OccupancyGrid | None = None,
     others: Mapping[str, object] | None = None,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> Tuning:
-    """Find settings of AMCL that localize a robot better on its map than its own ones.
+    """Find the preset of AMCL's settings that localizes a robot best on its map.
 
-    Settings drive the same random shortest paths with the same seeds, with a third of, once and
-    three times the errors of odometry. Successive halving finds the one with the least score at its
-    worst level: the mean of ln RMSE, and 1 more for each lost drive. What it need not change is put
-    back. Then it is judged on other paths, in other worlds: it is to be used if it is better than
-    the user's own settings there, and worse at no level.
+    The presets of `locplan.robots.presets` drive along random shortest paths, with the errors of
+    odometry that the robot has and three times as large ones. The best preset and the user's
+    settings then drive along other paths. It is to be used if it is better there by the verdict of
+    `locplan.simulation.verdict`, and not worse at three times the errors of odometry.
 
     Parameters
     ----------
     grid : OccupancyGrid or sequence of OccupancyGrid
-        The map; or several, whose worst one counts.
+        The map, or several for one parameter file: all count together, and none may contradict.
     robot : Robot, optional
         The robot, such as `Robot.from_nav2` reads; by default one with Nav2's filter and a lidar
         of 6 m that sees all round.
-    paths : int, default 20
-        Number of random paths of the search, and of the judgement, 5 to 1000.
-    drives : int, default 8
-        Number of drives along each path at each level, 2 to 100,000.
-    odometry : {"usual", "poor"}, default "usual"
-        "poor" has once, three and ten times the errors of odometry.
+    paths : int, default 16
+        Number of random paths on each map on which the best preset is judged, 5 to 1000. Half as
+        many other paths choose it.
+    drives : int, default 4
+        Number of drives along each path that judge, 2 to 100,000.
     filter_map : OccupancyGrid, optional
-        The filter's map in the same frame, where it differs from `grid`; see `simulate`.
+        The filter's map in the same frame, if it differs from `grid`; see `simulate`.
     others : mapping of str to object, optional
         Further parameters in the user's file, such as `z_short`, for the warnings.
     seed : int, default 1
-        Seed of all random numbers, >= 0; equal seeds give equal results, but for times of the CPU.
+        Seed of all random numbers, >= 0; equal seeds give equal results.
     threads : int, optional
         Number of threads, at least 1; all cores by default.
     progress : callable, optional
@@ -95,150 +82,136 @@ def tune(
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     >>> robot = locplan.Robot().changed({"min_particles": 20, "max_particles": 20})
     >>> result = tune(grid, robot, paths=5, drives=2)
-    >>> result.judged[0].name, result.winner.min_particles
-    ('your settings', 20)
+    >>> result.verdict in ("better", "undecided"), result.winner.min_particles
+    (True, 20)
     """
-    grids = several(grid)
-    for each in grids:
-        check_grid(each)
+    grids = as_list(grid)
+    for one in grids:
+        check_grid(one)
     check_of_one_map(filter_map, grids)
-    whole("paths", paths, TuningBench.fewest_paths, 1000)
+    whole("paths", paths, FEWEST_PATHS, 1000)
     check_drives(drives)
-    one_of("odometry", odometry, LEVELS)
-    about = [
-        Simulator(each, robot, filter_map=filter_map, seed=seed, threads=threads) for each in grids
+    simulators = [
+        Simulator(one, robot, filter_map=filter_map, seed=seed, threads=threads) for one in grids
     ]
-    known = about[0].robot
-    costs = [Costmap.blank(each, robot=known) for each in grids]
+    known = simulators[0].robot
+    n_choosing = max(FEWEST_PATHS, paths // 2)
+    labels = number_names([one.name or "map" for one in grids]) if grids[1:] else [""]
+    shared: Any = {"filter_map": filter_map, "seed": seed, "threads": threads}
+    choosing, judging = [], []
+    for one, label in zip(grids, labels, strict=True):
+        ways = plan_random_paths(Costmap.blank(one, robot=known), paths + n_choosing, seed)
+        choosing += simulated_cases(one, known, ways[paths:], label=label, **shared)
+        judging += simulated_cases(one, known, ways[:paths], label=label, **shared)
+    return choose_settings(
+        TuningBench(choosing, judging, drives),
+        known,
+        grids,
+        filter_map=filter_map,
+        beams_left=min(map(BeamsLeft.on_map, simulators), key=lambda left: left.returned),
+        others=others,
+        seed=seed,
+        progress=progress,
+    )
 
-    def bench_of(own_seed: int, judging: bool) -> TuningBench:
-        levels: tuple[DisturbanceLevel, ...] = LEVELS[odometry]
-        if judging and TEN_TIMES not in levels:  # where they may no longer hold
-            levels = (*levels, TEN_TIMES)
-        own: Any = {"filter_map": filter_map, "seed": own_seed, "threads": threads}
-        ways = [SimulatedBench.paths(each, paths, own_seed) for each in costs]
-        benches = [
-            SimulatedBench(each, known, some, drives, levels=levels, **own)
-            for each, some in zip(grids, ways, strict=True)
-        ]
-        return joined(benches, [each.name or "map" for each in grids])
 
-    left = min((BeamsLeft.on_map(each) for each in about), key=lambda each: each.returned)
-    return search_settings(bench_of, known, left=left, others=others, seed=seed, progress=progress)
-
-
-def search_settings(
-    bench_of: Callable[[int, bool], TuningBench],
+def choose_settings(
+    bench: TuningBench,
     robot: Robot,
+    grids: Sequence[OccupancyGrid],
     *,
-    left: BeamsLeft,
-    others: Mapping[str, object] | None,
-    seed: int,
-    progress: ProgressCallback | None,
-    drive: str = "",
+    filter_map: OccupancyGrid | None = None,
+    beams_left: BeamsLeft,
+    others: Mapping[str, object] | None = None,
+    recording: str = "",
     notes: Sequence[str] = (),
-    like: Sequence[Amcl] = (),
+    seed: int = 1,
+    progress: ProgressCallback | None = None,
 ) -> Tuning:
-    """Search settings on one bench, and judge what was found on another.
+    """Choose the best preset on a bench, and judge it by the drives of the bench that are left.
 
     Parameters
     ----------
-    bench_of : callable
-        Makes a bench of a seed, and of whether settings are judged on it.
+    bench : TuningBench
+        The cases in which settings drive.
     robot : Robot
-        The robot, with the user's own settings of the filter.
-    left : BeamsLeft
-        Number of the beams compared that return.
-    others, seed, progress
+        The robot with the user's settings of the filter.
+    grids : sequence of OccupancyGrid
+        The maps.
+    filter_map, others, seed, progress
         See `tune`.
-    drive : str, default ""
-        Name of the recorded drive, if the paths are its stretches.
+    beams_left : BeamsLeft
+        Number of the compared beams that return.
+    recording : str, default ""
+        Names of the recordings whose stretches are the lines; empty for simulated drives.
     notes : sequence of str, default ()
-        What limits the result, beside the warnings.
-    like : sequence of Amcl, default ()
-        Settings that are tried besides those drawn at random.
+        Limits of the result, next to the warnings.
 
     Returns
     -------
     Tuning
         The settings to use, and the evidence for them.
     """
-
-    def bench(stream: int) -> TuningBench:
-        own_seed = int(random_of(seed, stream).integers(2**31))
-        return bench_of(own_seed, stream == JUDGE)
-
     own = robot.amcl
-    # Shares of the time that the first rungs, the steps, the last rung, what is put back and the
-    # judgement take.
-    shares = 80, 60, 90, *[40] * STEPS, 150, 200, 300
-    steps = iter([scaled(*step) for step in zip(parts(progress, shares), shares, strict=True)])
-    search = Search(bench(SEARCH), own)
-    tried = candidates(own, random_of(seed, DRAW), like)
-    kept, frugal, best, without = search.run(tried, steps)
-    rungs, searched = tuple(search.rungs), {each.name for each in search.bench.levels}
-    del search
-    judge = bench(JUDGE)
-    found, judged = _judged(judge, own, (kept, frugal, best), searched, next(steps))
+    names = {with_changes(own, each): name for name, each in amcl_presets(own).items()}
+    choosing, judging = parts(progress, [600, 400])
+    best, driven = bench.choose([*names], scaled(choosing, 600))
+    verdict, cases = bench.judge(own, best, scaled(judging, 400))
+    tried = [TriedPreset.from_drives(names[amcl], amcl, driven[amcl]) for amcl in names]
+    costs = bench.beams_per_metre(best) / bench.beams_per_metre(own)
     warned: tuple[str, ...] = ()
-    if found.multiplies and not own.multiplies and (others or {}).get("do_beamskip"):
+    if best.multiplies and not own.multiplies and (others or {}).get("do_beamskip"):
         skips = "do_beamskip becomes false with the laser model, since only this one reads it"
         warned = (f"{skips}, and it was not simulated",)
     return Tuning(
-        judge.grids,
-        robot,
-        found,
-        judged,
-        without,
-        left,
-        (*warned, *filter_warnings(own, judge.lidar, others), *left.warnings()),
-        rungs,
-        len(judge.lines),
-        judge.drives,
-        seed,
-        judge.seed,
-        drive,
-        None if judge.filter_map is judge.grid else judge.filter_map,
-        tuple(notes),
+        grids=tuple(grids),
+        robot=robot,
+        tried=tuple(tried),
+        candidate=best,
+        cases=cases,
+        candidate_verdict=verdict,
+        beams_ratio=costs,
+        beams_left=beams_left,
+        warnings=(
+            *warned,
+            *filter_warnings(own, robot.known_lidar, others),
+            *beams_left.warnings(),
+        ),
+        paths=len(bench.judging[0].lines),
+        drives=bench.drives,
+        seed=seed,
+        recording=recording,
+        filter_map=filter_map,
+        notes=tuple(notes),
     )
 
 
-def _judged(
-    judge: TuningBench,
-    own: Amcl,
-    found: tuple[Amcl, Amcl, Amcl],
-    searched: Collection[str],
-    progress: ProgressCallback,
-) -> tuple[Amcl, tuple[Judged, ...]]:
-    """Which of the settings found is the one to be used if it is better, and how all are judged.
+def as_list(one_or_more: Any) -> list[Any]:
+    """Return a map or a recording, or a sequence of them that is not empty, as a list.
 
-    It is the first, but where that is not better here, or does not hold, the next that is better;
-    of the first two the one that is lost on fewer replays of the whole of recorded drives.
-    The levels named `searched` decide.
+    Parameters
+    ----------
+    one_or_more : object
+        A map, a recording, or a sequence of them.
     """
-    every, defaults = (len(judge.lines), judge.drives), nav2_defaults(own)
-    decide = [n for n, level in enumerate(judge.levels) if level.name in searched]
-    order = dict.fromkeys([own, *found[:2], defaults])
-    judge.drive([*order], *every, decide, progress)
-    tried = max(1, len({*found} - {own}))
-    names = {own: OWN, defaults: "Nav2's defaults"}  # the latter's name if they are the same
-    wholes: dict[Amcl, list[Drives]] = {}
+    values = one_or_more
+    is_sequence = isinstance(values, Sequence) and not isinstance(values, str) and len(values) > 0
+    return [*values] if is_sequence else [values]
 
-    def judged(amcl: Amcl) -> Judged:
-        judge.drive([amcl], *every, decide)
-        for each in (own, amcl):
-            wholes[each] = wholes.get(each) or judge.whole(each)
-        name = names.get(amcl) or described(own, amcl)
-        return judged_beside(judge, name, amcl, own, wholes, searched, tried)
 
-    def losses(amcl: Amcl) -> int:
-        return sum(int(each.lost.sum()) for each in wholes[amcl])
+def number_names(names: Sequence[str]) -> list[str]:
+    """Return names with a number behind those that stood before.
 
-    # The third is driven only if neither of the others will do.
-    choices = (found[:1],) if found[0] == own else (found[:2], found[2:])
-    better = ([each for each in some if judged(each).better] for some in choices)
-    candidate = min(next(filter(None, better), found[:1]), key=losses)
-    shown = own, candidate
-    judge.drive([*shown], *every)  # at levels that only these two are said for
-    told = {each: replace(judged(each), recoveries=recoveries(judge, each)) for each in shown}
-    return candidate, tuple(told.get(each) or judged(each) for each in order | told)
+    Parameters
+    ----------
+    names : sequence of str
+        The names.
+
+    Examples
+    --------
+    >>> number_names(["hall", "lab", "hall"])
+    ['hall', 'lab', 'hall 2']
+    """
+    counts = [names[:n].count(name) + 1 for n, name in enumerate(names)]
+    pairs = zip(names, counts, strict=True)
+    return [f"{name} {count}" if count > 1 else name for name, count in pairs]

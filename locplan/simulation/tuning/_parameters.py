@@ -1,14 +1,12 @@
-"""AMCL's parameters: what tuning tries, warnings of bad values, and Nav2's file with them."""
+"""AMCL's parameters: warnings of bad values, and Nav2's file with tuned ones."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +17,6 @@ from locplan.errors import LocplanError
 from locplan.robots import (
     MODELS,
     NOT_SIMULATED,
-    OMNIDIRECTIONAL,
     Amcl,
     Lidar,
     ParameterWarning,
@@ -28,139 +25,24 @@ from locplan.robots import (
     read_amcl,
     read_parameters,
 )
+from locplan.robots.presets import PRESET_NAMES
 from locplan.simulation._simulator import BEAMS, Simulator
 
-Value = float | str
-"""A value of a parameter."""
 OURS = ("half_cell", "robot_model_type")
-ALPHAS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
-"""Noise of odometry that is tried."""
 NAMES = tuple(each.name for each in dataclasses.fields(Amcl) if each.name not in OURS)
 """Parameters that are both Nav2's and simulated."""
 
 
-@dataclass(frozen=True)
-class Axis:
-    """Parameters that are searched together: they all get the same value."""
-
-    name: str
-    """Name in tables."""
-    fields: tuple[str, ...]
-    """Names of the parameters."""
-    values: tuple[Value | tuple[Value, ...], ...]
-    """Values that are tried besides the user's own, in order: one for all of the parameters, or
-    one for each."""
-
-    def of(self, amcl: Amcl) -> tuple[Value, ...]:
-        """Values of these parameters."""
-        return tuple(getattr(amcl, name) for name in self.fields)
-
-    def choices(self, own: Amcl) -> list[tuple[Value, ...]]:
-        """Values to try: the user's own first, which take the place of listed ones near them."""
-        mine = self.of(own)
-        count = len(self.fields)
-        listed = [each if isinstance(each, tuple) else (each,) * count for each in self.values]
-        return [mine, *(each for each in listed if not all(map(_near, each, mine)))]
-
-    def beside(self, amcl: Amcl, own: Amcl) -> list[tuple[Value, ...]]:
-        """Values to try beside those of a setting: the next ones, and the user's own."""
-        at, mine = self.of(amcl), self.of(own)
-        choices: list[Any] = sorted({at, *self.choices(own)})
-        n = choices.index(at)
-        near = dict.fromkeys([*choices[max(0, n - 1) : n + 2], mine])
-        return [each for each in near if each != at]
-
-    def steps(self, one: Amcl, other: Amcl) -> int:
-        """Number of listed values from the value of one setting to that of another."""
-        choices: list[Any] = sorted({self.of(one), *self.choices(other)})
-        return abs(choices.index(self.of(one)) - choices.index(self.of(other)))
-
-    def put(self, amcl: Amcl, values: tuple[Value, ...]) -> Amcl:
-        """Copy of the settings with these values."""
-        changes: dict[str, object] = dict(zip(self.fields, values, strict=True))
-        return dataclasses.replace(amcl, **changes)  # type: ignore[arg-type]
-
-    def shown(self, amcl: Amcl) -> str:
-        """Text of the values, such as `alphas 0.05`; that of the laser model is its value."""
-        values = [value if isinstance(value, str) else f"{value:g}" for value in self.of(amcl)]
-        text = values[0] if len(set(values)) == 1 else "/".join(values)
-        return text if self.name == "laser_model_type" else f"{self.name} {text}"
-
-
-def _near(one: Value, other: Value) -> bool:
-    """Whether two values are equal, or within a factor 1.5 of each other."""
-    if isinstance(one, str) or isinstance(other, str) or not one > 0 < other:
-        return one == other
-    return abs(math.log(one / other)) < math.log(1.5)
-
-
-def axes_of(own: Amcl) -> tuple[Axis, ...]:
-    """What is searched for a robot: the omnidirectional motion model has one alpha more."""
-    sideways = ("alpha5",) * (own.robot_model_type == OMNIDIRECTIONAL)
-    return (
-        Axis("turn alphas", ("alpha1", "alpha4"), ALPHAS),
-        Axis("way alphas", ("alpha2", "alpha3", *sideways), ALPHAS),
-        Axis("laser_model_type", ("laser_model_type",), MODELS),
-        Axis("update_min_d", ("update_min_d",), (0.1, 0.25)),
-        Axis("update_min_a", ("update_min_a",), (0.1, 0.2)),
-        Axis("max_beams", ("max_beams",), (30, 60, 120, 180)),
-        Axis("sigma_hit", ("sigma_hit",), (0.05, 0.1, 0.2)),
-        Axis("z_hit and z_rand", ("z_hit", "z_rand"), ((0.5, 0.5), (0.8, 0.2), (0.95, 0.05))),
-    )
-
-
-def candidates(
-    own: Amcl, random: np.random.Generator, like: Sequence[Amcl] = (), most: int = 128
-) -> list[Amcl]:
-    """Settings to try: the user's own, those that are given, and others drawn at random."""
-    axes = axes_of(own)
-    choices = [axis.choices(own) for axis in axes]
-    every = dict.fromkeys([own, *like])
-    for _ in range(10 * most):
-        drawn = own
-        for axis, values in zip(axes, choices, strict=True):
-            drawn = axis.put(drawn, values[int(random.integers(len(values)))])
-        every[drawn] = None
-        if len(every) == most:
-            break
-    return [*every]
-
-
-def beside(own: Amcl, amcl: Amcl) -> list[Amcl]:
-    """Settings that differ from one by a step along one axis."""
-    return [axis.put(amcl, values) for axis in axes_of(own) for values in axis.beside(amcl, own)]
-
-
-def steps_between(own: Amcl, amcl: Amcl) -> int:
-    """Number of steps along all axes from the user's own settings to others."""
-    return sum(axis.steps(amcl, own) for axis in axes_of(own))
-
-
-def nav2_defaults(own: Amcl) -> Amcl:
-    """Nav2's defaults, with what is no parameter of Nav2 as in the user's own settings."""
-    values: dict[str, object] = {name: getattr(Amcl(), name) for name in NAMES}
-    return dataclasses.replace(own, **values)  # type: ignore[arg-type]
-
-
 def is_untuned(amcl: Amcl) -> bool:
-    """True if all that tuning searches has the values of Nav2's defaults.
+    """True if all that presets change has the values of Nav2's defaults.
 
     Parameters
     ----------
     amcl : Amcl
         The settings.
     """
-    return not changed_axes(nav2_defaults(amcl), amcl)
-
-
-def changed_axes(own: Amcl, amcl: Amcl) -> list[Axis]:
-    """What differs between two settings."""
-    return [axis for axis in axes_of(own) if axis.of(own) != axis.of(amcl)]
-
-
-def described(own: Amcl, amcl: Amcl) -> str:
-    """Text of what differs from the user's own, such as `alphas 0.05, likelihood_field_prob`."""
-    return ", ".join(axis.shown(amcl) for axis in changed_axes(own, amcl))
+    defaults = Amcl()
+    return all(getattr(amcl, name) == getattr(defaults, name) for name in PRESET_NAMES)
 
 
 @dataclass(frozen=True)
@@ -267,9 +149,7 @@ def check_tunable(params: Path | None) -> None:
         If they cannot.
     """
     if params is not None:
-        axes = axes_of(_read(params))
-        trial: dict[str, Value] = {name: 0.123 for axis in axes for name in axis.fields}
-        _edited(params, trial | {"laser_model_type": "likelihood_field_prob", "max_beams": 1234})
+        _edited(params, {**dict.fromkeys(PRESET_NAMES, 0.123), "laser_model_type": MODELS[1]})
 
 
 def write_tuned(file: Path, winner: Amcl, params: Path | None = None) -> None:
@@ -307,7 +187,7 @@ def differing_names(one: Amcl, other: Amcl) -> list[str]:
     return [name for name in NAMES if getattr(one, name) != getattr(other, name)]
 
 
-def _edited(params: Path, values: Mapping[str, Value]) -> bytes:
+def _edited(params: Path, values: Mapping[str, float | str]) -> bytes:
     """A file with these values, and beams not skipped where they are from now on."""
     given = read_parameters(params).of("amcl")
     if given.get("laser_model_type", MODELS[0]) not in MODELS:  # another model was simulated
