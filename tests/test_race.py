@@ -148,6 +148,15 @@ def test_a_lost_drive_and_the_handicap_count_in_the_race():
     assert judged(paths, np.array([0.0, 0.0, 0.5]), 1.0, 8).leader == 1
 
 
+def test_price_of_length_decides_between_finalists():
+    handicaps = np.array([0.0, 0.0, 0.5])
+    leaders = [
+        judged(Paths([1.0, 0.2, 0.16], seed, deviation=0.6), handicaps, 1.0, 8).leader
+        for seed in range(20)
+    ]
+    assert leaders.count(1) >= 16
+
+
 def test_without_a_leader_nothing_is_confirmed():
     paths = Paths([1.0, 2.0], 1)
     found = paths.judged()

@@ -145,7 +145,7 @@ def judged(
         nothing, shown = Interval(math.nan, math.nan, math.nan), range(ROUNDS[-1])
         drive([0], shown)  # the race's drives are not those that other commands report
         return Judgement(0, UNDECIDED, nothing, shown)
-    return confirmed(drive, finalists, lost, drives, enough)
+    return confirmed(drive, finalists, lost, drives, handicaps, enough)
 
 
 def race(drive: Drive, handicaps: Floats, price_of_loss: float) -> tuple[list[int], Ints]:
@@ -188,6 +188,7 @@ def confirmed(
     finalists: list[int],
     lost: Ints,
     drives: int,
+    handicaps: Floats,
     enough: Callable[[], bool] | None = None,
 ) -> Judgement:
     """Drive the finalists and the shortest afresh, until a difference is known or none is."""
@@ -211,7 +212,9 @@ def confirmed(
         safe = ~losing & (shown.mean <= WORTHWHILE)
         clear = safe & shown.is_better
         leads = next(some for some in (clear, safe, shown.mean < math.inf) if some.any())
-        best = int(np.argmin(np.where(leads, shown.mean, math.inf)))
+        # The price of length decides between finalists as in the race, and not on the verdict.
+        scores = shown.mean + handicaps[paths[1:]]
+        best = int(np.argmin(np.where(leads, scores, math.inf)))
         is_futile = (shown.low > WORTHWHILE).all()
         if clear.any() or is_futile or not looks or (enough and enough()):
             ratio = Interval(*(math.exp(end[best]) for end in shown[:3]))
