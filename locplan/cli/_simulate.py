@@ -203,7 +203,7 @@ class tune(typed.ManyMaps, FilterMap, shared.ReferencedOptions, shared.Seeded, s
 
     With several maps or drives, one file is written for all of them.
 
-    Takes half a minute of CPU, or a minute with a drive of 400 m.
+    Takes 10 to 20 s of CPU, or half a minute with a drive of 400 m.
     """
 
     drive: shared.DriveFiles = ()  # type: ignore[assignment]  # other commands take one
