@@ -243,6 +243,60 @@ def test_check_reports_how_closed_loop_drives_fail(solid):
     assert "When it fails, it" in solid.report()
 
 
+def walls_with_gap(width):
+    """Two rooms behind a wall of 0.2 m with a gap of a width in cells."""
+    cells = np.full((80, 120), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = cells[:, 58:62] = OCCUPIED
+    cells[10:16, 20:30] = cells[60:70, 90:95] = OCCUPIED
+    cells[40 : 40 + width, 58:62] = FREE
+    return OccupancyGrid(cells, 0.05, name="gap")
+
+
+def test_narrow_passage_gets_footprint_advice_and_no_fix(tmp_path):
+    robot = ROBOT.changed({**SAFE, "footprint": 0.2, "margin": 0.0})
+    found = check(walls_with_gap(9), robot, [((1.0, 2.1), (5.0, 2.1))], effort="quick")
+    assert found.baseline.reached.high < 1
+    assert (found.passage.x, found.passage.y) == pytest.approx((3.0, 2.2), abs=0.15)
+    assert found.passage.width == pytest.approx(0.45, abs=0.05)
+    assert found.passage.robot_width == pytest.approx(0.4)
+    assert (found.recommended, found.fixes) == ((), ())
+    text = " ".join(found.report(tmp_path).split())
+    assert "m wide, the robot 0.40 m" in text
+    assert "widen the passage, or give the robot's true radius" in text
+    assert text.endswith("--set=footprint=0.2")
+    wider = check(walls_with_gap(20), robot, [((1.0, 2.1), (5.0, 2.1))], effort="quick")
+    assert (wider.passage, wider.baseline.reached.value) == (None, 1.0)
+
+
+def test_failing_routes_come_first_and_are_marked(solid, two_corridors_at_its_worst, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "105")
+    for found in (solid, two_corridors_at_its_worst):
+        fails = [route.rates.has_failure for route in found.routes]
+        assert fails[0]
+        assert fails == sorted(fails, reverse=True)
+        for route in found.routes:
+            assert route.rates.n_closed >= 16 or not route.rates.has_failure
+        lines = {tuple(line.get_xydata().ravel()): line for line in found.figure().axes[0].lines}
+        for route, is_failing in zip(found.routes, fails, strict=True):
+            line = lines[tuple(route.path.xy.ravel())]
+            assert (line.get_color() == "#d55e00") == is_failing
+        text = found.report().splitlines()
+        heading = next(n for n, line in enumerate(text) if line.endswith("reaches the goal"))
+        assert found.routes[0].name in text[heading + 1]
+
+
+def test_places_where_robots_stop_have_letters(solid):
+    stops = np.concatenate([route.stopped_at for route in solid.routes])
+    places = [spot for spot in solid.spots if spot.stopped]
+    assert places
+    for spot in places:
+        apart = np.linalg.norm(stops - [spot.x, spot.y], axis=1)
+        assert spot.stopped >= 2
+        assert (apart <= 2.0).sum() >= spot.stopped
+    assert places[0].letter
+    assert sum(bool(spot.letter) for spot in solid.spots) <= 6
+
+
 def test_labels_of_the_picture_stand_on_no_other(solid):
     axes = solid.figure().axes[0]
     at = np.array([each.get_position() for each in axes.texts])

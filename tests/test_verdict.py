@@ -15,7 +15,7 @@ import pytest
 from test_faults import blocks
 
 from locplan import Lidar, OccupancyGrid, Pole, Robot, mend, place_landmarks
-from locplan.diagnosis.trials import Outcome, combine_fixes, contrast, try_fix
+from locplan.diagnosis.trials import Outcome, confirm_fixes, contrast, select_fixes, try_fix
 from locplan.landmarks import Outcome as LandmarkDrives, Verification
 from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Amcl
@@ -254,7 +254,8 @@ class DrawnSite:
         }
         better = [kind for kind, trial in trials.items() if trial.contrast.verdict.word == BETTER]
         order = sorted(better, key=lambda kind: trials[kind].contrast.score)
-        return combine_fixes((), order, self.drive, self.many, self.fresh).kinds
+        selected = select_fixes((), order, self.drive, self.many)
+        return confirm_fixes((), selected, self.drive, self.fresh).kinds
 
 
 def test_check_rarely_recommends_one_of_eight_equals():
@@ -271,6 +272,30 @@ def test_check_finds_the_fix_that_loses_fewer_drives():
     lost = [0.4, 0.4, 0.05]
     recommended = [DrawnSite([1.0, 1.0], seed, lost).recommend() for seed in range(60)]
     assert np.mean([kinds == ("2",) for kinds in recommended]) >= 0.9
+
+
+class AdditiveSite(DrawnSite):
+    """A check's site on which the fixes add up, each with its known ratio of errors."""
+
+    def drive(self, kinds, numbers):
+        rows = [int(kind) for kind in kinds]
+        effect = (self.errors[rows] - self.errors[0]).mean(axis=(1, 2)).sum()
+        row = max(rows, default=0)
+        lost = self.lost[row][:, numbers]
+        errors = self.errors[row] - self.errors[row].mean() + self.errors[0].mean() + effect
+        return Outcome(errors[:, numbers], lost, np.where(lost, 0.0, np.nan))
+
+
+def test_check_combines_fixes_that_add_up():
+    recommended = [{*AdditiveSite([0.5, 0.6, 1.0, 1.1], seed).recommend()} for seed in range(100)]
+    assert np.mean([kinds >= {"1", "2"} for kinds in recommended]) >= 0.9
+    assert np.mean([bool(kinds - {"1", "2"}) for kinds in recommended]) <= 0.05
+
+
+def test_check_leaves_out_fix_that_adds_nothing():
+    """On a `DrawnSite` fixes do not add up: the better one alone is as good as both."""
+    recommended = [DrawnSite([0.5, 0.3], seed).recommend() for seed in range(60)]
+    assert np.mean([kinds == ("2",) for kinds in recommended]) >= 0.95
 
 
 def test_check_lets_fresh_drives_alone_decide():

@@ -57,7 +57,7 @@ class Label(NamedTuple):
     """Where it stands, beside others [m]."""
 
 
-def labels(check: Check, size: float) -> list[Label]:
+def place_labels(check: Check, size: float) -> list[Label]:
     """Labels none of which stands on another.
 
     Parameters
@@ -72,16 +72,22 @@ def labels(check: Check, size: float) -> list[Label]:
         for far in (0.0, 1.05, 1.6, 2.2, 3.0, 4.0)
         for turn in np.radians(range(90, 450, 30))
     ]
-    made: list[Label] = []
-    for kind, text, (x, y) in _named(check):
-        # The mark of a failure is not covered.
+    labels: list[Label] = []
+    marks: list[Label] = []
+    for kind, text, place in _named(check):
+        # The mark of a failure stays visible.
+        is_mark = kind == "failure"
+        marks += [Label("mark", "", place, place)] * is_mark
         free = (
-            (x + dx, y + dy)
-            for dx, dy in (around if kind != "failure" else around[12:])
-            if not any(_overlap(text, (x + dx, y + dy), each, size) for each in made)
+            (place[0] + dx, place[1] + dy)
+            for dx, dy in around[12 * is_mark :]
+            if not any(
+                _overlap(text, (place[0] + dx, place[1] + dy), other, size)
+                for other in (*labels, *marks)
+            )
         )
-        made.append(Label("spot" if kind == "failure" else kind, text, (x, y), next(free, (x, y))))
-    return made
+        labels.append(Label("spot" if is_mark else kind, text, place, next(free, place)))
+    return labels
 
 
 def _overlap(text: str, at: tuple[float, float], other: Label, size: float) -> bool:
@@ -94,7 +100,11 @@ def _named(check: Check) -> Iterator[tuple[str, str, tuple[float, float]]]:
     """Kind, text and place of each label."""
     for spot in check.spots:
         if spot.letter:
-            yield "spot" if spot.rings else "failure", spot.letter, (spot.x, spot.y)
+            kind = "failure" if spot.lost + spot.stopped else "spot"
+            yield kind, spot.letter, (spot.x, spot.y)
+    if check.passage and check.passage.is_narrow:
+        place = check.passage.x, check.passage.y
+        yield "failure", f"passage of {check.passage.width:.2f} m", place
     ends: dict[str, tuple[float, ...]] = {}
     for route in check.routes:
         start, _, goal = route.name.partition(" to ")
@@ -154,7 +164,7 @@ def check_figure(check: Check, *_: Any) -> Figure:
         draw_path(axes, route.path, color=colour, linewidth=width, zorder=3 if fails else 2)
         axes.plot(*route.lost_at.T, "x", color=MARK, markersize=7, markeredgewidth=2, zorder=4)
         axes.plot(*route.stopped_at.T, **STOP_MARK)
-    for each in labels(check, SIZE * max(part.shape) * part.resolution):
+    for each in place_labels(check, SIZE * max(part.shape) * part.resolution):
         back, ink, edge = STYLES[each.kind]
         axes.plot(
             *zip(each.xy, each.at, strict=True), color=back if edge == "white" else edge, zorder=5
@@ -186,8 +196,9 @@ def caption(check: Check) -> str:
         any(len(getattr(route, name)) for route in check.routes)
         for name in ("lost_at", "stopped_at")
     )
+    fails = any(route.rates.has_failure for route in check.routes)
     explained = [
-        (True, "orange: routes on which drives fail" if lost or stopped else "no route fails"),
+        (True, "orange: routes on which drives fail" if fails else "no route fails"),
         (lost, "x: a drive gets lost"),
         (stopped, "square: a drive stops instead of at the goal"),
         (bool(check.spots), "letters: weak spots (shaded)"),

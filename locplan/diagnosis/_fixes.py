@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
@@ -23,6 +24,8 @@ from locplan.simulation import Choice
 
 POLES = 3
 """Number of poles that are placed if no other fix helps enough."""
+LEADERS = 3
+"""Number of presets that are driven on after half of the few drives."""
 WALLS, MEND, REACH = "walls", "map", "range"
 SETTINGS, PATHS, LANDMARKS = "settings", "paths", "landmarks"
 """The kinds of fixes."""
@@ -89,21 +92,23 @@ def _with_filter(site: Site, own: Amcl) -> Site:
     return replace(site, robot=replace(site.robot, filter=own))
 
 
-def preset_settings(site: Site, score: Callable[[Site], float]) -> Fix | None:
+def preset_settings(site: Site, score: Callable[[Site, bool], float]) -> Fix | None:
     """Return the preset of AMCL's settings that is best in few drives; None for another filter.
 
     Parameters
     ----------
     site : Site
-        The site that is driven.
+        The site of the baseline.
     score : callable
-        Drives a site, and returns what sites are ranked by; less is better.
+        Drives a site with half of the few drives, or with all, and returns the score by which
+        sites are ranked; less is better.
     """
     own = site.robot.filter
     if not isinstance(own, Amcl):
         return None
     fixes = [_settings(name, changes) for name, changes in amcl_presets(own).items()]
-    return min(fixes, key=lambda fix: score(fix.apply(site)))
+    leaders = sorted(fixes, key=lambda fix: score(fix.apply(site), True))[:LEADERS]
+    return min(leaders, key=lambda fix: score(fix.apply(site), False))
 
 
 def _settings(name: str, changes: Changes) -> Fix:
@@ -218,13 +223,17 @@ class DriveOnce(Protocol):
 
 
 def driver_of(seed: int, threads: int | None) -> DriveOnce:
-    """Return a function that drives sites, but only once with the same numbers."""
-    outcomes: dict[tuple[str, range], Outcome] = {}
+    """Return a function that drives sites, but each drive only once."""
+    outcomes: dict[str, dict[int, Outcome]] = defaultdict(dict)
 
     def drive(site: Site, numbers: range, progress: ProgressCallback | None = None) -> Outcome:
-        key = site.digest, numbers
-        if key not in outcomes:
-            outcomes[key] = Driver(site, seed, threads)(numbers, progress)
-        return outcomes[key]
+        known = outcomes[site.digest]
+        new = [number for number in numbers if number not in known]
+        if new:
+            missing = range(new[0], new[-1] + 1)
+            driven = Driver(site, seed, threads)(missing, progress)
+            for place, number in enumerate(missing):
+                known[number] = driven.at(place)
+        return Outcome.join([known[number] for number in numbers])
 
     return drive

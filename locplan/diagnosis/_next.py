@@ -69,10 +69,9 @@ def remaining_text(check: Check) -> str:
         return "The map file is wrong, though drives do not show that it matters much."
     if is_rare(check.after.lost):
         return ""
-    return "Most drives still get lost." if check.after.lost.value >= HALF else SOME_LOST
-
-
-SOME_LOST = "Some drives still get lost."
+    share = "Most" if check.after.lost.value >= HALF else "Some"
+    further = " Without --quick, check also tries other paths and poles."
+    return f"{share} drives still get lost.{further if check.effort == 'quick' else ''}"
 
 
 def _nothing_to_do(check: Check) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from locplan._kernels.arrays import Floats
 from locplan.costs import Path
 from locplan.diagnosis._failures import TOGETHER
-from locplan.diagnosis._weak_spots import gathered, points_of
+from locplan.diagnosis._weak_spots import gathered
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.robots import Robot
 from locplan.simulation import Arrivals
@@ -75,7 +75,8 @@ def find_passage(
         return None
     middle, members = gathered(np.array([end for _, end in ends]), TOGETHER)[0]
     routes = tuple(dict.fromkeys(ends[n][0] for n in members))
-    points = np.concatenate([points_of(paths[name]) for name in routes])
+    # A wall may be a cell thick.
+    points = np.concatenate([paths[name].resampled(grid.resolution).xy for name in routes])
     near = np.linalg.norm(points - middle, axis=1) <= NEAR
     points = points[near] if near.any() else points
     widths = measure_width(grid, points)

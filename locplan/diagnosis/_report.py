@@ -12,7 +12,7 @@ import numpy as np
 from locplan._util.files import replacing
 from locplan._util.intervals import Interval
 from locplan._util.public import templates_of
-from locplan.diagnosis._figures import SIZE, caption, drawn_part, labels
+from locplan.diagnosis._figures import SIZE, caption, drawn_part, place_labels
 from locplan.diagnosis._in_short import share
 from locplan.diagnosis._next import next_action, remaining_text
 from locplan.diagnosis._result import Check
@@ -103,7 +103,7 @@ def write_report(path: Path, check: Check, *about: Any) -> None:
         caption=caption(check),
         action=next_action(check, *about),
         drawing=(drawing := Drawing.of(check.site.world)),
-        labels=labels(check, drawing.label),
+        labels=place_labels(check, drawing.label),
         lost=[xy for route in check.routes for xy in drawing.at(route.lost_at)],
         stopped=[xy for route in check.routes for xy in drawing.at(route.stopped_at)],
     )

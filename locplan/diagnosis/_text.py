@@ -38,7 +38,7 @@ FAILS = {
     STUCK: "gets stuck",
     TIMED_OUT: "runs out of time",
     FOLLOWER: "fails with perfect localization, too",
-    WORLD: "has no way to the goal",
+    WORLD: "finds no way to the goal",
 }
 """How a closed-loop drive ends that does not reach the goal."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +29,7 @@ from locplan.diagnosis._rates import (
 )
 from locplan.diagnosis._reading import Reading
 from locplan.diagnosis._weak_spots import WeakSpot
-from locplan.diagnosis.trials import Outcome, Trial, combine_fixes, contrast, try_fix
+from locplan.diagnosis.trials import Outcome, Trial, confirm_fixes, contrast, select_fixes, try_fix
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
 from locplan.simulation import Arrivals, Choice, choose
@@ -37,6 +38,11 @@ from locplan.simulation.verdict import BETTER, RatePair, Verdict, compare
 
 FAILING = 16
 """Number of closed-loop drives along a route on which a drive fails."""
+LONG, MIN_SHARE = 30.0, 0.5
+"""Mean length of routes from which on they are driven less often [m], and the least share of the
+drives that remains: a long route has more places at which drives fail."""
+LOSING = 3
+"""Maximum number of routes for which other paths are tried."""
 
 
 @dataclass(frozen=True)
@@ -96,12 +102,16 @@ class FixTrials:
         self.site, self.effort, self.seed, self.threads = site, effort, seed, threads
         self.tried: dict[str, Fix] = {}
         self.taken: tuple[str, ...] = ()
+        mean_length = sum(path.length for path in site.paths.values()) / len(site.paths)
+        share = min(1.0, max(MIN_SHARE, LONG / mean_length))
         few, many, closed = (
-            -(-number // len(site.paths)) for number in (effort.few, effort.drives, effort.closed)
+            math.ceil(number * size / len(site.paths))
+            for number, size in ((effort.few, 1.0), (effort.drives, share), (effort.closed, share))
         )
         # Fixes are chosen, judged, and what is recommended confirmed, on drives of their own.
         self._few, self._many = range(CHOOSING, CHOOSING + few), range(many)
         self._fresh = range(FRESH, FRESH + many)
+        self._closed = closed
         self._n_closed = dict.fromkeys(site.paths, closed)
         self._drive = _fixes.driver_of(seed, threads)
         self._arrivals: dict[str, dict[str, Arrivals]] = defaultdict(dict)
@@ -121,12 +131,12 @@ class FixTrials:
         steps = parts(progress, [size * len(paths) for size in sizes])
         self._before_few = self._drive(self.site, self._few, steps[0])
         self._before = outcome = self._drive(self.site, self._many, steps[1])
-        arrivals = self._drive_closed(self.site)
+        arrivals = self._drive_closed(self.site, self._n_closed)
         # A route with a failure is driven often enough to be ranked.
         for name, lost in zip(paths, outcome.lost, strict=True):
             if lost.any() or (name in arrivals and arrivals[name].failed):
                 self._n_closed[name] = max(FAILING, self._n_closed[name])
-        arrivals = self._drive_closed(self.site)
+        arrivals = self._drive_closed(self.site, self._n_closed)
         steps[2](1, 1)
         spots, failures = blame_spots(spots, paths, [*outcome.lost_at], arrivals)
         rates = rates_of(outcome, arrivals)
@@ -169,31 +179,53 @@ class FixTrials:
             fixes = [fix for fix in fixes if fix.kind == WALLS]
         else:
             fixes += filter(None, [_fixes.preset_settings(self.site, self._score)])
-        still_lost = bool(self._before.lost.any())
+        results = []
         for fix, step in zip(fixes, parts(first, [1] * len(fixes)), strict=True):
-            yield (result := self._try(fix))
-            still_lost &= not (result.keeps_more and is_rare(result.rates.lost))
+            results.append(self._try(fix))
+            yield results[-1]
             step(1, 1)
-        if self.effort.choosing and still_lost:
+        if self.effort.choosing and self._is_still_lost(results):
             choices = self._choices(costs, field, second)
             if other_paths := _fixes.chosen_paths(self.site, choices, self._score):
-                yield (result := self._try(other_paths))
-                still_lost &= not (result.keeps_more and is_rare(result.rates.lost))
-        if not self.effort.landmarks or not still_lost or is_rare(rates.lost):
+                results.append(self._try(other_paths))
+                yield results[-1]
+        if not self.effort.landmarks or is_rare(rates.lost) or not self._is_still_lost(results):
             return
         if poles := _fixes.landmarks(self.site, self.threads):
             yield self._try(poles)
 
-    def _score(self, site: Site) -> float:
-        return contrast(self._before_few, self._drive(site, self._few)).score
+    def _is_still_lost(self, results: Sequence[FixResult]) -> bool:
+        """True if drives get lost with the best combination of fixes so far."""
+        return not is_rare(self._drive_together(self._select(results), self._many).lost_rate)
+
+    def _select(self, results: Sequence[FixResult]) -> tuple[str, ...]:
+        """Select the fixes that help together."""
+        order = [
+            result.kind for result in rank_fixes(results) if helps(result, self._baseline.rates)
+        ]
+        return select_fixes(
+            self._sure,
+            [kind for kind in order if kind not in self._sure],
+            self._drive_together,
+            self._many,
+            costly=[kind for kind in KINDS if kind not in CHEAP],
+        )
+
+    @property
+    def _sure(self) -> tuple[str, ...]:
+        return tuple(kind for kind, fix in self.tried.items() if fix.is_sure)
+
+    def _score(self, site: Site, first_half: bool = False) -> float:
+        numbers = self._few[: (len(self._few) + 1) // 2] if first_half else self._few
+        return contrast(self._drive(self.site, numbers), self._drive(site, numbers)).score
 
     def _choices(
         self, costs: Costmap, field: CovarianceField, progress: ProgressCallback
     ) -> dict[str, Choice]:
-        """The recommended paths of the routes that lose drives."""
+        """Return the recommended paths of the routes that lose most drives."""
         site, found = self.site, {}
-        named = zip(site.paths, self._before.lost, strict=True)
-        losing = [name for name, lost in named if lost.any()]
+        losses = dict(zip(site.paths, self._before.lost.sum(axis=1), strict=True))
+        losing = sorted(filter(losses.get, losses), key=lambda name: -losses[name])[:LOSING]
         for name, step in zip(losing, parts(progress, [100] * len(losing)), strict=True):
             start, goal = map(tuple, site.paths[name].xy[[0, -1]].tolist())
             choice = choose(
@@ -257,40 +289,32 @@ class FixTrials:
             Rates of the fresh drives without and with the fixes, and their verdict.
         """
         rates = self._baseline.rates
-        sure = tuple(kind for kind, fix in self.tried.items() if fix.is_sure)
-        order = [result.kind for result in rank_fixes(results) if helps(result, rates)]
-        if not sure and not order:
-            progress(1, 1)
-            return rates, rates, None
-        combination = combine_fixes(
-            sure,
-            [kind for kind in order if kind not in sure],
-            self._drive_together,
-            self._many,
-            self._fresh,
-            costly=[kind for kind in KINDS if kind not in CHEAP],
-        )
-        self.taken = combination.kinds
+        selected = self._select(results)
+        if selected:
+            combination = confirm_fixes(self._sure, selected, self._drive_together, self._fresh)
+            self.taken = combination.kinds
+        progress(1, 1)
         if not self.taken:
-            progress(1, 1)
             return rates, rates, None
         site = _fixes.apply_fixes(self.tried, self.taken, self.site)
-        before = rates_of(combination.before, self._drive_closed(self.site))
+        before = rates_of(combination.before, self._drive_closed(self.site, self._n_closed))
         after = rates_of(combination.after, self._drive_closed(site))
         verdict = compare(combination.before.drive_set, combination.after.drive_set)
-        progress(1, 1)
         return before, after, _with_reached(verdict, before, after)
 
     def _drive_together(self, kinds: tuple[str, ...], numbers: range) -> Outcome:
         return self._drive(_fixes.apply_fixes(self.tried, kinds, self.site), numbers)
 
-    def _drive_closed(self, site: Site) -> dict[str, Arrivals]:
-        """Drive each route in closed loop as often as is needed; drives so far are kept."""
+    def _drive_closed(
+        self, site: Site, counts: Mapping[str, int] | None = None
+    ) -> dict[str, Arrivals]:
+        """Drive each route in closed loop, so often that each has its count; keep the drives."""
         known = self._arrivals[site.digest]
-        wanted: dict[range, list[str]] = defaultdict(list)
-        for name, count in self._n_closed.items():
-            wanted[range(len(known[name].drives) if name in known else 0, count)].append(name)
-        for numbers, names in wanted.items():
+        missing: dict[range, list[str]] = defaultdict(list)
+        for name in site.paths:
+            count = counts[name] if counts else self._closed
+            missing[range(len(known[name].drives) if name in known else 0, count)].append(name)
+        for numbers, names in missing.items():
             if numbers:
                 part = replace(site, paths={name: site.paths[name] for name in names})
                 driven = Driver(part, self.seed, self.threads).arrivals(numbers)

@@ -19,6 +19,8 @@ WORTHWHILE = 0.9
 """Ratio of errors from which on a fix is worth its effort, as for paths."""
 
 
+MIN_FRESH = 32
+"""Least number of fresh drives from which rates are reported."""
 SUPERFLUOUS = 0.95
 """Ratio of errors that a fix of several must fall below, if it keeps no drive from getting lost."""
 
@@ -43,6 +45,17 @@ class Outcome(NamedTuple):
             The drives.
         """
         return cls(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True)))
+
+    def at(self, place: int) -> Outcome:
+        """Return the drives at one place, one along each route.
+
+        Parameters
+        ----------
+        place : int
+            The place.
+        """
+        places = slice(place, place + 1)
+        return Outcome(self.log_error[:, places], self.lost[:, places], self.lost_at[:, places])
 
     @property
     def drive_set(self) -> DriveSet:
@@ -169,15 +182,18 @@ class Combination(NamedTuple):
     """Fresh drives with all of the fixes."""
 
 
-def combine_fixes(
+DriveFixes = Callable[[tuple[str, ...], range], Outcome]
+"""Function that drives with fixes of some kinds."""
+
+
+def select_fixes(
     sure: tuple[str, ...],
     order: Sequence[str],
-    drive: Callable[[tuple[str, ...], range], Outcome],
+    drive: DriveFixes,
     known: range,
-    fresh: range,
     costly: Sequence[str] = (),
-) -> Combination:
-    """Combine fixes until neither lost drives nor the error fall further; confirm them.
+) -> tuple[str, ...]:
+    """Select fixes to combine until neither lost drives nor the error fall further.
 
     Parameters
     ----------
@@ -187,8 +203,8 @@ def combine_fixes(
         Kinds of those that are better alone, the best first.
     drive : callable
         Drives with fixes of some kinds.
-    known, fresh : range
-        Numbers of the drives that judged the fixes, and of those that alone decide.
+    known : range
+        Numbers of the drives that judged the fixes.
     costly : sequence of str, default ()
         Kinds that must keep drives from getting lost; a lower error alone is not worth them.
     """
@@ -199,28 +215,43 @@ def combine_fixes(
         others = tuple(other for other in taken if other != kind)
         if others and _is_superfluous(drive(others, known), drive(taken, known)):
             taken = others
-    parts: list[tuple[Outcome, Outcome]] = []
+    return taken
+
+
+def confirm_fixes(
+    sure: tuple[str, ...], taken: tuple[str, ...], drive: DriveFixes, fresh: range
+) -> Combination:
+    """Confirm a combination of fixes by fresh drives, which alone decide.
+
+    Parameters
+    ----------
+    sure : tuple of str
+        Kinds of the fixes that are done whatever drives show.
+    taken : tuple of str
+        Kinds of all fixes of the combination.
+    drive : callable
+        Drives with fixes of some kinds.
+    fresh : range
+        Numbers of the drives.
+    """
     if taken != sure:
-
-        def drive_both(numbers: range) -> tuple[DriveSet, DriveSet]:
-            parts.append((drive(sure, numbers), drive(taken, numbers)))
-            return parts[-1][0].drive_set, parts[-1][1].drive_set
-
+        n_routes = len(drive(taken, fresh[:1]).lost)
         half = (len(fresh) + 1) // 2
-        verdict = confirm(drive_both, fresh, looks=sorted({half, len(fresh)}))
+        is_early = half * n_routes >= MIN_FRESH
+        verdict = confirm(
+            lambda numbers: (drive(sure, numbers).drive_set, drive(taken, numbers).drive_set),
+            fresh,
+            looks=[half, len(fresh)] if is_early and half < len(fresh) else [len(fresh)],
+        )
+        fresh = fresh[: verdict.n_drives // n_routes]
         taken = taken if verdict.word == BETTER else sure
-    if not parts or taken == sure:
-        return Combination(taken, drive((), fresh), drive(taken, fresh))
-    before, after = (Outcome.join(outcomes) for outcomes in zip(*parts, strict=True))
-    if sure:
-        before = drive((), fresh[: before.lost.shape[1]])
-    return Combination(taken, before, after)
+    return Combination(taken, drive((), fresh), drive(taken, fresh))
 
 
 def _next_fix(
     taken: tuple[str, ...],
     order: Sequence[str],
-    drive: Callable[[tuple[str, ...], range], Outcome],
+    drive: DriveFixes,
     known: range,
     costly: Sequence[str],
 ) -> str:
