@@ -180,7 +180,9 @@ def check_figure(check: Check, *_: Any) -> Figure:
             zorder=6,
             bbox={"boxstyle": "round,pad=.25", "fc": back, "ec": edge},
         )
-    axes.set_title(f"{check.grid.name or 'map'}: {caption(check)}", fontsize="small")
+    text = caption(check)
+    title = f"{check.grid.name or 'Map'}. {text[:1].upper()}{text[1:]}"
+    axes.set_title(title, fontsize="small")
     return figure
 
 

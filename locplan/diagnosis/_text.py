@@ -247,7 +247,8 @@ def _route_table(check: Check, n_rows: int) -> list[str]:
         *_rate_columns(),
         Column("problem", title="", value=problem_text),
     )
-    return _table(columns, check.routes, n_rows)
+    title = _count_rows("route", "routes", n_rows, len(check.routes))
+    return _table(columns, title, check.routes[:n_rows])
 
 
 def _fix_table(check: Check, n_rows: int) -> list[str]:
@@ -257,15 +258,19 @@ def _fix_table(check: Check, n_rows: int) -> list[str]:
         *_rate_columns(),
         Column("error", title="error", value=lambda row: row.error),
     )
-    return _table(columns, fix_rows(check), n_rows + 1) if check.fixes else []
+    rows = fix_rows(check)
+    title = _count_rows("fix", "fixes", n_rows, len(rows) - 1)
+    return _table(columns, title, rows[: n_rows + 1]) if check.fixes else []
 
 
-def _table(columns: Sequence[Column], records: Sequence[Any], n_rows: int) -> list[str]:
-    """Return the lines of a table, whose first heading counts the rows if some are left out."""
+def _count_rows(name: str, plural: str, n_rows: int, n_all: int) -> str:
+    """Return the heading of a first column, with the number of rows if some are left out."""
+    return f"{n_rows} of {n_all} {plural}" if n_rows < n_all else name
+
+
+def _table(columns: Sequence[Column], title: str, records: Sequence[Any]) -> list[str]:
+    """Return the lines of a table."""
     name, *others = columns
-    title = name.name
-    if len(records) > n_rows:
-        title = f"{n_rows} of {len(records)} {name.name}s"
-    table = Table.of([replace(name, title=title), *others], records[:n_rows])
+    table = Table.of([replace(name, title=title), *others], records)
     lines = [line.rstrip() for line in str(table).splitlines()]
     return [line for line in lines if line.strip(" \u2500")]
