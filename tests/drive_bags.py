@@ -88,9 +88,11 @@ class BagWriter:
         content = self.type(SCAN)(**values | changes)
         self.write(topic, SCAN, time, content)
 
-    def odometry(self, time, pose, *, topic="/odom", frame="odom", child="base_link") -> None:
-        none = self.type("geometry_msgs/msg/Vector3")(0.0, 0.0, 0.0)
-        twist = self.type("geometry_msgs/msg/Twist")(none, none)
+    def odometry(
+        self, time, pose, *, topic="/odom", frame="odom", child="base_link", speed=0.0
+    ) -> None:
+        vector = self.type("geometry_msgs/msg/Vector3")
+        twist = self.type("geometry_msgs/msg/Twist")(vector(speed, 0.0, 0.0), vector(0.0, 0.0, 0.0))
         content = self.type(ODOMETRY)(
             self.header(time, frame),
             child,

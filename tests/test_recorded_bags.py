@@ -537,3 +537,22 @@ def test_a_transform_and_its_inverse_cancel():
     twice = poses.in_plane(poses.composed(plane, plane))[0]
     np.testing.assert_allclose(twice, on((1, 2, 0.7), (1, 2, 0.7)))
     np.testing.assert_allclose(poses.in_plane(poses.inverse(plane))[0], back((1, 2, 0.7)))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bag_has_speeds_of_odometry(tmp_path, kind):
+    """They lie between those of the messages before and after a scan, as poses do."""
+    lidar, times = LIDAR, [BEGIN, BEGIN + 0.2, BEGIN + 0.4]
+    with writing(tmp_path, kind) as (path, bag):
+        fixed = bag.transform(BEGIN, "base_link", "laser", (0.0, 0.0, 0.0))
+        bag.tf(BEGIN, fixed, topic="/tf_static")
+        for n, time in enumerate(times):
+            bag.odometry(time, (0.1 * n, 0.0, 0.0), speed=0.5 - n)
+            bag.tf(time, bag.transform(time, "map", "base_link", (0.1 * n, 0.0, 0.0)))
+        bag.scan(times[0], lidar, np.full(7, 3.0))
+        bag.scan(times[2], lidar, np.full(7, 3.0))
+        late = bag.header(times[0] + 0.1, "laser")
+        bag.scan(times[2] + 0.1, lidar, np.full(7, 3.0), header=late)
+    read = read_drive(path)
+    np.testing.assert_allclose(read.speeds, [0.5, 0.0, -1.5], atol=1e-6)
+    assert read.source.stamps_back == 1

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from locplan._util.poses import FrameTree, Track, Transform, frame_name
+from locplan._util.poses import IDENTITY, FrameTree, Track, Transform, frame_name
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.recordings._bag_files import Bag, Kind, Message, opened
@@ -47,10 +47,17 @@ def read_bag(path: Path, options: Options, progress: ProgressCallback | None = N
     if place.upside_down:
         ranges = ranges[:, ::-1]
     ranges.setflags(write=False)
-    source = replace(place.source, file=path.name, scans=topic, notes=tuple(notes))
+    source = replace(
+        place.source,
+        file=path.name,
+        scans=topic,
+        stamps_back=scans.stamps_back,
+        notes=tuple(notes),
+    )
     odometry = None if place.odometry is None else place.odometry[kept]
+    speeds = None if place.speeds is None else place.speeds[kept]
     times = np.array(scans.times)[kept]
-    return Recording(ranges, lidar, place.poses[kept], times, odometry, source)
+    return Recording(ranges, lidar, place.poses[kept], times, odometry, source, speeds)
 
 
 def scan_topic(bag: Bag, named: str | None) -> str:
@@ -84,6 +91,8 @@ class _Scans:
     times: Sequence[float]
     """Times of the stamps, ascending [s]."""
     frame: str
+    stamps_back: int
+    """Number of scans with stamps before that of one that was logged earlier."""
 
 
 def _window(bag: Bag, options: Options, margin: float = 0.0) -> tuple[int | None, int | None]:
@@ -98,7 +107,7 @@ def _read_scans(
     bag: Bag, topic: str, options: Options, progress: ProgressCallback | None
 ) -> _Scans:
     rows, stamps, frame = ScanRows(options.range_limits), list[float](), ""
-    latest = -np.inf
+    latest, stamps_back = -np.inf, 0
     window = _window(bag, options)
     for message in bag.messages([topic], *window, options.every, progress):
         scan = message.content
@@ -109,6 +118,7 @@ def _read_scans(
                 f" {(message.logged - bag.start) / 1e9:.3g} s; was simulated time reset? In"
                 " Python, read a part with window=(start, end) in seconds"
             )
+        stamps_back += stamp < latest
         latest = max(latest, stamp)
         frame = frame or frame_name(scan.header.frame_id)
         about = scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
@@ -118,7 +128,7 @@ def _read_scans(
         within = "" if options.window is None else " in the window"
         raise RecordingError(f"has no scan on {topic}{within}; record again, or read another part")
     _, order = np.unique(np.array(stamps), return_index=True)
-    return _Scans(rows, order.tolist(), [stamps[n] for n in order], frame)
+    return _Scans(rows, order.tolist(), [stamps[n] for n in order], frame, stamps_back)
 
 
 def _listen(
@@ -170,12 +180,12 @@ def _take(message: Message, topics: dict[str, str], heard: Heard, times: Sequenc
     if message.topic not in heard.topics:
         child = frame_name(content.child_frame_id) if kind == Kind.ODOMETRY else ""
         frame = frame_name(content.header.frame_id)
-        heard.topics[message.topic] = PoseTopic(kind, frame, child, Track(times))
+        heard.topics[message.topic] = PoseTopic(kind, frame, child, Track(times), Track(times))
     pose = content.pose if kind == Kind.POSE else content.pose.pose
-    heard.topics[message.topic].track.add(
-        seconds(content.header.stamp, message.logged),
-        transform_of(pose.position, pose.orientation),
-    )
+    topic, time = heard.topics[message.topic], seconds(content.header.stamp, message.logged)
+    topic.track.add(time, transform_of(pose.position, pose.orientation))
+    if kind == Kind.ODOMETRY:
+        topic.speeds.add(time, (content.twist.twist.linear.x, *IDENTITY[1:]))
 
 
 def _pose_topics(bag: Bag, options: Options) -> dict[str, str]:

@@ -45,10 +45,15 @@ class _Log:
 
     scans: dict[str, _Scans] = field(default_factory=dict)
     odometry: array[float] = field(default_factory=lambda: array("d"))
-    """x, y [m], heading [rad] and time [s] of the lines of odometry."""
+    """x, y [m], heading [rad], time [s] and speed ahead [m/s] of the lines of odometry."""
     others: set[str] = field(default_factory=set)
     """Names of lines of other kinds."""
     notes: list[str] = field(default_factory=list)
+
+    @property
+    def lines(self) -> Floats:
+        """The lines of odometry, (n, 5)."""
+        return np.array(self.odometry).reshape(-1, 5)
 
 
 def read_carmen(path: Path, options: Options) -> Recording:
@@ -71,7 +76,7 @@ def read_carmen(path: Path, options: Options) -> Recording:
     if not 0 < most <= MAX_RANGE:
         most = _limit(ranges)
     times = lines[:, 6]
-    ordered = bool((np.diff(times) > 0).all())
+    ordered, stamps_back = bool((np.diff(times) > 0).all()), int((np.diff(times) < 0).sum())
     if not ordered:
         log.notes.append("its stamps are coarse or out of order: there are no times")
     source = Source(
@@ -80,8 +85,10 @@ def read_carmen(path: Path, options: Options) -> Recording:
         poses=kind,
         odometry="" if reported is None else "ODOM" if log.odometry else kind,
         map_frame=options.map_frame,
+        stamps_back=stamps_back,
         notes=tuple(log.notes),
     )
+    speeds = _speeds(log, found.before)
     ranges.setflags(write=False)
     return Recording(
         ranges,
@@ -90,7 +97,16 @@ def read_carmen(path: Path, options: Options) -> Recording:
         times[kept] if ordered else None,
         None if reported is None else reported[kept],
         source,
+        None if reported is None or speeds is None else speeds[kept],
     )
+
+
+def _speeds(log: _Log, before: Sequence[int]) -> Floats | None:
+    """Speeds ahead of the lines of odometry before the scans, (n,) [m/s]; None if all are 0."""
+    values = log.lines[:, 4]
+    if not values.any():
+        return None
+    return np.where(np.asarray(before) < 0, np.nan, values[before])
 
 
 def _kind(log: _Log, named: str | None) -> str:
@@ -131,7 +147,7 @@ def _poses(
         x, y, yaw = (float(value) for value in np.round(mount, 4))
     else:
         poses, reported, x, y, yaw = first, second, 0.0, 0.0, 0.0
-    lines = odometry_at(poses, scans[:, 6], before, np.array(log.odometry).reshape(-1, 4))
+    lines = odometry_at(poses, scans[:, 6], before, log.lines[:, :4])
     reported = reported if lines is None else lines
     if reported is not None and np.hypot(*(reported - poses)[:, :2].T).max() < 0.02:
         log.notes.append("its odometry is the poses, which may be odometry alone")
@@ -150,10 +166,10 @@ def _parsed(path: Path, options: Options) -> _Log:
         try:
             if name == "ODOM":
                 words = line.split()
-                log.odometry.extend(_finite((*words[1:4], words[7])))
+                log.odometry.extend(_finite((*words[1:4], words[7], words[4])))
             elif name in KINDS and named in (None, name):
                 scans = log.scans.get(name) or _Scans()
-                _take(name, line.split(), scans, len(log.odometry) // 4 - 1, options.every)
+                _take(name, line.split(), scans, len(log.odometry) // 5 - 1, options.every)
                 log.scans[name] = scans
             elif not name.startswith("#") and len(log.others) < 100:
                 log.others.add(name if name.isprintable() else "?")

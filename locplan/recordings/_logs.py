@@ -152,6 +152,8 @@ class Source(Settings):
     """Frame of the robot, whose poses these are."""
     lidar_frame: str = ""
     """Frame of the lidar."""
+    stamps_back: int = 0
+    """Number of scans whose stamps lie before that of an earlier scan in the log."""
     notes: tuple[str, ...] = ()
     """What was assumed or left out, in sentences without a full stop."""
 

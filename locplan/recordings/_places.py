@@ -31,6 +31,7 @@ class PoseTopic(NamedTuple):
     frame: str
     child: str
     track: Track
+    speeds: Track  # ahead by odometry, as x of transforms, which are interpolated alike
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,8 @@ class Place:
     poses: Floats
     """(n, 3) in the map's frame; NaN where unknown [m, m, rad]."""
     odometry: Floats | None
+    speeds: Floats | None
+    """Speeds ahead by odometry, (n,) [m/s]; NaN where unknown."""
     mount: tuple[float, float, float]
     upside_down: bool
     source: Source
@@ -126,7 +129,17 @@ class Heard:
             base_frame=base,
             lidar_frame=self.lidar_frame,
         )
-        return Place(poses, odometry, mount, upside_down, source)
+        speeds = None if odometry is None else self._speeds(odometry_from)
+        return Place(poses, odometry, speeds, mount, upside_down, source)
+
+    def _speeds(self, odometry_from: str) -> Floats | None:
+        """Speeds ahead at the scans, of the topic of odometry; None if there are several, or 0."""
+        topics = self.of_odometry()
+        if len(topics) != 1 and odometry_from not in topics:
+            return None
+        topic = topics.get(odometry_from) or next(iter(topics.values()))
+        speeds = topic.speeds.at_times()[self.at_scans, 0]
+        return speeds if np.nan_to_num(speeds).any() else None
 
     def leave_out_others(self) -> None:
         """Leave out the transforms that no pose needs, once TF leads from the map to the lidar."""

@@ -70,8 +70,8 @@ def read_drive(
     range_0, range_1, ...`` [s, m, rad], one row a scan; those of time and odometry may be
     missing, and an empty range means no return. NPZ has arrays ``ranges`` (scans, beams) [m], or
     uint16 in millimetres with 65535 for no return, ``poses`` (scans, 3), ``lidar``, a text of JSON
-    with the fields of `locplan.Lidar`, and if known ``times`` and ``odometry``. `Recording.save`
-    writes both.
+    with the fields of `locplan.Lidar`, and if known ``times``, ``odometry`` and ``speeds``.
+    `Recording.save` writes both.
 
     Parameters
     ----------

@@ -23,8 +23,8 @@ from locplan.robots import Kinematics, Lidar, Robot
 class Recording:
     """A recorded drive of a robot with a 2D lidar.
 
-    All arrays are read-only, and have a row for each scan. `ranges`, `poses`, `times` and
-    `odometry` are checked and copied unless they are read-only already.
+    All arrays are read-only, and have a row for each scan. `ranges`, `poses`, `times`, `odometry`
+    and `speeds` are checked and copied unless they are read-only already.
 
     Raises
     ------
@@ -59,6 +59,8 @@ class Recording:
     """Poses by odometry at the scans, (n, 3) [m, m, rad], in a frame of its own; or None."""
     source: Source = field(default_factory=Source)
     """The file, topics and frames that it was read from."""
+    speeds: Floats | None = None
+    """Speeds ahead by odometry at the scans, (n,) [m/s], NaN where unknown; or None."""
 
     if TYPE_CHECKING:  # lists are taken, but arrays kept
 
@@ -70,6 +72,7 @@ class Recording:
             times: ArrayLike | None = None,
             odometry: ArrayLike | None = None,
             source: Source = ...,
+            speeds: ArrayLike | None = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -110,6 +113,13 @@ class Recording:
                     f"odometry must be a pose for each of {len(poses)} scans, not {len(odometry)}"
                 )
             keep(self, odometry=odometry)
+        if self.speeds is not None:
+            speeds = array_of("speeds", self.speeds, np.dtype(np.float64), 1)
+            if speeds.shape != (len(poses),):
+                raise RecordingError(
+                    f"speeds must be {len(poses)} numbers, one of each scan, not {speeds.shape}"
+                )
+            keep(self, speeds=speeds)
 
     def __repr__(self) -> str:
         name = f"{printable(self.source.file)}, " if self.source.file else ""
@@ -152,6 +162,7 @@ class Recording:
             poses=poses,
             times=None if self.times is None else self.times[index],
             odometry=None if self.odometry is None else self.odometry[index],
+            speeds=None if self.speeds is None else self.speeds[index],
         )
 
     def every(self, count: int) -> Recording:
@@ -309,7 +320,7 @@ class Recording:
         ----------
         path : path
             File that ends in .npz, which loses nothing, or in .csv, whose ranges are
-            rounded to 0.1 mm and poses to a millionth.
+            rounded to 0.1 mm and poses to a millionth, and which has no speeds.
 
         Raises
         ------

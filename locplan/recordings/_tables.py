@@ -64,7 +64,7 @@ def read_npz(path: Path, options: Options) -> Recording:
         If the file is damaged, or its arrays are no recording.
     """
     options.refuse_others("an .npz file", of_robot=False)
-    names = ("ranges", "poses", "times", "odometry", "lidar", "source")
+    names = ("ranges", "poses", "times", "odometry", "speeds", "lidar", "source")
     try:
         arrays = _arrays(path, names)
     except LocplanError:
@@ -78,7 +78,7 @@ def read_npz(path: Path, options: Options) -> Recording:
     if missing:
         raise RecordingError(
             f"has no array {' and '.join(missing)}; a recording has {', '.join(names)}, of which"
-            " times, odometry and source may be missing"
+            " times, odometry, speeds and source may be missing"
         )
     ranges = arrays["ranges"]
     if ranges.dtype == np.uint16:
@@ -95,7 +95,8 @@ def read_npz(path: Path, options: Options) -> Recording:
                 f"its source is not as Recording.save writes it: {error}"
             ) from None
     times, odometry = arrays.get("times"), arrays.get("odometry")
-    return Recording(ranges, lidar, arrays["poses"], times, odometry, source)
+    speeds = arrays.get("speeds")
+    return Recording(ranges, lidar, arrays["poses"], times, odometry, source, speeds)
 
 
 def _arrays(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
@@ -141,6 +142,7 @@ def _write_npz(drive: Recording, target: Path) -> None:
         "source": np.array(json.dumps(dataclasses.asdict(drive.source))),
         "times": drive.times,
         "odometry": drive.odometry,
+        "speeds": drive.speeds,
     }
     known: Any = {name: value for name, value in values.items() if value is not None}
     with open(target, "wb") as file:
@@ -172,7 +174,8 @@ def read_csv(path: Path, options: Options) -> Recording:
     if not len(table):
         raise RecordingError(f"has no scan below its column names, line {number}")
     times = table[:, 0] if timed else None
-    rises = times is None or bool((np.diff(times) > 0).all())
+    steps = np.zeros(0) if times is None else np.diff(times)
+    rises = bool((steps > 0).all())
     poses = table[:, timed : timed + 3]
     return Recording(
         ranges,
@@ -185,6 +188,7 @@ def read_csv(path: Path, options: Options) -> Recording:
             scans="columns range_0 ...",
             poses=f"columns {', '.join(POSE)}",
             odometry=f"columns {', '.join(ODOMETRY)}" if reported else "",
+            stamps_back=int((steps < 0).sum()),
             notes=() if rises else ("its times do not rise from scan to scan, and are left out",),
         ),
     )
