@@ -38,6 +38,10 @@ from ._odometry_noise import OdometryNoise as OdometryNoise, odometry_noise as o
 from ._range_fit import RangeFit as RangeFit, range_fit as range_fit
 from ._read import read_drive as read_drive, record_drive as record_drive
 from ._recording import Recording as Recording
+from ._recording_faults import (
+    RecordingFaults as RecordingFaults,
+    find_recording_faults as find_recording_faults,
+)
 from ._reference import referenced as referenced, trajectory_of as trajectory_of
 from ._replay import Consistency as Consistency, Replay as Replay, replay as replay
 from ._scan_noise import ScanNoise as ScanNoise, scan_noise as scan_noise

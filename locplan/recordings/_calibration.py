@@ -22,6 +22,7 @@ from locplan.errors import LocplanError
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._odometry_noise import MIN_UPDATES, OdometryNoise, odometry_noise
 from locplan.recordings._recording import Recording
+from locplan.recordings._recording_faults import find_recording_faults
 from locplan.recordings._scan_noise import ScanNoise, scan_noise
 from locplan.robots import Robot
 
@@ -151,7 +152,8 @@ def calibrate_drive(
 ) -> DriveCalibration:
     """Fit the noise of odometry and scans to a recorded drive.
 
-    Odometry is compared with the recorded poses, and ranges with the map's walls.
+    Odometry is compared with the recorded poses, and ranges with the map's walls. Steps at which
+    odometry is faulty are left out.
 
     Parameters
     ----------
@@ -209,7 +211,9 @@ def calibrate_drive(
             " their poses, and are left out"
         )
     changes = scans.settings()
-    odometry = odometry_noise(recording, robot.amcl)
+    faults = find_recording_faults(recording, grid)
+    notes += [text.rstrip(".") for text in faults.sentences]
+    odometry = odometry_noise(recording, robot.amcl, faults.faulty_steps)
     if odometry:
         notes += odometry.notes
         changes |= odometry.settings()

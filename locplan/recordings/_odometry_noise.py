@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Bools, Floats
 from locplan._kernels.particles import STILL
 from locplan._util.intervals import Interval, blocks_along, intervals
 from locplan._util.poses import updates_of, way_along, way_between, wrapped
@@ -92,7 +92,9 @@ class OdometryNoise:
         return {name: abs(getattr(self, name).value) for name in names}
 
 
-def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
+def odometry_noise(
+    recording: Recording, amcl: Amcl, faulty: Bools | None = None
+) -> OdometryNoise | None:
     """Fit the noise of odometry by maximum likelihood; None where the drive is too short.
 
     Drifts and biases are fitted to stretches of several lengths at once, which tells them from the
@@ -105,13 +107,15 @@ def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
         The drive.
     amcl : Amcl
         The filter, between whose updates odometry is compared with the poses.
+    faulty : (scans - 1,) array of bool, optional
+        Mask of the steps that are left out, as `find_recording_faults` finds them.
     """
     if recording.odometry is None:
         return None
     updates = updates_of(recording.odometry, amcl.update_min_d, amcl.update_min_a)
     if len(updates) - 1 < MIN_UPDATES:
         return None
-    poses, odometry, jumps = without_jumps(recording.poses, recording.odometry)
+    poses, odometry, jumps = without_jumps(recording.poses, recording.odometry, faulty)
     smoothed = recording.source.poses == SMOOTHED
     spans = SMOOTHED_SPANS if smoothed else SPANS
     needed = SMOOTHED_MIN_STRETCHES if smoothed else MIN_STRETCHES

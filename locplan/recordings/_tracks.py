@@ -103,15 +103,20 @@ class Tracks:
         return errors @ self._turn.T, self._turn @ covariances @ self._turn.T
 
 
-def without_jumps(poses: Floats, odometry: Floats) -> tuple[Floats, Floats, int]:
+def without_jumps(
+    poses: Floats, odometry: Floats, faulty: NDArray[np.bool_] | None = None
+) -> tuple[Floats, Floats, int]:
     """Poses and odometry that both stand still where they jump apart, and the number of jumps.
 
-    One jump would count for more than all the noise of a drive.
+    One jump would count for more than all the noise of a drive. They stand still at faulty steps,
+    too.
 
     Parameters
     ----------
     poses, odometry : (n, 3) arrays
         Recorded poses and those by odometry [m, m, rad], each in a frame of its own.
+    faulty : (n - 1,) array of bool, optional
+        Mask of the steps of odometry that are wrong.
 
     Examples
     --------
@@ -126,9 +131,10 @@ def without_jumps(poses: Floats, odometry: Floats) -> tuple[Floats, Floats, int]
     # Half a metre or half a radian, and three tenths of the step, are no jump yet.
     far = apart > 0.5 + 0.3 * np.minimum(true_way, way)
     far |= np.abs(wrapped(off[:, 2])) > 0.5 + 0.3 * np.abs(wrapped(true[:, 2]))
-    if not far.any():
+    left_out = far if faulty is None else far | faulty
+    if not left_out.any():
         return poses, odometry, 0
-    joined = _joined(poses[0], true, far), _joined(odometry[0], reported, far)
+    joined = _joined(poses[0], true, left_out), _joined(odometry[0], reported, left_out)
     return *joined, int(far.sum())
 
 
