@@ -440,7 +440,7 @@ def test_a_recorded_drive_says_whether_and_where_the_map_fits_it():
     stations, told = [((7.0, 7.0), (20.5, 15.0))], []
     found = check(grid, robot, stations, [drive], effort="quick", found=told.append)
     assert found.recorded[0].startswith("drive 1: The map fits")
-    assert "too few scans" in found.recorded[1]  # of a log of one scan in half a metre
+    assert "too few scans" in found.recorded[2]  # of a log of one scan in half a metre
     assert found.recorded[0] in found.report()
     (false,) = [each for each in found.faults if each.kind == "false walls"]
     assert false.boxes[0] == pytest.approx((26.4, 31.4, 6.4, 6.8), abs=0.15)
@@ -453,5 +453,6 @@ def test_a_recorded_drive_says_whether_and_where_the_map_fits_it():
 def test_check_runs_no_filter_if_map_does_not_fit_recorded_drive():
     drive = locplan.recordings.read_drive(SMALL_DRIVE)
     found = check(room(), drive.robot(ROBOT), [((1.0, 1.0), (7.0, 1.0))], [drive], effort="quick")
-    (said,) = found.recorded
+    said, hidden = found.recorded
+    assert "cannot show motion along corridors" in hidden
     assert "does not fit" in said

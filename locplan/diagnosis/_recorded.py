@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from locplan._kernels.arrays import Bools
 from locplan._util.intervals import Interval, in_metres, in_percent
 from locplan.diagnosis._reading import Reading
 from locplan.errors import LocplanError
 from locplan.maps import MapFault, MapFaults, OccupancyGrid
 from locplan.recordings import (
     Recording,
+    RecordingFaults,
     find_misfits,
+    find_recording_faults,
     fit_to_map,
     odometry_noise,
     range_fit,
@@ -33,6 +36,8 @@ class Recorded:
     """Ratio of the true lengths to those of the map; 1 unless it surely is another."""
     said: tuple[str, ...] = ()
     """What they say, in sentences without a full stop."""
+    are_sound: tuple[bool, ...] = ()
+    """Whether each drive fits the map and is evidence for settings that trust odometry and map."""
 
 
 def recorded(
@@ -58,11 +63,14 @@ def recorded(
     seed, threads
         See `locplan.check`.
     """
-    grid, said, fitting, ranges = reading.grid, [], [], None
+    grid, said, fitting, ranges = reading.grid, list[str](), [], None
+    faults = list[RecordingFaults]()
     for number, each in enumerate(recordings, 1):
         fit = fit_to_map(each, grid)
         ranges = ranges or fit.ranges
         said.append(f"drive {number}: {fit.sentence.rstrip('.')}")
+        faults.append(find_recording_faults(each, grid if fit.fits else None))
+        said += [f"drive {number}: {text.rstrip('.')}" for text in faults[-1].sentences]
         if fit.fits:
             fitting.append(each)
             said += [f"drive {number}: {text}" for text in _replayed(each, grid, robot, seed)]
@@ -70,7 +78,8 @@ def recorded(
     if fitting:
         ranges = range_fit(grid, fitting)
         longest = max(fitting, key=len)
-        robot, more = _calibrated(longest, grid, robot, threads)
+        faulty = faults[list(recordings).index(longest)].faulty_steps
+        robot, more = _calibrated(longest, grid, robot, faulty, threads)
         said += more
         try:
             # On a map whose resolution is wrong, all walls seem to be.
@@ -80,7 +89,8 @@ def recorded(
     stretch = ranges.factor.value if ranges and ranges.is_scaled else 1.0
     of_ranges = ranges.faults(grid) if ranges else ()
     known = replace(known, meant=grid, found=(*of_ranges, *misfits, *known))
-    return Recorded(robot, known, stretch, tuple(said))
+    sound = (each in fitting and own.is_sound for each, own in zip(recordings, faults, strict=True))
+    return Recorded(robot, known, stretch, tuple(said), tuple(sound))
 
 
 def _replayed(drive: Recording, grid: OccupancyGrid, robot: Robot, seed: int) -> list[str]:
@@ -96,7 +106,7 @@ def _replayed(drive: Recording, grid: OccupancyGrid, robot: Robot, seed: int) ->
 
 
 def _calibrated(
-    drive: Recording, grid: OccupancyGrid, robot: Robot, threads: int | None
+    drive: Recording, grid: OccupancyGrid, robot: Robot, faulty: Bools, threads: int | None
 ) -> tuple[Robot, list[str]]:
     """The robot whose lidar and odometry err as on a drive, and what that is."""
 
@@ -112,7 +122,7 @@ def _calibrated(
         f"lidar as recorded: {in_percent(scans.outliers)} of the beams end anywhere,"
         f" {in_percent(scans.blocked)} are blocked"
     ]
-    noise = odometry_noise(drive, robot.amcl)
+    noise = odometry_noise(drive, robot.amcl, faulty)
     if noise is None:
         return robot.changed(changes), [*said, "odometry: too short a drive, taken as it was"]
     changes |= noise.settings()
