@@ -212,7 +212,13 @@ class _Replays:
 
 
 def split_drive(recording: Recording) -> list[slice]:
-    """Return the scans of equally long stretches of a drive, one after the other."""
+    """Return the scans of equally long stretches of a drive, one after the other.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive.
+    """
     way = way_along(recording.poses)
     if way[-1] < 30:
         raise RecordingError(
