@@ -324,7 +324,7 @@ def test_plans_can_have_limits_and_waypoints(run, room):
     assert about["settings"]["via"] == [[1.25, 3.25]]
     code, out, _ = run("plan", room, *ends, "--budget", "1e-3")
     assert code == 0
-    assert "infeasible" in out
+    assert out.startswith("No path keeps the limits: ")
     assert "the least is" in out
     about = json.loads(run("plan", room, *ends, "--budget", "50", "--json")[1])
     assert about["candidates"][1]["planner"] == "grid"
@@ -388,7 +388,8 @@ def test_ompls_planners_are_at_hand(run, room, tmp_path):
         "--set", "footprint=0.05", "-o", folder,
     )  # fmt: skip
     assert code == 0
-    assert "untested: paths with headings are not driven yet" in out
+    assert out.startswith("Untested: ")
+    assert "paths with headings" in " ".join(out.split()).lower()
     assert (folder / "history.png").is_file()
     poses = np.loadtxt(folder / "02-localizability-aware.csv", delimiter=",", skiprows=1)
     assert poses[0] == pytest.approx([1, 1, math.pi / 2], abs=1e-5)
