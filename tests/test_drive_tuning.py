@@ -74,7 +74,7 @@ def test_poor_settings_are_bettered_on_the_recording(tuned):
 
 def test_reports_speak_of_the_recording(tuned):
     text = tuned.report()
-    assert "Replays of the drive, 2 of each line" in text
+    assert "2 replays of the whole of the drive" in text
     assert "random paths" not in text
     about = tuned.summary()
     assert about["recording"] == "the drive"
@@ -146,7 +146,7 @@ def test_the_command_writes_tuned_parameters(tmp_path, grid, drive, monkeypatch,
 
     code, said = run("-o", tmp_path / "tuned")
     assert code == 0, said.err
-    assert "Replays of " in said.out
+    assert "replays of the whole of" in said.out
     assert read_amcl(tmp_path / "tuned" / "nav2_params.yaml").max_particles == 40
     for more, fault in ((["--paths", "8"], "--paths"), (["--set", "range=5"], "--set range")):
         code, said = run(*more)
