@@ -44,6 +44,12 @@ def public_things(package: ModuleType) -> Iterator[object]:
         yield thing
         if inspect.ismodule(thing) and hasattr(thing, "__all__"):
             yield from public_things(thing)
+        elif inspect.ismodule(thing):  # a plain module, such as the verdict
+            yield from (
+                member
+                for name, member in vars(thing).items()
+                if getattr(member, "__module__", "") == thing.__name__ and name[0] != "_"
+            )
 
 
 def resolve_fields(thing: object) -> None:

@@ -189,9 +189,10 @@ def _meant(
     except LocplanError:
         if not reading.is_sure:
             raise
-        # Where the robot fits only into what should be unknown, the routes are there.
+        # If the robot fits only into what should be unknown, the routes are there, and the
+        # corrected file is no fix: no route would be left on it.
         routes = routes_of(Costmap.blank(grid, robot=robot), stations, count, seed)
-        return replace(reading, grid=grid), routes
+        return Reading(grid), routes
 
 
 def _field_and_spots(

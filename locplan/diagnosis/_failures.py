@@ -85,10 +85,11 @@ def blame_spots(
     for at, members in gathered(np.array([stop.xy for stop in stops]).reshape(-1, 2), TOGETHER):
         if len(members) >= 2:
             stop_owner[members] = len(places)
-            ((what, _),) = Counter(stops[n].what for n in members).most_common(1)
+            kinds = {stops[n].what for n in members}
+            stopping = STOPS[kinds.pop()] if len(kinds) == 1 else "stop instead of at the goal"
             passing = tuple(dict.fromkeys(stops[n].route for n in members))
             places.append(
-                _place_without_area(at, f"drives {STOPS[what]}", passing, stopped=len(members))
+                _place_without_area(at, f"drives {stopping}", passing, stopped=len(members))
             )
     order = sorted(range(len(places)), key=lambda n: places[n].hurts, reverse=True)
     letters = dict(zip(order, LETTERS, strict=False))

@@ -54,7 +54,7 @@ def next_action(
     if check.recommended and folder:
         commands = _commands(check, folder, again, map_file, params)
         doing = " and ".join(_instructions(check, folder, params))
-        then = ", then check again" if commands.startswith("locplan check") else ""
+        then = ", then check again" if "locplan check" in commands else ""
         return Action(f"{doing}{then}:", commands, check.written(params))
     if check.passage:
         return Action(*_correct_footprint(check, again), {})
@@ -70,8 +70,9 @@ def remaining_text(check: Check) -> str:
     if is_rare(check.after.lost):
         return ""
     share = "Most" if check.after.lost.value >= HALF else "Some"
+    get_lost = "still get lost" if check.before.lost.value > 0 else "get lost with the fix"
     further = " Without --quick, check also tries other paths and poles."
-    return f"{share} drives still get lost.{further if check.effort == 'quick' else ''}"
+    return f"{share} drives {get_lost}.{further if check.effort == 'quick' else ''}"
 
 
 def _nothing_to_do(check: Check) -> str:
@@ -93,11 +94,12 @@ def _instructions(check: Check, folder: Folder, params: Params) -> list[str]:
     """Return what to do for each recommended fix; one parameter file may hold two fixes."""
     file = folder / "nav2_params.yaml"
     parameters = f"copy the amcl section of {file} into your parameters"
-    if has_amcl(as_files(params)):
+    kinds = {fix.kind for fix in check.advised}
+    if {REACH, SETTINGS} & kinds and has_amcl(as_files(params)):
         parameters = f"start Nav2 with {file}"
     texts = {
         WALLS: f"use {folder / 'map.yaml'} as the map",
-        MEND: "give AMCL the repaired map",
+        MEND: "give AMCL the repaired map (the line in amcl.yaml)",
         REACH: parameters,
         SETTINGS: parameters,
     }
@@ -166,6 +168,12 @@ def _commands(check: Check, folder: Folder, again: list[str], map_file: str, par
         paths = [f"--path={own / name}" for name in check.changed_paths]
         to = ["--to", "nav2-routes", *paths, "-o", str(own / "routes")]
         lines.append(["locplan", "export", map_file, *to])
-    if not lines:  # the parameters have to be merged by hand, and can be checked before
-        lines.append([*again, "--robot", str(folder / "nav2_params.yaml")])
+    if len(arguments) == 1 and not {WALLS, LANDMARKS, PATHS} & taken:
+        # The user merges the lines of these files by hand, and can check before what they do.
+        again = [word for word in again if MEND not in taken or "--filter-map" not in word]
+        more = {MEND: ("--filter-map", "map_amcl.yaml"), SETTINGS: ("--robot", "nav2_params.yaml")}
+        for fix, (option, name) in more.items():
+            if fix in taken or (fix == SETTINGS and REACH in taken):
+                again += [option, str(folder / name)]
+        lines.append(again)
     return "\n".join(map(shlex.join, lines))

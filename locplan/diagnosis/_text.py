@@ -31,6 +31,7 @@ ROWS = (
     (1, 1, 3, 2),
     (0, 1, 3, 2),
     (0, 1, 2, 1),
+    (0, 1, 1, 1),
 )
 """Numbers of notes, weak spots, routes and fixes, of which the output has the first that fit."""
 FAILS = {
@@ -207,7 +208,7 @@ def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str
 def _drives_text(rates: DriveRates) -> str:
     """Name the drives from which the columns of the tables come."""
     lost = f"Lost: of {rates.n_drives} open-loop drives."
-    reached = f" Reaches the goal: of {rates.n_closed} closed-loop drives."
+    reached = f" Goal: of {rates.n_closed} closed-loop drives, mean of routes."
     return lost + (reached if rates.n_closed else "")
 
 
