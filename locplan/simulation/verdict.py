@@ -69,7 +69,7 @@ class DriveSet:
             0.5 * np.log(squares + FLOOR),
             np.concatenate([line.lost for line in lines]),
             np.concatenate([line.off for line in lines]),
-            np.concatenate([each.reached for each in ends]) if ends else None,
+            np.concatenate([line_ends.reached for line_ends in ends]) if ends else None,
         )
 
     @classmethod
@@ -82,15 +82,15 @@ class DriveSet:
             The sets; what is not known of one is not known of all.
         """
 
-        def joined(name: str) -> Bools | None:
-            parts = [getattr(one, name) for one in sets]
-            return None if any(part is None for part in parts) else np.concatenate(parts)
+        def concatenate_known(parts: Sequence[Bools | None]) -> Bools | None:
+            known = [part for part in parts if part is not None]
+            return np.concatenate(known) if len(known) == len(parts) else None
 
         return cls(
-            np.concatenate([one.log_error for one in sets]),
-            np.concatenate([one.lost for one in sets]),
-            joined("off_at_end"),
-            joined("reached"),
+            np.concatenate([drives.log_error for drives in sets]),
+            np.concatenate([drives.lost for drives in sets]),
+            concatenate_known([drives.off_at_end for drives in sets]),
+            concatenate_known([drives.reached for drives in sets]),
         )
 
 
@@ -190,10 +190,9 @@ def look(
     mean, low, high = student_interval(log_ratios, level)
     saved = (baseline_lost & ~alternative_lost).sum(axis=1)
     harmed = (alternative_lost & ~baseline_lost).sum(axis=1)
-    fewer, more = (
-        bdtr(few, saved + harmed, 0.5) <= level for few in (harmed, saved)
-    )  # P(at most so few of the pairs in which one drive is lost)
-    return Look(mean, low, high, fewer, more)
+    # P(at most so few of the pairs in which one drive is lost), if both lose drives as often
+    fewer_lost, more_lost = (bdtr(n, saved + harmed, 0.5) <= level for n in (harmed, saved))
+    return Look(mean, low, high, fewer_lost, more_lost)
 
 
 def student_interval(values: Floats, level: float) -> tuple[Floats, Floats, Floats]:
@@ -241,25 +240,25 @@ def compare(
     >>> compare(baseline, halved).word, compare(halved, baseline).word
     ('better', 'worse')
     """
-    shown = look(
+    last_look = look(
         (alternative.log_error - baseline.log_error)[None],
         baseline.lost[None],
         alternative.lost[None],
         looks_left=looks_left,
         n_alternatives=n_alternatives,
     )
-    (word,) = shown.words
+    (word,) = last_look.words
     lost = _pair_rates(baseline.lost, alternative.lost)
     assert lost is not None
     return Verdict(
         word,
-        Interval(*(math.exp(end[0]) for end in shown[:3])),
+        Interval(*(math.exp(end[0]) for end in last_look[:3])),
         lost,
         _pair_rates(baseline.off_at_end, alternative.off_at_end),
         _pair_rates(baseline.reached, alternative.reached),
         len(baseline.lost),
-        bool(shown.fewer_lost[0]),
-        bool(shown.more_lost[0]),
+        bool(last_look.fewer_lost[0]),
+        bool(last_look.more_lost[0]),
     )
 
 
@@ -290,9 +289,9 @@ def confirm(
     for place, (before, count) in enumerate(itertools.pairwise(counts), 2):
         if verdict.word != UNDECIDED or (is_time_up and is_time_up()):
             break
-        more = drive(numbers[before:count])
-        baseline = DriveSet.join([baseline, more[0]])
-        alternative = DriveSet.join([alternative, more[1]])
+        further_baseline, further_alternative = drive(numbers[before:count])
+        baseline = DriveSet.join([baseline, further_baseline])
+        alternative = DriveSet.join([alternative, further_alternative])
         verdict = compare(baseline, alternative, looks_left=len(counts) - place)
     return verdict
 
@@ -316,4 +315,5 @@ def plan_looks(n_drives: int) -> list[int]:
 def _pair_rates(baseline: Bools | None, alternative: Bools | None) -> RatePair | None:
     if baseline is None or alternative is None:
         return None
-    return RatePair(*(wilson(float(each.mean()), each.size) for each in (baseline, alternative)))
+    shares = (wilson(float(flags.mean()), flags.size) for flags in (baseline, alternative))
+    return RatePair(*shares)
