@@ -20,7 +20,8 @@ def tuning_report(tuning: Tuning) -> str:
         _describe_drives(tuning),
         "",
         _presets_table(tuning),
-        "These drives chose the best preset. Presets that were clearly worse stopped early.",
+        "These drives chose the best preset. Those above are fresh ones.",
+        "Presets that were clearly worse stopped early.",
         "",
         f"{tuning.robot.known_lidar.title}: {tuning.beams_left}",
         *(f"warning: {warning}" for warning in tuning.warnings),
@@ -36,15 +37,15 @@ def _describe_drives(tuning: Tuning) -> str:
     if tuning.recording:
         text = (
             f"{tuning.drives} replays of the whole of {tuning.recording} and of each of"
-            f" {tuning.paths} stretches of its second half. The second half decides, and the whole"
-            " drive must not contradict. Errors are against the recorded poses."
+            f" {tuning.paths} stretches of its second half. The second half decides. On the whole"
+            " drive the preset must not be worse. Errors are against the recorded poses."
         )
     else:
         where = f"of each of {tuning.where}" if tuning.grids[1:] else f"of {tuning.where}"
         text = (
             f"{tuning.drives} simulated drives along each of {tuning.paths} random paths {where}."
-            " The usual level decides, and three times the errors of odometry (x3) must not"
-            " contradict."
+            " The usual level decides. With three times the errors of odometry (x3) the preset"
+            " must not be worse."
         )
     return textwrap.fill(text, REPORT_WIDTH, break_on_hyphens=False)
 
