@@ -43,7 +43,7 @@ class FromTheRight(Estimator):
         return 1.0
 
     @property
-    def summary(self) -> str:
+    def title(self) -> str:
         return f"{self.name}, slope {self.slope:g}"
 
     def lattice(self, resolution: float) -> OffsetLattice:

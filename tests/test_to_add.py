@@ -26,7 +26,7 @@ class Everywhere(Estimator):
     remedy: ClassVar[str] = "none"
     weight: ClassVar[float] = 3.0
     reach = 1.0
-    summary = "the same everywhere"
+    title = "the same everywhere"
     def lattice(self, resolution):
         return SearchWindow().on(resolution)
     def covariances(self, part):

@@ -16,7 +16,7 @@ from locplan._util import tables
 from locplan._util.checks import file_path
 from locplan._util.public import Pictured, called, needed
 from locplan._util.results import Results
-from locplan._util.saved import Stored
+from locplan._util.saved import Stored, plain
 
 if TYPE_CHECKING:
     import pandas
@@ -214,14 +214,14 @@ class Result(Pictured):
         return str(called(self._reported_by, self, *about, **more))
 
     def summary(self, *about: Any, **more: Any) -> dict[str, object]:
-        """What was found in numbers, fit for JSON.
+        """Return the result in numbers, fit for JSON: by default all of its fields.
 
         Parameters
         ----------
         *about, **more
             What belongs to it, such as the drives that verify it.
         """
-        raise NotImplementedError
+        return plain(self)
 
     def table(self) -> Table:
         """What was found, a row each."""

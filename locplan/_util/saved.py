@@ -154,6 +154,11 @@ def tree_of(value: Any) -> Any:
     return {name: tree_of(getattr(value, name)) for name in names}
 
 
+def plain(record: Any) -> dict[str, Any]:
+    """Return a dataclass as plain data, fit for JSON: its compared and derived fields by name."""
+    return dict(listed(tree_of(record)))
+
+
 def listed(tree: Any) -> Any:
     """The tree with lists in place of arrays, fit for JSON."""
     if isinstance(tree, np.ndarray):

@@ -126,7 +126,7 @@ class export(
         with working(f"writing {target.name}"):
             summary = format.write(target, job, chosen)
         about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
-        rows = [("map", grid.name), ("format", to), ("field", config.estimator.summary)]
+        rows = [("map", grid.name), ("format", to), ("field", config.estimator.title)]
         rows += [*job.rows, *summary.rows]
         dataclasses.replace(self, output=target).show(about, table([], rows), target)
 

@@ -12,6 +12,7 @@ import locplan
 from locplan._util.files import PICTURES, check_target
 from locplan._util.progress import progress_bar, working
 from locplan._util.results import ResultFolder
+from locplan._util.saved import plain
 from locplan.cli import _options as shared, _types as typed
 from locplan.cli._robot_options import FieldOptions, RobotOptions
 from locplan.errors import ConfigError
@@ -82,7 +83,7 @@ class info(typed.OneMap, RobotOptions):
                 found = locplan.recordings.find_ambiguous_places(grid, robot, progress=progress)
         except ConfigError as error:  # the robot fits nowhere, or there is no wall
             return f"ambiguous places: not known, since {error}", None
-        return found.sentence, found.summary()
+        return found.sentence, {"share": found.share, "starts": found.starts.tolist()}
 
 
 @typed.command(
@@ -106,7 +107,7 @@ class field(typed.ManyMaps, FieldOptions, shared.Computing, shared.Output):
         with self.fields_of(config) as compute:
             if len(jobs) == 1:
                 summary = locplan.field.FieldSummary.of(jobs[0].run(compute))
-                self.show(summary.summary(), summary.table(), output)
+                self.show(plain(summary), summary.table(), output)
                 return 0
             runs = list(locplan.export.run_field_jobs(jobs, compute))
         failed = [run for run in runs if run.error]

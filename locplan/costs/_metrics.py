@@ -292,7 +292,7 @@ def costs_caption(costs: Costmap) -> str:
     """
     if costs.settings is None:
         return ""
-    return f"\n{costs.settings.config.summary}, robot radius {costs.robot_radius:g} m"
+    return f"\n{costs.settings.config.title}, robot radius {costs.robot_radius:g} m"
 
 
 def named_maps(

@@ -83,12 +83,6 @@ class DriveRates:
         """Shares of lost drives, and of drives that miss the goal, 0..1."""
         return self.lost.value, 0.0 if math.isnan(self.reached.value) else 1 - self.reached.value
 
-    def summary(self) -> dict[str, object]:
-        """The rates, fit for JSON."""
-        named = {name: list(getattr(self, name)) for name in ("lost", "error", "reached", "missed")}
-        counts = {"n_drives": self.n_drives, "n_closed": self.n_closed}
-        return {**counts, **named, "endings": dict(self.endings)}
-
 
 @dataclass(frozen=True, repr=False)
 class RouteResult:

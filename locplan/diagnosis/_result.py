@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path as Folder
 from typing import Any, ClassVar
@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 from locplan._util.public import called
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
+from locplan._util.saved import plain
 from locplan._util.tables import file_name, finite
 from locplan.costs import Path
 from locplan.diagnosis._driving import Site
@@ -140,7 +141,7 @@ class Check(Result):
                 "problem": called("locplan.diagnosis._text:problem_text", route),
                 "lost_at": route.lost_at.tolist(),
                 "stopped_at": route.stopped_at.tolist(),
-                **route.rates.summary(),
+                **plain(route.rates),
             }
             for route in self.routes
         ]
@@ -153,13 +154,13 @@ class Check(Result):
                 "degenerate": self.degenerate,
                 "weak_spots": spots,
                 "routes": routes,
-                "baseline": self.baseline.summary(),
+                "baseline": plain(self.baseline),
                 "passage": self.passage and self.passage._asdict(),
                 "fixes": self.table().records(),
                 "recommended": list(self.recommended),
-                "before": self.before.summary(),
-                "after": self.after.summary(),
-                "confirmed": self.confirmed and asdict(self.confirmed),
+                "before": plain(self.before),
+                "after": plain(self.after),
+                "confirmed": self.confirmed and plain(self.confirmed),
                 "recorded": list(self.recorded),
                 "next": called("locplan.diagnosis._next:next_action", self, *about)._asdict(),
             }

@@ -13,6 +13,7 @@ from locplan._util.checks import one_of
 from locplan._util.files import PICTURES, check_target, make_folder
 from locplan._util.progress import working
 from locplan._util.results import ResultFolder
+from locplan._util.saved import plain
 from locplan._util.tables import table
 from locplan.errors import LocplanError
 from locplan.export._plain_files import NUMPY_SUFFIX, field
@@ -168,7 +169,7 @@ class FieldRun:
 
     def to_json(self) -> dict[str, Any]:
         """The run, fit for JSON."""
-        about = self.summary.summary() if self.summary else {"map": name_of(self.file)}
+        about = plain(self.summary) if self.summary else {"map": name_of(self.file)}
         done = {"error": self.error, "seconds": round(self.seconds, 3)}
         return {"file": str(self.file)} | about | done
 

@@ -27,6 +27,7 @@ from locplan.export._costmap import (
     follower_room,
     room_excess,
 )
+from locplan.export._registry import ExportSummary
 
 
 @dataclass(frozen=True)
@@ -141,10 +142,10 @@ class Conversion:
     closed: tuple[tuple[float, float, float], ...] = ()
     """Gaps that the mask closes: position and distance from walls [m]."""
 
-    def summary(self) -> dict[str, Any]:
-        """The facts by name, fit for JSON."""
+    def facts(self) -> ExportSummary:
+        """Return the facts by name, and as rows of a table for people."""
         paths = [finite(dataclasses.asdict(each)) for each in self.paths]
-        return {
+        values = {
             "planner": self.planner.name,
             "parameter": self.planner.parameter,
             "value": None if np.isnan(self.param) else self.param,
@@ -156,12 +157,9 @@ class Conversion:
             "closed_gaps": [list(each) for each in self.closed],
             "paths": paths,
         }
-
-    def rows(self) -> tuple[tuple[str, str], ...]:
-        """The facts for people: labels and texts."""
         parameter = self.planner.parameter
         with_value = f", {parameter}: {self.param:.4g}" if parameter else ""
-        return (
+        rows = (
             ("planner", self.planner.name + with_value),
             ("cost beyond the length", f"at most {self.greatest:.3f} a metre"),
             ("cells that would cost more", f"{self.saturated_share:.1%}"),
@@ -173,6 +171,7 @@ class Conversion:
                 for gap in self.closed
             ),
         )
+        return ExportSummary(values, rows)
 
 
 def checked_planner(name: str, param: float | None) -> NavPlanner:

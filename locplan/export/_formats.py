@@ -88,7 +88,7 @@ def by(
         home = f"locplan.export.{function}"
         own = vars(options) | ({"paths": job.paths} if paths else {})
         found = called(home, target, (job.choice if paths else None) or getattr(job, given), **own)
-        return ExportSummary() if found is None else ExportSummary(found.summary(), found.rows())
+        return ExportSummary() if found is None else found.facts()
 
     return write
 
@@ -126,7 +126,7 @@ def write_routes(target: Path, job: ExportJob, options: RoutesOptions) -> Export
     robot = Robot.of(options.params, options.distro)
     robot.warn(robot.of_radius(job.costs.robot_radius))
     ways = nav2_routes(target, job.costs, job.paths, **vars(options))
-    return ExportSummary(ways.summary(), ways.rows())
+    return ways.facts()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -124,7 +124,7 @@ def nav2_keepout(
     compared = checked_paths(costs, values, conversion, paths, layer)
     conversion = dataclasses.replace(conversion, paths=tuple(compared))
     title = f"Localizability mask for {conversion.planner.plugin} ({called})"
-    about = {"planner_id": called, "conversion": conversion.summary()}
+    about = {"planner_id": called, "conversion": conversion.facts().values}
     if choice:
         about["choice"] = {"taken": choice.taken, "answer": choice.answer}
     planning = _Planning(conversion, called, edited, bool(inflation), choice)

@@ -16,7 +16,7 @@ from locplan.errors import ConfigError
 from locplan.export._graph_files import write_graph
 from locplan.export._joined_ways import SAME, Lines, divided, followed_costs, joined, straightened
 from locplan.export._parameters import Params, Robot
-from locplan.export._registry import export_folder
+from locplan.export._registry import ExportSummary, export_folder
 from locplan.export._route_graph import FINENESS, RouteGraph, check_precision
 from locplan.export._values import where_unturned, without_yaw
 from locplan.maps import OccupancyGrid
@@ -44,17 +44,15 @@ class RecommendedWays:
         """Names of the other queries: their ways contradict those of the ones that are followed."""
         return tuple(name for name in self.ways if name not in self.followed)
 
-    def summary(self) -> dict[str, object]:
-        """The size of the graph and what is followed by name, fit for JSON."""
+    def facts(self) -> ExportSummary:
+        """Return the size of the graph and the ways that it keeps, also as rows for people."""
         sizes = {"nodes": len(self.graph.nodes), "edges": len(self.graph.edges)}
-        return {**sizes, "followed": list(self.followed), "changed_edges": self.changed}
-
-    def rows(self) -> tuple[tuple[str, str], ...]:
-        """The same for people: labels and texts."""
+        values = {**sizes, "followed": list(self.followed), "changed_edges": self.changed}
         followed = "ways that the server takes", f"{len(self.followed)} of {len(self.ways)}"
         other = "other routes are cheaper", ", ".join(self.contradicted)
         size = "nodes, edges", f"{len(self.graph.nodes):,}, {len(self.graph.edges):,}"
-        return (size, followed, *([other] if self.contradicted else []))
+        rows = size, followed, *([other] if self.contradicted else [])
+        return ExportSummary(values, rows)
 
     def __repr__(self) -> str:
         return f"RecommendedWays({len(self.followed)} of {len(self.ways)} followed, {self.graph})"

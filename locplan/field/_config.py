@@ -88,10 +88,10 @@ class FieldConfig(Settings):
         return 2 * np.pi * np.arange(self.headings) / self.headings
 
     @property
-    def summary(self) -> str:
+    def title(self) -> str:
         """The estimator with its most important settings, and the number of several headings."""
         several = f", mean of {self.headings} headings" if self.headings != 1 else ""
-        return f"{self.estimator.summary}{several}"
+        return f"{self.estimator.title}{several}"
 
     def stride_cells(self, resolution: float) -> int:
         """Spacing of the evaluated cells, at least 1 [cells].

@@ -147,7 +147,7 @@ class Estimator(Settings, ABC):
 
     @property
     @abstractmethod
-    def summary(self) -> str:
+    def title(self) -> str:
         """Name of the estimator, its lidar and range, and its most important settings."""
 
     def with_lidar(self, lidar: Lidar) -> Estimator:

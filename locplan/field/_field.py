@@ -81,7 +81,7 @@ class CovarianceField(Pictured, Valued):
         median = f", median e {np.median(e):.3g} {self.e_unit}" if e.size else ""
         return (
             f"CovarianceField({self.grid.name or 'map'}: {int(self.evaluated.sum())} cells every"
-            f" {self.stride * self.grid.resolution:g} m, {self.config.estimator.summary}{median})"
+            f" {self.stride * self.grid.resolution:g} m, {self.config.estimator.title}{median})"
         )
 
     @property

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from locplan._kernels.arrays import Array, Floats, Ints
-from locplan._util.tables import finite, table
+from locplan._util.tables import table
 from locplan.field import _tiles as tiles
 from locplan.field._compute import computed_chunks
 from locplan.field._config import FieldConfig
@@ -23,7 +22,8 @@ SATURATED = 1 / 3
 """A larger saturated share makes the table suggest what would resolve it."""
 
 
-class Percentiles(NamedTuple):
+@dataclass(frozen=True)
+class Percentiles:
     """Values that 10 %, half and 90 % of a field's cells stay below; NaN without cells."""
 
     low: float
@@ -43,7 +43,8 @@ class Percentiles(NamedTuple):
         unit : str
             The unit that is shown.
         """
-        return f"{' / '.join(_shown(factor * value) for value in self)} {unit}"
+        values = self.low, self.median, self.high
+        return f"{' / '.join(_shown(factor * value) for value in values)} {unit}"
 
     def median_text(self, factor: float = 1.0) -> str:
         """The median for people, a dash where there is none.
@@ -103,20 +104,6 @@ class FieldSummary:
             e_unit=field.e_unit,
         )
 
-    def summary(self) -> dict[str, Any]:
-        """The summary, fit for JSON."""
-        names = "position_std", "heading_std", "e"
-        return finite(
-            {
-                "map": self.map,
-                "cells_evaluated": self.cells_evaluated,
-                **{name: getattr(self, name)._asdict() for name in names},
-                "e_unit": self.e_unit,
-                "saturated_share": self.saturated_share,
-                "config": self.config.to_json(),
-            }
-        )
-
     def table(self) -> str:
         """The summary for people, and what would resolve a saturated field."""
         estimator, headings = self.config.estimator, self.config.headings
@@ -126,7 +113,7 @@ class FieldSummary:
             ["", "10 % / median / 90 % of cells and headings"],
             [
                 ["map", self.map],
-                ["estimator", f"{estimator.summary}{several}"],
+                ["estimator", f"{estimator.title}{several}"],
                 ["cells evaluated", f"{self.cells_evaluated:,}"],
                 ["position std", self.position_std.text(position.factor, position.unit)],
                 ["heading std", self.heading_std.text(heading.factor, heading.unit)],
@@ -159,7 +146,7 @@ def about_field(field: CovarianceField) -> str:
         The field.
     """
     several = "" if field.config.headings == 1 else f", {field.config.headings} headings"
-    made = f"{field.config.estimator.summary}{several}"
+    made = f"{field.config.estimator.title}{several}"
     share = field.saturated_share
     remedy = f"\n{field.config.estimator.remedy}" if share > SATURATED else ""
     spacing = field.stride * field.grid.resolution

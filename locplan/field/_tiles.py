@@ -167,7 +167,7 @@ def dataset_of(
     arrays["covariance"] = (*places, "pose_row", "pose_col"), values["covariance"]
     arrays["e"] = places, e, {"units": e_unit}
     at = {name: (name, *described) for name, described in along.items()}
-    about = {"map": grid.name, "yaw": grid.origin[2], "estimator": config.estimator.summary}
+    about = {"map": grid.name, "yaw": grid.origin[2], "estimator": config.estimator.title}
     return Dataset(arrays, at, about)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from locplan._kernels.arrays import Floats, Ints
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
-from locplan._util.saved import Stored, listed, tree_of
+from locplan._util.saved import Stored
 from locplan._util.tables import finite, rounded_up, table, write_csv
 from locplan.costs import DEGENERATE, Costmap, Path, PathMetrics, about_costs, path_metrics
 from locplan.errors import ConfigError
@@ -98,10 +98,6 @@ class Plan(Result, Stored):
             f"Plan({self.status}, {self.planner}, {ends}: {self.metrics.length:.2f} m long,"
             f" cost {self.metrics.cost:.2f} m, {self.solve_time:.3g} s)"
         )
-
-    def summary(self) -> dict[str, object]:
-        """All of it but the costmap, fit for JSON; null is a number that is not known."""
-        return dict(listed(tree_of(self)))
 
     def table(self) -> Table:
         """The metrics of the path; no row without one."""

@@ -62,7 +62,7 @@ def field_figure(field: CovarianceField, name: str | None = None) -> Figure:
     field_bar(figure, image, axes, field.quantity(name).axis, shrink=0.9)
     title = f"{field.grid.name or 'map'}: {field.saturated_share:.0%} saturated"
     weak = weak_spots(field, image.get_array(), name)
-    axes.set_title(f"{title}; {weak}\n{field.config.summary}", fontsize="medium")
+    axes.set_title(f"{title}; {weak}\n{field.config.title}", fontsize="medium")
     return figure
 
 

@@ -73,7 +73,7 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     style = {"frameon": False, "fontsize": "medium", "ncols": 2}
     figure.legend(handles=handles, loc="outside lower center", **style)
     weak = weak_spots(field, image.get_array())
-    made = f"{config.summary}; {field.saturated_share:.0%} saturated; {weak}"
+    made = f"{config.title}; {field.saturated_share:.0%} saturated; {weak}"
     asked = f"{costs.grid.name or 'map'}: {request(costs, plans)}"
     upper.set_title(f"{asked}\n{made}", fontsize="medium")
     return figure

@@ -97,10 +97,6 @@ class AmbiguousPlaces:
             return f"{share}, and no start is safe: set the pose"
         return f"{share}; safe starts: {' '.join(starts)}"
 
-    def summary(self) -> dict[str, object]:
-        """The share and the starts, fit for JSON."""
-        return {"share": self.share, "starts": self.starts.tolist()}
-
 
 def find_ambiguous_places(
     grid: OccupancyGrid,

@@ -155,19 +155,6 @@ class Location(Pictured):
         """The poses that explain the scan, the best first."""
         return Table.of(MODES, self.modes, number="place")
 
-    def summary(self) -> dict[str, object]:
-        """The sentence, and all modes in numbers, fit for JSON."""
-        return finite(
-            {
-                "sentence": self.sentence,
-                "certain": self.certain,
-                "second": self.second,
-                "explained": self.explained,
-                "returns": int(np.isfinite(self.ranges).sum()),
-                "modes": self.table().records(),
-            }
-        )
-
 
 def _place(mode: Mode) -> str:
     """Text of a pose, without -0."""
@@ -311,8 +298,19 @@ class LocatedDrive(Result):
         if self.alone:
             names = ("x", "y", "heading", "distance", "turn")
             values = (*self.recording.poses[0].tolist(), self.distance[0], self.turn[0])
-            recorded = finite(dict(zip(names, map(float, values), strict=True)))
-            return {**about, **self.alone.summary(), "recorded": recorded}
+            recorded = dict(zip(names, map(float, values), strict=True))
+            return finite(
+                {
+                    **about,
+                    "sentence": self.alone.sentence,
+                    "certain": self.alone.certain,
+                    "second": self.alone.second,
+                    "explained": self.alone.explained,
+                    "returns": int(np.isfinite(self.alone.ranges).sum()),
+                    "modes": self.alone.table().records(),
+                    "recorded": recorded,
+                }
+            )
         return finite(
             {
                 **about,

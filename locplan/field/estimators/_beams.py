@@ -123,7 +123,7 @@ class LidarEstimator(Estimator):
         return self.lidar.range
 
     @property
-    def summary(self) -> str:
+    def title(self) -> str:
         """Name of the estimator, its lidar, range and field of view."""
         return f"{self.name}, {self.lidar.title}"
 

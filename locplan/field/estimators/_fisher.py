@@ -202,7 +202,7 @@ class Fused(Estimator):
         return self.scan.reach
 
     @property
-    def summary(self) -> str:
+    def title(self) -> str:
         """Name of the estimator, its lidar, range and field of view."""
         return f"{self.name}, {self.lidar.title}"
 

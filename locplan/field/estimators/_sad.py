@@ -155,7 +155,7 @@ class Sad(Estimator):
         return self.range
 
     @property
-    def summary(self) -> str:
+    def title(self) -> str:
         """Name, lidar, range, template and weights of the estimator, for titles."""
         how = f"{self.name}, {self.template}, {self.weights.name}"
         if self.lidar:

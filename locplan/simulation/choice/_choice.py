@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal
 
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
-from locplan._util.saved import Stored, listed, tree_of
+from locplan._util.saved import Stored
 from locplan._util.tables import file_name, wrapped, write_rows
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
@@ -233,16 +233,6 @@ class Choice(Result, Stored):
             return costs
         paths = {each.name: each.path for each in self.candidates}
         return costmap_of(costs, paths, chosen.name, self.robot, self.settings.max_e)
-
-    def summary(self, *about: Any, **more: Any) -> dict[str, object]:
-        """The answer, the candidates and the settings, fit for JSON and for `load`.
-
-        Parameters
-        ----------
-        *about, **more
-            What `save` takes, of which it says nothing.
-        """
-        return dict(listed(tree_of(self)))
 
     def table(self) -> Table:
         """The candidates, a row each; of driven ones, the first column marks the one to take."""
