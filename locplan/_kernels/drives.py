@@ -213,11 +213,11 @@ def odometry_along(random: Random, truth: Floats, odometry: Odometry) -> Floats:
 def drive(
     random: Random,
     truth: Floats,
+    reported: Floats,
     world: World,
     scores: BeamScores,
     lidar: Lidar,
     disturbances: BeamDisturbances,
-    odometry: Odometry,
     start: Start,
     settings: Filter,
     errors: Floats,
@@ -233,16 +233,17 @@ def drive(
         Source of all random numbers.
     truth : (n, 3) array
         The poses driven through, in the own axes of the filter's map [m, m, rad].
+    reported : (n, 3) array
+        Poses by odometry, in any frame of their own, as `odometry_along` gives them [m, m, rad].
     world : World
         The world that is driven in, and the same poses there.
     scores : BeamScores
         Scores of beams on the filter's map.
-    lidar, disturbances, odometry, start, settings
-        The lidar, what disturbs it, errors of odometry and of the first pose, and the filter.
+    lidar, disturbances, start, settings
+        The lidar, what disturbs it, errors of the first pose, and the filter.
     errors : (n, 3) array
         Filled with the filter's pose minus the true one [m, m, rad].
     """
-    reported = odometry_along(random, truth, odometry)
     tracker = begin(random, truth[0], start, settings)
     ends, finer = np.empty((lidar.angles.size, 2)), world.resolution / scores.resolution
     for n in range(len(truth)):

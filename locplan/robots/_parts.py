@@ -112,6 +112,19 @@ class Odometry(Settings):
     turn_bias: float = setting(0.02, 0.0)
     """Standard deviation, from drive to drive, of the factor on reported turns, >= 0 [1]."""
 
+    def for_kernels(self) -> Any:
+        """The errors in the form that the kernels take."""
+        from locplan._kernels.drives import Odometry
+
+        return Odometry(
+            distance_drift=self.distance_drift,
+            heading_drift=math.radians(self.heading_drift_deg),
+            turn_drift=math.radians(self.turn_drift_deg),
+            distance_bias=self.distance_bias,
+            heading_bias=math.radians(self.heading_bias_deg),
+            turn_bias=self.turn_bias,
+        )
+
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Disturbances(Settings):

@@ -1,4 +1,4 @@
-from . import driver as driver, verdict as verdict
+from . import driver as driver, levels as levels, verdict as verdict
 from ._advice_figures import choice_figure as choice_figure, tuning_figure as tuning_figure
 from ._arrivals import (
     ARRIVED as ARRIVED,

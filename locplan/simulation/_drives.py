@@ -255,6 +255,9 @@ class Line(NamedTuple):
     """In the own axes of the filter's map, (n, 3) [m, m, rad]."""
     cells: Poses
     """Row and column in the map that is driven in, and heading, (n, 3) [cells, cells, rad]."""
+    driven: Poses
+    """As odometry would report them without errors, (n, 3) [m, m, rad]: `truth`, unless the
+    filter's map has a kink."""
 
 
 class OwnFilter(NamedTuple):
@@ -267,7 +270,7 @@ class OwnFilter(NamedTuple):
 
 
 class DriveArguments(NamedTuple):
-    """Arguments of the kernels of drives, in the order in which they take them."""
+    """Arguments of the kernels of drives."""
 
     scores: Any
     """`particles.BeamScores` of the map; None where the filter is not AMCL."""
@@ -301,9 +304,9 @@ def drive_arguments(
     Returns
     -------
     DriveArguments
-        The arguments in the kernels' order.
+        The arguments.
     """
-    from locplan._kernels.drives import Odometry, Start
+    from locplan._kernels.drives import Start
 
     lidar, odometry, disturbances = robot.known_lidar, robot.odometry, robot.disturbances
     start = Start(disturbances.start_sigma, math.radians(disturbances.start_sigma_deg))
@@ -325,14 +328,7 @@ def drive_arguments(
             angles=np.ascontiguousarray(angles), min_range=nearest, max_range=farthest
         ),
         disturbances.for_kernels(),
-        Odometry(
-            distance_drift=odometry.distance_drift,
-            heading_drift=math.radians(odometry.heading_drift_deg),
-            turn_drift=math.radians(odometry.turn_drift_deg),
-            distance_bias=odometry.distance_bias,
-            heading_bias=math.radians(odometry.heading_bias_deg),
-            turn_bias=odometry.turn_bias,
-        ),
+        odometry.for_kernels(),
         start,
         settings,
     )

@@ -17,11 +17,11 @@ from locplan.simulation._drives import DriveArguments, OwnFilter
 def track(
     random: np.random.Generator,
     truth: Poses,
+    reported: Poses,
     world: Any,
     scores: None,
     lidar: Any,
     disturbances: Any,
-    odometry: Any,
     start: Any,
     own: OwnFilter,
     errors: Floats,
@@ -31,9 +31,6 @@ def track(
     The filter gets every scan, with all beams, and random numbers of its own. It is started at a
     pose that is off by the deviation that it is given.
     """
-    from locplan._kernels.drives import odometry_along
-
-    reported = odometry_along(random, truth, odometry)
     tracker = started(random, own, truth[0], start)
     for n, pose in enumerate(world.poses):
         scan = ranges_at(random, world.squares, world.resolution, pose, lidar, disturbances)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
@@ -13,12 +14,15 @@ from locplan._util.checks import check_memory, check_threads, positive, whole
 from locplan._util.intervals import random_of
 from locplan._util.poses import Poses
 from locplan._util.progress import ProgressCallback
+from locplan.costs import Path
 from locplan.field import equipped
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid, own_axes
 from locplan.maps.environments import boundary_cells, with_boundary_noise
 from locplan.robots import Robot
 from locplan.simulation._drives import DriveArguments, Line, drive_arguments
+from locplan.simulation._kinks import find_kink
 from locplan.simulation._worlds import MARGIN, Stage, Window, check_filter_map, window_about
+from locplan.simulation.levels import Level
 
 WORLD, BEAMS, CLOSED = 2, 5, 6
 """Streams of random numbers, see `random_of`; those of closed-loop drives have further numbers."""
@@ -105,7 +109,36 @@ class Simulator:
         x, y, heading = own_axes(self.grid, poses).T
         resolution = self.grid.resolution
         cells = np.column_stack([y / resolution, x / resolution, heading])
-        return Line(own_axes(self.filter_map, poses), cells)
+        truth = own_axes(self.filter_map, poses)
+        return Line(truth, cells, truth)
+
+    def line_setups(
+        self, path: Path, poses: Poses, level: Level
+    ) -> tuple[tuple[Line, DriveArguments], ...]:
+        """The line of a path at a level, with the arguments of the kernels: drives take them in
+        turn.
+
+        Parameters
+        ----------
+        path : Path
+            The path, which the level can affect.
+        poses : (n, 3) array
+            The poses along it in the world [m, m, rad].
+        level : Level
+            The level of disturbance.
+        """
+        line = self.line(poses)
+        odometry = level.change_odometry(self.robot.odometry).for_kernels()
+        kink = find_kink(path, self.grid) if level.kink_deg else None
+        if kink is None:
+            return ((line, self.arguments._replace(odometry=odometry)),)
+        setups = []
+        for angle in (math.radians(level.kink_deg), -math.radians(level.kink_deg)):
+            kinked = kink.turn_map(self.filter_map, angle)
+            truth = own_axes(kinked, kink.turn_poses(poses, angle))
+            arguments = drive_arguments(kinked, self.robot)._replace(odometry=odometry)
+            setups.append((line._replace(truth=truth), arguments))
+        return tuple(setups)
 
     def stage(self, lines: Sequence[Line] = ()) -> Stage:
         """The part of the map that drives along some lines need; by default the whole map.

@@ -19,6 +19,7 @@ from locplan.maps import OccupancyGrid, check_grid, extent_text
 from locplan.robots import Inflation, Robot
 from locplan.simulation._drives import DriveArguments, Line
 from locplan.simulation._own_filters import track
+from locplan.simulation.levels import Level
 
 POSE_SPACING, TURN = 0.05, 0.1
 """Maximum distance [m] and turn [rad] between two poses."""
@@ -87,8 +88,8 @@ def _turning(poses: Poses) -> Poses:
     return divided_poses(poses, np.abs(np.diff(poses[:, 2])) / TURN)
 
 
-DRIVE, WORLD = 0, 2
-"""Streams of random numbers of drives and of their worlds."""
+DRIVE, WORLD, FAULTS = 0, 2, 7
+"""Streams of random numbers of drives, of their worlds, and of their levels' faults."""
 MARGIN = 2.0
 """Distance beyond the range of the lidar that a part of a map holds [m]."""
 
@@ -170,7 +171,13 @@ class Stage:
         return np.argwhere(self.boundary)
 
     def drive(
-        self, line: Line, world: Octets, route: int, number: int, arguments: DriveArguments
+        self,
+        line: Line,
+        world: Octets,
+        route: int,
+        number: int,
+        arguments: DriveArguments,
+        level: Level,
     ) -> Floats:
         """Return the filter's errors on a drive, (n, 3) in the own axes of its map [m, m, rad].
 
@@ -184,14 +191,31 @@ class Stage:
             See `world`.
         arguments : DriveArguments
             Arguments of the kernel.
+        level : Level
+            The level of disturbance. Its faults have random numbers of their own, so that errors of
+            odometry are the same at all levels.
         """
-        from locplan._kernels.drives import World, drive
+        from locplan._kernels.drives import World, drive, odometry_along
 
         cells = line.cells - [self.window[0].start, self.window[1].start, 0.0]
         errors = np.empty_like(line.truth)
         random = random_of(self.seed, DRIVE, route, number)
+        reported = odometry_along(random, line.driven, arguments.odometry)
+        faults = random_of(self.seed, FAULTS, route, number)
+        reported = level.disturb_odometry(reported, line.driven, faults)
         follow: Any = track if arguments.scores is None else drive
-        follow(random, line.truth, World(world, self.resolution, cells), *arguments, errors)
+        follow(
+            random,
+            line.truth,
+            reported,
+            World(world, self.resolution, cells),
+            arguments.scores,
+            arguments.lidar,
+            arguments.disturbances,
+            arguments.start,
+            arguments.filter,
+            errors,
+        )
         return errors
 
 

@@ -24,6 +24,7 @@ from locplan.simulation._closed_loop import ClosedLoop
 from locplan.simulation._drives import Drives
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import poses_along, turned
+from locplan.simulation.levels import USUAL, Level, select_paths
 
 CHOOSING, FRESH = 10_000, 20_000
 """First numbers of the drives that choose among alternatives, and of those that confirm what was
@@ -60,10 +61,14 @@ def drive_open(
     paths: Mapping[str, Path],
     numbers: range,
     *,
+    level: Level = USUAL,
     route: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> dict[str, Drives]:
     """Drive each path with the drives of some numbers, exactly along the path.
+
+    Drive n has the same world and the same errors of odometry at all levels; the level's fault is
+    added.
 
     Parameters
     ----------
@@ -73,6 +78,8 @@ def drive_open(
         The paths by name.
     numbers : range
         Numbers of the drives.
+    level : Level, default USUAL
+        The level of disturbance, see `locplan.simulation.levels`.
     route : int, optional
         Key of the route that all paths belong to, see `route_key`; by default each belongs to that
         of its ends.
@@ -82,7 +89,8 @@ def drive_open(
     Returns
     -------
     dict of str to Drives
-        The drives along each path by its name.
+        The drives along each path by its name, without the paths that the level's fault cannot
+        affect. With a kink, errors are those on the filter's map.
 
     Raises
     ------
@@ -92,13 +100,16 @@ def drive_open(
     poses = {
         name: poses_along(path, simulator.grid, f"path {name}") for name, path in paths.items()
     }
+    paths = select_paths(level, paths, simulator.grid)
+    poses = {name: poses[name] for name in paths}
     size = len(numbers) * sum(each.size for each in poses.values()) * ARRAYS * 8
     check_memory(f"{len(numbers)} drives of {len(paths)} paths", size, "drive fewer")
     errors = {name: np.empty((len(numbers), *each.shape)) for name, each in poses.items()}
-    lines = {name: simulator.line(each) for name, each in poses.items()}
+    setups = {name: simulator.line_setups(path, poses[name], level) for name, path in paths.items()}
     routes = _group_by_route(paths, route)
     stages = {
-        key: simulator.stage([lines[name] for name in names]) for key, names in routes.items()
+        key: simulator.stage([line for name in names for line, _ in setups[name]])
+        for key, names in routes.items()
     }
     # A task makes a world for its paths: they are split where tasks are fewer than threads.
     parts = math.ceil(simulator.threads / max(1, len(numbers) * len(routes)))
@@ -114,7 +125,8 @@ def drive_open(
         stage, number = stages[key], numbers[place]
         world = stage.world(key, number)
         for name in names:
-            errors[name][place] = stage.drive(lines[name], world, key, number, simulator.arguments)
+            line, arguments = setups[name][number % len(setups[name])]
+            errors[name][place] = stage.drive(line, world, key, number, arguments, level)
 
     simulator.in_threads(run, len(tasks), progress, len(numbers) * len(paths))
     yaw = simulator.filter_map.origin[2]
