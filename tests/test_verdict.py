@@ -16,7 +16,7 @@ from test_faults import blocks
 
 from locplan import Lidar, OccupancyGrid, Pole, Robot, mend, place_landmarks
 from locplan.diagnosis.trials import Outcome, confirm_fixes, contrast, select_fixes, try_fix
-from locplan.landmarks import Outcome as LandmarkDrives, Verification
+from locplan.landmarks import Outcome as LandmarkDrives, Verification, verify_landmarks
 from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Amcl
 from locplan.robots.presets import amcl_presets, with_changes
@@ -343,7 +343,7 @@ def words_of_landmarks(monkeypatch, ratio, count, drives):
     words = []
     for seed in range(count):
         monkeypatch.setattr(VERIFYING, DrawnDriver(ratio, seed))
-        words.append(landmarks.verify(drives, random_sets=1).word)
+        words.append(verify_landmarks(landmarks, drives, random_sets=1).word)
     return Counter(words)
 
 
@@ -356,7 +356,7 @@ def words_of_mend(monkeypatch, ratio, count, drives):
     return Counter(words)
 
 
-VERIFYING = "locplan.landmarks._verification.drive_open"
+VERIFYING = "locplan.landmarks._verify.drive_open"
 MENDING = "locplan.mending._mend.drive_open"
 
 

@@ -56,7 +56,9 @@ class landmarks(typed.OneMap, RobotOptions, Ends, Seeded, Output):
         verification = None
         if self.drives:
             with progress_bar("verifying by drives", "drives") as progress:
-                verification = made.verify(self.drives, **self.given(Seeded), progress=progress)
+                verification = locplan.landmarks.verify_landmarks(
+                    made, self.drives, **self.given(Seeded), progress=progress
+                )
         self.finish(made, verification)
 
     def _routes(self) -> dict[str, Any]:

@@ -11,3 +11,4 @@ from ._objects import (
 )
 from ._place import place_landmarks as place_landmarks
 from ._verification import Outcome as Outcome, Verification as Verification
+from ._verify import verify_landmarks as verify_landmarks

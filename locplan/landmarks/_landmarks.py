@@ -10,9 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from locplan._kernels.arrays import Floats
-from locplan._util.checks import keep, whole
-from locplan._util.intervals import random_of
-from locplan._util.progress import ProgressCallback
+from locplan._util.checks import keep
 from locplan._util.records import POSE, Column, Result, Table
 from locplan._util.results import Results
 from locplan._util.tables import finite, wrapped
@@ -20,11 +18,10 @@ from locplan.costs import Costmap, Path
 from locplan.errors import LocplanError
 from locplan.landmarks._objects import LandmarkObject, outline_of, with_objects
 from locplan.landmarks._search import Search
-from locplan.landmarks._verification import DRIVES, Verification, World, verify_by_drives
+from locplan.landmarks._verification import Verification
 from locplan.maps import OccupancyGrid, save_map
 from locplan.planners import plan
 from locplan.robots import Robot
-from locplan.simulation import Simulator, check_drives
 
 PAYING_SHARE = 0.05
 """Share by which a landmark must lower what is expected to pay."""
@@ -164,58 +161,6 @@ class Landmarks(Result):
             return f"from number {self.paying + 1} on each {little}: {self.paying} may do"
         return ""
 
-    def verify(
-        self,
-        drives: int = DRIVES,
-        *,
-        seed: int = 1,
-        random_sets: int = 5,
-        threads: int | None = None,
-        progress: ProgressCallback | None = None,
-    ) -> Verification:
-        """Drive before, after, and with as many objects at random places.
-
-        Routes that were planned between places are planned again among the objects.
-
-        Parameters
-        ----------
-        drives : int, default 100
-            Number of drives along each route, 2 to 100,000; as many are made in all sets of random
-            places together. More narrow the intervals.
-        seed : int, default 1
-            Seed of all random numbers, >= 0.
-        random_sets : int, default 5
-            Number of sets of random places, 1 to 1000.
-        threads : int, optional
-            Number of threads, at least 1; all cores by default.
-        progress : callable, optional
-            Called with (done, total) drives.
-
-        Returns
-        -------
-        Verification
-            Share of lost drives and errors on each map, and a verdict.
-
-        Raises
-        ------
-        ConfigError
-            If a number is out of its range.
-        """
-        check_drives(drives)
-        whole("random_sets", random_sets, 1, 1000)
-        setting, search = self.setting, self.search
-        # Stream of random numbers of places at random, beside those of `Simulator`.
-        draws = [random_of(seed, 100, n) for n in range(min(random_sets, drives // 2))]
-        chosen = [search.at_random(len(self), draw) for draw in draws]
-        poses = [in_world(setting.grid, search.places[each]) for each in chosen if all(chosen)]
-        random_maps = [with_objects(setting.grid, setting.kind, each) for each in poses]
-
-        def enter(grid: OccupancyGrid) -> World:
-            return Simulator(grid, setting.robot, seed=seed, threads=threads), setting.on(grid)
-
-        maps = setting.grid, self.grid
-        return verify_by_drives(enter, maps, random_maps, setting.routes, drives, seed, progress)
-
     def table(self) -> Table:
         """The landmarks in order of gain, and what is expected with each and those before it."""
         kind, shape = self.setting.kind, self.setting.kind.shape
@@ -241,12 +186,19 @@ class Landmarks(Result):
         Parameters
         ----------
         verification : Verification, optional
-            What `verify` gave.
+            The result of `verify_landmarks`.
         """
         setting = self.setting
         return finite(
             {
-                "verification": verification.summary() if verification else None,
+                "verification": verification
+                and {
+                    "verdict": verification.word,
+                    "sentence": verification.verdict,
+                    "ratio": list(verification.comparison.ratio),
+                    "drives": verification.table().records(),
+                    "seed": verification.seed,
+                },
                 "map": {"name": setting.grid.name, "digest": setting.grid.digest},
                 "map_with_landmarks": {"digest": self.grid.digest},
                 "object": {"kind": setting.kind.word, **vars(setting.kind)},
@@ -272,9 +224,3 @@ def landmarks_report(made: Landmarks, verification: Verification | None = None) 
         after.append(made.advice)
     parts = [str(verification.table())] if verification else []
     return "\n".join([*parts, *wrapped(lines), str(made.table()), *wrapped(after)])
-
-
-def in_world(grid: OccupancyGrid, places: Floats) -> Floats:
-    """Return places (row, col, heading) on a map as poses in the world, (n, 3) [m, m, rad]."""
-    x, y = grid.grid_to_world(places[:, 0], places[:, 1])
-    return np.column_stack([x, y, places[:, 2] + grid.origin[2]])

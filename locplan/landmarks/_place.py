@@ -14,7 +14,7 @@ from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import equipped
-from locplan.landmarks._landmarks import Landmarks, Setting, in_world
+from locplan.landmarks._landmarks import Landmarks, Setting
 from locplan.landmarks._objects import LandmarkObject, check_object, on_grid
 from locplan.landmarks._places import (
     CLEARANCE,
@@ -24,7 +24,7 @@ from locplan.landmarks._places import (
     counted,
     refusals,
 )
-from locplan.landmarks._search import Search
+from locplan.landmarks._search import Search, poses_in_world
 from locplan.landmarks._sight import Sight, lines_along, surroundings
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.planners import plan
@@ -111,7 +111,7 @@ def place_landmarks(
     search = _search_along(grid, kind, routes, robot, keep_out, threads)
     chosen, curve = search.run(count, progress)
     setting = Setting(grid, kind, routes, paths is None, robot)
-    return Landmarks(setting, in_world(grid, search.places[chosen]), curve, search)
+    return Landmarks(setting, poses_in_world(grid, search.places[chosen]), curve, search)
 
 
 def _search_along(

@@ -10,6 +10,7 @@ from locplan._kernels.arrays import Floats
 from locplan._util.progress import ProgressCallback
 from locplan.landmarks._places import Passages, too_close
 from locplan.landmarks._sight import Sight
+from locplan.maps import OccupancyGrid
 
 
 @dataclass
@@ -101,3 +102,9 @@ class Search:
                 chosen.append(n)
                 passages.place(self.places[n])
         return chosen
+
+
+def poses_in_world(grid: OccupancyGrid, places: Floats) -> Floats:
+    """Return places (row, col, heading) on a map as poses in the world, (n, 3) [m, m, rad]."""
+    x, y = grid.grid_to_world(places[:, 0], places[:, 1])
+    return np.column_stack([x, y, places[:, 2] + grid.origin[2]])

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
 
 from locplan._kernels.arrays import Bools, Floats
-from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import Column, Table
-from locplan.costs import Path
-from locplan.maps import OccupancyGrid
-from locplan.simulation import RATES, Drives, Rated, Simulator, drive_open, rates_of
+from locplan.simulation import RATES, Drives, Rated, rates_of
 from locplan.simulation.verdict import DriveSet, Verdict, compare
 
 DRIVES = 100
@@ -56,40 +52,6 @@ class Outcome(Rated):
 
     def __repr__(self) -> str:
         return f"Outcome({self.number} drives, {rates_of(self)})"
-
-    def summary(self) -> dict[str, object]:
-        """Errors and share of lost drives in numbers, fit for JSON."""
-        return Table.of(OUTCOME, [self]).records()[0]
-
-
-World: TypeAlias = tuple[Simulator, Mapping[str, Path]]
-"""A world with a robot in it, and the robot's routes there."""
-
-
-def verify_by_drives(
-    enter: Callable[[OccupancyGrid], World],
-    maps: tuple[OccupancyGrid, OccupancyGrid],
-    random_maps: Sequence[OccupancyGrid],
-    routes: Collection[str],
-    drives: int,
-    seed: int,
-    progress: ProgressCallback | None,
-) -> Verification:
-    """Drive routes on the maps without and with landmarks, and with objects at random places.
-
-    The random maps together have as many drives as each of the others.
-    """
-    sets = len(random_maps)
-    counts = [drives] * 2 + [drives // max(sets, 1)] * sets
-    worlds = (enter(grid) for grid in (*maps, *random_maps))  # one after the other in memory
-    callbacks = parts(progress, [count * len(routes) for count in counts])
-    before, after, *rest = (
-        Outcome(tuple(drive_open(simulator, paths, range(count), progress=each).values()))
-        for (simulator, paths), count, each in zip(worlds, counts, callbacks, strict=True)
-    )
-    random = Outcome(tuple(d for each in rest for d in each.drives)) if sets else None
-    pairs = zip(before.drives, after.drives, strict=True)
-    return Verification(before, after, random, dict(zip(routes, pairs, strict=True)), seed)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -151,15 +113,3 @@ class Verification:
             (Column("world", title="landmarks"), *OUTCOME),
             tuple((name, *row) for name, row in rows),
         )
-
-    def summary(self) -> dict[str, object]:
-        """The verdict, and the numbers behind it, fit for JSON."""
-        return {
-            "verdict": self.word,
-            "sentence": self.verdict,
-            "ratio": list(self.comparison.ratio),
-            "before": self.before.summary(),
-            "after": self.after.summary(),
-            "random": self.random.summary() if self.random else None,
-            "seed": self.seed,
-        }
