@@ -96,3 +96,9 @@ def spawning(costs, start, goal, folder):
     child = subprocess.Popen(["sleep", "1000"])
     Path(folder, f"{child.pid}").touch()
     time.sleep(1000)
+
+
+def spawn_and_crash(costs, start, goal, folder):
+    child = subprocess.Popen(["sleep", "1000"])
+    Path(folder, f"{child.pid}").touch()
+    crash(costs, start, goal)

@@ -74,7 +74,7 @@ class InlineWorkers:
         pass
 
     def run(self, orders):
-        from locplan.comparison._workers import perform
+        from locplan.comparison._perform import perform
 
         for order in orders:
             run = perform(self.planners[order.planner], order, math.inf)

@@ -197,7 +197,7 @@ TEXTS = {
     "a.map": "type octile\nheight 3\nwidth 4\nmap\n....\n.@T.\n....\n",
     "a.scen": "version 1\n0\ta.map\t4\t3\t0\t0\t3\t2\t4.2\n1\ta.map\t4\t3\t0\t1\t3\t1\t5.0\n",
     "q.csv": 'name,start_x,start_y,goal_x,goal_y\none,1.5,2.0,3.0,4.0\n"a, b",0.0,-1.0,2,5\n',
-    "runs.jsonl": f'{{"format": "locplan comparison 1"}}\n{json.dumps(RUN)}\n',
+    "runs.jsonl": f'{{"format": "locplan comparison", "version": 2}}\n{json.dumps(RUN)}\n',
     "spec.txt": "BITstar:time_limit=2,seed=3,settings.rewire_factor=1.2",
     "nav2.yaml": NAV2,
 }
@@ -296,7 +296,7 @@ def read_field(file: Path) -> None:
 
 
 def read_journal(file: Path) -> None:
-    with Journal(file, resume=True):
+    with Journal(file, {}):
         pass
 
 

@@ -174,21 +174,20 @@ def test_a_lidar_in_a_wall_moves_to_the_nearest_free_cell_however_far_it_may():
 
 
 def test_a_full_disk_names_the_journal_of_a_comparison(tmp_path):
-    file = tmp_path / "runs.jsonl"
+    resource = pytest.importorskip("resource", reason="Windows has no limits of a process")
     run = Run(Task("room", "own", "query", 1.0, "grid", 0), "crashed", 1.0, 1.0, note="x" * 9999)
-    with Journal(file) as journal:
-        journal._file.close()
-        journal._file = open("/dev/full", "w")  # noqa: SIM115 - the journal closes it
-        with pytest.raises(LocplanError, match=r"runs\.jsonl: cannot be written \(No space"):
-            journal.add(run, "digest")
-        journal._file.close = lambda: None  # it holds what could not be written
-        journal._file.detach().detach().close()
-    journal = Journal(tmp_path / "others.jsonl")
-    journal._file.close()
-    journal._file = open("/dev/full", "w")  # noqa: SIM115
-    journal._file.write("x")
-    with pytest.raises(LocplanError, match=r"others\.jsonl: cannot be written \(No space"):
-        journal.__exit__(None, None, None)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (5000, limits[1]))
+    try:
+        with (
+            pytest.raises(LocplanError, match=r"runs\.jsonl: cannot be written \(File too large"),
+            Journal(tmp_path / "runs.jsonl", {}) as journal,
+        ):
+            journal.add(run)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with Journal(tmp_path / "others.jsonl", {}) as journal:
+        journal.add(run)
 
 
 def test_random_queries_have_a_seed_of_at_least_0():

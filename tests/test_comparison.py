@@ -5,7 +5,6 @@ import dataclasses
 import json
 import math
 import pickle
-import sys
 import types
 
 import numpy as np
@@ -110,16 +109,6 @@ def test_report_names_exception_if_all_runs_raise():
     assert repr(result) == f"Comparison(4 runs of grid, raising; {fault})"
 
 
-def test_compare_warns_if_pandas_is_missing(monkeypatch):
-    """The user learns it before the runs, not from `to_frame` after them."""
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with (
-        pytest.warns(UserWarning, match=r"to_frame\(\) and runs.parquet need pandas: pip install"),
-        pytest.raises(LocplanError, match="at least one planner"),
-    ):
-        locplan.compare(rooms(), [], execution=ONE)
-
-
 def test_a_planner_cannot_change_what_any_path_is_measured_on():
     def path_of(costs, start, goal):
         return locplan.plan(costs, start, goal, planner="grid").path
@@ -181,7 +170,7 @@ def test_what_ended_by_chance_is_made_anew(tmp_path):
             pass
         return locplan.plan(costs, start, goal)
 
-    execution = Execution(workers=1, journal=tmp_path / "runs.jsonl", resume=True)
+    execution = Execution(workers=1, journal=tmp_path / "runs.jsonl")
     one, hasty = RandomQueries(1, min_distance=2.0), dataclasses.replace(execution, patience=0.3)
     (first,) = locplan.compare(rooms(), napping, one, configs=QUICK, execution=hasty).runs
     awake.touch()
@@ -415,14 +404,20 @@ def test_the_command_line_goes_on_where_it_was(tmp_path, monkeypatch, capsys):
     assert len(lines) == 1 + 3 * 2 * 2
     code, _, err = run(*common)
     assert code == 2
-    assert "go on with them by --resume" in err
-    code, out, err = run(*common, "--resume", "--weight", 4, "--weight", 8, "--json")
+    assert "has runs of other settings (weights)" in err
+    (tmp_path / "out" / "runs.jsonl").write_text("\n".join(lines[:8]) + "\n{")
+    code, out, err = run(*common, "--weight", 0, "--weight", 4, "--json")
+    assert code == 0, err
+    assert json.loads(out)["weights"] == [0.0, 4.0]
+    again = (tmp_path / "out" / "runs.jsonl").read_text().splitlines()
+    assert (again[:8], len(again)) == (lines[:8], len(lines))
+    code, out, err = run(*common, "--force", "--weight", 4, "--weight", 8, "--json")
     assert code == 0, err
     assert json.loads(out)["weights"] == [4.0, 8.0]
-    assert len((tmp_path / "out" / "runs.jsonl").read_text().splitlines()) == 1 + 3 * 2 * 3
+    assert len((tmp_path / "out" / "runs.jsonl").read_text().splitlines()) == 1 + 3 * 2 * 2
     code, out, err = run(*common, "--planner", "nobody")
     assert (code, out, err.count("\n")) == (2, "", 1)
-    code, _, err = run(*common, "--queries", "none.csv", "--resume")
+    code, _, err = run(*common, "--queries", "none.csv")
     assert "exclude one another" in err
     one = tmp_path / "rooms.yaml", "-o", tmp_path / "out", "--queries", "none.csv"
     for option in ("--seed", "--min-distance"):
@@ -537,16 +532,18 @@ def test_comparisons_name_all_planners_that_they_know():
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_runs_of_another_lidar_are_made_anew(corridors, tmp_path):
+def test_journal_of_another_lidar_is_refused(corridors, tmp_path):
     other = dataclasses.replace(LIDAR, range_sigma=0.05)
     config = dataclasses.replace(corridors.settings.config, estimator=Fisher(other))
     settings = dataclasses.replace(corridors.settings, config=config)
     renamed = dataclasses.replace(corridors, settings=settings)
     journal = tmp_path / "runs.jsonl"
-    execution = Execution(journal=journal, resume=True)
-    for costs, count in ((corridors, 1), (corridors.copy(), 1), (renamed, 2)):
+    execution = Execution(journal=journal)
+    for costs in (corridors, corridors.copy()):
         locplan.compare({"it": costs}, "grid", [CORRIDOR], execution=execution)
-        assert len(journal.read_text().splitlines()) == 1 + count
+        assert len(journal.read_text().splitlines()) == 2
+    with pytest.raises(LocplanError, match=r"other settings \(maps\)"):
+        locplan.compare({"it": renamed}, "grid", [CORRIDOR], execution=execution)
 
 
 @pytest.mark.usefixtures("inline_workers")

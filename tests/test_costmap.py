@@ -9,7 +9,7 @@ import pytest
 from conftest import corridor, drawn, random_rooms
 
 from locplan._kernels import rays
-from locplan.comparison import _journal as journal
+from locplan.comparison import _orders as orders
 from locplan.costs import Costmap, Path, path_metrics, profile
 from locplan.costs._layers import HeadingLayers
 from locplan.errors import ConfigError, FieldError, PoseError
@@ -308,7 +308,7 @@ def layers(costs: Costmap) -> list[np.ndarray]:
 
 def test_no_array_of_a_costmap_can_be_written_to(tmp_path):
     costs = two_headings(3.0)
-    journal.put_costmap(costs, tmp_path / "shared")
+    orders.put_costmap(costs, tmp_path / "shared")
     for each in (
         costs,
         costs.with_weight(2.0),
@@ -317,8 +317,8 @@ def test_no_array_of_a_costmap_can_be_written_to(tmp_path):
         dataclasses.replace(costs, u=costs.u / 2),
         pickle.loads(pickle.dumps(costs)),
         costs.copy(),
-        journal.read_costmap(tmp_path / "shared"),
-        journal.weighted_costmap(tmp_path / "shared", 8.0),
+        orders.read_costmap(tmp_path / "shared"),
+        orders.weighted_costmap(tmp_path / "shared", 8.0),
     ):
         for layer in layers(each):
             with pytest.raises(ValueError, match="read-only"):
@@ -333,8 +333,8 @@ def test_processes_share_the_layers_of_headings_and_no_field(tmp_path):
     lidar = Lidar(range=1.5, beams=40, field_of_view_deg=180.0)
     field = covariance_field(grid, FieldConfig(Fisher(lidar), headings=4))
     costs = Costmap.from_field(grid, field)
-    journal.put_costmap(costs, tmp_path / "shared")
-    shared = journal.read_costmap(tmp_path / "shared")
+    orders.put_costmap(costs, tmp_path / "shared")
+    shared = orders.read_costmap(tmp_path / "shared")
     assert "both" in vars(shared.of_heading)
     np.testing.assert_array_equal(shared.u_of_heading, costs.u_of_heading)
     sizes = {file.stat().st_size for file in (tmp_path / "shared").glob("*.raw")}

@@ -26,12 +26,15 @@ from bad_planners import (
     print_something,
     refuse,
     sleep,
+    spawn_and_crash,
+    spawning,
     spin,
     stray,
     trespass,
 )
 
-from locplan.comparison import Execution, Journal, PlannerSpec, compare
+import locplan
+from locplan.comparison import Execution, PlannerSpec, compare
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
@@ -277,28 +280,67 @@ def test_what_is_done_is_not_done_again(tmp_path, monkeypatch, caplog):
     calls.mkdir()
     mine = PlannerSpec("mine", FunctionPlanner(counting, {"folder": str(calls)}))
 
-    def added(resume=True, **changes):
+    def added(**changes):
         before = len(list(calls.iterdir()))
         arguments = {"weights": [1.0], "seeds": [1, 2], "journal": file} | changes
-        runs = made([mine, fail], resume=resume, **arguments)
+        runs = made([mine, fail], **arguments)
         return runs, len(list(calls.iterdir())) - before
 
-    first, count = added(resume=False)
+    first, count = added()
     assert count == 4
     again, count = added()
     assert count == 0
     assert "planner mine: 4 runs cached, version 2" in caplog.messages
     assert again == first
-    more, count = added(seeds=[1, 2, 3])
-    assert count == 2
-    assert [run for run in more if run.task.seed < 3] == first
-    assert added(weights=[2.0])[1] == 4
-    with pytest.raises(LocplanError, match="holds 14 runs; go on with them by --resume"):
-        added(resume=False)
-    # Another map or query of the same name is no other's result.
-    other = dataclasses.replace(room(), u=room().u / 2)
-    made(mine, costs=other, journal=file, resume=True, weights=[1.0])
-    assert len(list(calls.iterdir())) == 4 + 2 + 4 + 2
+    lines = file.read_text().splitlines()
+    file.write_text("\n".join(lines[:3]) + '\n{"half": ')  # a comparison that was interrupted
+    again, count = added()
+    assert {run.task for run in again} == {run.task for run in first}
+    assert len(file.read_text().splitlines()) == len(lines)
+    assert count in (2, 3)  # the journal had one or two runs of `mine`
+    assert added(force=True)[1] == 4
+
+
+@pytest.mark.parametrize(
+    ("changes", "names"),
+    [
+        ({"seeds": [1, 2]}, "seeds"),
+        ({"weights": [2.0]}, "weights"),
+        ({"queries": QUERIES[:1]}, "queries"),
+        ({"queries": [QUERIES[0], dataclasses.replace(QUERIES[1], goal=(2.5, 1.5))]}, "queries"),
+        ({"planners": ["grid"]}, "planners"),
+        ({"costs": dataclasses.replace(room(), u=room().u / 2)}, "maps"),
+        ({"planners": ["any-angle"], "weights": [2.0]}, "planners, weights"),
+    ],
+)
+@pytest.mark.usefixtures("inline_workers")
+def test_journal_refuses_other_settings(tmp_path, changes, names):
+    arguments = {"planners": ["grid", "any-angle"], "weights": [1.0], "journal": tmp_path / "r"}
+    made(**arguments)
+    before = (tmp_path / "r").read_text()
+    with pytest.raises(LocplanError, match=rf"other settings \({names}\); name another .*--force"):
+        made(**arguments | changes)
+    assert (tmp_path / "r").read_text() == before
+    runs = made(**arguments | changes, force=True)
+    assert len((tmp_path / "r").read_text().splitlines()) == 1 + len(runs)
+
+
+@pytest.mark.usefixtures("inline_workers")
+def test_journal_refuses_other_versions(tmp_path, monkeypatch):
+    made("grid", journal=tmp_path / "r")
+    monkeypatch.setattr("locplan.comparison._settings.__version__", "99")
+    with pytest.raises(LocplanError, match=r"other settings \(versions\)"):
+        made("grid", journal=tmp_path / "r")
+
+
+@pytest.mark.usefixtures("inline_workers")
+def test_first_line_has_settings_and_versions(tmp_path):
+    made(["grid", "RRTstar:iterations=100"], seeds=[7], weights=[2], journal=tmp_path / "r")
+    head = json.loads((tmp_path / "r").read_text().splitlines()[0])
+    assert head["versions"]["locplan"] == locplan.__version__
+    assert head["planners"]["RRTstar:iterations=100"] == ["RRTstar", {"iterations": 100}]
+    assert (head["weights"], head["seeds"]) == ([2.0], [7])
+    assert [query["name"] for query in head["queries"]] == ["there", "back"]
 
 
 @pytest.mark.usefixtures("inline_workers")
@@ -306,44 +348,58 @@ def test_a_torn_journal_loses_its_last_line(tmp_path):
     file = tmp_path / "runs.jsonl"
     first = made(["grid", "any-angle"], journal=file)
     whole = file.read_bytes()
-    lines = whole.splitlines(keepends=True)
-    for kept in range(len(whole)):
+    ends = [n for n, byte in enumerate(whole, 1) if byte == ord("\n")]
+    for kept in [0, 9, *(end + cut for end in ends for cut in (-40, -1, 0, 9))]:
         file.write_bytes(whole[:kept])
-        with Journal(file, resume=True) as journal:
-            found = [untimed(run) for run in journal.runs.values()]
-        finished = max(0, whole[:kept].count(b"\n") - 1)
-        assert found == [untimed(run) for run in first[:finished]]
-        assert file.read_bytes() == b"".join(lines[: 1 + finished])
-    for kept in (len(whole) - 40, 9):
-        file.write_bytes(whole[:kept])
-        again = made(["grid", "any-angle"], journal=file, resume=True)
+        again = made(["grid", "any-angle"], journal=file)
         assert [untimed(run) for run in again] == [untimed(run) for run in first]
-        assert len(file.read_bytes().splitlines()) == len(lines)
-        assert all(json.loads(line) for line in file.read_text().splitlines())
+        finished = max(0, sum(end <= kept for end in ends) - 1)
+        assert [new.seconds == old.seconds for new, old in zip(again, first, strict=True)].count(
+            True
+        ) >= finished
+        lines = file.read_text().splitlines()
+        assert len(lines) == 1 + len(first)
+        assert all(json.loads(line) for line in lines)
 
 
 @pytest.mark.usefixtures("inline_workers")
 def test_other_files_are_no_journals(tmp_path):
     file = tmp_path / "notes.txt"
-    file.write_text("dear diary\n")
-    with pytest.raises(LocplanError, match="is no journal"):
-        made("grid", journal=file, resume=True)
-    assert file.read_text() == "dear diary\n"
+    for text in ("dear diary\n", "dear diary\ntoday", "dear"):
+        file.write_text(text)
+        for force in (False, True):
+            with pytest.raises(LocplanError, match="is no journal"):
+                made("grid", journal=file, force=force)
+        assert file.read_text() == text
     with pytest.raises(LocplanError, match="is a file, not a folder"):
         made("grid", journal=file / "such.jsonl")
     made("grid", journal=tmp_path / "runs.jsonl")
     with (tmp_path / "runs.jsonl").open("a") as journal:
         journal.write("{}\n")
-    with pytest.raises(LocplanError, match="line 4 is damaged"):
-        made("grid", journal=tmp_path / "runs.jsonl", resume=True)
+    with pytest.raises(LocplanError, match="line 4 is damaged; delete it"):
+        made("grid", journal=tmp_path / "runs.jsonl")
 
 
+@pytest.mark.usefixtures("inline_workers")
+def test_journal_of_older_format_is_refused(tmp_path):
+    file = tmp_path / "runs.jsonl"
+    file.write_text('{"format": "locplan comparison 1"}\n')
+    with pytest.raises(LocplanError, match="other settings"):
+        made("grid", journal=file)
+    assert len(made("grid", journal=file, force=True)) == 2
+
+
+@pytest.mark.usefixtures("inline_workers")
 def test_a_journal_has_one_writer(tmp_path):
-    with (
-        Journal(tmp_path / "runs.jsonl"),
-        pytest.raises(LocplanError, match="another comparison writes"),
-    ):
-        Journal(tmp_path / "runs.jsonl", resume=True)
+    file, faults = tmp_path / "runs.jsonl", []
+
+    def compare_too(done, total):
+        with pytest.raises(LocplanError, match="another comparison writes") as fault:
+            made("grid", journal=file)
+        faults.append(fault)
+
+    made("grid", journal=file, progress=compare_too)
+    assert len(faults) == 1 + len(QUERIES)
 
 
 SCRIPT = """
@@ -400,6 +456,37 @@ def test_an_end_leaves_no_processes(tmp_path, ending, planner):
         assert complaints.count("Traceback") == 1
         assert complaints.rstrip().endswith("KeyboardInterrupt")
     assert comes_true(lambda: not any(map(alive, workers)))
+
+
+@pytest.mark.parametrize("planner", [spawning, spawn_and_crash])
+def test_processes_of_a_planner_end_with_its_run(tmp_path, planner):
+    (run,) = made(
+        PlannerSpec("spawns", FunctionPlanner(planner, {"folder": str(tmp_path)})),
+        QUERIES[:1],
+        workers=1,
+        patience=2.0,
+    )
+    assert run.status == {spawning: "hung", spawn_and_crash: "crashed"}[planner]
+    (child,) = map(int, (file.name for file in tmp_path.iterdir()))
+    assert comes_true(lambda: not alive(child))
+
+
+def test_script_without_main_guard_compares(tmp_path):
+    """Workers do not import it again."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        f"""
+import sys
+sys.path[:0] = {[str(HERE), *filter(None, sys.path)]!r}
+from test_engine import *
+def mine(costs, start, goal):
+    return plan(costs, start, goal)
+
+print([run.status for run in made(mine, workers=2)])
+"""
+    )
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "['solved', 'solved']\n"), done.stderr
 
 
 def test_wrong_input_is_refused_before_any_run(tmp_path):
@@ -481,6 +568,6 @@ def test_planner_without_version_runs_again(tmp_path):
     calls, file = tmp_path / "calls", tmp_path / "runs.jsonl"
     calls.mkdir()
     mine = PlannerSpec("mine", FunctionPlanner(counting, {"folder": str(calls)}))
-    for resume in (False, True):
-        made(mine, weights=[1.0], seeds=[1], journal=file, resume=resume)
+    for _ in range(2):
+        made(mine, weights=[1.0], seeds=[1], journal=file)
     assert len(list(calls.iterdir())) == 2 * len(QUERIES)

@@ -217,7 +217,7 @@ def test_expansions_are_summed_over_waypoints():
 
 def test_expansions_stand_in_the_runs_of_a_comparison(tmp_path):
     costs = costs_of(np.ones((12, 12)))
-    execution = Execution(workers=1, journal=tmp_path / "runs.jsonl", resume=True)
+    execution = Execution(workers=1, journal=tmp_path / "runs.jsonl")
     planners = ["astar", "dijkstra", "any-angle"]
     queries = RandomQueries(2, min_distance=3.0)
     found = compare({"mine": costs}, planners, queries, execution=execution)

@@ -364,15 +364,16 @@ def test_a_stride_beyond_the_map_evaluates_one_point():
         {"history": [[1, "a"]]},
         {"xy": [[[], {}]]},
         {"note": 5},
-        {"digest": ["0f"]},
         None,
     ],
 )
 def test_a_damaged_line_of_a_journal_is_named(tmp_path, changes):
     line = DEEP if changes is None else json.dumps({**RUN, **changes})
-    (tmp_path / "runs.jsonl").write_text(f'{{"format": "locplan comparison 1"}}\n{line}\n')
-    with pytest.raises(LocplanError, match=r"runs.jsonl: line 2 is damaged; delete the line"):
-        Journal(tmp_path / "runs.jsonl", resume=True)
+    (tmp_path / "runs.jsonl").write_text(
+        f'{{"format": "locplan comparison", "version": 2}}\n{line}\n'
+    )
+    with pytest.raises(LocplanError, match=r"runs.jsonl: line 2 is damaged; delete it"):
+        Journal(tmp_path / "runs.jsonl", {})
 
 
 @pytest.mark.parametrize("image", ["~", "null", '""', '"a\\0b"', '"\\ud800"'])
@@ -419,7 +420,7 @@ READ = {
     "drive.mcap": read_drive,
     "map.yaml": load_map,
     "nav2.yaml": read_parameters,
-    "journal": Journal,
+    "journal": lambda file: Journal(file, {}),
 }
 
 

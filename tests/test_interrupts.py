@@ -285,6 +285,6 @@ main()
 """
     assert ended(begun(tmp_path, code)) == (130, "locplan: interrupted\n")
     left = {each.name for each in tmp_path.iterdir()} - {*before, "temporary", "cache"}
-    assert left <= ({"out"} if name == "compare" else set())  # its journal, for --resume
+    assert left <= ({"out"} if name == "compare" else set())  # its journal
     assert not list((tmp_path / "temporary").iterdir())
     assert not list((tmp_path / "cache").glob(".*"))

@@ -51,7 +51,7 @@ HOMES = {
     "cyclopts": ("cli",),
     "zarr": ("field._zarr",),
     "fcntl": ("comparison._journal", "_util.supervision"),
-    "resource": ("comparison._workers",),
+    "resource": ("comparison._perform",),
     "filelock": ("field._cache", "field._store"),
     "distributed": ("field._compute",),
     "starlette": ("explorer._server", "explorer._socket"),

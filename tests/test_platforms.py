@@ -10,7 +10,7 @@ import pytest
 from conftest import few_of
 
 import locplan
-from locplan.comparison import Execution, Journal, compare
+from locplan.comparison import Execution, compare
 from locplan.errors import LocplanError
 from locplan.maps import FREE, OccupancyGrid
 
@@ -67,16 +67,22 @@ for planner in ("RRTstar", "PRM"):
     assert [error.split(",")[0] for error in errors] == ["OMPL's planners need ompl"] * 2
 
 
-def test_without_posix_comparisons_are_one_line(monkeypatch):
-    monkeypatch.setattr("locplan.comparison._workers.os", type("os", (), {"name": "nt"}))
-    with pytest.raises(LocplanError, match="comparisons are not available on Windows"):
-        compare({"room": blank()}, ["grid"], [ENDS], weights=[0.0])
-
-
-def test_without_file_locks_there_are_journals(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "fcntl", None)
-    with Journal(tmp_path / "runs.jsonl") as journal:
-        assert journal.runs == {}
+def test_comparison_runs_without_posix_modules(tmp_path):
+    """Windows has neither locks of `fcntl` nor limits of `resource`."""
+    for name in ("fcntl", "resource"):  # workers find these first, and cannot import them
+        (tmp_path / f"{name}.py").write_text(f"raise ModuleNotFoundError('{name}')")
+    code = """
+import locplan.comparison
+from test_platforms import ENDS, Execution, blank, compare
+execution = Execution(workers=1, journal="runs.jsonl")
+print([run.status for run in compare({"room": blank()}, "grid", [ENDS], execution=execution).runs])
+"""
+    env = {**os.environ, "PYTHONPATH": ":".join([str(tmp_path), *filter(None, sys.path)])}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=env, cwd=tmp_path
+    )
+    assert (done.returncode, done.stdout) == (0, "['solved']\n"), done.stderr
+    assert (tmp_path / "runs.jsonl").exists()
 
 
 def test_without_cloudpickle_only_ones_own_planners_are_refused(monkeypatch):

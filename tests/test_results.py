@@ -377,8 +377,15 @@ def test_a_comparison_begins_anew_by_force(run, room, tmp_path):
     least = "--min-distance", "1"
     few = "--random", "2", "--planner", "any-angle", "--workers", "1"
     compare = ("compare", room, *few, *least, "-o", tmp_path / "out")
-    assert [run(*compare)[0], run(*compare)[0], run(*compare, "--force")[0]] == [0, 2, 0]
-    assert len((tmp_path / "out" / "runs.jsonl").read_text().splitlines()) == 3
+    journal = tmp_path / "out" / "runs.jsonl"
+    assert run(*compare)[0] == 0
+    before = journal.read_text()
+    assert run(*compare)[0] == 0
+    assert journal.read_text() == before
+    code, _, err = run(*compare, "--weight", "2")
+    assert (code, "other settings (weights)" in err) == (2, True)
+    assert run(*compare, "--force", "--weight", "2")[0] == 0
+    assert len(journal.read_text().splitlines()) == 3
 
 
 def test_a_front_in_a_table_has_integrals_that_serve_as_budgets():

@@ -48,8 +48,6 @@ class Running(typed.Options):
     patience: float = 300.0
     """Time after which a planner without a time limit counts as hanging, in seconds; 300 by
     default."""
-    resume: bool = False
-    """Go on with an earlier comparison in --output where it ended."""
 
 
 @typed.command(
@@ -92,10 +90,10 @@ class compare(typed.ManyMaps, FieldOptions, Criterion, Compared, Computing, Runn
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # and clean up
         with progress_bar("runs", "runs") as progress:
             execution = comparison.Execution(
-                **self.given("workers", "time_limit", "patience", "resume"),
+                **self.given("workers", "time_limit", "patience"),
                 memory=None if self.memory is None else self.memory * 1e9,
                 journal=self.output / "runs.jsonl",  # every run as it came
-                anew=self.force and not self.resume,
+                force=self.force,
                 field_of=self.field_of,
                 progress=progress,
             )

@@ -7,39 +7,40 @@ import itertools
 import math
 import os
 import platform
-import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
-from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from locplan import __version__
 from locplan._util.checks import (
-    check_memory,
     check_workers,
     instance,
-    is_whole,
     one_of,
-    positive,
     shown,
     usable_cores,
     whole,
 )
-from locplan._util.progress import ProgressCallback
 from locplan._util.supervision import temporary_folder
 from locplan.comparison._benchmarks import read_map, read_scenarios
-from locplan.comparison._journal import Journal, Order, orders_of, put_costmap, runs_of
+from locplan.comparison._journal import Journal
+from locplan.comparison._orders import Order, orders_of, put_costmap, runs_of
 from locplan.comparison._result import Case, Comparison
+from locplan.comparison._settings import (
+    Execution,
+    RandomQueries,
+    described_field,
+    described_queries,
+    digest_of,
+    resolved_queries,
+    versions,
+)
 from locplan.comparison._specs import PlannerSpec, robot_of_maps, specs_of
-from locplan.comparison._workers import Workers, check_platform
+from locplan.comparison._workers import Workers
 from locplan.costs import Costmap, check_weight, named_maps
 from locplan.errors import ConfigError
-from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, config_of, load_or_compute
+from locplan.field import Estimator, FieldConfig, Fused, config_of
 from locplan.maps import OccupancyGrid
 from locplan.planners import (
     LATTICE,
@@ -47,61 +48,10 @@ from locplan.planners import (
     AnyPlanner,
     Planner,
     Query,
-    check_random,
     default_planner,
     queries_of,
 )
 from locplan.robots import Robot
-
-
-@dataclass(frozen=True)
-class RandomQueries:
-    """Queries that are drawn at random, the same for all settings of a map's fields."""
-
-    count: int = 10
-    """Number of queries a map, 1 to 10,000. Intervals are over the queries: more narrow these."""
-    min_distance: float = 5.0
-    """Minimum straight distance between start and goal [m], >= 0. Lower it on a small map."""
-    seed: int = 1
-    """Seed of the random numbers, >= 0."""
-
-    def __post_init__(self) -> None:
-        check_random(self.count, self.seed, self.min_distance)
-
-
-@dataclass(frozen=True)
-class Execution:
-    """How the runs of a comparison are made; but for its limits it changes no result."""
-
-    workers: int | None = None
-    """Number of processes at once; by default the number of cores. Fewer disturb each other's
-    planning times less."""
-    time_limit: float | None = None
-    """Time limit of planners that take one and have none of their own [s], above 0; by default
-    OMPL's have 5."""
-    memory: float | None = None
-    """Memory of a run [bytes], on Linux; by default the workers share 80 % of the machine's."""
-    patience: float = 300.0
-    """Time after which a planner without a time limit is ended [s], above 0. A planner with a limit
-    is ended after twice that limit and 10 s."""
-    journal: str | os.PathLike[str] | None = None
-    """File that every run is written to as soon as it is done; by default there is none."""
-    resume: bool = False
-    """True lets the journal hold runs already. Their tasks are not run again, except for those that
-    crashed, hung or took too much memory."""
-    anew: bool = False
-    """True forgets the runs in the journal."""
-    field_of: Callable[[OccupancyGrid, FieldConfig], CovarianceField] = load_or_compute
-    """Function ``f(grid, config)`` that makes or reads the field of a map."""
-    progress: ProgressCallback | None = None
-    """Called with (done, total) runs."""
-
-    def __post_init__(self) -> None:
-        check_workers(self.workers)
-        positive("patience", self.patience, "s")
-        if self.memory is not None:
-            positive("memory", self.memory, "bytes")
-            check_memory("runs of so much memory", self.memory, "set less")
 
 
 def compare(
@@ -166,16 +116,9 @@ def compare(
     ------
     LocplanError
         If anything is wrong with the input, before the first run.
-
-    Warns
-    -----
-    MissingLibraryWarning
-        If pandas is missing, which `Comparison.to_frame` needs.
     """
-    check_platform()
-    _warn_without_pandas()
     execution = execution or Execution()
-    queries = RandomQueries(queries) if is_whole(queries) else queries
+    queries = resolved_queries(queries)
     asked = [float(weights)] if isinstance(weights, (int, float)) else weights
     if asked is not None:
         _check_each_once("weight", asked)
@@ -189,18 +132,31 @@ def compare(
     one_of("baseline", baseline, labels)
     began = datetime.now(UTC).astimezone()
     limits: Any = {"memory": execution.memory, "patience": execution.patience}
-    file, again = execution.journal, {"resume": execution.resume, "anew": execution.anew}
     radius = (robot or Robot()).radius
     made = partial(Case, robot_radius=radius, field_of=execution.field_of)
+    named = named_maps(maps, read_map)
+    settings = {
+        "versions": versions(),
+        "maps": {name: digest_of(one) for name, one in named.items()},
+        "fields": {label: described_field(config) for label, config in fields.items()},
+        "criterion": criterion,
+        "queries": described_queries(queries),
+        "planners": {spec.label: spec.identity() for spec in specs},
+        "weights": asked and [float(weight) for weight in asked],
+        "seeds": seeds,
+        "robot": robot and robot.summary(),
+    }
     with (
-        nullcontext() if file is None else Journal(file, **again) as journal,
+        nullcontext()
+        if execution.journal is None
+        else Journal(execution.journal, settings, force=execution.force) as journal,
         temporary_folder() as folder,
         Workers(specs, check_workers(execution.workers), **limits, scratch=folder) as workers,
     ):
         cases: list[Case] = []
         orders: list[Order] = []
         headed = any(spec.planner.space not in ("R2", LATTICE) for spec in specs)
-        for case, costs in _cases(maps, fields, criterion, queries, headed, made):
+        for case, costs in _cases(named, fields, criterion, queries, headed, made):
             home = folder / str(len(cases))
             costs = costs if robot is None else dataclasses.replace(costs, robot=robot)
             put_costmap(costs, home)  # they may be many: no more than one is in memory here
@@ -215,24 +171,12 @@ def compare(
     return Comparison(tuple(runs), baseline, {case.key: case for case in cases}, about)
 
 
-class MissingLibraryWarning(UserWarning):
-    """Warning that a result will lack what a missing library makes."""
-
-
-def _warn_without_pandas() -> None:
-    if find_spec("pandas") is None:
-        fault = "to_frame() and runs.parquet need pandas: pip install 'locplan[tables]'"
-        warnings.warn(MissingLibraryWarning(fault), stacklevel=3)
-
-
 def _about(
     execution: Execution, specs: Sequence[PlannerSpec], queries: Any, began: datetime
 ) -> dict[str, Any]:
     """Versions, the machine, the planners, random queries and the limits, fit for JSON."""
     return {
-        "locplan": __version__,
-        "python": platform.python_version(),
-        **{name: version(name) for name in ("numpy", "numba", "scipy", "ompl")},
+        **versions(),
         "machine": f"{platform.machine()}, {usable_cores()} cores",
         "workers": execution.workers or usable_cores(),
         "began": began.isoformat(timespec="seconds"),
@@ -293,7 +237,7 @@ def _check_each_once(name: str, values: Sequence[float]) -> None:
 
 
 def _cases(
-    maps: Any,
+    maps: Mapping[str, OccupancyGrid | Costmap],
     fields: Mapping[str, FieldConfig],
     criterion: str | None,
     queries: Any,
@@ -301,7 +245,7 @@ def _cases(
     made: partial[Case],
 ) -> Iterator[tuple[Case, Costmap]]:
     """A case of each kind for each map, with its costmap; all cases of a map have its queries."""
-    for name, given in named_maps(maps, read_map).items():
+    for name, given in maps.items():
         if isinstance(queries, Mapping) and name not in queries:
             raise ConfigError(f"there are no queries for map {shown(name)}")
         asked = queries[name] if isinstance(queries, Mapping) else queries
@@ -326,8 +270,7 @@ def _cases(
 
 
 def _queries(asked: Any, costs: Costmap, headed: bool) -> tuple[Query, ...]:
-    """Queries from a number, a file or a sequence, see `compare`."""
-    asked = RandomQueries(asked) if is_whole(asked) else asked
+    """The queries that `resolved_queries` has left random, or in a file."""
     if isinstance(asked, RandomQueries):
         return queries_of(costs, asked.count, asked.min_distance, asked.seed, headed)
     if isinstance(asked, (str, os.PathLike)) and Path(asked).suffix == ".scen":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import secrets
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -130,13 +129,13 @@ class PlannerSpec:
         """Everything that decides the planner's paths, fit for JSON.
 
         A user's planner counts as the same if its name, its declared version and its options are
-        the same. One without a version is never the same again.
+        the same.
         """
         options, planner = options_of(self.planner), library.own_planner(self.planner)
         if planner is None:
             return [self.planner.name, {name: _plain(value) for name, value in options.items()}]
         code: Any = planner.function if isinstance(planner, FunctionPlanner) else type(planner)
-        known = secrets.token_hex(16) if self.version is None else f"version {self.version}"
+        known = "no version" if self.version is None else f"version {self.version}"
         texts = {name: shown(value) for name, value in options.items()}
         return [getattr(code, "__qualname__", ""), known, texts]
 
