@@ -1,4 +1,4 @@
-"""A particle filter along a recorded drive that finds itself anywhere, and trajectories of it."""
+"""A particle filter along a recorded drive: it finds itself anywhere, and samples trajectories."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Floats, Singles
 from locplan._util.files import make_folder, replacing
 from locplan._util.intervals import random_of
 from locplan._util.progress import ProgressCallback
@@ -24,44 +24,46 @@ from locplan.matching import ScanDatabase, ScanOnMap
 SMOOTH = 19
 """Stream of random numbers of the smoother."""
 PARTICLES, MAX_PARTICLES = 3000, 60_000
-"""Number of particles, and that up to which it is raised where they fit badly."""
+"""Number of particles, and the maximum if they fit badly."""
+TRAJECTORIES = 40
+"""Number of sampled trajectories."""
 BEAMS = 15.0
-"""Number of independent beams that a scan counts as, beside the particles of other places."""
+"""Number of independent beams that a scan counts as when particles compete."""
+SIGMA, ANYWHERE = 0.15, 0.1
+"""Deviation of beams' ends from walls in the filter [m], and share of ends anywhere."""
 UNEXPLAINED = -1.0
 """Log-likelihood a beam below which the map does not explain a scan, which then says nothing."""
-FAR = 2.0
-"""Distance from walls from which on a beam's end is far from all of them [m]."""
+FAR_FROM_WALLS = 2.0
+"""Maximum distance from walls that counts [m]."""
 BLOCK = 64
-"""Number of scans after which what was done is put down."""
+"""Number of scans after which intermediate results are saved."""
 
 
 @dataclass(frozen=True, eq=False)
 class Walls:
-    """The distances from a map's walls, as the kernels take them."""
+    """The distances of a map's cells from its walls."""
 
     grid: OccupancyGrid
 
     @cached_property
     def distances(self) -> Any:
-        """Distances of the cells' centres from the walls', up to 2 m."""
+        """Distances of the cells' centres from the walls', up to 2 m, as the kernels take them."""
         import cv2
 
         from locplan._kernels.particles import BeamScores
 
-        clear = 1 - wall_cells(self.grid.cells == OCCUPIED)
-        away = cv2.distanceTransform(clear, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        away = np.minimum(away * self.grid.resolution, FAR)
-        away = np.pad(away, 1, constant_values=FAR).astype(np.float32)
-        rows, cols = away.shape
-        return BeamScores(away.ravel(), rows, cols, self.grid.resolution, True, 1.0)
+        is_clear = 1 - wall_cells(self.grid.cells == OCCUPIED)
+        distances = cv2.distanceTransform(is_clear, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        distances = np.minimum(distances * self.grid.resolution, FAR_FROM_WALLS)
+        distances = np.pad(distances, 1, constant_values=FAR_FROM_WALLS).astype(np.float32)
+        rows, cols = distances.shape
+        return BeamScores(distances.ravel(), rows, cols, self.grid.resolution, True, 1.0)
 
     @cached_property
     def scores(self) -> Any:
         """Log-likelihoods of beams' ends, as coarse as a filter needs them."""
-        beams = scoring(0.15, BEAMS)
-        away = self.distances.values
-        hit = (1 - beams.anywhere) * np.exp(-0.5 * (away / beams.sigma) ** 2)
-        return self.distances._replace(values=np.log(hit + beams.anywhere).astype(np.float32))
+        hit = (1 - ANYWHERE) * np.exp(-0.5 * (self.distances.values / SIGMA) ** 2)
+        return self.distances._replace(values=np.log(hit + ANYWHERE).astype(np.float32))
 
     @property
     def kidnapped(self) -> float:
@@ -70,20 +72,20 @@ class Walls:
         return 1e-12 / (2 * math.pi * area)
 
 
-def scoring(sigma: float, effective: float) -> Any:
-    """How beams are scored, with ends that err by `sigma` [m], as so many independent ones."""
+def beam_model(sigma: float, effective: float) -> Any:
+    """Return how the kernels score a scan: `effective` beams whose ends err by `sigma` [m]."""
     from locplan._kernels.least_squares import Beams
 
-    return Beams(sigma, 0.1, effective, UNEXPLAINED)
+    return Beams(sigma, ANYWHERE, effective, UNEXPLAINED)
 
 
 @dataclass(frozen=True, eq=False)
-class Pass:
-    """A filter's way along the k scans of a drive, in one direction."""
+class FilterPass:
+    """One run of the filter along k scans of a drive, in one direction."""
 
     walls: Walls
     database: ScanDatabase
-    """What finds a scan's pose on the whole map."""
+    """Scans of the whole map, with which a lost filter finds itself."""
     ranges: NDArray[np.float32]
     """The scans, (k, beams) [m]; infinite without a return."""
     ends: Floats
@@ -98,69 +100,75 @@ class Pass:
     number: int
     """Number of the pass, for its random numbers and files."""
 
-    def trajectories(self, folder: Path | None, progress: ProgressCallback) -> Floats:
-        """Trajectories that the filter holds for likely, (40, k, 3).
+    def sample_trajectories(self, folder: Path | None, progress: ProgressCallback) -> Floats:
+        """Run the filter, and sample trajectories from its particles, (40, k, 3).
 
-        What a folder holds of an interrupted pass is taken from there, and what is done is added.
+        `folder` keeps intermediate results: an interrupted pass resumes from them.
         """
         from locplan._kernels.trajectory import sample_backwards
 
         count = len(self.ways)
         clouds = np.empty((count, 3, PARTICLES), np.float32)
-        best, poor = np.full(count, np.nan), 0
-        done = self._read(folder, clouds, best)
+        best_fits, n_poor = np.full(count, np.nan), 0
+        done = self._read_blocks(folder, clouds, best_fits)
         for k in range(count):
             if k >= done:
-                self._step(k, clouds, best, poor)
+                clouds[k], best_fits[k] = self._update(k, clouds[k - 1], best_fits[:k], n_poor)
                 if folder and (k + 1) % BLOCK == 0:
-                    self._write(folder, k + 1, clouds, best)
-            poor = poor + 1 if best[k] < self._usual(best[:k]) else 0
+                    self._write_block(folder, k + 1, clouds, best_fits)
+            n_poor = n_poor + 1 if best_fits[k] < _poor_fit(best_fits[:k]) else 0
             progress(k + 1, count)
-        samples = np.empty((40, count, 3))
+        samples = np.empty((TRAJECTORIES, count, 3))
         random = random_of(self.seed, SMOOTH, self.number, count)
         kidnapped = self.walls.kidnapped
         sample_backwards(random, clouds, self.ways, self.deviations, kidnapped, samples)
         return samples
 
-    def _step(self, k: int, clouds: Any, best: Floats, poor: int) -> None:
-        """Move the particles to scan `k`, and draw them by it.
+    def _update(
+        self, k: int, cloud: Singles, earlier_fits: Floats, n_poor: int
+    ) -> tuple[Singles, float]:
+        """Move the particles of a cloud to scan `k`, and draw them by how well they fit.
 
-        Where they fit badly, they become more; and where they still do, the whole map is searched.
-        `poor` is the number of scans before that fit badly, on end.
+        If they fit badly, more particles are tried. If these fit badly as well, the whole map is
+        searched. `n_poor` is the number of scans before that fit badly without interruption.
+        Returns the new cloud and its best fit.
         """
-        from locplan._kernels.trajectory import draw_evenly, spread
+        from locplan._kernels.trajectory import draw_evenly
 
-        random, usual = random_of(self.seed, SMOOTH, self.number, k), self._usual(best[:k])
+        random, poor = random_of(self.seed, SMOOTH, self.number, k), _poor_fit(earlier_fits)
         for size in (PARTICLES, 4 * PARTICLES, MAX_PARTICLES):
-            if k:
-                poses = np.empty((3, size))
-                spread(random, clouds[k - 1], self.ways[k], self.deviations[k], poses)
-            else:
-                poses = self._first(random)
-            fits = self._fits(k, poses)
-            weights = np.exp(BEAMS * np.maximum(fits, UNEXPLAINED))
-            effective, bad = weights.sum() ** 2 / (weights**2).sum(), fits.max() < usual
+            poses = self._predict(random, k, cloud, size)
+            fits = self._compute_fits(k, poses)
+            weights = _weigh(fits)
+            effective = weights.sum() ** 2 / (weights**2).sum()
+            is_poor = fits.max() < poor
             # So many effective particles suffice.
-            if k == 0 or (effective >= 150.0 and not bad):
+            if k == 0 or (effective >= 150.0 and not is_poor):
                 break
-        # A scan that nothing explains, or the third one that fits badly.
-        if k and bad and (poor % 3 == 2 or fits.max() < UNEXPLAINED):
-            found, many = self._anywhere(random, k, 1000), poses.shape[1]
-            poses = np.ascontiguousarray(np.concatenate([poses, found], axis=1))
-            fits = np.concatenate([fits, self._fits(k, found)])
-            weights = np.exp(BEAMS * np.maximum(fits, UNEXPLAINED))
-            # Poses found on the whole map weigh little beside those of the particles.
-            weights[many:] *= math.exp(-14.0) * many / found.shape[1]
-        best[k] = fits.max()
-        draw_evenly(random, poses, weights, clouds[k])
+        # A scan that no particle explains, or the third one that fits badly.
+        if k and is_poor and (n_poor % 3 == 2 or fits.max() < UNEXPLAINED):
+            others, count = self._draw_anywhere(random, k, 1000), poses.shape[1]
+            poses = np.ascontiguousarray(np.concatenate([poses, others], axis=1))
+            fits = np.concatenate([fits, self._compute_fits(k, others)])
+            weights = _weigh(fits)
+            # Poses from the whole map weigh little next to the particles.
+            weights[count:] *= math.exp(-14.0) * count / others.shape[1]
+        drawn = np.empty_like(cloud)
+        draw_evenly(random, poses, weights, drawn)
+        return drawn, fits.max()
 
-    def _usual(self, best: Floats) -> float:
-        """The best fit of a scan below which it is poor."""
-        known = best[np.isfinite(best)]
-        return max(-0.8, float(np.median(known)) - 0.35) if len(known) > 10 else -0.8
+    def _predict(self, random: np.random.Generator, k: int, cloud: Singles, size: int) -> Floats:
+        """Draw poses at scan `k` from a cloud at the scan before, (3, size)."""
+        from locplan._kernels.trajectory import spread
 
-    def _fits(self, k: int, poses: Floats) -> Floats:
-        """Log-likelihoods a beam of a scan at poses (3, m), (m,); 0 without enough returns."""
+        if k == 0:
+            return self._draw_first(random)
+        poses = np.empty((3, size))
+        spread(random, cloud, self.ways[k], self.deviations[k], poses)
+        return poses
+
+    def _compute_fits(self, k: int, poses: Floats) -> Floats:
+        """Compute log-likelihoods a beam of a scan at poses (3, m), (m,); 0 with few returns."""
         from locplan._kernels.particles import add_scores
 
         ends, sums = self.ends[k] / self.walls.grid.resolution, np.zeros(poses.shape[1])
@@ -170,54 +178,66 @@ class Pass:
             add_scores(self.walls.scores, ends, poses, poses.shape[1], sums)
         return sums / max(returns, 1)
 
-    def _first(self, random: np.random.Generator) -> Floats:
-        """Particles about the first pose, or where its scan may have been taken, (3, m)."""
+    def _draw_first(self, random: np.random.Generator) -> Floats:
+        """Draw particles about the first pose, or where its scan may have been taken, (3, m)."""
         if self.start is None:
-            return self._anywhere(random, 0, 2 * PARTICLES)
-        off = random.standard_normal((2 * PARTICLES, 3)) * (0.5, 0.5, math.radians(10))
-        return np.ascontiguousarray((self.start + off).T)
+            return self._draw_anywhere(random, 0, 2 * PARTICLES)
+        errors = random.standard_normal((2 * PARTICLES, 3)) * (0.5, 0.5, math.radians(10))
+        return np.ascontiguousarray((self.start + errors).T)
 
-    def _anywhere(self, random: np.random.Generator, k: int, size: int) -> Floats:
-        """Poses of the whole map that explain a scan, or any where it says too little, (3, m)."""
+    def _draw_anywhere(self, random: np.random.Generator, k: int, size: int) -> Floats:
+        """Draw poses of the whole map that explain a scan, or any if it says too little, (3, m)."""
         places, resolution = self.database.everywhere, self.walls.grid.resolution
         ranges = places.matching.compared(self.ranges[[k]].astype(np.float64))[0]
-        found = ScanOnMap(places, ranges).modes()
-        if len(found.poses):
-            shares = np.exp(-0.5 * np.minimum(found.losses - found.losses[0], 8.0))
-            at = random.choice(len(shares), size, p=shares / shares.sum())
-            poses = found.poses[at] + random.standard_normal((size, 3)) * (0.0, 0.0, 0.03)
+        modes = ScanOnMap(places, ranges).modes()
+        if len(modes.poses):
+            shares = np.exp(-0.5 * np.minimum(modes.losses - modes.losses[0], 8.0))
+            choice = random.choice(len(shares), size, p=shares / shares.sum())
+            poses = modes.poses[choice] + random.standard_normal((size, 3)) * (0.0, 0.0, 0.03)
             poses[:, :2] = poses[:, :2] * resolution + 0.1 * random.standard_normal((size, 2))
         else:
             xy = places.positions[random.integers(0, len(places.positions), size)] * resolution
             poses = np.column_stack([xy, random.uniform(-math.pi, math.pi, size)])
         return np.ascontiguousarray(poses.T)
 
-    def _write(self, folder: Path, done: int, clouds: Any, best: Floats) -> None:
+    def _write_block(self, folder: Path, done: int, clouds: Singles, best_fits: Floats) -> None:
+        """Save the last block of scans."""
         make_folder(folder)
-        with replacing(self._file(folder, done)) as file:
-            some = slice(done - BLOCK, done)
-            np.savez(file, clouds=clouds[some], best=best[some])
+        with replacing(self._block_file(folder, done)) as file:
+            block = slice(done - BLOCK, done)
+            np.savez(file, clouds=clouds[block], best=best_fits[block])
 
-    def _read(self, folder: Path | None, clouds: Any, best: Floats) -> int:
-        """Read what an interrupted pass has put down; return the number of its scans."""
+    def _read_blocks(self, folder: Path | None, clouds: Singles, best_fits: Floats) -> int:
+        """Read the blocks of an interrupted pass; return the number of their scans."""
         done = 0
-        while folder and (file := self._file(folder, done + BLOCK)).is_file():
+        while folder and (file := self._block_file(folder, done + BLOCK)).is_file():
             try:
                 with file.open("rb") as opened, np.load(opened) as block:
                     clouds[done : done + BLOCK] = block["clouds"]
-                    best[done : done + BLOCK] = block["best"]
+                    best_fits[done : done + BLOCK] = block["best"]
             except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
-                break  # a damaged one is made anew
+                break  # a damaged block is computed again
             done += BLOCK
         return done
 
-    def _file(self, folder: Path, done: int) -> Path:
+    def _block_file(self, folder: Path, done: int) -> Path:
         return folder / f"pass_{self.number}_{self._key}_{done}.npz"
 
     @cached_property
     def _key(self) -> str:
-        """Digest of what the pass depends on: it goes on with no blocks of another drive."""
+        """Digest of all that the pass depends on, which keeps blocks of other drives out."""
         digest = hashlib.sha256(repr((self.walls.grid.digest, self.seed)).encode())
         for array in (self.ranges, self.ends, self.ways, self.deviations, self.start):
             digest.update(b"-" if array is None else array.tobytes())
         return digest.hexdigest()[:16]
+
+
+def _weigh(fits: Floats) -> Floats:
+    """Return the weights of particles by their log-likelihoods a beam."""
+    return np.asarray(np.exp(BEAMS * np.maximum(fits, UNEXPLAINED)))
+
+
+def _poor_fit(best_fits: Floats) -> float:
+    """Return the fit below which a scan fits badly, by the best fits of the scans before."""
+    known = best_fits[np.isfinite(best_fits)]
+    return max(-0.8, float(np.median(known)) - 0.35) if len(known) > 10 else -0.8

@@ -1,30 +1,35 @@
-"""Where a recorded robot was: its trajectory by odometry, scans and the map, all at once."""
+"""The ground truth of a recorded drive: its trajectory by scans, odometry and map together.
+
+`smooth` is the method; `_passes` has the particle filter that proposes trajectories.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from locplan._kernels.arrays import Floats
+from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._util.checks import instance, shown, whole
 from locplan._util.poses import after_way, turning, way_between, wrapped
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.errors import ConfigError, RecordingError
 from locplan.field import position_axes
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid, extent_text, own_axes
-from locplan.matching import CLEARANCE, checked_database
-from locplan.recordings._chain import Chain
-from locplan.recordings._odometry_model import Moves, OdometryModel
-from locplan.recordings._passes import Pass, Walls
+from locplan.matching import CLEARANCE, ScanDatabase, checked_database
+from locplan.recordings._odometry_model import Moves, OdometryModel, ways_of
+from locplan.recordings._passes import BEAMS, SIGMA, UNEXPLAINED, FilterPass, Walls, beam_model
 from locplan.recordings._recording import Recording
 from locplan.recordings._trajectory import (
     AMBIGUOUS,
     BAD_FIT,
+    CARRIED,
     JUMPED,
     MAP_MOVED,
     UNCERTAIN,
@@ -33,12 +38,25 @@ from locplan.recordings._trajectory import (
 )
 from locplan.robots import Robot
 
-SURE_BEAMS = 30.0
-"""Number of independent beams that a scan counts as in the covariance: the map's faults count."""
 KEY_WAY, KEY_TURN = 0.3, 0.2
-"""Way [m] and turn [rad] from one scan that the filter takes to the next."""
+"""Way [m] and turn [rad] from one key scan to the next."""
+SCAN_BEAMS = 180
+"""Maximum number of beams of a scan that least squares use."""
+FINE, FINE_BEAMS = 0.1, 150.0
+"""Deviation of beams' ends [m], and number of independent beams in a scan, of least squares."""
+SURE_BEAMS = 30.0
+"""Number of independent beams in a scan of the covariance: fewer, because maps have faults."""
+REFINED = 16
+"""Number of a filter's sampled trajectories that are refined into candidates."""
+
+UNCERTAIN_STD, UNCERTAIN_TURN = 0.15, math.radians(4)
+"""Deviations of position [m] and heading [rad] from which a pose is uncertain."""
 FAR = 0.3
-"""Distance from which on two ways are at different places [m]."""
+"""Distance from which two trajectories are at different places [m]."""
+BAD_FIT_BELOW = -0.8
+"""Log-likelihood a beam below which a scan does not fit the map."""
+DISPLACED, DISPLACED_LENGTH = 0.2, 40.0
+"""Least shift and greatest length of a displaced stretch of the map [m]."""
 
 
 def smooth(
@@ -51,13 +69,19 @@ def smooth(
     seed: int = 1,
     progress: ProgressCallback | None = None,
 ) -> Trajectory:
-    """Find where a robot was along a recorded drive, of its scans, its odometry and the map.
+    """Find the ground truth of a recorded drive from its scans, its odometry and the map.
 
-    The recorded poses are read only where the drive has no odometry, in its place, and for the
-    start if that is "log". A particle filter runs along the drive in both directions, from poses of
-    the whole map where it does not know better, and trajectories are drawn of what it held for
-    likely. Of these the likeliest way is put together, refined with all scans at once by least
-    squares, and with what that tells of odometry refined anew.
+    The recorded poses serve as odometry if the drive has none, and as the start if that is "log".
+    Otherwise they are not read.
+
+    1. Key scans are chosen: one every 0.3 m or 0.2 rad.
+    2. A particle filter runs along the key scans in both directions. It searches the whole map
+       when it is lost. Trajectories are sampled from its particles.
+    3. Some samples are refined by least squares. The likeliest trajectory is joined from them.
+    4. All other scans follow odometry from the key scans.
+    5. All poses are refined together by least squares, in turns with the errors of odometry.
+    6. The covariances follow from the least squares and from how well the map fits.
+    7. Poses that are not to be trusted are marked.
 
     Parameters
     ----------
@@ -66,12 +90,12 @@ def smooth(
     recording : Recording
         The drive.
     robot : Robot, optional
-        The robot, of which the errors of odometry are read: it may err by more than is usual.
+        The robot. If its odometry errs by more than is usual, the smoother allows for that.
     start : (x, y, heading) or "log", optional
         Pose of the first scan in the world [m, m, rad], to 0.5 m and 10 deg, or that of the
         recording; by default it is not known.
     folder : path, optional
-        Folder for what is done so far, from which the same call goes on that was interrupted.
+        Folder for intermediate results, from which the same call resumes after an interruption.
     seed : int, default 1
         Seed of all random numbers, >= 0.
     progress : callable, optional
@@ -96,10 +120,32 @@ def smooth(
     >>> grid = locplan.maps.environments.make("places", resolution=0.1)
     >>> robot = locplan.Robot(locplan.Lidar(range=8.0, beams=180))
     >>> drive = record_drive(grid, locplan.Path([[13.0, 5.5], [20.0, 5.5]]), robot)
-    >>> found = smooth(grid, drive)
-    >>> bool(found.deviation.max() < 0.1)
+    >>> trajectory = smooth(grid, drive)
+    >>> bool(trajectory.deviation.max() < 0.1)
     True
     """
+    _check_drive(grid, recording, seed)
+    first_pose = _first_pose(grid, recording, start)
+    drive = _Drive.prepare(grid, recording)
+    model = OdometryModel.first(recording.robot(robot).odometry)
+    keys = drive.chain_of(drive.choose_key_scans(), model)
+    keys, samples, candidates = _sample_trajectories(
+        drive, keys, first_pose, seed, folder, progress
+    )
+    key_poses, is_bridged = keys.bridge_excursions(keys.find_likeliest(candidates))
+    is_ambiguous = _find_ambiguous(key_poses, samples, candidates)
+    chain, poses, key_of_scan = _follow_odometry(drive, keys, key_poses)
+    chain, poses = _refine_all(chain, poses)
+    fits = chain.compute_fits(poses[None])[0]
+    covariances = _compute_covariances(grid, chain, poses, fits)
+    doubts = _find_doubts(
+        chain, poses, covariances, fits, is_ambiguous[key_of_scan], is_bridged[key_of_scan]
+    )
+    return _make_trajectory(drive, chain, poses, covariances, doubts, fits)
+
+
+def _check_drive(grid: OccupancyGrid, recording: Recording, seed: int) -> None:
+    """Raise an error if a drive cannot be smoothed."""
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
     whole("seed", seed, 0)
@@ -107,184 +153,364 @@ def smooth(
         raise RecordingError(f"the drive has {len(recording)} scans, too few: 10 are needed")
     if not (grid.cells == OCCUPIED).any():
         raise RecordingError(f"{grid.name or 'the map'} has no walls; take another map")
-    robot = recording.robot(robot)
-    drive = _Drive(grid, recording)
-    first = _first(grid, recording, start)
-    database = checked_database(grid, recording.lidar, CLEARANCE, None)
-    _ = database.everywhere  # before the work that shows its progress
-    chain = Chain(
-        drive.walls, drive.ends[drive.keys], drive.key_moves, OdometryModel.first(robot.odometry)
-    )
-    forth, back = (scaled(each, 500) for each in parts(progress, [500, 500]))
-    samples = drive.passed(chain, database, first, seed, folder, forth)
-    # What the way forth tells of odometry serves the way back; and where it was taken for much
-    # better than it is, the way forth is gone again.
-    refined, first_model = chain.of_samples(samples), chain.model
-    chain = chain.learning(chain.best_way(refined))
-    other = drive.passed(chain, database, None, seed, folder, back, number=1, backwards=True)
-    wider = chain.model.deviations(chain.moves) / first_model.deviations(chain.moves)
-    if np.median(wider[1:], axis=0).max() > 1.3:
-        samples = drive.passed(chain, database, first, seed, folder, back, number=2)
-        refined = chain.of_samples(samples)
-    return drive.put_together(chain, [samples, other], [refined, chain.of_samples(other)])
 
 
-def _first(
+def _first_pose(
     grid: OccupancyGrid, recording: Recording, start: ArrayLike | str | None
 ) -> Floats | None:
-    """The pose of the first scan on the map; None if it is not known."""
+    """Return the pose of the first scan in the map's own axes; None if it is not known."""
     if start is None:
         return None
     try:
-        log = isinstance(start, str) and start == "log"
-        pose = recording.poses[0] if log else np.array(start, np.float64)
+        is_log = isinstance(start, str) and start == "log"
+        pose = recording.poses[0] if is_log else np.array(start, np.float64)
     except (TypeError, ValueError):
         pose = np.empty(0)
     if pose.shape != (3,) or not np.isfinite(pose).all():
         raise ConfigError(f'start must be x, y, heading [m, m, rad], or "log", not {shown(start)}')
-    own = np.asarray(own_axes(grid, pose[None])[0])
-    if not grid.contains(*(int(own[axis] // grid.resolution) for axis in (1, 0))):
+    on_map = np.asarray(own_axes(grid, pose[None])[0])
+    if not grid.contains(*(int(on_map[axis] // grid.resolution) for axis in (1, 0))):
         raise ConfigError(
             f"start {pose[0]:g},{pose[1]:g} lies outside {grid.name or 'the map'}, which reaches"
             f" from {extent_text(grid)}"
         )
-    return own
+    return on_map
 
 
-def key_scans(moves: Moves) -> NDArray[np.int64]:
-    """Indices of the scans that a filter takes: the first and the last one, and some between."""
-    way, turned, chosen = np.cumsum(moves.lengths), np.cumsum(moves.turned), [0]
-    for n in range(1, len(way)):
-        far = way[n] - way[chosen[-1]] >= KEY_WAY or turned[n] - turned[chosen[-1]] >= KEY_TURN
-        if far or n == len(way) - 1:
-            chosen.append(n)
-    return np.array(chosen)
-
-
+@dataclass(frozen=True, eq=False)
 class _Drive:
-    """A recorded drive on a map, whose poses are in the map's own axes."""
+    """A recorded drive and its map, as the steps need them; poses are in the map's own axes."""
 
-    def __init__(self, grid: OccupancyGrid, recording: Recording) -> None:
-        self.grid, self.recording, self.walls = grid, recording, Walls(grid)
-        own = recording.odometry
-        self.odometry = recording.poses if own is None else own
-        self.moves = Moves.of(self.odometry, np.arange(len(recording)))
-        self.keys = key_scans(self.moves)
-        self.key_moves = Moves.of(self.odometry, self.keys)
-        self.ends = self._ends(180)
+    grid: OccupancyGrid
+    recording: Recording
+    walls: Walls
+    database: ScanDatabase
+    """The scans of the whole map, with which a lost filter finds itself."""
+    odometry: Floats
+    """Poses by odometry, or the log's own if it has none, (n, 3) [m, m, rad]."""
+    ends: Floats
+    """Ends of up to 180 beams of each scan on the robot, (n, b, 2) [m]; NaN without a return."""
 
-    def _ends(self, most: int) -> Floats:
-        """Ends of up to so many beams on the robot, (n, b, 2) [m]."""
-        lidar, ranges = self.recording.lidar, self.recording.ranges
-        beams = np.unique(np.linspace(0, lidar.beams - 1, most).astype(np.int64))
+    @classmethod
+    def prepare(cls, grid: OccupancyGrid, recording: Recording) -> _Drive:
+        """Prepare a drive."""
+        database = checked_database(grid, recording.lidar, CLEARANCE, None)
+        _ = database.everywhere  # before the work that shows its progress
+        odometry = recording.poses if recording.odometry is None else recording.odometry
+        lidar, ranges = recording.lidar, recording.ranges
+        beams = np.unique(np.linspace(0, lidar.beams - 1, SCAN_BEAMS).astype(np.int64))
         # In blocks of scans, which saves memory.
         blocks = (ranges[n : n + 256] for n in range(0, len(ranges), 256))
-        return np.concatenate([lidar.ends_on_robot(each)[:, beams] for each in blocks])
+        ends = np.concatenate([lidar.ends_on_robot(block)[:, beams] for block in blocks])
+        return cls(grid, recording, Walls(grid), database, odometry, ends)
 
-    def passed(
+    def choose_key_scans(self) -> Ints:
+        """Choose the scans that the filter takes: the first and last one, and some between."""
+        moves = Moves.of(self.odometry, np.arange(len(self.odometry)))
+        way, turned, keys = np.cumsum(moves.lengths), np.cumsum(moves.turned), [0]
+        for n in range(1, len(way)):
+            is_far = way[n] - way[keys[-1]] >= KEY_WAY or turned[n] - turned[keys[-1]] >= KEY_TURN
+            if is_far or n == len(way) - 1:
+                keys.append(n)
+        return np.array(keys)
+
+    def chain_of(self, scans: Ints, model: OdometryModel) -> Chain:
+        """Return the chain of some scans."""
+        return Chain(self.walls, scans, self.ends[scans], Moves.of(self.odometry, scans), model)
+
+    def run_filter(
         self,
-        chain: Chain,
-        database: Any,
-        first: Floats | None,
+        keys: Chain,
+        first_pose: Floats | None,
         seed: int,
         folder: Path | None,
         progress: ProgressCallback,
         *,
-        number: int = 0,
-        backwards: bool = False,
+        number: int,
+        is_backwards: bool = False,
     ) -> Floats:
-        """Trajectories (40, k, 3) of a filter's way forth or back along the key scans."""
-        ends, ranges = chain.ends[:, ::3], self.recording.ranges[self.keys]
-        ways, deviations = chain.model.expected(chain.moves), chain.model.deviations(chain.moves)
-        if backwards:
+        """Sample trajectories (40, k, 3) from a filter that runs along the key scans."""
+        ends, ranges = keys.ends[:, ::3], self.recording.ranges[keys.scans]
+        ways, deviations = keys.model.expected(keys.moves), keys.model.deviations(keys.moves)
+        if is_backwards:
             ends, ranges = ends[::-1], ranges[::-1]
             ways[1:] = way_between(ways[1:], np.zeros_like(ways[1:]))[::-1]
             deviations[1:] = deviations[:0:-1].copy()
-        one = Pass(self.walls, database, ranges, ends, ways, deviations, first, seed, number)
-        samples = one.trajectories(folder, progress)
-        return np.ascontiguousarray(samples[:, ::-1]) if backwards else samples
+        filter_pass = FilterPass(
+            self.walls, self.database, ranges, ends, ways, deviations, first_pose, seed, number
+        )
+        samples = filter_pass.sample_trajectories(folder, progress)
+        return np.ascontiguousarray(samples[:, ::-1]) if is_backwards else samples
 
-    def put_together(self, keys: Chain, samples: list[Floats], refined: list[Floats]) -> Trajectory:
-        """The trajectory that both ways' samples lead to, of which some are refined."""
-        candidates = np.concatenate(refined)
-        best, absurd = keys.bridged(keys.best_way(candidates))
-        chain = Chain(self.walls, self.ends, self.moves, keys.model)
-        poses, near, jumps = self._between(chain, best, keys.jumped(best))
-        chain = replace(chain, jumps=jumps)
-        poses = chain.refined(poses, 15)
-        for _ in range(2):
-            chain = chain.learning(poses)
-            poses = chain.refined(poses, 20)
-        # Other ways that either pass held for likely: refined, they end in another place.
-        other = (_distances(candidates, best) > FAR).any(axis=0)
-        other |= (_distances(np.concatenate(samples), best) > FAR).mean(axis=0) >= 0.05
-        doubts = np.zeros(len(poses), np.int64)
-        fits = chain.fits(poses[None])[0]
-        own = self._widened(chain.covariances(poses, SURE_BEAMS)[0], fits)
-        doubts[chain.displaced(poses)] = MAP_MOVED
-        doubts[other[near]] = AMBIGUOUS
-        # Log-likelihood a beam below which a scan is unlike the map.
-        doubts[(fits < -0.8) | absurd[near]] = BAD_FIT
-        sure = (position_axes(own)[0] <= 0.15) & (np.sqrt(own[:, 2, 2]) <= math.radians(4))
-        doubts[~sure] = UNCERTAIN
-        for n in jumps:
-            doubts[max(0, n - 1) : n + 1] = JUMPED
-        return self._finished(chain, poses, own, doubts, fits)
 
-    def _between(
-        self, chain: Chain, best: Floats, jumps: tuple[int, ...]
-    ) -> tuple[Floats, NDArray[np.int64], tuple[int, ...]]:
-        """Poses of all scans by those of the key scans, the key of each, and where they jump.
+def _sample_trajectories(
+    drive: _Drive,
+    keys: Chain,
+    first_pose: Floats | None,
+    seed: int,
+    folder: Path | None,
+    progress: ProgressCallback | None,
+) -> tuple[Chain, Floats, Floats]:
+    """Run the filter along the key scans in both directions.
 
-        They follow odometry from the key scan before, but for those after a jump, which lead to the
-        next one: the scans fit best so.
+    Returns the key scans with what they tell of odometry, the samples of both passes (80, k, 3),
+    and those of them that were refined (32, k, 3).
+    """
+    report_forth, report_back = (scaled(part, 500) for part in parts(progress, [500, 500]))
+    forth = drive.run_filter(keys, first_pose, seed, folder, report_forth, number=0)
+    forth_refined = keys.refine_samples(forth)
+    learned = keys.learn_odometry(keys.find_likeliest(forth_refined))
+    back = drive.run_filter(learned, None, seed, folder, report_back, number=1, is_backwards=True)
+    # If odometry is much worse than assumed, the first pass was too confident: it runs again.
+    wider = learned.model.deviations(keys.moves) / keys.model.deviations(keys.moves)
+    if np.median(wider[1:], axis=0).max() > 1.3:
+        forth = drive.run_filter(learned, first_pose, seed, folder, report_back, number=2)
+        forth_refined = learned.refine_samples(forth)
+    candidates = np.concatenate([forth_refined, learned.refine_samples(back)])
+    return learned, np.concatenate([forth, back]), candidates
+
+
+def _find_ambiguous(key_poses: Floats, samples: Floats, candidates: Floats) -> Bools:
+    """Return the mask of key scans at which the filter held other places for likely, too."""
+    is_ambiguous = (_distances(candidates, key_poses) > FAR).any(axis=0)
+    is_ambiguous |= (_distances(samples, key_poses) > FAR).mean(axis=0) >= 0.05
+    return np.asarray(is_ambiguous)
+
+
+def _follow_odometry(drive: _Drive, keys: Chain, key_poses: Floats) -> tuple[Chain, Floats, Ints]:
+    """Spread the poses of the key scans to all scans.
+
+    Scans follow odometry from the key scan before. If odometry jumps to the next key scan, they
+    follow it until the jump, and after that they lead to the next key scan: the jump is where the
+    scans fit best so. Returns the chain of all scans, their poses, and the key scan of each.
+    """
+    scans = np.arange(len(drive.odometry))
+    chain = drive.chain_of(scans, keys.model)
+    before = np.searchsorted(keys.scans, scans, side="right") - 1
+    after = np.searchsorted(keys.scans, scans)
+    forth, back = (
+        after_way(key_poses[key], way_between(drive.odometry[keys.scans[key]], drive.odometry))
+        for key in (before, after)
+    )
+    gains, jumps = np.nan_to_num(chain.compute_fits(np.array([forth, back]))), []
+    for key in keys.find_jumps(key_poses):
+        begin, end = keys.scans[key - 1] + 1, keys.scans[key]
+        sums = [gains[0, begin:n].sum() + gains[1, n:end].sum() for n in range(begin, end + 1)]
+        jump = int(begin + np.argmax(sums))
+        forth[jump:end], before[jump:end] = back[jump:end], key
+        jumps.append(jump)
+    return replace(chain, jumps=tuple(jumps)), forth, before
+
+
+def _refine_all(chain: Chain, poses: Floats) -> tuple[Chain, Floats]:
+    """Refine all poses together, and learn how odometry errs from them."""
+    poses = chain.refine(poses, 15)
+    for _ in range(2):
+        chain = chain.learn_odometry(poses)
+        poses = chain.refine(poses, 20)
+    return chain, poses
+
+
+def _compute_covariances(grid: OccupancyGrid, chain: Chain, poses: Floats, fits: Floats) -> Floats:
+    """Compute the covariances of poses, wider where the map fits badly, (n, 3, 3) [m, m, rad]."""
+    misfit = np.nan_to_num(np.maximum(np.nanmedian(fits) - fits, 0.0))
+    position = (0.2 * grid.resolution) ** 2 + 0.01**2 + (0.1 * misfit) ** 2
+    turn = np.full(len(fits), math.radians(0.2) ** 2)
+    added = np.stack([position, position, turn], axis=1)[:, :, None] * np.eye(3)
+    return chain.compute_covariances(poses, SURE_BEAMS)[0] + added
+
+
+def _find_doubts(
+    chain: Chain,
+    poses: Floats,
+    covariances: Floats,
+    fits: Floats,
+    is_ambiguous: Bools,
+    is_bridged: Bools,
+) -> Ints:
+    """Return why each pose is not to be trusted, (n,); the last reason that applies counts."""
+    doubts = np.zeros(len(poses), np.int64)
+    doubts[chain.find_displaced(poses)] = MAP_MOVED
+    doubts[is_ambiguous] = AMBIGUOUS
+    doubts[(fits < BAD_FIT_BELOW) | is_bridged] = BAD_FIT
+    is_certain = position_axes(covariances)[0] <= UNCERTAIN_STD
+    is_certain &= np.sqrt(covariances[:, 2, 2]) <= UNCERTAIN_TURN
+    doubts[~is_certain] = UNCERTAIN
+    for jump in chain.jumps:
+        doubts[max(0, jump - 1) : jump + 1] = JUMPED
+    return doubts
+
+
+def _make_trajectory(
+    drive: _Drive,
+    chain: Chain,
+    poses: Floats,
+    covariances: Floats,
+    doubts: Ints,
+    fits: Floats,
+) -> Trajectory:
+    """Return the trajectory in the world."""
+    grid, recording = drive.grid, drive.recording
+    x, y = grid.grid_to_world(poses[:, 1] / grid.resolution, poses[:, 0] / grid.resolution)
+    world = np.column_stack([x, y, wrapped(poses[:, 2] + grid.origin[2])])
+    turn, errors = turning(grid.origin[2]), chain.compute_errors(poses)
+    return Trajectory(
+        poses=world,
+        covariances=turn @ covariances @ turn.T,
+        doubts=doubts,
+        fits=fits,
+        jumps=tuple(jump_at(n, world[n], errors[n], recording.times) for n in chain.jumps),
+        odometry=None if recording.odometry is None else chain.model,
+        recorded=recording.poses,
+        times=recording.times,
+        drive=recording.source.file,
+        map=grid.name,
+        grid=grid,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """Successive scans of a drive, and the least squares of their poses."""
+
+    walls: Walls
+    scans: Ints
+    """Numbers of the scans in the drive, (n,)."""
+    ends: Floats
+    """Ends of their beams on the robot, (n, b, 2) [m]; NaN without a return."""
+    moves: Moves
+    """The moves between them by odometry."""
+    model: OdometryModel
+    """How odometry errs."""
+    jumps: tuple[int, ...] = ()
+    """Scans to which odometry does not lead."""
+
+    @cached_property
+    def _drive(self) -> Any:
+        """The scans and the odometry as the kernels take them."""
+        from locplan._kernels.least_squares import Drive
+
+        # Scans from almost the same place tell the same.
+        shares = np.minimum(1.0, self.moves.lengths / 0.5)
+        shares[0] = 1.0
+        deviations = self.model.deviations(self.moves)
+        deviations[list(self.jumps)] = np.inf
+        return Drive(self.ends, shares, self.model.expected(self.moves), deviations)
+
+    def refine(self, poses: Floats, rounds: int) -> Floats:
+        """Return poses of less loss."""
+        from locplan._kernels.least_squares import refine_poses
+
+        poses = np.array(poses)
+        beams = beam_model(FINE, FINE_BEAMS)
+        refine_poses(self.walls.distances, beams, self._drive, poses, rounds)
+        return poses
+
+    def refine_samples(self, samples: Floats) -> Floats:
+        """Refine some samples of a filter, (16, n, 3)."""
+        return np.array([self.refine(sample, 3) for sample in samples[:REFINED]])
+
+    def compute_fits(self, candidates: Floats) -> Floats:
+        """Compute log-likelihoods a beam at poses (c, n, 3), (c, n); NaN without returns."""
+        from locplan._kernels.least_squares import fits_along
+
+        fits = np.empty(candidates.shape[:2])
+        fits_along(self.walls.distances, beam_model(SIGMA, BEAMS), self.ends, candidates, fits)
+        return fits
+
+    def find_likeliest(self, candidates: Floats) -> Floats:
+        """Join the likeliest trajectory (n, 3) from the poses of candidates (c, n, 3)."""
+        from locplan._kernels.trajectory import best_way
+
+        gains = BEAMS * np.maximum(np.nan_to_num(self.compute_fits(candidates)), UNEXPLAINED)
+        _, _, moves, deviations = self._drive
+        choice = best_way(candidates, gains, moves, deviations, self.walls.kidnapped)
+        return np.asarray(candidates[choice, np.arange(len(choice))])
+
+    def compute_covariances(self, poses: Floats, beams: float) -> tuple[Floats, Floats]:
+        """Compute the covariance of each pose, and with the one before, of independent beams."""
+        from locplan._kernels.least_squares import Equations, covariances_of, normal_equations
+
+        blocks = np.empty((4, len(poses), 3, 3))
+        equations = Equations(blocks[0], blocks[1], np.empty((len(poses), 3)))
+        model = beam_model(FINE, beams)
+        normal_equations(self.walls.distances, model, self._drive, poses, equations)
+        covariances_of(equations, blocks[2], blocks[3])
+        return blocks[2], blocks[3]
+
+    def learn_odometry(self, poses: Floats) -> Chain:
+        """Return the same scans with what poses tell of odometry."""
+        covariances, across = self.compute_covariances(poses, FINE_BEAMS)
+        is_used = np.ones(len(poses))
+        is_used[[0, *self.jumps]] = 0.0
+        model = self.model.learned(self.moves, *ways_of(poses, covariances, across), is_used)
+        return replace(self, model=model)
+
+    def compute_errors(self, poses: Floats) -> Floats:
+        """Compute the error of odometry from each pose to the next, (n, 3) [m, m, rad]."""
+        errors = np.zeros((len(poses), 3))
+        errors[1:] = way_between(poses[:-1], poses[1:]) - self.model.expected(self.moves)[1:]
+        errors[:, 2] = wrapped(errors[:, 2])
+        return errors
+
+    def find_jumps(self, poses: Floats) -> tuple[int, ...]:
+        """Find the scans to which odometry does not lead: far off, and far beyond its errors."""
+        errors = self.compute_errors(poses)
+        square = ((errors / self.model.deviations(self.moves)) ** 2).sum(axis=1)
+        is_far = (np.hypot(errors[:, 0], errors[:, 1]) > 0.5) | (np.abs(errors[:, 2]) > 0.5)
+        return tuple(map(int, np.flatnonzero(is_far & (square > 40.0))))
+
+    def bridge_excursions(self, poses: Floats) -> tuple[Floats, Bools]:
+        """Replace poses between two jumps that undo each other by odometry; mask them.
+
+        If a robot seems to be carried away and back to where its odometry leads, it never left:
+        a stretch looks like another one, or like none.
         """
-        scans = np.arange(len(self.odometry))
-        near = np.searchsorted(self.keys, scans, side="right") - 1
-        after = np.searchsorted(self.keys, scans)
-        forth, back = (
-            after_way(best[each], way_between(self.odometry[self.keys[each]], self.odometry))
-            for each in (near, after)
-        )
-        gains, found = np.nan_to_num(chain.fits(np.array([forth, back]))), []
-        for jump in jumps:
-            begin, end = self.keys[jump - 1] + 1, self.keys[jump]
-            sums = [gains[0, begin:n].sum() + gains[1, n:end].sum() for n in range(begin, end + 1)]
-            found.append(int(begin + np.argmax(sums)))
-            forth[found[-1] : end], near[found[-1] : end] = back[found[-1] : end], jump
-        return forth, near, tuple(found)
+        bridged, is_bridged = poses.copy(), np.zeros(len(poses), np.bool_)
+        errors, ways = self.compute_errors(poses), self.model.expected(self.moves)
+        far = [n for n in self.find_jumps(poses) if np.hypot(*errors[n, :2]) > CARRIED]
+        for begin, end in itertools.combinations(far, 2):
+            across = poses[begin - 1 : end + 1].copy()
+            for n in range(begin, end + 1):
+                across[n - begin + 1] = after_way(across[n - begin], ways[n])
+            closing = poses[end] - across[-1]
+            closing[2] = wrapped(closing[2])
+            is_closed = np.hypot(*closing[:2]) < CARRIED / 2
+            if is_closed and not is_bridged[begin - 1 : end + 1].any():
+                share = np.arange(1, end - begin + 1) / (end - begin + 1)
+                bridged[begin:end] = across[1:-1] + share[:, None] * closing
+                is_bridged[begin:end] = True
+        return bridged, is_bridged
 
-    def _widened(self, covariances: Floats, fits: Floats) -> Floats:
-        """Covariances with what a map's cells and faults add, the more where it fits badly."""
-        badly = np.nan_to_num(np.maximum(np.nanmedian(fits) - fits, 0.0))
-        least = (0.2 * self.grid.resolution) ** 2 + 0.01**2 + (0.1 * badly) ** 2
-        turn = np.full(len(fits), math.radians(0.2) ** 2)
-        return covariances + np.stack([least, least, turn], axis=1)[:, :, None] * np.eye(3)
+    def find_displaced(self, poses: Floats) -> Bools:
+        """Find where the map seems displaced: between opposite errors of odometry.
 
-    def _finished(
-        self, chain: Chain, poses: Floats, own: Floats, doubts: Any, fits: Floats
-    ) -> Trajectory:
-        """The trajectory in the world."""
-        grid, recording = self.grid, self.recording
-        x, y = grid.grid_to_world(poses[:, 1] / grid.resolution, poses[:, 0] / grid.resolution)
-        world = np.column_stack([x, y, wrapped(poses[:, 2] + grid.origin[2])])
-        turn, errors = turning(grid.origin[2]), chain.errors(poses)
-        jumps = tuple(jump_at(n, world[n], errors[n], recording.times) for n in chain.jumps)
-        return Trajectory(
-            world,
-            turn @ own @ turn.T,
-            doubts,
-            fits,
-            jumps,
-            None if recording.odometry is None else chain.model,
-            recording.poses,
-            recording.times,
-            recording.source.file,
-            grid.name,
-            grid,
-        )
+        A filter that follows a displaced stretch is shifted when it enters it, and shifted back
+        when it leaves it.
+        """
+        before = np.zeros((len(poses), 3))
+        before[1:, 2] = poses[:-1, 2]
+        errors = after_way(before, self.compute_errors(poses))[:, :2]
+        errors[list(self.jumps)] = 0.0
+        squares = self.model.deviations(self.moves)[:, :2] ** 2
+        sums, variances = np.cumsum(errors, axis=0), np.cumsum(squares.mean(axis=1))
+        way, is_displaced = np.cumsum(self.moves.lengths), np.zeros(len(poses), np.bool_)
+        marks = np.unique(np.searchsorted(way, np.arange(0.0, way[-1], 1.0)))
+        spans = [span for n in range(1, 5) for span in zip(marks, marks[n:], strict=False)]
+        shifts = []
+        for begin, end in sorted(spans):
+            shift = sums[end] - sums[begin]
+            size = float(np.hypot(*shift))
+            if size > DISPLACED and size**2 > 25 * (variances[end] - variances[begin]):
+                shifts.append((begin, end, shift, size))
+        for entry, leaving in itertools.combinations(shifts, 2):
+            (_, begin, there, size), (end, _, back, other_size) = entry, leaving
+            is_near, rest = way[end] - way[begin] < DISPLACED_LENGTH, np.hypot(*(there + back))
+            if begin <= end and is_near and 2 * rest < min(size, other_size):
+                is_displaced[begin : end + 1] = True
+        return is_displaced
 
 
-def _distances(some: Floats, other: Floats) -> Floats:
-    """Distances of positions [m]."""
-    return np.asarray(np.hypot(*np.moveaxis(some[..., :2] - other[..., :2], -1, 0)))
+def _distances(poses: Floats, others: Floats) -> Floats:
+    """Return the distances between positions [m]."""
+    return np.asarray(np.hypot(*np.moveaxis(poses[..., :2] - others[..., :2], -1, 0)))
