@@ -86,8 +86,8 @@ class Judged:
     """Logarithm of the RMSE of each fresh drive of the paths [ln m]."""
     lost: Mapping[str, np.ndarray]
     """True for each fresh drive that was off by more than 1 m at some time."""
-    off: Mapping[str, np.ndarray]
-    """True for each fresh drive that was off by more than 0.5 m at the goal."""
+    off_at_end: Mapping[str, np.ndarray]
+    """True for each fresh drive that was off by more than 1 m where it ends."""
     arrivals: Mapping[str, Arrivals]
     """Fresh closed-loop drives of the paths."""
 
@@ -170,7 +170,7 @@ def judged(
         seconds,
         {path: np.log(each.mean_squares) / 2 for path, each in found.items()},
         {path: each.lost for path, each in found.items()},
-        {path: each.off for path, each in found.items()},
+        {path: each.off_at_end for path, each in found.items()},
         simulated.arrivals,
     )
 
@@ -187,7 +187,7 @@ def routes_table(driven: Sequence[Judged]) -> str:
         worst = [float(np.exp(each.ratio(CHOSEN).value)) for each in own if each.choice.best]
         what = SHORTEST, INFLATED, CHOSEN
         lost = [np.mean([each.lost[each.path_of(w)].mean() for each in own]) for w in what]
-        off = [np.mean([each.off[each.path_of(w)].mean() for each in own]) for w in what]
+        off = [np.mean([each.off_at_end[each.path_of(w)].mean() for each in own]) for w in what]
         arrive = [[each.arrivals[each.path_of(w)].arrived.value for each in own] for w in what]
         gain = over_queries([100 * (c - s) for s, _, c in zip(*arrive, strict=True)], maps)
         confirmed = [each.choice.judgement for each in own if each.choice.judgement.leader]
@@ -212,8 +212,8 @@ def routes_table(driven: Sequence[Judged]) -> str:
         "error over the shortest's",
         "over the inflated one's",
         "moved: better/worse",
-        "off by > 1 m: shortest / inflated / chosen",
-        "off by > 0.5 m at the goal",
+        "lost: shortest / inflated / chosen",
+        "off at the end",
         "arrive; chosen over shortest",
         "above .95",
         "undecided",
@@ -253,13 +253,13 @@ def ranks_table(driven: Sequence[Judged]) -> str:
         own = [(each, path) for each in driven if each.filter == name for path in each.arrivals]
         fails = [1 - each.arrivals[path].arrived.value for each, path in own]
         cells = [f"{name} ({len(own)} paths, {sum(each > 0 for each in fails)} fail at times)"]
-        for figures in ("log_error", "lost", "off"):
+        for figures in ("log_error", "lost", "off_at_end"):
             shown = [getattr(each, figures)[path].mean() for each, path in own]
             cells.append(f"{spearman(shown, fails):.2f}")
         faults = [d.fault for each, path in own for d in each.arrivals[path].drives]
         cells.append(f"{faults.count('follower')} and {faults.count('world')} of {len(faults)}")
         rows.append(cells)
-    heads = ("filter", "ln RMSE", "off by > 1 m", "off by > 0.5 m at the goal")
+    heads = ("filter", "ln RMSE", "lost", "off at the end")
     return markdown((*heads, "fail with perfect localization: follower, world"), rows)
 
 

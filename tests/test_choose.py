@@ -1060,7 +1060,7 @@ def test_what_is_recommended_is_driven_by_a_follower_too(better, corridors, tmp_
     again = drive_closed(Simulator(corridors.grid, better.robot, seed=9), paths, range(2))
     assert [each.outcome for each in again[better.taken].drives] == ["arrived"] * 2
     better.save(tmp_path / "out")
-    assert json.loads((tmp_path / "out" / "choice.json").read_text())["version"] == 3
+    assert json.loads((tmp_path / "out" / "choice.json").read_text())["version"] == 4
     loaded = Choice.load(tmp_path / "out")
     assert loaded == better
     assert loaded.candidates[leader].arrivals == taken
@@ -1075,14 +1075,16 @@ def test_a_choice_that_was_saved_before_arrivals_were_is_read(better, tmp_path):
     file = tmp_path / "out" / "choice.json"
     tree = json.loads(file.read_text()) | {"version": 1}
     for each in tree["candidates"]:
-        del each["arrivals"], each["driven"]["off"]
+        del each["arrivals"], each["driven"]["off_at_end"], each["driven"]["off_at_end_rate"]
+        # Until version 3 these had another definition.
+        each["driven"] |= {"off": [True], "off_at_goal": [1.0, 0.2, 1.0]}
     del tree["settings"]["thorough"], tree["arrives"]
     tree["judgement"]["verdict"] = "clearly better"
     file.write_text(json.dumps(tree))
     old = Choice.load(file)
     assert old.taken == better.taken
     assert old.arrives == ""
-    assert math.isnan(old.chosen.driven.off_at_goal.value)
+    assert math.isnan(old.chosen.driven.off_at_end_rate.value)
 
 
 def test_where_the_shortest_is_taken_it_is_said_how_many_arrive(choice):
@@ -1111,7 +1113,7 @@ def test_report_errors_agree_with_ratios(better):
 def test_report_shows_column_off_at_end_if_any(better, count):
     off = np.arange(8) < count
     candidates = [
-        dataclasses.replace(each, driven=dataclasses.replace(each.driven, off=off))
+        dataclasses.replace(each, driven=dataclasses.replace(each.driven, off_at_end=off))
         for each in better.candidates
     ]
     choice = dataclasses.replace(better, candidates=tuple(candidates))

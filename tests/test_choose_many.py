@@ -175,8 +175,8 @@ def test_what_choices_bring_is_told_for_all_queries(made):
     assert made.left == sum(each.choice.best > 0 for each in made)
     lost = [[e.driven.lost.mean() for e in (c.choice.shortest, c.choice.chosen)] for c in made]
     assert made.lost == pytest.approx(np.mean(lost, axis=0))
-    off = [[e.driven.off.mean() for e in (c.choice.shortest, c.choice.chosen)] for c in made]
-    assert made.off_at_goal == pytest.approx(np.mean(off, axis=0))
+    off = [[e.driven.off_at_end.mean() for e in (c.choice.shortest, c.choice.chosen)] for c in made]
+    assert made.off_at_end == pytest.approx(np.mean(off, axis=0))
     rows = made.table().records()
     assert [row["query"] for row in rows] == ["far", "near", "back"]
     far = rows[0]

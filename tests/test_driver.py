@@ -258,7 +258,7 @@ def test_commands_report_the_same_rates_of_one_route():
         result = simulate(grid, {"a": shortest}, robot, drives=drives, closed=closed, seed=3)
         if drives == count:
             assert result.drives["a"].lost_rate == shown.driven.lost_rate
-            assert result.drives["a"].off_at_goal == shown.driven.off_at_goal
+            assert result.drives["a"].off_at_end_rate == shown.driven.off_at_end_rate
         if drives == route.rates.n_drives:
             assert result.drives["a"].lost_rate == route.rates.lost
             assert 0 < route.rates.lost.value < 1

@@ -154,9 +154,9 @@ def test_simulate_drives_both_paths(run, map_file, tmp_path):
         "length [m]",
         "error of a typical drive [m]",
         "median error [m]",
-        "off by > 1 m at some time",
-        "off by > 0.5 m at the goal",
-        "RMSE of those never off [m]",
+        "lost (off by > 1 m)",
+        "off at the end (> 1 m)",
+        "RMSE of those never lost [m]",
         "RMSE of all [m]",
     ]
     assert "4 drives each" in table

@@ -579,9 +579,7 @@ def test_verification_of_clear_route_loses_no_drive():
     made = place_landmarks(grid, Pole(0.2), 1, paths=route)
     driven = verify_landmarks(made, 4, random_sets=1)
     assert driven.word in ("no difference", "undecided")
-    assert driven.verdict.startswith(
-        f"{driven.word}: no drive was off by more than 1 m to begin with; error 0."
-    )
+    assert driven.verdict.startswith(f"{driven.word}: no drive was lost to begin with; error 0.")
 
 
 def driven_with(lost: float, error: float, spread: float, count: int = 40) -> Outcome:
@@ -592,8 +590,8 @@ def driven_with(lost: float, error: float, spread: float, count: int = 40) -> Ou
     return Outcome((Drives(np.zeros((50, 3)), errors),))
 
 
-SOME = "of the drives off by more than 1 m at some time before,"
-NONE = "no drive was off by more than 1 m to begin with"
+SOME = "of the drives lost before,"
+NONE = "no drive was lost to begin with"
 
 
 @pytest.mark.parametrize(
@@ -750,7 +748,7 @@ def test_the_command_writes_places_and_the_map(run, map_file, tmp_path):
     ends = ["--start", "-6,0", "--goal", "6,0"]
     code, said, err = run("landmarks", map_file, *ends, *options, *more)
     assert code == 0, err
-    assert said.index("off by") < said.index("landmark   x [m]")
+    assert said.index("lost") < said.index("landmark   x [m]")
     with (out / "landmarks.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["number"] for row in rows] == ["1", "2"]

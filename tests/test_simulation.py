@@ -227,8 +227,8 @@ def test_lost_drives_and_their_intervals(two_corridors):
     drives = simulate(two_corridors, {"a": short}, drives=30).drives["a"]
     assert drives.lost.tolist() == (drives.position_error > 1).any(axis=1).tolist()
     assert 0 < drives.lost_rate.low < drives.lost_rate.value < drives.lost_rate.high < 1
-    assert drives.off.tolist() == (drives.position_error[:, -1] > 0.5).tolist()
-    assert drives.off_at_goal.value == drives.off.mean()
+    assert drives.off_at_end.tolist() == (drives.position_error[:, -1] > 1.0).tolist()
+    assert drives.off_at_end_rate.value == drives.off_at_end.mean()
     mean_square = (drives.errors[..., :2] ** 2).sum(axis=2).mean()
     assert drives.rmse.value == pytest.approx(math.sqrt(mean_square))
     assert drives.rmse.low < drives.rmse.value < drives.rmse.high

@@ -342,7 +342,7 @@ def test_results_are_written_and_drawn(tuning, tmp_path):
     assert about["changes"] == tuning.changes
     assert read_amcl(tmp_path / "out" / "nav2_params.yaml") == tuning.winner
     labels = [panel.get_ylabel() for panel in tuning_figure(tuning).axes]
-    assert labels == ["RMSE of the position [m]", "drives off by > 1 m at some time [%]"]
+    assert labels == ["RMSE of the position [m]", "lost drives (off by > 1 m) [%]"]
 
 
 @pytest.mark.parametrize(

@@ -137,10 +137,10 @@ def test_verdict_intervals_cover_the_truth():
 
 def test_drive_set_joins_lines_and_knows_the_end():
     errors = np.zeros((3, 5, 3))
-    errors[0, 2, 0], errors[1, -1, 1] = 1.5, 0.7
+    errors[0, 2, 0], errors[1, -1, 1], errors[2, -1, 0] = 1.5, 1.1, 0.9
     drives = Drives(np.zeros((5, 3)), errors)
     joined = DriveSet.from_drives([drives, drives])
-    assert joined.lost.tolist() == [True, False, False] * 2
+    assert joined.lost.tolist() == [True, True, False] * 2
     assert joined.off_at_end.tolist() == [False, True, False] * 2
     assert joined.log_error[0] == pytest.approx(0.5 * math.log(1.5**2 / 5), abs=1e-5)
     verdict = compare(joined, joined)

@@ -37,6 +37,8 @@ class Valued:
 
     derived: ClassVar[tuple[str, ...]] = ()
     """Properties that files have beside the fields, for their readers."""
+    former: ClassVar[tuple[str, ...]] = ()
+    """Fields and properties of older versions, which are not read."""
 
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
@@ -198,7 +200,8 @@ def made(kind: Any, tree: Any) -> Any:
     if kind is range or issubclass(kind, tuple):
         return kind(*_unlisted(_list(tree)))
     hints, derived = typing.get_type_hints(kind), getattr(kind, "derived", ())
-    fields = {name: each for name, each in _entries(tree).items() if name not in derived}
+    left_out = (*derived, *getattr(kind, "former", ()))
+    fields = {name: each for name, each in _entries(tree).items() if name not in left_out}
     return kind(**{name: made(hints[name], each) for name, each in fields.items()})
 
 

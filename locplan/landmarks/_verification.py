@@ -19,7 +19,7 @@ OUTCOME = (
     Column("drives", title="drives", digits=0, value=lambda outcome: outcome.number),
     *RATES,
     Column("rmse", "m", "error, all drives", interval=True),
-    Column("kept_rmse", "m", "of those never off", interval=True),
+    Column("kept_rmse", "m", "of those never lost", interval=True),
 )
 
 
@@ -46,9 +46,9 @@ class Outcome(Rated):
         return np.concatenate([each.mean_squares for each in self.drives])
 
     @property
-    def off(self) -> Bools:
-        """True for each drive that is off by more than 0.5 m where it ends, (number,)."""
-        return np.concatenate([each.off for each in self.drives])
+    def off_at_end(self) -> Bools:
+        """True for each drive that is off by more than 1 m where it ends, (number,)."""
+        return np.concatenate([each.off_at_end for each in self.drives])
 
     def __repr__(self) -> str:
         return f"Outcome({self.number} drives, {rates_of(self)})"
@@ -96,9 +96,9 @@ class Verification:
         error = f"{before.rmse.value:.2f} -> {after.rmse.value:.2f} m"
         if self.none_lost:
             few = f"{lost:.0%} of the drives were" if lost else "no drive was"
-            said = f"{self.word}: {few} off by more than 1 m to begin with; error {error}"
+            said = f"{self.word}: {few} lost to begin with; error {error}"
             return said + (f", {random.rmse.value:.2f} m at random places" if random else "")
-        said = f"{self.word}: {lost:.0%} of the drives off by more than 1 m at some time before,"
+        said = f"{self.word}: {lost:.0%} of the drives lost before,"
         said += f" {after.lost_rate.value:.0%} after"
         said += f", {random.lost_rate.value:.0%} at random places" if random else ""
         return f"{said}; error {error}"

@@ -110,7 +110,7 @@ class Mended(Result):
         share = {"people": "%", "digits": 0, "interval": True}
         columns = (
             Column("filter", title="filter"),
-            Column("lost_as_is", title="off by > 1 m, as is", **share),  # type: ignore[arg-type]
+            Column("lost_as_is", title="lost, as is", **share),  # type: ignore[arg-type]
             Column("lost_mended", title="mended", **share),  # type: ignore[arg-type]
             Column("rmse_ratio", title="error ratio", interval=True),
             Column("verdict", title="verdict"),

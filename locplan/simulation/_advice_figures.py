@@ -110,7 +110,10 @@ def _figures(each: Candidate) -> str:
     """Length, error and lost drives of a candidate."""
     if each.driven is None:
         return f"{each.path.length:.1f} m, {each.metrics.integrated_u:.1f} m degenerate"
-    rates = {"lost": each.driven.lost_rate.value, "off at the end": each.driven.off_at_goal.value}
+    rates = {
+        "lost": each.driven.lost_rate.value,
+        "off at the end": each.driven.off_at_end_rate.value,
+    }
     texts = [f"{100 * rate:.0f} % {name}" for name, rate in rates.items() if rate >= 0]
     return ", ".join([f"{each.path.length:.1f} m", *texts])
 
@@ -172,7 +175,7 @@ def tuning_figure(tuning: Tuning) -> Figure:
     lost.set_title("share of the drives, 95 %", fontsize="medium")
     plotting.make_logarithmic(errors.yaxis)
     errors.set_ylabel("RMSE of the position [m]")
-    lost.set_ylabel("drives off by > 1 m at some time [%]")
+    lost.set_ylabel("lost drives (off by > 1 m) [%]")
     lost.set_ylim(bottom=-0.04 * lost.get_ylim()[1])
     figure.key(errors.get_legend_handles_labels()[0], ncols=2)
     lines = f"stretches of {tuning.recording}" if tuning.recording else "random paths"

@@ -16,10 +16,12 @@ from locplan._util.poses import Poses, wrapped
 from locplan._util.records import POSE, Column, Table
 from locplan._util.saved import Valued
 from locplan.costs import Path
-from locplan.simulation._drives import OFF, check_drives, rate_column
+from locplan.simulation._drives import check_drives, rate_column
 
 ARRIVED, ELSEWHERE, STUCK, TIMED_OUT = "arrived", "elsewhere", "stuck", "timed out"
 """How a drive ends; elsewhere, the robot believes to be at the goal, and is not."""
+NEAR_GOAL = 0.5
+"""Distance from the goal within which a robot reaches it [m]."""
 FOLLOWER: str = "follower"
 WORLD: str = "world"
 """What is at fault where a drive fails with perfect localization, too: the follower, or a world
@@ -55,6 +57,8 @@ LEAVES: str = "leaves the path by 0.5 m"
 STOPS: str = "stops"
 ENDS: str = "ends"
 """What is at a place."""
+APART = 0.5
+"""Distance from the path, and between two stops, from which a place is one of its own [m]."""
 NOWHERE = np.empty((0, 3))
 Place = tuple[float, float, float]
 
@@ -100,12 +104,12 @@ class Arrival(Valued):
 
         from locplan._kernels.follower import TICK
 
-        off = cKDTree(path.resampled(0.1).xy).query(truth[:, :2])[0] > OFF
+        off = cKDTree(path.resampled(0.1).xy).query(truth[:, :2])[0] > APART
         wait = round(2.0 / TICK)  # A robot that stands still for two seconds has stopped.
         stands = (truth[wait:] == truth[:-wait]).all(axis=1)
         stops: list[Floats] = []
         for pose in truth[np.flatnonzero(stands)]:
-            if all(np.hypot(*(pose - each)[:2]) > OFF for each in stops):
+            if all(np.hypot(*(pose - each)[:2]) > APART for each in stops):
                 stops.append(pose)
         begins = np.flatnonzero(off & ~np.append(False, off[:-1]))
         end, believed_end = _placed((truth[-1], believed[-1]))

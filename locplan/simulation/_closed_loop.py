@@ -25,12 +25,12 @@ from locplan.simulation._arrivals import (
     ARRIVED,
     ELSEWHERE,
     FOLLOWER,
+    NEAR_GOAL,
     STUCK,
     TIMED_OUT,
     WORLD,
     Arrival,
 )
-from locplan.simulation._drives import OFF
 from locplan.simulation._own_filters import OwnLoop
 from locplan.simulation._replanning import POINTS, Replanner, at_heading_0, geared
 from locplan.simulation._simulator import CLOSED, Simulator
@@ -164,7 +164,7 @@ class ClosedLoop:
             trace.counts[follower.AT] = 0
         n = int(trace.counts[follower.TICKS]) + 1
         outcome = {follower.STUCK: STUCK, follower.TIMED_OUT: TIMED_OUT}.get(decision, ARRIVED)
-        near = max(OFF, 2 * self.body.tolerance)
+        near = max(NEAR_GOAL, 2 * self.body.tolerance)
         if outcome == ARRIVED and math.dist(trace.truth[n - 1, :2], way[-1, :2]) > near:
             outcome = ELSEWHERE
         origin = np.array(self.grid.origin)

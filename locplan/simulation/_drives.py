@@ -20,10 +20,9 @@ from locplan.maps import OccupancyGrid
 
 MAX_DRIVES = 100_000
 """Maximum number of drives along a path, or to a place."""
-LOST, OFF = 1.0, 0.5
-"""Position errors above which the robot counts as lost, at any time of a drive, and as off at its
-goal [m]: of what open-loop drives show, that tells best whether a robot that is steered by its
-estimate arrives."""
+LOST = 1.0
+"""Error of the position above which a robot is lost at any time of a drive, and off at the end
+where the drive ends [m]."""
 FLOOR = 1e-6
 """Mean square error that is added, so that no drive without error decides alone [m^2, rad^2]."""
 
@@ -34,8 +33,8 @@ def rate_column(name: str, title: str, value: Callable[[Any], Interval] | None =
 
 
 RATES: tuple[Column, ...] = (
-    rate_column("lost_rate", f"off by > {LOST:g} m at some time"),
-    rate_column("off_at_goal", f"off by > {OFF:g} m at the goal"),
+    rate_column("lost_rate", f"lost (off by > {LOST:g} m)"),
+    rate_column("off_at_end_rate", f"off at the end (> {LOST:g} m)"),
 )
 """Columns of shares of the drives that go wrong, with 95 % intervals."""
 DRIVEN = (
@@ -43,7 +42,7 @@ DRIVEN = (
     Column("typical_rmse", "m", "error of a typical drive", interval=True),
     Column("median_error", "m", "median error", interval=True),
     *RATES,
-    Column("kept_rmse", "m", "RMSE of those never off", interval=True),
+    Column("kept_rmse", "m", "RMSE of those never lost", interval=True),
     Column("rmse", "m", "RMSE of all", interval=True),
     Column("final_rmse", "m", "RMSE at the end", interval=True),
     Column("heading_rmse", "rad", "heading RMSE", 1, "deg", interval=True),
@@ -79,7 +78,7 @@ def check_drives(drives: int, *, or_none: bool = False) -> None:
 
 
 class Rated:
-    """Figures of drives that know which were lost, which were off at the goal, and how far."""
+    """Figures of drives that know which were lost, which were off at the end, and how far."""
 
     @property
     def lost_rate(self: Any) -> Interval:
@@ -87,9 +86,9 @@ class Rated:
         return wilson(float(self.lost.mean()), len(self.lost))
 
     @property
-    def off_at_goal(self: Any) -> Interval:
-        """Share of the drives that were off by more than 0.5 m where they end, 0..1."""
-        return wilson(float(self.off.mean()), len(self.off))
+    def off_at_end_rate(self: Any) -> Interval:
+        """Share of the drives that were off by more than 1 m where they end, 0..1."""
+        return wilson(float(self.off_at_end.mean()), len(self.off_at_end))
 
     @property
     def rmse(self: Any) -> Interval:
@@ -165,9 +164,9 @@ class Drives(Rated):
         return np.asarray(self.position_error.max(axis=1) > LOST)
 
     @property
-    def off(self) -> Bools:
-        """True for each drive that is off by more than 0.5 m where it ends, (drives,)."""
-        return np.asarray(self.position_error[:, -1] > OFF)
+    def off_at_end(self) -> Bools:
+        """True for each drive that is off by more than 1 m where it ends, (drives,)."""
+        return np.asarray(self.position_error[:, -1] > LOST)
 
     @property
     def lost_way(self) -> Interval:

@@ -61,7 +61,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
             f" {rates_of(drives)}, RMSE {in_metres(drives.rmse.value)}"
         )
         if 0 < drives.lost_rate.value < 1:
-            text += f" ({in_metres(drives.kept_rmse.value)} of those never off by more than 1 m)"
+            text += f" ({in_metres(drives.kept_rmse.value)} of those never lost)"
         if name in ratios:
             first = next(iter(profiles))
             text += f"; error of a typical drive {_formatted(ratios[name])} times {first}'s"
@@ -152,7 +152,7 @@ def queries_figure(routes: Routes) -> Figure:
             xlim=(-0.03, 1.03),
             ylim=(-0.03, 1.03),
             aspect="equal",
-            xlabel="off by > 1 m at some time on the shortest path, share of drives",
+            xlabel="lost (off by > 1 m) on the shortest path, share of drives",
             ylabel="the same on the aware path",
         )
     for number, at in enumerate(_beside(np.log(rmse)), 1):

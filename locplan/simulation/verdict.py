@@ -68,7 +68,7 @@ class DriveSet:
         return cls(
             0.5 * np.log(squares + FLOOR),
             np.concatenate([line.lost for line in lines]),
-            np.concatenate([line.off for line in lines]),
+            np.concatenate([line.off_at_end for line in lines]),
             np.concatenate([line_ends.reached for line_ends in ends]) if ends else None,
         )
 

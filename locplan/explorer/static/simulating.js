@@ -108,14 +108,14 @@ function showSimulated(answer) {
 }
 
 function tableHead() {
-	return make("thead", {}, make("tr", {}, ...["", "path", "length", "error", "> 1 m", "> 0.5 m at the goal"].map((textContent) => make("th", { textContent, scope: "col" }))));
+	return make("thead", {}, make("tr", {}, ...["", "path", "length", "error", "lost", "off at the end"].map((textContent) => make("th", { textContent, scope: "col" }))));
 }
 
 function tableRow(candidate, k) {
 	const badge = make("span", { className: "badge", textContent: String(k + 1) });
 	badge.style.background = errorColour(candidate);
 	const share = (v) => `${(100 * v).toFixed(0)}\u202f%`;
-	const row = make("tr", {}, make("td", {}, badge), make("th", { scope: "row", textContent: candidate.name }), make("td", { textContent: metres(candidate.metrics.length) }), ranged(candidate.driven.error, errorMetres), ranged(candidate.driven.lost_rate, share), ranged(candidate.driven.off_at_goal, share));
+	const row = make("tr", {}, make("td", {}, badge), make("th", { scope: "row", textContent: candidate.name }), make("td", { textContent: metres(candidate.metrics.length) }), ranged(candidate.driven.error, errorMetres), ranged(candidate.driven.lost_rate, share), ranged(candidate.driven.off_at_end_rate, share));
 	if (candidate.name === model.simulated.taken) row.className = "chosen";
 	return row;
 }

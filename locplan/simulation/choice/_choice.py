@@ -40,7 +40,7 @@ class Choice(Result, Stored):
 
     kind: ClassVar[str] = "choice"
     suffix: ClassVar[str] = ".json"
-    version: ClassVar[int] = 3
+    version: ClassVar[int] = 4
     derived: ClassVar[tuple[str, ...]] = (
         *("taken", "verdict", "sentence", "arrives", "advice", "answer"),
     )

@@ -17,7 +17,7 @@ from locplan._util.results import Results
 from locplan._util.tables import file_name, finite
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners import Query
-from locplan.simulation._drives import LOST, OFF
+from locplan.simulation._drives import LOST
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._driven import Candidate
 
@@ -49,9 +49,11 @@ class MapChoice:
         return self._both(lambda each: each.driven.lost_rate.value if each.driven else math.nan)
 
     @property
-    def off_at_goal(self) -> tuple[float, float]:
-        """Share of drives of both off by more than 0.5 m at the goal, 0..1; NaN without a path."""
-        return self._both(lambda each: each.driven.off_at_goal.value if each.driven else math.nan)
+    def off_at_end(self) -> tuple[float, float]:
+        """Share of drives of both off by more than 1 m at the end, 0..1; NaN without a path."""
+        return self._both(
+            lambda each: each.driven.off_at_end_rate.value if each.driven else math.nan
+        )
 
     def _both(self, value: Callable[[Candidate], float]) -> tuple[float, float]:
         both = self.choice.shortest, self.choice.chosen
@@ -118,9 +120,9 @@ class Choices:
         return self._means("lost")
 
     @property
-    def off_at_goal(self) -> tuple[float, float]:
-        """Share of drives off by more than 0.5 m at the goal along both: means."""
-        return self._means("off_at_goal")
+    def off_at_end(self) -> tuple[float, float]:
+        """Share of drives off by more than 1 m at the end along both: means."""
+        return self._means("off_at_end")
 
     def _means(self, name: str) -> tuple[float, float]:
         both = np.array([getattr(each, name) for each in self.solved] or [(math.nan, math.nan)])
@@ -139,13 +141,13 @@ class Choices:
             Column("chosen", value=lambda each: each.choice.taken),
             *_pair("length", "lengths", "m"),
             *_pair("error", "errors"),
-            *(each for name in ("lost", "off_at_goal") for each in _pair(name, name)),
+            *(each for name in ("lost", "off_at_end") for each in _pair(name, name)),
         )
         return Table.of(columns, self.choices)
 
     def summary(self) -> dict[str, object]:
         """What the choices bring, and each of them, fit for JSON; shortest before chosen."""
-        over_queries = "error_ratio", "length_ratio", "lost", "off_at_goal"
+        over_queries = "error_ratio", "length_ratio", "lost", "off_at_end"
         about = {
             "queries": len(self),
             "solved": len(self.solved),
@@ -169,18 +171,19 @@ class Choices:
             Column("left", title="detours", digits=0),
             Column("length_ratio", title="length"),
             Column("error_ratio", title="error", interval=True),
-            Column("off", title=f"off > {LOST:g} m,\nat the goal"),
+            Column("off", title="lost,\noff at the end"),
         )
         rows = []
         for name, group in groups.items():
-            both = group.lost, group.off_at_goal
+            both = group.lost, group.off_at_end
             rates = ("{:.0%} -> {:.0%}".format(*each) if group.solved else "-" for each in both)
             solved, shares = f"{len(group.solved)} of {len(group)}", "\n".join(rates)
             ratios = group.length_ratio.value, group.error_ratio
             rows.append((name, solved, group.left, *ratios, shares))
         return (
             f"{Table(columns, tuple(rows))}\ndetours leave the shortest path; chosen over shortest,"
-            f" by the drives that\nconfirmed it [95 % intervals]; off at the goal: by > {OFF:g} m"
+            " by the drives that\nconfirmed it [95 % intervals]; lost, off at the end: by"
+            f" > {LOST:g} m"
         )
 
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> None:

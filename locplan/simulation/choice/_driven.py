@@ -58,7 +58,8 @@ def worst_error(shape: tuple[int, int], resolution: float) -> float:
 class Driven(Valued):
     """How the drives went whose figures are shown of a candidate."""
 
-    derived: ClassVar[tuple[str, ...]] = ("error", "lost_rate", "off_at_goal")
+    derived: ClassVar[tuple[str, ...]] = ("error", "lost_rate", "off_at_end_rate")
+    former: ClassVar[tuple[str, ...]] = ("off", "off_at_goal")  # off by more than 0.5 m
 
     numbers: range
     """Numbers of the drives; those of the same number are pairs."""
@@ -71,8 +72,8 @@ class Driven(Valued):
     profile: Floats
     """Distance along the path, and the median, the 10 % and the 90 % quantile over the drives of
     the error of the position there, (n, 4) [m]."""
-    off: Bools = dataclasses.field(default_factory=lambda: np.zeros(0, bool))
-    """True for each drive that was off by more than 0.5 m at the goal, (drives,)."""
+    off_at_end: Bools = dataclasses.field(default_factory=lambda: np.zeros(0, bool))
+    """True for each drive that was off by more than 1 m where it ends, (drives,)."""
 
     @classmethod
     def of(cls, drives: Drives, numbers: range, log_error: Floats, ratio: Interval) -> Driven:
@@ -92,7 +93,7 @@ class Driven(Valued):
         at = np.unique(np.linspace(0, len(drives.poses) - 1, 200).round().astype(int))
         low, median, high = np.quantile(drives.position_error[:, at], (0.1, 0.5, 0.9), axis=0)
         profile = np.column_stack([drives.distance[at], median, low, high])
-        return cls(numbers, log_error, drives.lost, ratio, profile, drives.off)
+        return cls(numbers, log_error, drives.lost, ratio, profile, drives.off_at_end)
 
     @property
     def error(self) -> Interval:
@@ -105,11 +106,11 @@ class Driven(Valued):
         return wilson(float(self.lost.mean()), len(self.lost))
 
     @property
-    def off_at_goal(self) -> Interval:
-        """Share of the drives that were off by more than 0.5 m at the goal."""
-        if not len(self.off):  # of a choice that an older locplan saved
+    def off_at_end_rate(self) -> Interval:
+        """Share of the drives that were off by more than 1 m where they end."""
+        if not len(self.off_at_end):  # of a choice that an older locplan saved
             return NOTHING
-        return wilson(float(self.off.mean()), len(self.off))
+        return wilson(float(self.off_at_end.mean()), len(self.off_at_end))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

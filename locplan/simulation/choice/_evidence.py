@@ -32,7 +32,7 @@ def evidence_table(decision: Decision) -> str:
     if decision.rival is not None:
         at = 1 + ordered.index(shortest)
         rows.insert(at, (f"{shortest.name}, tuned", shortest, decision.rival))
-    has_off = any(driven is not None and driven.off.any() for _, _, driven in rows)
+    has_off = any(driven is not None and driven.off_at_end.any() for _, _, driven in rows)
     is_angle = decision.settings.minimise == "heading"
     what = {"heading": "heading error [deg]", "goal-error": "error at the goal [m]"}
     heads = ["  path", "length", what.get(decision.settings.minimise, "error [m]"), "lost"]
@@ -46,7 +46,7 @@ def evidence_table(decision: Decision) -> str:
         if not is_shared:
             error = f"~{_format_error(_scaled_error(driven, shortest.driven), is_angle)}"
         mark = ">" if each is chosen and driven is not decision.rival else " "
-        off = [f"{driven.off_at_goal.value:.0%}".replace("%", " %")] * has_off
+        off = [f"{driven.off_at_end_rate.value:.0%}".replace("%", " %")] * has_off
         cells = [f"{mark} {name}", format_length(each), error]
         texts.append((*cells, format_share(driven.lost_rate), *off, str(len(driven.numbers))))
     return align(heads, texts)
